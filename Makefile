@@ -1,5 +1,5 @@
 # make demo    install into .venv and run the shipped example
-# make test    install what the tests need, ngspice included, and run them all
+# make test    install what the tests need, ngspice and Chromium included, and run them all
 # make targets run the tests of the numbers as other processors would compute them (plain x86-64, AVX-512 where there is one)
 # make check   lint, formatting, types, import order
 # make format  apply the formatter and the safe fixes
@@ -37,6 +37,7 @@ demo: $(INSTALLED)
 
 test: $(INSTALLED_DEV)
 	scripts/install_ngspice.sh
+	scripts/install_chromium.sh
 	$(BIN)/python -m pytest -n $(JOBS)
 
 targets: $(INSTALLED_DEV)

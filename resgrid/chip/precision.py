@@ -34,7 +34,7 @@ _SATURATED = 1.0 - 1e-16
 class Steps:
     """Voltage steps from cells to their face neighbours, one entry per cell and face that a resistor crosses.
 
-    `cell` (s,): flat index (C order) of the free cell left; ascending; `neighbour` (s,): of the cell entered; `sign`
+    `cell` (s,): flat index (C order) of the free cell left; ascending; `neighbour` (s,): of the `enterable` one; `sign`
     (s,): 1 where the neighbour is lower (nearer to the goal rail), -1 where it is higher, 0 where both are equal;
     `log_volts` (s,): natural logarithm of the step's size, in volts.
     """
@@ -60,6 +60,11 @@ class Steps:
         return neighbour, best
 
 
+def enterable(space: ConfigurationSpace) -> NDArray[np.bool_]:
+    """Cells that a robot steps into: free and goal cells, never an obstacle, however low its switch lets it lie."""
+    return np.asarray(space.cell != Cell.OBSTACLE)
+
+
 def steps_of(op: OperatingPoint) -> Steps:
     """The voltage steps between neighbouring cells; those that no element joins are compared by their voltages."""
     cells = op.netlist.cells
@@ -68,7 +73,8 @@ def steps_of(op: OperatingPoint) -> Steps:
     around = _cells_of_faces(space)
     face, upward, flow, log_volts = _across_elements(op, cells)
     unjoined = (around >= 0).all(axis=1) & (around[:, 0] != around[:, 1])
-    unjoined &= ((code != Cell.OBSTACLE) & (node >= 0))[around].all(axis=1)
+    may_enter = enterable(space).ravel()
+    unjoined &= (may_enter & (node >= 0))[around].all(axis=1)
     unjoined[face] = False
     pairs = around[unjoined]
     down = np.nan_to_num(np.subtract(*op.voltage[node[pairs.T]]))
@@ -80,7 +86,7 @@ def steps_of(op: OperatingPoint) -> Steps:
     here, there = np.concatenate([around[face], pairs]).T
     here, there = np.append(here, there), np.append(there, here)
     keep = np.flatnonzero((here >= 0) & (there >= 0))
-    keep = keep[code[here[keep]] == Cell.FREE]
+    keep = keep[(code[here[keep]] == Cell.FREE) & may_enter[there[keep]]]
     keep = keep[np.lexsort((there[keep], here[keep]))]
     return Steps(cells, here[keep], there[keep], np.append(sign, -sign)[keep], np.tile(log_volts, 2)[keep])
 

@@ -148,18 +148,17 @@ def analyse_sensitivity(op: OperatingPoint, cells: ArrayLike) -> Sensitivity:
 def _decision(steps: Steps, cell: int) -> tuple[int, int, float, float]:
     """The lowest neighbour, the runner-up (or the cell itself), and the distance between them: ``gap exp(scale)`` V."""
     first, last = np.searchsorted(steps.cell, [cell, cell + 1])
-    code = steps.cells.space.cell.ravel()
-    ways = np.flatnonzero(code[steps.neighbour[first:last]] != Cell.OBSTACLE) + first
-    if not np.any(steps.sign[ways] > 0):
+    if not np.any(steps.sign[first:last] > 0):
         place = tuple(int(i) for i in np.unravel_index(cell, steps.cells.space.shape))
         raise InputError(
             f"cell {place} has no lower neighbour: no current leaves it, so that there is no step to change"
         )
-    scale = float(steps.log_volts[ways].max())
-    down = steps.sign[ways] * np.exp(steps.log_volts[ways] - scale)
+    neighbour, log_volts = steps.neighbour[first:last], steps.log_volts[first:last]
+    scale = float(log_volts.max())
+    down = steps.sign[first:last] * np.exp(log_volts - scale)
     order = np.argsort(-down, kind="stable")
-    best = int(steps.neighbour[ways[order[0]]])
-    others = [(float(down[k]), int(steps.neighbour[ways[k]])) for k in order[1:].tolist() if down[k] > 0.0]
+    best = int(neighbour[order[0]])
+    others = [(float(down[k]), int(neighbour[k])) for k in order[1:].tolist() if down[k] > 0.0]
     second, runner_up = next(((volts, place) for volts, place in others if place != best), (0.0, cell))
     return best, runner_up, float(down[order[0]]) - second, scale
 

@@ -25,7 +25,7 @@ from resgrid.chip.noise import ROOM, analyse_noise
 from resgrid.chip.passes import Faults
 from resgrid.chip.passes.base import cells_with_nodes
 from resgrid.chip.passes.values import NOMINAL_CELSIUS
-from resgrid.chip.precision import steps_of
+from resgrid.chip.precision import enterable, steps_of
 from resgrid.circuit.many import Batch, prepare_batch, solve_batch
 from resgrid.circuit.nonlinear import small_signal
 from resgrid.circuit.operating_point import OperatingPoint
@@ -56,7 +56,7 @@ class Neighbours:
 def neighbours_of(cells: CellMap) -> Neighbours:
     """Lay out the cells of a netlist for a walk."""
     space = cells.space
-    walkable = (space.cell != Cell.OBSTACLE) & (cells.node >= 0)
+    walkable = enterable(space) & (cells.node >= 0)
     flat = np.where(walkable, np.arange(space.cell.size).reshape(space.shape), -1)
     around = []
     for axis in range(space.ndim):

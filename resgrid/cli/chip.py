@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from resgrid.chip import ANALYSES
 from resgrid.cli.check import check_written
 from resgrid.cli.failures import NEGATIVE, NOT_VERIFIED
 from resgrid.cli.options import (
@@ -32,12 +33,9 @@ from resgrid.files import SUMMARY, whole_folder
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from resgrid.chip.report import Effort, Section
+    from resgrid.chip.sections import Effort, Section
     from resgrid.chip.studies import Study
     from resgrid.spice.check.agreement import Agreement
-
-ANALYSES = ("yield", "precision", "settling", "noise", "power", "sensitivity", "exploration", "defects")
-"""Every analysis, in the order of the report."""
 
 
 class Names(Suggested):
@@ -86,7 +84,8 @@ def command(
     expected in its sidecar.  A run that was interrupted takes up the counting of yield where it stopped.
     """
     from resgrid.chip.decks import described_files
-    from resgrid.chip.report import Effort, checkpoint_beside, report_markdown
+    from resgrid.chip.report import checkpoint_beside, report_markdown
+    from resgrid.chip.sections import Effort
     from resgrid.io.tables import html_page, json_text
 
     folder = folder_of(output, source, "_chip")

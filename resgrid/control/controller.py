@@ -15,6 +15,7 @@ from resgrid.control.exits import RECOVERY, exits
 from resgrid.errors import InputError
 from resgrid.frozen import frozen
 from resgrid.planning.fields import Field
+from resgrid.scene.control import admittance_matrix
 from resgrid.space import Cell
 
 if TYPE_CHECKING:
@@ -79,7 +80,7 @@ class Controller:
         ndim = self.field.space.ndim
         check_number("speed", self.speed, "the nominal speed: finite and above 0", above=0.0)
         object.__setattr__(self, "speed", float(self.speed))
-        object.__setattr__(self, "admittance", _checked_admittance(self.admittance, ndim))
+        object.__setattr__(self, "admittance", admittance_matrix(self.admittance, ndim))
         object.__setattr__(self, "speed_limits", _checked_limits(self.speed_limits, ndim))
         if self.response not in RESPONSES:
             raise InputError(f"response = {self.response!r} is unknown; it may be one of {', '.join(RESPONSES)}")
@@ -272,43 +273,12 @@ def make_controller(
     check_number("speed", pace, "the nominal speed: finite and above 0", above=0.0)
     fastest = min(5.0 * float(pace), float(np.finfo(np.float64).max))
     try:
-        matrix = np.asarray(pace if admittance is None else admittance, dtype=np.float64)
         limits = np.asarray(fastest if speed_limits is None else speed_limits, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError("speed, admittance and speed_limits must be numbers") from None
-    ndim = space.ndim
-    if matrix.size == 1:
-        matrix = matrix.ravel()[0] * np.eye(ndim)
-    elif matrix.ndim == 1:
-        if len(matrix) not in (ndim, ndim**2):
-            numbers = f"give 1 number, {ndim}, or {ndim**2} for a matrix row by row"
-            raise InputError(f"admittance = {matrix.tolist()}: {numbers}")
-        matrix = np.diag(matrix) if len(matrix) == ndim else matrix.reshape(ndim, ndim)
-    limits = np.full(ndim, limits.ravel()[0]) if limits.size == 1 else limits
+        raise InputError("speed_limits must be numbers") from None
+    limits = np.full(space.ndim, limits.ravel()[0]) if limits.size == 1 else limits
+    matrix = admittance_matrix(pace if admittance is None else admittance, space.ndim)
     return Controller(field, matrix, pace, limits, response)
-
-
-def _checked_admittance(admittance: ArrayLike, ndim: int) -> NDArray[np.float64]:
-    """The admittance matrix, read-only, if it is symmetric positive definite.
-
-    Shapes: `admittance` (ndim, ndim); returns (ndim, ndim).
-    """
-    matrix = np.array(admittance, dtype=np.float64)
-    if matrix.shape != (ndim, ndim):
-        raise InputError(f"the admittance of this space is a matrix of {ndim} x {ndim}, got shape {matrix.shape}")
-    if not np.isfinite(matrix).all():
-        raise InputError("the admittance must be finite")
-    uneven = np.abs(matrix - matrix.T).max()
-    if uneven > 1e-12 * np.abs(matrix).max():
-        raise InputError(f"the admittance is not symmetric: entries across the diagonal differ by up to {uneven:g}")
-    least = float(np.linalg.eigvalsh(matrix)[0])
-    if not least > 0:
-        raise InputError(
-            f"the admittance is not positive definite (smallest eigenvalue {least:g}): it would push back against "
-            "some forces, or not give way at all"
-        )
-    matrix.flags.writeable = False
-    return matrix
 
 
 def _checked_limits(limits: ArrayLike, ndim: int) -> NDArray[np.float64]:

@@ -18,19 +18,20 @@ RECOVERY = 2.0
 _INSIDE = 2e-9
 
 
-def goal_offset(space: ConfigurationSpace, place: Vector) -> Vector:
+def goal_offset(space: ConfigurationSpace, place: Vector, *, sure: bool = True) -> Vector:
     """From a place in a goal cell to the configuration there that solves the goal; 0 where the whole cell does.
 
-    One on the cell's border is taken 2e-9 of a cell inside it, where there is no doubt whose it is.
+    One on the cell's border is taken 2e-9 of a cell inside it, where there is no doubt whose it is.  Who is not `sure`
+    of the place goes to the middle of a cell that is a goal as a whole.
     """
     cell, local = space.split(place)
     solution = (space.goal_point(cell) - space.lower) / space.spacing - cell
     if np.isnan(solution).any():
-        return np.zeros(space.ndim)
+        return np.zeros(space.ndim) if sure else np.asarray((0.5 - local) * space.spacing)
     return np.asarray((np.clip(solution, _INSIDE, 1.0 - _INSIDE) - local) * space.spacing)
 
 
-def goal_offsets(space: ConfigurationSpace, place: Vector) -> list[tuple[CellIndex, Vector]]:
+def goal_offsets(space: ConfigurationSpace, place: Vector, *, sure: bool = True) -> list[tuple[CellIndex, Vector]]:
     """Goal cells whose goal may be taken from a place in one, and how far: its own, then those across its faces.
 
     Neighbours that share a face make a convex box, so that straight lines there meet goal cells alone.
@@ -47,7 +48,7 @@ def goal_offsets(space: ConfigurationSpace, place: Vector) -> list[tuple[CellInd
         if not np.isnan(offset).any():
             beside.setdefault(other, offset)
     nearest = sorted(beside.items(), key=lambda item: float(np.linalg.norm(item[1])))
-    return [(own, goal_offset(space, place)), *nearest]
+    return [(own, goal_offset(space, place, sure=sure)), *nearest]
 
 
 def exits(space: ConfigurationSpace, place: Vector) -> list[tuple[CellIndex, Vector]]:

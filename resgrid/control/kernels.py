@@ -21,6 +21,11 @@ MOVES, GOAL, OFF, OUTSIDE, NOT_FINITE = 0, 1, 2, 3, 4
 _GOAL = 2
 _EDGE = 1e-9
 _BORDER = 2e-9
+_OFF = 3e-9
+_NOTHING = 4e-9
+"""Shares of a cell: beyond a face that was crossed, a border's width, off it, and around where a component is 0."""
+
+_LITTLE = 1e-3
 
 
 class FlowGrid(NamedTuple):
@@ -89,16 +94,21 @@ def _to_face(x: float, velocity: float, spacing: float) -> float:
 def _along_current(local: Floats, lower: Floats, upper: Floats, spacing: Floats, velocity: Floats) -> float:
     """Unit velocity within a cell, and how far a straight step may go; -1 where no current leaves.
 
-    Each component is linear between its two faces (Pollock 1988).
+    Each component is linear between its two faces (Pollock 1988).  One no larger than they change over `_NOTHING`
+    of a cell is 0: the point lies where it vanishes, and what rounding leaves of it would take thousands of steps, each
+    too short for the coordinates of a robot.
     """
     drifts, outward, out = False, 0.0, 0
     squares, decay = 0.0, 0.0
     for axis in range(len(local)):
         speed = lower[axis] * (1.0 - local[axis]) + upper[axis] * local[axis]
+        if abs(speed) <= _NOTHING * (abs(lower[axis]) + abs(upper[axis])):
+            speed = 0.0
+        else:
+            decay = max(decay, lower[axis] - upper[axis])
         drifts |= (speed > 0.0 and upper[axis] > 0.0) or (speed < 0.0 and lower[axis] < 0.0)
         velocity[axis] = speed * spacing[axis]
         squares += velocity[axis] ** 2
-        decay = max(decay, lower[axis] - upper[axis])
         if max(upper[axis], -lower[axis]) > outward:
             outward, out = max(upper[axis], -lower[axis]), axis
     if outward <= 0.0:
@@ -126,6 +136,22 @@ def _cross(grid: FlowGrid, cell: Integers, local: Floats, lower: Floats, upper: 
         if local[axis] <= _BORDER and -lower[axis] > outward:
             out, step, outward = axis, -1, -lower[axis]
     return step != 0 and _step(grid, cell, local, out, step)
+
+
+@inner
+def _keep_off(local: Floats, spacing: Floats, farthest: float, velocity: Floats) -> None:
+    """Away from borders that nothing crosses, `_OFF` of a cell by the end of the step.
+
+    On one it could lie on an edge where two cells meet that no current joins, and be taken to be in either.
+    """
+    for axis in range(len(local)):
+        inward = 0.0
+        if local[axis] <= _BORDER:
+            inward = _OFF - local[axis]
+        elif local[axis] >= 1.0 - _BORDER:
+            inward = 1.0 - _OFF - local[axis]
+        if inward != 0.0 and abs(inward) * spacing[axis] <= _LITTLE * farthest:
+            velocity[axis] += inward * spacing[axis] / farthest
 
 
 @inner
@@ -190,7 +216,10 @@ def nominal(grid: FlowGrid, point: Floats, velocity: Floats) -> tuple[int, float
         return OFF, 0.0
     for _ in range(2**ndim):
         farthest = _along_current(local, lower, upper, grid.spacing, velocity)
-        if not _cross(grid, cell, local, lower, upper) or grid.code[_flat(grid, cell)] == _GOAL:
+        if not _cross(grid, cell, local, lower, upper):
+            _keep_off(local, grid.spacing, farthest, velocity)
+            break
+        if grid.code[_flat(grid, cell)] == _GOAL:
             break
         _face_velocities(grid, cell, lower, upper)
     if farthest >= 0.0:

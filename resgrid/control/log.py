@@ -52,9 +52,10 @@ class Mode(IntEnum):
 
 
 class Ending(StrEnum):
-    """How a motion ended."""
+    """How a motion ended: ``arrived`` in a goal, or ``missed`` where only belief was in one."""
 
     ARRIVED = "arrived"
+    MISSED = "missed"
     NO_PATH = "no_path"
     GOAL_BLOCKED = "goal_blocked"
     START_BLOCKED = "start_blocked"
@@ -116,7 +117,7 @@ class Run:
     message : str
         The same in a sentence.
     goal : int or None
-        Number of the goal region reached.
+        Number of the goal region that it truly is in at the end, if it arrived.
     time : ndarray of float64, shape (n,)
         At which each row holds, in seconds.
     configuration, believed : ndarray of float64, shape (n, ndim)

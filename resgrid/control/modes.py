@@ -102,7 +102,7 @@ class Navigator:
 
     def _home(self, believed: Vector) -> Choice | End:
         """Straight to what solves the goal: in its own goal cell or, if that is obstructed, in one beside."""
-        offsets = goal_offsets(self._live.space, believed)
+        offsets = goal_offsets(self._live.space, believed, sure=self._sensor.exact)
         own = offsets[0][1]
         if np.all(np.abs(own) <= self._sensor.noise + SAME * self._live.spacing):
             return End(Ending.ARRIVED, "the robot is in a goal")

@@ -78,12 +78,7 @@ def random_pushes(seed: int, ndim: int, *, until: float, size: float, duration: 
 
 def control_pushes(control: Control, seed: int, space: ConfigurationSpace, speed: float) -> list[Push]:
     """The pushes of a ``[control]`` table; random ones over the time that a robot needs along the longest axis."""
-    pushes = []
-    for start, duration, *force in control.push:
-        if len(force) != space.ndim:
-            push = [start, duration, *force]
-            raise InputError(f"control.push: {push}: give a time, a duration and a force of {space.ndim} entries")
-        pushes.append(Push(start, duration, np.array(force)))
+    pushes = [Push(start, duration, np.array(force)) for start, duration, *force in control.push]
     until = float((space.upper - space.lower).max()) / speed
     if control.pushes and control.push_size:
         count, size = control.pushes, control.push_size

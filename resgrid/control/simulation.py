@@ -13,7 +13,7 @@ from resgrid.arguments import check_whole
 from resgrid.control.belief import LiveMap, Sensor, solve_again
 from resgrid.control.contact import Body
 from resgrid.control.controller import Controller, make_controller
-from resgrid.control.log import Ending, Run
+from resgrid.control.log import End, Ending, Run
 from resgrid.control.loop import Loop
 from resgrid.control.plant import Plant, plant_of
 from resgrid.control.pushes import Force, Push, control_pushes, force_of
@@ -108,8 +108,9 @@ class Simulation:
 
         The robot is solid: no configuration inside an obstacle is entered, whatever the push, the step, the width and
         the cell.  One that touches an obstacle at the start is lifted off by 1e-8 m; one that is inside by more than
-        1e-9 m is refused.  It arrives at the configuration of the goal cell that solves the
-        goal, where the space names one (`ConfigurationSpace.goal_points`), and anywhere in the cell otherwise.
+        1e-9 m is refused.  It arrives at the configuration of the goal cell that solves the goal, where the space names
+        one (`ConfigurationSpace.goal_points`), and anywhere in the cell otherwise, with a bias or noise in its middle.
+        It stops where it believes that; whether it ``arrived`` or ``missed`` the goal is decided by where it truly is.
 
         Parameters
         ----------
@@ -153,7 +154,7 @@ class Simulation:
         loop = Loop(self.plant, body, sensor, live, push_at, rng, friction=self.friction, learn=self.learn)
         end, goal = loop.run(max_steps), None
         if end.ending is Ending.ARRIVED:
-            goal = int(live.space.goal_region[tuple(live.space.split(loop.believed)[0])])
+            end, goal = arrival(end, live.space, body.configuration, loop.believed)
         field = live.controller.field
         return loop.recorder.run(end, goal, tuple(loop.lessons), field, live.space, self.plant, self.scene)
 
@@ -258,6 +259,17 @@ def announce_hidden(sim: Simulation, relaxation: Relaxation) -> Simulation:
     field = sim.controller.field
     controller = sim.controller.with_field(solve_again(field, truth))
     return replace(sim, controller=controller, learn=False, relaxation=relaxation, before=field)
+
+
+def arrival(
+    end: End, space: ConfigurationSpace, configuration: NDArray[np.float64], believed: NDArray[np.float64]
+) -> tuple[End, int | None]:
+    """How a run ends that believes itself in a goal, and the goal region that it is truly in."""
+    region = int(space.goal_region[tuple(space.split(configuration)[0])])
+    if region >= 0:
+        return end, region
+    off = float(np.linalg.norm(believed - configuration))
+    return End(Ending.MISSED, f"the robot believes to be in a goal, but is {off:.3g} away from where it believes"), None
 
 
 def _offsets(value: ArrayLike, ndim: int, what: str) -> NDArray[np.float64]:

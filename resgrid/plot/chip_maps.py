@@ -130,7 +130,7 @@ def draw_precision(
     norm = None if most is None else Normalize(0.0, most)
     axes = draw_map(result.space, shown, ax, label, "bit", norm=norm)
     never = np.isinf(values) & result.space.goal_connected
-    paint_cells(result.space, never, _NO_BITS_DO, "no number of bits will do", axes)
+    paint_cells(plane_of(result.space), never, _NO_BITS_DO, "no number of bits will do", axes)
     refresh_legend(axes)
     axes.set_title(result.sentence(), fontsize=TEXT)
     return axes

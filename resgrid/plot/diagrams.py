@@ -174,7 +174,7 @@ def draw_moment(front: Wavefront, row: int, axes: Axes) -> AxesImage:
     image = draw_change(front, row, axes)
     draw_cells(plane, axes)
     new = (front.after.cell == Cell.OBSTACLE) & (front.before.cell != Cell.OBSTACLE)
-    paint_cells(front.after, new, HIDDEN, "new obstacle", axes)
+    paint_cells(plane, new, HIDDEN, "new obstacle", axes)
     finish(plane, axes, columns=0)
     return image
 

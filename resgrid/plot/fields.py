@@ -36,21 +36,29 @@ _ARROWS = 26
 _ARROW_LENGTH = 0.85
 """In blocks of cells."""
 
+CONDUCTIVITY = "conductivity (relative)"
 
-def draw_space(space: ConfigurationSpace, ax: Axes | None = None, *, virtual: NDArray[np.bool_] | None = None) -> Axes:
-    """Draw obstacles, goals, the conductivity if there is one; obstacle cells that stand for no body are paler."""
+
+def draw_plane_space(
+    space: ConfigurationSpace, ax: Axes | None = None, *, virtual: NDArray[np.bool_] | None = None
+) -> Axes:
+    """Draw a space of two axes: obstacles, goals, the conductivity if there is one, virtual obstacle cells paler."""
     plane = plane_of(space)
     axes = axes_or_new(ax, plane.aspect)
     if space.conductivity is not None:
-        low, high = float(space.conductivity.min()), float(space.conductivity.max())
-        norm = LogNorm(low, high) if high > 30 * low else _spanning(low, high)
-        image = draw_image(plane, space.conductivity, axes, cmap=height_map(), norm=norm, zorder=0.5)
-        add_colour_bar(image, axes, "conductivity (relative)")
+        image = draw_image(plane, space.conductivity, axes, **conductivity_style(space.conductivity), zorder=0.5)
+        add_colour_bar(image, axes, CONDUCTIVITY)
     draw_cells(plane, axes)
     if virtual is not None:
-        paint_cells(space, virtual, VIRTUAL, "virtual obstacle", axes)
+        paint_cells(plane, virtual, VIRTUAL, "virtual obstacle", axes)
     finish(plane, axes)
     return axes
+
+
+def conductivity_style(conductivity: NDArray[np.float64]) -> dict[str, Any]:
+    """Colours and their scale for the conductivity of all cells of a space."""
+    low, high = float(conductivity.min()), float(conductivity.max())
+    return {"cmap": height_map(), "norm": LogNorm(low, high) if high > 30 * low else _spanning(low, high)}
 
 
 def draw_potential(field: Field, ax: Axes | None = None, *, scale: Scale = "auto", contours: bool = True) -> Axes:

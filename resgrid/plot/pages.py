@@ -1,31 +1,52 @@
-"""Pictures of fields whatever their dimension: a profile, a plane, slices; and a page with paths and currents."""
+"""Pictures whatever the dimension: a strip or profile, a plane, slices; and a page of a field, paths and currents."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import AutoLocator
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
 from resgrid.planning.fields import Field
-from resgrid.planning.streamline import Outcome, Streamline
-from resgrid.plot.fields import draw_currents, draw_no_drop, draw_potential, draw_shading
+from resgrid.planning.separation import SceneSeparation, Separation
+from resgrid.planning.streamline import Outcome, Polyline, ShortPath, Streamline, unwrap
+from resgrid.plot.fields import (
+    CONDUCTIVITY,
+    conductivity_style,
+    draw_currents,
+    draw_no_drop,
+    draw_plane_space,
+    draw_potential,
+    draw_shading,
+)  # fmt: skip
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, figure_of, new_figure, panel_height
-from resgrid.plot.paths import draw_streamlines, mark_outcome, require_paths, seam_pieces
-from resgrid.plot.plane import draw_cells, finish, kinds_of, plane_of, plane_slice
-from resgrid.plot.shading import Scale, Shading, no_drop, shading_of
-from resgrid.plot.style import PATHS, SMALL, TEXT, axis_label, dress, refresh_legend
+from resgrid.plot.paths import (
+    blend_label,
+    by_blend,
+    draw_in_slice,
+    draw_plane_paths,
+    draw_plane_separation,
+    mark_outcome,
+    require_paths,
+    seam_pieces,
+    separated,
+)  # fmt: skip
+from resgrid.plot.plane import VIRTUAL, draw_image, kinds_of, leading_on, paint_cells, plane_of, seam_shifts
+from resgrid.plot.shading import Scale, no_drop, shading_of
+from resgrid.plot.slices import Slice, draw_in_slices
+from resgrid.plot.style import PATHS, SMALL, TEXT, axis_label, dress, mark, refresh_legend
+from resgrid.plot.workspace import draw_plane_line
 from resgrid.space import Cell, ConfigurationSpace
 
-_PANELS = 6
+_PIECES = 256
 _WIDE = 0.55
 """Height over width below which a map is so wide that panels are stacked."""
 
@@ -48,8 +69,7 @@ def draw_field(
         return draw_profile(field, ax, scale=scale)
     if ndim == 2:
         return draw_potential(field, ax, scale=scale, contours=contours)
-    if ax is not None:
-        raise InputError(f"a field of {ndim} axes is drawn in several slices, not into one ax: leave ax out")
+    _refuse_ax(ax, "a field", ndim)
     return draw_slices(field, axis, indices=indices, scale=scale)
 
 
@@ -105,7 +125,7 @@ def _plane_page(field: Field, paths: Sequence[Streamline], k: Sequence[float] | 
     left, right = figure.subplots(2, 1) if stacked else figure.subplots(1, 2)
     draw_potential(field, left, scale=scale)
     if paths:
-        draw_streamlines(paths, left, k=k)
+        draw_plane_paths(paths, left, k=k)
     left.set_title("Potential and paths" if paths else "Potential", fontsize=TEXT)
     draw_currents(field, right)
     right.set_title("Current", fontsize=TEXT)
@@ -120,15 +140,11 @@ def draw_profile(
     shading = shading_of(field, scale)
     axes = axes_or_new(ax, 0.6)
     axis = space.axes[0]
-    for label, colour, where in kinds_of(space.cell, space.goal_connected):
-        for index in np.flatnonzero(where).tolist():
-            axes.axvspan(axis.edges[index], axis.edges[index + 1], color=colour, linewidth=0, label=label, zorder=0.5)
+    _draw_bands(space, axes)
     shown = np.where(space.cell == Cell.OBSTACLE, np.nan, shading.values)
     axes.plot(axis.centres, shown, marker="o", markersize=3, linewidth=1.2, color=PATHS[3], label="cells")
     for path in paths:
         mark_outcome(path, (path.axis_points[0, 0], shown[int(path.cells[0, 0])]), axes)
-    axes.set(xlim=(axis.lower, axis.upper), xlabel=axis_label(axis))
-    dress(axes)
     axes.set_ylabel(shading.label, fontsize=TEXT)
     refresh_legend(axes)
     return axes
@@ -142,101 +158,197 @@ def draw_slices(
 
     Paths are drawn faintly as seen along the axis, and boldly where they lie in the slice.
     """
-    space = field.space
-    if space.ndim != 3:
-        raise InputError(f"a field of {space.ndim} axes has no picture: fix an axis, and draw what is left")
-    cuts = _cuts(space, axis, indices)
-    shading = shading_of(field, scale)
-    columns = min(3, len(cuts))
-    rows = -(-len(cuts) // columns)
-    tallest = max(plane_slice(space, normal, index).aspect for normal, index in cuts)
-    figure = new_figure(max(PAGE * columns / 3, 3.4), rows * (panel_height(PAGE / 3 - 0.6, tallest) - 0.5) + 0.9)
-    panels = figure.subplots(rows, columns, squeeze=False).ravel()
-    for panel, (normal, index) in zip(panels, cuts, strict=False):
-        _draw_slice(field, shading, normal, index, paths, panel)
-    for panel in panels[len(cuts) :]:
-        panel.set_axis_off()
-    _add_scale(figure, panels, shading)
-    _add_legend(figure, panels[: len(cuts)])
+    shading = shading_of(field, scale) if field.space.ndim == 3 else None
+
+    def paint(part: Slice, axes: Axes) -> None:
+        assert shading is not None
+        flat = replace(shading, edge=tuple(rule for number, rule in enumerate(shading.edge) if number != part.normal))
+        draw_shading(part.plane, flat, part.of(shading.values), axes)
+        draw_no_drop(part.plane, part.of(no_drop(field, shading)), axes)
+        for path in paths:
+            mark_outcome(path, part.seen(path.axis_points[:1]), axes)
+            draw_in_slice(seam_pieces(path) if path.outcome == Outcome.REACHED else [], part, axes)
+
+    figure = draw_in_slices(field.space, paint, axis=axis, indices=indices)
+    assert shading is not None
+    below = np.nanmin(shading.values) < shading.lower
+    colours = ScalarMappable(Normalize(shading.lower, shading.upper), shading.colours)
+    _add_scale(figure, colours, shading.label, "min" if below else "neither")
     return figure
 
 
-def _cuts(space: ConfigurationSpace, axis: int | None, indices: Sequence[int] | None) -> list[tuple[int, int]]:
-    """Axis and index of every slice."""
-    goals = np.argwhere(space.cell == Cell.GOAL)
-    goal = goals[0] if len(goals) else np.array(space.shape) // 2
-    if axis is None:
-        if indices is not None:
-            raise InputError("indices of slices need the axis they count along")
-        return [(normal, int(goal[normal])) for normal in (2, 1, 0)]
-    if axis not in (0, 1, 2):
-        raise InputError(f"axis = {axis}, but the space has axes 0, 1 and 2")
-    size = space.shape[axis]
-    if indices is None:
-        spread = np.linspace(0, size - 1, min(_PANELS, size)).round().astype(int)
-        spread[np.abs(spread - goal[axis]).argmin()] = goal[axis]
-        indices = np.unique(spread).tolist()
-    wrong = [index for index in indices if not 0 <= index < size]
-    if wrong or not len(indices):
-        raise InputError(f"slice {wrong[0] if wrong else '(none)'} is not one of the cells 0 to {size - 1} of the axis")
-    return [(axis, int(index)) for index in indices]
+def draw_space(
+    space: ConfigurationSpace,
+    ax: Axes | None = None,
+    *,
+    virtual: NDArray[np.bool_] | None = None,
+    axis: int | None = None,
+    indices: Sequence[int] | None = None,
+) -> Axes | Figure:
+    """Draw obstacles, goals, the conductivity if there is one; obstacle cells that stand for no body are paler."""
+    conductivity = space.conductivity
+    if space.ndim == 1:
+        axes = _draw_strip(space, ax, [] if virtual is None else [(virtual, VIRTUAL, "virtual obstacle")])
+        if conductivity is not None:
+            axes.plot(space.axes[0].centres, conductivity, marker="o", markersize=3, linewidth=1.2, color=PATHS[3])
+            axes.set_ylabel(CONDUCTIVITY, fontsize=TEXT)
+            axes.yaxis.set_major_locator(AutoLocator())
+        return axes
+    if space.ndim == 2:
+        return draw_plane_space(space, ax, virtual=virtual)
+    _refuse_ax(ax, "a space", space.ndim)
+    style = None if conductivity is None else conductivity_style(conductivity)
+
+    def paint(part: Slice, axes: Axes) -> None:
+        if style is not None and conductivity is not None:
+            draw_image(part.plane, part.of(conductivity), axes, **style, zorder=0.5)
+        if virtual is not None:
+            paint_cells(part.plane, part.of(virtual), VIRTUAL, "virtual obstacle", axes)
+
+    figure = draw_in_slices(space, paint, axis=axis, indices=indices)
+    if style is not None:
+        _add_scale(figure, ScalarMappable(**style), CONDUCTIVITY)
+    return figure
 
 
-def _draw_slice(
-    field: Field, shading: Shading, normal: int, index: int, paths: Sequence[Streamline], axes: Axes
+def draw_path(
+    path: Streamline, ax: Axes | None = None, *, axis: int | None = None, indices: Sequence[int] | None = None
+) -> Axes | Figure:
+    """Draw a streamline; as `draw_streamlines` otherwise."""
+    return draw_streamlines([path], ax, axis=axis, indices=indices)
+
+
+def draw_streamlines(
+    paths: Sequence[Streamline],
+    ax: Axes | None = None,
+    *,
+    k: Sequence[float] | None = None,
+    axis: int | None = None,
+    indices: Sequence[int] | None = None,
+) -> Axes | Figure:
+    """Draw streamlines over what the ax shows, on cells of their space if there is none.
+
+    Their starts and ends are marked, and a cross where a start leads nowhere; those of one k share a colour.
+    """
+    space = paths[0].space
+    groups = by_blend(paths, k)
+    if space.ndim == 1:
+        axes = _draw_strip(space) if ax is None else ax
+        height = float(np.mean(axes.get_ylim()))
+        for rank, (blend, own) in enumerate(groups):
+            for line in [line for path in own for line in seam_pieces(path)]:
+                level = np.full(len(line), height)
+                axes.plot(line[:, 0], level, color=PATHS[rank % len(PATHS)], zorder=4, label=blend_label(blend))
+        for path in paths:
+            mark_outcome(path, (path.axis_points[0, 0], height), axes)
+        refresh_legend(axes)
+        return axes
+    if space.ndim == 2:
+        return draw_plane_paths(paths, ax, k=k)
+    _refuse_ax(ax, "a path", space.ndim)
+
+    def paint(part: Slice, axes: Axes) -> None:
+        for rank, (blend, own) in enumerate(groups):
+            lines = [line for path in own for line in seam_pieces(path)]
+            draw_in_slice(lines, part, axes, colour=PATHS[rank % len(PATHS)], label=blend_label(blend))
+        for path in paths:
+            mark_outcome(path, part.seen(path.axis_points[:1]), axes)
+
+    return draw_in_slices(space, paint, axis=axis, indices=indices)
+
+
+def draw_line(
+    path: Polyline | ShortPath,
+    ax: Axes | None = None,
+    *,
+    axis: int | None = None,
+    indices: Sequence[int] | None = None,
+) -> Axes | Figure:
+    """Draw a path of straight lines over what the ax shows, on cells of its space if there is none."""
+    space = path.space
+    if space.ndim < 3:
+        return draw_plane_line(path, ax)
+    _refuse_ax(ax, "a path", space.ndim)
+    points = _subdivided(unwrap(path))
+    copies = [space.from_world(points + shift) for shift in seam_shifts(space)]
+
+    def paint(part: Slice, axes: Axes) -> None:
+        draw_in_slice(copies, part, axes)
+        mark(part.seen(space.from_world(points[:1])), axes, "start")
+
+    return draw_in_slices(space, paint, axis=axis, indices=indices)
+
+
+def _subdivided(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points so close on straight lines that pictures show which part of each lies in a slice, shape (n, ndim)."""
+    along = np.linspace(0.0, len(points) - 1.0, _PIECES * (len(points) - 1) + 1)
+    return np.stack([np.interp(along, np.arange(len(points)), column) for column in points.T], axis=1)
+
+
+def draw_separation(
+    result: Separation | SceneSeparation,
+    ax: Axes | None = None,
+    *,
+    virtual: NDArray[np.bool_] | None = None,
+    axis: int | None = None,
+    indices: Sequence[int] | None = None,
+) -> Axes | Figure:
+    """Draw the cells that a start can reach, and the obstacles that must go for a goal to be reached."""
+    space, masks = result.space, separated(result)
+    if virtual is not None:
+        masks = [(virtual, VIRTUAL, "virtual obstacle"), *masks]
+    label = f"start: {result.outcome.value.replace('_', ' ')}"
+    if space.ndim == 1:
+        axes = _draw_strip(space, ax, masks)
+        mark((space.axis_centre(result.start)[0], float(np.mean(axes.get_ylim()))), axes, "start", label)
+        refresh_legend(axes)
+        return axes
+    if space.ndim == 2:
+        return draw_plane_separation(result, ax, virtual=virtual)
+    _refuse_ax(ax, "a separation", space.ndim)
+
+    def paint(part: Slice, axes: Axes) -> None:
+        for mask, colour, name in masks:
+            paint_cells(part.plane, part.of(mask), colour, name, axes)
+        mark(part.seen(space.axis_centre(result.start)[np.newaxis]), axes, "start", label)
+
+    return draw_in_slices(space, paint, axis=axis, indices=indices, through=result.start)
+
+
+def _draw_strip(
+    space: ConfigurationSpace, ax: Axes | None = None, masks: Sequence[tuple[NDArray[np.bool_], str, str]] = ()
+) -> Axes:
+    """The cells of a space with one axis, and masks of cells over them, as bands."""
+    axes = axes_or_new(ax, 0.3)
+    _draw_bands(space, axes, masks)
+    axes.set_yticks([])
+    refresh_legend(axes)
+    return axes
+
+
+def _draw_bands(
+    space: ConfigurationSpace, axes: Axes, masks: Sequence[tuple[NDArray[np.bool_], str, str]] = ()
 ) -> None:
-    plane = plane_slice(field.space, normal, index)
-    flat = replace(shading, edge=tuple(rule for number, rule in enumerate(shading.edge) if number != normal))
-    draw_shading(plane, flat, _slab(shading.values, normal, index), axes)
-    draw_no_drop(plane, _slab(no_drop(field, shading), normal, index), axes)
-    draw_cells(plane, axes)
-    for path in paths:
-        _draw_path(path, field.space, normal, index, axes)
-    finish(plane, axes, columns=0)
-    axes.set_title(_where(field.space, normal, index), fontsize=TEXT)
+    axis = space.axes[0]
+    kinds = [(where, colour, label) for label, colour, where in kinds_of(space.cell, leading_on(space))]
+    for order, (where, colour, label) in enumerate([*kinds, *masks]):
+        for index in np.flatnonzero(where).tolist():
+            over = 0.5 + 0.1 * (order >= len(kinds))
+            axes.axvspan(
+                axis.edges[index], axis.edges[index + 1], color=colour, linewidth=0, label=label, zorder=over
+            )  # fmt: skip
+    axes.set(xlim=(axis.lower, axis.upper), xlabel=axis_label(axis))
+    dress(axes)
 
 
-def _slab(values: NDArray[Any], normal: int, index: int) -> NDArray[Any]:
-    return np.asarray(np.moveaxis(values, normal, 0)[index])
+def _refuse_ax(ax: Axes | None, what: str, ndim: int) -> None:
+    if ax is not None:
+        raise InputError(f"{what} of {ndim} axes is drawn in several slices, not into one ax: leave ax out")
 
 
-def _where(space: ConfigurationSpace, normal: int, index: int) -> str:
-    axis = space.axes[normal]
-    name = axis_label(replace(axis, unit=""))
-    through_goal = bool(np.any(np.moveaxis(space.cell, normal, 0)[index] == Cell.GOAL))
-    return f"{name} = {axis.centres[index]:.3g} {axis.unit}{' (through a goal)' if through_goal else ''}"
-
-
-def _draw_path(path: Streamline, space: ConfigurationSpace, normal: int, index: int, axes: Axes) -> None:
-    across, up = (number for number in range(3) if number != normal)
-    mark_outcome(path, path.axis_points[0, [across, up]], axes)
-    lower, upper = space.axes[normal].edges[[index, index + 1]]
-    for line in seam_pieces(path) if path.outcome == Outcome.REACHED else ():
-        inside = (line[:, normal] >= lower) & (line[:, normal] <= upper)
-        axes.plot(
-            line[:, across], line[:, up], color=PATHS[0], linewidth=0.7, alpha=0.7, zorder=4, label="path, projected"
-        )
-        if inside.any():
-            bold = np.where(inside[:, None], line, np.nan)
-            axes.plot(bold[:, across], bold[:, up], color=PATHS[0], linewidth=2.2, zorder=5, label="path in the slice")
-
-
-def _add_scale(figure: Figure, panels: NDArray[np.object_], shading: Shading) -> None:
-    colours = ScalarMappable(Normalize(shading.lower, shading.upper), shading.colours)
-    bar = figure.colorbar(
-        colours, ax=list(panels), fraction=0.03, pad=0.02, aspect=30,
-        extend="min" if np.nanmin(shading.values) < shading.lower else "neither",
-    )  # fmt: skip
-    bar.set_label(shading.label, fontsize=SMALL)
-    bar.ax.tick_params(labelsize=SMALL, width=0.6, length=2.5)
-
-
-def _add_legend(figure: Figure, panels: NDArray[np.object_]) -> None:
-    entries: dict[str, Artist] = {}
-    for panel in panels:
-        handles, labels = panel.get_legend_handles_labels()
-        entries.update(zip(labels, handles, strict=True))
-    figure.legend(
-        handles=list(entries.values()), labels=list(entries), loc="outside lower center", ncols=4, fontsize=SMALL,
-        frameon=False, columnspacing=1.2,
-    )  # fmt: skip
+def _add_scale(
+    figure: Figure, colours: ScalarMappable, label: str, extend: Literal["min", "neither"] = "neither"
+) -> None:
+    bar = figure.colorbar(colours, ax=figure.axes, fraction=0.03, pad=0.02, aspect=30, extend=extend)
+    bar.set_label(label, fontsize=SMALL)
+    bar.ax.tick_params(which="both", labelsize=SMALL, width=0.6, length=2.5)

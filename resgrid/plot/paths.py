@@ -18,36 +18,25 @@ from resgrid.errors import InputError
 from resgrid.planning.planner import ClearanceCurve
 from resgrid.planning.separation import SceneSeparation, Separation
 from resgrid.planning.streamline import Outcome, Streamline
-from resgrid.plot.fields import draw_space
+from resgrid.plot.fields import draw_plane_space
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.plane import Plane, finish, paint_cells, plane_of
+from resgrid.plot.slices import Slice
 from resgrid.plot.style import FAILURE, GOAL, LINE_STYLES, PATHS, TEXT, dress, mark, refresh_legend
 from resgrid.space import Cell, ConfigurationSpace
 
 _FEW = 40
 _REGION = "#9ecae1"
+_REACHABLE, _SEPARATING = "can be reached from the start", "must go for a goal to be reached"
 
 
-def draw_path(path: Streamline, ax: Axes | None = None) -> Axes:
-    """Draw a streamline; as `draw_streamlines` otherwise."""
-    return draw_streamlines([path], ax)
-
-
-def draw_streamlines(paths: Sequence[Streamline], ax: Axes | None = None, *, k: Sequence[float] | None = None) -> Axes:
-    """Draw streamlines over what the ax shows, on cells of their space if there is none.
-
-    Their starts and ends are marked, and a cross where a start leads nowhere; those of one k share a colour.
-    """
+def draw_plane_paths(paths: Sequence[Streamline], ax: Axes | None = None, *, k: Sequence[float] | None = None) -> Axes:
+    """Draw streamlines in a space of two axes; see `resgrid.plot.pages.draw_streamlines`."""
     space = paths[0].space
     plane = plane_of(space)
-    if k is not None and len(k) != len(paths):
-        raise InputError(f"{len(k)} values of k for {len(paths)} paths; give one for each")
-    require_paths(paths, space)
-    axes = draw_space(space) if ax is None else ax
-    blends = [None] * len(paths) if k is None else k
+    axes = draw_plane_space(space) if ax is None else ax
     reached = [path for path in paths if path.outcome == Outcome.REACHED]
-    for rank, blend in enumerate(sorted(set(blends), key=lambda blend: blend or 0.0)):
-        own = [each for each, at in zip(paths, blends, strict=True) if at == blend and each.outcome == Outcome.REACHED]
+    for rank, (blend, own) in enumerate(by_blend(paths, k)):
         if own:
             _draw_lines([plane.place(line) for path in own for line in seam_pieces(path)], axes, rank, blend)
     if reached:
@@ -55,6 +44,39 @@ def draw_streamlines(paths: Sequence[Streamline], ax: Axes | None = None, *, k: 
     _draw_failures([path for path in paths if path.outcome != Outcome.REACHED], plane, axes)
     finish(plane, axes, [path.axis_points for path in paths])
     return axes
+
+
+def by_blend(paths: Sequence[Streamline], k: Sequence[float] | None) -> list[tuple[float | None, list[Streamline]]]:
+    """Every k in ascending order, None where none is given, and those of its paths that reach a goal."""
+    if k is not None and len(k) != len(paths):
+        raise InputError(f"{len(k)} values of k for {len(paths)} paths; give one for each")
+    require_paths(paths, paths[0].space)
+    blends: Sequence[float | None] = [None] * len(paths) if k is None else k
+    return [
+        (
+            blend,
+            [path for path, at in zip(paths, blends, strict=True) if at == blend and path.outcome == Outcome.REACHED],
+        )
+        for blend in sorted(set(blends), key=lambda blend: blend or 0.0)
+    ]
+
+
+def blend_label(k: float | None) -> str:
+    """What a legend calls the paths of one k."""
+    kind = {0.0: " (Neumann)", 1.0: " (Dirichlet)"}.get(-1.0 if k is None else k, "")
+    return "path" if k is None else f"$k$ = {k:g}{kind}"
+
+
+def draw_in_slice(
+    lines: Sequence[NDArray[np.float64]], part: Slice, axes: Axes, *, colour: str = PATHS[0], label: str = "path"
+) -> None:
+    """Draw lines of three axes, shape (n, 3) in axis units: faintly, and boldly where the slice holds them."""
+    for line in lines:
+        inside, seen = part.holds(line), part.seen(line)
+        axes.plot(*seen.T, color=colour, linewidth=0.7, alpha=0.7, zorder=4, label=f"{label}, projected")
+        if inside.any():
+            bold = np.where(inside[:, None], seen, np.nan)
+            axes.plot(*bold.T, color=colour, linewidth=2.2, zorder=5, label=f"{label} in the slice")
 
 
 def mark_outcome(path: Streamline, place: ArrayLike, axes: Axes) -> None:
@@ -88,11 +110,10 @@ def _draw_lines(lines: list[NDArray[np.float64]], axes: Axes, rank: int, k: floa
     few = len(lines) <= _FEW
     width = 1.5 if few else 0.5
     effects: list[Any] = [Stroke(linewidth=width + 1.4, foreground="white"), Normal()] if few else []
-    kind = {0.0: " (Neumann)", 1.0: " (Dirichlet)"}.get(-1.0 if k is None else k, "")
     drawn = LineCollection(
         lines, colors=PATHS[rank % len(PATHS)], linestyles=[LINE_STYLES[rank % len(LINE_STYLES)]] if few else "solid",
         linewidths=width, alpha=1.0 if few else 0.6, path_effects=effects, zorder=4,
-        label="path" if k is None else f"$k$ = {k:g}{kind}",
+        label=blend_label(k),
     )  # fmt: skip
     axes.add_collection(drawn, autolim=False)
 
@@ -121,14 +142,20 @@ def _draw_failures(paths: list[Streamline], plane: Plane, axes: Axes) -> None:
         )  # fmt: skip
 
 
-def draw_separation(
+def separated(result: Separation | SceneSeparation) -> list[tuple[NDArray[np.bool_], str, str]]:
+    """Masks of what a separation is about, the colour of each, and its name."""
+    reachable = result.region & (result.space.cell == Cell.FREE)
+    return [(reachable, _REGION, _REACHABLE), (result.mask, FAILURE, _SEPARATING)]
+
+
+def draw_plane_separation(
     result: Separation | SceneSeparation, ax: Axes | None = None, *, virtual: NDArray[np.bool_] | None = None
 ) -> Axes:
-    """Draw the cells that a start can reach, and the obstacles that must go for a goal to be reached."""
+    """Draw a separation in a space of two axes; see `resgrid.plot.pages.draw_separation`."""
     space = result.space
-    axes = draw_space(space, ax, virtual=virtual)
-    paint_cells(space, result.region & (space.cell == Cell.FREE), _REGION, "can be reached from the start", axes)
-    paint_cells(space, result.mask, FAILURE, "must go for a goal to be reached", axes)
+    axes = draw_plane_space(space, ax, virtual=virtual)
+    for mask, colour, label in separated(result):
+        paint_cells(plane_of(space), mask, colour, label, axes)
     x, y = space.centre(result.start)
     reached = result.outcome is Outcome.REACHED
     axes.scatter(

@@ -41,12 +41,11 @@ from resgrid.plot.chip_maps import (
 from resgrid.plot.circuits import MOST_CELLS_A_SIDE
 from resgrid.plot.control import draw_run, draw_runs
 from resgrid.plot.diagrams import draw_sweeps, draw_wavefront
-from resgrid.plot.fields import draw_space
 from resgrid.plot.figures import render_figure
 from resgrid.plot.graphs import draw_circuit
-from resgrid.plot.pages import draw_field
-from resgrid.plot.paths import draw_clearance_curve, draw_path, draw_separation, draw_streamlines
-from resgrid.plot.workspace import draw_line, draw_scene
+from resgrid.plot.pages import draw_field, draw_line, draw_path, draw_separation, draw_space, draw_streamlines
+from resgrid.plot.paths import draw_clearance_curve
+from resgrid.plot.workspace import draw_scene
 from resgrid.scene.scene import Scene
 from resgrid.space import ConfigurationSpace
 from resgrid.spice.circuit import Circuit
@@ -112,17 +111,18 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
     value               picture                                      options
     ==================  ===========================================  =================================================
     scene               workspace: obstacles, goals, starts
-    space               cells and conductivity                       ``virtual`` (mask drawn paler)
+    space               cells and conductivity                       ``virtual`` (mask drawn paler); of three axes
+                                                                     ``axis``, ``indices``, here and below
     field               potential of one to three axes, or currents  ``quantity`` ("potential", "currents"), ``scale``
                                                                      ("auto", "linear", "log": decades of the drop),
-                                                                     ``contours``; of three axes ``axis``, ``indices``
-    path, paths         streamlines, over what the ax shows          ``k`` (blend of each)
+                                                                     ``contours``, ``axis``, ``indices``
+    path, paths         streamlines, over what the ax shows          ``axis``, ``indices``; of several ``k`` (of each)
     netlist             circuit diagram                              ``op`` (voltages to write)
     circuit of a deck   as its netlist
     operating point     circuit with voltages, or the potential of
                         a grid with more than 10 cells a side
     planner, study      its field, its operating point
-    separation          what keeps a start from the goals            ``virtual``
+    separation          what keeps a start from the goals            ``virtual``, ``axis``, ``indices``
     clearance curve     mean and spread against k                    ``unit``, ``cell`` (width, for an error bar)
     run                 workspace and configuration space            ``title``, ``caption``
     runs                the same motion at several k                 ``title``, ``caption``

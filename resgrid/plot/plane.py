@@ -39,7 +39,7 @@ class Plane:
 
     `x, y`: across and up; `cell` (x.cells, y.cells): `Cell` codes; `connected`: free cells that lead to a goal (in
     the whole space, if this is a slice); `matrix` (3, 3): homogeneous matrix from axis units to the picture's
-    coordinates.
+    coordinates; `of_map`: whether these are a map's own, which is turned or moved in the world.
     """
 
     x: Axis
@@ -47,6 +47,7 @@ class Plane:
     cell: NDArray[np.uint8]
     connected: NDArray[np.bool_]
     matrix: NDArray[np.float64]
+    of_map: bool = False
 
     @property
     def is_turned(self) -> bool:
@@ -117,17 +118,17 @@ def plane_of(space: ConfigurationSpace) -> Plane:
             f"this picture needs a space of two axes, this one has {space.ndim}; draw(field) shows one to three axes"
         )
     x, y = space.axes
-    return Plane(x, y, space.cell, _connected(space), _matrix(space))
+    return Plane(x, y, space.cell, leading_on(space), _matrix(space))
 
 
 def plane_slice(space: ConfigurationSpace, axis: int, index: int) -> Plane:
     """Plane through the cells ``index`` along ``axis`` of a space with three axes."""
     x, y = (a for number, a in enumerate(space.axes) if number != axis)
-    cell, connected = np.moveaxis(space.cell, axis, 0)[index], np.moveaxis(_connected(space), axis, 0)[index]
-    return Plane(x, y, cell, connected, np.eye(3))
+    cell, connected = np.moveaxis(space.cell, axis, 0)[index], np.moveaxis(leading_on(space), axis, 0)[index]
+    return Plane(x, y, cell, connected, np.eye(3), not space.frame.is_world)
 
 
-def _connected(space: ConfigurationSpace) -> NDArray[np.bool_]:
+def leading_on(space: ConfigurationSpace) -> NDArray[np.bool_]:
     """Cells that lead to a goal; all of them where there is none yet, for then nothing is cut off from it."""
     return space.goal_connected if (space.cell == Cell.GOAL).any() else np.ones(space.shape, dtype=np.bool_)
 
@@ -194,8 +195,8 @@ def finish(plane: Plane, axes: Axes, points: Sequence[NDArray[np.float64]] = (),
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal" if plane.x.unit == plane.y.unit else "auto")
     if plane.is_turned:
         axes.add_patch(Polygon(plane.corners, fill=False, edgecolor=OBSTACLE, linewidth=0.6, zorder=2.5))
-    axes.set_xlabel(axis_label(plane.x, world=plane.is_turned))
-    axes.set_ylabel(axis_label(plane.y, world=plane.is_turned))
+    axes.set_xlabel(axis_label(plane.x, world=plane.is_turned, of_map=plane.of_map))
+    axes.set_ylabel(axis_label(plane.y, world=plane.is_turned, of_map=plane.of_map))
     dress(axes)
     if columns:
         refresh_legend(axes, columns)
@@ -209,14 +210,14 @@ def _matrix(space: ConfigurationSpace) -> NDArray[np.float64]:
     return matrix
 
 
-def paint_cells(space: ConfigurationSpace, mask: NDArray[np.bool_], colour: str, label: str, axes: Axes) -> None:
+def paint_cells(plane: Plane, mask: NDArray[np.bool_], colour: str, label: str, axes: Axes) -> None:
     """Paint the cells of a mask over whatever else there is, and name them in the legend, if there are any."""
     if not mask.any():
         return
-    pixels = np.zeros((*space.shape, 4), dtype=np.uint8)
+    pixels = np.zeros((*mask.shape, 4), dtype=np.uint8)
     pixels[mask] = np.round(255 * np.array(to_rgba(colour)))
     aspect = axes.get_aspect()
-    draw_image(plane_of(space), pixels, axes, zorder=2.2)
+    draw_image(plane, pixels, axes, zorder=2.2)
     axes.set_aspect(aspect)
     add_swatch(axes, label, colour)
 

@@ -63,14 +63,14 @@ def _part_of(name: str, low: float, high: float) -> Colormap:
     return LinearSegmentedColormap.from_list(name, mpl.colormaps[name](np.linspace(low, high, 64)), N=256)
 
 
-def axis_label(axis: Axis, *, world: bool = False) -> str:
-    """Label of an axis: its name, Greek where it is a Greek letter, and its unit."""
+def axis_label(axis: Axis, *, world: bool = False, of_map: bool = False) -> str:
+    """Label of an axis: its name, Greek where it is a Greek letter, whose it is where that may be asked, its unit."""
     greek = _GREEK.fullmatch(axis.name)
     name = axis.name
     if greek:
         name = f"$\\{greek[1]}$" if greek[2] is None else f"$\\{greek[1]}_{{{greek[2]}}}$"
     unit = f" ({axis.unit})" if axis.unit else ""
-    return f"{name}{', world' if world else ''}{unit}"
+    return f"{name}{', world' if world else ' of the map' if of_map else ''}{unit}"
 
 
 def dress(axes: Axes) -> None:

@@ -21,9 +21,9 @@ from resgrid.errors import InputError
 from resgrid.planning.separation import Separation
 from resgrid.planning.streamline import AnyPath, Polyline, ShortPath, Streamline, unwrap
 from resgrid.planning.workspace import dense
-from resgrid.plot.fields import draw_space
+from resgrid.plot.fields import draw_plane_space
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, caption_height, new_figure
-from resgrid.plot.paths import draw_separation, draw_streamlines
+from resgrid.plot.paths import draw_plane_paths, draw_plane_separation
 from resgrid.plot.plane import paint_cells, plane_of, seam_shifts
 from resgrid.plot.style import (
     FAILURE,
@@ -189,22 +189,22 @@ def draw_pair(
     mark_shapes(separating, left, FAILURE, "keeps it from the goals")
     refresh_legend(left)
     if verdict is not None:
-        draw_separation(verdict, right, virtual=virtual)
+        draw_plane_separation(verdict, right, virtual=virtual)
     else:
-        draw_space(space, right, virtual=virtual)
+        draw_plane_space(space, right, virtual=virtual)
         lines = [path, *others] if isinstance(path, Streamline) else list(others)
         if lines:
-            draw_streamlines(lines, right)
+            draw_plane_paths(lines, right)
         if not isinstance(path, Streamline):
-            draw_line(path, right)
+            draw_plane_line(path, right)
     right.set_title("Configuration space", fontsize=TEXT)
     add_title(figure, title, caption)
     return figure
 
 
-def draw_line(path: Polyline | ShortPath, ax: Axes | None = None) -> Axes:
-    """Draw a path of straight lines over what the ax shows, on cells of its space if there is none."""
-    axes = draw_space(path.space) if ax is None else ax
+def draw_plane_line(path: Polyline | ShortPath, ax: Axes | None = None) -> Axes:
+    """Draw a path of straight lines in a space of two axes; see `resgrid.plot.pages.draw_line`."""
+    axes = draw_plane_space(path.space) if ax is None else ax
     points = unwrap(path)
     for shift in seam_shifts(path.space) if len(points) > 1 else ():
         axes.plot(*(points + shift).T, color=PATHS[0], linewidth=1.5, zorder=4, label="path")
@@ -247,7 +247,7 @@ def _draw_surroundings(scene: Scene, ax: Axes | None) -> Axes:
     if scene.map is not None:
         known = ConfigurationSpace(scene.map.axes, scene.map.cell, frame=scene.map_frame)
         for code, colour, label in ((Cell.OBSTACLE, OBSTACLE, "obstacle"), (Cell.GOAL, GOAL, "goal")):
-            paint_cells(known, known.cell == code, colour, label, axes)
+            paint_cells(plane_of(known), known.cell == code, colour, label, axes)
     mark_shapes(scene.obstacles, axes, OBSTACLE, "obstacle", 2.0)
     mark_shapes(scene.hidden, axes, HIDDEN, "hidden obstacle", 2.4)
     mark_shapes(_goal_regions(scene), axes, GOAL, "goal", 1.5)

@@ -9,6 +9,7 @@ from typing import Any
 from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.robots import Ball, Box, HalfSpace, Polygon, Robot
+from resgrid.scene.control import Control
 from resgrid.scene.goals import CostArea, GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.toml_lines import Path
 
@@ -41,6 +42,7 @@ class Parts:
     has_wall: bool
     names: Sequence[str | None]
     values: Mapping[Path, Any]
+    control: Control
 
 
 def inconsistencies(parts: Parts) -> list[Problem]:
@@ -52,6 +54,7 @@ def inconsistencies(parts: Parts) -> list[Problem]:
         *_boundary(parts),
         *_coordinates(parts),
         *_leaning(parts),
+        *_control(parts),
     ]
 
 
@@ -133,6 +136,11 @@ def _coordinate_count(value: Any) -> int:
         case tuple():
             return len(value)
     return int(value.ndim)
+
+
+def _control(parts: Parts) -> Iterator[Problem]:
+    for path, message in parts.control.misfits(parts.ndim) if parts.ndim else ():
+        yield ("control", *path), message
 
 
 def _leaning(parts: Parts) -> Iterator[Problem]:

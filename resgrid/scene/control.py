@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
+import numpy as np
 from annotated_types import Ge, Gt, Le, Len
+from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
 from resgrid.scene.quantities import Listed
 from resgrid.scene.table import check_fields
 
 Numbers = Annotated[tuple[float, ...], Len(1), Listed()]
+Sizes = Annotated[tuple[Annotated[float, Ge(0)], ...], Len(1), Listed()]
+Speeds = Annotated[tuple[Annotated[float, Gt(0)], ...], Len(1), Listed()]
 
 
 @dataclass(frozen=True)
@@ -65,7 +70,7 @@ class Control:
 
     k: Annotated[float, Ge(0), Le(1)] | None = None
     speed: Annotated[float, Gt(0)] | None = None
-    speed_limits: Numbers | None = None
+    speed_limits: Speeds | None = None
     admittance: Numbers | None = None
     response: Literal["equipotential", "admittance"] = "equipotential"
     friction: Annotated[float, Ge(0)] = 0.2
@@ -73,9 +78,9 @@ class Control:
     step: Annotated[float, Gt(0), Le(0.5)] = 0.2
     steps: Annotated[int, Ge(1), Le(10_000_000)] = 50_000
     bias: Numbers = (0.0,)
-    noise: Numbers = (0.0,)
+    noise: Sizes = (0.0,)
     seed: Annotated[int, Ge(0)] = 0
-    push: tuple[tuple[float, ...], ...] = ()
+    push: tuple[Annotated[tuple[float, ...], Len(3)], ...] = ()
     pushes: Annotated[int, Ge(0), Le(10_000)] = 0
     push_size: Annotated[float, Ge(0)] = 2.0
     settle: Literal["chip", "jacobi", "sor"] | None = None
@@ -84,5 +89,59 @@ class Control:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        if min(self.noise, default=0.0) < 0.0:
-            raise InputError(f"noise: must be at least 0, got {min(self.noise):g}")
+
+    def misfits(self, ndim: int) -> Iterator[tuple[tuple[str | int, ...], str]]:
+        """What does not fit a space of so many axes, by key path."""
+        for key in ("speed_limits", "bias", "noise"):
+            count = len(getattr(self, key) or (0.0,))
+            if count not in (1, ndim):
+                yield (key,), f"needs 1 number for all, or one for each of the {ndim} axes, got {count}"
+        if self.admittance is not None:
+            try:
+                admittance_matrix(self.admittance, ndim)
+            except InputError as error:
+                yield ("admittance",), str(error)
+        for number, (start, duration, *force) in enumerate(self.push):
+            if len(force) != ndim:
+                message = f"needs a time, a duration and a force of {ndim} entries, got {2 + len(force)} numbers"
+                yield ("push", number), message
+            if start < 0:
+                yield ("push", number, 0), f"a push begins at a time of at least 0 s, got {start:g}"
+            if duration <= 0:
+                yield ("push", number, 1), f"a push lasts longer than 0 s, got {duration:g}"
+
+
+def admittance_matrix(admittance: ArrayLike, ndim: int) -> NDArray[np.float64]:
+    """The symmetric positive definite matrix that one number, a diagonal, or its entries row by row stand for.
+
+    Shapes: `admittance` (), (1,), (ndim,), (ndim**2,) or (ndim, ndim); returns (ndim, ndim), read-only.
+    """
+    try:
+        matrix = np.array(admittance, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError("an admittance must be numbers") from None
+    if matrix.size == 1:
+        matrix = matrix.ravel()[0] * np.eye(ndim)
+    elif matrix.shape == (ndim,):
+        matrix = np.diag(matrix)
+    elif matrix.shape == (ndim**2,):
+        matrix = matrix.reshape(ndim, ndim)
+    elif matrix.ndim == 1:
+        raise InputError(
+            f"an admittance of {len(matrix)} numbers: give 1 number, {ndim}, or {ndim**2} for a matrix row by row"
+        )
+    if matrix.shape != (ndim, ndim):
+        raise InputError(f"the admittance of this space is a matrix of {ndim} x {ndim}, got shape {matrix.shape}")
+    if not np.isfinite(matrix).all():
+        raise InputError("the admittance must be finite")
+    uneven = np.abs(matrix - matrix.T).max()
+    if uneven > 1e-12 * np.abs(matrix).max():
+        raise InputError(f"the admittance is not symmetric: entries across the diagonal differ by up to {uneven:g}")
+    least = float(np.linalg.eigvalsh(matrix)[0])
+    if not least > 0:
+        raise InputError(
+            f"the admittance is not positive definite (smallest eigenvalue {least:g}): it would push back against "
+            "some forces, or not give way at all"
+        )
+    matrix.flags.writeable = False
+    return matrix

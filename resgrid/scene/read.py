@@ -204,6 +204,7 @@ def _parts(
             for key in _LISTS
             for number, value in zip(numbers.get(key, ()), getattr(document, key), strict=False)
         },
+        control=document.control,
     )
 
 

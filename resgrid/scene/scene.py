@@ -241,6 +241,7 @@ class Scene:
             k=self.k,
             has_wall=self.chip.wall_resistance is not None,
             values={(key, number): value for key, values in lists.items() for number, value in enumerate(values)},
+            control=self.control,
         )
 
 

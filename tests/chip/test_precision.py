@@ -194,3 +194,23 @@ def test_without_any_start_nothing_is_not_a_number() -> None:
 def test_bad_ranges_are_named(span: object) -> None:
     with pytest.raises(rg.InputError, match="span = "):
         rg.study(rg.solve(small_scene())).precision(span=span)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_analysis_lets_a_robot_step_into_an_obstacle_that_droops_behind_its_switch(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    cell = (rng.random((7, 9)) < 0.15).astype(np.uint8)
+    cell[3, 4] = Cell.GOAL
+    chip = rg.Chip(obstacle_switch_on=1e6, mismatch=0.1, seed=seed)
+    study = rg.study(space_of(cell), chip)
+    code, volts = cell.ravel(), study.op.voltage[study.netlist.cells.node].ravel()
+    result = study.precision()
+    following = result.following.ravel()
+    moving = np.flatnonzero(following >= 0)
+    assert (code[following[moving]] != Cell.OBSTACLE).all()
+    assert (volts[following[moving]] < volts[moving]).all()
+    cells = np.stack(np.unravel_index(moving, cell.shape), axis=1)
+    assert (study.sensitivity(cells).best == following[moving]).all()
+    one = rg.study(study.ideal, rg.Chip(obstacle_switch_on=1e6))
+    served = np.isfinite(one.precision().start_bits)
+    assert (one.yields().reached == served).all()

@@ -164,7 +164,7 @@ def test_the_grid_may_settle_meanwhile(answer, hidden) -> None:
         (["--admittance", "1,-1"], "not positive definite"),
         (["--push", "1,2,nan,0"], "finite"),
         (["--push", "1,2,0"], "force of 2 entries"),
-        (["--push", "1,0,0,1"], "times"),
+        (["--push", "1,0,0,1"], "lasts longer than 0 s"),
         (["--push-size", "inf"], "control.push_size"),
         (["--bias", "a"], "numbers"),
         (["--noise", "1,2,3"], "noise"),

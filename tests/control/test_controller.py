@@ -13,9 +13,11 @@ from resgrid.compiler import compile_space
 from resgrid.control.controller import Controller, make_controller
 from resgrid.errors import CircuitError, InputError
 from resgrid.planning.planner import plan
+from resgrid.planning.road import solve_field
 from resgrid.planning.streamline import Outcome
 from resgrid.planning.trace import streamline
 from resgrid.space import Cell
+from resgrid.wiring import Wiring
 
 WALL = np.zeros((12, 10), np.uint8)
 WALL[5:7, 2:8], WALL[9, 5] = Cell.OBSTACLE, Cell.GOAL
@@ -187,3 +189,19 @@ def test_what_is_no_configuration_or_force_is_refused(wrong) -> None:
     if wrong is not None:
         with pytest.raises(InputError, match="force"):
             controller.command((0.6, 0.7), wrong)
+
+
+@pytest.mark.parametrize("seed", [15, 51, 69, 87, 89, 91, 93, 95])
+def test_from_the_corners_of_cells_a_few_steps_lead_to_the_goal(seed: int) -> None:
+    """Beside lines that lead to stagnation points, and on edges where two cells meet that no current joins."""
+    rng = np.random.default_rng(seed)
+    cell = (rng.random((6, 6, 6)) < 0.25).astype(np.uint8)
+    cell[0, 0, 0] = Cell.GOAL
+    space = space_of(cell)
+    controller = make_controller(solve_field(space, Wiring(boundary="neumann", edge="open")))
+    for at in np.argwhere(space.goal_connected)[::7]:
+        place = at + rng.integers(0, 2, 3) + rng.choice([0, 0, 1e-16, -1e-16, 1e-13, -1e-13, 1e-10], 3)
+        place, steps = np.clip(place, space.lower, space.upper), 0
+        while (seen := controller.seen(place)).place == "free" and steps < 300:
+            place, steps = np.clip(place + seen.velocity * seen.longest, space.lower, space.upper), steps + 1
+        assert seen.place == "goal", (at, steps)

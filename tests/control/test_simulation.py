@@ -239,13 +239,24 @@ def test_a_push_moves_the_robot_to_another_streamline() -> None:
 
 
 @pytest.mark.parametrize("offset", [{"bias": (0.5, -0.5)}, {"bias": (-0.4, 0.3)}, {"noise": 0.5}])
-def test_it_arrives_though_it_believes_itself_a_cell_off(offset) -> None:
+def test_it_ends_in_a_goal_by_belief_though_it_is_a_cell_off(offset) -> None:
     sim = hiding([Ball((3.7, 4.0), 0.5)])
     run = sim.run((4.1, 7.5), **offset)
-    assert run.ending is Ending.ARRIVED
     assert sim.space.cell[tuple(sim.space.locate(run.believed[-1]))] == Cell.GOAL
     assert np.abs(run.believed - run.configuration).max() <= 0.5 + 1e-9
     assert run.penetration == 0
+
+
+@pytest.mark.parametrize("offset", [{"bias": (0.5, -0.5)}, {"bias": (-0.2, 0.1)}, {"noise": 0.1}, {"noise": 0.5}])
+def test_whether_it_arrived_is_decided_by_where_it_truly_is(offset) -> None:
+    for seed in range(6):
+        sim = hiding([Ball((3.7, 4.0), 0.5)])
+        run = sim.run((4.1, 7.5), **offset, seed=seed)
+        truly = sim.space.cell[tuple(sim.space.locate(run.configuration[-1]))] == Cell.GOAL
+        assert run.ending is (Ending.ARRIVED if truly else Ending.MISSED)
+        assert (run.goal is not None) == truly
+        assert truly or "away from where it believes" in run.message
+        assert truly or np.abs(list(offset.values())).max() >= 0.25
 
 
 def test_the_same_seed_gives_the_same_run() -> None:

@@ -122,10 +122,10 @@ def test_what_has_no_picture_and_options_that_do_not_belong_are_refused(run: rg.
         with pytest.raises(rg.InputError, match="leave ax out"):
             rg.draw(value, rg.draw(space))
     deep = space_of(np.diag([2, 0])[:, :, None, None] * np.ones((1, 1, 2, 2), int))
-    with pytest.raises(rg.InputError, match="a field of 4 axes has no picture: fix an axis"):
+    with pytest.raises(rg.InputError, match="a space of 4 axes has no picture: fix an axis"):
         rg.draw(rg.plan(deep).field)
-    with pytest.raises(rg.InputError, match="a space of two axes, this one has 3"):
-        rg.draw(cube.space)
+    with pytest.raises(rg.InputError, match="indices of slices need the axis they count along"):
+        rg.draw(cube.space, indices=[0])
 
 
 def test_what_has_parts_is_drawn_by_the_part_that_shows_it(tmp_path) -> None:
@@ -134,6 +134,47 @@ def test_what_has_parts_is_drawn_by_the_part_that_shows_it(tmp_path) -> None:
     assert {"5 V", "1 kΩ"} <= {text.get_text() for text in deck.texts}
     for whole, part in ((small_planner(), small_planner().field), (rg.study(small_op()), small_op())):
         assert render_figure(rg.draw(whole), "png") == render_figure(rg.draw(part), "png")
+
+
+def spaces_of_one_and_three_axes() -> dict[int, rg.ConfigurationSpace]:
+    rod, cube = np.zeros(8, np.uint8), np.zeros((6, 5, 4), np.uint8)
+    rod[[2, 5, 7]] = rg.Cell.GOAL, rg.Cell.OBSTACLE, rg.Cell.OBSTACLE
+    cube[3, :, :2], cube[5, 4, 3] = rg.Cell.OBSTACLE, rg.Cell.GOAL
+    grading = np.full(cube.shape, 2.0)
+    return {1: space_of(rod, conductivity=np.arange(1.0, 9.0)), 3: space_of(cube, conductivity=grading)}
+
+
+@pytest.mark.parametrize("ndim", [1, 3])
+def test_spaces_paths_and_separations_of_one_and_three_axes_have_pictures(ndim: int) -> None:
+    space = spaces_of_one_and_three_axes()[ndim]
+    path = rg.plan(space).path((0.5,) * ndim)
+    walled = space_of(np.where(np.arange(space.shape[0]).reshape(-1, *(1,) * (ndim - 1)) == 1, 1, space.cell))
+    verdict = rg.separation(walled, (0.5,) * ndim)
+    shown = [(space, "goal"), (path, "path"), (verdict, "must go for a goal to be reached")]
+    for value, what in [*shown, (rg.shorten(path), "path")] if ndim == 3 else shown:
+        figure = figure_of(rg.draw(value))
+        panels = [axes for axes in figure.axes if axes.get_xlabel()]
+        assert len(panels) == ndim
+        labels = {label for axes in panels for label in axes.get_legend_handles_labels()[1]}
+        assert any(label.startswith(what) for label in labels)
+        if ndim == 3:
+            assert "path in the slice" in labels or what != "path"
+            one = figure_of(rg.draw(value, axis=0, indices=[4, 5]))
+            assert [axes.get_title() for axes in one.axes if axes.get_title()] == [
+                "x = 4.5 m",
+                "x = 5.5 m (through a goal)",
+            ]
+            with pytest.raises(rg.InputError, match="leave ax out"):
+                rg.draw(value, panels[0])
+
+
+def test_slices_of_a_turned_map_say_whose_axes_they_show() -> None:
+    space = spaces_of_one_and_three_axes()[3]
+    turned = rg.ConfigurationSpace(space.axes, space.cell, frame=rg.Frame(1.0, 2.0, 0.3, turning_length=1.0))
+    first, own = figure_of(rg.draw(turned)).axes[0], figure_of(rg.draw(space)).axes[0]
+    assert (first.get_xlabel(), first.get_ylabel()) == ("x of the map (m)", "y of the map (m)")
+    assert first.get_title() == "z of the map = 3.5 m (through a goal)"
+    assert (own.get_xlabel(), own.get_title()) == ("x (m)", "z = 3.5 m (through a goal)")
 
 
 def test_an_axes_given_is_used_and_returned(field: rg.Field) -> None:
@@ -153,7 +194,7 @@ def test_central_values_have_a_repr_of_one_line_and_a_picture_in_a_notebook(run:
     for value in pictured:
         assert '<img src="data:image/png;base64,' in value._repr_html_()
         assert type(value).__name__ in value._repr_html_()
-    deep = space_of(np.ones((3, 3, 3), int))
+    deep = space_of(np.ones((3, 3, 3, 3), int))
     assert deep._repr_html_() is None
     assert repr(field.space).startswith(
         "<ConfigurationSpace of 7 x 5 cells, x 1 to 4.5 m, y -1 to 0.25 m: 11 obstacle, 1"

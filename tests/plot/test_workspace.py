@@ -125,7 +125,7 @@ def test_what_separates_is_red_in_both_halves() -> None:
     assert any("reached" in text.get_text() for text in reachable.get_legend().get_texts())
     cube = space_of(np.diag([2, 0])[:, :, None] * np.ones((1, 1, 2), int))
     with pytest.raises(rg.InputError, match="two axes"):
-        rg.draw(rg.separation(cube, cell=(1, 1, 0)))
+        rg.draw_pair(path, scene, verdict=rg.separation(cube, cell=(1, 1, 0)))
 
 
 def test_many_paths_are_those_of_the_tip(arm, planner) -> None:

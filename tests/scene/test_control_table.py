@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -62,6 +64,16 @@ def test_a_simulation_is_as_the_scene_says_unless_it_is_told_otherwise() -> None
         ('push = [[0.0, "x", 1]]', "control.push[0][1]: must be a number, got 'x'"),
         ("bias = []", "control.bias: needs at least 1 entries, got 0"),
         ("k = nan", "control.k: must be a finite number, got nan"),
+        ("bias = [1, 2, 3]", "line 17: control.bias: needs 1 number for all, or one for each of the 2 axes, got 3"),
+        ("noise = [0.1, -0.1]", "line 17: control.noise[1]: must be at least 0, got -0.1"),
+        ("speed_limits = [1, 0]", "line 17: control.speed_limits[1]: must be greater than 0, got 0"),
+        ("speed_limits = [1, 1, 1]", "line 17: control.speed_limits: needs 1 number for all"),
+        ("admittance = [1, 2, 3]", "line 17: control.admittance: an admittance of 3 numbers: give 1 number, 2, or 4"),
+        ("admittance = [1, 2, 2, 1]", "line 17: control.admittance: the admittance is not positive definite"),
+        ("push = [[0, 1]]", "line 17: control.push[0]: needs at least 3 entries, got 2"),
+        ("push = [[0, 1, 1, 1], [0, 1, 1]]", "line 17: control.push[1]: needs a time, a duration and a force of 2"),
+        ("push = [[-1, 1, 1, 1]]", "line 17: control.push[0][0]: a push begins at a time of at least 0 s, got -1"),
+        ("push = [[0, 0, 1, 1]]", "line 17: control.push[0][1]: a push lasts longer than 0 s, got 0"),
     ],
 )
 def test_one_clear_message(text: str, message: str) -> None:
@@ -70,9 +82,16 @@ def test_one_clear_message(text: str, message: str) -> None:
     assert message in str(caught.value)
 
 
+def test_a_file_with_a_wrong_table_is_named(tmp_path: Path) -> None:
+    file = tmp_path / "shaken.toml"
+    file.write_text(f"{SCENE}[control]\nbias = [1, 2, 3]\npush = [[0, 0, 1, 1]]\n")
+    with pytest.raises(rg.InputError, match=r"shaken.toml: 2 errors\n  line 17: control.bias.*\n  line 18: control"):
+        rg.read_scene(file)
+
+
 def test_tables_made_in_python_are_checked() -> None:
     assert rg.Control(admittance=0.5).admittance == (0.5,)
     with pytest.raises(rg.InputError, match="friction: must be at least 0"):
         rg.Control(friction=-0.1)
-    with pytest.raises(rg.InputError, match="noise: must be at least 0"):
+    with pytest.raises(rg.InputError, match=r"noise\[1\]: must be at least 0"):
         rg.Control(noise=(0.1, -0.02))
