@@ -21,14 +21,13 @@ from resgrid.solvers.factors.factor import Factor
 from resgrid.solvers.factors.multigrid import factor_multigrid
 from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.multigrid.board_iteration import _converge, _Equations
+from resgrid.solvers.multigrid.board_passes import Board
 from resgrid.solvers.multigrid.boards import lay_out
-from resgrid.solvers.multigrid.grid_levels import GridLevels, coarsen_grid, first_boards
-from resgrid.solvers.multigrid.hierarchy import Hierarchy, lay_out_grid
-from resgrid.solvers.multigrid.kernels import norm
+from resgrid.solvers.multigrid.cg_kernels import norm, put_at_places, take_from_places
+from resgrid.solvers.multigrid.conjugate_gradients import ROUNDING, GridProblem, Stop, converge
+from resgrid.solvers.multigrid.hierarchy import Hierarchy, build_hierarchy, finest_boards
 from resgrid.solvers.multigrid.lattice import Lattice
-from resgrid.solvers.multigrid.place_kernels import put_at_places, take_from_places
-from resgrid.solvers.multigrid.stopping import ErrorBound
+from resgrid.solvers.multigrid.packing import with_work
 
 _WINDOW_RTOL = 1e-10
 """Residual of a window: the mode outside is found from small differences at its rim."""
@@ -79,28 +78,20 @@ class WarmGrid:
         Residual norm in units of the right-hand side's, for solutions.
     """
 
-    def __init__(
-        self, hierarchy: Hierarchy, grid: GridLevels, lattice: Lattice, drive: NDArray[np.float64], flat: bool
-    ) -> None:
-        self._hierarchy, self._grid, self._lattice, self._flat = hierarchy, grid, lattice, flat
+    def __init__(self, hierarchy: Hierarchy, true: Board, drive: NDArray[np.float64], flat: bool) -> None:
+        lattice = Lattice(tuple(ends.stop - ends.start for ends in hierarchy.box))
+        self._hierarchy, self._true, self._lattice, self._flat = hierarchy, true, lattice, flat
         self._first = np.array([ends.start for ends in hierarchy.box], dtype=np.int64)
         self._b, self._x = np.zeros((2, 2, lattice.places))
-        self._largest_degree = grid.largest_degree
         index = np.ix_(*(np.arange(n) for n in lattice.shape))
         self._places = lattice.place(lattice.number(index)).ravel().astype(np.int32)
-        put_at_places(grid.place, drive, 1.0 / hierarchy.unit, self._b.ravel())
+        put_at_places(hierarchy.place, drive, 1.0 / hierarchy.unit, self._b.ravel())
 
     @classmethod
     def of(cls, laplacian: Laplacian, drive: NDArray[np.float64], flat: bool) -> WarmGrid | None:
         """Levels of a grid, at rest; None where it is no grid of two colours that coarsens by blocks."""
-        found = lay_out_grid(laplacian)
-        if found is None:
-            return None
-        level, place, unit, box = found
-        made = coarsen_grid(level, place)
-        if made is None:
-            return None
-        return cls(Hierarchy(made[1], made[0], unit, box), made[0], level.lattice, drive, flat)
+        hierarchy = build_hierarchy(laplacian)
+        return None if hierarchy.true is None else cls(hierarchy, hierarchy.true, drive, flat)
 
     def covers(self, box: tuple[slice, ...]) -> bool:
         """Whether the levels have a place for every cell of a box."""
@@ -118,12 +109,12 @@ class WarmGrid:
         AccuracyError
             If the iteration stagnates.
         """
-        begun = bool(self._x.any())
-        allowed = rtol * norm(self._b.ravel())
-        equations = _Equations(self._b, allowed, at_rest=not begun)
-        bound = ErrorBound(self._x if begun else None, rtol)
-        size = _converge(self._hierarchy, self._grid, equations, self._x, bound, watch)
-        scale = 2.0 * self._largest_degree * norm(self._x.ravel()) + norm(self._b.ravel())
+        begun, allowed = bool(self._x.any()), rtol * norm(self._b.ravel())
+        hierarchy, largest = self._hierarchy, self._hierarchy.largest_degree / self._hierarchy.unit
+        stop = Stop(allowed, ROUNDING * largest, hierarchy.unit, self._x if begun else None, rtol)
+        problem = GridProblem(self._true, hierarchy.finest, with_work(hierarchy.levels), self._b)
+        size = converge(problem, self._x, stop, watch)
+        scale = 2.0 * largest * norm(self._x.ravel()) + norm(self._b.ravel())
         error = size / (scale or 1.0)
         if not error <= rtol:
             raise AccuracyError(f"a warm start stagnates at a backward error of {error:.1e}, above rtol = {rtol:.1e}")
@@ -131,7 +122,7 @@ class WarmGrid:
 
     def values(self, shape: tuple[int, ...]) -> NDArray[np.float64]:
         """The latest solution in every cell of the grid, of its shape; undefined where a cell has no row."""
-        there = take_from_places(self._places, self._x.ravel()).reshape(self._lattice.shape)
+        there: NDArray[np.float64] = take_from_places(self._places, self._x.ravel()).reshape(self._lattice.shape)
         if shape == self._lattice.shape:
             return there
         values = np.zeros(shape)
@@ -166,13 +157,13 @@ class WarmGrid:
 
     def _write(self, window: Window) -> None:
         """Write the equations of the changed cells over those of the finest level."""
-        grid, lattice, unit = self._grid, self._lattice, self._hierarchy.unit
+        true, finest, lattice, unit = self._true, self._hierarchy.finest, self._lattice, self._hierarchy.unit
         vertex, pairs, conductance = _edge_list(window.row, window.edges)
         row = np.arange(np.count_nonzero(window.row), dtype=np.int32)
         found = lay_out(pairs, conductance, row, vertex, window.ground[window.row], unit)
         assert found is not None
         small = found[0].lattice
-        new = first_boards(found[0])
+        new = finest_boards(found[0])
         cells = np.ix_(*(np.arange(ends.start, ends.stop) for ends in window.changed))
         here = small.number(cells).ravel()
         shift = [int(a) for a in np.array(window.low) - self._first]
@@ -182,19 +173,18 @@ class WarmGrid:
             source, target = small.margin + (here[mine] >> 1), lattice.margin + (there[mine] >> 1)
             self._b[colour, target] = window.drive[window.changed].ravel()[mine] / unit
             if colour == 0:
-                for old, fresh in zip((grid.true, grid.board), new[:2], strict=True):
+                for old, fresh in zip((true, finest.board), new[:2], strict=True):
                     old.faces[:, target] = fresh.faces[:, source]
                     old.red_inverse[target] = fresh.red_inverse[source]
             else:
-                grid.true.black_degree[target] = new[0].black_degree[source]
-                grid.board.black_inverse[target] = new[1].black_inverse[source]
-                grid.exact.black_degree[target] = new[2].black_degree[source]
+                true.black_degree[target] = new[0].black_degree[source]
+                finest.board.black_inverse[target] = new[1].black_inverse[source]
+                finest.exact.black_degree[target] = new[2].black_degree[source]
                 self._aggregate(target, new[1].black_inverse[source] > 0.0)
 
     def _aggregate(self, place: NDArray[np.int64], present: NDArray[np.bool_]) -> None:
         """Black places that are new join the aggregate of a black one behind the strongest red neighbour."""
-        grid, distance = self._grid, self._lattice.distance
-        target, faces = grid.aggregate, grid.true.faces
+        target, faces, distance = self._hierarchy.finest.aggregate, self._true.faces, self._lattice.distance
         target[place[~present]] = 0
         for k in place[present & (target[place] == 0)].tolist():
             red = k - distance
