@@ -31,6 +31,9 @@ from resgrid.solvers.multigrid.conjugate_gradients import (
 from resgrid.solvers.multigrid.hierarchy import Hierarchy, build_hierarchy
 from resgrid.solvers.multigrid.packing import with_work
 
+_DEPTH = 12
+"""Steps that are kept before they are gone: a whole burst."""
+
 _LEFT = 16 * ROUNDING
 """Share of ``|A| |x|`` up to which a residual may be what rounding leaves."""
 
@@ -121,7 +124,8 @@ def _own(hierarchy: Hierarchy) -> GridProblem:
     exact = hierarchy.finest.exact
     exact = board._replace(black_inverse=exact.black_inverse, black_degree=exact.black_degree.copy())
     finest = hierarchy.finest._replace(board=board, exact=exact)
-    return GridProblem(true, finest, with_work(hierarchy.levels), np.zeros((2, len(true.black_degree))))
+    currents = np.zeros((2, len(true.black_degree)))
+    return GridProblem(true, finest, with_work(hierarchy.levels), currents, _DEPTH)
 
 
 def _copied(board: Board) -> Board:

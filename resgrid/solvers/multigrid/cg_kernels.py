@@ -90,20 +90,32 @@ def row_residual(
 
 
 @njit(cache=True, nogil=True)
-def begin_burst(v: Vectors, size: float, residual: Floats) -> None:
-    """``r = residual / size``, and ``z = inverse r``; ``residual`` may lie where the last ``z`` will stand."""
+def begin_burst(v: Vectors, one: float, residual: Floats) -> None:
+    """``r = residual / one``, and ``z = inverse r``; ``residual`` may lie where the last ``z`` will stand."""
+    _begin(v, one, residual)
+
+
+@inner
+def _begin(v: Vectors, one: float, residual: Floats) -> None:
     for k in range(len(v.r)):
-        v.r[k] = residual[k] / size
+        v.r[k] = residual[k] / one
         v.z[0, k] = v.inverse[k] * v.r[k]
     v.scalars[2], v.scalars[3] = 1.0, 1.0
 
 
 @njit(cache=True, nogil=True)
-def step(finest: Finest, levels: Levels, v: Vectors, x: Floats, one: float, lift: float, gain: float, most: int) -> int:
+def step(
+    finest: Finest, levels: Levels, v: Vectors, x: Floats, residual: Floats, unit: tuple[float, float], gain: float,
+    most: int,
+) -> int:  # fmt: skip
     """``p = z + beta p``, ``x += alpha p``, ``r -= alpha A p``, ``z`` about ``A^-1 r``; returns how often.
 
-    At most so many steps are taken, until the residual has gained.
+    At most so many steps are taken, until the residual has gained.  ``unit``: what the vectors' one stands for, and
+    the norm of ``r`` in the beginning; ``residual``: as of `begin_burst`, where a burst is taken as a whole; else empty.
     """
+    one, lift = unit
+    if len(residual) > 0:
+        _begin(v, one, residual)
     energy, peak, steps = v.scalars[1], v.scalars[3], 0
     while v.scalars[2] > max(gain, _BURST * peak) and steps < most:
         count = int(v.scalars[0])
@@ -126,6 +138,8 @@ def step(finest: Finest, levels: Levels, v: Vectors, x: Floats, one: float, lift
         peak = max(peak, v.scalars[2])
         v.scalars[3], v.scalars[4], v.scalars[5] = peak, alpha, alpha * zr
         steps += 1
+    if len(residual) > 0:
+        _gather(v, x, one)
     return steps
 
 
