@@ -2,12 +2,12 @@
 
 `MultigridFactor` solves ``A x = b`` for the nodal matrix of a grid or a netlist, in this order:
 1. *Before*: corridors, chains and trees have been eliminated (`resgrid.solvers.reduction`).
-2. *Boards* (`boards`, `lattice`, `board_setup`). A grid has two colours, and every resistor joins a red cell to a
+2. *Stencils* (`stencils`, `lattice`, `board_setup`). A grid has two colours, and every resistor joins a red cell to a
    black one: conductances are kept face by face over the red cells, in flat arrays without indices, in double
    precision and in single. They cover the box of cells that carry current. Cells are numbered with odd strides, so
-   that the neighbour across a face lies at the same distance for all red cells. What fits no face is a link: a
+   that the neighbour across a face lies at the same distance for all red cells. What fits no face is a coupling: a
    resistor that closes a ring, or leads to a node beside the lattice.
-3. *Coarse levels* (`coarsening.coarsen`, `block_kernels`, `grid_levels`) are boards again. A node is the connected
+3. *Coarse levels* (`coarsening.coarsen`, `block_kernels`, `grid_levels`) are stencils again. A node is the connected
    part of a block of two cells a side, cut where a conductance is weak beside the strongest at either end, so that no
    node joins across a wall; further parts of a block become nodes beside the lattice. Axes that conduct badly are left
    for later. Middle to middle, two blocks are joined through half of either one's own resistance in series with what
@@ -15,7 +15,7 @@
    over (`levels`): there aggregates are taken from blocks too, and corridors one node wide shrink by exact elimination.
 4. *Netlists* without a grid have graphs from the first level on: aggregates grown node by node along the strongest
    conductances (`clusters`), rows laid out by colour and length (`ordering`).
-5. *Iteration* (`board_iteration`, `graph_iteration`). Flexible conjugate gradients (Notay 2000), on boards for the
+5. *Iteration* (`board_iteration`, `graph_iteration`). Flexible conjugate gradients (Notay 2000), on stencils for the
    black cells alone: the red ones are eliminated exactly. Vectors are in single precision; after a burst of at most
    five digits the residual is formed anew from the true conductances, and the search directions go on. It ends at
    ``rtol |b|``, or where rounding, ``eps |A| |x|``, forbids more (`stopping`: or, from a guess on, where the steps
@@ -24,15 +24,15 @@
    level, so that the preconditioner is symmetric; K-cycles (Notay & Vassilevski 2008) on the coarse levels: one or
    two steps of conjugate gradients, each preconditioned by the level below. The coarsest matrix is inverted. Subnormal
    numbers count as zero meanwhile (`subnormals`).
-7. *Passes* (`board_passes`, `waves`). The time is that of reading conductances from memory. In a wave red cells go
+7. *Passes* (`red_black`, `sweeps`). The time is that of reading conductances from memory. In a window red cells go
    ahead of black ones by as far as neighbours reach, so that a pass reads them once; the finish of the cycle and the
-   product that follows it are two waves, one close behind the other. The product takes conductances in single
-   precision and makes up for their rounding on the diagonal (`boards.compensated`): rows sum to what leaks, so that
+   product that follows it are two sweeps, one close behind the other. The product takes conductances in single
+   precision and makes up for their rounding on the diagonal (`stencils.compensated`): rows sum to what leaks, so that
    smooth vectors, of which only differences count, are multiplied as well as others.
 8. *Refinement* (`resgrid.solvers.refine`) makes a normwise answer right entry by entry: voltages in double-double, with
    exponents where doubles run out, every pass a solution to many digits of what is largest, until what all rows
    violate KCL by proves that no entry is off by more than 4e-9 of itself and the rounding of the sums. The last rows,
-   mostly in slits, are solved directly with what surrounds them (`pockets`): corrected, or, where no digit is right,
+   mostly in slits, are solved directly with what surrounds them (`patches`): corrected, or, where no digit is right,
    found anew from what flows in, hundreds of decades at once.
 9. *Grading* (`grading`, `graded`, `foresight`, `graded_solver`). Where a potential falls by many decades, coarse nodes
    move their members in proportion to it, and all decades gain digits alike. What it will be is foreseen from coarse
