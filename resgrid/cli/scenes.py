@@ -168,6 +168,8 @@ def element_counts(netlist: Netlist) -> dict[str, int]:
         "resistors": len(netlist.conductance),
         "voltage_sources": len(netlist.source_volts),
         "current_sources": len(netlist.current_amps),
+        "capacitors": len(netlist.capacitance),
+        "nonlinear_resistors": len(netlist.nonlinear_current),
     }
 
 
