@@ -21,13 +21,13 @@ from resgrid.solvers.factors.factor import Factor
 from resgrid.solvers.factors.multigrid import factor_multigrid
 from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.multigrid.board_passes import Board
-from resgrid.solvers.multigrid.boards import lay_out
-from resgrid.solvers.multigrid.cg_kernels import norm, put_at_places, take_from_places
 from resgrid.solvers.multigrid.conjugate_gradients import ROUNDING, GridProblem, Stop, converge
-from resgrid.solvers.multigrid.hierarchy import Hierarchy, build_hierarchy, finest_boards
+from resgrid.solvers.multigrid.grid_level import lay_out
+from resgrid.solvers.multigrid.hierarchy import Hierarchy, build_hierarchy, finest_stencils
+from resgrid.solvers.multigrid.krylov import gather_rows, norm, scatter_rows
 from resgrid.solvers.multigrid.lattice import Lattice
 from resgrid.solvers.multigrid.packing import with_work
+from resgrid.solvers.multigrid.red_black import Stencil
 
 _WINDOW_RTOL = 1e-10
 """Residual of a window: the mode outside is found from small differences at its rim."""
@@ -68,24 +68,24 @@ class WarmGrid:
 
     Parameters
     ----------
-    laplacian : Laplacian
-        Of a grid of two colours, all of whose rows are cells.
+    hierarchy : Hierarchy
+        Of a grid of two colours, all of whose rows are cells; what changes is written into it.
+    true : Stencil
+        Its finest level in double precision.
     drive : ndarray of float64, shape (n,)
         Right-hand side, in amperes.
     flat : bool
         Whether constants are the mode outside of windows: there is a single rail.  Otherwise it is ``1 - x``.
-    rtol : float
-        Residual norm in units of the right-hand side's, for solutions.
     """
 
-    def __init__(self, hierarchy: Hierarchy, true: Board, drive: NDArray[np.float64], flat: bool) -> None:
+    def __init__(self, hierarchy: Hierarchy, true: Stencil, drive: NDArray[np.float64], flat: bool) -> None:
         lattice = Lattice(tuple(ends.stop - ends.start for ends in hierarchy.box))
         self._hierarchy, self._true, self._lattice, self._flat = hierarchy, true, lattice, flat
         self._first = np.array([ends.start for ends in hierarchy.box], dtype=np.int64)
-        self._b, self._x = np.zeros((2, 2, lattice.places))
+        self._b, self._x = np.zeros((2, 2, lattice.slots))
         index = np.ix_(*(np.arange(n) for n in lattice.shape))
-        self._places = lattice.place(lattice.number(index)).ravel().astype(np.int32)
-        put_at_places(hierarchy.place, drive, 1.0 / hierarchy.unit, self._b.ravel())
+        self._slots = lattice.slot(lattice.number(index)).ravel().astype(np.int32)
+        scatter_rows(hierarchy.slot, drive, 1.0 / hierarchy.unit, self._b.ravel())
 
     @classmethod
     def of(cls, laplacian: Laplacian, drive: NDArray[np.float64], flat: bool) -> WarmGrid | None:
@@ -94,7 +94,7 @@ class WarmGrid:
         return None if hierarchy.true is None else cls(hierarchy, hierarchy.true, drive, flat)
 
     def covers(self, box: tuple[slice, ...]) -> bool:
-        """Whether the levels have a place for every cell of a box."""
+        """Whether the levels have a slot for every cell of a box."""
         last = self._first + self._lattice.shape
         return all(
             a <= ends.start and ends.stop <= b
@@ -122,7 +122,7 @@ class WarmGrid:
 
     def values(self, shape: tuple[int, ...]) -> NDArray[np.float64]:
         """The latest solution in every cell of the grid, of its shape; undefined where a cell has no row."""
-        there: NDArray[np.float64] = take_from_places(self._places, self._x.ravel()).reshape(self._lattice.shape)
+        there: NDArray[np.float64] = gather_rows(self._slots, self._x.ravel()).reshape(self._lattice.shape)
         if shape == self._lattice.shape:
             return there
         values = np.zeros(shape)
@@ -134,12 +134,12 @@ class WarmGrid:
         self._write(window)
         cells = [np.arange(ends.start, ends.stop) for ends in window.box]
         number = self._lattice.number(np.ix_(*(c - a for c, a in zip(cells, self._first.tolist(), strict=True))))
-        place, x = self._lattice.place(number), self._x.ravel()
-        before = np.where(window.row, x[place], 0.0)
-        x[place[~window.row]] = 0.0
+        slot, x = self._lattice.slot(number), self._x.ravel()
+        before = np.where(window.row, x[slot], 0.0)
+        x[slot[~window.row]] = 0.0
         if not solve:
             new = window.row & (before == 0.0)
-            x[place[new]] = window.relaxed(before)[new]
+            x[slot[new]] = window.relaxed(before)[new]
             return
         inner = _Inner.of(window)
         after = before.copy()
@@ -153,7 +153,7 @@ class WarmGrid:
             alpha = missing / energy if energy > 0.0 else 0.0
             after[inner.mask] += alpha * followed
             np.add(x, alpha if self._flat else alpha * (1.0 - x), out=x, where=x != 0.0)
-        x[place[inner.mask]] = after[inner.mask]
+        x[slot[inner.mask]] = after[inner.mask]
 
     def _write(self, window: Window) -> None:
         """Write the equations of the changed cells over those of the finest level."""
@@ -163,7 +163,7 @@ class WarmGrid:
         found = lay_out(pairs, conductance, row, vertex, window.ground[window.row], unit)
         assert found is not None
         small = found[0].lattice
-        new = finest_boards(found[0])
+        new = finest_stencils(found[0])
         cells = np.ix_(*(np.arange(ends.start, ends.stop) for ends in window.changed))
         here = small.number(cells).ravel()
         shift = [int(a) for a in np.array(window.low) - self._first]
@@ -173,20 +173,20 @@ class WarmGrid:
             source, target = small.margin + (here[mine] >> 1), lattice.margin + (there[mine] >> 1)
             self._b[colour, target] = window.drive[window.changed].ravel()[mine] / unit
             if colour == 0:
-                for old, fresh in zip((true, finest.board), new[:2], strict=True):
+                for old, fresh in zip((true, finest.stencil), new[:2], strict=True):
                     old.faces[:, target] = fresh.faces[:, source]
                     old.red_inverse[target] = fresh.red_inverse[source]
             else:
                 true.black_degree[target] = new[0].black_degree[source]
-                finest.board.black_inverse[target] = new[1].black_inverse[source]
+                finest.stencil.black_inverse[target] = new[1].black_inverse[source]
                 finest.exact.black_degree[target] = new[2].black_degree[source]
                 self._aggregate(target, new[1].black_inverse[source] > 0.0)
 
-    def _aggregate(self, place: NDArray[np.int64], present: NDArray[np.bool_]) -> None:
-        """Black places that are new join the aggregate of a black one behind the strongest red neighbour."""
+    def _aggregate(self, slot: NDArray[np.int64], present: NDArray[np.bool_]) -> None:
+        """Black slots that are new join the aggregate of a black one behind the strongest red neighbour."""
         target, faces, distance = self._hierarchy.finest.aggregate, self._true.faces, self._lattice.distance
-        target[place[~present]] = 0
-        for k in place[present & (target[place] == 0)].tolist():
+        target[slot[~present]] = 0
+        for k in slot[present & (target[slot] == 0)].tolist():
             red = k - distance
             strength = np.minimum(faces[np.arange(len(red)), red][:, np.newaxis], faces[:, red].T)
             onwards = np.where(strength > 0.0, red[:, np.newaxis] + distance, k)
