@@ -288,10 +288,11 @@ def near_points(pose: Pose, solid: ObstacleArrays, reach: float, pairs: Floats) 
 
     Two segments that do not cross are nearest where one of them ends, so the ends of both are looked at: two parallel
     ones give both ends of their overlap.  A disc or half-plane entered by no more than `TOUCH` is touched: no gap.
-    Edges have the solid on their left, and `edge_before` is the edge that ends where one starts.  Ends of
-    the robot count before the side of an edge that is free (or on it), and before a corner only where it is nearer than
-    its edges: others have no part in a contact, being through a solid, or across a corner from an edge's end.  Rows of `pairs`: the robot's surface point, the obstacle's, the unit normal between them, the gap,
-    the part, the obstacle, and the direction into it.  Returns how many there are.
+    Edges have the solid on their left, and `edge_before` is the edge that ends where one starts.  Ends of the robot
+    count before the side of an edge that is free (or on it), and before a corner only where it is nearer than its
+    edges: others have no part in a contact, being through a solid, or across a corner from an edge's end.  Rows of
+    `pairs`: the robot's surface point, the obstacle's, the unit normal between them, the gap, the part, the obstacle,
+    and the direction into it.  Returns how many there are.
     """
     count, segments, radius, part = 0, pose.segments, pose.radius, pose.part
     edges, edge_before, discs, planes = solid.edges, solid.edge_before, solid.discs, solid.half_planes
