@@ -49,6 +49,7 @@ class DrawingHead(Table):
     wall: Annotated[float, Ge(0), Le(1e30)]
     driven: bool
     chip: dict[str, Any] = Field(default_factory=dict)
+    world: dict[str, Any] | None = None
 
 
 class File(Table):
@@ -61,7 +62,7 @@ class File(Table):
 class Request(Table):
     """What the page asks for."""
 
-    type: Literal["solve", "save", "probe", "example", "files", "link"]
+    type: Literal["solve", "save", "probe", "world", "example", "files", "link"]
     seq: Annotated[int, Ge(0)]
     drawing: DrawingHead | None = None
     exact: bool = True
@@ -127,6 +128,7 @@ def write_drawing(drawing: Drawing) -> tuple[dict[str, Any], bytes]:
         "wall": drawing.wall,
         "driven": drawing.driven,
         "chip": dict(drawing.chip or {}),
+        "world": None if drawing.world is None else dict(drawing.world),
     }
     return {"drawing": head, "goals": goals}, (drawing.cell | drawing.level << 2).tobytes()
 

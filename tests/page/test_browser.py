@@ -212,6 +212,31 @@ def test_readers_cannot_draw(chromium: Browser):
         context.close()
 
 
+def test_what_stands_around_an_arm_is_dragged(shown: Page):
+    shown.select_option("#examples", "chair")
+    until(shown, "live.model.scene.world !== null && live.world.poses.length > 1")
+    settle(shown)
+    walls, first = shown.evaluate(WALL), kept(shown)
+    box = shown.locator("#world").bounding_box()
+    assert box is not None
+    metre = 0.46 * min(box["width"], box["height"]) / 2
+    x, y = box["x"] + box["width"] / 2 + 0.95 * metre, box["y"] + box["height"] / 2
+    shown.mouse.move(x, y)
+    shown.mouse.down()
+    shown.mouse.move(x, y + 0.7 * metre, steps=6)
+    shown.mouse.up()
+    until(shown, "live.model.before === null")
+    settle(shown)
+    lower = shown.evaluate("live.model.scene.world.obstacle[0].lower")
+    assert lower == pytest.approx([0.7, -0.73], abs=0.03)
+    assert shown.evaluate(WALL) != walls
+    tip = shown.evaluate("live.world.poses.at(-1).at(-1)")
+    assert 0.82 - 0.1 <= tip[0] <= 1.0 + 0.1 and 0.11 - 0.1 <= tip[1] <= 0.25 + 0.1
+    shown.get_by_role("button", name="Undo").click()
+    settle(shown)
+    assert kept(shown) == first
+
+
 def test_a_stopped_server_is_said_and_the_page_goes_on(chromium: Browser):
     before = live(browser=False)
     context = chromium.new_context()

@@ -271,8 +271,8 @@ export class View {
     context.strokeStyle = "#ffffff";
     context.lineWidth = 2;
     if (this.rectangle) {
-      const low = [0, 1].map((a) => Math.min(this.rectangle[0][a], this.rectangle[1][a]));
-      const high = [0, 1].map((a) => Math.max(this.rectangle[0][a], this.rectangle[1][a]) + 1);
+      const [one, other] = this.rectangle;
+      const low = one.map((part, a) => Math.min(part, other[a])), high = one.map((part, a) => Math.max(part, other[a]) + 1);
       const [left, top] = this.toPixels([low[0], high[1]]);
       context.strokeRect(left, top, (high[0] - low[0]) * w, (high[1] - low[1]) * h);
     }
