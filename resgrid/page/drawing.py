@@ -33,7 +33,8 @@ class Drawing:
     `cell` (nx, ny): codes of `Cell`; `level` (nx, ny): number of each cell's conductivity in `palette`; `starts`
     (n, 2): in axis units; `k`: share of the Dirichlet field; `wall`: ohms before the obstacle rail, 0 for none;
     `driven`: whether the first start drives open obstacles in place of the uniform drive; `chip`: the scene's table;
-    `world`: of an arm the document of its scene, from whose workspace the cells were sampled.
+    `world`: of an arm the document of its scene, from whose workspace the cells were sampled; `broken`: resistors that
+    are open, as cells (i, j) and the axis across whose lower face they lie.
     """
 
     title: str
@@ -48,6 +49,7 @@ class Drawing:
     driven: bool = False
     chip: Mapping[str, Any] | None = None
     world: Mapping[str, Any] | None = None
+    broken: tuple[tuple[int, int, int], ...] = ()
 
     @property
     def space(self) -> ConfigurationSpace:

@@ -15,6 +15,7 @@ from resgrid.circuit.solve import solve
 from resgrid.errors import AccuracyError, InputError
 from resgrid.io.paths import ADVICE
 from resgrid.page.drawing import Drawing
+from resgrid.page.flaws import flawed
 from resgrid.planning.certify import certify
 from resgrid.planning.fields import Field
 from resgrid.planning.road import Solution, solve_problem
@@ -53,7 +54,8 @@ def solve_drawing(drawing: Drawing, *, exact: bool) -> Frame:
         raise InputError("there is no goal: set one with the goal tool")
     if drawing.driven and not len(drawing.starts):
         raise InputError("there is no start to drive the grid: set one, or choose the uniform drive")
-    solution = solve_problem(drawing.problem, solver=solve if exact else _ROUGH)
+    solver = flawed(solve if exact else _ROUGH, drawing)
+    solution = solve_problem(drawing.problem, solver=solver)
     points = start_points(drawing.space, drawing.starts) if len(drawing.starts) else ()
     paths = tuple(_path(field, points[number], exact) for field, number in solution.tasks)
     return Frame(drawing, solution, paths, exact, time.perf_counter() - began)
@@ -133,9 +135,9 @@ def _log_drop(frame: Frame) -> NDArray[np.float64] | None:
     obstacle, opened = frame.solution.halves
     if obstacle.log_drop is None:
         return None
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):  # of cells without a way to a goal
         rest = np.log1p(-field.k) + np.log(np.maximum(1.0 - opened.potential, 0.0))
-    return np.asarray(np.logaddexp(np.log(field.k) + obstacle.log_drop, rest))
+        return np.asarray(np.logaddexp(np.log(field.k) + obstacle.log_drop, rest))
 
 
 def _currents(field: Field) -> tuple[NDArray[np.int8], NDArray[np.uint8]]:

@@ -25,6 +25,8 @@ const switches = new URLSearchParams(location.search);
 const world = new World(/** @type {HTMLCanvasElement} */ (get("world")), model, () => resampling.want(), view);
 let base = "", isReading = false, solvedOnce = false;
 /** @type {Scene | null} */ let solved = null;
+/** The last certified paths of a chip without flaws, and what they belong to. @type {{scene: Scene, lines: Float32Array[]} | null} */
+let ideal = null;
 /** @type {number[] | null} */ let hovered = null;
 /** What tests and frames around the page may look at. */
 const live = { model, view, world, wire, tools, frames: /** @type {{at: number, took: number, exact: boolean}[]} */ ([]), get solved() { return solved; } };
@@ -63,6 +65,7 @@ const solving = new Newest(async () => {
     live.frames.push({ at: performance.now(), took: performance.now() - began, exact: frame.exact });
     if (live.frames.length > 2000) live.frames.splice(0, 1000);
     view.setFrame(frame);
+    compare(scene, frame);
     world.poses = frame.poses.find((poses) => poses.length > 1) ?? [];
     panel.showFrame(frame, scene);
     showScale(frame);
@@ -78,6 +81,16 @@ const solving = new Newest(async () => {
   }
   probing.want();
 });
+
+/** Keep the paths of the chip without flaws beside those of the same drawing with some.
+ * @param {Scene} scene @param {import("./frame.js").Frame} frame */
+function compare(scene, frame) {
+  const isFlawed = scene.broken.length > 0 || "mismatch" in scene.chip;
+  if (!isFlawed && frame.exact) ideal = { scene, lines: frame.lines };
+  const same = (/** @type {"cells" | "goals" | "starts" | "k" | "wall" | "driven" | "edge"} */ key) => ideal?.scene[key] === scene[key];
+  const isKin = same("cells") && same("goals") && same("starts") && same("k") && same("wall") && same("driven") && same("edge");
+  view.ideal = isFlawed && ideal && isKin ? ideal.lines : [];
+}
 
 /** @param {import("./frame.js").Frame} frame */
 function verdict(frame) {
@@ -224,7 +237,7 @@ get("new").addEventListener("click", () => {
   const scene = /** @type {Scene} */ (model.scene);
   const [nx, ny] = sizeOf(scene), goal = Math.floor(0.75 * nx) * ny + Math.floor(0.75 * ny);
   const start = scene.axes.map((axis) => axis.lower + 0.2 * (axis.upper - axis.lower));
-  model.replace({ ...scene, title: "Drawing", cells: new Uint8Array(scene.cells.length), palette: [1], goals: [[goal]], starts: [start], world: null });
+  model.replace({ ...scene, title: "Drawing", cells: new Uint8Array(scene.cells.length), palette: [1], goals: [[goal]], starts: [start], broken: [], world: null });
 });
 get("open").addEventListener("click", () => input("file").click());
 get("file").addEventListener("change", () => {

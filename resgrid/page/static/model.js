@@ -12,6 +12,7 @@
  * @property {number} wall ohms
  * @property {boolean} driven
  * @property {object} chip
+ * @property {number[][]} broken resistors: a cell, and the axis across whose lower face they lie
  * @property {object | null} world of an arm, the document of its scene
  * @property {Uint8Array} cells one byte a cell, x first: 1 for an obstacle, + 4 x number of its conductivity
  * @property {number[][]} goals cell numbers of every goal; goals stand on top of cells
