@@ -25,6 +25,7 @@ from starlette.types import Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from resgrid.errors import InputError, ResgridError
+from resgrid.page.arms import pose, poses, resample
 from resgrid.page.drawing import Drawing, drawing_of
 from resgrid.page.frames import Frame, describe, probe, solve_drawing
 from resgrid.page.messages import Request, pack, read_drawing, read_request, write_drawing
@@ -132,13 +133,15 @@ class Session:
             case "probe":
                 if self.frame is None:
                     raise InputError("nothing has been solved yet")
-                return {"probe": probe(self.frame, request.cell or ())}, []
+                told = probe(self.frame, request.cell or ())
+                return {"probe": told | {"pose": pose(self.frame, told["centre"])}}, []
             case "save":
                 name, content = save(self._drawing(request, body), request.format)
                 return {"name": name}, [content]
         if self.read_only:
             raise InputError("this page is for reading only")
         opened = {
+            "world": lambda: resample(read_drawing(request.drawing, body)),
             "example": lambda: drawing_of(open_example(request.name)),
             "files": lambda: open_files(request.files),
             "link": lambda: open_document(request.document),
@@ -156,7 +159,8 @@ class Session:
         self.frame = solve_drawing(drawing, exact=exact or self.exact_seconds < PATIENCE)
         if self.frame.exact:
             self.exact_seconds = self.frame.seconds
-        return describe(self.frame)
+        head, body = describe(self.frame)
+        return head | {"poses": poses(self.frame)}, body
 
 
 def hosts_of(host: str, names: Mapping[str, Any] | None = None) -> list[str]:

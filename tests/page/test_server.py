@@ -80,6 +80,9 @@ def test_nonsense_gets_a_clear_answer_and_harms_nothing(served, head, said):
     [
         (lambda head, body: (head | {"k": float("nan")}, body), "k"),
         (lambda head, body: (head | {"axes": [head["axes"][0] | {"cells": 10**9}] * 2}, body), "too many"),
+        (lambda head, body: (head | {"broken": [[8, 8, 0]]}, body), "no resistor"),
+        (lambda head, body: (head | {"chip": {"mismatch": 7}}, body), "sigma"),
+        (lambda head, body: (head | {"chip": {"mismatch": "much"}}, body), "sigma"),
         (lambda head, body: (head, body[:-1]), "bytes"),
         (lambda head, body: (head, b"\xff" + body[1:]), "none of free"),
         (lambda head, body: (head | {"chip": {"resistance": "soft"}}, body), "resistance"),
