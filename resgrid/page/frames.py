@@ -122,9 +122,13 @@ def _picture(frame: Frame) -> tuple[dict[str, Any], NDArray[np.uint16]]:
         kind, value = "height", np.where(goal, 0.0, field.potential)
     shown = (goal | field.space.goal_connected) & np.isfinite(value)
     low, high = (float(value[shown].min()), float(value[shown].max())) if shown.any() else (0.0, 0.0)
-    share = (value - low) / (high - low) if high > low else np.zeros_like(value)
-    picture = np.where(shown, np.rint(np.where(shown, share, 0.0) * (_NONE - 1)), _NONE)
-    return {"kind": kind, "low": low, "high": high}, picture.astype("<u2")
+    return {"kind": kind, "low": low, "high": high}, quantised(value, shown, low, high)
+
+
+def quantised(value: NDArray[np.float64], shown: NDArray[np.bool_], low: float, high: float) -> NDArray[np.uint16]:
+    """A picture of values between two ends, `_NONE` where nothing is shown; same shape."""
+    share = np.where(shown, (value - low) / (high - low), 0.0) if high > low else np.zeros_like(value)
+    return np.where(shown, np.rint(share * (_NONE - 1)), _NONE).astype("<u2")
 
 
 def _log_drop(frame: Frame) -> NDArray[np.float64] | None:

@@ -201,7 +201,7 @@ def compile_circuit(
     scaled: bool = True,
     passes: Passes | None = None,
     threads: int = 1,
-    solver: Solver = solve,
+    solver: Solver | None = None,
     observe: Observe = unobserved,
 ) -> Netlist:
     """Compile one circuit.
@@ -223,7 +223,7 @@ def solve_circuit(
     scaled: bool = True,
     passes: Passes | None = None,
     threads: int = 1,
-    solver: Solver = solve,
+    solver: Solver | None = None,
     observe: Observe = unobserved,
 ) -> OperatingPoint:
     """Compile one circuit and solve it; arguments as `compile_circuit`."""
@@ -237,10 +237,10 @@ def solve_problem(
     *,
     scaled: bool = False,
     threads: int = 1,
-    solver: Solver = solve,
+    solver: Solver | None = None,
     observe: Observe = unobserved,
 ) -> Solution:
-    """Solve the ideal circuits of a problem; `solver`: `resgrid.solve`, or what asks it for less.
+    """Solve the ideal circuits of a problem; `solver`: in place of `resgrid.solve`.
 
     Where nothing drives the Dirichlet half of a blend (no obstacle, no edge that counts as one) it is flat, and what
     flows is the share ``1 - k`` of the Neumann half.  A start that is blocked or cut off drives nothing.
@@ -272,7 +272,7 @@ def solve_field(space: ConfigurationSpace, wiring: Wiring, k: float | None = Non
     return solve_problem(Problem(space, wiring, () if k is None else (k,), starts)).fields[0]
 
 
-def _solved(netlist: Netlist, stage: str, solver: Solver, threads: int, observe: Observe) -> OperatingPoint:
-    run = partial(solver, threads=threads)
+def _solved(netlist: Netlist, stage: str, solver: Solver | None, threads: int, observe: Observe) -> OperatingPoint:
+    run = partial(solver or solve, threads=threads)
     op: OperatingPoint = observe(stage, run, netlist, seconds=0.5 + 4e-6 * netlist.node_count, iterates=True)
     return op

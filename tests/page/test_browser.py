@@ -124,6 +124,22 @@ def test_flaws_are_shown_beside_the_ideal_path(shown: Page):
     until(shown, "live.model.before === null")
 
 
+def test_the_grid_settles(shown: Page):
+    shown.locator("#k").fill("0")
+    settle(shown)
+    final = shown.evaluate("Array.from(live.view.frame.picture)")
+    shown.get_by_role("button", name="Let it settle").click()
+    until(shown, "!document.getElementById('film').hidden")
+    until(shown, "document.getElementById('moment').value === document.getElementById('moment').max")
+    assert shown.inner_text("#origin") == "from the field before the last change"
+    shown.locator("#moment").fill("0")
+    assert shown.inner_text("#time").endswith("s")
+    assert shown.evaluate("Array.from(live.view.frame.picture)") == final
+    drag(shown, [(30, 30), (30, 40)])
+    settle(shown)
+    assert shown.locator("#film").is_hidden()
+
+
 def test_a_link_is_the_same_page_in_another_browser(served: LivePage, chromium: Browser, shown: Page):
     shown.select_option("#examples", "ring")
     until(shown, "live.model.scene.title === 'Ring'")

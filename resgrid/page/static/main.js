@@ -4,6 +4,7 @@ import { contentsOf, documentIn, openLinking, openSaving } from "./files.js";
 import { readFrame } from "./frame.js";
 import { insideOf, keepScene, keptScene, Model, readScene, sizeOf, writeScene } from "./model.js";
 import { get, input, Panel, rowsOf } from "./panel.js";
+import { Settling } from "./settling.js";
 import { Tools } from "./tools.js";
 import { openTour } from "./tour.js";
 import { paintBar, View } from "./view.js";
@@ -23,6 +24,7 @@ tools.fill(get("tools"));
 const wire = new Wire(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`);
 const switches = new URLSearchParams(location.search);
 const world = new World(/** @type {HTMLCanvasElement} */ (get("world")), model, () => resampling.want(), view);
+const settling = new Settling(model, wire, view, complain);
 let base = "", isReading = false, solvedOnce = false;
 /** @type {Scene | null} */ let solved = null;
 /** The last certified paths of a chip without flaws, and what they belong to. @type {{scene: Scene, lines: Float32Array[]} | null} */
@@ -147,6 +149,7 @@ const resampling = new Newest(async () => {
 
 model.addEventListener("change", (event) => {
   const scene = /** @type {Scene} */ (model.scene);
+  settling.clear();
   view.setScene(scene);
   world.setScene(scene);
   document.body.classList.toggle("armed", Boolean(scene.world));

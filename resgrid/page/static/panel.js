@@ -46,6 +46,11 @@ const HTML = `
     <input id="mismatch" type="range" min="0" max="40">
     <label class="row">Chip number <input id="seed" type="number" min="0" max="999999" step="1"></label>
   </section>
+  <section><h2>Time</h2>
+    <button id="settle" title="How the chip comes to this field, with 1 pF at every node unless the scene says otherwise">Let it settle</button>
+    <div id="film" hidden><label for="moment" class="row"><span id="origin" class="note"></span><output id="time"></output></label>
+    <input id="moment" type="range" min="0"></div>
+  </section>
   <section><h2>Show</h2>${SHOWN.map(([name, label]) => `<label class="check"><input type="checkbox" id="show-${name}">${label}</label>`).join("")}</section>
   <section><h2>Paths</h2><ul class="paths" id="paths"></ul><span class="note" id="figures"></span></section>`;
 

@@ -16,6 +16,7 @@ export class View {
   /** @type {Scene | null} */ scene = null;
   /** @type {Frame | null} */ frame = null;
   /** @type {HTMLCanvasElement | null} */ #field = null;
+  /** @type {Frame | null} a moment before the frame was reached */ #moment = null;
   /** @type {HTMLCanvasElement | null} */ #cells = null;
   /** @type {HTMLCanvasElement} */ #lines = document.createElement("canvas");
   /** @type {number[] | null} */ cursor = null;
@@ -55,7 +56,16 @@ export class View {
     const [nx, ny] = this.scene?.axes.map((axis) => axis.cells) ?? [];
     if (frame.nx !== nx || frame.ny !== ny) return;
     this.frame = frame;
+    this.#moment = null;
     this.#field = paintField(this.#field, frame, this.dark);
+    this.#paintLines();
+  }
+
+  /** Show another picture in place of the frame's, or the frame's again. @param {{picture: Uint16Array, scale: any} | null} moment */
+  setMoment(moment) {
+    if (!this.frame) return;
+    this.#moment = moment ? { ...this.frame, ...moment } : null;
+    this.#field = paintField(this.#field, this.#moment ?? this.frame, this.dark);
     this.#paintLines();
   }
 
@@ -69,7 +79,7 @@ export class View {
       context.clearRect(0, 0, lines.width, lines.height);
     }
     if (!this.frame || !this.shows.equipotentials) return;
-    const { x, y, w, h, ny } = this.box, segments = contours(this.frame);
+    const { x, y, w, h, ny } = this.box, segments = contours(this.#moment ?? this.frame);
     context.beginPath();
     for (let n = 0; n < segments.length; n += 4) {
       context.moveTo(x + segments[n] * w, y + (ny - segments[n + 1]) * h);
