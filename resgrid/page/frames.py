@@ -18,7 +18,7 @@ from resgrid.page.drawing import Drawing
 from resgrid.page.flaws import flawed
 from resgrid.planning.certify import certify
 from resgrid.planning.fields import Field
-from resgrid.planning.road import Solution, solve_problem
+from resgrid.planning.road import Solution, Work, solve_problem
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.planning.trace import follow, start_points
 from resgrid.space import Cell
@@ -55,7 +55,7 @@ def solve_drawing(drawing: Drawing, *, exact: bool) -> Frame:
     if drawing.driven and not len(drawing.starts):
         raise InputError("there is no start to drive the grid: set one, or choose the uniform drive")
     solver = flawed(solve if exact else _ROUGH, drawing)
-    solution = solve_problem(drawing.problem, solver=solver)
+    solution = solve_problem(drawing.problem, work=Work(solver))
     points = start_points(drawing.space, drawing.starts) if len(drawing.starts) else ()
     paths = tuple(_path(field, points[number], exact) for field, number in solution.tasks)
     return Frame(drawing, solution, paths, exact, time.perf_counter() - began)
