@@ -21,7 +21,7 @@ OPTIONS = [
     "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
     "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage",
 ]  # fmt: skip
-PATIENCE = 60.0
+PATIENCE = 120.0
 """Seconds within which a page answers, on the slowest machine that is worth testing on."""
 
 Answer = tuple[dict[str, Any], bytes]
