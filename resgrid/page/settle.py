@@ -14,7 +14,7 @@ from resgrid.netlist import GROUND, Netlist
 from resgrid.page.drawing import Drawing
 from resgrid.page.frames import Frame, quantised, solve_drawing
 
-MOST_CELLS = 1 << 14
+MOST_CELLS = 1 << 15
 _MOMENTS = 30
 _TOLERANCE = 1e-3
 _DECADES = 2.0
