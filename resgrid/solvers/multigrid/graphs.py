@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy import sparse
 
 from resgrid.jit import inner
+from resgrid.solvers.laplacian import Laplacian, Rows
 from resgrid.solvers.star_mesh import eliminate_rows
 
 Floats = NDArray[np.float64]
@@ -92,8 +92,8 @@ def _next(graph: Graph, *, first: bool) -> tuple[Step, Graph]:
 
 def _eliminated(graph: Graph) -> tuple[Step, Graph]:
     """Eliminate the nodes of at most two neighbours (`resgrid.solvers.star_mesh`)."""
-    coupling = sparse.csr_array((graph.conductance, graph.indices, graph.indptr), shape=(graph.size, graph.size))
-    shrunk = eliminate_rows(coupling, graph.leak)
+    rows = Rows(graph.indptr, graph.indices, graph.conductance, ordered=False)
+    shrunk = eliminate_rows(Laplacian(graph.leak, compressed=rows).sorted_rows, graph.leak)
     core = shrunk.edges
     coarse = Graph(core.indptr, core.indices, core.data, shrunk.ground)
     return Step(shrunk.number, shrunk.log.rows, shrunk.log.weights[:, ::2]), coarse
