@@ -121,7 +121,10 @@ def _piped_scene(source: Source) -> Scene:
         return read_scene(file, **source.map_options)
 
 
-FIRST_RUN = "the first solution on this machine also compiles its loops: half a minute, once"
+FIRST_RUN = (
+    "the first solution after an installation also compiles its loops: half a minute, once, or longer on a busy "
+    "machine ('python -m resgrid.warm' compiles all of them beforehand, on all cores)"
+)
 _KEPT_LOOP = "row_kernels.conductances_by_row*.nbi"
 
 
