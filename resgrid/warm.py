@@ -234,7 +234,7 @@ def compile_loops(jobs: int | None = None) -> Iterator[str]:
     Exception
         What a case raised: the installation is broken then.
     """
-    workers = min(jobs or len(os.sched_getaffinity(0)), len(CASES))
+    workers = min(jobs or os.cpu_count() or 1, len(CASES))
     pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_collect_no_garbage)
     try:
         running = {pool.submit(_run, name): name for name in CASES}

@@ -16,8 +16,7 @@ from resgrid.circuit.linear import solve_linear
 from resgrid.circuit.pattern import Pattern, pattern_of
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
-from resgrid.solvers.batch.boards import BoardBatch, board_batch
-from resgrid.solvers.batch.factored import FactoredBatch, factored_batch
+from resgrid.solvers.batch import FactoredBatch, GridBatch, factored_batch, grid_batch
 from resgrid.solvers.factors.factor import check_rtol
 
 CHUNK = 16
@@ -42,7 +41,7 @@ class Batch:
     """
 
     pattern: Pattern
-    solver: BoardBatch | FactoredBatch | None
+    solver: GridBatch | FactoredBatch | None
 
     @property
     def name(self) -> str:
@@ -120,7 +119,7 @@ def prepare_batch(netlist: Netlist) -> Batch | None:
     weakest = min(float(matrix.diagonal.min()), float(matrix.edges.data.min(initial=np.inf)))
     contrast = float(matrix.diagonal.max()) / weakest
     if system.size > _SMALL and contrast <= _MOST_CONTRAST:
-        solver = board_batch(matrix, system.drive)
+        solver = grid_batch(matrix, system.drive)
         if solver is not None:
             return Batch(pattern, solver)
     return Batch(pattern, factored_batch(matrix, system.drive) if contrast <= _MOST_FACTORED else None)

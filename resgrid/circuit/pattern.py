@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.equations import Equations
-from resgrid.solvers.batch.chips import Chip
+from resgrid.solvers.batch import Chip
 
 Integers = NDArray[np.int64]
 Floats = NDArray[np.float64]

@@ -29,6 +29,7 @@ VERBS = {
     "check": "Check rules, and ask the circuit simulator whether it agrees.",
     "chip": "Ask whether a real chip is good enough; a report with decks.",
     "control": "Move the robot by its field, feel obstacles, learn them.",
+    "live": "Draw in the browser while the grid is solved.",
     "convert": "Turn a scene, map or deck into a deck, an edge list or a graph.",
     "info": "Describe a scene, the scene format, or the installation.",
     "completion": "Print the script that lets a shell complete.",
@@ -154,5 +155,6 @@ def _drop_stdout() -> None:
 def main() -> None:
     """Compile robot maps into resistor grids, solve them, follow the current, and check it all in SPICE.
 
-    A SCENE is a TOML scene, a ROS map.yaml, a MovingAI .map, a picture or an array; '-' is standard input.
+    A SCENE is a TOML scene, a ROS map.yaml, a MovingAI .map, a picture, an array or a link from the live page; '-' is
+    standard input.
     """

@@ -224,7 +224,7 @@ def folder_of(output: str | None, source: Source, end: str = "") -> Path:
     """The folder that many results go to: the one that is named, or one after the source."""
     if output == "-":
         raise InputError("-o -: the results are many files; name a folder")
-    stem = "scene" if source.file == "-" else Path(source.file).stem
+    stem = "scene" if source.file == "-" or "://" in source.file else Path(source.file).stem
     name = re.sub(r"[^\w.-]+", "_", stem).strip(".") or "scene"
     return Path(output) if output else Path("out") / f"{name}{end}"
 

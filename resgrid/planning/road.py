@@ -32,6 +32,9 @@ from resgrid.wiring import Wiring
 Passes = Callable[[Netlist], Netlist]
 """What makes a real chip of an ideal netlist."""
 
+Solver = Callable[..., OperatingPoint]
+"""Finds the operating point of a netlist; `resgrid.solve`, or that with other options."""
+
 Observe = Callable[..., Any]
 """Runs a stage, and shows meanwhile what it likes: ``observe(stage, function, *arguments, seconds, iterates)``.
 
@@ -198,6 +201,7 @@ def compile_circuit(
     scaled: bool = True,
     passes: Passes | None = None,
     threads: int = 1,
+    solver: Solver = solve,
     observe: Observe = unobserved,
 ) -> Netlist:
     """Compile one circuit.
@@ -208,7 +212,7 @@ def compile_circuit(
     seconds = 4e-8 * space.cell.size * space.ndim
     netlist: Netlist = observe(f"compile the {wiring.boundary} chip", compile_space, space, wiring, seconds=seconds)
     if scaled and netlist.current_nodes.size:
-        netlist = scale_drive(netlist, _solved(netlist, "scale its drive to the supply", threads, observe))
+        netlist = scale_drive(netlist, _solved(netlist, "scale its drive to the supply", solver, threads, observe))
     return netlist if passes is None else passes(netlist)
 
 
@@ -219,17 +223,24 @@ def solve_circuit(
     scaled: bool = True,
     passes: Passes | None = None,
     threads: int = 1,
+    solver: Solver = solve,
     observe: Observe = unobserved,
 ) -> OperatingPoint:
     """Compile one circuit and solve it; arguments as `compile_circuit`."""
-    netlist = compile_circuit(space, wiring, scaled=scaled, passes=passes, threads=threads, observe=observe)
-    return _solved(netlist, f"solve the {wiring.boundary} chip", threads, observe)
+    common: dict[str, Any] = {"solver": solver, "threads": threads, "observe": observe}
+    netlist = compile_circuit(space, wiring, scaled=scaled, passes=passes, **common)
+    return _solved(netlist, f"solve the {wiring.boundary} chip", **common)
 
 
 def solve_problem(
-    problem: Problem, *, scaled: bool = False, threads: int = 1, observe: Observe = unobserved
+    problem: Problem,
+    *,
+    scaled: bool = False,
+    threads: int = 1,
+    solver: Solver = solve,
+    observe: Observe = unobserved,
 ) -> Solution:
-    """Solve the ideal circuits of a problem.
+    """Solve the ideal circuits of a problem; `solver`: `resgrid.solve`, or what asks it for less.
 
     Where nothing drives the Dirichlet half of a blend (no obstacle, no edge that counts as one) it is flat, and what
     flows is the share ``1 - k`` of the Neumann half.  A start that is blocked or cut off drives nothing.
@@ -246,7 +257,7 @@ def solve_problem(
             pure[name] = undriven_field(space, wiring)
             continue
         try:
-            points[name] = solve_circuit(space, wiring, scaled=scaled, threads=threads, observe=observe)
+            points[name] = solve_circuit(space, wiring, scaled=scaled, threads=threads, solver=solver, observe=observe)
             pure[name] = fields.field(points[name])
         except CircuitError:
             if wiring.is_driven or "neumann" not in wirings:
@@ -261,7 +272,7 @@ def solve_field(space: ConfigurationSpace, wiring: Wiring, k: float | None = Non
     return solve_problem(Problem(space, wiring, () if k is None else (k,), starts)).fields[0]
 
 
-def _solved(netlist: Netlist, stage: str, threads: int, observe: Observe) -> OperatingPoint:
-    run = partial(solve, threads=threads)
+def _solved(netlist: Netlist, stage: str, solver: Solver, threads: int, observe: Observe) -> OperatingPoint:
+    run = partial(solver, threads=threads)
     op: OperatingPoint = observe(stage, run, netlist, seconds=0.5 + 4e-6 * netlist.node_count, iterates=True)
     return op

@@ -4,8 +4,7 @@ import networkx as nx
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from numpy.typing import NDArray
-from support.levels import matrix_of
+from support.levels import cells_of, matrix_of, preconditioned
 from support.spaces import space_of, spaces
 
 from resgrid.axis import Axis
@@ -13,11 +12,10 @@ from resgrid.circuit.equations import Equations, assemble
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
 from resgrid.solvers.multigrid import waves
-from resgrid.solvers.multigrid.board_cycle import cycle_boards
 from resgrid.solvers.multigrid.boards import Level, compensated, in_double, in_single, lay_out, to_graph
 from resgrid.solvers.multigrid.coarsening import coarsen
-from resgrid.solvers.multigrid.grid_levels import UNGRADED, inverse_below, own_vectors
-from resgrid.solvers.multigrid.hierarchy import build_hierarchy
+from resgrid.solvers.multigrid.hierarchy import UNGRADED, build_hierarchy
+from resgrid.solvers.multigrid.packing import with_work
 from resgrid.space import ConfigurationSpace
 
 BOUNDARIES = st.sampled_from(["dirichlet", "neumann"])
@@ -187,7 +185,7 @@ def check_aggregates(space: ConfigurationSpace, boundary: str, seed: int) -> Non
         graph, number = to_graph(level)
         row = np.repeat(np.arange(graph.size), np.diff(graph.indptr))
         shrinks = [n > m for n, m in zip(level.lattice.shape, coarse.lattice.shape, strict=True)]
-        block = graph.coordinate >> np.array(shrinks, dtype=np.int64)
+        block = cells_of(level) >> np.array(shrinks, dtype=np.int64)
         inside = np.all(block[row] == block[graph.indices], axis=1)
         parts = nx.Graph()
         parts.add_nodes_from(range(graph.size))
@@ -238,35 +236,19 @@ def test_a_step_of_the_cycle_is_symmetric_where_it_is_linear(shape: tuple[int, .
     cell[(0,) * len(shape)] = 2
     system = assemble(compile_space(space_of(cell), boundary="neumann"))
     hierarchy = build_hierarchy(system.laplacian)
-    grid = hierarchy.grid
-    assert grid is not None
-    assert len(grid.boards.margin) > 0
-    places = len(grid.aggregate)
-    used = grid.true.black_degree > 0
-    rng = np.random.default_rng(1)
-
-    def preconditioned(r: NDArray[np.float32]) -> NDArray[np.float64]:
-        z = grid.board.black_inverse * r
-        boards = own_vectors(grid.boards)
-        waves.restrict(grid.board, grid.aggregate, grid.weight, z, boards.b[: boards.size])
-        assert cycle_boards(boards, inverse_below(hierarchy.stack), np.inf, 99)
-        coarse = boards.x[: boards.size]
-        waves.prolong_and_multiply(
-            grid.board, grid.exact, grid.aggregate, grid.weight, coarse, r, r, z, np.zeros_like(z)
-        )
-        return z.astype(np.float64)
-
-    a, b = (rng.normal(size=(2, places)) * used).astype(np.float32)
-    left, right = b @ preconditioned(a), a @ preconditioned(b)
+    assert hierarchy.true is not None
+    assert len(hierarchy.levels.grids.margin) > 0
+    used = hierarchy.true.black_degree > 0
+    a, b = (np.random.default_rng(1).normal(size=(2, len(used))) * used).astype(np.float32)
+    left, right = b @ preconditioned(hierarchy, a), a @ preconditioned(hierarchy, b)
     assert left == pytest.approx(right, rel=1e-4)
-    assert a @ preconditioned(a) > 0
+    assert a @ preconditioned(hierarchy, a) > 0
 
 
 def test_work_space_is_not_shared_but_conductances_are() -> None:
     cell = np.zeros((40, 40), dtype=np.uint8)
     cell[0, 0] = 2
-    grid = build_hierarchy(assemble(compile_space(space_of(cell), boundary="neumann")).laplacian).grid
-    assert grid is not None
-    own, other = own_vectors(grid.boards), own_vectors(grid.boards)
-    assert not np.shares_memory(own.b, other.b)
-    assert np.shares_memory(own.faces, grid.boards.faces)
+    levels = build_hierarchy(assemble(compile_space(space_of(cell), boundary="neumann")).laplacian).levels
+    own, other = with_work(levels), with_work(levels)
+    assert not np.shares_memory(own.work.b, other.work.b)
+    assert np.shares_memory(own.grids.faces, levels.grids.faces)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
-from support.levels import matrix_of
+from support.levels import matrix_of, preconditioned
 from support.spaces import serpentine, space_of, spaces
 
 from resgrid.axis import Axis
@@ -20,13 +20,11 @@ from resgrid.solvers import choose as methods
 from resgrid.solvers.decay import foresee_decades
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid import foresight, graded, graded_solver, grading
-from resgrid.solvers.multigrid.board_iteration import iterate_on_board
+from resgrid.solvers.multigrid.cg_kernels import put_at_places
+from resgrid.solvers.multigrid.conjugate_gradients import iterate
 from resgrid.solvers.multigrid.foresight import foresee
 from resgrid.solvers.multigrid.graded_solver import at_places
-from resgrid.solvers.multigrid.grid_levels import own_vectors
 from resgrid.solvers.multigrid.hierarchy import Hierarchy, build_hierarchy
-from resgrid.solvers.multigrid.place_kernels import put_at_places
-from resgrid.solvers.multigrid.stack import own_work
 from resgrid.space import ConfigurationSpace
 
 
@@ -72,10 +70,9 @@ def log_potential(netlist: Netlist) -> tuple[Equations, NDArray[np.float64]]:
 
 def after_one_pass(system: Equations, hierarchy: Hierarchy) -> tuple[NDArray[np.float64], int]:
     """The potential after one pass, and its iterations."""
-    assert hierarchy.grid is not None
     assert system.rails is not None
     watch, b = Watch(), system.rails.to_low
-    x, _ = iterate_on_board(hierarchy, hierarchy.grid, b / b.max(), 1e-11, None, watch)
+    x, _ = iterate(system.laplacian, hierarchy, b / b.max(), 1e-11, None, watch)
     return x * b.max(), watch.iterations
 
 
@@ -159,33 +156,18 @@ def test_a_cycle_makes_a_potential_better_in_proportion(space: ConfigurationSpac
 
 
 def test_a_graded_step_is_symmetric_where_it_is_linear() -> None:
-    from resgrid.solvers.multigrid import waves
-    from resgrid.solvers.multigrid.board_cycle import cycle_boards
-    from resgrid.solvers.multigrid.grid_levels import inverse_below
-
     system, log = log_potential(compile_space(space_of(rooms(60)), boundary="dirichlet"))
     levels = graded.gradable(system.laplacian)
     assert levels is not None
     height = np.zeros((2, levels.level.lattice.places))
     put_at_places(levels.place, np.exp(0.2 * log), 1.0, height.ravel())
     hierarchy = levels.grade(height)
-    grid = hierarchy.grid
-    assert grid is not None
-    assert len(grid.boards.margin) > 0
-    assert len(grid.weight) > 0
-
-    def preconditioned(r: NDArray[np.float32]) -> NDArray[np.float64]:
-        z, boards = grid.board.black_inverse * r, own_vectors(grid.boards)
-        waves.restrict(grid.board, grid.aggregate, grid.weight, z, boards.b[: boards.size])
-        assert cycle_boards(boards, inverse_below(own_work(hierarchy.stack)), np.inf, 99)
-        waves.prolong_and_multiply(
-            grid.board, grid.exact, grid.aggregate, grid.weight, boards.x[: boards.size], r, r, z, np.zeros_like(z)
-        )
-        return z.astype(np.float64)
-
-    used = grid.true.black_degree > 0
+    assert hierarchy.true is not None
+    assert len(hierarchy.levels.grids.margin) > 0
+    assert len(hierarchy.finest.weight) > 0
+    used = hierarchy.true.black_degree > 0
     a, b = (np.random.default_rng(1).normal(size=(2, len(used))) * used).astype(np.float32)
-    assert b @ preconditioned(a) == pytest.approx(a @ preconditioned(b), rel=1e-3)
+    assert b @ preconditioned(hierarchy, a) == pytest.approx(a @ preconditioned(hierarchy, b), rel=1e-3)
 
 
 def test_a_maze_in_a_volume_is_graded() -> None:

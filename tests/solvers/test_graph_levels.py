@@ -12,10 +12,10 @@ from resgrid.circuit.solve import solve
 from resgrid.netlist import Netlist
 from resgrid.solvers import numbering_kernels as numbering
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.multigrid import clusters, kernels, ordering, stack
-from resgrid.solvers.multigrid.graph_iteration import iterate_on_graph
+from resgrid.solvers.multigrid import cycle, graphs, packing
+from resgrid.solvers.multigrid.conjugate_gradients import iterate
+from resgrid.solvers.multigrid.graphs import Graph, coarsen_down
 from resgrid.solvers.multigrid.hierarchy import build_hierarchy
-from resgrid.solvers.multigrid.levels import Graph, coarsen_down
 
 GRAPHS = {"nodes": st.integers(2, 60), "per_node": st.floats(0.6, 8.0), "seed": st.integers(0, 2**31)}
 
@@ -31,7 +31,7 @@ def random_graph(nodes: int, per_node: float, seed: int, decades: float = 2.0) -
     rows.sort_indices()
     leak = np.where(rng.random(nodes) < 0.2, 10.0 ** rng.uniform(-2, 1, nodes), 0.0)
     leak[0] = 1.0
-    return Graph(rows.indptr.astype(np.int32), rows.indices.astype(np.int32), rows.data, leak, None)
+    return Graph(rows.indptr.astype(np.int32), rows.indices.astype(np.int32), rows.data, leak)
 
 
 def rows_of(graph: Graph) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
@@ -49,9 +49,9 @@ def test_rows_stand_by_colour_and_no_two_neighbours_share_one(
     nodes: int, per_node: float, seed: int, window: int
 ) -> None:
     graph = random_graph(nodes, per_node, seed)
-    order = ordering.order_by_colour(graph.indptr, graph.indices, window)
+    order = packing.order_by_colour(graph.indptr, graph.indices, window)
     assert np.array_equal(np.sort(order), np.arange(nodes))
-    colour, _ = ordering._colours(graph.indptr, graph.indices)
+    colour, _ = packing._colours(graph.indptr, graph.indices)
     assert np.all(np.diff(colour[order]) >= 0)
     row = np.repeat(np.arange(nodes), np.diff(graph.indptr))
     assert not np.any(colour[row] == colour[graph.indices])
@@ -59,8 +59,8 @@ def test_rows_stand_by_colour_and_no_two_neighbours_share_one(
 
 def test_rows_of_a_window_stand_by_length() -> None:
     graph = random_graph(500, 4.0, 3)
-    order = ordering.order_by_colour(graph.indptr, graph.indices, 10**6)
-    colour, _ = ordering._colours(graph.indptr, graph.indices)
+    order = packing.order_by_colour(graph.indptr, graph.indices, 10**6)
+    colour, _ = packing._colours(graph.indptr, graph.indices)
     length = np.minimum(np.diff(graph.indptr), 31)[order]
     assert np.all((np.diff(length) >= 0) | (np.diff(colour[order]) > 0))
 
@@ -71,9 +71,9 @@ def test_aggregates_are_connected_and_their_sums_conserve_conductance(
     nodes: int, per_node: float, seed: int, strict: bool
 ) -> None:
     graph = random_graph(nodes, per_node, seed)
-    aggregate, count = clusters.grow_aggregates(*rows_of(graph), 4, strict)
+    aggregate, count = graphs.grow_aggregates(*rows_of(graph), 4, strict)
     assert np.array_equal(np.unique(aggregate), np.arange(count))
-    summed = dense(Graph(*clusters.sum_up(*rows_of(graph), aggregate, count), None))
+    summed = dense(Graph(*graphs.sum_up(*rows_of(graph), aggregate, count)))
     spread = np.eye(count)[aggregate]
     assert np.allclose(summed, spread.T @ dense(graph) @ spread, rtol=1e-12, atol=1e-12)
     linked = dense(graph) < 0
@@ -91,7 +91,7 @@ def test_breadth_first_renumbering_is_the_same_graph(nodes: int, per_node: float
     graph = random_graph(nodes, per_node, seed)
     order = numbering.breadth_first(graph.indptr, graph.indices)
     assert np.array_equal(np.sort(order), np.arange(nodes))
-    moved = Graph(*numbering.renumber(*rows_of(graph), order), None)
+    moved = Graph(*numbering.renumber(*rows_of(graph), order))
     assert np.allclose(dense(moved), dense(graph)[np.ix_(order, order)], rtol=1e-14, atol=0)
 
 
@@ -110,59 +110,65 @@ def test_breadth_first_brings_neighbours_together() -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_stack_holds_the_levels_in_its_own_order(seed: int) -> None:
+def test_levels_are_packed_in_an_order_of_their_own(seed: int) -> None:
     graph = random_graph(2000, 4.0, seed)
-    levels = stack.stack_graph(graph)
-    n = graph.size
-    assert np.array_equal(np.sort(levels.order), np.arange(n))
-    matrix = dense(graph)[np.ix_(levels.order, levels.order)]
+    (_, levels, _), place = packing.pack_netlist(graph)
+    n, order = graph.size, np.argsort(place)
+    assert np.array_equal(place[order], np.arange(n))
+    matrix = dense(graph)[np.ix_(order, order)]
     begin, middle, end = (part.astype(np.int64) for part in (levels.indptr[:n], levels.middle[:n], levels.indptr[1:]))
     for row in range(0, n, 97):
         entries = levels.indices[begin[row] : end[row]]
         assert np.allclose(-matrix[row, entries], levels.conductance[begin[row] : end[row]], rtol=1e-6)
         assert len(entries) == np.count_nonzero(matrix[row] < 0)
         assert np.array_equal(entries < row, np.arange(begin[row], end[row]) < middle[row])
-    assert np.allclose(levels.diagonal[:n], np.diag(matrix), rtol=1e-6)
+    assert np.allclose(levels.inverse[:n] * np.diag(matrix), np.diag(matrix) > 0, rtol=1e-6)
+
+
+@njit
+def _cycle_without_steps(levels: cycle.Levels) -> None:
+    cycle._cycle(levels, np.inf, 0)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_one_cycle_without_inner_steps_is_symmetric_and_positive(seed: int) -> None:
     graph = random_graph(400, 3.0, seed)
-    levels = stack.stack_graph(graph)
-    assert len(levels.first) > 2
+    levels = packing.with_work(packing.pack_netlist(graph)[0])
+    assert len(levels.graphs.first) > 2
     columns = np.empty((graph.size, graph.size))
     for node in range(graph.size):
-        levels.b[: graph.size] = 0.0
-        levels.b[node] = 1.0
-        kernels.cycle(levels, 0.25, 99)
-        columns[:, node] = levels.x[: graph.size]
+        levels.work.b[: graph.size + 1] = 0.0
+        levels.work.b[1 + node] = 1.0
+        _cycle_without_steps(levels)
+        columns[:, node] = levels.work.x[1 : graph.size + 1]
     scale = np.abs(columns).max()
     assert np.allclose(columns, columns.T, rtol=1e-4, atol=1e-5 * scale)
     assert np.linalg.eigvalsh(0.5 * (columns + columns.T)).min() > 0
 
 
 @njit
-def _up_and_product(levels: kernels.Stack, n: int) -> float:
-    kernels._ascend_in_order(levels, 0, n)
-    return kernels._multiply_after(levels, 0, n, levels.v)
+def _up_and_product(levels: cycle.Levels) -> float:
+    of = cycle._vectors(levels, 0)
+    return cycle._ascend(levels, 0, of.v, of.v)[1]
 
 
 def test_half_a_product_after_the_way_up_is_the_whole_one() -> None:
     graph = random_graph(600, 4.0, 1)
-    levels = stack.stack_graph(graph)
-    n = graph.size
+    levels, place = packing.pack_netlist(graph)
+    levels, n, order = packing.with_work(levels), graph.size, np.argsort(place)
     rng = np.random.default_rng(0)
-    levels.b[:n], levels.x[:] = rng.random(n), rng.random(len(levels.x))
-    energy = _up_and_product(levels, n)
-    true = dense(graph)[np.ix_(levels.order, levels.order)] @ levels.x[:n]
-    assert np.allclose(levels.v[:n], true, atol=1e-4 * np.abs(true).max())
-    assert energy == pytest.approx(float(levels.x[:n] @ true), rel=1e-4)
+    levels.work.b[1 : n + 1], levels.work.x[:] = rng.random(n), rng.random(len(levels.work.x))
+    energy = _up_and_product(levels)
+    x = levels.work.x[1 : n + 1]
+    true = dense(graph)[np.ix_(order, order)] @ x
+    assert np.allclose(levels.work.v[:n], true, atol=1e-4 * np.abs(true).max())
+    assert energy == pytest.approx(float(x @ true), rel=1e-4)
 
 
 def test_the_coarsest_inverse() -> None:
     graph = random_graph(50, 3.0, 2)
     graph.leak[:] += 0.1
-    assert np.allclose(ordering.inverse_matrix(*rows_of(graph)), np.linalg.inv(dense(graph)), rtol=1e-4, atol=1e-6)
+    assert np.allclose(packing.inverse_matrix(*rows_of(graph)), np.linalg.inv(dense(graph)), rtol=1e-4, atol=1e-6)
 
 
 def test_a_graph_of_many_small_parts_needs_no_large_inverse() -> None:
@@ -202,7 +208,7 @@ def hubs(seed: int) -> Netlist:
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("large", [0, 10**9])
 def test_netlists_with_hubs_agree_with_direct(seed: int, large: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stack, "_LARGE", large)
+    monkeypatch.setattr(packing, "_LARGE", large)
     netlist = hubs(seed)
     direct, multigrid = solve(netlist, method="direct"), solve(netlist, method="multigrid")
     assert np.allclose(direct.voltage, multigrid.voltage, rtol=1e-9, atol=1e-15, equal_nan=True)
@@ -219,17 +225,17 @@ def test_a_guess_spares_steps() -> None:
     hierarchy = build_hierarchy(system.laplacian)
     b = system.feed + system.injected
     cold, warm = Watch(), Watch()
-    x, residual = iterate_on_graph(system.laplacian, hierarchy.stack, hierarchy.unit, b, 1e-8, None, cold)
+    x, residual = iterate(system.laplacian, hierarchy, b, 1e-8, None, cold)
     assert residual <= 1e-8 * np.linalg.norm(b)
     near = x * (1 + 1e-5 * np.random.default_rng(0).random(len(x)))
-    again, _ = iterate_on_graph(system.laplacian, hierarchy.stack, hierarchy.unit, b, 1e-8, near, warm)
+    again, _ = iterate(system.laplacian, hierarchy, b, 1e-8, near, warm)
     assert warm.iterations < cold.iterations
     assert np.abs(x - again).max() < 1e-6 * np.abs(x).max()
 
 
 def test_levels_shrink_on_netlists_of_every_kind() -> None:
     for graph in (random_graph(5000, 2.0, 0), random_graph(5000, 8.0, 1, 12.0), random_graph(3000, 20.0, 2)):
-        graphs, steps = coarsen_down(graph)
-        sizes = np.array([level.size for level in graphs])
-        assert len(steps) == len(graphs) - 1
+        levels, steps = coarsen_down(graph)
+        sizes = np.array([level.size for level in levels])
+        assert len(steps) == len(levels) - 1
         assert np.all(sizes[1:] < 0.8 * sizes[:-1])

@@ -14,7 +14,7 @@ from resgrid.netlist import Netlist
 from resgrid.solvers import choose as methods, decay as fall
 from resgrid.solvers.factors.multigrid import factor_multigrid
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.multigrid import aggregation
+from resgrid.solvers.multigrid import graphs
 from resgrid.solvers.multigrid.grading import MOST_DECADES
 from resgrid.solvers.narrow.panels import narrow_order
 
@@ -115,11 +115,8 @@ def test_aggregates_never_join_across_a_wall() -> None:
     wall[0, 0] = 2
     system = assemble(compile_space(space_of(np.repeat(wall, 3, axis=0)), boundary="neumann"))
     coupling = system.laplacian.edges
-    cell_map = system.netlist.cells
-    cell = np.flatnonzero(cell_map.space.cell.ravel() == 0)
-    coordinate = np.stack(np.unravel_index(cell, cell_map.space.shape), axis=1).astype(np.int32)
-    group_of, count = aggregation.aggregate_blocks(
-        coupling.indptr, coupling.indices, coupling.data, coordinate, np.ones(2, dtype=np.int64), 0.1
+    group_of, count = graphs.grow_aggregates(
+        coupling.indptr, coupling.indices, coupling.data, system.laplacian.ground, 4, True
     )
     assert count == group_of.max() + 1 < system.size / 2
     for group in range(count):

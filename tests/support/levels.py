@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from resgrid.solvers.multigrid.boards import Level, to_graph
+from resgrid.solvers.multigrid.cycle import Finest, Levels, precondition
+from resgrid.solvers.multigrid.hierarchy import Hierarchy
+from resgrid.solvers.multigrid.packing import with_work
 
 
 def matrix_of(level: Level) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -16,3 +20,29 @@ def matrix_of(level: Level) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     matrix[row, graph.indices] = -graph.conductance
     matrix += np.diag(graph.leak - matrix.sum(axis=1))
     return matrix, np.flatnonzero(number >= 0)
+
+
+def cells_of(level: Level) -> NDArray[np.int64]:
+    """Indices of the cells of a level's nodes, in the order of its graph, shape (nodes, ndim)."""
+    lattice = level.lattice
+    used = np.flatnonzero(level.degree.ravel())
+    parts = []
+    for colour in range(2):
+        place = used[(used >= lattice.places) == (colour == 1)] - colour * lattice.places
+        on_grid = place[place < lattice.first_extra]
+        extra = np.unravel_index(level.extra_cell[colour], lattice.shape)
+        cells = zip(lattice.cells_at(colour, on_grid), extra, strict=True)
+        parts.append(np.stack([np.concatenate(pair) for pair in cells], axis=1))
+    return np.concatenate(parts)
+
+
+def preconditioned(hierarchy: Hierarchy, r: NDArray[np.float32]) -> NDArray[np.float64]:
+    """A residual of the finest level, preconditioned by a cycle that is linear: without the steps of the K-cycle."""
+    z = hierarchy.finest.board.black_inverse * r
+    _precondition(hierarchy.finest, with_work(hierarchy.levels), r, z)
+    return z.astype(np.float64)
+
+
+@njit
+def _precondition(finest: Finest, levels: Levels, r: NDArray[np.float32], z: NDArray[np.float32]) -> None:
+    precondition(finest, levels, np.inf, r, np.zeros_like(r), z, np.zeros_like(r))

@@ -16,7 +16,6 @@ from resgrid.solvers.extended import Scaled
 from resgrid.solvers.factors.factor import Factor
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.multigrid.approximation import approximate
 from resgrid.solvers.multigrid.grading import decades_in_slit, is_graded
 from resgrid.solvers.refine import Approximation, Refined, refine
 
@@ -59,15 +58,16 @@ class MultigridFactor(Factor):
         of the largest one: where all currents meet in a few cells, as at the goal of open obstacles, the residual
         norm asks for much more than that.
         """
-        from resgrid.solvers.multigrid.iteration import iterate
-        from resgrid.solvers.multigrid.kernels import norm
+        from resgrid.solvers.multigrid.cg_kernels import norm
+        from resgrid.solvers.multigrid.conjugate_gradients import iterate
 
         x, residual = iterate(self.laplacian, self.hierarchy, rhs, rtol, guess, watch)
-        largest = self.hierarchy.largest_degree(self.laplacian)
-        error = residual / (2.0 * largest * norm(x) + norm(rhs) or 1.0)
+        error = residual / (2.0 * self.hierarchy.largest_degree * norm(x) + norm(rhs) or 1.0)
         return self._judged(x, error, rtol, watch)
 
     def _solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> tuple[Scaled, float]:
+        from resgrid.solvers.multigrid.conjugate_gradients import approximate
+
         graded = self._graded_approximation(rhs, watch)
         found = None if graded is None else self._refined(rhs, graded)
         if found is None or not found.converged:

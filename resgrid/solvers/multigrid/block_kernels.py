@@ -7,8 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from resgrid.jit import inner
-from resgrid.solvers.multigrid.board_passes import Floats, Indices, Integers, Singles
-from resgrid.solvers.multigrid.place_kernels import place_of
+from resgrid.solvers.multigrid.board_passes import Floats, Indices, Integers, Singles, place_of
 from resgrid.solvers.row_kernels import find, join
 
 

@@ -12,10 +12,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import FAST, ZERO, inner, inner_fast
+from resgrid.jit import ZERO, inner, inner_fast
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -175,56 +174,7 @@ def add_into_black(board: Board, red: Reals, fed: Reals, total: Reals) -> None:
         total[board.link_black[m]] += board.links[m] * red[board.link_red[m]]
 
 
-@njit(cache=True, nogil=True)
-def begin_burst(inverse: Singles, size: float, residual: Floats, r: Singles, z: Singles) -> None:
-    """Divide the residual by its norm, and relax it."""
-    for k in range(len(r)):
-        r[k] = residual[k] / size
-        z[k] = inverse[k] * r[k]
-
-
-@njit(cache=True, nogil=True, fastmath=FAST)
-def advance(inverse: Singles, w: Singles, s: Singles, r: Singles, z: Singles, beta: float, alpha: float) -> float:
-    """One step of flexible conjugate gradients: ``s = w + beta s``, ``r -= alpha s``; returns ``|r|^2``.
-
-    Leaves the relaxed residual in ``z``.
-    """
-    total = 0.0
-    for k in range(len(r)):
-        product = w[k] + beta * s[k]
-        s[k] = product
-        v = np.float32(r[k] - alpha * product)
-        r[k] = v
-        z[k] = inverse[k] * v
-        total += np.float64(v) * np.float64(v)
-    return total
-
-
-@njit(cache=True, nogil=True, fastmath=FAST)
-def gather_steps(
-    z: Singles, on_x: Floats, before_x: float, on_p: Floats, before_p: float, size: float, p: Floats, x: Floats
-) -> None:
-    """Add ``size`` times what the steps have gone to ``x``, and leave the last direction in ``p``.
-
-    Both are sums of preconditioned residuals, the rows of ``z``, and of the direction ``p`` before them.
-    """
-    for k in range(len(x)):
-        ahead, far = before_p * p[k], before_x * p[k]
-        for j in range(len(z)):
-            one = np.float64(z[j, k])
-            ahead += on_p[j] * one
-            far += on_x[j] * one
-        p[k] = ahead
-        x[k] += size * far
-
-
-@njit(cache=True, nogil=True)
-def largest_step(z: Singles, on_p: Floats, before_p: float, p: Floats) -> float:
-    """Largest entry of the last direction, as of `gather_steps`."""
-    most = 0.0
-    for k in range(len(p)):
-        ahead = before_p * p[k]
-        for j in range(len(z)):
-            ahead += on_p[j] * z[j, k]
-        most = max(most, abs(ahead))
-    return most
+@inner
+def place_of(number: int, margin: int, places: int) -> int:
+    """Place of a numbered cell, as `resgrid.solvers.multigrid.lattice.Lattice.place`."""
+    return (number & 1) * places + margin + (number >> 1)

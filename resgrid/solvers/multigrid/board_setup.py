@@ -6,8 +6,7 @@ import numpy as np
 from numba import njit
 
 from resgrid.jit import inner, inner_fast
-from resgrid.solvers.multigrid.board_passes import Floats, Indices, Integers, Reals, spread
-from resgrid.solvers.multigrid.place_kernels import place_of
+from resgrid.solvers.multigrid.board_passes import Floats, Indices, Integers, Reals, place_of, spread
 
 _TINY = 1e-300
 """Keeps what is nothing in all from being divided by."""

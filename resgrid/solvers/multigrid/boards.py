@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from resgrid.solvers.multigrid import board_setup
 from resgrid.solvers.multigrid.board_passes import Board, Reals
+from resgrid.solvers.multigrid.cg_kernels import put_at_places
+from resgrid.solvers.multigrid.graphs import Graph
 from resgrid.solvers.multigrid.lattice import Lattice
-from resgrid.solvers.multigrid.levels import Graph
-from resgrid.solvers.multigrid.place_kernels import put_at_places
 
 WEAK = 0.1
 """Share of a conductance below which another one is weak beside it."""
@@ -178,18 +178,5 @@ def to_graph(level: Level) -> tuple[Graph, NDArray[np.int32]]:
         shape=(len(used),) * 2,
     )
     rows.sum_duplicates()
-    coordinate = _coordinates(level, used)
     indptr, indices = rows.indptr.astype(np.int32), rows.indices.astype(np.int32)
-    return Graph(indptr, indices, rows.data, level.leak.ravel()[used], coordinate), number
-
-
-def _coordinates(level: Level, used: NDArray[np.int64]) -> NDArray[np.int32]:
-    lattice = level.lattice
-    parts = []
-    for colour in range(2):
-        place = used[(used >= lattice.places) == (colour == 1)] - colour * lattice.places
-        on_grid = place[place < lattice.first_extra]
-        extra = np.unravel_index(level.extra_cell[colour], lattice.shape)
-        cells = zip(lattice.cells_at(colour, on_grid), extra, strict=True)
-        parts.append(np.stack([np.concatenate(pair) for pair in cells], axis=1))
-    return np.ascontiguousarray(np.concatenate(parts), dtype=np.int32)
+    return Graph(indptr, indices, rows.data, level.leak.ravel()[used]), number

@@ -27,17 +27,19 @@ from resgrid.solvers.multigrid.board_passes import Board
 from resgrid.solvers.multigrid.board_setup import sum_degrees
 from resgrid.solvers.multigrid.boards import Level, board_of, frame, to_graph
 from resgrid.solvers.multigrid.coarsening import Coarsened, sum_up
+from resgrid.solvers.multigrid.cycle import Finest
 from resgrid.solvers.multigrid.grading import MOST_DECADES
-from resgrid.solvers.multigrid.grid_levels import (
-    GridLevels,
-    coarsen_boards,
+from resgrid.solvers.multigrid.graphs import Graph
+from resgrid.solvers.multigrid.hierarchy import (
+    NO_GROUND,
+    Hierarchy,
+    coarsen_grid,
     counted,
-    first_boards,
-    lay_behind,
+    finest_boards,
+    largest_degree,
+    lay_out_grid,
 )
-from resgrid.solvers.multigrid.hierarchy import Hierarchy, lay_out_grid
-from resgrid.solvers.multigrid.levels import Graph
-from resgrid.solvers.multigrid.stack import stack_levels
+from resgrid.solvers.multigrid.packing import pack_graphs, pack_grids, pack_levels
 
 _MOST_LEFT = 500
 """Nodes that may be left where boards end: their matrix is inverted."""
@@ -51,7 +53,7 @@ class Gradable:
     """A grid's levels, coarsened and ready to be graded by one height after another.
 
     `level`: the first one; `steps`: the others, down to one that is small, and the ways to them; `first`: the first
-    level, in the precisions of `GridLevels`; `place` (n,): place of every unknown, red ones first; `unit`:
+    level, as of `finest_boards`; `place` (n,): place of every unknown, red ones first; `unit`:
     conductance that counts as 1 on all levels, in siemens; `box`: as of `Hierarchy`.
     """
 
@@ -79,11 +81,14 @@ class Gradable:
         weights = [_shares(height[1], scales[1].ravel()[targets[0]])]
         weights += [_quotients(*of) for of in zip(scales[1:], scales[2:], targets[1:], strict=False)]
         graph, number = to_graph(levels[-1])
-        targets[-1] = counted(number, targets[-1])
+        graphs, rank = pack_graphs([_of_unit_diagonal(graph)], [])
+        targets[-1] = counted(number, rank, targets[-1])
         boards = [_in_single(*both) for both in zip(levels[1:-1], scales[1:-1], strict=True)]
-        laid = lay_behind(boards, targets[1:], graph.size, self.level, weights[1:])
-        grid = GridLevels(*self.first, self.place, targets[0], laid, weights[0])
-        return Hierarchy(stack_levels([_of_unit_diagonal(graph)], []), grid, self.unit, self.box)
+        grids = pack_grids(boards, targets[1:], weights[1:], len(self.level.faces) // 2)
+        true, board, exact = self.first
+        finest = Finest(board, exact, targets[0], weights[0], NO_GROUND)
+        largest = self.unit * largest_degree(true)
+        return Hierarchy(pack_levels(grids, graphs), self.place, self.unit, largest, finest, true, self.box)
 
 
 def gradable(laplacian: Laplacian) -> Gradable | None:
@@ -92,10 +97,10 @@ def gradable(laplacian: Laplacian) -> Gradable | None:
     if found is None:
         return None
     level, place, unit, box = found
-    levels, steps = coarsen_boards(level, keep=True)
+    levels, steps = coarsen_grid(level, keep=True)
     if not steps or levels[-1].size > _MOST_LEFT:
         return None
-    return Gradable(level, steps, first_boards(level), place, unit, box)
+    return Gradable(level, steps, finest_boards(level), place, unit, box)
 
 
 def cut_off(height: NDArray[np.float64], unknown: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -172,4 +177,4 @@ def _of_unit_diagonal(graph: Graph) -> Graph:
     scale = _scale(np.bincount(row, graph.conductance, graph.size) + graph.leak)
     conductance = graph.conductance * scale[row] * scale[graph.indices]
     leak = np.asarray(1.0 - np.bincount(row, conductance, graph.size), dtype=np.float64)
-    return Graph(graph.indptr, graph.indices, conductance, leak, graph.coordinate)
+    return Graph(graph.indptr, graph.indices, conductance, leak)

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from resgrid.errors import AccuracyError
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.multigrid.approximation import approximate
+from resgrid.solvers.multigrid.cg_kernels import put_at_places
+from resgrid.solvers.multigrid.conjugate_gradients import approximate
 from resgrid.solvers.multigrid.foresight import foresee
 from resgrid.solvers.multigrid.graded import Gradable
-from resgrid.solvers.multigrid.place_kernels import put_at_places
 from resgrid.solvers.refine import Approximation, Numbers
 
 _LOW = 0.03

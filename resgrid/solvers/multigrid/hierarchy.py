@@ -1,4 +1,4 @@
-"""The hierarchy that preconditions the multigrid solver: boards and graphs for grids, graphs for other netlists."""
+"""The hierarchy that preconditions the multigrid solver: red-black grids and graphs for grids, graphs for netlists."""
 
 from __future__ import annotations
 
@@ -9,36 +9,51 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian
-from resgrid.solvers.multigrid.aggregation import coordinates
-from resgrid.solvers.multigrid.boards import Level, lay_out
-from resgrid.solvers.multigrid.grid_levels import GridLevels, coarsen_grid
-from resgrid.solvers.multigrid.kernels import Stack
-from resgrid.solvers.multigrid.levels import Graph, coarsen_down
-from resgrid.solvers.multigrid.stack import stack_graph, stack_levels
+from resgrid.solvers.multigrid.board_passes import Board
+from resgrid.solvers.multigrid.boards import Level, compensated, in_double, in_single, lay_out, to_graph
+from resgrid.solvers.multigrid.cg_kernels import put_at_places
+from resgrid.solvers.multigrid.coarsening import Coarsened, coarsen
+from resgrid.solvers.multigrid.cycle import Finest, Levels
+from resgrid.solvers.multigrid.graphs import Graph, coarsen_down
+from resgrid.solvers.multigrid.packing import pack_graphs, pack_grids, pack_levels, pack_netlist
 
 _WHOLE = 32
-"""Cells that boards may begin at multiples of: their blocks lie as they would from the first cell on."""
+"""Cells that the finest level may begin at multiples of: its blocks lie as they would from the first cell on."""
+
+_SMALL = 250
+_SHRINKAGE = 0.6
+"""Share of nodes above which a grid has fallen apart, and a graph takes its place."""
+
+_MOST_EXTRAS, _MOST_EXTRAS_KEPT = 0.1, 0.5
+"""Share of nodes beside the lattice above which a graph serves better than a grid."""
+
+UNGRADED = np.empty(0, dtype=np.float32)
+NO_GROUND = np.empty(0)
+_NO_PLACES, _NO_FACES = np.empty(0, dtype=np.int32), np.empty((0, 0), dtype=np.float32)
+_NO_BOARD = Board(
+    _NO_FACES, np.empty(0, dtype=np.int64), 0, 1, _NO_PLACES, _NO_PLACES, UNGRADED, UNGRADED, UNGRADED, UNGRADED
+)
+_NO_EXACT = _NO_BOARD._replace(black_degree=NO_GROUND)
 
 
 @dataclass(frozen=True, eq=False)
 class Hierarchy:
     """What preconditions the conjugate gradients.
 
-    `stack`: the levels that are graphs: all of them, or those below the boards; `grid`: the boards, where the circuit
-    is a grid of two colours; `unit`: conductance that counts as 1 on all levels, in siemens; `box`: the range of
-    cells along every axis that the boards cover.
+    `levels`: the coarse levels; of a netlist, the finest one too; `place` (n,): where every row stands among the
+    vectors: of a grid, red cells first; `unit`: conductance that counts as 1 on all levels, in siemens;
+    `largest_degree`: largest diagonal entry of the matrix, in siemens; `true`: the finest level of a
+    grid of two colours in double precision; `box`: the range of cells along every axis that it
+    covers.
     """
 
-    stack: Stack
-    grid: GridLevels | None
+    levels: Levels
+    place: NDArray[np.int32]
     unit: float
+    largest_degree: float
+    finest: Finest
+    true: Board | None = None
     box: tuple[slice, ...] = ()
-
-    def largest_degree(self, laplacian: Laplacian) -> float:
-        """Largest diagonal entry of a system's matrix, in siemens."""
-        if self.grid is not None:
-            return self.grid.largest_degree * self.unit
-        return float(laplacian.diagonal.max(initial=0.0))
 
 
 def build_hierarchy(laplacian: Laplacian) -> Hierarchy:
@@ -46,15 +61,78 @@ def build_hierarchy(laplacian: Laplacian) -> Hierarchy:
     found = lay_out_grid(laplacian)
     if found is not None:
         level, place, unit, box = found
-        made = coarsen_grid(level, place)
+        made = _grid_levels(*coarsen_grid(level))
         if made is not None:
-            return Hierarchy(made[1], made[0], unit, box)
-    where = _coordinates(laplacian)
-    rows = laplacian.rows if where is None else laplacian.edges
+            true, finest, levels = made
+            return Hierarchy(levels, place, unit, unit * largest_degree(true), finest, true, box)
+    rows = laplacian.rows
     unit = float(rows.data.mean()) if rows.nnz else float(laplacian.ground.mean())
-    finest = Graph(rows.indptr, rows.indices, rows.data / unit, laplacian.ground / unit, where)
-    stack = stack_graph(finest) if where is None else stack_levels(*coarsen_down(finest), free=True)
-    return Hierarchy(stack, None, unit)
+    levels, place = pack_netlist(Graph(rows.indptr, rows.indices, rows.data / unit, laplacian.ground / unit))
+    ground = np.empty(laplacian.size)
+    put_at_places(place, laplacian.ground, 1.0 / unit, ground)
+    finest = Finest(_NO_BOARD, _NO_EXACT, _NO_PLACES, UNGRADED, ground)
+    return Hierarchy(levels, place, unit, float(laplacian.diagonal.max(initial=0.0)), finest)
+
+
+def coarsen_grid(level: Level, *, keep: bool = False) -> tuple[list[Level], list[Coarsened]]:
+    """Coarsen a grid by blocks until it falls apart or is small."""
+    levels: list[Level] = [level]
+    steps: list[Coarsened] = []
+    while True:
+        made = coarsen(levels[-1], split=level.uneven, keep=keep)
+        if made is None or made.level.size > _SHRINKAGE * levels[-1].size:
+            break
+        coarse = made.level
+        levels.append(coarse)
+        steps.append(made)
+        extras = sum(len(cell) for cell in coarse.extra_cell)
+        if coarse.size < _SMALL or extras > (_MOST_EXTRAS_KEPT if keep else _MOST_EXTRAS) * coarse.size:
+            break
+    return levels, steps
+
+
+def _grid_levels(levels: list[Level], steps: list[Coarsened]) -> tuple[Board, Finest, Levels] | None:
+    """Lay grids out for the compiled passes, and coarsen the last one as a graph; None where it does not shrink.
+
+    Takes over the degrees of the first level.
+    """
+    level, targets = levels[0], [step.target for step in steps]
+    graph, number = to_graph(levels[-1])
+    graphs, shrinking = coarsen_down(graph)
+    if not targets:
+        if not shrinking:
+            return None
+        number[number >= 0] = shrinking[0].target[number[number >= 0]]
+        targets = [np.arange(level.lattice.places, 2 * level.lattice.places, dtype=np.int32)]
+        graphs, shrinking = graphs[1:], shrinking[1:]
+    packed, rank = pack_graphs(graphs, shrinking)
+    targets[-1] = counted(number, rank, targets[-1])
+    boards = [in_single(coarse) for coarse in levels[1:-1]]
+    grids = pack_grids(boards, targets[1:], [], len(level.faces) // 2)
+    true, board, exact = finest_boards(level)
+    return true, Finest(board, exact, targets[0], UNGRADED, NO_GROUND), pack_levels(grids, packed)
+
+
+def finest_boards(level: Level) -> tuple[Board, Board, Board]:
+    """The finest level in double precision, in single, and in single with a diagonal that makes up for that.
+
+    Takes over its degrees.
+    """
+    board = in_single(level)._replace(black_degree=np.empty(0, dtype=np.float32))
+    exact = compensated(level, board)
+    return in_double(level), board, exact
+
+
+def counted(number: NDArray[np.int32], rank: NDArray[np.int32], place: NDArray[np.integer]) -> NDArray[np.int32]:
+    """Where a graph's nodes at some places stand, counted from 1; 0 for none, as at place 0."""
+    node = number[place]
+    return np.where(node >= 0, rank[node] + 1, 0).astype(np.int32)
+
+
+def largest_degree(true: Board) -> float:
+    """Largest diagonal entry of the finest level."""
+    red = float(true.red_inverse.min(initial=np.inf, where=true.red_inverse > 0))
+    return max(float(true.black_degree.max()), 1.0 / red)
 
 
 def lay_out_grid(laplacian: Laplacian) -> tuple[Level, NDArray[np.int32], float, tuple[slice, ...]] | None:
@@ -100,17 +178,3 @@ def _edges(laplacian: Laplacian, grid: Grid) -> tuple[EdgeList, NDArray[np.int32
     upper = sparse.triu(laplacian.edges, format="coo")
     pairs = np.stack([upper.row, upper.col], axis=1).astype(np.int32)
     return EdgeList(pairs, upper.data, np.arange(laplacian.size, dtype=np.int32)), grid.vertex
-
-
-def _coordinates(laplacian: Laplacian) -> NDArray[np.int32] | None:
-    """Where every row lies on the grid, where each is one cell."""
-    if laplacian.grid is None:
-        return None
-    vertex = laplacian.grid.vertex
-    row = (vertex if laplacian.listed is None else laplacian.grid.of_rows(laplacian.listed.row).vertex).ravel()
-    cells = np.flatnonzero(row >= 0)
-    cell = np.full(laplacian.size, -1, dtype=np.int64)
-    cell[row[cells]] = cells
-    if len(cells) != laplacian.size or np.any(cell < 0):
-        return None
-    return coordinates(cell, np.array(vertex.shape))

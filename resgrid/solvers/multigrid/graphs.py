@@ -1,19 +1,36 @@
-"""Compiled loops that aggregate a graph without coordinates: grown aggregates and their sums.
+"""From one graph of conductances to the next: aggregates are grown, and corridors shrink by exact elimination.
 
-Loops over neighbours avoid branches that cannot be foreseen; they would take most of the time.
+Aggregates are grown node by node along the strongest conductances, so that they never join across a wall.  Where a
+level has come down to corridors one node wide, its nodes of at most two neighbours are eliminated instead.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy import sparse
 
 from resgrid.jit import inner
+from resgrid.solvers.reduction.rows import eliminate_rows
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
 Singles = NDArray[np.float32]
+
+_COARSEST = 250
+_MOST_LEVELS = 40
+_LEAST_SHRINKAGE = 0.98
+_CORRIDORS = 0.3
+"""Share of nodes with at most two neighbours from which elimination takes the place of aggregation."""
+
+_MEMBERS = 4
+"""Nodes of an aggregate that is grown."""
+
+_CLUSTERS_SHRINK = 0.7
+"""Share of nodes above which aggregates are grown along weak conductances, too."""
 
 _WEAK = 0.2
 """Share of its conductances (or of the first node's) by which a node must hang on an aggregate to join it."""
@@ -22,6 +39,73 @@ _BESIDE_STRONGEST = 0.7
 """It may join, too, if it hangs on it by so much of the first node's strongest conductance."""
 
 _TAKEN, _NONE = np.float32(-1.0), np.float32(0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Graph:
+    """One level: conductances by rows, in any order, and leaks to the rails."""
+
+    indptr: NDArray[np.int32]
+    indices: NDArray[np.int32]
+    conductance: NDArray[np.float64]
+    leak: NDArray[np.float64]
+
+    @property
+    def size(self) -> int:
+        """Number of nodes."""
+        return len(self.leak)
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """The way from a level to the next.
+
+    `target` (n,): node of the next level that a node belongs to; without meaning where it is eliminated; `rows`
+    (eliminated, 3): the eliminated nodes in their order, and their neighbours (-1 for none); empty where nodes are
+    aggregated; `weights` (eliminated, 3): shares of the neighbours, and the reciprocal of the diagonal.
+    """
+
+    target: NDArray[np.int32]
+    rows: NDArray[np.int32]
+    weights: NDArray[np.float64]
+
+
+def coarsen_down(graph: Graph) -> tuple[list[Graph], list[Step]]:
+    """Coarsen a graph until it is small, or does not shrink any more."""
+    graphs: list[Graph] = [graph]
+    steps: list[Step] = []
+    while graph.size > _COARSEST and len(graphs) < _MOST_LEVELS:
+        step, coarse = _next(graph, first=not steps)
+        if coarse.size > _LEAST_SHRINKAGE * graph.size:
+            break
+        graphs.append(coarse)
+        steps.append(step)
+        graph = coarse
+    return graphs, steps
+
+
+def _next(graph: Graph, *, first: bool) -> tuple[Step, Graph]:
+    if not first and np.count_nonzero(np.diff(graph.indptr) <= 2) > _CORRIDORS * graph.size:
+        return _eliminated(graph)
+    return _clusters(graph)
+
+
+def _eliminated(graph: Graph) -> tuple[Step, Graph]:
+    """Eliminate the nodes of at most two neighbours (`resgrid.solvers.reduction`)."""
+    coupling = sparse.csr_array((graph.conductance, graph.indices, graph.indptr), shape=(graph.size, graph.size))
+    shrunk = eliminate_rows(coupling, graph.leak)
+    core = shrunk.coupling
+    coarse = Graph(core.indptr, core.indices, core.data, shrunk.excess)
+    return Step(shrunk.number, shrunk.record.rows, shrunk.record.weights[:, ::2]), coarse
+
+
+def _clusters(graph: Graph) -> tuple[Step, Graph]:
+    """Aggregates grown along the strongest conductances, and along all of them where those are too few."""
+    rows = (graph.indptr, graph.indices, graph.conductance, graph.leak)
+    aggregate, count = grow_aggregates(*rows, _MEMBERS, True)
+    if count > _CLUSTERS_SHRINK * graph.size:
+        aggregate, count = grow_aggregates(*rows, _MEMBERS, False)
+    return Step(aggregate, np.empty((0, 3), dtype=np.int32), np.empty((0, 3))), Graph(*sum_up(*rows, aggregate, count))
 
 
 @njit(cache=True)

@@ -1,0 +1,29 @@
+"""``resgrid live``: the page in which one draws while the grid is solved."""
+
+from __future__ import annotations
+
+import click
+
+from resgrid.cli.options import Source, verb, with_source
+from resgrid.cli.report import finish
+from resgrid.cli.scenes import open_job
+
+
+@verb("live", examples=("resgrid live", "resgrid live rooms.toml", "resgrid live map.yaml --goal 5,0 --port 8080"))
+@with_source(required=False)
+@click.option("--host", default="127.0.0.1", help="Address to listen at; others than this computer see the page then.")
+@click.option("--port", metavar="N", type=click.IntRange(0, 65535), default=8017, help="Port; 0 takes a free one.")
+@click.option("--read-only", is_flag=True, help="Visitors may change k and starts only.")
+@click.option("--browser/--no-browser", default=True, help="Open the page in the browser, or only say where it is.")
+def command(source: Source | None, host: str, port: int, read_only: bool, browser: bool) -> int:
+    """Open a page in the browser: paint walls, drag goals, and watch the current find the way; Ctrl-C ends it.
+
+    SCENE has two axes; without one the page begins with an empty square. Needs pip install 'resgrid[live]'.
+    """
+    from resgrid.page.live import live
+
+    scene = None if source is None else open_job(source, require_goal=False).scene
+    with live(scene, host=host, port=port, read_only=read_only, browser=browser) as page:
+        finish({"url": page.url}, [f"the page is at {page.url}; Ctrl-C ends it"])
+        page.wait()
+    return 0

@@ -1,0 +1,138 @@
+"""What travels between page and server: a JSON head and bytes, in one binary message each way.
+
+A message is ``uint32`` n (little endian), n bytes of JSON (padded with spaces to a multiple of 4), and a body.  The
+body of a drawing is one byte a cell in C order: its code + 4 x the number of its conductivity.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from annotated_types import Ge, Gt, Le, Len
+from pydantic import Field, Strict, ValidationError
+
+from resgrid.axis import Axis
+from resgrid.errors import InputError
+from resgrid.io.tables import json_text
+from resgrid.page.drawing import Drawing, check_size
+from resgrid.scene.table import Table
+from resgrid.space import Cell
+
+LARGEST = 8 << 20
+"""Bytes of the longest message."""
+
+_Point = Annotated[tuple[float, ...], Strict(False), Len(2, 2)]
+
+
+class AxisHead(Table):
+    """One axis."""
+
+    name: Annotated[str, Len(1, 40)]
+    lower: float
+    upper: float
+    cells: Annotated[int, Ge(1), Le(10**12)]
+    periodic: bool = False
+    unit: Annotated[str, Len(0, 40)] = ""
+
+
+class DrawingHead(Table):
+    """What a drawing says beside its cells."""
+
+    title: Annotated[str, Len(0, 200)] = ""
+    axes: Annotated[list[AxisHead], Len(2, 2)]
+    edge: Annotated[list[Literal["obstacle", "open", "periodic"]], Len(2, 2)]
+    palette: Annotated[list[Annotated[float, Gt(0)]], Len(1, 64)]
+    starts: Annotated[list[_Point], Len(0, 50)]
+    k: Annotated[float, Ge(0), Le(1)]
+    wall: Annotated[float, Ge(0), Le(1e30)]
+    driven: bool
+    chip: dict[str, Any] = Field(default_factory=dict)
+
+
+class File(Table):
+    """A file that was dropped on the page; `data`: its bytes in base64."""
+
+    name: Annotated[str, Len(1, 200)]
+    data: str
+
+
+class Request(Table):
+    """What the page asks for."""
+
+    type: Literal["solve", "save", "probe", "example", "files", "link"]
+    seq: Annotated[int, Ge(0)]
+    drawing: DrawingHead | None = None
+    exact: bool = True
+    format: Literal["toml", "json", "csv", "deck"] | None = None
+    cell: Annotated[list[int], Len(2, 2)] | None = None
+    name: str | None = None
+    files: Annotated[list[File], Len(1, 10)] | None = None
+    document: dict[str, Any] | None = None
+
+
+def read_request(message: bytes) -> tuple[Request, bytes]:
+    """The request that a message holds, and its body."""
+    size = int.from_bytes(message[:4], "little")
+    if len(message) < 4 or size > len(message) - 4:
+        raise InputError("this message is cut short: a length, a JSON head and a body are expected")
+    try:
+        request = Request.model_validate(json.loads(message[4 : 4 + size]))
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise InputError(f"{'.'.join(map(str, first['loc'])) or 'request'}: {first['msg']}") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"the head of this message is no JSON: {error}") from None
+    return request, message[4 + size :]
+
+
+def read_drawing(head: DrawingHead | None, body: bytes) -> Drawing:
+    """The drawing that a request brings."""
+    if head is None:
+        raise InputError("this request needs a drawing")
+    shape = [axis.cells for axis in head.axes]
+    check_size(shape)
+    if len(body) != shape[0] * shape[1]:
+        raise InputError(f"{shape[0]} x {shape[1]} cells need as many bytes, got {len(body)}")
+    cells = np.frombuffer(body, dtype=np.uint8).reshape(shape)
+    code, level = cells & np.uint8(3), cells >> np.uint8(2)
+    if code.max() > max(Cell) or level.max() >= len(head.palette):
+        raise InputError("a cell is none of free, obstacle and goal, or has no such conductivity")
+    keys = {key: value for key, value in head.model_dump().items() if key not in {"axes", "edge", "palette", "starts"}}
+    return Drawing(
+        axes=tuple(Axis(**axis.model_dump()) for axis in head.axes),
+        edge=tuple(head.edge),
+        cell=code,
+        level=level,
+        palette=tuple(head.palette),
+        starts=np.array(head.starts, dtype=np.float64).reshape(-1, 2),
+        **keys,
+    )
+
+
+def write_drawing(drawing: Drawing) -> tuple[dict[str, Any], bytes]:
+    """The head and body of a drawing; with its goal regions as lists of cell numbers."""
+    space = drawing.space
+    region, goals = space.goal_region.ravel(), []
+    for number in range(space.goal_count):
+        goals.append(np.flatnonzero(region == number).tolist())
+    head = {
+        "title": drawing.title,
+        "axes": [{name: getattr(axis, name) for name in AxisHead.model_fields} for axis in drawing.axes],
+        "edge": list(drawing.edge),
+        "palette": list(drawing.palette),
+        "starts": drawing.starts.tolist(),
+        "k": drawing.k,
+        "wall": drawing.wall,
+        "driven": drawing.driven,
+        "chip": dict(drawing.chip or {}),
+    }
+    return {"drawing": head, "goals": goals}, (drawing.cell | drawing.level << 2).tobytes()
+
+
+def pack(head: dict[str, Any], *body: bytes) -> bytes:
+    """One message."""
+    text = json_text(head).encode()
+    text += b" " * (-len(text) % 4)
+    return b"".join((len(text).to_bytes(4, "little"), text, *body))

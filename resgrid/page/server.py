@@ -1,0 +1,165 @@
+"""The server of the page: static files, and one WebSocket for each browser.
+
+Nothing is kept but the last frame of each browser: every request brings all that it is about, so that a page goes on
+from where it was when the server is back.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.requests import Request as HttpRequest
+from starlette.responses import FileResponse, Response
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.types import Message, Receive, Scope, Send
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from resgrid.errors import InputError, ResgridError
+from resgrid.page.drawing import Drawing, drawing_of
+from resgrid.page.frames import Frame, describe, probe, solve_drawing
+from resgrid.page.messages import Request, pack, read_drawing, read_request, write_drawing
+from resgrid.page.opening import examples, open_document, open_example, open_files
+from resgrid.page.saving import save
+
+STATIC = Path(__file__).parent / "static"
+PATIENCE = 0.035
+"""Seconds that a direction-safe frame may take to be made while somebody draws."""
+
+_HEADERS = {
+    "content-security-policy": "default-src 'self'; img-src 'self' blob: data:; style-src 'self'; object-src 'none'; "
+    "base-uri 'none'; form-action 'none'",
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cache-control": "no-cache",
+}
+Reply = tuple[dict[str, Any], list[bytes]]
+
+
+def make_app(first: Drawing, executor: Executor, *, hosts: list[str], read_only: bool = False) -> Starlette:
+    """The application that shows a drawing; `hosts`: names by which it may be called; `executor`: where it solves."""
+
+    async def serve(socket: WebSocket) -> None:
+        if not _is_own(socket):
+            await socket.close(code=1008, reason="this page may only be used from itself")
+            return
+        await socket.accept()
+        await _talk(socket, Session(first, read_only), executor)
+
+    async def index(_request: HttpRequest) -> Response:
+        return FileResponse(STATIC / "index.html")
+
+    return Starlette(
+        routes=[Route("/", index), Mount("/static", StaticFiles(directory=STATIC)), WebSocketRoute("/ws", serve)],
+        middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=hosts), Middleware(_Headers)],
+    )
+
+
+class _Headers:
+    """Adds headers that keep the page to itself."""
+
+    def __init__(self, app: Any) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        async def sending(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                extra = [(key.encode(), value.encode()) for key, value in _HEADERS.items()]
+                message = {**message, "headers": [*message["headers"], *extra]}
+            await send(message)
+
+        await self.app(scope, receive, sending)
+
+
+def _is_own(socket: WebSocket) -> bool:
+    """Whether a connection comes from the page itself, not from another that the browser visits."""
+    return urlsplit(socket.headers.get("origin", "")).netloc == socket.headers.get("host")
+
+
+async def _talk(socket: WebSocket, session: Session, executor: Executor) -> None:
+    loop = asyncio.get_running_loop()
+    await socket.send_bytes(session.hello())
+    try:
+        while True:
+            message = await socket.receive_bytes()
+            await socket.send_bytes(await loop.run_in_executor(executor, session.answer, message))
+    except (WebSocketDisconnect, KeyError):  # closed, or a text message, which no page sends
+        return
+
+
+class Session:
+    """One browser: answers requests, and keeps its last frame for questions about it."""
+
+    def __init__(self, first: Drawing, read_only: bool) -> None:
+        self.first, self.read_only = first, read_only
+        self.frame: Frame | None = None
+        self.exact_seconds = float("inf")
+
+    def hello(self) -> bytes:
+        """What a page is told first."""
+        head, body = write_drawing(self.first)
+        about = {"examples": list(examples()), "read_only": self.read_only}
+        return pack({"hello": about, **head}, body)
+
+    def answer(self, message: bytes) -> bytes:
+        """The reply to a message, which says what was wrong with it if anything was."""
+        seq: int | None = None
+        try:
+            request, body = read_request(message)
+            seq = request.seq
+            head, parts = self._reply(request, body)
+        except ResgridError as error:
+            head, parts = {"error": str(error), "kind": type(error).__name__}, []
+        except MemoryError:
+            head, parts = {"error": "this does not fit in memory; use a coarser grid", "kind": "MemoryError"}, []
+        except Exception as error:  # a fault of resgrid, which must not end the conversation
+            head, parts = {"error": f"this is a fault of resgrid ({error!r}); please report it", "kind": "fault"}, []
+        return pack({"seq": seq, **head}, *parts)
+
+    def _reply(self, request: Request, body: bytes) -> Reply:
+        match request.type:
+            case "solve":
+                return self._solve(self._drawing(request, body), request.exact)
+            case "probe":
+                if self.frame is None:
+                    raise InputError("nothing has been solved yet")
+                return {"probe": probe(self.frame, request.cell or ())}, []
+            case "save":
+                name, content = save(self._drawing(request, body), request.format)
+                return {"name": name}, [content]
+        if self.read_only:
+            raise InputError("this page is for reading only")
+        opened = {
+            "example": lambda: drawing_of(open_example(request.name)),
+            "files": lambda: open_files(request.files),
+            "link": lambda: open_document(request.document),
+        }[request.type]()
+        head, cells = write_drawing(opened)
+        return head, [cells]
+
+    def _drawing(self, request: Request, body: bytes) -> Drawing:
+        """What a request is about; for readers the drawing shown, with their own k and starts."""
+        drawing = read_drawing(request.drawing, body)
+        return replace(self.first, k=drawing.k, starts=drawing.starts) if self.read_only else drawing
+
+    def _solve(self, drawing: Drawing, exact: bool) -> Reply:
+        """Solve as asked; in haste, direction-safe all the same where that was quick enough before."""
+        self.frame = solve_drawing(drawing, exact=exact or self.exact_seconds < PATIENCE)
+        if self.frame.exact:
+            self.exact_seconds = self.frame.seconds
+        return describe(self.frame)
+
+
+def hosts_of(host: str, names: Mapping[str, Any] | None = None) -> list[str]:
+    """Names by which a server on a host may be called."""
+    own = ["127.0.0.1", "localhost", "[::1]"]
+    return [*own, *(names or ()), *([] if host in own else [host])]

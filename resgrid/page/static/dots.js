@@ -1,0 +1,60 @@
+// Dots that the current carries. Within a cell the velocity is linear between its faces, as streamlines are; dots show
+// where the current runs, the engine alone says where a path goes.
+
+const LIFE_S = [1.5, 4.5];
+
+/** @typedef {import("./frame.js").Frame} Frame */
+
+export class Dots {
+  /** @param {number} count */
+  constructor(count) {
+    this.count = count;
+    this.x = new Float32Array(count);
+    this.y = new Float32Array(count);
+    this.u = new Float32Array(count);
+    this.v = new Float32Array(count);
+    this.life = new Float32Array(count);
+  }
+
+  /** @param {Frame} frame @param {boolean[]} periodic @param {number} seconds */
+  move(frame, periodic, seconds) {
+    const pace = Math.max(frame.nx, frame.ny) / 7;
+    const steps = Math.max(1, Math.ceil(2 * pace * seconds));
+    for (let n = 0; n < this.count; n++) {
+      this.life[n] -= seconds;
+      let alive = this.life[n] > 0;
+      for (let s = 0; s < steps && alive; s++) alive = this.#step(n, frame, periodic, (pace * seconds) / steps);
+      if (!alive) this.#spawn(n, frame);
+    }
+  }
+
+  /** @param {number} n @param {Frame} frame @param {boolean[]} periodic @param {number} by */
+  #step(n, { nx, ny, currents, speed }, periodic, by) {
+    const i = Math.floor(this.x[n]), j = Math.floor(this.y[n]);
+    if (i < 0 || j < 0 || i >= nx || j >= ny) return false;
+    const cell = i * ny + j, face = 4 * cell;
+    if (!speed[cell]) return false;
+    const a = this.x[n] - i, b = this.y[n] - j, rate = speed[cell] / (255 * 127);
+    this.u[n] = rate * (currents[face] * (1 - a) + currents[face + 1] * a);
+    this.v[n] = rate * (currents[face + 2] * (1 - b) + currents[face + 3] * b);
+    this.x[n] = wrapped(this.x[n] + by * this.u[n], nx, periodic[0]);
+    this.y[n] = wrapped(this.y[n] + by * this.v[n], ny, periodic[1]);
+    return true;
+  }
+
+  /** @param {number} n @param {Frame} frame */
+  #spawn(n, { nx, ny, speed }) {
+    this.life[n] = LIFE_S[0] + Math.random() * (LIFE_S[1] - LIFE_S[0]);
+    this.u[n] = this.v[n] = 0;
+    for (let attempt = 0; attempt < 8; attempt++) {
+      this.x[n] = Math.random() * nx;
+      this.y[n] = Math.random() * ny;
+      if (speed[Math.floor(this.x[n]) * ny + Math.floor(this.y[n])]) return;
+    }
+    this.life[n] = 0;
+    this.x[n] = -1;
+  }
+}
+
+/** @param {number} value @param {number} size @param {boolean} periodic */
+const wrapped = (value, size, periodic) => (periodic ? ((value % size) + size) % size : value);

@@ -1,0 +1,38 @@
+// A frame as the server sends it.
+
+/**
+ * @typedef {{outcome: string | null, points: number, goal?: number, cells?: number, length?: number,
+ *   clearance?: number | null, message?: string}} Path
+ * @typedef {object} Frame
+ * @property {boolean} exact
+ * @property {Path[]} paths
+ * @property {Float32Array[]} lines x, y, x, y ... in cells, of every path
+ * @property {Uint16Array} picture
+ * @property {{kind: "decades" | "height", low: number, high: number}} scale
+ * @property {Int8Array} currents through the lower and upper face across each axis, of every cell
+ * @property {Uint8Array} speed
+ * @property {number} nx
+ * @property {number} ny
+ * @property {number} seconds
+ * @property {string[]} methods
+ * @property {number} cut_off
+ * @property {string[]} flat
+ */
+
+export const NOTHING = 65535;
+
+/** @param {any} head @param {Uint8Array} body @param {number[]} size @returns {Frame} */
+export function readFrame(head, body, [nx, ny]) {
+  const { buffer, byteOffset } = body;
+  let at = byteOffset;
+  const lines = head.paths.map((/** @type {Path} */ path) => {
+    const line = new Float32Array(buffer, at, 2 * path.points);
+    at += 8 * path.points;
+    return line;
+  });
+  const cells = nx * ny;
+  const picture = new Uint16Array(buffer, at, cells);
+  const currents = new Int8Array(buffer, at + 2 * cells, 4 * cells);
+  const speed = new Uint8Array(buffer, at + 6 * cells, cells);
+  return { ...head, lines, picture, currents, speed, nx, ny };
+}

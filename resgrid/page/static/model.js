@@ -1,0 +1,143 @@
+// What is drawn: an immutable scene, the steps that led to it, and how it travels.
+
+/**
+ * @typedef {{name: string, lower: number, upper: number, cells: number, periodic: boolean, unit: string}} Axis
+ * @typedef {object} Scene
+ * @property {string} title
+ * @property {Axis[]} axes two of them
+ * @property {string[]} edge
+ * @property {number[]} palette conductivities
+ * @property {number[][]} starts in axis units
+ * @property {number} k
+ * @property {number} wall ohms
+ * @property {boolean} driven
+ * @property {object} chip
+ * @property {Uint8Array} cells one byte a cell, x first: 1 for an obstacle, + 4 x number of its conductivity
+ * @property {number[][]} goals cell numbers of every goal; goals stand on top of cells
+ */
+
+export const OBSTACLE = 1;
+const GOAL = 2;
+const KEPT_BYTES = 64e6;
+
+/** @param {Scene} scene */
+export const sizeOf = (scene) => [scene.axes[0].cells, scene.axes[1].cells];
+/** @param {Scene} scene @param {number[]} cell */
+export const numberOf = (scene, [i, j]) => i * scene.axes[1].cells + j;
+/** @param {Scene} scene @param {number} number */
+export const cellOf = (scene, number) => [Math.floor(number / scene.axes[1].cells), number % scene.axes[1].cells];
+/** @param {Axis} axis */
+export const spacingOf = (axis) => (axis.upper - axis.lower) / axis.cells;
+
+/** A cell wrapped round periodic axes; null outside the grid. @param {Scene} scene @param {number[]} cell */
+export function insideOf(scene, cell) {
+  const wrapped = cell.map((part, a) => {
+    const { cells, periodic } = scene.axes[a];
+    return periodic ? ((part % cells) + cells) % cells : part;
+  });
+  return wrapped.every((part, a) => part >= 0 && part < scene.axes[a].cells) ? wrapped : null;
+}
+
+/** The cell that a point in axis units lies in. @param {Scene} scene @param {number[]} point */
+export const cellAt = (scene, point) => point.map((value, a) => {
+  const axis = scene.axes[a];
+  return Math.min(axis.cells - 1, Math.max(0, Math.floor((value - axis.lower) / spacingOf(axis))));
+});
+
+/** The centre of a cell in axis units. @param {Scene} scene @param {number[]} cell */
+export const centreOf = (scene, cell) => cell.map((part, a) => scene.axes[a].lower + (part + 0.5) * spacingOf(scene.axes[a]));
+
+/** A scene from the head and body of a message. @param {any} head @param {Uint8Array} body @returns {Scene} */
+export function readScene(head, body) {
+  const cells = body.slice();
+  for (const goal of head.goals) for (const number of goal) cells[number] &= ~3;
+  return { ...head.drawing, cells, goals: head.goals };
+}
+
+/** The head and body of a message. @param {Scene} scene @returns {[object, Uint8Array]} */
+export function writeScene(scene) {
+  const { cells, goals, ...drawing } = scene;
+  const body = cells.slice();
+  for (const goal of goals) for (const number of goal) body[number] = (body[number] & ~3) | GOAL;
+  return [drawing, body];
+}
+
+/** A scene as text, for keeping. @param {Scene} scene */
+export function keepScene(scene) {
+  const { cells, ...rest } = scene;
+  let bytes = "";
+  for (let i = 0; i < cells.length; i += 8192) bytes += String.fromCharCode(...cells.subarray(i, i + 8192));
+  return JSON.stringify({ ...rest, cells: btoa(bytes) });
+}
+
+/** The inverse of keepScene. @param {string} text @returns {Scene} */
+export function keptScene(text) {
+  const { cells, ...rest } = JSON.parse(text);
+  return { ...rest, cells: Uint8Array.from(atob(cells), (letter) => letter.charCodeAt(0)) };
+}
+
+/** The scene on the page, and the way back. */
+export class Model extends EventTarget {
+  /** @type {Scene | null} */ scene = null;
+  /** @type {Scene[]} */ past = [];
+  /** @type {Scene[]} */ future = [];
+  /** @type {Scene | null} */ before = null;
+
+  /** Show another scene; it can be undone. @param {Scene} scene */
+  replace(scene) {
+    this.begin();
+    this.show(scene);
+    this.commit();
+  }
+
+  /** Begin afresh. @param {Scene} scene */
+  reset(scene) {
+    this.past = this.future = [];
+    this.before = null;
+    this.#set(scene, true);
+  }
+
+  /** A gesture begins. */
+  begin() {
+    this.before ??= this.scene;
+  }
+
+  /** What the gesture has made so far. @param {Scene} scene */
+  show(scene) {
+    this.#set(scene, false);
+  }
+
+  /** The gesture ends: one step to be undone. */
+  commit() {
+    if (this.before && this.before !== this.scene) {
+      const kept = Math.max(20, Math.floor(KEPT_BYTES / this.before.cells.length));
+      this.past = [...this.past, this.before].slice(-kept);
+      this.future = [];
+    }
+    this.before = null;
+    this.#set(this.scene, true);
+  }
+
+  undo() {
+    this.#step("past", "future");
+  }
+
+  redo() {
+    this.#step("future", "past");
+  }
+
+  /** @param {"past" | "future"} from @param {"past" | "future"} to */
+  #step(from, to) {
+    const scene = this[from].at(-1);
+    if (!scene || this.before) return;
+    this[from] = this[from].slice(0, -1);
+    this[to] = [...this[to], this.scene];
+    this.#set(scene, true);
+  }
+
+  /** @param {Scene | null} scene @param {boolean} settled */
+  #set(scene, settled) {
+    this.scene = scene;
+    this.dispatchEvent(new CustomEvent("change", { detail: { settled } }));
+  }
+}

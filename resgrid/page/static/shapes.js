@@ -1,0 +1,92 @@
+// Changes of a scene: each takes one and gives a new one.
+
+import { cellOf, centreOf, insideOf, numberOf, OBSTACLE, sizeOf } from "./model.js";
+
+/** @typedef {import("./model.js").Scene} Scene */
+/** @typedef {(byte: number) => number} Stroke what becomes of a cell */
+
+/** @type {Stroke} */ export const wall = (byte) => byte | OBSTACLE;
+/** @type {Stroke} */ export const free = (byte) => byte & ~OBSTACLE;
+/** @param {number} level @returns {Stroke} */
+export const costing = (level) => (byte) => (byte & 3) | (level << 2);
+
+/** A scene whose palette has a conductivity, and its number. @param {Scene} scene @param {number} value @returns {[Scene, number]} */
+export function withConductivity(scene, value) {
+  const level = scene.palette.indexOf(value);
+  if (level >= 0) return [scene, level];
+  return [{ ...scene, palette: [...scene.palette, value] }, scene.palette.length];
+}
+
+/** @param {Scene} scene @param {Iterable<number[]>} cells @param {Stroke} stroke @returns {Scene} */
+export function brushed(scene, cells, stroke) {
+  const changed = scene.cells.slice();
+  for (const cell of cells) {
+    const inside = insideOf(scene, cell);
+    if (inside) {
+      const number = numberOf(scene, inside);
+      changed[number] = stroke(changed[number]);
+    }
+  }
+  return { ...scene, cells: changed };
+}
+
+/** Cells of a brush that is drawn from one cell to another. @param {number[]} from @param {number[]} to @param {number} size */
+export function* line(from, to, size) {
+  const steps = Math.max(Math.abs(to[0] - from[0]), Math.abs(to[1] - from[1]), 1), low = -Math.floor((size - 1) / 2);
+  for (let s = 0; s <= steps; s++) {
+    const i = Math.round(from[0] + ((to[0] - from[0]) * s) / steps);
+    const j = Math.round(from[1] + ((to[1] - from[1]) * s) / steps);
+    for (let a = low; a < low + size; a++) for (let b = low; b < low + size; b++) yield [i + a, j + b];
+  }
+}
+
+/** @param {number[]} one @param {number[]} other */
+export function* rectangle(one, other) {
+  for (let i = Math.min(one[0], other[0]); i <= Math.max(one[0], other[0]); i++) {
+    for (let j = Math.min(one[1], other[1]); j <= Math.max(one[1], other[1]); j++) yield [i, j];
+  }
+}
+
+/** Cells that are like one and joined to it. @param {Scene} scene @param {number[]} cell */
+export function* flood(scene, cell) {
+  const first = numberOf(scene, cell), like = scene.cells[first];
+  const seen = new Uint8Array(scene.cells.length), stack = [first];
+  seen[first] = 1;
+  while (stack.length) {
+    const here = cellOf(scene, /** @type {number} */ (stack.pop()));
+    yield here;
+    for (const [a, b] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) {
+      const next = insideOf(scene, [here[0] + a, here[1] + b]);
+      const number = next ? numberOf(scene, next) : -1;
+      if (number >= 0 && !seen[number] && scene.cells[number] === like) {
+        seen[number] = 1;
+        stack.push(number);
+      }
+    }
+  }
+}
+
+/** @param {Scene} scene @param {number[]} cell */
+export const withGoal = (scene, cell) => ({ ...scene, goals: [...scene.goals, [numberOf(scene, cell)]] });
+/** @param {Scene} scene @param {number[]} cell */
+export const withStart = (scene, cell) => ({ ...scene, starts: [...scene.starts, centreOf(scene, cell)] });
+/** @param {Scene} scene @param {"goals" | "starts"} list @param {number} number */
+export const without = (scene, list, number) => ({ ...scene, [list]: scene[list].filter((_, n) => n !== number) });
+
+/** A goal moved by whole cells, as far as it stays on the grid. @param {Scene} scene @param {number} number @param {number[]} by */
+export function goalMoved(scene, number, by) {
+  const cells = scene.goals[number].map((n) => cellOf(scene, n));
+  const within = by.map((step, a) => {
+    if (scene.axes[a].periodic) return step;
+    const places = cells.map((cell) => cell[a]);
+    return Math.max(-Math.min(...places), Math.min(sizeOf(scene)[a] - 1 - Math.max(...places), step));
+  });
+  const moved = cells.map((cell) => numberOf(scene, /** @type {number[]} */ (insideOf(scene, [cell[0] + within[0], cell[1] + within[1]]))));
+  return { ...scene, goals: scene.goals.map((goal, n) => (n === number ? moved : goal)) };
+}
+
+/** A start moved to the centre of a cell. @param {Scene} scene @param {number} number @param {number[]} cell */
+export function startMoved(scene, number, cell) {
+  const within = cell.map((part, a) => Math.max(0, Math.min(sizeOf(scene)[a] - 1, part)));
+  return { ...scene, starts: scene.starts.map((start, n) => (n === number ? centreOf(scene, within) : start)) };
+}

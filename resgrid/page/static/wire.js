@@ -1,0 +1,101 @@
+// The one WebSocket: requests are answered in turn; of scenes to be solved only the newest is ever sent.
+
+const RETRY_MS = [250, 500, 1000, 2000];
+
+/** @param {object} head @param {Uint8Array} [body] */
+function pack(head, body = new Uint8Array()) {
+  const text = new TextEncoder().encode(JSON.stringify(head));
+  const message = new Uint8Array(4 + text.length + body.length);
+  new DataView(message.buffer).setUint32(0, text.length, true);
+  message.set(text, 4);
+  message.set(body, 4 + text.length);
+  return message;
+}
+
+/** @param {ArrayBuffer} message @returns {[any, Uint8Array]} */
+function unpack(message) {
+  const size = new DataView(message).getUint32(0, true);
+  const head = JSON.parse(new TextDecoder().decode(new Uint8Array(message, 4, size)));
+  return [head, new Uint8Array(message, 4 + size)];
+}
+
+/** Events: "hello" (detail: head, body), "lost". */
+export class Wire extends EventTarget {
+  #seq = 0;
+  #attempt = 0;
+  /** @type {WebSocket | null} */ #socket = null;
+  /** @type {Map<number, {resolve: Function, reject: Function}>} */ #waiting = new Map();
+
+  /** @param {string} url */
+  constructor(url) {
+    super();
+    this.url = url;
+  }
+
+  get isOpen() {
+    return this.#socket?.readyState === WebSocket.OPEN;
+  }
+
+  connect() {
+    const socket = new WebSocket(this.url);
+    socket.binaryType = "arraybuffer";
+    socket.onmessage = (event) => this.#receive(event.data);
+    socket.onclose = (event) => this.#lose(event);
+    this.#socket = socket;
+  }
+
+  /** Ask, and wait for the answer. @param {object} head @param {Uint8Array} [body] @returns {Promise<[any, Uint8Array]>} */
+  ask(head, body) {
+    if (!this.isOpen) return Promise.reject(new Error("the server does not answer; what you draw is kept"));
+    const seq = ++this.#seq;
+    return new Promise((resolve, reject) => {
+      this.#waiting.set(seq, { resolve, reject });
+      this.#socket?.send(pack({ ...head, seq }, body));
+    });
+  }
+
+  /** @param {ArrayBuffer} message */
+  #receive(message) {
+    const [head, body] = unpack(message);
+    if (head.hello) {
+      this.#attempt = 0;
+      this.dispatchEvent(new CustomEvent("hello", { detail: { head, body } }));
+      return;
+    }
+    const waiting = this.#waiting.get(head.seq);
+    this.#waiting.delete(head.seq);
+    if (head.error) waiting?.reject(new Error(head.error));
+    else waiting?.resolve([head, body]);
+  }
+
+  /** @param {CloseEvent} event */
+  #lose(event) {
+    const why = event.code === 1009 ? "this is too large for the server" : "the server does not answer";
+    for (const { reject } of this.#waiting.values()) reject(new Error(why));
+    this.#waiting.clear();
+    this.dispatchEvent(new CustomEvent("lost"));
+    setTimeout(() => this.connect(), RETRY_MS[Math.min(this.#attempt++, RETRY_MS.length - 1)]);
+  }
+}
+
+/** Asks for the newest of something, one request at a time. */
+export class Newest {
+  #busy = false;
+  #wanted = false;
+
+  /** @param {() => Promise<void>} run asks for what is newest when it is called */
+  constructor(run) {
+    this.run = run;
+  }
+
+  async want() {
+    this.#wanted = true;
+    if (this.#busy) return;
+    this.#busy = true;
+    while (this.#wanted) {
+      this.#wanted = false;
+      await this.run();
+    }
+    this.#busy = false;
+  }
+}

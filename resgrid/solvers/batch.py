@@ -1,0 +1,260 @@
+"""Many chips of one circuit: what the nominal one was prepared with preconditions all others.
+
+A chip of a grid has its own finest level, and the nominal coarse ones; of other circuits, the nominal factors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy import sparse
+
+from resgrid.solvers.laplacian import Laplacian
+from resgrid.solvers.multigrid.board_passes import Board, Floats, Indices, Integers
+from resgrid.solvers.multigrid.board_setup import compensate
+from resgrid.solvers.multigrid.cg_kernels import norm, put_at_places, take_from_places
+from resgrid.solvers.multigrid.conjugate_gradients import (
+    LEAST_GAIN,
+    MOST_ITERATIONS,
+    ROUNDING,
+    GridProblem,
+    Stop,
+    converge,
+    iterate,
+)
+from resgrid.solvers.multigrid.hierarchy import Hierarchy, build_hierarchy
+from resgrid.solvers.multigrid.packing import with_work
+
+_LEFT = 16 * ROUNDING
+"""Share of ``|A| |x|`` up to which a residual may be what rounding leaves."""
+
+_FORBIDDEN = 1e-9
+"""Error, as the nominal chip tells it, that is let pass where rounding forbids a smaller one."""
+
+
+class Chip(NamedTuple):
+    """Equations of a chip whose nodes are joined as the nominal one's are.
+
+    `entries` (entries,): of the edges, row by row, in siemens; `ground` (n,): in siemens; `drive` (n,): in amperes;
+    `mostly, least`: by how much its conductances exceed the nominal ones: mostly, as a power of two, and at least.
+    """
+
+    entries: NDArray[np.float64]
+    ground: NDArray[np.float64]
+    drive: NDArray[np.float64]
+    mostly: float
+    least: float
+
+
+@dataclass(frozen=True, eq=False)
+class GridBatch:
+    """A grid made ready for other conductances.
+
+    `hierarchy`: of the nominal chip; `face` (entries,): where the entries of red rows belong, as `_refill` takes it;
+    `start` (n,): where the iteration begins, in volts.
+    """
+
+    laplacian: Laplacian
+    hierarchy: Hierarchy
+    face: NDArray[np.int64]
+    start: NDArray[np.float64]
+    name = "multigrid"
+
+    def solve(
+        self, chips: Iterable[Chip], rtol: float, solution: NDArray[np.float64], reached: NDArray[np.bool_]
+    ) -> None:
+        """Solve for some chips, and tell which were.  Shapes: `solution` (chips, n), `reached` (chips,)."""
+        hierarchy, edges = self.hierarchy, self.laplacian.edges
+        ordinary, place = hierarchy.largest_degree / hierarchy.unit, hierarchy.place
+        problem = _own(hierarchy)
+        diagonal, leak, x = np.empty(len(place)), np.zeros_like(problem.currents), np.empty_like(problem.currents)
+        for number, chip in enumerate(chips):
+            unit = hierarchy.unit * chip.mostly
+            boards = (problem.true, problem.finest.board, problem.finest.exact)
+            _refill(edges.indptr, chip.entries, chip.ground, self.face, place, unit, boards, leak, diagonal)
+            # A row whose own diagonal exceeds an ordinary one counts for so much less.
+            wanted = rtol * norm(chip.drive * np.minimum(1.0, ordinary / diagonal)) / unit
+            x[:] = 0.0
+            put_at_places(place, self.start, 1.0, x.ravel())
+            put_at_places(place, chip.drive, 1.0 / unit, problem.currents.ravel())
+            stop = Stop(wanted, ROUNDING * float(diagonal.max()), unit)
+            residual = converge(problem, x, stop, None, at_rest=False)
+            solution[number] = take_from_places(place, x.ravel())
+            reached[number] = residual <= max(wanted, _LEFT * ordinary * norm(solution[number]))
+
+
+def grid_batch(laplacian: Laplacian, drive: NDArray[np.float64]) -> GridBatch | None:
+    """Lay a grid out by colour; None where it has no two colours.  Shapes: `drive` (n,)."""
+    hierarchy = build_hierarchy(laplacian)
+    if hierarchy.true is None:
+        return None
+    start, _ = iterate(laplacian, hierarchy, drive, 1e-12)
+    return GridBatch(laplacian, hierarchy, _faces(laplacian, hierarchy.place, hierarchy.true), start)
+
+
+def _faces(laplacian: Laplacian, place: NDArray[np.int32], true: Board) -> NDArray[np.int64]:
+    edges, place, places = laplacian.edges, place.astype(np.int64), len(true.black_degree)
+    row = np.repeat(np.arange(len(place)), np.diff(edges.indptr))
+    of_entry = np.zeros(len(row), dtype=np.int64)
+    entry = np.flatnonzero(place[row] < places)
+    here, there = place[row[entry]], place[edges.indices[entry]] - places
+    away = there - here
+    face = np.full(len(entry), -1)
+    for q, distance in enumerate(true.distance.tolist()):
+        face[away == distance] = q
+    links = np.flatnonzero(face < 0)
+    face[links[np.lexsort((there[links], here[links]))]] = -1 - np.arange(len(links))
+    of_entry[entry] = face
+    return of_entry
+
+
+def _own(hierarchy: Hierarchy) -> GridProblem:
+    """A finest level and work space that nobody else writes to, without currents."""
+    assert hierarchy.true is not None
+    true, board = _copied(hierarchy.true), _copied(hierarchy.finest.board)
+    exact = hierarchy.finest.exact
+    exact = board._replace(black_inverse=exact.black_inverse, black_degree=exact.black_degree.copy())
+    finest = hierarchy.finest._replace(board=board, exact=exact)
+    return GridProblem(true, finest, with_work(hierarchy.levels), np.zeros((2, len(true.black_degree))))
+
+
+def _copied(board: Board) -> Board:
+    arrays = ("faces", "links", "red_inverse", "black_inverse", "black_degree")
+    return board._replace(**{name: getattr(board, name).copy() for name in arrays})
+
+
+@njit(cache=True, nogil=True)
+def _refill(
+    indptr: Indices, conductance: Floats, ground: Floats, face: Integers, place: Indices, unit: float,
+    boards: tuple[Board, Board, Board], leak: Floats, diagonal: Floats,
+) -> None:  # fmt: skip
+    """Write the conductances of a chip onto its finest level, and its ``diagonal`` (n,), all in units.
+
+    ``face`` says where an entry of a red row belongs: its face, or -1 less its link; ``leak`` of shape (2, places)
+    receives what leads to the rails.
+    """
+    true, board, exact = boards
+    scale, places, leaks = 1.0 / unit, len(true.black_degree), leak.ravel()
+    for i in range(len(place)):
+        here, degree = place[i], ground[i] * scale
+        leaks[here] = degree
+        for k in range(indptr[i], indptr[i + 1]):
+            g = conductance[k] * scale
+            degree += g
+            if here < places:
+                if face[k] >= 0:
+                    true.faces[face[k], here] = g
+                    board.faces[face[k], here] = g
+                else:
+                    true.links[-1 - face[k]] = g
+                    board.links[-1 - face[k]] = g
+        diagonal[i] = degree
+        if here < places:
+            true.red_inverse[here] = 1.0 / degree
+            board.red_inverse[here] = 1.0 / degree
+        else:
+            true.black_degree[here - places] = degree
+            board.black_inverse[here - places] = 1.0 / degree
+    compensate(
+        board.faces, board.distance, board.margin, board.link_red, board.link_black, board.links, board.red_inverse,
+        leak, exact.black_degree,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class FactoredBatch:
+    """A circuit made ready for other conductances.
+
+    `start` (n,): where the iteration begins, in volts.
+    """
+
+    laplacian: Laplacian
+    start: NDArray[np.float64]
+    name = "direct"
+
+    def solve(
+        self, chips: Iterable[Chip], rtol: float, solution: NDArray[np.float64], reached: NDArray[np.bool_]
+    ) -> None:
+        """As `GridBatch.solve`.
+
+        ``rtol`` bounds the error, as the residual and the nominal chip tell it, relative to the largest voltage.
+        """
+        edges, nominal = self.laplacian.edges, power_of_two(self.laplacian.diagonal)
+        for number, (x, chip) in enumerate(zip(solution, chips, strict=True)):
+            unit = nominal * chip.mostly
+            other = sparse.csr_array((chip.entries / unit, edges.indices, edges.indptr), shape=edges.shape)
+            diagonal = other.sum(axis=1) + chip.ground / unit
+            x[:] = self.start
+            least = chip.least / chip.mostly
+            reached[number] = _conjugate_gradients(other, diagonal, chip.drive / unit, self._factors, least, rtol, x)
+
+    @cached_property
+    def _factors(self) -> Any:
+        return _factors(self.laplacian)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without factors, which no process can hand to another."""
+        return {"laplacian": self.laplacian, "start": self.start}
+
+
+def factored_batch(laplacian: Laplacian, drive: NDArray[np.float64]) -> FactoredBatch:
+    """Factor the nominal circuit.  Shapes: `drive` (n,)."""
+    start = np.asarray(_factors(laplacian).solve(drive / power_of_two(laplacian.diagonal)))
+    return FactoredBatch(laplacian, start)
+
+
+def power_of_two(degree: NDArray[np.float64]) -> float:
+    """The power of two at or below the largest conductance, in siemens: all others are told in it, without rounding."""
+    return float(2.0 ** np.floor(np.log2(degree.max())))
+
+
+def _factors(laplacian: Laplacian) -> Any:
+    from resgrid.solvers.superlu import symmetric_factors
+
+    return symmetric_factors(laplacian.matrix / power_of_two(laplacian.diagonal))
+
+
+def _conjugate_gradients(
+    coupling: sparse.csr_array,
+    degree: NDArray[np.float64],
+    b: NDArray[np.float64],
+    factors: Any,
+    least: float,
+    rtol: float,
+    x: NDArray[np.float64],
+) -> bool:
+    """Conjugate gradients in place, begun anew from the true residual; returns whether the error is small.
+
+    No residual, however small beside what stiff parts carry, hides what it does to weak ones: if all conductances are
+    at least ``least`` times the nominal ones, then ``A >= least * A0``, and ``A^-1 r`` is at most ``A0^-1 r / least``
+    (in energy; of single voltages it is an estimate).
+    """
+    rtol *= least
+    left, last = MOST_ITERATIONS, np.inf
+    while True:
+        r = b - (degree * x - coupling @ x)
+        z = factors.solve(r)
+        error, size = float(np.abs(z).max()), float(np.abs(x).max())
+        if error <= rtol * size:
+            return True
+        if not (error < LEAST_GAIN * last and left > 0):
+            return error <= max(rtol, _FORBIDDEN * least) * size
+        last = error
+        p, rz = np.zeros_like(r), np.inf
+        while left > 0 and np.abs(z).max() > 0.5 * rtol * size:
+            before, rz = rz, float(r @ z)
+            p = z + (rz / before) * p
+            q = degree * p - coupling @ p
+            energy = float(p @ q)
+            if not energy > 0.0:
+                break
+            x += rz / energy * p
+            r -= rz / energy * q
+            z = factors.solve(r)
+            left -= 1

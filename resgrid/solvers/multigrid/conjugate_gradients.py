@@ -1,0 +1,314 @@
+"""Flexible conjugate gradients with residual replacement (Notay 2000; van der Vorst & Ye 2000), for grids and netlists.
+
+Steps are taken in single precision, over the black cells of a grid or all rows of a netlist.  After a burst of at most
+five digits the true residual is formed in double precision, and the next burst begins with it, search directions kept.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Protocol, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.solvers.extended import power
+from resgrid.solvers.laplacian import Laplacian
+from resgrid.solvers.monitor import Watch
+from resgrid.solvers.multigrid import cg_kernels as kernels, waves
+from resgrid.solvers.multigrid.board_passes import Board
+from resgrid.solvers.multigrid.cg_kernels import Vectors
+from resgrid.solvers.multigrid.cycle import Finest, Levels
+from resgrid.solvers.multigrid.hierarchy import Hierarchy
+from resgrid.solvers.multigrid.packing import with_work
+from resgrid.solvers.refine import Numbers
+
+MOST_ITERATIONS = 200
+LEAST_GAIN = 0.5
+"""Factor by which the true residual must fall from burst to burst."""
+
+ROUNDING = 2.0**-52
+_TOLD = 5e-7
+"""Gain below which the residual that recursion leaves is rounding of single precision."""
+
+_DEPTH = 3
+"""Steps that are kept before they are gone."""
+
+_DEPTH_UNWATCHED = 12
+"""The same where no one follows the steps one by one."""
+
+_LIFT = 2.0**64
+"""Norm of a residual on levels scaled by an h-transform: it falls by as many decades as single precision spans."""
+
+_SMOOTH = 0.1
+"""Share of the residual allowed that a guess may leave: its error is smooth, and large beside its residual."""
+
+_SAFETY = 0.95
+"""The recursive residual is brought below the goal by this factor."""
+
+_DRIFT = 2.0
+"""By how much the true residual may exceed the recursive one, before the last direction is dropped."""
+
+_FASTEST, _SLOWEST = 0.3, 0.95
+"""Bounds on how much shorter the next step is expected to be, which two steps alone tell badly."""
+
+_DOUBT = 10.0
+"""By how much a step may go less far than its power lets expect."""
+
+_PASS, _LEAST_PASS = 1e-12, 1e-2
+"""By how much a pass of refinement lessens the residual: at most, and at least."""
+
+
+class Problem(Protocol):
+    """Equations in units of the hierarchy's conductance, over vectors of places.
+
+    `finest, levels`: what preconditions them, with work space of their own; `inverse` (places,): of the diagonal.
+    """
+
+    finest: Finest
+    levels: Levels
+
+    @property
+    def inverse(self) -> NDArray[np.float32]:
+        """Of the diagonal, shape (places,)."""
+
+    def residual(self, x: NDArray[np.float64], r: NDArray[np.float64], at_rest: bool) -> float:
+        """``r = b - A x``, and its norm; ``at_rest``: ``x`` is 0.  Shapes: `x` (colours, places), `r` (places,)."""
+
+
+@dataclass(eq=False)
+class GridProblem:
+    """The equations of a grid's black cells: ``S = D - G^T R G``, the red ones eliminated.
+
+    `true`: the finest level in double precision; `currents` (2, places): into both colours.
+    """
+
+    true: Board
+    finest: Finest
+    levels: Levels
+    currents: NDArray[np.float64]
+
+    @property
+    def inverse(self) -> NDArray[np.float32]:
+        """As of `Problem`."""
+        return cast(NDArray[np.float32], self.finest.board.black_inverse)
+
+    def residual(self, x: NDArray[np.float64], r: NDArray[np.float64], at_rest: bool) -> float:
+        """As of `Problem`; relaxes the red cells."""
+        formed = waves.residual_at_rest if at_rest else waves.black_residual
+        return float(formed(self.true, self.currents, x, r))
+
+
+@dataclass(eq=False)
+class _GraphProblem:
+    """The equations of a netlist's rows, in the order of the finest level: `place` (n,); `b` (n,) in amperes."""
+
+    laplacian: Laplacian
+    finest: Finest
+    levels: Levels
+    place: NDArray[np.int32]
+    b: NDArray[np.float64]
+    unit: float
+
+    @property
+    def inverse(self) -> NDArray[np.float32]:
+        """As of `Problem`."""
+        return self.levels.graphs.inverse[: len(self.b)]
+
+    def residual(self, x: NDArray[np.float64], r: NDArray[np.float64], at_rest: bool) -> float:
+        """As of `Problem`."""
+        if at_rest:
+            kernels.put_at_places(self.place, self.b, 1.0 / self.unit, r)
+            return kernels.norm(r)
+        by_rows = kernels.take_from_places(self.place, x[0])
+        size = kernels.row_residual(*matrix_rows(self.laplacian), self.place, self.b, by_rows, r)
+        r *= 1.0 / self.unit
+        return size / self.unit
+
+
+def iterate(
+    laplacian: Laplacian,
+    hierarchy: Hierarchy,
+    b: NDArray[np.float64],
+    rtol: float,
+    guess: NDArray[np.float64] | None = None,
+    watch: Watch | None = None,
+) -> tuple[NDArray[np.float64], float]:
+    """Solve until the residual norm is ``rtol |b|``, or rounding forbids more; returns `x` (n,) and that norm.
+
+    From a guess on, an error of at most ``rtol`` in every voltage, relative to the largest one, is enough too, as the
+    steps tell it (after Hestenes & Stiefel 1952; Strakos & Tichy 2002).
+
+    Shapes: `b` (n,), `guess` (n,).
+    """
+    unit, place = hierarchy.unit, hierarchy.place
+    levels = with_work(hierarchy.levels)
+    problem: Problem
+    if hierarchy.true is None:
+        problem, x = _GraphProblem(laplacian, hierarchy.finest, levels, place, b, unit), np.zeros((1, len(b)))
+    else:
+        x, currents = np.zeros((2, 2, len(hierarchy.finest.aggregate)))
+        kernels.put_at_places(place, b, 1.0 / unit, currents.ravel())
+        problem = GridProblem(hierarchy.true, hierarchy.finest, levels, currents)
+    if guess is not None:
+        kernels.put_at_places(place, guess, 1.0, x.ravel())
+    wanted = rtol * kernels.norm(b) / unit
+    stop = Stop(wanted, ROUNDING * hierarchy.largest_degree / unit, unit, guess, rtol)
+    size = converge(problem, x, stop, Watch() if watch is None else watch)
+    return kernels.take_from_places(place, x.ravel()), size * unit
+
+
+def approximate(
+    laplacian: Laplacian,
+    hierarchy: Hierarchy,
+    watch: Watch | None,
+    m: NDArray[np.float64],
+    e: NDArray[np.int64],
+    accuracy: float,
+) -> Numbers:
+    """Up to twelve digits of ``A^-1`` times scaled numbers, relative to the largest: an inverse for refinement."""
+    top = 0
+    if e.any() and m.any():
+        top = int(e[m != 0].max())
+        m = m * power(np.clip(e - top, -8, 0))
+    largest = _largest(m)
+    if not largest:
+        return np.zeros_like(m), np.zeros_like(e)
+    x, _ = iterate(laplacian, hierarchy, m / largest, min(max(accuracy, _PASS), _LEAST_PASS), None, watch)
+    with np.errstate(over="ignore"):
+        x *= largest
+    return x, np.full_like(e, top)
+
+
+class Stop:
+    """When the iteration may end: by its residual, by rounding, or, from a guess on, by its error.
+
+    A step lessens the square of the error's energy norm by ``(z.r)^2 / p.A p``.  How fast that falls tells how far
+    the steps to come still go, as a geometric series that begins with this one.
+
+    `wanted`: the norm of the residual that is small enough; `rounding`: what ``|x|`` is multiplied by for the one that
+    rounding leaves, both in units of ``unit``, siemens; `guess` (n,): where the iteration begins, None for 0.
+    """
+
+    def __init__(
+        self, wanted: float, rounding: float, unit: float = 1.0, guess: NDArray[np.float64] | None = None,
+        rtol: float = 0.0,
+    ) -> None:  # fmt: skip
+        self.wanted, self.rounding, self.unit = wanted, rounding, unit
+        self.guessed = guess is not None
+        self.small = False
+        self._near = 0.0 if guess is None else rtol * _largest(guess)
+        self._last = 0.0
+        self._far, self._then = 0.0, 1.0
+
+    def goal(self, x: NDArray[np.float64] | None, *, first: bool) -> float:
+        """The residual to reach."""
+        goal = _SMOOTH * self.wanted if first and self.guessed else self.wanted
+        return goal if x is None else max(goal, self.rounding * kernels.norm(x.ravel()))
+
+    def moved(self, power: float, far: Callable[[], float]) -> None:
+        """A step has lessened the squared norm by so much; ``far`` tells the most it has moved a voltage.
+
+        That is asked only where the steps' powers let expect that it is small, but for the first one.
+        """
+        if not self._near:
+            return
+        ratio = math.sqrt(power / self._last) if self._last > 0.0 else _SLOWEST
+        ratio = min(max(ratio, _FASTEST), _SLOWEST)
+        self._last = power
+        ahead = ratio / (1.0 - ratio)
+        if self._far * math.sqrt(power / self._then) * ahead <= _DOUBT * self._near:
+            self._far, self._then = far(), power
+            self.small = self._far * ahead <= self._near
+
+
+def converge(
+    problem: Problem, x: NDArray[np.float64], stop: Stop, watch: Watch | None, *, at_rest: bool | None = None
+) -> float:
+    """Improve ``x`` (colours, places) in place until the residual is small enough, or rounding forbids more.
+
+    Without a watch, a burst is taken in one piece.  Returns the norm, in units.
+    """
+    burst = _Burst(problem, len(x[0]), stop, watch)
+    at_rest = not stop.guessed if at_rest is None else at_rest
+    last, left = np.inf, MOST_ITERATIONS
+    while True:
+        first = not math.isfinite(last)
+        size = problem.residual(x, burst.residual, at_rest and first)
+        goal = stop.goal(None, first=first)
+        if size > goal and not (at_rest and first):
+            goal = stop.goal(x, first=first)
+        stop.small &= size <= max(_DRIFT * burst.left * last, goal)
+        if stop.small or not (size > goal and size < LEAST_GAIN * last and left > 0):
+            return size
+        if first and watch is not None:
+            watch.begin(size * stop.unit, goal * stop.unit)
+        if size > _DRIFT * burst.left * last or burst.left < _TOLD:
+            burst.forget()
+        left -= burst.run(x[-1], size, _SAFETY * goal / size, left)
+        last = size
+
+
+class _Burst:
+    """Some steps; search directions outlive a burst.
+
+    Vectors are in single precision, but for the answer: it is summed from the preconditioned residuals at the end,
+    so that what the recursive residual stands for is known to all digits.
+    """
+
+    def __init__(self, problem: Problem, places: int, stop: Stop, watch: Watch | None) -> None:
+        self._problem, self._stop, self._watch = problem, stop, watch
+        r, s, w = np.zeros((3, places), dtype=np.float32)
+        depth = _DEPTH if watch is not None else _DEPTH_UNWATCHED
+        z, (on_x, on_p) = np.empty((depth, places), dtype=np.float32), np.zeros((2, depth + 1))
+        on_p[-1] = 1.0
+        self._v = Vectors(problem.inverse, r, s, w, z, np.zeros(places), on_x, on_p, np.zeros(6))
+        # Between bursts, the true residual stands where the last steps will be kept.
+        self.residual = z[-2:].reshape(-1).view(np.float64)
+        self.left = 1.0
+
+    def forget(self) -> None:
+        """Drop the last direction: a residual that is not what recursion left is not orthogonal to it."""
+        self._v.scalars[1] = 0.0
+
+    def run(self, x: NDArray[np.float64], size: float, gain: float, most: int) -> int:
+        """Reduce the residual, of norm ``size``, by a factor ``gain``; returns the steps taken."""
+        stop, v = self._stop, self._v
+        finest, levels = self._problem.finest, self._problem.levels
+        lift = _LIFT if len(finest.weight) else 1.0
+        one = size / lift
+        kernels.begin_burst(v, one, self.residual)
+        steps, at_once = 0, most if self._watch is None else 1
+        while steps < most and not stop.small:
+            taken = kernels.step(finest, levels, v, x, one, lift, gain, at_once)
+            if not taken:
+                break
+            steps += taken
+            if self._watch is not None:
+                alpha, work = v.scalars[4:].tolist()
+                stop.moved(work * one * one, partial(_move, v, abs(alpha) * one))
+                self._watch.step(float(v.scalars[2]) * size * stop.unit)
+        kernels.gather_steps(v, x, one)
+        self.left = float(v.scalars[2])
+        return steps
+
+
+def _move(v: Vectors, length: float) -> float:
+    """Largest move of a voltage in a step of this length."""
+    return float(length * kernels.largest_step(v))
+
+
+def matrix_rows(
+    laplacian: Laplacian,
+) -> tuple[NDArray[np.uint32], NDArray[np.uint32], NDArray[np.float64], NDArray[np.float64]]:
+    """The nodal matrix in compressed rows, with indices that need no sign."""
+    rows = laplacian.rows
+    return rows.indptr.view(np.uint32), rows.indices.view(np.uint32), rows.data, laplacian.ground
+
+
+def _largest(values: NDArray[np.float64]) -> float:
+    """Largest magnitude."""
+    return max(float(values.max(initial=0.0)), -float(values.min(initial=0.0)))

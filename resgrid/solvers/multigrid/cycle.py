@@ -1,0 +1,486 @@
+"""The K-cycle over a packed hierarchy: red-black grids, then graphs in compressed rows (Notay & Vassilevski 2008).
+
+One visit of a level smooths, restricts the residual, and takes the answer of the levels below for a direction.  The
+K-cycle makes of it one or two steps of flexible conjugate gradients.  A red-black grid is solved for its black nodes
+alone: red ones are eliminated exactly on the way down and put back on the way up.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.jit import ZERO, inner, inner_fast
+from resgrid.solvers.multigrid.board_passes import (
+    Board,
+    Floats,
+    Indices,
+    Integers,
+    Singles,
+    add_into_black,
+    relax_red,
+)
+from resgrid.solvers.multigrid.subnormals import flush_subnormals, restore_subnormals
+from resgrid.solvers.multigrid.waves import prolong_and_multiply, restrict
+
+Unsigned = NDArray[np.uint32]
+"""Indices without a sign: compiled code need not ask whether one counts from the end."""
+
+_ONE, _TWO, _THREE, _FOUR, _FIVE = (np.uint32(k) for k in range(1, 6))
+
+
+class Grids(NamedTuple):
+    """Coarse red-black grids in single precision, one behind the other.
+
+    Places of level ``l`` stand at ``places[l] ... places[l + 1]``, its links and faces at the corresponding stretches
+    of their arrays (`Board`).
+
+    `places, first_link` (levels + 1,); `margin, block` (levels,); `distance` (levels, 2 ndim); `aggregate`: node of
+    the next level that a black place belongs to: its place there, red ones first; of a graph, counted from 1; 0 for
+    none; `weight`: what it takes from there; empty where that is all (`resgrid.solvers.multigrid.graded`).
+    """
+
+    places: Integers
+    first_link: Integers
+    margin: Integers
+    block: Integers
+    distance: Integers
+    faces: Singles
+    links: Singles
+    link_red: Indices
+    link_black: Indices
+    red_inverse: Singles
+    black_inverse: Singles
+    black_degree: Singles
+    aggregate: Indices
+    weight: Singles
+
+
+class Graphs(NamedTuple):
+    """Graphs in compressed rows, without diagonal, one behind the other; nodes and entries count over all levels.
+
+    Nodes of level ``l`` stand at ``first[l] ... first[l + 1]``.
+
+    `first` (levels + 1,); `indptr` (nodes + 1,); `middle` (nodes,): where in a row the neighbours begin that come
+    after it; `indices, conductance` (entries,); `inverse` (nodes,): of the diagonal; `aggregate` (nodes,): node of the
+    next level; `eliminated` (levels + 1,): where a level's entries in ``removed`` begin: a level that has some is left
+    by elimination, not aggregation; `removed` (eliminated, 3): eliminated nodes in their order, and their neighbours;
+    -1 for none; `share` (eliminated, 3): shares of the two neighbours, and the reciprocal of the diagonal; `coarsest`:
+    inverse of the last level's matrix; empty where its diagonal must do.
+    """
+
+    first: Integers
+    indptr: Unsigned
+    middle: Unsigned
+    indices: Unsigned
+    conductance: Singles
+    inverse: Singles
+    aggregate: Unsigned
+    eliminated: Integers
+    removed: Integers
+    share: Singles
+    coarsest: Singles
+
+
+class Work(NamedTuple):
+    """Work space of one solve.
+
+    `b, x`: currents and voltages: of both colours of all grids, of nothing at one place, of all graphs' nodes; `f,
+    z`: right-hand side and answer of the grids' black places; `c, v, w`: first direction and products, of the grids'
+    black places, then of the graphs' nodes.
+    """
+
+    b: Singles
+    x: Singles
+    f: Singles
+    z: Singles
+    c: Singles
+    v: Singles
+    w: Singles
+
+
+class Levels(NamedTuple):
+    """A packed hierarchy, coarse grids first, graphs below; a netlist's first graph is its finest level."""
+
+    grids: Grids
+    graphs: Graphs
+    work: Work
+
+
+class Finest(NamedTuple):
+    """The finest level: of a grid with the way to the next one; of a netlist, what its first graph leaves open.
+
+    `board, exact`: in single precision, and with a diagonal that makes up for it (`boards.compensated`); `aggregate,
+    weight` (places,): as of `Grids`; `ground` (n,): from every node of a netlist's first graph to known voltages, in
+    units; empty for a grid, as all others are for a netlist.
+    """
+
+    board: Board
+    exact: Board
+    aggregate: Indices
+    weight: Singles
+    ground: Floats
+
+
+class _Vectors(NamedTuple):
+    """Right-hand side, answer, first direction and products of one level's nodes (of a grid: of its black ones)."""
+
+    r: Singles
+    z: Singles
+    c: Singles
+    v: Singles
+    w: Singles
+
+
+@inner
+def precondition(
+    finest: Finest, levels: Levels, stop: float, r: Singles, s: Singles, z: Singles, w: Singles
+) -> tuple[float, float, float]:
+    """Precondition the residual ``r``, relaxed in ``z``, and multiply: ``w = A z``; returns ``z.r, z.w, z.s``.
+
+    Of a grid, all vectors are over its black cells, and the matrix is their Schur complement.
+    """
+    flags = flush_subnormals()
+    if len(finest.ground) > 0:
+        products = _precondition_graph(finest.ground, levels, stop, r, s, z, w)
+    else:
+        grids, graphs, work = levels
+        size = 2 * grids.places[1] if len(grids.margin) > 0 else 1 + graphs.first[1]
+        restrict(finest.board, finest.aggregate, finest.weight, z, work.b[:size])
+        _cycle(levels, stop, ZERO)
+        products = prolong_and_multiply(
+            finest.board, finest.exact, finest.aggregate, finest.weight, work.x[:size], r, s, z, w
+        )
+    restore_subnormals(flags)
+    return products
+
+
+@inner
+def _precondition_graph(
+    ground: Floats, levels: Levels, stop: float, r: Singles, s: Singles, z: Singles, w: Singles
+) -> tuple[float, float, float]:
+    graphs, n = levels.graphs, len(r)
+    b, x = levels.work.b[1:], levels.work.x[1:]
+    for i in range(n):
+        b[i] = r[i]
+    if len(graphs.first) == 2:
+        _solve_coarsest(graphs, b, x)
+    else:
+        _descend_graph(graphs, ZERO, b, x)
+        _cycle(levels, stop, ZERO + 1)
+        _ascend_graph(graphs, ZERO, b, x, levels.work.w)
+    for i in range(n):
+        z[i] = x[i]
+    return _multiply_graph(graphs, ground, z, r, s, w)
+
+
+@inner_fast
+def _multiply_graph(
+    graphs: Graphs, ground: Floats, z: Singles, r: Singles, s: Singles, w: Singles
+) -> tuple[float, float, float]:
+    """``w = A z`` in double precision, differences first; ``z.r``, ``z.w`` and ``z.s``."""
+    row, g, j = graphs.indptr, graphs.conductance, graphs.indices
+    zr, zw, zs = 0.0, 0.0, 0.0
+    for i in range(len(r)):
+        zi = np.float64(z[i])
+        total = ground[i] * zi
+        for k in range(row[i], row[i + 1]):
+            total += np.float64(g[k]) * (zi - np.float64(z[j[k]]))
+        w[i] = total
+        zr += zi * r[i]
+        zw += zi * total
+        zs += zi * s[i]
+    return zr, zw, zs
+
+
+@inner
+def _cycle(levels: Levels, stop: float, top: int) -> None:
+    """Approximate ``x = A^-1 b`` on level ``top`` by K-cycles.
+
+    The second step is spared where the first has brought the residual under ``stop`` times the right-hand side, twice
+    that on every level further down; an infinite ``stop`` spares both.  The recursion is written as a loop, since
+    compiled recursive functions cannot be kept on disk.
+    """
+    grids, graphs, work = levels
+    count = len(grids.margin)
+    last = count + len(graphs.first) - 2
+    begin = 2 * grids.places[count] + 1
+    b, x = work.b[begin:], work.x[begin:]
+    visits = np.zeros(last + 1, np.int64)
+    alpha, energy = np.zeros(last + 1), np.zeros(last + 1)
+    level = top
+    while level >= top:
+        graph = level - count
+        if level == last:
+            _solve_coarsest(graphs, b, x)
+            level -= 1
+            continue
+        if graph >= 0 and graphs.eliminated[graph + 1] > graphs.eliminated[graph]:
+            if visits[level] == 0:
+                _eliminate(graphs, graph, b, x)
+            else:
+                _put_back(graphs, graph, x)
+            visits[level] = 1 - visits[level]
+            level += 1 if visits[level] else -1
+            continue
+        of, done = _vectors(levels, level), False
+        if visits[level] == 0 and graph < 0:
+            _eliminate_red(levels, level, of.w)
+        elif visits[level] == 1:
+            alpha[level], energy[level], _ = _ascend(levels, level, of.v, of.v)
+            done = np.isinf(stop) or _first_step(of, stop * 2.0 ** (level - top), alpha[level], energy[level])
+        elif visits[level] == 2:
+            _second_step(of, alpha[level], energy[level], *_ascend(levels, level, of.v, of.w))
+            done = True
+        if not done:
+            _descend(levels, level)
+            visits[level] += 1
+            level += 1
+            continue
+        if graph < 0:
+            _put_red_back(levels, level)
+        visits[level] = 0
+        level -= 1
+
+
+@inner
+def _vectors(levels: Levels, level: int) -> _Vectors:
+    grids, graphs, work = levels
+    graph, places = level - len(grids.margin), grids.places[len(grids.margin)]
+    if graph < 0:
+        a, e = grids.places[level], grids.places[level + 1]
+        return _Vectors(work.f[a:e], work.z[a:e], work.c[a:e], work.v[a:e], work.w[a:e])
+    a, e = graphs.first[graph], graphs.first[graph + 1]
+    i, k, m, n = 2 * places + 1 + a, 2 * places + 1 + e, places + a, places + e
+    return _Vectors(work.b[i:k], work.x[i:k], work.c[m:n], work.v[m:n], work.w[m:n])
+
+
+@inner
+def _descend(levels: Levels, level: int) -> None:
+    """Relax from zero, and sum the residual into the next level's right-hand side."""
+    grids, graphs, work = levels
+    count, of = len(grids.margin), _vectors(levels, level)
+    if level >= count:
+        begin = 2 * grids.places[count] + 1
+        _descend_graph(graphs, level - count, work.b[begin:], work.x[begin:])
+        return
+    board, (a, e) = _board(grids, level), (grids.places[level], grids.places[level + 1])
+    _times(board.black_inverse, of.r, of.z)
+    restrict(board, grids.aggregate[a:e], grids.weight[a:e], of.z, work.b[2 * e : _end_below(levels, level)])
+
+
+@inner
+def _ascend(levels: Levels, level: int, s: Singles, y: Singles) -> tuple[float, float, float]:
+    """Add the next level's answer to ``z``, relax, and multiply: ``y = A z``; returns ``z.r, z.y, z.s``."""
+    grids, graphs, work = levels
+    count, of = len(grids.margin), _vectors(levels, level)
+    if level >= count:
+        begin, after = 2 * grids.places[count] + 1, grids.places[count]
+        _ascend_graph(graphs, level - count, work.b[begin:], work.x[begin:], work.w[after:])
+        return _multiply_after(graphs, level - count, of, work.w[after:], s, y)
+    board, (a, e) = _board(grids, level), (grids.places[level], grids.places[level + 1])
+    coarse = work.x[2 * e : _end_below(levels, level)]
+    return prolong_and_multiply(board, board, grids.aggregate[a:e], grids.weight[a:e], coarse, of.r, s, of.z, y)
+
+
+@inner
+def _end_below(levels: Levels, level: int) -> int:
+    """Behind the last node of the level below a grid."""
+    grids, graphs, _ = levels
+    count = len(grids.margin)
+    if level + 1 < count:
+        return int(2 * grids.places[level + 2])
+    return int(2 * grids.places[count] + 1 + graphs.first[1])
+
+
+@inner
+def _board(grids: Grids, level: int) -> Board:
+    """One of the grids."""
+    sides = grids.distance.shape[1]
+    a, e = grids.places[level], grids.places[level + 1]
+    k, m = grids.first_link[level], grids.first_link[level + 1]
+    return Board(
+        grids.faces[sides * a : sides * e].reshape((sides, e - a)),
+        grids.distance[level],
+        grids.margin[level],
+        grids.block[level],
+        grids.link_red[k:m],
+        grids.link_black[k:m],
+        grids.links[k:m],
+        grids.red_inverse[a:e],
+        grids.black_inverse[a:e],
+        grids.black_degree[a:e],
+    )
+
+
+@inner
+def _eliminate_red(levels: Levels, level: int, red: Singles) -> None:
+    """Eliminate the red nodes: ``f`` is what the black ones are due."""
+    grids, work = levels.grids, levels.work
+    a, e, board = grids.places[level], grids.places[level + 1], _board(grids, level)
+    _times(board.red_inverse, work.b[2 * a : a + e], red)
+    add_into_black(board, red, work.b[a + e : 2 * e], work.f[a:e])
+
+
+@inner
+def _put_red_back(levels: Levels, level: int) -> None:
+    """Voltages of the black nodes, and of the red ones that follow."""
+    grids, work = levels.grids, levels.work
+    a, e = grids.places[level], grids.places[level + 1]
+    for k in range(e - a):
+        work.x[a + e + k] = work.z[a + k]
+    relax_red(_board(grids, level), work.b[2 * a : a + e], work.z[a:e], work.x[2 * a : a + e])
+
+
+@inner_fast
+def _times(a: Singles, b: Singles, product: Singles) -> None:
+    for k in range(len(product)):
+        product[k] = a[k] * b[k]
+
+
+@inner_fast
+def _first_step(of: _Vectors, stop: float, alpha: float, energy: float) -> bool:
+    """First step of the K-cycle along ``z``, whose product is ``v``; returns whether it suffices.
+
+    Leaves the answer in ``z``, or else the direction in ``c`` and the residual in ``r``.
+    """
+    r, z, c, v = of.r, of.z, of.c, of.v
+    if not energy > 0.0:
+        return True
+    step, before, after = np.float32(alpha / energy), 0.0, 0.0
+    for k in range(len(r)):
+        old = r[k]
+        new = old - step * v[k]
+        r[k] = new
+        before += np.float64(old) * np.float64(old)
+        after += np.float64(new) * np.float64(new)
+    enough = not after > stop * stop * before
+    for k in range(len(z)):
+        if enough:
+            z[k] = step * z[k]
+        else:
+            c[k] = z[k]
+    return enough
+
+
+@inner_fast
+def _second_step(of: _Vectors, alpha: float, energy: float, rest: float, product: float, gamma: float) -> None:
+    """Second step, along ``z`` made conjugate to the first direction ``c``; leaves the answer in ``z``."""
+    second = product - gamma * gamma / energy
+    step = rest / second if second > 0.0 else 0.0
+    on_c, on_z = np.float32((alpha - gamma * step) / energy), np.float32(step)
+    z, c = of.z, of.c
+    for k in range(len(z)):
+        z[k] = on_c * c[k] + on_z * z[k]
+
+
+@inner
+def _descend_graph(graphs: Graphs, level: int, b: Singles, x: Singles) -> None:
+    """Gauss-Seidel from zero, and the residual summed into the next level's right-hand side.
+
+    After the sweep row ``i`` lacks only its later neighbours: its residual is ``sum_{j > i} g_ij x_j``.  Loops run
+    over parts of arrays from zero on: a counter that is never negative needs no check.
+    """
+    begin, end = graphs.first[level], graphs.first[level + 1]
+    for node in range(end, graphs.first[level + 2]):
+        b[node] = 0.0
+    g, j = graphs.conductance, graphs.indices
+    row, middle = graphs.indptr[begin : end + 1], graphs.middle[begin:end]
+    own, mine, inverse, aggregate = x[begin:end], b[begin:end], graphs.inverse[begin:end], graphs.aggregate[begin:end]
+    for i in range(len(own)):
+        s = np.float32(0.0)
+        for k in range(row[i], middle[i]):
+            s += g[k] * x[j[k]]
+        own[i] = (mine[i] + s) * inverse[i]
+    for i in range(len(own)):
+        s = np.float32(0.0)
+        for k in range(middle[i], row[i + 1]):
+            s += g[k] * x[j[k]]
+        b[aggregate[i]] += s
+
+
+@inner
+def _ascend_graph(graphs: Graphs, level: int, b: Singles, x: Singles, w: Singles) -> None:
+    """Add the next level's answer, then Gauss-Seidel in the reverse order; ``w`` keeps the changes."""
+    begin, end = graphs.first[level], graphs.first[level + 1]
+    g, j = graphs.conductance, graphs.indices
+    own, mine, inverse, change = x[begin:end], b[begin:end], graphs.inverse[begin:end], w[begin:end]
+    aggregate, row, after = graphs.aggregate[begin:end], graphs.indptr[begin:end], graphs.indptr[begin + 1 : end + 1]
+    n = len(own)
+    for i in range(n):
+        own[i] += x[aggregate[i]]
+    for back in range(n):
+        at = np.uint32(n - 1 - back)
+        s = np.float32(0.0)
+        for k in range(row[at], after[at]):
+            s += g[k] * x[j[k]]
+        new = (mine[at] + s) * inverse[at]
+        change[at] = new - own[at]
+        own[at] = new
+
+
+@inner
+def _multiply_after(
+    graphs: Graphs, level: int, of: _Vectors, change: Singles, s: Singles, y: Singles
+) -> tuple[float, float, float]:
+    """``y = A z`` behind the way up, which leaves ``change``; returns ``z.r, z.y, z.s``; ``y`` may be ``change``.
+
+    What the backward sweep leaves over of a row is due to the changes of earlier rows, which came after it.
+    """
+    begin, end = graphs.first[level], graphs.first[level + 1]
+    g, j, z, r = graphs.conductance, graphs.indices, of.z, of.r
+    row, middle = graphs.indptr[begin:end], graphs.middle[begin:end]
+    n, zr, zy, zs = len(z), 0.0, 0.0, 0.0
+    for back in range(n):
+        at = np.uint32(n - 1 - back)
+        total = np.float32(0.0)
+        for k in range(row[at], middle[at]):
+            total += g[k] * change[j[k]]
+        one = np.float64(z[at])
+        zs += one * np.float64(s[at])
+        y[at] = r[at] - total
+        zr += one * np.float64(r[at])
+        zy += one * np.float64(y[at])
+    return zr, zy, zs
+
+
+@inner
+def _eliminate(graphs: Graphs, level: int, b: Singles, x: Singles) -> None:
+    """Carry the currents of eliminated nodes to their neighbours, and those of the others to the next level."""
+    for i in range(graphs.first[level], graphs.first[level + 1]):
+        x[i] = b[i]
+    for k in range(graphs.eliminated[level], graphs.eliminated[level + 1]):
+        for end in range(2):
+            if graphs.removed[k, 1 + end] >= 0:
+                x[graphs.removed[k, 1 + end]] += graphs.share[k, end] * x[graphs.removed[k, 0]]
+    for i in range(graphs.first[level], graphs.first[level + 1]):
+        if graphs.aggregate[i] > i:
+            b[graphs.aggregate[i]] = x[i]
+
+
+@inner
+def _put_back(graphs: Graphs, level: int, x: Singles) -> None:
+    """Voltages of the nodes that stayed, then of those that were eliminated."""
+    for i in range(graphs.first[level], graphs.first[level + 1]):
+        if graphs.aggregate[i] > i:
+            x[i] = x[graphs.aggregate[i]]
+    for k in range(graphs.eliminated[level + 1] - 1, graphs.eliminated[level] - 1, -1):
+        value = graphs.share[k, 2] * x[graphs.removed[k, 0]]
+        for end in range(2):
+            if graphs.removed[k, 1 + end] >= 0:
+                value += graphs.share[k, end] * x[graphs.removed[k, 1 + end]]
+        x[graphs.removed[k, 0]] = value
+
+
+@inner_fast
+def _solve_coarsest(graphs: Graphs, b: Singles, x: Singles) -> None:
+    """The inverse of the last level's matrix times its right-hand side; without one, that of the diagonal."""
+    begin = graphs.first[len(graphs.first) - 2]
+    own, mine, inverse = x[begin:], b[begin:], graphs.coarsest
+    for i in range(len(graphs.inverse) - begin):
+        total = np.float32(0.0)
+        for j in range(len(inverse)):
+            total += inverse[i, j] * mine[j]
+        own[i] = total if len(inverse) > 0 else mine[i] * graphs.inverse[begin + i]

@@ -1,0 +1,274 @@
+"""Coarse levels laid one behind the other for the compiled cycle.
+
+A graph is renumbered by colour, so that neighbouring rows of a sweep do not wait for one another, and within a colour
+by length in windows: the ends of its loops can then be foreseen, which is half of the time.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from resgrid.jit import inner
+from resgrid.solvers import numbering_kernels as numbering
+from resgrid.solvers.multigrid.board_passes import Board
+from resgrid.solvers.multigrid.cycle import Graphs, Grids, Levels, Work
+from resgrid.solvers.multigrid.graphs import Graph, Step, coarsen_down
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Indices = NDArray[np.int32]
+Unsigned = NDArray[np.uint32]
+
+_FAR, _LARGE = 0.5, 250_000
+"""Share of neighbours numbered far apart above which a graph of so many nodes is renumbered before anything else."""
+
+_WINDOW = 4096
+_LARGEST_INVERSE = 2000
+
+_LONG = 31
+"""Longer rows count as one length."""
+
+_COLOURS = 64
+_ONE = np.uint64(1)
+
+
+def pack_netlist(graph: Graph) -> tuple[Levels, NDArray[np.int32]]:
+    """Coarsen a graph that is no grid, and lay out its levels; returns where every node stands, shape (n,)."""
+    rows, order = (graph.indptr, graph.indices, graph.conductance, graph.leak), None
+    if graph.size >= _LARGE and numbering.far_share(*rows[:2]) > _FAR:
+        order = numbering.breadth_first(*rows[:2], 0)
+        graph = Graph(*numbering.renumber(*rows, order))
+    graphs, rank = pack_graphs(*coarsen_down(graph))
+    if order is not None:
+        rank = rank[inverse_of(order)]
+    return pack_levels(pack_grids([], [], [], 2), graphs), rank
+
+
+def pack_graphs(graphs: list[Graph], steps: list[Step]) -> tuple[Graphs, NDArray[np.int32]]:
+    """Lay graphs, and the steps between them, one behind the other; the last one is inverted.
+
+    Returns where every node of the first one stands, shape (n,).
+    """
+    first = np.cumsum([0, *(graph.size for graph in graphs)])
+    entry = np.cumsum([0, *(len(graph.indices) for graph in graphs)])
+    kept = [len(step.rows) > 0 for step in steps] + [True]
+    order = [_order(graph, keep) for graph, keep in zip(graphs, kept, strict=True)]
+    rank = [inverse_of(places) for places in order]
+    indptr, middle = np.empty(first[-1] + 1, dtype=np.uint32), np.empty(first[-1], dtype=np.uint32)
+    indices, conductance = np.empty(entry[-1], dtype=np.uint32), np.empty(entry[-1], dtype=np.float32)
+    inverse, aggregate = np.empty(first[-1], dtype=np.float32), np.zeros(first[-1], dtype=np.uint32)
+    for level, graph in enumerate(graphs):
+        rows = (graph.indptr, graph.indices, graph.conductance, graph.leak, order[level], rank[level])
+        lay_rows(*rows, first[level], entry[level], indptr, middle, indices, conductance, inverse)
+    for level, step in enumerate(steps):
+        own = aggregate[first[level] : first[level + 1]]
+        lay_aggregates(step.target, order[level], rank[level + 1], first[level + 1], own)
+    packed = Graphs(
+        first,
+        indptr,
+        middle,
+        indices,
+        conductance,
+        inverse,
+        aggregate,
+        np.cumsum([0, *(len(step.rows) for step in steps), 0]),
+        np.concatenate([np.empty((0, 3), dtype=np.int64), *_removed(steps, first)]),
+        np.concatenate([np.empty((0, 3)), *(step.weights for step in steps)]).astype(np.float32),
+        _inverse(graphs[-1]),
+    )
+    return packed, rank[0]
+
+
+def pack_grids(
+    boards: list[Board], targets: list[NDArray[np.int32]], weights: list[NDArray[np.float32]], dimensions: int
+) -> Grids:
+    """Lay grids, and what their black places belong to and take from there, one behind the other."""
+
+    def joined(parts: list[NDArray[Any]], kind: type) -> NDArray[Any]:
+        return np.concatenate([np.empty(0, dtype=kind), *(part.ravel() for part in parts)]).astype(kind, copy=False)
+
+    distance = np.array([board.distance for board in boards], dtype=np.int64)
+    return Grids(
+        places=np.cumsum([0, *(board.faces.shape[1] for board in boards)]),
+        first_link=np.cumsum([0, *(len(board.links) for board in boards)]),
+        margin=np.array([board.margin for board in boards], dtype=np.int64),
+        block=np.array([board.block for board in boards], dtype=np.int64),
+        distance=distance.reshape(len(boards), 2 * dimensions),
+        faces=joined([board.faces for board in boards], np.float32),
+        links=joined([board.links for board in boards], np.float32),
+        link_red=joined([board.link_red for board in boards], np.int32),
+        link_black=joined([board.link_black for board in boards], np.int32),
+        red_inverse=joined([board.red_inverse for board in boards], np.float32),
+        black_inverse=joined([board.black_inverse for board in boards], np.float32),
+        black_degree=joined([board.black_degree for board in boards], np.float32),
+        aggregate=joined(targets, np.int32),
+        weight=joined(weights, np.float32),
+    )
+
+
+def pack_levels(grids: Grids, graphs: Graphs) -> Levels:
+    """Both together, without work space."""
+    return Levels(grids, graphs, Work(*[np.empty(0, dtype=np.float32)] * 7))
+
+
+def with_work(levels: Levels) -> Levels:
+    """The same levels with work space of its own, so that one hierarchy can serve several solves at a time."""
+    places, nodes = int(levels.grids.places[-1]), int(levels.graphs.first[-1])
+    b, x = np.zeros((2, 2 * places + 1 + nodes), dtype=np.float32)
+    f, z = np.zeros((2, places), dtype=np.float32)
+    c, v, w = np.zeros((3, places + nodes), dtype=np.float32)
+    return levels._replace(work=Work(b, x, f, z, c, v, w))
+
+
+def _order(graph: Graph, kept: bool) -> NDArray[np.int32]:
+    if kept:
+        return np.arange(graph.size, dtype=np.int32)
+    return order_by_colour(graph.indptr, graph.indices, _WINDOW)
+
+
+def _removed(steps: list[Step], first: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Eliminated nodes and their neighbours, counted in all levels; their levels keep their numbering."""
+    return [np.where(step.rows < 0, -1, step.rows + begin) for step, begin in zip(steps, first, strict=False)]
+
+
+def _inverse(graph: Graph) -> NDArray[np.float32]:
+    """Inverse of the last level's matrix; empty where it did not shrink, as nodes without neighbours do not."""
+    if graph.size > _LARGEST_INVERSE:
+        return np.empty((0, 0), dtype=np.float32)
+    return inverse_matrix(graph.indptr, graph.indices, graph.conductance, graph.leak)
+
+
+@njit(cache=True)
+def inverse_of(order: Indices) -> Indices:
+    """Where every element of a permutation stands."""
+    rank = np.empty(len(order), np.int32)
+    for place in range(len(order)):
+        rank[order[place]] = place
+    return rank
+
+
+@njit(cache=True)
+def order_by_colour(indptr: Indices, indices: Indices, window: int) -> Indices:
+    """The nodes by colour; in windows of each colour by the length of their rows, then by how many come before.
+
+    Colours are given greedily in the order of the nodes: each takes the first that its neighbours do not have.  From
+    the 64th on neighbours may share one.
+    """
+    n = len(indptr) - 1
+    colour, of_colour = _colours(indptr, indices)
+    key, start = np.empty(n, np.int32), np.zeros((_LONG + 1) ** 2 + 1, np.int32)
+    for i in range(n):
+        earlier = 0
+        for k in range(indptr[i], indptr[i + 1]):
+            earlier += colour[indices[k]] < colour[i]
+        key[i] = min(indptr[i + 1] - indptr[i], _LONG) * (_LONG + 1) + min(earlier, _LONG)
+        start[key[i] + 1] += 1
+    by_length = _sorted(np.arange(n).astype(np.int32), key, start)
+    base = np.zeros(_COLOURS + 1, np.int64)
+    for c in range(_COLOURS):
+        base[c + 1] = base[c] + (of_colour[c] + window - 1) // window
+    start, met = np.zeros(base[_COLOURS] + 1, np.int32), np.zeros(_COLOURS, np.int64)
+    for i in range(n):
+        key[i] = base[colour[i]] + met[colour[i]] // window
+        met[colour[i]] += 1
+        start[key[i] + 1] += 1
+    return _sorted(by_length, key, start)
+
+
+@njit(cache=True)
+def _colours(indptr: Indices, indices: Indices) -> tuple[Indices, NDArray[np.int64]]:
+    """Greedy colours, and how many nodes have each."""
+    n = len(indptr) - 1
+    bit = np.zeros(n, np.uint64)
+    colour, count = np.empty(n, np.int32), np.zeros(_COLOURS, np.int64)
+    for i in range(n):
+        taken = np.uint64(0)
+        for k in range(indptr[i], indptr[i + 1]):
+            taken |= bit[indices[k]]
+        bit[i] = ~taken & (taken + _ONE)
+        c, rest = 0, bit[i] >> _ONE
+        while rest:
+            rest >>= _ONE
+            c += 1
+        colour[i] = c
+        count[c] += 1
+    return colour, count
+
+
+@inner
+def _sorted(nodes: Indices, key: Indices, start: Indices) -> Indices:
+    """Nodes by key, those of one key in their order; ``start[k + 1]`` says how many there are of key ``k``."""
+    for k in range(len(start) - 1):
+        start[k + 1] += start[k]
+    out = np.empty(len(nodes), np.int32)
+    for place in range(len(nodes)):
+        i = nodes[place]
+        out[start[key[i]]] = i
+        start[key[i]] += 1
+    return out
+
+
+@njit(cache=True)
+def lay_rows(
+    indptr: Indices, indices: Indices, conductance: Floats, leak: Floats, order: Indices, rank: Indices, first: int,
+    entry: int, out_indptr: Unsigned, middle: Unsigned, out_indices: Unsigned, out_conductance: Singles,
+    inverse: Singles,
+) -> None:  # fmt: skip
+    """Write the rows of a level behind those before it: earlier neighbours first, the others from ``middle`` on."""
+    begin = entry
+    for place in range(len(order)):
+        i = order[place]
+        end = begin + indptr[i + 1] - indptr[i]
+        out_indptr[first + place] = begin
+        front, back, degree = begin, end - 1, leak[i]
+        for k in range(indptr[i], indptr[i + 1]):
+            neighbour = rank[indices[k]]
+            degree += conductance[k]
+            earlier = neighbour < place
+            at = front if earlier else back
+            front += earlier
+            back -= not earlier
+            out_indices[at] = first + neighbour
+            out_conductance[at] = conductance[k]
+        middle[first + place] = front
+        inverse[first + place] = 1.0 / degree if degree > 0.0 else 0.0
+        begin = end
+    out_indptr[first + len(order)] = begin
+
+
+@njit(cache=True)
+def lay_aggregates(target: Indices, order: Indices, rank: Indices, first: int, aggregate: Unsigned) -> None:
+    """Where the aggregates of a level's rows stand; 0 for eliminated ones."""
+    for place in range(len(order)):
+        to = target[order[place]]
+        aggregate[place] = first + rank[to] if to >= 0 else 0
+
+
+@njit(cache=True)
+def inverse_matrix(indptr: Indices, indices: Indices, conductance: Floats, leak: Floats) -> Singles:
+    """Inverse of a level's matrix, its diagonal a little larger so that it has one; pivots in order, for M-matrices."""
+    n = len(leak)
+    a = np.zeros((n, n))
+    for i in range(n):
+        degree = leak[i]
+        for k in range(indptr[i], indptr[i + 1]):
+            degree += conductance[k]
+            a[i, indices[k]] -= conductance[k]
+        a[i, i] += degree * (1.0 + 1e-7)
+    for p in range(n):
+        pivot = 1.0 / a[p, p] if a[p, p] > 0.0 else 0.0
+        a[p, p] = 1.0
+        for j in range(n):
+            a[p, j] *= pivot
+        for i in range(n):
+            factor = a[i, p]
+            if i == p or factor == 0.0:
+                continue
+            a[i, p] = 0.0
+            for j in range(n):
+                a[i, j] -= factor * a[p, j]
+    return a.astype(np.float32)

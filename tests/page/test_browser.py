@@ -1,0 +1,250 @@
+"""The page in a real browser: drawn on with mouse, finger and keys."""
+
+from __future__ import annotations
+
+import random
+
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, Page
+from support.cli import answer
+from support.pages import drag, kept, lines, link_of, point_on, settle, until
+
+from resgrid.page import LivePage, live
+
+WALL = "live.model.scene.cells.reduce((sum, byte) => sum + (byte & 1), 0)"
+
+
+def test_a_wall_is_drawn_and_undone_byte_for_byte(shown: Page):
+    first = kept(shown)
+    shown.locator("#brush").fill("1")
+    drag(shown, [(40, 20), (40, 70)])
+    settle(shown)
+    assert shown.evaluate(WALL) == 51
+    assert "✓ certified" in shown.inner_text("#quality")
+    drag(shown, [(40, 40), (40, 44)])
+    assert shown.evaluate(WALL) == 46  # a stroke that begins on a wall erases
+    shown.get_by_role("button", name="Box").click()
+    drag(shown, [(5, 5), (9, 8)])
+    assert shown.evaluate(WALL) == 66
+    shown.get_by_role("button", name="Fill").click()
+    drag(shown, [(6, 6)])  # all walls that are joined
+    settle(shown)
+    assert shown.evaluate(WALL) == 46
+    drawn = kept(shown)
+    for _ in range(4):
+        shown.get_by_role("button", name="Undo").click()
+    settle(shown)
+    assert kept(shown) == first
+    assert shown.get_by_role("button", name="Undo").is_disabled()
+    for _ in range(4):
+        shown.keyboard.press("Control+y")
+    assert kept(shown) == drawn
+
+
+def test_goals_and_starts_are_dragged_added_and_removed(shown: Page):
+    drag(shown, [(72, 72), (20, 72)])
+    settle(shown)
+    assert shown.evaluate("live.model.scene.goals") == [[20 * 96 + 72]]
+    assert lines(shown)[0][-1] == pytest.approx((20.5, 72), abs=0.6)
+    drag(shown, [(19, 19), (60, 10)])
+    assert shown.evaluate("live.model.scene.starts[0]") == [60.5, 10.5]
+    shown.get_by_role("button", name="Start").click()
+    drag(shown, [(80, 80)])
+    shown.get_by_role("button", name="Goal").click()
+    drag(shown, [(50, 50)])
+    settle(shown)
+    assert shown.locator("#paths li").count() == 2
+    drag(shown, [(50, 50)])
+    settle(shown)
+    assert shown.evaluate("live.model.scene.goals.length") == 1
+    drag(shown, [(20, 72)])
+    until(shown, "document.getElementById('quality').textContent.includes('no goal')")
+
+
+def test_k_and_walls_and_borders_change_the_field(shown: Page):
+    drag(shown, [(30, 10), (30, 60)])
+    settle(shown)
+    repelled = lines(shown)[0]
+    shown.locator("#k").fill("0")
+    settle(shown)
+    assert shown.evaluate("live.model.scene.k") == 0
+    assert not np.array_equal(lines(shown)[0], repelled)
+    shown.locator("#wall").fill("30")
+    settle(shown)
+    shown.select_option("#edge", "open")
+    settle(shown)
+    shown.select_option("#driven", "start")
+    settle(shown)
+    assert shown.locator("#k").is_disabled()
+
+
+def test_the_path_shown_is_that_of_the_shared_link(shown: Page):
+    rng = random.Random(7)
+    for _ in range(20):
+        cells = np.zeros((96, 96), np.uint8)
+        for _ in range(rng.randrange(4, 20)):
+            i, j = rng.randrange(90), rng.randrange(90)
+            cells[i : i + rng.randrange(1, 30), j : j + rng.randrange(1, 12)] = 1
+        cells[70:75, 70:75] = 0
+        change = {"k": rng.choice([0, 0.3, 0.99, 1]), "wall": rng.choice([0, 0, 3000])}
+        shown.evaluate(
+            """([cells, change]) => live.model.replace(
+                { ...live.model.scene, ...change, cells: Uint8Array.from(cells) })""",
+            [cells.ravel().tolist(), change],
+        )
+        settle(shown)
+        line = lines(shown)[0]
+        paths = answer("path", link_of(shown), code=0 if len(line) else 1)["paths"]
+        assert len(paths) == 1
+        assert paths[0]["outcome"] == shown.evaluate("live.view.frame.paths[0].outcome")
+        if len(line):
+            np.testing.assert_allclose(line, paths[0]["points"], atol=1e-4)
+
+
+def test_a_link_is_the_same_page_in_another_browser(served: LivePage, chromium: Browser, shown: Page):
+    shown.select_option("#examples", "ring")
+    until(shown, "live.model.scene.title === 'Ring'")
+    settle(shown)
+    other = chromium.new_context().new_page()
+    other.goto(link_of(shown).replace("/#", "/?tour=0#"))
+    until(other, "live.model.scene && live.model.scene.title === 'Ring'")
+    settle(other)
+    assert kept(other) == kept(shown)
+    other.context.close()
+
+
+def test_what_was_drawn_is_there_after_the_page_was_left(shown: Page):
+    drag(shown, [(30, 30), (30, 50)])
+    drawn = kept(shown)
+    until(shown, "(localStorage.getItem('resgrid drawing') ?? '').length > 0")
+    shown.wait_for_timeout(700)
+    shown.reload()
+    settle(shown)
+    assert kept(shown) == drawn
+
+
+def test_every_example_opens(shown: Page):
+    names = shown.locator("#examples option").evaluate_all("options => options.map(o => o.value).filter(Boolean)")
+    assert "rooms" in names
+    for name in names:
+        past = shown.evaluate("live.model.past.length")
+        shown.select_option("#examples", name)
+        until(shown, f"live.model.past.length > {past}")
+        settle(shown)
+        assert "✓ certified" in shown.inner_text("#quality"), name
+
+
+def test_a_map_that_is_dropped_is_opened(shown: Page):
+    rows = ["..@..", ".....", "@@@..", "....."]
+    text = f"type octile\nheight {len(rows)}\nwidth 5\nmap\n" + "\n".join(rows) + "\n"
+    shown.locator("#file").set_input_files({"name": "m.map", "mimeType": "text/plain", "buffer": text.encode()})
+    until(shown, "live.model.scene.axes[0].cells === 5")
+    assert shown.evaluate(WALL) == 4
+    shown.locator("#file").set_input_files({"name": "m.toml", "mimeType": "text/plain", "buffer": b"schema = 2"})
+    until(shown, "!document.getElementById('toast').hidden")
+    assert "m.toml" in shown.inner_text("#toast")
+
+
+def test_files_are_saved(shown: Page):
+    for label, name in (
+        ("Scene", "scene.toml"),
+        ("Picture", "resgrid.png"),
+        ("Paths", "paths.csv"),
+        ("SPICE", "deck.zip"),
+    ):
+        shown.get_by_role("button", name="Save").click()
+        with shown.expect_download() as download:
+            shown.locator("#saving").get_by_role("button", name=label).click()
+        assert download.value.suggested_filename == name
+
+
+def test_keys_alone_draw_and_drag(shown: Page):
+    shown.locator("#canvas").focus()
+    shown.evaluate("live.view.cursor = [30, 30]")
+    shown.keyboard.press("w")
+    shown.locator("#brush").fill("1")
+    shown.locator("#canvas").focus()
+    for _ in range(3):
+        shown.keyboard.press("ArrowUp")
+        shown.keyboard.press(" ")
+    assert shown.evaluate(WALL) == 3
+    shown.evaluate("live.view.cursor = [72, 72]")
+    shown.keyboard.press("Shift+ArrowLeft")
+    shown.keyboard.press("Shift+ArrowDown")
+    assert shown.evaluate("live.model.scene.goals") == [[71 * 96 + 71]]
+    shown.keyboard.press("g")
+    shown.keyboard.press("ArrowLeft")
+    shown.keyboard.press("Enter")
+    settle(shown)
+    assert shown.evaluate("live.model.scene.goals.length") == 2
+
+
+def test_a_finger_draws(served: LivePage, chromium: Browser):
+    context = chromium.new_context(viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
+    page = context.new_page()
+    page.goto(f"{served.url}?tour=0")
+    settle(page)
+    page.touchscreen.tap(*point_on(page, (50.5, 50.5)))
+    assert page.evaluate(WALL) > 0
+    widest = page.evaluate("document.documentElement.scrollWidth")
+    assert widest <= 390
+    context.close()
+
+
+def test_a_hovered_cell_is_described(shown: Page):
+    shown.mouse.move(*point_on(shown, (50.5, 50.5)))
+    until(shown, "!document.getElementById('card').hidden")
+    card = shown.inner_text("#card")
+    assert "50, 50" in card and "converter bits" in card and "A" in card
+
+
+def test_readers_cannot_draw(chromium: Browser):
+    with live(read_only=True, browser=False) as reading:
+        context = chromium.new_context()
+        page = context.new_page()
+        page.goto(f"{reading.url}?tour=0")
+        settle(page)
+        first = kept(page)
+        drag(page, [(40, 20), (40, 40)])
+        assert kept(page) == first
+        assert not page.locator("#tools").is_visible()
+        context.close()
+
+
+def test_a_stopped_server_is_said_and_the_page_goes_on(chromium: Browser):
+    before = live(browser=False)
+    context = chromium.new_context()
+    page = context.new_page()
+    page.goto(f"{before.url}?tour=0")
+    settle(page)
+    before.close()
+    until(page, "document.getElementById('quality').dataset.state === 'error'")
+    drag(page, [(40, 20), (40, 40)])
+    drawn = kept(page)
+    with live(port=int(before.url.rsplit(":", 1)[1].strip("/")), browser=False):
+        settle(page)
+        assert kept(page) == drawn
+        assert "✓ certified" in page.inner_text("#quality")
+    context.close()
+
+
+def test_random_actions_leave_no_error(shown: Page):
+    rng = random.Random(3)
+    tools = ["Wall", "Erase", "Box", "Fill", "Mud", "Goal", "Start"]
+    for _ in range(150):
+        action = rng.randrange(8)
+        if action < 4:
+            drag(shown, [(rng.randrange(-3, 99), rng.randrange(-3, 99)) for _ in range(rng.randrange(1, 4))])
+        elif action == 4:
+            shown.locator("#tools").get_by_role("button", name=rng.choice(tools)).click()
+        elif action == 5:
+            shown.keyboard.press(rng.choice(["Control+z", "Control+y", "ArrowUp", " ", "Shift+ArrowLeft", "g", "s"]))
+        elif action == 6:
+            shown.locator("#k").fill(str(rng.randrange(1001)))
+        else:
+            shown.select_option(rng.choice(["#edge"]), rng.choice(["open", "obstacle"]))
+    until(shown, "live.model.before === null")
+    shown.evaluate("live.model.scene.goals.length || live.model.replace({ ...live.model.scene, goals: [[5]] })")
+    until(shown, "['certified', 'error'].includes(document.getElementById('quality').dataset.state)")
+    assert "fault" not in shown.inner_text("#quality")

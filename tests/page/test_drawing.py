@@ -1,0 +1,97 @@
+"""A drawing and the scene that says the same."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+from hypothesis.extra.numpy import arrays
+
+import resgrid as rg
+from resgrid.page.drawing import Drawing, blank, boxes, drawing_of, drawing_of_space
+from resgrid.page.frames import solve_drawing
+from resgrid.page.messages import DrawingHead, read_drawing, write_drawing
+from resgrid.page.opening import examples, open_example
+from resgrid.page.saving import save
+
+
+def same(one: Drawing, other: Drawing) -> None:
+    for name in ("axes", "edge", "k", "wall", "driven", "title", "palette"):
+        assert getattr(one, name) == getattr(other, name), name
+    for name in ("cell", "level"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    np.testing.assert_allclose(one.starts, other.starts)
+
+
+@given(arrays(bool, st.tuples(st.integers(1, 9), st.integers(1, 9))))
+def test_boxes_cover_every_cell_once(mask):
+    covered = np.zeros(mask.shape, dtype=int)
+    for (i, j), (i_end, j_end) in boxes(mask):
+        covered[i:i_end, j:j_end] += 1
+    np.testing.assert_array_equal(covered, mask)
+
+
+@pytest.mark.parametrize("name", examples())
+def test_an_example_is_the_same_scene_after_it_was_saved(name, tmp_path):
+    drawing = drawing_of(open_example(name))
+    file = tmp_path / "scene.toml"
+    file.write_bytes(save(drawing, "toml")[1])
+    same(drawing_of(rg.read_scene(file)), drawing)
+
+
+def test_there_are_examples_and_each_is_a_plane():
+    assert {"rooms", "lesson", "ring"} <= set(examples())
+    assert "voxels" not in examples()
+
+
+@given(arrays(np.uint8, (7, 5), elements=st.integers(0, 2)), arrays(np.uint8, (7, 5), elements=st.integers(0, 2)))
+def test_any_drawing_is_the_same_scene_after_it_was_saved_or_sent(cell, level):
+    axes = (rg.Axis("x", -1.0, 2.5, 7, unit="m"), rg.Axis("a", 0.0, 6.0, 5, periodic=True, unit="rad"))
+    starts = np.array([[0.1, 0.2]])
+    palette = (1.0, 0.1, 3.0)
+    drawing = Drawing("any", axes, ("open", "periodic"), cell, level, palette, starts, k=0.25, wall=2e4)
+    head, body = write_drawing(drawing)
+    same(read_drawing(DrawingHead.model_validate(head["drawing"]), body), drawing)
+    if (cell == 2).any():
+        again = drawing_of(drawing.scene())
+        np.testing.assert_array_equal(again.cell, cell)
+        costs = np.array(palette)
+        np.testing.assert_array_equal(np.array(again.palette)[again.level], costs[level])
+        assert (again.k, again.wall, again.edge) == (0.25, 2e4, ("open", "periodic"))
+
+
+def test_a_drawing_is_solved_as_its_scene():
+    drawing = blank(24)
+    cell = drawing.cell.copy()
+    cell[10, 3:20] = 1
+    for changes in ({}, {"k": 0.0}, {"k": 0.5}, {"wall": 3e4}, {"driven": True, "k": 0.0}):
+        changed = replace(drawing, cell=cell, **changes)
+        frame = solve_drawing(changed, exact=True)
+        scene = changed.scene()
+        if changed.driven:
+            assert scene.drive == "start" and scene.boundary == "neumann"
+            continue
+        path = rg.plan(scene).path(scene.starts[0])
+        np.testing.assert_array_equal(frame.paths[0].cells, path.cells)
+        np.testing.assert_allclose(frame.paths[0].points, path.points)
+
+
+def test_a_hasty_frame_claims_nothing_that_was_not_certified():
+    drawing = blank(48)
+    hasty = solve_drawing(drawing, exact=False)
+    assert not hasty.exact
+    assert hasty.field.space.shape == (48, 48)
+
+
+def test_what_cannot_be_drawn_is_refused(scenes: Path):
+    with pytest.raises(rg.InputError, match="3 axes"):
+        drawing_of(rg.read_scene(scenes / "voxels.toml"))
+    with pytest.raises(rg.InputError, match="too many to draw"):
+        drawing_of(rg.Scene([rg.Axis("x", 0, 1, 40000), rg.Axis("y", 0, 1, 40000)]))
+    with pytest.raises(rg.InputError, match="1 axes"):
+        drawing_of_space(rg.ConfigurationSpace([rg.Axis("x", 0, 1, 3)], [0, 1, 2]))
+    with pytest.raises(rg.InputError, match="no goal"):
+        solve_drawing(replace(blank(8), cell=np.zeros((8, 8), np.uint8)), exact=True)

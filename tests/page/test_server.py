@@ -1,0 +1,170 @@
+"""What the server answers, and what it refuses."""
+
+from __future__ import annotations
+
+import base64
+import http.client
+from contextlib import closing
+from dataclasses import replace
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+from support.pages import PATIENCE, about, ask, dial, read, written
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+import resgrid as rg
+from resgrid.page import LivePage
+from resgrid.page.drawing import blank
+from resgrid.page.messages import LARGEST
+
+
+def files(name: str, content: bytes) -> dict[str, object]:
+    return {"type": "files", "files": [{"name": name, "data": base64.b64encode(content).decode()}]}
+
+
+def fetch(served: LivePage, path: str, **headers: str) -> tuple[int, bytes]:
+    with closing(http.client.HTTPConnection(urlsplit(served.url).netloc, timeout=PATIENCE)) as connection:
+        connection.request("GET", path, headers=headers)
+        with connection.getresponse() as response:
+            return response.status, response.read()
+
+
+def test_a_drawing_is_answered_by_a_certified_frame(served):
+    with dial(served) as socket:
+        hello, _ = read(socket.recv(timeout=PATIENCE))
+        assert "rooms" in hello["hello"]["examples"]
+        head, body = ask(socket, *about("solve", blank(16), exact=True))
+        assert head["exact"] and head["paths"][0]["outcome"] == "reached"
+        assert len(body) == 8 * head["paths"][0]["points"] + 256 * (2 + 4 + 1)
+        told, _ = ask(socket, {"type": "probe", "cell": [3, 4]})
+        assert told["probe"]["kind"] == "free" and len(told["probe"]["amperes"]) == 4
+        assert told["probe"]["bits"] > 0
+
+
+def test_currents_that_are_told_keep_kirchhoff_s_law(served):
+    with dial(served) as socket:
+        socket.recv(timeout=PATIENCE)
+        ask(socket, *about("solve", blank(16), exact=True))
+        left, right, below, above = ask(socket, {"type": "probe", "cell": [5, 6]})[0]["probe"]["amperes"]
+        assert abs(left + below - right - above) <= 1e-6 * max(map(abs, (left, right, below, above)))
+
+
+@pytest.mark.parametrize(
+    ("head", "said"),
+    [
+        ({"type": "dance"}, "type"),
+        ({"type": "solve"}, "needs a drawing"),
+        ({"type": "probe", "cell": [1]}, "cell"),
+        ({"type": "example", "name": "../../secret"}, "no example"),
+        ({"type": "link", "document": {"schema": 1, "map": {"file": "/etc/passwd"}}}, "map file"),
+        ({"type": "link", "document": {"schema": 1, "grid": {"axes": [
+            {"name": "x", "lower": 0, "upper": 1, "cells": 100000},
+            {"name": "y", "lower": 0, "upper": 1, "cells": 10000}]}}}, "too many to draw"),
+        ({"type": "files", "files": [{"name": "../x.toml", "data": ""}]}, "opens"),
+        ({"type": "files", "files": [{"name": "x.toml", "data": "!"}]}, "damaged"),
+        (files("x.toml", b'schema = 1\n[map]\nfile = "/etc/passwd"'), "map file"),
+        (files("x.yaml", b"image: /etc/passwd"), "drop this picture"),
+    ],
+)  # fmt: skip
+def test_nonsense_gets_a_clear_answer_and_harms_nothing(served, head, said):
+    with dial(served) as socket:
+        socket.recv(timeout=PATIENCE)
+        answer, _ = ask(socket, head)
+        assert said in answer["error"] and answer["kind"] != "fault"
+        assert ask(socket, *about("solve", blank(8)))[0]["exact"]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda head, body: (head | {"k": float("nan")}, body), "k"),
+        (lambda head, body: (head | {"axes": [head["axes"][0] | {"cells": 10**9}] * 2}, body), "too many"),
+        (lambda head, body: (head, body[:-1]), "bytes"),
+        (lambda head, body: (head, b"\xff" + body[1:]), "none of free"),
+        (lambda head, body: (head | {"chip": {"resistance": "soft"}}, body), "resistance"),
+    ],
+)
+def test_a_wrong_drawing_gets_a_clear_answer(served, change, said):
+    request, body = about("solve", blank(8))
+    drawing, body = change(request["drawing"], body)
+    with dial(served) as socket:
+        socket.recv(timeout=PATIENCE)
+        answer, _ = ask(socket, {"type": "solve", "drawing": drawing}, body)
+        assert said in answer["error"] and answer["kind"] != "fault"
+
+
+def test_a_huge_message_is_refused_and_others_are_served(served):
+    with dial(served) as socket:
+        socket.recv(timeout=PATIENCE)
+        with pytest.raises(ConnectionClosed) as closed:
+            socket.send(bytes(100_000_000))
+            socket.recv(timeout=PATIENCE)
+        assert closed.value.rcvd is None or closed.value.rcvd.code == 1009
+    with dial(served) as socket:
+        socket.recv(timeout=PATIENCE)
+        assert ask(socket, *about("solve", blank(8)))[0]["exact"]
+    assert LARGEST < 100_000_000
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "http://127.0.0.1:1", None])
+def test_a_foreign_origin_is_refused(served, origin):
+    with pytest.raises(InvalidStatus, match="403"), dial(served, origin=origin):
+        pass
+
+
+def test_a_foreign_host_is_refused(served):
+    assert fetch(served, "/", Host="evil.example")[0] == 400
+    assert fetch(served, "/")[0] == 200
+
+
+@pytest.mark.parametrize("path", ["/static/../server.py", "/static/..%2fserver.py", "/server.py", "//etc/passwd"])
+def test_no_other_file_is_reachable(served, path):
+    status, content = fetch(served, path)
+    assert status == 404 and b"import" not in content
+
+
+def test_browsers_do_not_disturb_each_other(served):
+    with dial(served) as one, dial(served) as other:
+        one.recv(timeout=PATIENCE)
+        other.recv(timeout=PATIENCE)
+        ask(one, *about("solve", blank(8)))
+        ask(other, *about("solve", replace(blank(12), k=0.0)))
+        assert ask(one, {"type": "probe", "cell": [7, 7]})[0]["probe"]["kind"] == "free"
+        assert "no cell" in ask(one, {"type": "probe", "cell": [11, 11]})[0]["error"]
+        assert ask(other, {"type": "probe", "cell": [11, 11]})[0]["probe"]["kind"] == "free"
+
+
+def test_readers_see_the_scene_and_no_other():
+    space = rg.ConfigurationSpace([rg.Axis("x", 0, 8, 8), rg.Axis("y", 0, 8, 8)], np.eye(8, dtype=np.uint8) * 2)
+    with rg.live(space, read_only=True, browser=False) as page, dial(page) as socket:
+        assert isinstance(page, rg.LivePage) and page.url in page._repr_html_()
+        assert read(socket.recv(timeout=PATIENCE))[0]["hello"]["read_only"]
+        assert "reading only" in ask(socket, {"type": "example", "name": "rooms"})[0]["error"]
+        head, _ = ask(socket, *about("solve", replace(blank(8), k=0.5)))
+        assert head["cells"] == 56
+
+
+def test_saved_files_are_what_they_say(served):
+    with dial(served) as socket:
+        socket.recv(timeout=PATIENCE)
+        head, content = ask(socket, *about("save", blank(8), format="toml"))
+        assert head["name"] == "scene.toml" and rg.parse_scene(content.decode()).ndim == 2
+        head, content = ask(socket, *about("save", blank(8), format="csv"))
+        assert content.startswith(b"path,") and head["name"] == "paths.csv"
+        head, content = ask(socket, *about("save", blank(8), format="deck"))
+        assert content.startswith(b"PK") and b"dirichlet.cir.json" in content
+
+
+def test_a_message_that_is_cut_short_says_so(served):
+    with dial(served) as socket:
+        socket.recv(timeout=PATIENCE)
+        for message in (b"", b"\xff\xff\xff\xff", b"\x02\0\0\0[]", b"\x02\0\0\0{", written({"seq": 1})):
+            socket.send(message)
+            assert "error" in read(socket.recv(timeout=PATIENCE))[0]
+
+
+def test_a_taken_port_is_said(served):
+    port = urlsplit(served.url).port
+    with pytest.raises(rg.InputError, match="--port"):
+        rg.live(port=port, browser=False)
