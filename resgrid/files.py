@@ -25,23 +25,33 @@ _STALE = 86_400.0
 """Seconds after which what a killed process left half-written is taken for that."""
 
 
-def read_bytes(path: Path, limit: int | None = None) -> bytes:
-    """All bytes of a file."""
+def read_bytes(
+    path: Path, limit: int | None = None, *, name: str | None = None, first: int = -1, piped: bool = True
+) -> bytes:
+    """All bytes of a file, or the first ones.
+
+    `limit`: most bytes that there may be; `name`: what messages call it; `first`: how many are read, -1 for all;
+    `piped`: whether it may be a pipe.
+    """
+    said = str(path) if name is None else name
     try:
         status = path.stat()
         if stat.S_ISDIR(status.st_mode):
-            raise InputError(f"{path}: this is a directory; give the file inside it")
+            raise InputError(f"{said}: this is a directory; give the file inside it")
         if stat.S_ISCHR(status.st_mode) or stat.S_ISBLK(status.st_mode):
-            raise InputError(f"{path}: this is a device; give a file")
+            raise InputError(f"{said}: this is a device; give a file")
+        if not (piped or stat.S_ISREG(status.st_mode)):
+            raise InputError(f"{said}: this is no regular file; give one")
         if limit is not None and status.st_size > limit:
-            raise InputError(f"{path}: {status.st_size} bytes are too many (at most {limit}); is it the right file?")
-        return path.read_bytes()
+            raise InputError(f"{said}: {status.st_size} bytes are too many (at most {limit}); is it the right file?")
+        with path.open("rb") as file:
+            return file.read(first)
     except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file; check the name and the folder") from None
+        raise InputError(f"{said}: there is no such file; check the name and the folder") from None
     except PermissionError:
-        raise InputError(f"{path}: permission denied; make the file readable") from None
+        raise InputError(f"{said}: permission denied; make the file readable") from None
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read ({error})") from None
+        raise InputError(f"{said}: cannot be read ({error})") from None
 
 
 def read_text(path: Path) -> str:

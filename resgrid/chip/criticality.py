@@ -30,7 +30,7 @@ from resgrid.die import end_names
 from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import Netlist
 from resgrid.scene.chip import Readout
-from resgrid.solvers.superlu import symmetric_factors
+from resgrid.solvers.supernodal import factor_supernodes
 
 IDEAL_BITS = 40
 """Resolution of an ideal read-out here: a step of 1e-12 of the supply, which rounding does not reach."""
@@ -40,6 +40,9 @@ _LEAKY, _BRIDGE = 1e-3, 1e-9
 """Denominators below which voltages are corrected, and solved anew."""
 
 _WORST = 10
+
+Solve = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+"""From currents into the rows to their voltages, both (n,)."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -184,20 +187,20 @@ def faulty_voltages(
 ) -> Iterator[tuple[int, NDArray[np.float64], NDArray[np.float64]]]:
     """An element after the other, and the voltages of all nodes when it is open, and when it is shorted."""
     system = None if netlist.nonlinear_nodes.size else assemble(netlist)
-    factors = symmetric_factors(system.laplacian.matrix) if system is not None and system.size else None
+    solve = factor_supernodes(system.laplacian).solve if system is not None and system.size else np.copy
     for begin in range(0, len(order), _BLOCK):
         block = order[begin : begin + _BLOCK]
-        spread = np.empty(0) if system is None else _responses(system, factors, netlist.resistor_nodes[block])
+        spread = np.empty(0) if system is None else _responses(system, solve, netlist.resistor_nodes[block])
         for number, element in enumerate(block.tolist()):
             voltages = []
             for siemens in (0.0, 1.0 / short_resistance):
-                changed = None if system is None else _changed(system, factors, volts, element, siemens, spread[number])
+                changed = None if system is None else _changed(system, solve, volts, element, siemens, spread[number])
                 voltages.append(_solved(netlist, element, siemens) if changed is None else changed)
             yield element, voltages[0], voltages[1]
 
 
 def _changed(
-    system: Equations, factors: Any, volts: NDArray[np.float64], element: int, siemens: float, z: NDArray[np.float64]
+    system: Equations, solve: Solve, volts: NDArray[np.float64], element: int, siemens: float, z: NDArray[np.float64]
 ) -> NDArray[np.float64] | None:
     """Voltages when an element has another conductance; None where the others do not determine them."""
     a, b = system.netlist.resistor_nodes[element]
@@ -207,19 +210,19 @@ def _changed(
         return None
     changed = volts - delta * float(volts[a] - volts[b]) / rest * z
     if rest < _LEAKY:
-        y = _spread(system, factors.solve(_imbalance(system, changed, element, siemens)))
+        y = _spread(system, solve(_imbalance(system, changed, element, siemens)))
         changed += y - delta * float(y[a] - y[b]) / rest * z
     return np.asarray(changed)
 
 
-def _responses(system: Equations, factors: Any, ends: NDArray[np.int32]) -> NDArray[np.float64]:
+def _responses(system: Equations, solve: Solve, ends: NDArray[np.int32]) -> NDArray[np.float64]:
     """``A^-1 w`` at all nodes for every element, shape (elements, nodes); 0 where voltages are known."""
     w = np.zeros((system.size, len(ends)))
     for column, sign in ((0, 1.0), (1, -1.0)):
         row = system.unknown[ends[:, column]]
         inside = np.flatnonzero(row >= 0)
         w[row[inside], inside] += sign
-    return _spread(system, factors.solve(w) if factors is not None else w)
+    return _spread(system, np.stack([solve(column) for column in w.T], axis=1))
 
 
 def _spread(system: Equations, rows: NDArray[np.float64]) -> NDArray[np.float64]:

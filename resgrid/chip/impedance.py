@@ -19,9 +19,9 @@ from resgrid.chip.modes import slowest_modes
 from resgrid.circuit.dynamics import Dynamics, charge_basis, factor_resolvent
 from resgrid.errors import AccuracyError
 from resgrid.solvers.laplacian import Laplacian
-from resgrid.solvers.selected.diagonal import estimate_diagonal, inverse_diagonal
-from resgrid.solvers.selected.positive import PositiveFactors, positive_factors
+from resgrid.solvers.selected_inverse import estimate_diagonal, inverse_diagonal, positive_inverse_diagonal
 from resgrid.solvers.superlu import symmetric_factors
+from resgrid.solvers.supernodal import SupernodalFactors, factor_supernodes
 
 _WEAK = 1e-3
 """Share of a part's largest conductance, below which what ties it to rails, summed, is weak."""
@@ -57,7 +57,7 @@ def resistive_parts(
     result = np.empty((len(frequencies), len(rows)))
     for number, frequency in enumerate(frequencies.tolist()):
         if frequency == 0.0:
-            still = positive_factors(dynamics.conductance.edges, dynamics.conductance.ground)
+            still = factor_supernodes(dynamics.conductance)
             result[number] = inverse_columns(still, dynamics.size, rows)[np.arange(len(rows)), rows]
             continue
         w = 2.0 * np.pi * frequency
@@ -99,13 +99,13 @@ def _taken(elements: _Elements, y: NDArray[np.complex128]) -> NDArray[np.float64
     return np.asarray(value @ (across.real**2 + across.imag**2))
 
 
-def inverse_columns(factors: PositiveFactors, size: int, rows: NDArray[np.int64]) -> NDArray[np.float64]:
+def inverse_columns(factors: SupernodalFactors, size: int, rows: NDArray[np.int64]) -> NDArray[np.float64]:
     """Columns of a positive inverse, one a row, shape (rows, size)."""
     columns = np.empty((len(rows), size))
     for column, row in zip(columns, rows.tolist(), strict=True):
         unit = np.zeros(size)
         unit[row] = 1.0
-        column[:] = factors.solve_nonnegative(unit)
+        column[:] = factors.solve(unit)
     return columns
 
 
@@ -141,11 +141,11 @@ def find_exactly(dynamics: Dynamics, band: tuple[float, float] | None) -> Integr
     none = np.zeros(dynamics.size)
     if not dynamics.size:
         return Integrals(none, none, none, none)
-    factors = positive_factors(dynamics.conductance.edges, dynamics.conductance.ground)
-    resistance = factors.inverse_diagonal()
+    factors = factor_supernodes(dynamics.conductance)
+    resistance = positive_inverse_diagonal(factors)
     if band is None:
         return Integrals(resistance, none, none, none)
-    rounding = 2.0 * _EPS * factors.solve_nonnegative(_largest_currents(dynamics, band))
+    rounding = 2.0 * _EPS * factors.solve(_largest_currents(dynamics, band))
     _require_digits(dynamics, rounding, _MOST_ROUNDING)
     flat, frequency, weight = _quadrature(dynamics, band)
     area = flat * resistance

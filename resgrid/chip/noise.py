@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import sparse
 
 from resgrid.arguments import check_number, check_whole
 from resgrid.chip.figures import Figure, Result, defined
@@ -22,8 +21,8 @@ from resgrid.chip.impedance import estimate, find_exactly, inverse_columns, resi
 from resgrid.circuit.dynamics import Dynamics, charge_basis, dynamics_of, require_grounded
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
-from resgrid.solvers.selected.diagonal import random_signs
-from resgrid.solvers.selected.positive import PositiveFactors, positive_factors
+from resgrid.solvers.selected_inverse import positive_inverse_diagonal, random_signs
+from resgrid.solvers.supernodal import SupernodalFactors, factor_supernodes
 
 BOLTZMANN = 1.380649e-23
 """In J/K, exact."""
@@ -222,9 +221,8 @@ def _tied_by_capacitors(dynamics: Dynamics) -> NDArray[np.bool_]:
     return np.asarray(np.diff(charge_basis(dynamics).spread.indptr) == 0)
 
 
-def _elastance_factors(dynamics: Dynamics, tied: NDArray[np.bool_]) -> PositiveFactors:
-    C = dynamics.capacitance
-    return positive_factors(sparse.csr_array(C.edges[tied][:, tied]), C.ground[tied])
+def _elastance_factors(dynamics: Dynamics, tied: NDArray[np.bool_]) -> SupernodalFactors:
+    return factor_supernodes(dynamics.capacitance.within(tied))
 
 
 def _elastance(dynamics: Dynamics) -> NDArray[np.float64]:
@@ -232,7 +230,7 @@ def _elastance(dynamics: Dynamics) -> NDArray[np.float64]:
     tied = _tied_by_capacitors(dynamics)
     elastance = np.full(dynamics.size, np.inf)
     if tied.any():
-        elastance[tied] = _elastance_factors(dynamics, tied).inverse_diagonal()
+        elastance[tied] = positive_inverse_diagonal(_elastance_factors(dynamics, tied))
     return elastance
 
 

@@ -19,6 +19,8 @@ from resgrid.errors import InputError
 from resgrid.spice.dialects import DECK_SUFFIXES, OWN_SUFFIXES
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from resgrid.circuit.operating_point import OperatingPoint
     from resgrid.netlist import Netlist
 
@@ -40,7 +42,8 @@ def command(source: Source, output: str, dialect: str | None, bare: bool) -> int
     FILE.cir (.sp, .spice, .ckt, .net, .cdl; .scs for Spectre) is a flat deck, beside it the sidecar with the expected
     voltages; FILE.txt an edge list (two nodes and a resistance a line); FILE.graphml and FILE.json (node-link) are
     graphs for networkx and others; FILE.npz holds the netlist's arrays. -o - prints the deck alone. All of these are
-    read, too, and so are Circuitscape configurations (.ini).
+    read, too, and so are Circuitscape configurations (.ini). With --json, "nodes" and kinds of elements count what was
+    read, and "left_out" how many of each kind FILE does not hold.
     """
     from resgrid.io.networks import NETWORK_SUFFIXES, left_out, write_network
 
@@ -56,15 +59,21 @@ def command(source: Source, output: str, dialect: str | None, bare: bool) -> int
     alone = bare or output == "-"
     netlist, title, op, unheeded = _circuit(source, solve=not (alone or is_network))
     data: dict[str, Any] = {"file": output, **element_counts(netlist)}
+    missing: Mapping[str, int] = {}
     if is_network:
-        if suffix == ".txt" and left_out(netlist):
-            say(f"left out, for {output} has no place for them: {', '.join(left_out(netlist))}")
+        missing = left_out(netlist, output)
         with stage("write it", seconds=5e-6 * data["resistors"]):
             write_network(netlist, output)
     else:
         data["dialect"] = dialect or OWN_SUFFIXES.get(suffix, "ngspice")
         with stage("write it", seconds=5e-6 * data["resistors"]):
-            data |= _write_deck(netlist, title, None if alone else op, output, data["dialect"])
+            written, missing = _write_deck(netlist, title, None if alone else op, output, data["dialect"])
+            data |= written
+    if missing:
+        kinds = ", ".join(f"{kind}s ({count:,})" for kind, count in missing.items())
+        why = f"{output} has no place for them" if is_network else "a simulator would fail on them"
+        say(f"left out, for {why}: {kinds}")
+    data["left_out"] = {f"{kind.replace(' ', '_')}s": count for kind, count in missing.items()}
     finish(data | unheeded, written=output)
     return 0
 
@@ -85,16 +94,18 @@ def _circuit(source: Source, *, solve: bool) -> tuple[Netlist, str | None, Opera
 
 def _write_deck(
     netlist: Netlist, title: str | None, op: OperatingPoint | None, output: str, dialect: str
-) -> dict[str, Any]:
-    """Write a deck with its sidecar, or without a solution the deck alone."""
+) -> tuple[dict[str, Any], Mapping[str, int]]:
+    """Write a deck with its sidecar, or without a solution the deck alone; what it does not hold of the circuit."""
     if op is None:
         from resgrid.files import write_text
+        from resgrid.spice.write.files import left_out_of
         from resgrid.spice.write.flat import flatten
 
-        text = flatten(netlist, dialect=dialect, title=title).text
-        click.echo(text, nl=False) if output == "-" else write_text(output, text)
-        return {}
+        deck = flatten(netlist, dialect=dialect, title=title)
+        click.echo(deck.text, nl=False) if output == "-" else write_text(output, deck.text)
+        return {}, left_out_of(deck)
     from resgrid.spice.write.files import write_spice
 
     written = write_spice(op, output, dialect, title=title)
-    return {"sidecar": written.sidecar, "commands": written.commands, "sha256": written.sha256}
+    beside = {"sidecar": written.sidecar, "commands": written.commands, "sha256": written.sha256}
+    return beside, written.left_out

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from resgrid.errors import InputError
+from resgrid.graphs import ELEMENTS
 from resgrid.io.tables import FORMATS, Views, write
 from resgrid.netlist import GROUND, Netlist
 from resgrid.spice.networks.graphs import NETLIST_ARRAYS
@@ -53,15 +54,14 @@ def write_network(netlist: Netlist, file: str | os.PathLike[str]) -> Path:
     return write(file, views, "a network")
 
 
-def left_out(netlist: Netlist) -> list[str]:
-    """What an edge list has no place for, with its number, for people."""
-    counts = {
-        "sources": len(netlist.source_volts) + len(netlist.current_amps),
-        "capacitors": len(netlist.capacitance),
-        "nonlinear resistors": len(netlist.nonlinear_current),
-    }
-    names = [f"{kind} ({count:,})" for kind, count in counts.items() if count]
-    return names if netlist.tc1 is None and netlist.tc2 is None else [*names, "temperature coefficients"]
+def left_out(netlist: Netlist, file: str | os.PathLike[str]) -> dict[str, int]:
+    """How much of a netlist a file of that name has no place for, by kind: in an edge list, all but resistances."""
+    if FORMATS[Path(file).suffix.lower()].view != "edges":
+        return {}
+    counts = {kind: len(getattr(netlist, nodes)) for kind, (nodes, _) in ELEMENTS.items() if kind != "resistor"}
+    tempered = [np.asarray(values) != 0 for values in (netlist.tc1, netlist.tc2) if values is not None]
+    counts["temperature coefficient"] = int(np.any(tempered, axis=0).sum()) if tempered else 0
+    return {kind: count for kind, count in counts.items() if count}
 
 
 def _edges(netlist: Netlist) -> str:

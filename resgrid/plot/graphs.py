@@ -198,7 +198,7 @@ def _closeness(edges: NDArray[np.float64]) -> int:
 
 def _bundles(groups: Groups, place: Place) -> list[Bundle]:
     """Places of all elements: first those between nodes, then those to ground where there is room."""
-    lines = {pair: _line(*place[list(pair)]) for pair in groups if GROUND not in pair}
+    lines = {pair: _line(*place[list(pair)]) for pair in groups if GROUND not in pair and pair[0] != pair[1]}
     bundles: list[Bundle] = []
     for pair in lines:
         a, b = place[pair[0]], place[pair[1]]
@@ -206,9 +206,10 @@ def _bundles(groups: Groups, place: Place) -> list[Bundle]:
         drawn = [place[1:], *(lines[other] for other in lines if other != pair), *(done.points() for done in bundles)]
         bundles.append(choices[_roomiest([choice.body() for choice in choices], np.concatenate(drawn), 0.2)])
     for (node, low), elements in groups.items():
-        if low == GROUND and node != GROUND:
-            drawn = [place[1:], *(bundle.points() for bundle in bundles)]
-            bundles.append(_to_ground(elements, place[node], np.concatenate(drawn)))
+        if node != GROUND and low in (GROUND, node):
+            others = np.concatenate([place[1:], *(bundle.points() for bundle in bundles)])
+            to_where = _to_ground if low == GROUND else _to_itself
+            bundles.append(to_where(elements, place[node], others))
     return bundles
 
 
@@ -227,6 +228,25 @@ def _to_ground(elements: Elements, node: Place, drawn: Place) -> Bundle:
     clouds = [drawn, *(choice.points() for choice in choices)]
     beyond, *bodies = (points[np.linalg.norm(points - node, axis=1) > 0.3] for points in clouds)
     return choices[_roomiest(bodies, beyond, 0.3)]
+
+
+def _to_itself(elements: Elements, node: Place, drawn: Place) -> Bundle:
+    """Elements from a node back to it: loops one around the other, into the direction with most room."""
+    angles = np.pi / 4 * np.arange(8)
+    choices = [_loop(elements, node, np.array([np.cos(angle), np.sin(angle)])) for angle in angles.tolist()]
+    beyond = drawn[np.linalg.norm(drawn - node, axis=1) > 0.3]
+    return choices[_roomiest([choice.body() for choice in choices], beyond, 0.4)] if len(beyond) else choices[2]
+
+
+def _loop(elements: Elements, node: Place, out: Place) -> Bundle:
+    across = np.array([-out[1], out[0]])
+    middles = [node + (0.8 + 0.75 * rank) * out for rank in range(len(elements))]
+    lower, upper = ([middle + side * _HALF_LENGTH * across for middle in middles] for side in (-1.0, 1.0))
+    branches = [
+        Branch(kind, value, first if forward else last, last if forward else first, out)
+        for (kind, value, forward), first, last in zip(elements, lower, upper, strict=True)
+    ]
+    return Bundle(branches, [(node, lower[0]), (node, upper[0]), (lower[0], lower[-1]), (upper[0], upper[-1])])
 
 
 def _bundle(elements: Elements, a: Place, b: Place, slide: float, *, grounded: bool = False) -> Bundle:

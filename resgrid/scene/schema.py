@@ -228,7 +228,11 @@ class Map(Table):
     ] = "auto"
     dialect: Annotated[Literal["nav2", "ros1"] | None, Field(description="ROS: whose reader is meant.")] = None
     unknown: Annotated[
-        Literal["obstacle", "free"] | None, Field(description="ROS: what cells of unknown occupancy are.")
+        Literal["obstacle", "free"] | None,
+        Field(
+            description="ROS: what cells of unknown occupancy are. Raw values above 100 are unknown to Nav2; of ROS 1 "
+            "255 is, and 101 to 254 are obstacles, as costmap_2d takes what map_server sends."
+        ),
     ] = None
     lethal: Annotated[
         Annotated[int, Ge(1), Le(100)] | None, Field(description="ROS: occupancy from which a cell is an obstacle.")

@@ -14,8 +14,8 @@ from resgrid.solvers.factors.multigrid import factor_multigrid
 from resgrid.solvers.factors.reduced import ReducedFactor
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.multigrid.grading import is_graded, may_be_graded
-from resgrid.solvers.narrow.panels import NarrowOrder, narrow_memory, narrow_order
-from resgrid.solvers.reduction.elimination import may_reduce, reduce_system
+from resgrid.solvers.star_mesh import may_shrink, shrink
+from resgrid.solvers.supernodal import ON_ROWS, Symbolic, order_by_distance
 
 METHODS = ("direct", "multigrid")
 
@@ -49,28 +49,29 @@ def factor_laplacian(
 ) -> Factor:
     """Make a system ready to be solved, unless it would not fit in memory.
 
-    Nodes with at most two neighbours are eliminated first where that pays (`resgrid.solvers.reduction`), which it does
-    not for directions along large mazes (`resgrid.solvers.narrow`); the method then solves what is left.  Where nothing
-    is left, the factor's name is ``"elimination"`` whatever was asked for.
+    Nodes with at most two neighbours are eliminated first where that pays (`resgrid.solvers.star_mesh`), which it does
+    not for directions along large mazes (`resgrid.solvers.supernodal`); the method then solves what is left.  Where
+    nothing is left, the factor's name is ``"elimination"`` whatever was asked for.
     """
     if method != "auto" and method not in METHODS:
         raise InputError(f"method = {method!r} is unknown; it may be one of auto, {', '.join(METHODS)}")
-    if reduce and may_reduce(laplacian):
+    if reduce and may_shrink(laplacian):
         if _is_long_corridor(laplacian, method, accuracy):
             return _factor_whole(laplacian, "direct", accuracy, later)
         _require(_REDUCING * laplacian.size, laplacian, "elimination")
-        reduction = reduce_system(laplacian)
-        if reduction.core is None:
-            return ReducedFactor(laplacian, reduction, None)
-        if reduction.count >= _FAIR_SHARE * laplacian.size:
-            inner = _factor_whole(reduction.core, method, accuracy, later)
-            return ReducedFactor(laplacian, reduction, inner)
+        mesh, core = shrink(laplacian)
+        if core is None:
+            return ReducedFactor(laplacian, mesh, None)
+        if mesh.count >= _FAIR_SHARE * laplacian.size:
+            return ReducedFactor(laplacian, mesh, _factor_whole(core, method, accuracy, later))
     return _factor_whole(laplacian, method, accuracy, later)
 
 
 def _is_long_corridor(laplacian: Laplacian, method: str, accuracy: str) -> bool:
     """Whether a matrix is factored whole, along its corridors, in less time than rows are eliminated and put back."""
-    if accuracy != "direction" or method == "multigrid" or laplacian.size < _LONG or narrow_order(laplacian) is None:
+    if accuracy != "direction" or method == "multigrid" or laplacian.size < _LONG:
+        return False
+    if order_by_distance(laplacian) is None:
         return False
     return method == "direct" or choose_method(laplacian, accuracy) == "direct"
 
@@ -111,7 +112,7 @@ def choose_method(laplacian: Laplacian, accuracy: str = "direction") -> str:
             seconds = _multigrid_seconds(laplacian, accuracy, width, decades, graded=may_be_graded(laplacian))
         if decades > _MOST_DECADES:
             return "direct"
-        narrow = narrow_order(laplacian) if along < seconds else None
+        narrow = order_by_distance(laplacian) if along < seconds else None
         if narrow is not None and _panel_seconds(narrow) < seconds:
             return "direct"
     return "multigrid" if seconds < _direct_seconds(laplacian.size, neighbours) else "direct"
@@ -139,9 +140,9 @@ def _narrow_seconds(laplacian: Laplacian, width: float) -> float:
     return (0.7e-6 + 0.009e-6 * width**2) * laplacian.size
 
 
-def _panel_seconds(narrow: NarrowOrder) -> float:
+def _panel_seconds(narrow: Symbolic) -> float:
     """Rough time of a direct solution in an order that has been found, measured on mazes and maps."""
-    size = len(narrow.halves.number)
+    size = len(narrow.reduced.number)
     a_row = 0.3e-6 if size > EXACT_ROWS else 0.65e-6
     return a_row * size + 6e-9 * narrow.entries + 0.065e-9 * narrow.products
 
@@ -168,7 +169,7 @@ def _multigrid_seconds(
 def estimate_memory(laplacian: Laplacian, method: str, accuracy: str = "direction") -> float:
     """Estimate the peak memory of a method above the netlist, in bytes.
 
-    Entries of narrow circuits' factors are counted (`resgrid.solvers.narrow`).  Those of others grow about as
+    Entries of narrow circuits' factors are counted (`resgrid.solvers.supernodal`).  Those of others grow about as
     ``n log n`` on planar grids, as ``n**(4/3)`` in three and ``n**(3/2)`` in four dimensions (George & Liu 1981); the
     constants were measured under minimum degree on open grids, which fill most.  Those of multigrid are a tenth above
     what was measured on grids, which do without compressed rows, and on other netlists; directions take rows and
@@ -180,9 +181,9 @@ def estimate_memory(laplacian: Laplacian, method: str, accuracy: str = "directio
         if accuracy == "direction":
             on_nodes, on_entries = on_nodes + (120.0 if is_graded(laplacian) else 60.0), on_entries + 18.0
         return on_nodes * n + on_entries * count_connections(laplacian).entries
-    narrow = narrow_order(laplacian)
+    narrow = order_by_distance(laplacian)
     if narrow is not None:
-        return narrow_memory(laplacian, narrow)
+        return narrow.memory
     fill = {
         0: 3.0 * n,
         1: 3.0 * n,
@@ -190,4 +191,4 @@ def estimate_memory(laplacian: Laplacian, method: str, accuracy: str = "directio
         3: 10.0 * n ** (4 / 3),
         4: 4.5 * n ** (3 / 2),
     }[laplacian.dimensions]
-    return float(50 * fill + 600 * n)
+    return float(9.0 * fill + ON_ROWS * n)

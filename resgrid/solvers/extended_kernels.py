@@ -72,30 +72,6 @@ def canonical(m: Floats, e: Integers) -> None:
         m[i], e[i] = _canonical(m[i], e[i])
 
 
-@njit(cache=True, nogil=True)
-def substitute(indptr: Indices, indices: Indices, lower: Floats, pivot: Floats, m: Floats, e: Integers) -> None:
-    """Solve ``L D L^T x = b`` in place, in scaled numbers.
-
-    ``L`` is unit lower triangular by columns, the diagonal entry first; ``D = diag(pivot)``; ``(m, e)`` is ``b`` on
-    entry, ``x`` on return.  With ``b >= 0`` and an M-matrix every term is non-negative, so that nothing cancels.
-    """
-    n = len(pivot)
-    for j in range(n):
-        v, ve = _canonical(m[j], e[j])
-        m[j], e[j] = v, ve
-        if v == 0.0:
-            continue
-        for k in range(indptr[j] + 1, indptr[j + 1]):
-            i = indices[k]
-            m[i], e[i] = _add_product(m[i], e[i], -lower[k], v, ve)
-    for j in range(n - 1, -1, -1):
-        v, ve = _canonical(m[j] / pivot[j], e[j])
-        for k in range(indptr[j] + 1, indptr[j + 1]):
-            i = indices[k]
-            v, ve = _add_product(v, ve, -lower[k], m[i], e[i])
-        m[j], e[j] = _canonical(v, ve)
-
-
 @inlined
 def _two_sum(a: float, b: float) -> tuple[float, float]:
     s = a + b

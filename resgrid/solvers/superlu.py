@@ -1,13 +1,13 @@
-"""Sparse factors with diagonal pivots, by SuperLU (Li 2005) in symmetric mode."""
+"""Factors of symmetric matrices that are no conductances alone: admittances, quadratic forms (SuperLU; Li 2005).
+
+Those of conductances are made in positive numbers alone (`resgrid.solvers.supernodal`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.errors import AccuracyError
@@ -20,42 +20,8 @@ Columns of a grid's factors are short, and few have the same rows: with SuperLU'
 """
 
 
-@dataclass(frozen=True, eq=False)
-class SparseFactors:
-    """Factors ``P A P^T = L D L^T`` of a symmetric positive definite matrix, right up to rounding.
-
-    `lower`: unit lower triangular, the diagonal entry first in every column; `pivot` (n,); `order` (n,): row
-    ``order[k]`` of the matrix is row ``k`` of the factors; `doubles`: superLU's own substitution, in doubles.
-    """
-
-    lower: sparse.csc_array
-    pivot: NDArray[np.float64]
-    order: NDArray[np.int64]
-    doubles: Callable[[NDArray[np.float64]], NDArray[np.float64]]
-
-    @classmethod
-    def of(cls, matrix: Any) -> SparseFactors:
-        """Factor a matrix (`symmetric_factors`)."""
-        factors = symmetric_factors(matrix)
-        lower = factors.L
-        lower.sort_indices()
-        # perm_c sends a column to its place; its inverse says which column stands there.
-        order = np.argsort(factors.perm_c).astype(np.int64)
-        return cls(lower, np.asarray(factors.U.diagonal()), order, factors.solve)
-
-    def substitute(self, m: NDArray[np.float64], e: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Both substitutions, in scaled numbers; ``m`` and ``e``, shape (n,), stay as they are."""
-        from resgrid.solvers.extended_kernels import substitute
-
-        permuted, exponent = m[self.order], e[self.order]
-        substitute(self.lower.indptr, self.lower.indices, self.lower.data, self.pivot, permuted, exponent)
-        solution, scale = np.empty_like(permuted), np.empty_like(exponent)
-        solution[self.order], scale[self.order] = permuted, exponent
-        return solution, scale
-
-
 def symmetric_factors(matrix: Any) -> Any:
-    """Factor a symmetric positive definite matrix.  Shapes: `matrix` (n, n)."""
+    """Factor a symmetric matrix, real or complex, with diagonal pivots.  Shapes: `matrix` (n, n)."""
     from scipy.sparse.linalg import splu
 
     try:

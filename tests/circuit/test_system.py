@@ -18,7 +18,7 @@ from resgrid.errors import CircuitError
 from resgrid.netlist import Netlist
 from resgrid.solvers.choose import choose_method
 from resgrid.solvers.connections import WEAK, count_connections
-from resgrid.solvers.reduction.elimination import may_reduce
+from resgrid.solvers.star_mesh import may_shrink
 from resgrid.space import ConfigurationSpace
 from resgrid.spice.read.deck import read_spice
 
@@ -180,7 +180,7 @@ def test_a_grid_is_judged_without_compressed_rows(boundary: str) -> None:
     cell = (np.random.default_rng(3).random((120, 120)) < 0.1).astype(np.uint8)
     cell[30, 30] = 2
     system = assemble(compile_space(space_of(cell), boundary=boundary))
-    assert not may_reduce(system.laplacian)
+    assert not may_shrink(system.laplacian)
     assert choose_method(system.laplacian, "normwise") == "multigrid"
     assert system.laplacian.diagonal.min() > 0
     assert "rows" not in vars(system.laplacian)

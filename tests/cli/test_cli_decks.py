@@ -267,9 +267,34 @@ def test_converted_decks_hold_the_same_circuit(answer, call, deck, tmp_path, dia
     assert call("convert", deck, "-o", "-", "--dialect", dialect).stdout_bytes == out.read_bytes()
 
 
+@pytest.mark.filterwarnings("ignore:.*form loops")
+def test_what_a_deck_does_not_hold_is_counted_by_kind(answer, call, tmp_path):
+    """An island of two resistors and a capacitor, and a source that closes a loop."""
+    graph = nx.MultiGraph()
+    for first, second, kind, values in (
+        (1, 0, "voltage source", {"volts": 5.0}), (1, 0, "voltage source", {"volts": 5.0}),
+        (1, 2, "resistor", {"conductance": 1e-3}), (2, 0, "resistor", {"conductance": 1e-3}),
+        (3, 4, "resistor", {"conductance": 1e-3}), (4, 5, "resistor", {"conductance": 1e-3}),
+        (3, 5, "capacitor", {"capacitance": 1e-12}),
+    ):  # fmt: skip
+        graph.add_edge(first, second, kind=kind, nodes=[first, second], **values)
+    rg.write_network(rg.Netlist.from_networkx(graph), tmp_path / "island.json")
+    for words in ((), ("--bare",)):
+        data = answer("convert", tmp_path / "island.json", "-o", tmp_path / "island.cir", *words)
+        assert data["left_out"] == {"floating_nodes": 3, "voltage_sources": 1, "resistors": 2, "capacitors": 1}
+        assert (data["resistors"], data["voltage_sources"], data["capacitors"]) == (4, 2, 1)
+    said = call("convert", tmp_path / "island.json", "-o", tmp_path / "island.cir").stderr
+    assert "floating nodes (3), voltage sources (1), resistors (2), capacitors (1)" in said
+
+
 def test_converted_graphs_hold_the_same_circuit(answer, call, deck, tmp_path):
     edges = tmp_path / "edges.txt"
-    assert "sources (4), capacitors (1)" in call("convert", deck, "-o", edges).stderr
+    words = "voltage sources (3), current sources (1), capacitors (1)"
+    assert f"left out, for {edges} has no place for them: {words}" in call("convert", deck, "-o", edges).stderr
+    data = answer("convert", deck, "-o", edges)
+    kinds = ("voltage_sources", "current_sources", "capacitors")
+    assert data["left_out"] == {kind: data[kind] for kind in kinds} == {kinds[0]: 3, kinds[1]: 1, kinds[2]: 1}
+    assert answer("convert", deck, "-o", tmp_path / "graph.json")["left_out"] == {}
     assert edges.read_text().splitlines()[0] == "in X1.mid 1000.0"
     for suffix in (".graphml", ".json"):
         file = tmp_path / f"graph{suffix}"

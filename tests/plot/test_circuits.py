@@ -1,5 +1,6 @@
 """Circuits are drawn with every element once, where it is, and with its values."""
 
+import networkx as nx
 import numpy as np
 import pytest
 from support.spaces import space_of
@@ -205,3 +206,21 @@ def test_a_real_chip_is_drawn_without_what_is_not_on_its_grid() -> None:
     assert f"resistor, 10 kΩ; not drawn: {hidden} of switches, rails, loads" in notes
     with pytest.raises(rg.InputError, match="nonlinear resistors is not drawn"):
         rg.draw(rg.study(space_of(SMALL), rg.Chip(saturation_voltage=0.1)).netlist)
+
+
+def test_elements_from_a_node_to_itself_are_loops_beside_it() -> None:
+    graph = nx.MultiGraph()
+    for first, second, kind, values in (
+        (1, 0, "voltage source", {"volts": 5.0}), (1, 2, "resistor", {"conductance": 1e-3}),
+        (2, 0, "resistor", {"conductance": 1e-3}), (2, 2, "resistor", {"conductance": 1e-4}),
+        (1, 1, "resistor", {"conductance": 2e-4}), (1, 1, "capacitor", {"capacitance": 1e-9}),
+    ):  # fmt: skip
+        graph.add_edge(first, second, kind=kind, nodes=[first, second], **values)
+    netlist = rg.Netlist.from_networkx(graph)
+    for value in (netlist, rg.solve(netlist)):
+        axes = rg.draw(value)
+        assert len(drawn_resistors(axes)) == 4
+        assert {"5 V", "1 kΩ", "10 kΩ", "5 kΩ", "1 nF"} <= set(texts(axes))
+    alone = nx.MultiGraph()
+    alone.add_edge(1, 1, kind="resistor", nodes=[1, 1], conductance=1e-3)
+    assert len(drawn_resistors(rg.draw(rg.Netlist.from_networkx(alone)))) == 1

@@ -170,6 +170,14 @@ def test_files_that_cannot_be_read(tmp_path):
         read_scene("a\0b.toml")
     with pytest.raises(InputError, match="device"):
         read_scene("/dev/zero", format="image")
+
+
+def test_of_a_file_of_unknown_kind_the_first_bytes_are_read_alone(tmp_path):
+    file = tmp_path / "huge.unknown"
+    with file.open("wb") as opened:
+        opened.truncate(1 << 40)
+    with pytest.raises(InputError, match="no known kind of map"):
+        read_scene(file)
     if os.geteuid() != 0:
         secret = _written(tmp_path / "secret.toml", b"schema = 1")
         secret.chmod(0)

@@ -7,6 +7,7 @@ from PIL import Image
 import resgrid as rg
 from resgrid.errors import InputError
 from resgrid.scene import occupancy_grid, read_scene, sample
+from resgrid.scene.maps.ros import ros_greys
 
 HEADER = {
     "image": "map.png",
@@ -87,6 +88,23 @@ def test_thresholds_are_strict_and_the_readers_round_differently(tmp_path):
     file = write(tmp_path, [[204, 51]], free_thresh=0.2, occupied_thresh=0.8)
     assert occupancy_grid(file, "ros1").tolist() == [[-1, -1]]
     assert occupancy_grid(file, "nav2").tolist() == [[0, -1]]
+
+
+@pytest.mark.parametrize("unknown", ["free", "obstacle"])
+def test_raw_values_above_100_are_what_the_costmap_makes_of_what_the_server_sends(tmp_path, unknown):
+    file = write(tmp_path, [[0, 64, 65, 100, 101, 127, 128, 254, 255]], mode="raw")
+    open_ = unknown == "free"
+
+    def blocked(dialect):
+        scene = read_scene(file, dialect=dialect, unknown=unknown)
+        return sample(scene, require_goal=False).cell[:, 0].tolist()
+
+    assert blocked("ros1") == [0, 0, 1, 1, 1, 1, 1, 1, 0 if open_ else 1]
+    assert blocked("nav2") == [0, 0, 1, 1, *([0] * 5 if open_ else [1] * 5)]
+    assert {dialect: ros_greys(file, dialect)[101:].count("unknown") for dialect in ("ros1", "nav2")} == {
+        "ros1": 1,
+        "nav2": 155,
+    }
 
 
 def test_alpha(tmp_path):

@@ -32,7 +32,7 @@ from resgrid.space import ConfigurationSpace
 def unreduced() -> Iterator[None]:
     """The whole circuit, graded however little its potential falls."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(methods, "may_reduce", lambda _: False)
+        patch.setattr(methods, "may_shrink", lambda _: False)
         patch.setattr(grading, "_FAR", 2.0)
         patch.setattr(grading, "_FIXED", 0.0)
         patch.setattr(grading, "_FAR_IN_VOLUMES", 2.0)

@@ -11,7 +11,7 @@ from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.netlist import Netlist
 from resgrid.solvers.choose import estimate_memory
-from resgrid.solvers.narrow.panels import narrow_order
+from resgrid.solvers.supernodal import order_by_distance
 from resgrid.space import Cell, ConfigurationSpace
 
 
@@ -36,7 +36,7 @@ def test_factors_along_a_corridor_take_what_the_estimate_says(shape: tuple[int, 
     cell[(0,) * len(shape)] = Cell.GOAL
     netlist = compile_space(ConfigurationSpace([Axis("xyz"[k], 0, n, n) for k, n in enumerate(shape)], cell))
     system = assemble(netlist)
-    assert narrow_order(system.laplacian) is not None
+    assert order_by_distance(system.laplacian) is not None
     estimate = estimate_memory(system.laplacian, "direct")
     solve(netlist, method="direct")
     tracemalloc.start()

@@ -16,7 +16,7 @@ from resgrid.solvers.factors.multigrid import factor_multigrid
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid import graphs
 from resgrid.solvers.multigrid.grading import MOST_DECADES
-from resgrid.solvers.narrow.panels import narrow_order
+from resgrid.solvers.supernodal import order_by_distance
 
 BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 2.0}]
 
@@ -25,7 +25,7 @@ BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance
 def unreduced() -> Iterator[None]:
     """Both methods on the whole circuit, so that one can check the other."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(methods, "may_reduce", lambda _: False)
+        patch.setattr(methods, "may_shrink", lambda _: False)
         yield
 
 
@@ -182,7 +182,7 @@ def test_potentials_that_walls_hold_up_take_multigrid() -> None:
 def test_mazes_are_solved_directly_and_halls_by_multigrid(boundary: str) -> None:
     narrow = assemble(compile_space(space_of(serpentine(40, 120, 4)), boundary=boundary))
     assert methods.choose_method(narrow.laplacian) == "direct"
-    assert narrow_order(narrow.laplacian) is not None
+    assert order_by_distance(narrow.laplacian) is not None
     hall = np.zeros((80, 800), dtype=np.uint8)
     hall[20, 20] = 2
     assert methods.choose_method(assemble(compile_space(space_of(hall), boundary=boundary)).laplacian) == "multigrid"

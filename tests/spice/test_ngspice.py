@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 from support.circuits import ladder
 
+import resgrid as rg
 from resgrid.errors import BudgetError, InputError, ToolMissingError
-from resgrid.spice.run.ngspice import read_deck, simulate
+from resgrid.spice.run.ngspice import simulate
 from resgrid.spice.write.flat import flatten
 
 FLOATING = b"* floating\nv_a a 0 1.0\nr_a_b a b 1e8\nr_b b 0 1e8\nr_x_y x y 1e8\n.end\n"
@@ -30,7 +31,7 @@ def program(folder: Path, body: str) -> Path:
 def test_a_current_source_feeds_its_second_node(tmp_path: Path) -> None:
     deck = tmp_path / "a deck.cir"
     deck.write_text("* signs\nv_a a 0 1.0\ni_b 0 b 1e-05\nr_a_b a b 10000.0\nr_b b 0 10000.0\n.end\n")
-    simulation = simulate(read_deck(deck))
+    simulation = simulate(deck.read_bytes())
     assert simulation.complaints == ()
     assert simulation.voltage == pytest.approx({"a": 1.0, "b": 0.55}, abs=1e-15)
     assert simulation.source_current == pytest.approx({"v_a": -4.5e-5}, abs=1e-18)
@@ -160,7 +161,7 @@ def test_settings_of_the_user_do_not_reach_the_run(monkeypatch: pytest.MonkeyPat
     assert simulate(flatten(ladder()).text.encode()).complaints == ()
 
 
-@pytest.mark.parametrize("name", ["missing.cir", ".", "a\0b"])
-def test_an_unreadable_deck_is_one_message(tmp_path: Path, name: str) -> None:
-    with pytest.raises(InputError, match="cannot read the deck"):
-        read_deck(Path(f"{tmp_path}/{name}"))
+@pytest.mark.parametrize(("name", "says"), [("missing.cir", "no such file"), (".", "directory"), ("a\0b", "null")])
+def test_an_unreadable_deck_is_one_message(tmp_path: Path, name: str, says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        rg.check_deck(f"{tmp_path}/{name}")

@@ -40,6 +40,7 @@ FORMATS: dict[str, MapFormat] = {
     "epic": MapFormat(read_epic, (), (), PLACING),
     "npy": MapFormat(read_npy, (".npy",), (b"\x93NUMPY",), PLACING),
 }
+_MAGIC = max(len(magic) for entry in FORMATS.values() for magic in entry.magic)
 COMMON = ("file", "format", "periodic", "headings")
 """Keys of a ``[map]`` table that no reader sees."""
 
@@ -64,7 +65,7 @@ def format_of(path: Path, table: Mapping[str, Any]) -> str:
     for name, entry in FORMATS.items():
         if path.suffix.lower() in entry.suffixes:
             return name
-    start = read_bytes(path)[:16]
+    start = read_bytes(path, first=_MAGIC)
     for name, entry in FORMATS.items():
         if start.startswith(entry.magic):
             return name

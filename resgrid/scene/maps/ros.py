@@ -15,6 +15,8 @@ alpha, scale              where between the thresholds: unknown if 0         unk
                           (three channels: the third stands for alpha)
 between, scale            ``99 * ratio``, cut off                            ``100 * ratio``, rounded half to even
 raw                       the mean, cut off, as a signed byte                the mean, rounded; above 100 unknown
+a cell of raw above 100   255 unknown, all others occupied (costmap_2d's     unknown
+                          ``interpretValue`` of the byte, lethal from 100)
 ``negate`` and raw        negated too                                        ignored
 ``negate``                a whole number                                     a whole number or a truth value
 ========================  =================================================  =======================================

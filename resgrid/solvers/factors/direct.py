@@ -1,9 +1,7 @@
-"""The direct method: sparse factors, substitution in scaled numbers, refinement in double-double.
+"""The direct method: supernodal factors, substitution in scaled numbers, refinement in double-double.
 
-Narrow circuits are factored along their corridors, in positive numbers alone (`resgrid.solvers.narrow`).  All others
-are SuperLU's: with diagonal pivots it gives ``A = L D L^T`` up to rounding.  Its own substitution underflows where a
-potential falls below 1e-308, and its pivots, formed by subtraction, cost up to eight digits on a large grid.  So both
-substitutions are done again in scaled numbers, and the answer is refined with residuals in which differences come
+Factors are made in positive numbers alone (`resgrid.solvers.supernodal`), and substitution keeps an exponent beside
+every number, for a potential that falls below 1e-308.  The answer is refined with residuals in which differences come
 first, until the violations of KCL, summed, prove every entry right, or in small circuits until KCL holds to the
 rounding of the voltages (`resgrid.solvers.refine`).
 """
@@ -15,13 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.solvers.extended import Scaled, power
+from resgrid.solvers.extended import Scaled
 from resgrid.solvers.factors.factor import Factor, refine_normwise
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.narrow.panels import NarrowFactors, factor_narrow, narrow_order
 from resgrid.solvers.refine import Numbers, refine
-from resgrid.solvers.superlu import SparseFactors
+from resgrid.solvers.supernodal import SupernodalFactors, factor_supernodes
 
 REFINED = 1e-28
 """Componentwise backward error that is enough where no current flows: the noise of double-double arithmetic."""
@@ -37,14 +34,14 @@ class DirectFactor(Factor):
     `laplacian`: as of every `Factor`.
     """
 
-    factors: NarrowFactors | SparseFactors
+    factors: SupernodalFactors
     name = "direct"
 
     def _solve(
         self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
     ) -> NDArray[np.float64]:
         del guess
-        x, error = refine_normwise(self.laplacian, rhs, self._plain, self._plain(rhs), rtol)
+        x, error = refine_normwise(self.laplacian, rhs, self.factors.solve, self.factors.solve(rhs), rtol)
         return self._judged(x, error, rtol, watch)
 
     def _solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> tuple[Scaled, float]:
@@ -54,13 +51,6 @@ class DirectFactor(Factor):
             watch.done(found.error, found.bound)
         return found.solution, found.error
 
-    def _plain(self, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Both substitutions, from doubles to doubles."""
-        if isinstance(self.factors, SparseFactors):
-            return self.factors.doubles(rhs)
-        m, e = self.factors.substitute(rhs, np.zeros(len(rhs), dtype=np.int64))
-        return m * power(e)
-
     def _substitute(self, m: NDArray[np.float64], e: NDArray[np.int64], accuracy: float) -> Numbers:
         """Both substitutions, in scaled numbers, as accurate as the factors are."""
         del accuracy
@@ -68,8 +58,5 @@ class DirectFactor(Factor):
 
 
 def factor_direct(laplacian: Laplacian) -> DirectFactor:
-    """Factor a nodal laplacian."""
-    narrow = narrow_order(laplacian)
-    if narrow is not None:
-        return DirectFactor(laplacian, factor_narrow(narrow))
-    return DirectFactor(laplacian, SparseFactors.of(laplacian.matrix))
+    """Factor a matrix."""
+    return DirectFactor(laplacian, factor_supernodes(laplacian))

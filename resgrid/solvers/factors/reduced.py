@@ -1,4 +1,4 @@
-"""Solving through a reduction: carry the currents to the core, solve that, put the eliminated voltages back."""
+"""Solving after star-mesh elimination: carry the currents to the core, solve that, put the other voltages back."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from resgrid.errors import AccuracyError
 from resgrid.solvers.extended import Scaled
 from resgrid.solvers.factors.factor import Factor, refine_normwise
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.reduction.elimination import Reduction
 from resgrid.solvers.refine import entry_bound, scaled_currents
+from resgrid.solvers.star_mesh import StarMesh
 
 ELIMINATION = "elimination"
 """The method's name where elimination leaves nothing to solve."""
@@ -23,12 +23,13 @@ NOISE = 2.0**-96
 
 @dataclass(frozen=True, eq=False)
 class ReducedFactor(Factor):
-    """A reduced matrix with a factor of its core.
+    """A matrix after star-mesh elimination, with a factor of its core.
 
-    `laplacian`: as of every `Factor`; `inner`: solves the core; None where nothing is left.
+    `laplacian`: as of every `Factor`; `mesh`: what was eliminated; `inner`: solves the core; None where there
+    is none.
     """
 
-    reduction: Reduction
+    mesh: StarMesh
     inner: Factor | None
 
     @property
@@ -51,19 +52,19 @@ class ReducedFactor(Factor):
     def _once(
         self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
     ) -> NDArray[np.float64]:
-        from resgrid.solvers.reduction import kernels
+        from resgrid.solvers import star_mesh_kernels as kernels
 
-        reduction = self.reduction
+        mesh = self.mesh
         x = rhs.copy()
-        kernels.forward(reduction.record, reduction.count, x)
+        kernels.forward(mesh.log, x)
         if self.inner is not None:
-            begin = None if guess is None else guess[reduction.kept]
+            begin = None if guess is None else guess[mesh.kept]
             try:
-                x[reduction.kept] = self.inner.solve(x[reduction.kept], rtol=rtol, guess=begin, watch=watch)
+                x[mesh.kept] = self.inner.solve(x[mesh.kept], rtol=rtol, guess=begin, watch=watch)
             except AccuracyError as error:
                 # The whole laplacian is judged by itself, and told with all of its rows.
-                x[reduction.kept] = np.asarray(error.best, dtype=np.float64)
-        kernels.backward(reduction.record, reduction.count, x)
+                x[mesh.kept] = np.asarray(error.best, dtype=np.float64)
+        kernels.backward(mesh.log, x)
         return x
 
     def _solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> tuple[Scaled, float]:
@@ -74,19 +75,19 @@ class ReducedFactor(Factor):
         conductances rounded to double precision, a relative change of 1e-16 in each.  The error is the larger one of
         the core and of the whole laplacian.
         """
-        from resgrid.solvers.reduction import kernels
+        from resgrid.solvers import star_mesh_kernels as kernels
         from resgrid.solvers.refine_kernels import exact_residual
 
-        reduction, coupling = self.reduction, self.laplacian.edges
+        mesh, edges = self.mesh, self.laplacian.edges
         current, scale = scaled_currents(rhs)
         hi, lo, e = current.copy(), np.zeros(len(current)), scale.copy()
-        kernels.forward_scaled(reduction.record, reduction.count, hi, lo, e)
-        kept = reduction.kept
+        kernels.forward_scaled(mesh.log, hi, lo, e)
+        kept = mesh.kept
         core, core_error = self._core_solution(Scaled(hi[kept], lo[kept], e[kept]), watch)
         hi[kept], lo[kept], e[kept] = core.hi, core.lo, core.exponent
-        kernels.backward_scaled(reduction.record, reduction.count, hi, lo, e)
+        kernels.backward_scaled(mesh.log, hi, lo, e)
         error, violation = exact_residual(
-            coupling.indptr, coupling.indices, coupling.data, self.laplacian.ground, current, scale,
+            edges.indptr, edges.indices, edges.data, self.laplacian.ground, current, scale,
             hi, lo, e, np.empty(len(hi)), np.empty(len(hi), dtype=np.int64),
         )  # fmt: skip
         if watch is not None:

@@ -1,7 +1,7 @@
 """Conjugate gradients preconditioned by multigrid: the algorithm on one page.
 
 `MultigridFactor` solves ``A x = b`` for the nodal matrix of a grid or a netlist, in this order:
-1. *Before*: corridors, chains and trees have been eliminated (`resgrid.solvers.reduction`).
+1. *Before*: corridors, chains and trees have been eliminated (`resgrid.solvers.star_mesh`).
 2. *Boards* (`boards`, `lattice`, `board_setup`). A grid has two colours, and every resistor joins a red cell to a
    black one: conductances are kept face by face over the red cells, in flat arrays without indices, in double
    precision and in single. They cover the box of cells that carry current. Cells are numbered with odd strides, so

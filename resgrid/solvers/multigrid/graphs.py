@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.jit import inner
-from resgrid.solvers.reduction.rows import eliminate_rows
+from resgrid.solvers.star_mesh import eliminate_rows
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
@@ -91,12 +91,12 @@ def _next(graph: Graph, *, first: bool) -> tuple[Step, Graph]:
 
 
 def _eliminated(graph: Graph) -> tuple[Step, Graph]:
-    """Eliminate the nodes of at most two neighbours (`resgrid.solvers.reduction`)."""
+    """Eliminate the nodes of at most two neighbours (`resgrid.solvers.star_mesh`)."""
     coupling = sparse.csr_array((graph.conductance, graph.indices, graph.indptr), shape=(graph.size, graph.size))
     shrunk = eliminate_rows(coupling, graph.leak)
-    core = shrunk.coupling
-    coarse = Graph(core.indptr, core.indices, core.data, shrunk.excess)
-    return Step(shrunk.number, shrunk.record.rows, shrunk.record.weights[:, ::2]), coarse
+    core = shrunk.edges
+    coarse = Graph(core.indptr, core.indices, core.data, shrunk.ground)
+    return Step(shrunk.number, shrunk.log.rows, shrunk.log.weights[:, ::2]), coarse
 
 
 def _clusters(graph: Graph) -> tuple[Step, Graph]:

@@ -10,6 +10,7 @@ from pathlib import Path
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
 from resgrid.errors import InputError
+from resgrid.files import read_bytes
 from resgrid.netlist import Netlist
 from resgrid.spice.check.agreement import Agreement, Reference, compare, unverified
 from resgrid.spice.check.external import Runnable, expected_of, places_of, runnable, written_anew
@@ -19,7 +20,7 @@ from resgrid.spice.circuit import Circuit
 from resgrid.spice.dialects import dialect_named
 from resgrid.spice.read.deck import read_spice
 from resgrid.spice.run import SIMULATED, engine_named
-from resgrid.spice.run.ngspice import Simulation, read_deck, simulate
+from resgrid.spice.run.ngspice import Simulation, simulate
 from resgrid.spice.write.flat import flatten
 from resgrid.spice.write.sidecar import Sidecar, altered_files, expect, read_sidecar, sidecar_path, with_parts
 
@@ -99,9 +100,9 @@ def check_deck(
         simulation = limits.run(written.text.encode("ascii"), "deck", direct=False)
         return compare(expect(written, op), simulation, tolerance=tolerance)
     if isinstance(deck, Circuit):
-        return _check_external(deck, read_deck(Path(deck.path)), reference, limits, root)
+        return _check_external(deck, read_bytes(Path(deck.path)), reference, limits, root)
     path = Path(deck)
-    data = read_deck(path)
+    data = read_bytes(path)
     sidecar = read_sidecar(path) if sidecar_path(path).exists() else None
     if reference is None and sidecar is None:
         return _check_external(read_spice(path, dialect=dialect, root=root), data, None, limits, root)

@@ -19,7 +19,7 @@ from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import InputError
 from resgrid.spice.circuit import Circuit
 from resgrid.spice.dialects.ngspice import ngspice_name
-from resgrid.spice.read.files import MAX_FILES, read_bytes
+from resgrid.spice.read.files import MAX_FILES, deck_bytes
 from resgrid.spice.run import SIMULATED
 from resgrid.spice.run.ngspice import MAX_ASCENT, refuse_commands
 from resgrid.spice.write.flat import flatten
@@ -119,7 +119,7 @@ def _gather_includes(deck: Path, data: bytes, root: Path) -> dict[str, bytes]:
                     continue
                 if len(files) >= MAX_FILES:
                     raise InputError(f"{deck}: more than {MAX_FILES} files are included")
-                files[place] = read_bytes(other, str(other))
+                files[place] = deck_bytes(other, str(other))
                 refuse_commands(b"\n" + files[place], place, models=True, includes=True)
                 todo.append((other, files[place]))
     return files

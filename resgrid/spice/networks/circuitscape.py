@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from resgrid.errors import InputError
 from resgrid.spice.networks.edges import Measure, Network, read_edges
-from resgrid.spice.read.files import decode, normalise, read_bytes, read_text
+from resgrid.spice.read.files import deck_bytes, decode, normalise, read_text
 
 _TRUE, _FALSE = frozenset({"true", "yes", "1"}), frozenset({"false", "no", "0"})
 _CONFLICTS = ("keepall", "rmvsrc", "rmvgnd", "rmvall")
@@ -230,7 +230,7 @@ def _gathered(values: NDArray[np.float64], node: NDArray[np.int64], count: int) 
 def _read_raster(path: Path) -> _Raster:
     """Read an ESRI ASCII grid."""
     source = str(path)
-    data = read_bytes(path, source)
+    data = deck_bytes(path, source)
     if data.startswith(_TIFF):
         raise InputError(f"{source} is a GeoTIFF, which is not read here; write it as an ESRI ASCII grid (.asc)")
     header, body = _header(decode(normalise(data, source)), source)

@@ -84,6 +84,7 @@ def cards(lines: Iterable[Line], source: Source, rules: ReadingRules, diagnostic
         text = strip_comment(line, language)
         bare = text.strip()
         if not bare:
+            glued = glued and not language.instances  # Spectre's mark joins the next line, and there is nothing on it
             continue
         column = len(text) - len(text.lstrip()) + 1
         change = _LANGUAGE.fullmatch(text) if rules.spice is not None else None

@@ -137,8 +137,9 @@ class Collector:
                 contents.diagnostics.error(card.error(0, str(error)))
         if end is not None and any((bulk.line > end.line).any() for origin, bulk in self.bulks if origin is source):
             self._note_text_after(end)
+        begin, end_word = (spectre.word_for(contents.rules, dot) for dot in (".subckt", ".ends"))
         for block in contents.open[depth:]:
-            contents.diagnostics.error(CardError(block.spot, f".subckt {block.name} has no .ends"))
+            contents.diagnostics.error(CardError(block.spot, f"{begin} {block.name} has no {end_word}"))
         del contents.open[depth:]
 
     def _note_text_after(self, end: Card) -> None:
@@ -171,15 +172,15 @@ class Collector:
 
     def _note(self, card: Card, word: str) -> None:
         """Note a command that does not change the operating point, or refuse it."""
-        diagnostics = self.contents.diagnostics
+        diagnostics, shown = self.contents.diagnostics, spectre.command_of(card, word)
         if word == ".control":
             diagnostics.inform(card.spot(), "the commands of .control ... .endc are not run")
         elif word == ".ic" and card.rules.holds_initial:
             diagnostics.warn(card.spot(), "HSPICE holds nodes at their .ic; not done here")
         elif word in _ANALYSES or word in _OUTPUTS or word in _HINTS:
-            diagnostics.inform(card.spot(), f"{word} is noted, not obeyed: the operating point is solved")
+            diagnostics.inform(card.spot(), f"{shown} is noted, not obeyed: the operating point is solved")
         elif word in _SWEEPS:
-            diagnostics.warn(card.spot(), f"{word} asks for several runs; the deck is read as it stands")
+            diagnostics.warn(card.spot(), f"{shown} asks for several runs; the deck is read as it stands")
         elif word in (".endl", ".endc"):
             raise card.error(0, f"{word} ends nothing")
         elif word in _CONDITIONS:
@@ -203,7 +204,9 @@ class Collector:
         words, section, place = _file_and_section(card, word)
         if len(words) != 1:
             raise card.error(
-                0, f"{word} needs the name of one file" + (" and perhaps a section" if word == ".lib" else "")
+                0,
+                f"{spectre.command_of(card, word)} needs the name of one file"
+                + (" and perhaps a section" if word == ".lib" else ""),
             )
         if word == ".lib" and section is None and b".endl" in source.data.lower():
             self._skip(card, stream, ".endl")  # a section that was not asked for

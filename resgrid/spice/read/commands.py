@@ -12,6 +12,7 @@ from resgrid.spice.read.cards import Card, Token, settings, split_call, tokenise
 from resgrid.spice.read.diagnostics import CardError, Diagnostics
 from resgrid.spice.read.models import RESISTOR_KINDS, SWITCH_KINDS
 from resgrid.spice.read.scopes import Block, Definition, Model, Scope
+from resgrid.spice.read.spectre import word_for
 
 _PLAIN_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
@@ -60,7 +61,7 @@ class Contents:
     def _subcircuit(self, card: Card) -> None:
         positional, tail = split_call(tokenise(card)[1:])
         if not positional or any(token.kind != "word" for token in positional):
-            raise card.error(0, ".subckt needs a name and its terminals")
+            raise card.error(0, f"{word_for(card.rules, '.subckt')} needs a name and its terminals")
         outer = self.block
         name = positional[0]
         block = Block(name.text, outer, [token.text for token in positional[1:]], spot=card.spot())
@@ -116,7 +117,7 @@ class Contents:
     def _model(self, card: Card) -> None:
         tokens = tokenise(card)[1:]
         if len(tokens) < 2 or tokens[0].kind != "word" or tokens[1].kind != "word":
-            raise card.error(0, ".model needs a name and a kind")
+            raise card.error(0, f"{word_for(card.rules, '.model')} needs a name and a kind")
         models, name, kind = self.block.models, tokens[0].text.lower(), tokens[1].text.lower()
         if name in models:
             counts = "first" if self.rules.first_counts else "last"
@@ -157,11 +158,12 @@ class Contents:
         self.diagnostics.inform(card.spot(), "options are noted, not obeyed, but for temp and tnom")
 
     def _set_option(self, key: str, card: Card, token: Token, value: Token | None) -> None:
+        option = word_for(card.rules, ".option")
         if key in self.rules.refused_options:
-            raise card.error(token.offset, f".option {key} adds elements, which is not done here: write them out")
+            raise card.error(token.offset, f"{option} {key} adds elements, which is not done here: write them out")
         if key in DIALECTS[self.rules.name].quirks.shunt_options:
             self.diagnostics.warn(
-                card.spot(token.offset), f".option {key} ties every node to ground, which is not done here"
+                card.spot(token.offset), f"{option} {key} ties every node to ground, which is not done here"
             )
         self.options[key] = "" if value is None else value.text
         if key in ("temp", "tnom") and value is not None:

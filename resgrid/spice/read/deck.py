@@ -19,7 +19,7 @@ from resgrid.spice.read.assemble import assemble_deck
 from resgrid.spice.read.collect import Collector
 from resgrid.spice.read.commands import Contents
 from resgrid.spice.read.diagnostics import Diagnostics
-from resgrid.spice.read.files import Library, Source, read_bytes
+from resgrid.spice.read.files import Library, Source, deck_bytes
 from resgrid.spice.read.plain import LEAST_BYTES
 
 _HEAD = 4096
@@ -146,7 +146,7 @@ def _open(
         library = Library(folder)
         return library, library.add(name if isinstance(name, str) else "<text>", None, data)
     name = os.fspath(path)
-    data = read_bytes(Path(name), name)
+    data = deck_bytes(Path(name), name)
     resolved = Path(name).resolve()
     library = Library(resolved.parent if folder is None else folder)
     return library, library.add(name, resolved, data)

@@ -89,7 +89,10 @@ def read_element(card: Card, letter: str, scope: Scope, elements: Elements) -> N
         if letter not in REFUSED:
             raise card.error(0, f"{name!r} is no element and no command that is known")
         form = f" and {_form(card.rules.name)}" if letter in "bg" else ""
-        raise card.error(0, f"{name} is {REFUSED[letter]}; only R, V, I, C, L, S and X{form} can be read")
+        kinds = "R, V, I, C, L, S and X"
+        if card.rules.instances:
+            kinds = f"{', '.join(master for master in spectre.PRIMITIVES if master != 'bsource')} and subcircuits"
+        raise card.error(0, f"{name} is {REFUSED[letter]}; only {kinds}{form} can be read")
 
 
 def read_nodes(card: Card, tokens: list[Token], count: int) -> tuple[list[str], list[Token]]:
@@ -145,7 +148,9 @@ def _values_of(
         if pair.key in _FREE_KEYS:
             continue
         if pair.key not in known:
-            raise card.error(pair.offset, f"{pair.key!r} is not understood here; known are {', '.join(sorted(known))}")
+            theirs = {ours: key for key, ours in _SPECTRE_KEYS.items()} if card.rules.instances else {}
+            names = ", ".join(sorted(theirs.get(key, key) for key in known))
+            raise card.error(pair.offset, f"{pair.key!r} is not understood here; known are {names}")
         if pair.key in values:
             raise card.error(pair.offset, f"{pair.key!r} is given twice")
         values[pair.key] = [scope.number(card, token) for token in pair.values]

@@ -241,7 +241,8 @@ class _Reader:
     def _parameter(self, token: _Token) -> float:
         value = self.lookup(token.text.lower())
         if value is None:
-            raise ExpressionError(token.offset, f"there is no parameter {token.text!r}; define it with .param")
+            command = "parameters" if self.rules.instances else ".param"
+            raise ExpressionError(token.offset, f"there is no parameter {token.text!r}; define it with {command}")
         return value
 
     def _call_function(self, token: _Token) -> float:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from resgrid.errors import InputError
+from resgrid.files import read_bytes
 
 MAX_BYTES = 2**31 - 2**20
 MAX_FILES = 200
@@ -48,7 +49,7 @@ class Library:
         """Read a file; one that was read before is not read again."""
         resolved = _resolve(path, name)
         known = next((source for source in self.sources if source.path == resolved), None)
-        return known or self.add(name, resolved, read_bytes(resolved, name))
+        return known or self.add(name, resolved, deck_bytes(resolved, name))
 
     def find(self, file: str, beside: Source) -> tuple[Path, str]:
         """Where an included file lies, and how to display it."""
@@ -82,20 +83,9 @@ def _resolve(path: Path, name: str) -> Path:
         raise InputError(f"cannot read {name!r}: {error}") from None
 
 
-def read_bytes(path: Path, name: str) -> bytes:
-    """Read a regular file whole."""
-    try:
-        if path.is_dir():
-            raise InputError(f"cannot read {name}: it is a directory; name a file")
-        if path.exists() and not path.is_file():
-            raise InputError(f"cannot read {name}: it is no regular file")
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise InputError(f"{name} holds {size} bytes; at most {MAX_BYTES} are read")
-        return path.read_bytes()
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise InputError(f"cannot read {name}: {reason}; check the path and its permissions") from None
+def deck_bytes(path: Path, name: str) -> bytes:
+    """All bytes of a regular file of at most `MAX_BYTES`, which messages call by the name that the deck has for it."""
+    return read_bytes(path, MAX_BYTES, name=name, piped=False)
 
 
 def normalise(data: bytes, name: str) -> bytes:
@@ -123,4 +113,4 @@ def decode(data: bytes) -> str:
 def read_text(path: str | os.PathLike[str]) -> str:
     """Text of a file: LF line ends, a final one."""
     name = os.fspath(path)
-    return decode(normalise(read_bytes(Path(name), name), name))
+    return decode(normalise(deck_bytes(Path(name), name), name))

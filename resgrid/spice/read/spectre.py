@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from resgrid.spice.dialects.reading import ReadingRules
 from resgrid.spice.read.cards import Card, Setting
 from resgrid.spice.read.scopes import Block, Scope
 
@@ -58,6 +59,14 @@ _WAVEFORMS = frozenset(
 _SMALL_SIGNAL = frozenset(("mag", "phase", "pacmag", "pacphase", "xfmag", "isnoisy"))
 
 
+_WORDS = {dot: word for word, dot in STATEMENTS.items()} | {".option": "options", ".temp": "options temp"}
+
+
+def word_for(rules: ReadingRules, dot: str) -> str:
+    """What a dialect calls a command that SPICE calls so."""
+    return _WORDS.get(dot, dot) if rules.instances else dot
+
+
 def words_of(card: Card) -> list[str]:
     """Words in front of the first ``key=``, parentheses left out."""
     head, keyed, _ = card.text.partition("=")
@@ -71,6 +80,14 @@ def statement_of(card: Card) -> str:
     if words[0] in _REFUSED:
         raise card.error(0, f"{words[0]} is not understood; write out what it stands for")
     return STATEMENTS.get(words[0]) or (_MASTERS.get(words[-1], "") if len(words) > 1 else "")
+
+
+def command_of(card: Card, dot: str) -> str:
+    """What a card itself calls its command: in Spectre its first word or its master."""
+    words = words_of(card)
+    if not card.rules.instances or not words:
+        return dot
+    return words[0] if words[0] in STATEMENTS else words[-1]
 
 
 def letter_of(card: Card, block: Block) -> str:

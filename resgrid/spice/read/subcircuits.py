@@ -16,7 +16,7 @@ from resgrid.spice.read.commands import Contents
 from resgrid.spice.read.diagnostics import CardError
 from resgrid.spice.read.elements import letter_of, multiplier, read_element
 from resgrid.spice.read.scopes import Block, Scope
-from resgrid.spice.read.spectre import PRIMITIVES
+from resgrid.spice.read.spectre import PRIMITIVES, word_for
 from resgrid.spice.read.tables import RESISTIVE, WIDTHS, Elements, NodeTable, Part, order_of, widened
 
 MAX_DEPTH = 50
@@ -224,9 +224,9 @@ class Expander:
         contents = self.contents
         shared = next((port for port in block.ports if port.lower() in contents.common), None)
         if shared is not None:
-            raise CardError(
-                block.spot, f"{shared} is a terminal of {block.name} and .global; simulators differ on that: rename one"
-            )
+            command = word_for(contents.rules, ".global")
+            words = f"{shared} is a terminal of {block.name} and {command}; simulators differ on that: rename one"
+            raise CardError(block.spot, words)
         scope = Scope(block, outer.diagnostics, outer, given)
         self._scopes.append(scope)  # identifies its flats for as long as this lives
         table = self.node_table()

@@ -67,17 +67,6 @@ class Simulation:
     complaints: tuple[str, ...]
 
 
-def read_deck(path: Path) -> bytes:
-    """Content of a deck's file."""
-    try:
-        if path.is_char_device() or path.is_block_device():
-            raise InputError(f"cannot read the deck {str(path)!r}: it is a device; name a deck file")
-        return path.read_bytes()
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(f"cannot read the deck {str(path)!r}: {reason}; name a deck file") from error
-
-
 def simulate(
     data: bytes,
     *,

@@ -37,7 +37,7 @@ class WrittenDeck:
     operating point, or for other analyses; `sidecar`: hashes, cells, expected voltages and versions, as JSON;
     `sha256`: hash of the deck; `companion`: the file that makes ngspice print PASS or FAIL; None for other dialects,
     and where values are random; `chip, pattern`: in tile form, the array of tiles and the scene, which the deck
-    includes.
+    includes; `left_out`: how many floating nodes, and elements by kind, of the circuit the deck does not hold.
     """
 
     path: Path
@@ -47,6 +47,7 @@ class WrittenDeck:
     companion: Path | None = None
     chip: Path | None = None
     pattern: Path | None = None
+    left_out: Mapping[str, int] = dataclasses.field(default_factory=dict)
 
 
 def write_spice(
@@ -137,7 +138,13 @@ def write_spice(
         companion=files.get("verify"),
         chip=files.get("chip"),
         pattern=files.get("pattern"),
+        left_out=left_out_of(deck),
     )
+
+
+def left_out_of(deck: Deck) -> dict[str, int]:
+    """How many nodes and elements of its circuit a deck does not hold, by kind."""
+    return {**({"floating node": len(deck.left_out)} if deck.left_out else {}), **deck.dropped}
 
 
 def _drawn(

@@ -30,7 +30,8 @@ class Deck:
     order; `source_names`: their names in the deck; `left_out`: names (the netlist's) of the nodes that float and are
     left out; `renamed_nodes, renamed_elements`: name in the deck to name in the netlist, where they differ;
     `resistors`: names of the resistors as the simulator has them; `resistor_value` in ohms goes with them; `parts`:
-    the files that the deck includes, by the end of their names.
+    the files that the deck includes, by the end of their names; `dropped`: how many elements of the netlist are left
+    out, by kind: they touch a node that floats, or close a loop of voltage sources.
     """
 
     netlist: Netlist
@@ -47,6 +48,7 @@ class Deck:
     resistors: list[str]
     resistor_value: NDArray[np.float64]
     parts: Mapping[str, str] = field(default_factory=dict)
+    dropped: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +83,9 @@ def flatten(
     nodes = np.flatnonzero(held)[1:]  # without ground
     node_names = [names[node] for node in nodes.tolist()]
     left_out = netlist.names_of(np.flatnonzero(~held))
-    lines = [f"{rules.comment}{line}" for line in (heading, *_census(netlist, rules, len(nodes), elements, left_out))]
+    dropped = {kind: len(getattr(netlist, ELEMENTS[kind][0])) - len(kept) for kind, kept in elements.items()}
+    census = _census(rules, len(nodes), elements, left_out, sum(dropped.values()))
+    lines = [f"{rules.comment}{line}" for line in (heading, *census)]
     lines += _preamble(netlist, rules, additions)
     for kind, chosen in elements.items():
         if chosen.size:
@@ -115,6 +119,7 @@ def flatten(
         },
         resistors=element_names["resistor"],
         resistor_value=ohms,
+        dropped={kind: count for kind, count in dropped.items() if count},
     )
 
 
@@ -239,11 +244,10 @@ def spread_preamble(rules: Dialect, sigma: float, *, temperature: bool = False) 
 
 
 def _census(
-    netlist: Netlist, rules: Dialect, nodes: int, elements: Mapping[str, NDArray[np.int64]], left_out: Sequence[str]
+    rules: Dialect, nodes: int, elements: Mapping[str, NDArray[np.int64]], left_out: Sequence[str], dropped: int
 ) -> list[str]:
     counts = [f"{len(numbers)} {kind}s" for kind, numbers in elements.items() if numbers.size]
     lines = [f"{rules.name} dialect: " + ", ".join([f"{nodes} nodes besides ground", *counts])]
-    dropped = sum(len(getattr(netlist, ELEMENTS[kind][0])) - len(numbers) for kind, numbers in elements.items())
     if left_out or dropped:
         lines.append(
             f"left out: {len(left_out)} floating nodes (listed in the sidecar), "

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import io
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import resgrid as rg
+from resgrid.spice.circuit import Circuit
 from resgrid.spice.dialects import DIALECTS
 
 DECK = """// a divider
@@ -47,7 +49,7 @@ r7 (d 0) resistor r=5m
 """
 
 
-def read(text: str, dialect: str = "auto") -> rg.Circuit:
+def read(text: str, dialect: str = "auto") -> Circuit:
     return rg.read_spice(io.StringIO(text), dialect=dialect)
 
 
@@ -160,3 +162,41 @@ def test_other_behavioural_sources_are_refused(dialect: str, text: str) -> None:
     if dialect != "spectre":
         with pytest.raises(rg.InputError, match=r"behavioural|positive|controlled"):
             read(f"t\n{text}\n", dialect)
+
+
+def test_a_line_is_joined_to_the_next_one_alone_though_that_is_blank() -> None:
+    lines = ("r1 (a 0) resistor r=1 \\", "", "r2 (a 0) resistor \\", "  r=2", "v (a 0) vsource dc=1", "")
+    deck = read("simulator lang=spectre\n" + "\n".join(lines))
+    assert dict(zip(deck.element_names["resistor"], deck.resistance.tolist(), strict=True)) == {"r1": 1.0, "r2": 2.0}
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("subckt s (a b)\nr1 (a b) resistor r=1\n", "subckt s has no ends"),
+        ("subckt\nends\n", "subckt needs a name and its terminals"),
+        ("model m\n", "model needs a name and a kind"),
+        ("include\n", "include needs the name of one file"),
+        ("r1 (a 0) resistor r=x+1\n", "define it with parameters"),
+        ("r1 (a 0) resistor r=1 foo=2\n", "known are l, m, r, resistance, scale, tc, tc1, tc2, temp, trise, w"),
+        (
+            "b1 (a 0) bsource i=v(a)*v(a)\n",
+            "vsource, isource, iprobe and subcircuits and B1",
+        ),
+        (
+            "global p\nsubckt s (q p)\nr1 (q p) resistor r=1\nends\nx (a b) s\nglobal 0 p\nv (a 0) vsource dc=1\n",
+            "p is a terminal of s and global;",
+        ),
+    ],
+)
+def test_messages_use_words_of_the_language(text: str, says: str) -> None:
+    with pytest.raises(rg.InputError) as caught:
+        read(f"simulator lang=spectre\n{text}")
+    assert says in str(caught.value)
+    assert not re.search(r"\.(subckt|ends|model|param|global|include)", str(caught.value))
+
+
+def test_notes_use_words_of_the_language() -> None:
+    asked = "statistics {\n}\ns sweep param=temp values=[1 2] {\n o dc\n}\nic a=1\nop dc\n"
+    deck = read(f"simulator lang=spectre\nr1 (a 0) resistor r=1\nv (a 0) vsource dc=1\n{asked}")
+    assert [note.text.split()[0] for note in deck.notes] == ["statistics", "sweep", "ic", "dc"]

@@ -1,4 +1,4 @@
-"""Compiled loops over panels: substitution in scaled numbers.
+"""Compiled loops of substitution in scaled numbers, supernode by supernode.
 
 Numba takes seconds to import: only functions that are about to solve import this module.
 """
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from resgrid.jit import ZERO, inlined, inner_fast
 from resgrid.solvers.extended_kernels import _add_product, _canonical, _shift
-from resgrid.solvers.narrow.panel_kernels import Panels
+from resgrid.solvers.supernodal_kernels import Supernodes
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -22,54 +22,56 @@ _LEAST, _MOST = 2.0**-700, 2.0**700
 
 
 @njit(cache=True, nogil=True)
-def substitute_panels(panels: Panels, values: Floats, pivot: Floats, m: Floats, e: Integers, column: Floats) -> None:
+def substitute(nodes: Supernodes, values: Floats, pivot: Floats, m: Floats, e: Integers, column: Floats) -> None:
     """Solve ``L D L^T x = b`` in place, in scaled numbers.
 
-    Within a panel numbers have one exponent in common, the largest; where a sum leaves the range of doubles so, the
-    panel is gone through again number by number.
+    Within a supernode numbers have one exponent in common, the largest; where a sum leaves the range of doubles so, the
+    supernode is gone through again number by number.
 
     Shapes: `m, e` (n,).
     """
     for i in range(len(m)):
         m[i], e[i] = _canonical(m[i], e[i])
-    for panel in range(len(panels.first) - 1):
-        _spread(panels, values, m, e, column, panel)
-    for panel in range(len(panels.first) - 2, -1, -1):
-        _collect(panels, values, pivot, m, e, column, panel)
+    for node in range(len(nodes.first) - 1):
+        _forward(nodes, values, m, e, column, node)
+    for node in range(len(nodes.first) - 2, -1, -1):
+        _backward(nodes, values, pivot, m, e, column, node)
 
 
 @inlined
-def _spread(panels: Panels, values: Floats, m: Floats, e: Integers, column: Floats, panel: int) -> None:
-    """Spread what is fed into the columns of a panel over its rows."""
-    begin, base = panels.start[panel], panels.offset[panel]
-    length, columns = panels.start[panel + 1] - begin, panels.first[panel + 1] - panels.first[panel]
+def _forward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column: Floats, node: int) -> None:
+    """Spread what is fed into the columns of a supernode over its rows."""
+    begin, base = nodes.start[node], nodes.offset[node]
+    length, columns = nodes.start[node + 1] - begin, nodes.first[node + 1] - nodes.first[node]
     fed = 0
-    while fed < columns and m[panels.rows[begin + fed]] == 0.0:
+    while fed < columns and m[nodes.rows[begin + fed]] == 0.0:
         fed += 1
     if fed == columns:
         return
-    common = _align(panels.rows, begin, fed, length, m, e, column)
+    common = _align(nodes.rows, begin, fed, length, m, e, column)
     for c in range(fed, columns):
         _add_times(column, values, base + c * length, c + 1, length, column[c])
     if _smallest(column, fed, length) >= _LEAST:
         for r in range(fed, length):
-            row = panels.rows[begin + r]
+            row = nodes.rows[begin + r]
             m[row], e[row] = _canonical(column[r], common)
         return
     for c in range(fed, columns):
-        value, scale = m[panels.rows[begin + c]], e[panels.rows[begin + c]]
+        value, scale = m[nodes.rows[begin + c]], e[nodes.rows[begin + c]]
         for r in range(c + 1, length):
-            row = panels.rows[begin + r]
+            row = nodes.rows[begin + r]
             t, te = _add_product(m[row], e[row], values[base + c * length + r], value, scale)
             m[row], e[row] = _canonical(t, te)
 
 
 @inlined
-def _collect(panels: Panels, values: Floats, pivot: Floats, m: Floats, e: Integers, column: Floats, panel: int) -> None:
-    """Solve for the rows of a panel's columns, from those of the later ones."""
-    begin, base, first = panels.start[panel], panels.offset[panel], panels.first[panel]
-    length, columns = panels.start[panel + 1] - begin, panels.first[panel + 1] - first
-    common = _align(panels.rows, begin, ZERO, length, m, e, column)
+def _backward(
+    nodes: Supernodes, values: Floats, pivot: Floats, m: Floats, e: Integers, column: Floats, node: int
+) -> None:
+    """Solve for the rows of a supernode's columns, from those of the later ones."""
+    begin, base, first = nodes.start[node], nodes.offset[node], nodes.first[node]
+    length, columns = nodes.start[node + 1] - begin, nodes.first[node + 1] - first
+    common = _align(nodes.rows, begin, ZERO, length, m, e, column)
     plain = True
     for c in range(columns - 1, -1, -1):
         column[c] = column[c] / pivot[first + c] + _product(column, values, base + c * length, c + 1, length)
@@ -81,7 +83,7 @@ def _collect(panels: Panels, values: Floats, pivot: Floats, m: Floats, e: Intege
     for c in range(columns - 1, -1, -1):
         value, scale = _canonical(m[first + c] / pivot[first + c], e[first + c])
         for r in range(c + 1, length):
-            row = panels.rows[begin + r]
+            row = nodes.rows[begin + r]
             value, scale = _add_product(value, scale, values[base + c * length + r], m[row], e[row])
         m[first + c], e[first + c] = _canonical(value, scale)
 

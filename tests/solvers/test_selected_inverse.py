@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from fractions import Fraction
 
 import numpy as np
@@ -9,7 +10,9 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy import sparse
 
-from resgrid.solvers.selected.positive import positive_factors
+from resgrid.solvers.laplacian import Laplacian
+from resgrid.solvers.selected_inverse import inverse_diagonal, positive_inverse_diagonal
+from resgrid.solvers.supernodal import Symbolic, factor_supernodes, order_by_degree, order_by_distance
 
 
 def exact_inverse(coupling: np.ndarray, excess: np.ndarray) -> list[list[Fraction]]:
@@ -30,9 +33,12 @@ def exact_inverse(coupling: np.ndarray, excess: np.ndarray) -> list[list[Fractio
     return [row[n:] for row in rows]
 
 
+@pytest.mark.parametrize("order", [order_by_distance, order_by_degree])
 @settings(max_examples=40)
 @given(seed=st.integers(0, 10**6), decades=st.sampled_from([0, 4, 24]), size=st.integers(1, 9))
-def test_every_entry_is_right_whatever_the_conductances_are(seed: int, decades: int, size: int) -> None:
+def test_every_entry_is_right_whatever_the_conductances_are(
+    order: Callable[[Laplacian], Symbolic], seed: int, decades: int, size: int
+) -> None:
     rng = np.random.default_rng(seed)
     coupling = np.zeros((size, size))
     for i in range(1, size):
@@ -40,9 +46,19 @@ def test_every_entry_is_right_whatever_the_conductances_are(seed: int, decades: 
             coupling[i, j] = coupling[j, i] = 10 ** rng.uniform(-decades / 2, decades / 2)
     excess = np.where(rng.random(size) < 0.3, 10 ** rng.uniform(-decades / 2, decades / 2, size), 0.0)
     excess[rng.integers(0, size)] = 10.0 ** -rng.integers(0, 20)
-    factors = positive_factors(sparse.csr_array(coupling), excess)
+    laplacian = Laplacian(excess, compressed=sparse.csr_array(coupling))
+    factors = factor_supernodes(laplacian, order(laplacian))
     wanted = exact_inverse(coupling, excess)
-    assert factors.inverse_diagonal() == pytest.approx([float(wanted[i][i]) for i in range(size)], rel=1e-14)
+    assert positive_inverse_diagonal(factors) == pytest.approx([float(wanted[i][i]) for i in range(size)], rel=1e-14)
     rhs = np.zeros(size)
     rhs[seed % size] = 1.0
-    assert factors.solve_nonnegative(rhs) == pytest.approx([float(row[seed % size]) for row in wanted], rel=1e-14)
+    assert factors.solve(rhs) == pytest.approx([float(row[seed % size]) for row in wanted], rel=1e-14)
+
+
+def test_the_inverse_of_an_admittance_has_the_diagonal_of_the_dense_one() -> None:
+    rng = np.random.default_rng(3)
+    coupling = sparse.random_array((40, 40), density=0.08, rng=rng)
+    coupling = sparse.csr_array(coupling + coupling.T)
+    matrix = sparse.diags_array(coupling.sum(axis=1) + 0.1 + 1j * rng.random(40)) - coupling * (1 + 0.3j)
+    expected = np.linalg.inv(matrix.toarray()).diagonal()
+    np.testing.assert_allclose(inverse_diagonal(sparse.csr_array(matrix)), expected, rtol=1e-12)

@@ -1,17 +1,33 @@
-"""Compiled loops that eliminate rows which no conductance joins to each other.
+"""Compiled loops of the odd-even reduction: rows that no conductance joins to each other are eliminated.
 
 Numba takes seconds to import: only functions that are about to solve import this module.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
-from resgrid.solvers.extended_kernels import Floats, Indices, Integers, _add_product, _canonical
+from resgrid.solvers.extended_kernels import _add_product, _canonical
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Indices = NDArray[np.int32]
 
 _MOST_NEIGHBOURS = 8
 """Of a row that is eliminated: they are joined to each other."""
+
+
+class Rows(NamedTuple):
+    """A matrix by rows: `indptr` (n + 1,), `indices`, `data`: edge conductances; `ground` (n,); in siemens."""
+
+    indptr: Indices
+    indices: Indices
+    data: Floats
+    ground: Floats
 
 
 @njit(cache=True, nogil=True)
@@ -20,6 +36,8 @@ def number_kept(indptr: Indices, indices: Indices, order: Indices, number: Indic
 
     The order is breadth first, backwards.  Not kept are the rows an odd number of steps from the last one that have
     few neighbours, and none as far from it: of a grid's cells, all of one colour.
+
+    Shapes: `order, number` (n,).
     """
     n, count = len(order), 0
     depth = np.full(n, -1, np.int32)
@@ -53,45 +71,44 @@ def most_entries(indptr: Indices, indices: Indices, number: Indices) -> int:
 
 
 @njit(cache=True, nogil=True)
-def join_kept(
-    indptr: Indices, indices: Indices, data: Floats, excess: Floats, number: Indices, kept: Indices,
-    pivot: Floats, kept_indptr: Indices, kept_indices: Indices, kept_data: Floats, kept_excess: Floats,
-) -> None:  # fmt: skip
-    """Eliminate all rows that are not kept, in sums, products and quotients of positive numbers alone.
+def join_kept(whole: Rows, number: Indices, kept: Indices, pivot: Floats, left: Rows) -> None:
+    """Eliminate all rows that are not kept, ``g_ij += g_ik g_kj / d_k``; fills `pivot` (n,), ``d``, and `left`.
 
-    Shapes: `number` (n,), `pivot` (n,).
+    Shapes: `number` (n,), `kept` (kept,).
     """
+    indptr, indices, data, ground = whole
     for i in range(len(number)):
         if number[i] < 0:
-            total = excess[i]
+            total = ground[i]
             for entry in range(indptr[i], indptr[i + 1]):
                 total += data[entry]
             pivot[i] = total
     place, count = np.full(len(kept), -1, np.int32), 0
+    left.indptr[0] = 0
     for row in range(len(kept)):
-        i, begin, to_rails = kept[row], count, excess[kept[row]]
+        i, begin, grounded = kept[row], count, ground[kept[row]]
         for entry in range(indptr[i], indptr[i + 1]):
             j, first, last, share = indices[entry], entry, entry + 1, 1.0
             if number[j] < 0:
                 first, last, share = indptr[j], indptr[j + 1], data[entry] / pivot[j]
-                to_rails += share * excess[j]
+                grounded += share * ground[j]
             for other in range(first, last):
                 column = number[indices[other]]
                 if column == row:
                     continue
                 if place[column] < begin:
-                    place[column], kept_indices[count], kept_data[count] = count, column, 0.0
+                    place[column], left.indices[count], left.data[count] = count, column, 0.0
                     count += 1
-                kept_data[place[column]] += share * data[other]
-        kept_indptr[row + 1], kept_excess[row] = count, to_rails
+                left.data[place[column]] += share * data[other]
+        left.indptr[row + 1], left.ground[row] = count, grounded
 
 
 @njit(cache=True, nogil=True)
-def gather(
-    indptr: Indices, indices: Indices, data: Floats, number: Indices, pivot: Floats, m: Floats, e: Integers,
-    kept_m: Floats, kept_e: Integers,
-) -> None:  # fmt: skip
-    """What is fed into the rows kept once the others are eliminated, in scaled numbers."""
+def feed_kept(
+    whole: Rows, number: Indices, pivot: Floats, m: Floats, e: Integers, kept_m: Floats, kept_e: Integers
+) -> None:
+    """What is fed into the rows kept once the others are eliminated, ``b_i += g_ik b_k / d_k``, in scaled numbers."""
+    indptr, indices, data, _ = whole
     for i in range(len(number)):
         if number[i] >= 0:
             kept_m[number[i]], kept_e[number[i]] = _canonical(m[i], e[i])
@@ -105,11 +122,11 @@ def gather(
 
 
 @njit(cache=True, nogil=True)
-def scatter(
-    indptr: Indices, indices: Indices, data: Floats, number: Indices, pivot: Floats, kept_m: Floats, kept_e: Integers,
-    m: Floats, e: Integers,
-) -> None:  # fmt: skip
-    """Solve for all rows from those kept, in place: ``m`` and ``e`` come as what is fed into them."""
+def put_back(
+    whole: Rows, number: Indices, pivot: Floats, kept_m: Floats, kept_e: Integers, m: Floats, e: Integers
+) -> None:
+    """Solve for all rows from those kept, ``x_k = (b_k + sum g_ki x_i) / d_k``, in place of what is fed into them."""
+    indptr, indices, data, _ = whole
     for i in range(len(number)):
         if number[i] >= 0:
             m[i], e[i] = kept_m[number[i]], kept_e[number[i]]

@@ -1,6 +1,8 @@
-"""Factors along corridors: their pattern, and every digit of what they give."""
+"""Supernodal factors: their order, their pattern, and every digit of what they give."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import mpmath
 import numpy as np
@@ -14,8 +16,21 @@ from resgrid.errors import AccuracyError
 from resgrid.netlist import Netlist
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.factors.direct import factor_direct
-from resgrid.solvers.narrow.panels import NarrowFactors, factor_narrow, narrow_order
-from resgrid.solvers.superlu import SparseFactors
+from resgrid.solvers.laplacian import Laplacian
+from resgrid.solvers.minimum_degree_kernels import minimum_degree
+from resgrid.solvers.supernodal import (
+    SupernodalFactors,
+    Symbolic,
+    factor_supernodes,
+    order_by_degree,
+    order_by_distance,
+    quotient_graph,
+)
+
+ORDERS = pytest.mark.parametrize("order", [order_by_distance, order_by_degree])
+
+
+Order = Callable[[Laplacian], Symbolic | None]
 
 
 def wild_system(size: int, seed: int) -> Equations:
@@ -38,28 +53,29 @@ def exact_solution(system: Equations, rhs: np.ndarray | list[mpmath.mpf], digits
         return list(mpmath.lu_solve(matrix, mpmath.matrix(rhs)))
 
 
+@ORDERS
 @settings(max_examples=60)
 @given(st.integers(3, 24), st.integers(0, 2**32 - 1))
-def test_every_digit_is_right_whatever_the_conductances(size: int, seed: int) -> None:
+def test_every_digit_is_right_whatever_the_conductances(order: Order, size: int, seed: int) -> None:
     system = wild_system(size, seed)
-    factors = factor_direct(system.laplacian)
-    assert isinstance(factors.factors, NarrowFactors)
+    factors = factor_supernodes(system.laplacian, order(system.laplacian))
     rhs = np.random.default_rng(seed).random(system.size)
-    m, e = factors._substitute(rhs, np.zeros(system.size, dtype=np.int64), 0.0)
+    m, e = factors.substitute(rhs, np.zeros(system.size, dtype=np.int64))
     for value, exponent, expected in zip(m, e, exact_solution(system, rhs), strict=True):
         with mpmath.workdps(80):
             error = abs(mpmath.ldexp(mpmath.mpf(float(value)), 256 * int(exponent)) / expected - 1)
         assert error < 1e-15 * (20 + 5 * size)
 
 
+@ORDERS
 @settings(max_examples=60)
 @given(st.integers(3, 24), st.integers(0, 2**32 - 1))
-def test_currents_may_differ_by_thousands_of_decades_from_row_to_row(size: int, seed: int) -> None:
+def test_currents_may_differ_by_thousands_of_decades_from_row_to_row(order: Order, size: int, seed: int) -> None:
     system = wild_system(size, seed)
     rng = np.random.default_rng(seed)
     m, e = np.where(rng.random(system.size) < 0.3, 0.0, rng.random(system.size)), rng.integers(-40, 1, system.size)
     m[rng.integers(system.size)] = 1.0
-    solution, scale = factor_direct(system.laplacian).factors.substitute(m, e)
+    solution, scale = factor_supernodes(system.laplacian, order(system.laplacian)).substitute(m, e)
     with mpmath.workdps(4000):
         fed = [mpmath.ldexp(mpmath.mpf(float(a)), 256 * int(b)) for a, b in zip(m, e, strict=True)]
     for value, exponent, expected in zip(solution, scale, exact_solution(system, fed, 4000), strict=True):
@@ -68,7 +84,7 @@ def test_currents_may_differ_by_thousands_of_decades_from_row_to_row(size: int, 
         assert error < 1e-15 * (20 + 5 * size)
 
 
-def test_a_potential_may_fall_by_hundreds_of_decades_from_column_to_column_of_a_panel() -> None:
+def test_a_potential_may_fall_by_hundreds_of_decades_from_column_to_column_of_a_supernode() -> None:
     """Every node is held by 1e20 S and fed through 1e-20 S: it has 1e-40 of the potential before it."""
     size = 40
     along, held = np.stack([np.arange(1, size + 1), np.arange(2, size + 2)], axis=1), np.zeros((size, 2), dtype=int)
@@ -77,8 +93,7 @@ def test_a_potential_may_fall_by_hundreds_of_decades_from_column_to_column_of_a_
     netlist = Netlist(size + 2, np.concatenate([along, held]), conductance, np.array([[size + 1, 0]]), np.array([1.0]))
     system = assemble(netlist)
     factors = factor_direct(system.laplacian)
-    assert isinstance(factors.factors, NarrowFactors)
-    assert factors.factors.narrow.widths.max() > 5
+    assert factors.factors.symbolic.widths.max() > 5
     for end in (0, size - 1):
         rhs = np.zeros(size)
         rhs[end] = 1e-20
@@ -88,16 +103,16 @@ def test_a_potential_may_fall_by_hundreds_of_decades_from_column_to_column_of_a_
                 assert abs(mpmath.ldexp(mpmath.mpf(float(value)), 256 * int(exponent)) / expected - 1) < 1e-13
 
 
-def dense_factor(factors: NarrowFactors) -> np.ndarray:
-    """The unit lower triangular factor, and NaN where no panel has an entry."""
-    first, start, rows, offset = factors.narrow.panels
+def dense_factor(factors: SupernodalFactors) -> np.ndarray:
+    """The unit lower triangular factor, and NaN where no supernode has an entry."""
+    first, start, rows, offset = factors.symbolic.nodes
     lower = np.full((first[-1], first[-1]), np.nan)
-    for panel in range(len(first) - 1):
-        inside = rows[start[panel] : start[panel + 1]]
-        columns = np.arange(first[panel], first[panel + 1])
+    for node in range(len(first) - 1):
+        inside = rows[start[node] : start[node + 1]]
+        columns = np.arange(first[node], first[node + 1])
         assert np.array_equal(inside[: len(columns)], columns)
         assert np.all(np.diff(inside) > 0)
-        block = factors.values[offset[panel] : offset[panel + 1]].reshape(len(columns), len(inside))
+        block = factors.values[offset[node] : offset[node + 1]].reshape(len(columns), len(inside))
         assert np.all(np.tril(block.T, -1) == block.T)
         lower[np.ix_(inside, columns)] = -block.T
     np.fill_diagonal(lower, 1.0)
@@ -116,19 +131,20 @@ def schur_complement(system: Equations, gone: np.ndarray, kept: np.ndarray) -> n
     return np.diag(joined.sum(axis=1) + excess) - joined
 
 
+@ORDERS
 @settings(max_examples=60)
 @given(st.integers(3, 60), st.integers(0, 2**32 - 1))
-def test_factors_are_those_of_the_matrix_and_fill_where_elimination_does(size: int, seed: int) -> None:
+def test_factors_are_those_of_the_matrix_and_fill_where_elimination_does(order: Order, size: int, seed: int) -> None:
     system = wild_system(size, seed)
-    narrow = narrow_order(system.laplacian)
-    assert narrow is not None
-    halves = narrow.halves
-    kept = np.empty(len(halves.excess), dtype=int)
-    kept[halves.number[halves.number >= 0]] = np.flatnonzero(halves.number >= 0)
-    assert np.array_equal(narrow.order[narrow.rank], np.arange(len(kept)))
-    factors = factor_narrow(narrow)
+    symbolic = order(system.laplacian)
+    assert symbolic is not None
+    number, pattern = symbolic.reduced.number, symbolic.pattern
+    kept = np.empty(symbolic.reduced.size, dtype=int)
+    kept[number[number >= 0]] = np.flatnonzero(number >= 0)
+    assert np.array_equal(pattern.order[pattern.rank], np.arange(len(kept)))
+    factors = factor_supernodes(system.laplacian, symbolic)
     assert np.all(factors.pivot > 0)
-    matrix = schur_complement(system, np.flatnonzero(halves.number < 0), kept[narrow.order])
+    matrix = schur_complement(system, np.flatnonzero(number < 0), kept[pattern.order])
     lower = dense_factor(factors)
     dense = np.nan_to_num(lower)
     np.testing.assert_allclose((dense * factors.pivot) @ dense.T, matrix, rtol=1e-12, atol=1e-12 * np.abs(matrix).max())
@@ -137,34 +153,32 @@ def test_factors_are_those_of_the_matrix_and_fill_where_elimination_does(size: i
         later = np.flatnonzero(filled[k + 1 :, k]) + k + 1
         filled[np.ix_(later, later)] = True
     assert np.array_equal(dense != 0, np.tril(filled))
-    above = narrow.widths * (narrow.widths - 1) // 2
-    assert narrow.entries - above.sum() <= 1.25 * np.tril(filled).sum() + 25 * len(narrow.widths)
+    above = symbolic.widths * (symbolic.widths - 1) // 2
+    assert symbolic.entries - above.sum() <= 1.25 * np.tril(filled).sum() + 25 * len(symbolic.widths)
 
 
 def test_it_makes_no_difference_where_elimination_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
     system = wild_system(200, 7)
-    narrow = narrow_order(system.laplacian)
-    assert narrow is not None
-    whole = factor_narrow(narrow)
-    monkeypatch.setattr("resgrid.solvers.narrow.panels._STRETCH", 3)
-    parts = factor_narrow(narrow)
+    whole = factor_supernodes(system.laplacian)
+    monkeypatch.setattr("resgrid.solvers.supernodal._STRETCH", 3)
+    parts = factor_supernodes(system.laplacian)
     assert np.array_equal(whole.values, parts.values)
     assert np.array_equal(whole.pivot, parts.pivot)
 
 
 def test_a_corridor_fills_as_wide_as_it_is_and_a_plane_or_a_tangle_is_not_narrow() -> None:
     corridor = assemble(compile_space(space_of(serpentine(9, 60, 3)), boundary="neumann"))
-    narrow = narrow_order(corridor.laplacian)
+    narrow = order_by_distance(corridor.laplacian)
     assert narrow is not None
     assert narrow.entries < 8 * corridor.size
     plane = np.zeros((600, 600), dtype=np.uint8)
     plane[300, 300] = 2
-    assert narrow_order(assemble(compile_space(space_of(plane))).laplacian) is None
+    assert order_by_distance(assemble(compile_space(space_of(plane))).laplacian) is None
     ends = np.random.default_rng(5).integers(1, 2001, (4000, 2))
     pairs = np.concatenate([ends[ends[:, 0] != ends[:, 1]], [[0, 1]]])
     tangle = assemble(Netlist(2001, pairs, np.ones(len(pairs)), current_nodes=[[0, 2]], current_amps=[1.0]))
-    assert narrow_order(tangle.laplacian) is None
-    assert isinstance(factor_direct(tangle.laplacian).factors, SparseFactors)
+    assert order_by_distance(tangle.laplacian) is None
+    assert factor_direct(tangle.laplacian).factors.symbolic.entries > 60 * tangle.size
 
 
 def test_a_hub_is_kept_when_every_other_row_is_eliminated() -> None:
@@ -174,10 +188,10 @@ def test_a_hub_is_kept_when_every_other_row_is_eliminated() -> None:
     pairs = np.concatenate([spokes, ring, [[0, 2]]])
     netlist = Netlist(100_002, pairs, np.ones(len(pairs)), current_nodes=[[0, 50_000]], current_amps=[1.0])
     system = assemble(netlist)
-    narrow = narrow_order(system.laplacian)
+    narrow = order_by_distance(system.laplacian)
     assert narrow is not None
     hub = int(system.unknown[1])
-    assert narrow.halves.number[hub] >= 0
+    assert narrow.reduced.number[hub] >= 0
     x = factor_direct(system.laplacian).solve(system.drive, rtol=1e-12)
     residual = system.drive - (system.laplacian.diagonal * x - system.laplacian.edges @ x)
     assert np.all(np.abs(residual) <= 1e-12 * system.laplacian.diagonal * np.abs(x).max())
@@ -210,3 +224,28 @@ def test_a_large_maze_is_factored_whole_as_elimination_has_it(boundary: str) -> 
     assert factor_laplacian(system.laplacian, "auto", accuracy="normwise").name == "elimination"
     rhs = np.maximum(system.drive, 0.0) if system.rails is None else system.rails.to_low
     np.testing.assert_allclose(whole.solve_nonnegative(rhs)[0].log, reduced.solve_nonnegative(rhs)[0].log, atol=1e-9)
+
+
+@pytest.mark.parametrize("shape", [(150, 160), (20, 20, 20)])
+def test_the_order_by_degree_fills_as_little_as_nested_dissection_would(shape: tuple[int, ...]) -> None:
+    """George & Liu (1981): ``n log n`` entries of planes, ``n^(4/3)`` of volumes, a few times."""
+    cell = np.zeros(shape, dtype=np.uint8)
+    cell[(0,) * len(shape)] = 2
+    laplacian = assemble(compile_space(space_of(cell))).laplacian
+    n = laplacian.size
+    allowed = 2.0 * n * np.log2(n) if len(shape) == 2 else 6.0 * n ** (4 / 3)
+    assert order_by_degree(laplacian).entries < allowed
+
+
+@given(st.integers(3, 400), st.integers(0, 2**32 - 1))
+def test_the_order_is_the_same_however_often_elements_are_compacted(size: int, seed: int) -> None:
+    symbolic = order_by_degree(wild_system(size, seed).laplacian)
+    n, indptr = symbolic.reduced.size, symbolic.reduced.left.indptr
+    near = symbolic.reduced.left.indices[: indptr[-1]]
+    steps = []
+    for room in (len(near) + n, len(near) + 100 * n):
+        step = np.empty(n, dtype=np.int32)
+        minimum_degree(quotient_graph(indptr, near, room), n, step)
+        steps.append(step)
+    assert np.array_equal(*steps)
+    assert np.array_equal(np.unique(steps[0]), np.arange(len(np.unique(steps[0]))))

@@ -22,7 +22,7 @@ from resgrid.solvers.extended import Scaled
 from resgrid.solvers.factors.factor import Factor
 from resgrid.solvers.factors.reduced import ReducedFactor
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.reduction.elimination import may_reduce, reduce_system
+from resgrid.solvers.star_mesh import may_shrink, shrink
 
 
 def grounded(pairs: np.ndarray, conductance: np.ndarray) -> Equations:
@@ -32,9 +32,9 @@ def grounded(pairs: np.ndarray, conductance: np.ndarray) -> Equations:
 
 
 def reduced(system: Equations, method: str = "direct") -> ReducedFactor:
-    """A factor behind a reduction, whether it pays or not."""
-    reduction, make = reduce_system(system.laplacian), partial(factor_laplacian, method=method, reduce=False)
-    return ReducedFactor(system.laplacian, reduction, make(reduction.core) if reduction.core else None)
+    """A factor behind star-mesh elimination, whether it pays or not."""
+    (mesh, core), make = shrink(system.laplacian), partial(factor_laplacian, method=method, reduce=False)
+    return ReducedFactor(system.laplacian, mesh, make(core) if core else None)
 
 
 def exact(system: Equations, rhs: np.ndarray) -> list[Fraction]:
@@ -201,10 +201,10 @@ def test_a_long_leaking_chain_between_two_meshes_is_cut_where_its_conductance_wo
     cell[5, 5] = 2
     system = assemble(compile_space(space_of(cell)))
     assert system.rails is not None
-    reduction = reduce_system(system.laplacian)
-    assert reduction.core is not None
-    assert reduction.core.size < 12 * 7 * 2 + 30
-    assert reduction.core.edges.data.min() > 1e-70
+    _, core = shrink(system.laplacian)
+    assert core is not None
+    assert core.size < 12 * 7 * 2 + 30
+    assert core.edges.data.min() > 1e-70
     found, error = reduced(system).solve_nonnegative(system.rails.to_low)
     whole, _ = factor_laplacian(system.laplacian, "direct", reduce=False).solve_nonnegative(system.rails.to_low)
     assert whole.log.min() < -1000 * np.log(10)
@@ -218,15 +218,14 @@ def test_the_core_is_a_system_of_its_own() -> None:
     pairs = np.array([*wheel, (8, 1), (9, 8), (9, 0), (10, 3), (11, 10)])
     netlist = Netlist(12, pairs, np.arange(1.0, len(pairs) + 1), current_nodes=[[0, 11]], current_amps=[2.0])
     system = assemble(netlist)
-    reduction = reduce_system(system.laplacian)
-    core = reduction.core
+    mesh, core = shrink(system.laplacian)
     assert core is not None
     assert core.size == 7
     series = 1 / sum(1 / netlist.conductance[-5:-2])
     assert core.ground.sum() == pytest.approx(series, rel=1e-15)
     matrix = (sparse.diags_array(core.diagonal) - core.edges).toarray()
     whole = (sparse.diags_array(system.laplacian.diagonal) - system.laplacian.edges).toarray()
-    schur = np.linalg.inv(np.linalg.inv(whole)[np.ix_(reduction.kept, reduction.kept)])
+    schur = np.linalg.inv(np.linalg.inv(whole)[np.ix_(mesh.kept, mesh.kept)])
     assert np.allclose(matrix, schur, rtol=1e-10, atol=1e-12 * np.abs(schur).max())
 
 
@@ -234,19 +233,19 @@ def test_open_rooms_and_conductances_out_of_range_are_left_alone() -> None:
     room = np.zeros((60, 60))
     room[0, 0] = 2
     system = assemble(compile_space(space_of(room)))
-    assert not may_reduce(system.laplacian)
+    assert not may_shrink(system.laplacian)
     assert factor_laplacian(system.laplacian, "auto").name != "elimination"
     pairs = np.array([[1, 0], [1, 2], [2, 0]])
-    assert may_reduce(grounded(pairs, np.ones(3)).laplacian)
-    assert not may_reduce(grounded(pairs, np.array([1.0, 1e-100, 1.0])).laplacian)
+    assert may_shrink(grounded(pairs, np.ones(3)).laplacian)
+    assert not may_shrink(grounded(pairs, np.array([1.0, 1e-100, 1.0])).laplacian)
 
 
 def test_a_part_that_nothing_grounds_is_left_to_the_method() -> None:
     system = grounded(np.array([[1, 0], [1, 2]]), np.ones(2))
-    reduction = reduce_system(replace(system.laplacian, ground=np.zeros(2)))
-    assert reduction.core is not None
-    assert reduction.core.size == 1
-    assert reduction.core.ground[0] == 0
+    _, core = shrink(replace(system.laplacian, ground=np.zeros(2)))
+    assert core is not None
+    assert core.size == 1
+    assert core.ground[0] == 0
 
 
 def test_a_core_is_named_after_the_method_that_solves_it() -> None:
@@ -272,7 +271,7 @@ def test_a_dead_end_carries_no_current(width: int, monkeypatch: pytest.MonkeyPat
     netlist = compile_space(space_of(cell), boundary="neumann", drive="start", start=(row, column))
     point = solve(netlist)
     assert point.method == "elimination"
-    monkeypatch.setattr(methods, "may_reduce", lambda _: False)
+    monkeypatch.setattr(methods, "may_shrink", lambda _: False)
     whole = solve(netlist)
     assert whole.method == "direct"
     resolved = whole.resistor_direction != 0

@@ -1,0 +1,250 @@
+"""Compiled loops of the approximate minimum degree ordering (Amestoy, Davis & Duff 1996).
+
+The graph of what is left is never formed.  It is kept as a quotient graph: a row that has been eliminated stands, as an
+*element*, for the clique of the rows that it was joined to; rows with the same neighbours are merged, and one of them
+stands for all.  It never takes more room than the graph of the matrix.
+
+Numba takes seconds to import: only functions that are about to solve import this module.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from resgrid.jit import inlined
+
+Indices = NDArray[np.int32]
+
+
+class Quotient(NamedTuple):
+    """The quotient graph, and rows by their degree.
+
+    `near` (entries,): from `start[i]` on what row ``i`` is joined to: elements, so many as `elements[i]`, then rows;
+    `length[i]` in all; `weight` (n,): how many rows a row stands for; 0 for none, negative within the newest element;
+    `into` (n,): the row that a row was merged into; ``-1 - k`` for the ``k``-th element; `members` (entries + 2 n,):
+    rows of element ``e``, from `first[e]` to `last[e]`; `degree` (n,): of elements how many rows these stand for, of
+    rows how many they would join; `outside, stamp` (n,): of elements what lies outside the newest one, and of which
+    element that was told last; `head, after, before` (n,): rows by their degree, as linked lists; `bucket, chain, key`
+    (n,): rows of the newest element by a hash of what they are joined to; `mark` (n,).
+    """
+
+    start: Indices
+    near: Indices
+    elements: Indices
+    length: Indices
+    weight: Indices
+    into: Indices
+    members: Indices
+    first: Indices
+    last: Indices
+    degree: Indices
+    outside: Indices
+    stamp: Indices
+    head: Indices
+    after: Indices
+    before: Indices
+    bucket: Indices
+    chain: Indices
+    key: Indices
+    mark: Indices
+
+
+@njit(cache=True, nogil=True)
+def minimum_degree(q: Quotient, dense: int, step: Indices) -> None:
+    """Eliminate all rows, one of least degree after another; rows of more than ``dense`` neighbours come last.
+
+    Shapes: `step` (n,): when every row is eliminated; rows that were merged have the same number.
+    """
+    n, least, size, k, tag = len(step), 0, 0, 0, 0
+    left = n
+    for i in range(n):
+        if q.length[i] > dense:
+            q.weight[i], q.into[i] = 0, -1 - n
+            left -= 1
+        else:
+            _link(q, i, q.length[i])
+    while left > 0:
+        while q.head[least] < 0:
+            least += 1
+        p = q.head[least]
+        _unlink(q, p)
+        if size + n > len(q.members):
+            size = _compact(q)
+        begin, end = size, _gather(q, p, size)
+        left -= q.weight[p]
+        total = _weigh(q, begin, end, k)
+        end, gone = _prune(q, p, begin, end)
+        left, total = left - gone, total - gone
+        tag = _merge_alike(q, begin, end, tag)
+        size = begin
+        for r in range(begin, end):
+            i = q.members[r]
+            if q.weight[i] < 0:
+                q.weight[i] = -q.weight[i]
+                d = min(q.degree[i] + total, left) - q.weight[i]
+                _link(q, i, d)
+                least = min(least, d)
+                q.members[size] = i
+                size += 1
+        q.first[p], q.last[p], q.degree[p], q.weight[p], q.into[p] = begin, size, total, 0, -1 - k
+        k += 1
+    for i in range(n):
+        j = i
+        while q.into[j] >= 0:
+            j = q.into[j]
+        q.into[i] = q.into[j]
+        step[i] = -1 - q.into[j]
+
+
+@inlined
+def _link(q: Quotient, i: int, degree: int) -> None:
+    """Put a row in front of those of its degree."""
+    other = q.head[degree]
+    q.degree[i], q.after[i], q.before[i], q.head[degree] = degree, other, -1, i
+    if other >= 0:
+        q.before[other] = i
+
+
+@inlined
+def _unlink(q: Quotient, i: int) -> None:
+    """Take a row from among those of its degree."""
+    before, after = q.before[i], q.after[i]
+    if after >= 0:
+        q.before[after] = before
+    if before >= 0:
+        q.after[before] = after
+    else:
+        q.head[q.degree[i]] = after
+
+
+@inlined
+def _compact(q: Quotient) -> int:
+    """Move the members of all elements that are left together, in the order in which they stand; returns their end."""
+    size = 0
+    owner = np.full(len(q.members), -1, np.int32)
+    for e in range(len(q.first)):
+        if q.last[e] > q.first[e]:
+            owner[q.first[e]] = e
+    for begin in range(len(owner)):
+        e = owner[begin]
+        if e >= 0:
+            end = q.last[e]
+            q.first[e] = size
+            for r in range(begin, end):
+                q.members[size] = q.members[r]
+                size += 1
+            q.last[e] = size
+    return size
+
+
+@inlined
+def _gather(q: Quotient, p: int, size: int) -> int:
+    """Make an element of a row: all that it is joined to, elements absorbed; returns where its members end."""
+    begin, q.weight[p] = q.start[p], -q.weight[p]
+    for s in range(begin, begin + q.length[p]):
+        x = q.near[s]
+        if s >= begin + q.elements[p]:
+            if q.weight[x] > 0:
+                q.weight[x], q.members[size] = -q.weight[x], x
+                size += 1
+                _unlink(q, x)
+            continue
+        for r in range(q.first[x], q.last[x]):
+            i = q.members[r]
+            if q.weight[i] > 0:
+                q.weight[i], q.members[size] = -q.weight[i], i
+                size += 1
+                _unlink(q, i)
+        q.last[x] = q.first[x]
+    q.weight[p] = -q.weight[p]
+    return size
+
+
+@inlined
+def _weigh(q: Quotient, begin: int, end: int, k: int) -> int:
+    """How many rows a new element holds, and how many rows of others lie outside it; returns the former."""
+    total = 0
+    for r in range(begin, end):
+        i = q.members[r]
+        total -= q.weight[i]
+        for s in range(q.start[i], q.start[i] + q.elements[i]):
+            e = q.near[s]
+            if q.stamp[e] != k:
+                q.stamp[e], q.outside[e] = k, q.degree[e]
+            q.outside[e] += q.weight[i]
+    return total
+
+
+@inlined
+def _prune(q: Quotient, p: int, begin: int, end: int) -> tuple[int, int]:
+    """Join the members of a new element to it, instead of to each other and to elements within it.
+
+    Members that are joined to nothing else are eliminated along with it.  Returns where the others end, and how many
+    rows were eliminated.
+    """
+    kept, gone, n = begin, 0, len(q.weight)
+    for r in range(begin, end):
+        i = q.members[r]
+        first, at, degree, key = q.start[i], q.start[i], 0, 0
+        inner, last = first + q.elements[i], first + q.length[i]
+        for s in range(first, inner):
+            e = q.near[s]
+            if q.last[e] > q.first[e]:
+                if q.outside[e] > 0:
+                    q.near[at], degree, key = e, degree + q.outside[e], key + e
+                    at += 1
+                else:
+                    q.last[e] = q.first[e]
+        inner = at
+        for s in range(first + q.elements[i], last):
+            j = q.near[s]
+            if q.weight[j] > 0 and j != p:
+                q.near[at], degree, key = j, degree + q.weight[j], key + j
+                at += 1
+        if degree == 0:
+            gone -= q.weight[i]
+            q.weight[i], q.into[i] = 0, p
+            continue
+        q.near[at], q.near[inner], q.near[first] = q.near[inner], q.near[first], p
+        q.elements[i], q.length[i] = inner + 1 - first, at + 1 - first
+        q.degree[i] = min(q.degree[i], degree)
+        key %= n
+        q.key[i], q.chain[i], q.bucket[key] = key, q.bucket[key], i
+        q.members[kept] = i
+        kept += 1
+    return kept, gone
+
+
+@inlined
+def _merge_alike(q: Quotient, begin: int, end: int, tag: int) -> int:
+    """Merge members of an element that are joined to the same rows and elements; returns the last mark given."""
+    for r in range(begin, end):
+        a = q.bucket[q.key[q.members[r]]]
+        q.bucket[q.key[q.members[r]]] = -1
+        while a >= 0:
+            if q.weight[a] != 0 and q.chain[a] >= 0:
+                tag += 1
+                for s in range(q.start[a], q.start[a] + q.length[a]):
+                    q.mark[q.near[s]] = tag
+                b = q.chain[a]
+                while b >= 0:
+                    if q.weight[b] != 0 and _alike(q, a, b, tag):
+                        q.weight[a], q.weight[b], q.into[b] = q.weight[a] + q.weight[b], 0, a
+                    b = q.chain[b]
+            a = q.chain[a]
+    return tag
+
+
+@inlined
+def _alike(q: Quotient, a: int, b: int, tag: int) -> bool:
+    """Whether a row is joined to all that another one is, which is marked."""
+    if q.length[a] != q.length[b] or q.elements[a] != q.elements[b]:
+        return False
+    s, end = q.start[b], q.start[b] + q.length[b]
+    while s < end and q.mark[q.near[s]] == tag:
+        s += 1
+    return bool(s == end)

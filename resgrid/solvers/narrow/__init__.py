@@ -1,1 +1,0 @@
-"""Factors of narrow circuits, made along their corridors in positive numbers alone."""

@@ -1,1 +1,0 @@
-"""Exact elimination of nodes with at most two neighbours, in front of every method."""

@@ -1,1 +1,0 @@
-"""Chosen entries of the inverse of a nodal matrix."""

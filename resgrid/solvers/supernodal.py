@@ -1,0 +1,223 @@
+"""Supernodal factors ``P A P^T = L D L^T`` of an M-matrix, in sums, products and quotients of positive numbers alone.
+
+Every entry is right to some roundings, whatever the conductances (Grassmann, Taksar & Heyman 1985; O'Cinneide 1993).
+Every other layer of rows is eliminated beforehand (`resgrid.solvers.odd_even`); the others come in one of two orders:
+
+- *by distance* from the ground, far ends first: along the corridors of a maze a row is joined to those across the
+  corridor alone, and fewer operations come of it than a general order takes to be found;
+- *by degree*, the least first, for all that is wide.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.errors import AccuracyError
+from resgrid.solvers.extended import power
+from resgrid.solvers.laplacian import Laplacian, once
+from resgrid.solvers.odd_even import OddEven, reduce_odd_even
+from resgrid.solvers.refine import Numbers
+
+if TYPE_CHECKING:
+    from resgrid.solvers.minimum_degree_kernels import Quotient
+    from resgrid.solvers.supernodal_kernels import Supernodes
+    from resgrid.solvers.symbolic_kernels import Pattern
+
+_MOST_FILL, _MOST_FILL_OF_VOLUMES = 60, 600
+"""Entries a row above which a circuit is not narrow, and factors in the order by degree are sooner made."""
+
+ON_ROWS = 500.0
+"""Peak memory of a solution besides its factors, in bytes a row."""
+
+_DENSE = 10.0
+"""A row of more than so many times the square root of all is eliminated last."""
+
+_STRETCH = 2_000
+"""Supernodes eliminated at a time."""
+
+
+@dataclass(frozen=True, eq=False)
+class Symbolic:
+    """An order of elimination, and where the factors have entries.
+
+    `reduced`: what odd-even reduction leaves; `pattern`: its graph and the order of its rows (kept,); `nodes`: columns
+    of the factor that are kept together, and their rows.
+    """
+
+    reduced: OddEven
+    pattern: Pattern
+    nodes: Supernodes
+
+    @property
+    def entries(self) -> int:
+        """Entries of all supernodes."""
+        return int(self.nodes.offset[-1])
+
+    @property
+    def products(self) -> float:
+        """Products that elimination takes, about."""
+        return float(0.5 * np.sum(self.widths * self.lengths.astype(np.float64) ** 2))
+
+    @cached_property
+    def widths(self) -> NDArray[np.int32]:
+        """Columns of every supernode."""
+        return np.diff(self.nodes.first)
+
+    @cached_property
+    def lengths(self) -> NDArray[np.int32]:
+        """Rows of every supernode."""
+        return np.diff(self.nodes.start)
+
+    @property
+    def memory(self) -> float:
+        """Peak memory of a solution in this order, in bytes, about."""
+        return 8.0 * (self.entries + len(self.nodes.rows)) + ON_ROWS * len(self.reduced.number)
+
+
+@dataclass(frozen=True, eq=False)
+class SupernodalFactors:
+    """Factors ``L D L^T`` in such an order.
+
+    `values`: the entries of ``-L`` below the diagonal, supernode by supernode; `pivot` (kept,): ``D``, in siemens.
+    """
+
+    symbolic: Symbolic
+    values: NDArray[np.float64]
+    pivot: NDArray[np.float64]
+
+    def substitute(self, m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
+        """Both substitutions, in scaled numbers; ``m`` and ``e``, shape (n,), stay as they are."""
+        from resgrid.solvers import substitution_kernels as kernels
+
+        reduced, pattern, nodes = self.symbolic.reduced, self.symbolic.pattern, self.symbolic.nodes
+        kept, scale = reduced.feed_kept(m, e)
+        kept, scale = kept[pattern.order], scale[pattern.order]
+        kernels.substitute(nodes, self.values, self.pivot, kept, scale, np.empty(_longest(self.symbolic)))
+        return reduced.put_back((kept[pattern.rank], scale[pattern.rank]), m, e)
+
+    def solve(self, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Solve for doubles, shape (n,); entry by entry right where none of them is negative."""
+        m, e = self.substitute(rhs, np.zeros(len(rhs), dtype=np.int64))
+        return m * power(e)
+
+
+def factor_supernodes(laplacian: Laplacian, symbolic: Symbolic | None = None) -> SupernodalFactors:
+    """Factor a matrix, in an order that is there, or the one that suits it."""
+    if symbolic is None:
+        symbolic = order_by_distance(laplacian) or order_by_degree(laplacian)
+    return _factor(symbolic)
+
+
+@once
+def order_by_distance(laplacian: Laplacian) -> Symbolic | None:
+    """Order the rows of a matrix by their distance from the ground; None where it is not narrow."""
+    reduced = reduce_odd_even(laplacian, _layers(laplacian))
+    return _analyse(reduced, np.arange(reduced.size, dtype=np.int32), _room(laplacian))
+
+
+def order_by_degree(laplacian: Laplacian) -> Symbolic:
+    """Order the rows of a matrix by approximate minimum degree."""
+    from resgrid.solvers.minimum_degree_kernels import minimum_degree
+
+    reduced = reduce_odd_even(laplacian, _layers(laplacian))
+    n, indptr = reduced.size, reduced.left.indptr
+    quotient = quotient_graph(indptr, reduced.left.indices[: indptr[-1]], int(indptr[-1]) + 2 * n)
+    step = np.empty(n, dtype=np.int32)
+    minimum_degree(quotient, max(16, int(_DENSE * np.sqrt(n))), step)
+    symbolic = _analyse(reduced, np.argsort(step, kind="stable").astype(np.int32), np.inf)
+    assert symbolic is not None
+    return symbolic
+
+
+def quotient_graph(indptr: NDArray[np.int32], indices: NDArray[np.int32], room: int) -> Quotient:
+    """The quotient graph before elimination, of a graph of rows `indptr` (n + 1,); with room for members (room,)."""
+    from resgrid.solvers.minimum_degree_kernels import Quotient
+
+    n = len(indptr) - 1
+    none, zero = np.full((7, n), -1, dtype=np.int32), np.zeros((7, n), dtype=np.int32)
+    elements, first, last, degree, outside, key, mark = zero
+    into, stamp, head, after, before, bucket, chain = none
+    length, weight, members = np.diff(indptr), np.ones(n, dtype=np.int32), np.empty(room, dtype=np.int32)
+    return Quotient(
+        indptr, indices.copy(), elements, length, weight, into, members, first, last, degree, outside, stamp, head,
+        after, before, bucket, chain, key, mark,
+    )  # fmt: skip
+
+
+def _layers(laplacian: Laplacian) -> NDArray[np.int32]:
+    """The rows by their distance from the one that is most tied to the lower rail, the farthest first."""
+    from resgrid.solvers.numbering_kernels import breadth_first
+
+    tied = laplacian.ground if laplacian.rails is None else laplacian.rails.to_low
+    edges = laplacian.edges
+    indptr, indices = edges.indptr.astype(np.int32, copy=False), edges.indices.astype(np.int32, copy=False)
+    return np.ascontiguousarray(breadth_first(indptr, indices, int(np.argmax(tied)))[::-1])
+
+
+def _analyse(reduced: OddEven, order: NDArray[np.int32], most: float) -> Symbolic | None:
+    """List the supernodes of an order (kept,); None where they come to have more entries than ``most``."""
+    from resgrid.solvers import symbolic_kernels as kernels
+    from resgrid.solvers.supernodal_kernels import Supernodes
+
+    size, (indptr, indices, _, _) = reduced.size, reduced.left
+    rank, parent = np.empty(size, dtype=np.int32), np.empty(size, dtype=np.int32)
+    rank[order] = np.arange(size, dtype=np.int32)
+    pattern = kernels.Pattern(indptr, indices, order, rank)
+    kernels.elimination_tree(pattern, parent)
+    kernels.postorder(parent, pattern)
+    first, start = np.empty((2, size + 1), dtype=np.int32)
+    room, count = 8 * size, -2
+    while count == -2:
+        rows = np.empty(room + 2 * size, dtype=np.int32)
+        count = kernels.list_supernodes(pattern, float(most), first, start, rows)
+        room *= 4
+    if count < 0:
+        return None
+    first, start = first[: count + 1].copy(), start[: count + 1].copy()
+    offset = np.zeros(count + 1, dtype=np.int64)
+    np.cumsum(np.diff(first).astype(np.int64) * np.diff(start), out=offset[1:])
+    return Symbolic(reduced, pattern, Supernodes(first, start, rows[: start[-1]].copy(), offset))
+
+
+def _room(laplacian: Laplacian) -> int:
+    """Entries that the factor of a narrow circuit may have."""
+    most = _MOST_FILL_OF_VOLUMES if laplacian.dimensions > 2 else _MOST_FILL
+    return most * laplacian.size
+
+
+def _longest(symbolic: Symbolic) -> int:
+    return int(symbolic.lengths.max(initial=0))
+
+
+def _factor(symbolic: Symbolic) -> SupernodalFactors:
+    """Factor a matrix in an order."""
+    from resgrid.solvers.supernodal_kernels import Entries, Workspace, eliminate
+
+    n, count, widest = symbolic.reduced.size, len(symbolic.widths), int(symbolic.widths.max(initial=0))
+    entries = Entries(np.empty(symbolic.entries), np.empty(n), np.empty(n))
+    work = Workspace(
+        node_of=np.repeat(np.arange(count, dtype=np.int32), symbolic.widths),
+        waiting=np.full(count, -1, dtype=np.int32),
+        following=np.empty(count, dtype=np.int32),
+        after=np.empty(count, dtype=np.int32),
+        place=np.empty(n, dtype=np.int32),
+        column=np.empty(_longest(symbolic)),
+        weight=np.empty(widest),
+        weights=np.empty((widest, 4)),
+    )
+    matrix, pattern, nodes = symbolic.reduced.left, symbolic.pattern, symbolic.nodes
+    in_range = bool(np.all(np.isfinite(symbolic.reduced.pivot)))
+    # In stretches, so that it can be interrupted.
+    for begin in range(0, count, _STRETCH):
+        end = min(begin + _STRETCH, count)
+        in_range = in_range and eliminate(matrix, pattern, nodes, entries, work, begin, end)
+    if not in_range:
+        raise AccuracyError(
+            "a pivot left the range of doubles: the conductances span too many decades for a direct solution"
+        )
+    return SupernodalFactors(symbolic, entries.values, entries.pivot)

@@ -1,0 +1,156 @@
+"""Compiled loops over the graph of a matrix: its elimination tree, and the supernodes of its factor.
+
+Numba takes seconds to import: only functions that are about to solve import this module.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from resgrid.jit import ZERO, inlined
+
+Indices = NDArray[np.int32]
+
+_WIDEST, _FEW, _SHARE = 16, 20.0, 0.2
+"""Most columns of a supernode, and how many of its entries may be zeros: so many, and such a share of all."""
+
+
+class Pattern(NamedTuple):
+    """The graph of a matrix, and an order of its rows.
+
+    `indptr` (n + 1,), `indices`: neighbours of every row; `order` (n,): row ``order[k]`` is the ``k``-th; `rank` (n,):
+    its inverse.
+    """
+
+    indptr: Indices
+    indices: Indices
+    order: Indices
+    rank: Indices
+
+
+@njit(cache=True, nogil=True)
+def elimination_tree(pattern: Pattern, parent: Indices) -> None:
+    """The first later row that every row is joined to once it is eliminated; -1 for none (Liu 1990)."""
+    indptr, indices, order, rank = pattern
+    n = len(order)
+    ancestor = np.full(n, -1, np.int32)
+    for k in range(n):
+        parent[k] = -1
+        for entry in range(indptr[order[k]], indptr[order[k] + 1]):
+            j = rank[indices[entry]]
+            while j < k:
+                above = ancestor[j]
+                ancestor[j] = k
+                if above < 0:
+                    parent[j] = k
+                if above < 0 or above == k:
+                    break
+                j = above
+
+
+@njit(cache=True, nogil=True)
+def postorder(parent: Indices, pattern: Pattern) -> None:
+    """Renumber the rows so that every branch of the elimination tree stands together; it fills as before."""
+    order, rank, n = pattern.order, pattern.rank, len(parent)
+    child, sibling = np.full(n, -1, np.int32), np.empty(n, np.int32)
+    for k in range(n - 1, -1, -1):
+        if parent[k] >= 0:
+            sibling[k] = child[parent[k]]
+            child[parent[k]] = k
+    before, path = order.copy(), np.empty(n, np.int32)
+    count = 0
+    for root in range(n):
+        if parent[root] >= 0:
+            continue
+        path[0], length = root, 1
+        while length > 0:
+            k = path[length - 1]
+            if child[k] >= 0:
+                path[length] = child[k]
+                length += 1
+                child[k] = sibling[child[k]]
+            else:
+                length -= 1
+                order[count], rank[before[k]] = before[k], count
+                count += 1
+
+
+@njit(cache=True, nogil=True)
+def list_supernodes(pattern: Pattern, most: float, first: Indices, start: Indices, rows: Indices) -> int:
+    """Gather columns of the factor into supernodes, and list their rows (`resgrid.solvers.supernodal_kernels`).
+
+    A column has entries in the rows that it is joined to, and in those of the supernodes whose first row behind their
+    own it is (Liu 1990).  It goes with the supernode before where that fills few rows of the others with zeros.
+
+    Shapes: `first, start` (n + 1,).  Returns the number of supernodes; -1 where their entries come to be more than
+    ``most``, -2 where ``rows`` is too short.
+    """
+    n = len(pattern.order)
+    seen, branch, sibling = np.full(n, -1, np.int32), np.full(n, -1, np.int32), np.empty(n, np.int32)
+    node, area, end, columns, zeros = ZERO - 1, 0.0, ZERO, 0, 0
+    share = most / (n + n // 8)
+    for k in range(n):
+        if node >= 0:
+            if columns < _WIDEST and seen[k] == node:
+                longer = _add_rows(pattern, k, node, seen, branch, sibling, start, rows, end)
+                filled = zeros + columns * (longer - end)
+                entries = (columns + 1) * (longer - start[node]) - columns * (columns + 1) // 2
+                if filled <= _FEW + _SHARE * entries:
+                    zeros, columns, end = filled, columns + 1, longer
+                    continue
+                for r in range(end, longer):
+                    seen[rows[r]] = -1
+            area += columns * (end - start[node])
+            if area > share * (k + n // 8):
+                return -1
+            if end + n > len(rows):
+                return -2
+            _sort(rows, start[node], end)
+            if end > start[node] + columns:
+                up = rows[start[node] + columns]
+                sibling[node], branch[up] = branch[up], node
+        node += 1
+        first[node], start[node], columns, zeros = k, end, 1, 0
+        rows[end], seen[k] = k, node
+        end = _add_rows(pattern, k, node, seen, branch, sibling, start, rows, end + 1)
+    _sort(rows, start[node], end)
+    first[node + 1], start[node + 1] = n, end
+    return node + 1
+
+
+@inlined
+def _add_rows(
+    pattern: Pattern, k: int, node: int, seen: Indices, branch: Indices, sibling: Indices, start: Indices,
+    rows: Indices, end: int,
+) -> int:  # fmt: skip
+    """Add the rows that a column has entries in to those of its supernode; returns where they end."""
+    indptr, indices, order, rank = pattern
+    child = branch[k]
+    while child >= 0:
+        for r in range(start[child], start[child + 1]):
+            row = rows[r]
+            if row > k and seen[row] != node:
+                seen[row], rows[end] = node, row
+                end += 1
+        child = sibling[child]
+    for entry in range(indptr[order[k]], indptr[order[k] + 1]):
+        row = rank[indices[entry]]
+        if row > k and seen[row] != node:
+            seen[row], rows[end] = node, row
+            end += 1
+    return end
+
+
+@inlined
+def _sort(rows: Indices, begin: int, end: int) -> None:
+    """Sort rows by insertion: most stand in order, and elimination takes longer than the worst case."""
+    for r in range(begin + 1, end):
+        row, k = rows[r], r
+        while k > begin and rows[k - 1] > row:
+            rows[k] = rows[k - 1]
+            k -= 1
+        rows[k] = row
