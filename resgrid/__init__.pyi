@@ -3,36 +3,19 @@
 from .axis import Axis as Axis
 from .chip import passes as passes
 from .chip.build import build_chip as build_chip
-from .chip.criticality import Criticality as Criticality
-from .chip.figures import Figure as Figure, Proportion as Proportion
-from .chip.noise import Noise as Noise
-from .chip.power import Power as Power
-from .chip.precision import Precision as Precision
-from .chip.sensitivity import Sensitivity as Sensitivity
-from .chip.settling import Settling as Settling
-from .chip.studies import Study as Study, study as study
-from .chip.yields import Exploration as Exploration, Yield as Yield
+from .chip.studies import study as study
 from .circuit.drive import scale_drive as scale_drive
 from .circuit.many import solve_many as solve_many
 from .circuit.nonlinear import small_signal as small_signal
 from .circuit.operating_point import OperatingPoint as OperatingPoint
 from .circuit.solve import factor as factor, solve as solve
-from .circuit.transient import (
-    Transient as Transient,
-    TransientStepper as TransientStepper,
-    transient as transient,
-    transient_stepper as transient_stepper,
-)
+from .circuit.transient import transient as transient, transient_stepper as transient_stepper
 from .compiler import compile_space as compile_space
 from .control.announced import wavefront as wavefront
-from .control.controller import (
-    Controller as Controller,
-    equipotential_velocity as equipotential_velocity,
-    make_controller as make_controller,
-)
+from .control.controller import equipotential_velocity as equipotential_velocity, make_controller as make_controller
 from .control.log import Ending as Ending, Mode as Mode, Run as Run
 from .control.pushes import Push as Push, random_pushes as random_pushes
-from .control.simulation import Simulation as Simulation, simulation as simulation
+from .control.simulation import simulation as simulation
 from .errors import (
     AccuracyError as AccuracyError,
     BudgetError as BudgetError,
@@ -47,13 +30,13 @@ from .io.networks import write_network as write_network
 from .io.paths import ros_plan as ros_plan, write_path as write_path
 from .io.runs import write_run as write_run
 from .io.solutions import write_solution as write_solution
-from .netlist import CellMap as CellMap, Netlist as Netlist
+from .netlist import Netlist as Netlist
 from .page.live import LivePage as LivePage, live as live
 from .planning.blend import blend as blend
 from .planning.certify import certify as certify, certify_free as certify_free
 from .planning.fields import Field as Field, field as field
 from .planning.normals import surface_normals as surface_normals
-from .planning.planner import Planner as Planner, clearance_curve as clearance_curve, plan as plan
+from .planning.planner import clearance_curve as clearance_curve, plan as plan
 from .planning.random_walk import (
     collision_probability as collision_probability,
     hitting_probability as hitting_probability,
@@ -61,20 +44,9 @@ from .planning.random_walk import (
 )
 from .planning.separation import separation as separation
 from .planning.shortcut import shorten as shorten
-from .planning.streamline import (
-    Outcome as Outcome,
-    Polyline as Polyline,
-    ShortPath as ShortPath,
-    Streamline as Streamline,
-    unwrap as unwrap,
-)
-from .planning.timing import Trajectory as Trajectory, time_path as time_path
-from .planning.trace import (
-    Traces as Traces,
-    basins as basins,
-    streamline as streamline,
-    streamlines as streamlines,
-)
+from .planning.streamline import Outcome as Outcome, Polyline as Polyline, Streamline as Streamline, unwrap as unwrap
+from .planning.timing import time_path as time_path
+from .planning.trace import basins as basins, streamline as streamline, streamlines as streamlines
 from .planning.workspace import (
     replay as replay,
     workspace_clearance as workspace_clearance,
@@ -110,8 +82,6 @@ from .scene import (
     GoalCell as GoalCell,
     GoalJoints as GoalJoints,
     GoalPoint as GoalPoint,
-    MapCells as MapCells,
-    Query as Query,
     Readout as Readout,
     Scene as Scene,
     occupancy_grid as occupancy_grid,
@@ -122,7 +92,6 @@ from .scene import (
     sample as sample,
 )
 from .scene.schema import scene_schema as scene_schema
-from .solvers.monitor import Watch as Watch
 from .space import Cell as Cell, ConfigurationSpace as ConfigurationSpace
 from .spice.analyses import (
     Measure as Measure,
@@ -133,18 +102,10 @@ from .spice.analyses import (
     TemperatureAnalysis as TemperatureAnalysis,
     TransientAnalysis as TransientAnalysis,
 )
-from .spice.check.agreement import Agreement as Agreement
 from .spice.check.deck import check_deck as check_deck
-from .spice.check.predictions import Prediction as Prediction, predict_simulators as predict_simulators
+from .spice.check.predictions import predict_simulators as predict_simulators
 from .spice.check.rules import check_rules as check_rules
-from .spice.check.violation import Violation as Violation
-from .spice.circuit import Circuit as Circuit, Note as Note
-from .spice.power import (
-    IrDrop as IrDrop,
-    PowerBalance as PowerBalance,
-    ir_drop as ir_drop,
-    power_balance as power_balance,
-)
+from .spice.power import ir_drop as ir_drop, power_balance as power_balance
 from .spice.read.deck import read_spice as read_spice
 from .spice.write.files import write_spice as write_spice
 from .wiring import Wiring as Wiring

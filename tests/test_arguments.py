@@ -15,7 +15,9 @@ from matplotlib.figure import Figure
 
 import resgrid as rg
 from resgrid.arguments import Kind, kind_of, kinds_of
+from resgrid.control.simulation import Simulation
 from resgrid.errors import InputError
+from resgrid.planning.planner import Planner
 
 FUNCTIONS = [name for name in rg.__all__ if isinstance(getattr(rg, name), types.FunctionType)]
 WRONG: dict[str, Any] = {
@@ -24,7 +26,7 @@ WRONG: dict[str, Any] = {
     "path": Path("chair.toml"),
     "list": [object()],
     "scene": object.__new__(rg.Scene),
-    "planner": object.__new__(rg.Planner),
+    "planner": object.__new__(Planner),
     "nan": float("nan"),
     "true": True,
     "class": rg.Scene,
@@ -33,7 +35,9 @@ WRONG: dict[str, Any] = {
 
 
 CLASSES = [
-    value for value in (getattr(rg, name) for name in rg.__all__) if isinstance(value, type) and not isabstract(value)
+    value
+    for value in (*(getattr(rg, name) for name in rg.__all__), Planner, Simulation)
+    if isinstance(value, type) and not isabstract(value)
 ]
 PLAIN = (1.0, 1, "auto", None, (1.0, 1.0), [], {}, print, [1], [("a", [])], ("a", []), True)
 
@@ -68,7 +72,7 @@ def test_an_argument_of_the_wrong_type_is_refused_by_name(name: str) -> None:
 
 def test_the_obvious_mistakes_say_what_to_pass() -> None:
     scene = object.__new__(rg.Scene)
-    planner = object.__new__(rg.Planner)
+    planner = object.__new__(Planner)
     for call, words in (
         (lambda: rg.simulation("chair.toml"), ("scene = 'chair.toml'", "rg.read_scene(file)")),
         (lambda: rg.solve(scene), ("netlist = <a Scene>", "rg.compile_space(space)")),

@@ -34,7 +34,6 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_a_path_on_my_map(desk: Path) -> None:
     scene = rg.read_scene("map.yaml", goal=(5, 0))
-    assert isinstance(scene.map, rg.MapCells)
     path = rg.plan(scene).path((-5, -4))
     rg.write_path(path, "path.yaml")
     rg.save_figure(rg.draw(path), "path.png")
@@ -49,30 +48,27 @@ def test_a_chip_and_its_deck(desk: Path) -> None:
     op = rg.solve(netlist)
     rg.write_spice(op, "chip.cir")
     agreement = rg.check_deck("chip.cir")
-    assert isinstance(agreement, rg.Agreement) and agreement.agrees
-    assert isinstance(netlist.cells, rg.CellMap)
+    assert agreement.agrees
+    assert netlist.cells.space is space
 
 
 def test_somebody_s_deck(desk: Path) -> None:
     deck = rg.read_spice("theirs.sp")
-    assert isinstance(deck, rg.Circuit) and isinstance(deck.notes[0], rg.Note)
-    violations = rg.check_rules(deck)
-    assert all(isinstance(violation, rg.Violation) for violation in violations)
-    assert {isinstance(verdict, rg.Prediction) for verdict in rg.predict_simulators(deck)} == {True}
+    assert deck.notes[0].severity == "info"
+    assert {violation.severity for violation in rg.check_rules(deck)} <= {"info", "warning"}
+    assert {verdict.simulator for verdict in rg.predict_simulators(deck)} >= {"ngspice"}
     op = rg.solve(deck)
     drop, balance = rg.ir_drop(op), rg.power_balance(op)
-    assert isinstance(drop, rg.IrDrop) and isinstance(balance, rg.PowerBalance)
     assert drop.drop.max() == pytest.approx(0.6) and balance.delivered == pytest.approx(1.8**2 / 3000)
 
 
 def test_is_this_chip_good_enough(desk: Path) -> None:
     study = rg.study(rg.read_scene("chip.toml"))
     found = study.settling(), study.noise(), study.sensitivity(), study.yields(trials=64)
-    assert isinstance(study, rg.Study)
-    for result, kind in zip(found, (rg.Settling, rg.Noise, rg.Sensitivity, rg.Yield), strict=True):
-        assert isinstance(result, kind) and isinstance(next(iter(result.figures.values())), rg.Figure)
-    assert isinstance(found[-1].overall, rg.Proportion)
-    assert isinstance(study.criticality(seconds=1.0), rg.Criticality)
+    for result in found:
+        assert all(figure.definition for figure in result.figures.values())
+    assert 0 <= found[-1].overall.low <= found[-1].overall.value <= found[-1].overall.high <= 1
+    assert study.criticality(seconds=1.0).examined > 0
 
 
 def test_the_robot_moving(desk: Path) -> None:
@@ -80,7 +76,6 @@ def test_the_robot_moving(desk: Path) -> None:
     sim = rg.simulation(scene, k=0.98)
     run = sim.run()
     rg.draw(run)
-    assert isinstance(sim, rg.Simulation) and isinstance(sim.controller, rg.Controller)
     assert run.ending is rg.Ending.ARRIVED and rg.Mode.LEARNING in run.mode
     front = rg.wavefront(rg.simulation(scene, k=0.98, announce=True, settle="sor"), np.linspace(0.0, 2.0, 3))
     assert len(front.potential) == 3
@@ -93,9 +88,9 @@ def test_what_a_field_tells_of_all_starts(desk: Path) -> None:
     path = rg.streamline(field, (0.5, 0.5))
     short = rg.shorten(path)
     timed = rg.time_path(short, velocity_limits=1.0)
-    assert isinstance(short, rg.ShortPath) and isinstance(timed, rg.Trajectory)
+    assert short.length <= path.length and timed.times[-1] > 0
     ends = rg.streamlines(field, [(0.5, 0.5), (2.5, 4.5)])
-    assert isinstance(ends, rg.Traces) and set(ends.goal) == {0}
+    assert set(ends.goal) == {0}
     assert rg.basins(field)[0, 0] == 0
     netlist = rg.compile_space(field.space)
     walk = rg.random_walk(netlist)
@@ -108,16 +103,15 @@ def test_circuits_in_time(desk: Path) -> None:
         2, [[0, 1]], [1e-3], current_nodes=[[0, 1]], current_amps=[1e-3], capacitor_nodes=[[1, 0]], capacitance=[1e-9]
     )
     motion = rg.transient(netlist, np.linspace(0.0, 1e-5, 11), initial=np.zeros(2))
-    assert isinstance(motion, rg.Transient) and motion.voltage[-1, 1] == pytest.approx(1 - np.exp(-10), rel=1e-4)
-    assert isinstance(rg.transient_stepper(netlist, 1e-7), rg.TransientStepper)
-    watch = rg.Watch()
-    assert rg.factor(netlist).solve([1e-3], watch=watch) == pytest.approx(1.0) and watch.iterations == 0
+    assert motion.voltage[-1, 1] == pytest.approx(1 - np.exp(-10), rel=1e-4)
+    assert rg.transient_stepper(netlist, 1e-7).start(np.zeros(2))[1] == 0.0
+    assert rg.factor(netlist).solve([1e-3]) == pytest.approx(1.0)
 
 
 def test_what_benchmarks_and_engineers_write_is_read(tmp_path: Path) -> None:
     (tmp_path / "a.scen").write_text("version 1\n0\ta.map\t4\t2\t0\t0\t1\t1\t1.4\n")
     (query,) = rg.read_queries(tmp_path / "a.scen")
-    assert isinstance(query, rg.Query) and query.goal == (1, 0)
+    assert query.goal == (1, 0)
     assert rg.parse_quantity("4k7") == 4700.0
     assert issubclass(rg.CertificateError, rg.ResgridError) and issubclass(rg.ToolMissingError, rg.ResgridError)
 
@@ -127,6 +121,7 @@ def test_every_name_stands_in_an_example_a_page_or_a_test() -> None:
     text = "\n".join(file.read_text() for pattern in patterns for file in sorted(PROJECT.glob(pattern)))
     used = set(re.findall(r"\brg\.(\w+)", text))
     assert set(rg.__all__) - {"__version__"} - used == set()
+    assert len(rg.__all__) < 120
     assert re.fullmatch(r"\d+\.\d+.*", rg.__version__)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.hidden import hidden_room
 from test_examples import load
 
 import resgrid as rg
@@ -52,26 +53,13 @@ def test_control_does_as_the_paper_says(made) -> None:
 
 def test_the_ratio_at_which_arrival_fails_is_found(tmp_path: Path) -> None:
     """In a small room: grids that settle fast enough, and hopeless ones."""
-    numbers = load("figures").settling(tmp_path, rg.parse_scene(ROOM, "room"), (30.0, 1e6))
+    numbers = load("figures").settling(
+        tmp_path, rg.parse_scene(hidden_room(k="[]", left=2.0, right=6.5), "room"), (30.0, 1e6)
+    )
     assert {path.name for path in tmp_path.iterdir()} == {"settling.png", "wavefront.png"}
     for method in ("chip", "jacobi", "sor"):
         assert numbers[f"{method}_safe"] == 30.0
         assert numbers[f"{method}_fails"] == 1e6
-
-
-ROOM = """schema = 1
-starts = [[4.2, 7.2]]
-[robot]
-type = "point"
-[grid]
-axes = [{ name = "x", lower = 0, upper = 8, cells = 16 }, { name = "y", lower = 0, upper = 8, cells = 16 }]
-[[goal]]
-point = [4.2, 0.7]
-[[hidden]]
-shape = "rectangle"
-lower = [2.0, 3.0]
-upper = [6.5, 4.0]
-"""
 
 
 @pytest.mark.parametrize("k", [0.0, 0.01, 0.5, 0.99, 1.0])

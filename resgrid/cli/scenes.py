@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from resgrid.chip.build import Form
     from resgrid.circuit.operating_point import OperatingPoint
     from resgrid.netlist import Netlist
-    from resgrid.planning.road import Problem, Solution
+    from resgrid.planning.road import Problem, Solution, Work
     from resgrid.scene import Chip, Scene
     from resgrid.space import ConfigurationSpace
     from resgrid.wiring import Wiring
@@ -53,28 +53,27 @@ class Job:
         """The ideal circuits and fields that the scene asks for, with their drives scaled to the supply."""
         from resgrid.planning.road import solve_problem
 
-        return solve_problem(self.problem, scaled=True, threads=self.threads, observe=_observe)
+        return solve_problem(self.problem, scaled=True, work=self._work)
 
     def solve(self, wiring: Wiring, *, ideal: bool = False) -> OperatingPoint:
         """One circuit of the scene, as its chip is or as an ideal grid."""
-        from resgrid.planning.road import solve_circuit
-
-        return solve_circuit(self.space, threads=self.threads, observe=_observe, **self._circuit(wiring, ideal))
+        return self._work.solve(self.compile(wiring, ideal=ideal), f"solve the {wiring.boundary} chip")
 
     def compile(self, wiring: Wiring, *, ideal: bool = False, scaled: bool = True) -> Netlist:
         """The same circuit unsolved; not scaled, the drive of an ideal one is left as it was compiled."""
+        from resgrid.chip.build import build_chip
         from resgrid.planning.road import compile_circuit
 
-        options = self._circuit(wiring, ideal)
-        scaled = scaled or options["passes"] is not None
-        return compile_circuit(self.space, scaled=scaled, threads=self.threads, observe=_observe, **options)
-
-    def _circuit(self, wiring: Wiring, ideal: bool) -> dict[str, Any]:
-        from resgrid.chip.build import build_chip
-
         if ideal or self.is_ideal:
-            return {"wiring": wiring, "passes": None}
-        return {"wiring": replace(wiring, rails="cells"), "passes": partial(build_chip, chip=self.scene.chip)}
+            return compile_circuit(self.space, wiring, scaled=scaled, work=self._work)
+        passes = partial(build_chip, chip=self.scene.chip)
+        return compile_circuit(self.space, replace(wiring, rails="cells"), passes=passes, work=self._work)
+
+    @property
+    def _work(self) -> Work:
+        from resgrid.planning.road import Work
+
+        return Work(threads=self.threads, observe=_observe)
 
 
 def open_job(source: Source, *, require_goal: bool = True) -> Job:
@@ -125,7 +124,10 @@ def _piped_scene(source: Source) -> Scene:
         return read_scene(file, **source.map_options)
 
 
-FIRST_RUN = "the first solution on this machine also compiles its loops: half a minute, once"
+FIRST_RUN = (
+    "the first solution after an installation also compiles its loops: half a minute, once, or longer on a busy "
+    "machine ('python -m resgrid.warm' compiles all of them beforehand, on all cores)"
+)
 _KEPT_LOOP = "row_kernels.conductances_by_row*.nbi"
 
 

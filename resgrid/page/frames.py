@@ -17,7 +17,7 @@ from resgrid.io.paths import ADVICE
 from resgrid.page.drawing import Drawing
 from resgrid.planning.certify import certify
 from resgrid.planning.fields import Field
-from resgrid.planning.road import Solution, solve_problem
+from resgrid.planning.road import Solution, Work, solve_problem
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.planning.trace import follow, start_points
 from resgrid.space import Cell
@@ -53,7 +53,7 @@ def solve_drawing(drawing: Drawing, *, exact: bool) -> Frame:
         raise InputError("there is no goal: set one with the goal tool")
     if drawing.driven and not len(drawing.starts):
         raise InputError("there is no start to drive the grid: set one, or choose the uniform drive")
-    solution = solve_problem(drawing.problem, solver=solve if exact else _ROUGH)
+    solution = solve_problem(drawing.problem, work=Work(solve if exact else _ROUGH))
     points = start_points(drawing.space, drawing.starts) if len(drawing.starts) else ()
     paths = tuple(_path(field, points[number], exact) for field, number in solution.tasks)
     return Frame(drawing, solution, paths, exact, time.perf_counter() - began)

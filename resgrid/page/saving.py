@@ -14,7 +14,7 @@ from resgrid.errors import InputError
 from resgrid.io.paths import Route, write_routes
 from resgrid.page.drawing import Drawing
 from resgrid.page.frames import solve_drawing
-from resgrid.planning.road import solve_circuit
+from resgrid.planning.road import compile_circuit
 from resgrid.spice.write.files import write_spice
 
 
@@ -83,7 +83,8 @@ def _deck(drawing: Drawing) -> bytes:
     content = io.BytesIO()
     with tempfile.TemporaryDirectory() as folder:
         for name, wiring in problem.wirings.items():
-            write_spice(solve_circuit(problem.space, wiring), Path(folder) / f"{name}.cir", title=drawing.title or name)
+            netlist = compile_circuit(problem.space, wiring)
+            write_spice(netlist, Path(folder) / f"{name}.cir", title=drawing.title or name)
         with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
             for file in sorted(Path(folder).iterdir()):
                 archive.write(file, file.name)

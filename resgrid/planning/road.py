@@ -47,6 +47,24 @@ def unobserved(_stage: str, function: Callable[..., Any], *arguments: Any, **_: 
     return function(*arguments)
 
 
+@dataclass(frozen=True)
+class Work:
+    """How circuits are solved: by what (`resgrid.solve`, perhaps with options), on how many threads, who looks on."""
+
+    solver: Solver = solve
+    threads: int = 1
+    observe: Observe = unobserved
+
+    def solve(self, netlist: Netlist, stage: str) -> OperatingPoint:
+        """Solve a circuit, a stage of that name."""
+        run, seconds = partial(self.solver, threads=self.threads), 0.5 + 4e-6 * netlist.node_count
+        op: OperatingPoint = self.observe(stage, run, netlist, seconds=seconds, iterates=True)
+        return op
+
+
+UNWATCHED = Work()
+
+
 @frozen
 @dataclass(frozen=True, eq=False)
 class Problem:
@@ -200,47 +218,22 @@ def compile_circuit(
     *,
     scaled: bool = True,
     passes: Passes | None = None,
-    threads: int = 1,
-    solver: Solver = solve,
-    observe: Observe = unobserved,
+    work: Work = UNWATCHED,
 ) -> Netlist:
     """Compile one circuit.
 
     `scaled`: solve a uniformly driven one, so that its drive can be scaled and its highest node sits at the supply;
     `passes`: then made a real chip of.
     """
-    seconds = 4e-8 * space.cell.size * space.ndim
-    netlist: Netlist = observe(f"compile the {wiring.boundary} chip", compile_space, space, wiring, seconds=seconds)
+    seconds, stage = 4e-8 * space.cell.size * space.ndim, f"compile the {wiring.boundary} chip"
+    netlist: Netlist = work.observe(stage, compile_space, space, wiring, seconds=seconds)
     if scaled and netlist.current_nodes.size:
-        netlist = scale_drive(netlist, _solved(netlist, "scale its drive to the supply", solver, threads, observe))
+        netlist = scale_drive(netlist, work.solve(netlist, "scale its drive to the supply"))
     return netlist if passes is None else passes(netlist)
 
 
-def solve_circuit(
-    space: ConfigurationSpace,
-    wiring: Wiring,
-    *,
-    scaled: bool = True,
-    passes: Passes | None = None,
-    threads: int = 1,
-    solver: Solver = solve,
-    observe: Observe = unobserved,
-) -> OperatingPoint:
-    """Compile one circuit and solve it; arguments as `compile_circuit`."""
-    common: dict[str, Any] = {"solver": solver, "threads": threads, "observe": observe}
-    netlist = compile_circuit(space, wiring, scaled=scaled, passes=passes, **common)
-    return _solved(netlist, f"solve the {wiring.boundary} chip", **common)
-
-
-def solve_problem(
-    problem: Problem,
-    *,
-    scaled: bool = False,
-    threads: int = 1,
-    solver: Solver = solve,
-    observe: Observe = unobserved,
-) -> Solution:
-    """Solve the ideal circuits of a problem; `solver`: `resgrid.solve`, or what asks it for less.
+def solve_problem(problem: Problem, *, scaled: bool = False, work: Work = UNWATCHED) -> Solution:
+    """Solve the ideal circuits of a problem.
 
     Where nothing drives the Dirichlet half of a blend (no obstacle, no edge that counts as one) it is flat, and what
     flows is the share ``1 - k`` of the Neumann half.  A start that is blocked or cut off drives nothing.
@@ -257,7 +250,8 @@ def solve_problem(
             pure[name] = undriven_field(space, wiring)
             continue
         try:
-            points[name] = solve_circuit(space, wiring, scaled=scaled, threads=threads, solver=solver, observe=observe)
+            netlist = compile_circuit(space, wiring, scaled=scaled, work=work)
+            points[name] = work.solve(netlist, f"solve the {wiring.boundary} chip")
             pure[name] = fields.field(points[name])
         except CircuitError:
             if wiring.is_driven or "neumann" not in wirings:
@@ -270,9 +264,3 @@ def solve_field(space: ConfigurationSpace, wiring: Wiring, k: float | None = Non
     """The field of a space: of one circuit, or with a k of the blend whose k = 1 is that circuit."""
     starts = np.empty((0, space.ndim))
     return solve_problem(Problem(space, wiring, () if k is None else (k,), starts)).fields[0]
-
-
-def _solved(netlist: Netlist, stage: str, solver: Solver, threads: int, observe: Observe) -> OperatingPoint:
-    run = partial(solver, threads=threads)
-    op: OperatingPoint = observe(stage, run, netlist, seconds=0.5 + 4e-6 * netlist.node_count, iterates=True)
-    return op

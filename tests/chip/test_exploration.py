@@ -7,7 +7,7 @@ import pytest
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.chip.yields import chip_with
+from resgrid.chip.yields import Exploration, chip_with
 
 
 def cells() -> rg.ConfigurationSpace:
@@ -45,7 +45,7 @@ def test_every_point_is_a_yield_of_its_own(first: tuple[str, list[float]], secon
 
 def test_the_cheapest_value_is_the_first_from_which_the_yield_stays() -> None:
     share = np.array([[0.5, 0.995, 0.98, 0.99, 1.0], [0.1, 0.2, 0.3, 0.4, 0.5], [1.0, 1.0, 1.0, 1.0, 1.0]])
-    result = rg.Exploration("a", "b", (1, 2, 3), (6, 8, 10, 12, 14), share, share, share, 10, 0.95)
+    result = Exploration("a", "b", (1, 2, 3), (6, 8, 10, 12, 14), share, share, share, 10, 0.95)
     assert result.cheapest(0.99) == [12, None, 6]
     assert result.cheapest(0.5) == [6, 14, 6]
     with pytest.raises(rg.InputError, match="share"):

@@ -11,7 +11,16 @@ from support.dynamics import small_scene
 
 import resgrid as rg
 from resgrid.chip import ANALYSES, sections
+from resgrid.chip.criticality import Criticality
+from resgrid.chip.figures import Figure, Proportion
+from resgrid.chip.noise import Noise
+from resgrid.chip.power import Power
+from resgrid.chip.precision import Precision
 from resgrid.chip.report import report_section
+from resgrid.chip.sensitivity import Sensitivity
+from resgrid.chip.settling import Settling
+from resgrid.chip.studies import Study
+from resgrid.chip.yields import Exploration, Yield
 
 QUESTIONS = ("settling", "noise", "power", "precision", "sensitivity", "yields", "criticality", "exploration")
 QUICK = {"yields": {"trials": 8, "batch": 8}, "criticality": {"seconds": 1e-9}, "exploration": {"trials": 2}}
@@ -23,11 +32,11 @@ def scene() -> rg.Scene:
 
 
 @pytest.fixture(scope="module")
-def made(scene: rg.Scene) -> rg.Study:
+def made(scene: rg.Scene) -> Study:
     return rg.study(scene)
 
 
-def test_a_circuit_is_made_once(made: rg.Study, scene: rg.Scene) -> None:
+def test_a_circuit_is_made_once(made: Study, scene: rg.Scene) -> None:
     assert made.netlist is made.netlist
     assert made.op is made.op
     assert made.op.netlist is made.netlist
@@ -38,13 +47,13 @@ def test_a_circuit_is_made_once(made: rg.Study, scene: rg.Scene) -> None:
 
 
 @pytest.mark.parametrize("question", QUESTIONS)
-def test_every_question_has_figures_that_show_themselves(made: rg.Study, question: str) -> None:
+def test_every_question_has_figures_that_show_themselves(made: Study, question: str) -> None:
     result = getattr(made, question)(**QUICK.get(question, {}))
     assert isinstance(
         result,
-        rg.Settling | rg.Noise | rg.Power | rg.Precision | rg.Sensitivity | rg.Yield | rg.Criticality | rg.Exploration,
+        Settling | Noise | Power | Precision | Sensitivity | Yield | Criticality | Exploration,
     )
-    assert all(isinstance(figure, rg.Figure) and len(figure.definition) > 20 for figure in result.figures.values())
+    assert all(isinstance(figure, Figure) and len(figure.definition) > 20 for figure in result.figures.values())
     assert "array" not in repr(result)
     assert len(repr(result)) < 1000
     for name, figure in result.figures.items():
@@ -54,14 +63,14 @@ def test_every_question_has_figures_that_show_themselves(made: rg.Study, questio
         next(value for value in vars(result).values() if isinstance(value, np.ndarray) and value.size)[...] = 0
 
 
-def test_defaults_are_what_the_chip_says(made: rg.Study, scene: rg.Scene) -> None:
+def test_defaults_are_what_the_chip_says(made: Study, scene: rg.Scene) -> None:
     readout = scene.chip.readout
     assert made.settling().bits == made.bits == readout.bits
     assert made.precision().span == made.settling().span == made.span
     assert made.noise().band == (0.0, readout.noise_bandwidth)
     assert made.noise().temperature == pytest.approx(scene.chip.temperature + 273.15)
     assert made.noise(temperature=100.0, band=(1.0, 2.0)).temperature == 100.0
-    assert isinstance(made.yields(**QUICK["yields"]).overall, rg.Proportion)
+    assert isinstance(made.yields(**QUICK["yields"]).overall, Proportion)
     assert "netlist" not in inspect.signature(made.settling).parameters
 
 
@@ -83,7 +92,7 @@ def test_a_boundary_may_be_another(scene: rg.Scene) -> None:
     assert "boundary" in walled._repr_html_()
 
 
-def test_the_report_has_a_section_for_every_question_of_the_verb(made: rg.Study) -> None:
+def test_the_report_has_a_section_for_every_question_of_the_verb(made: Study) -> None:
     named = {name.removesuffix("_section") for name in vars(sections) if name.endswith("_section")}
     assert named - {""} == set(ANALYSES)
     section = report_section("power", made)

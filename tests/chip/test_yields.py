@@ -18,6 +18,7 @@ from support.spaces import space_of, spaces
 import resgrid as rg
 from resgrid.chip.figures import effective_trials, wilson
 from resgrid.chip.trials import arrivals, converter_of, neighbours_of, prepare, run_trials
+from resgrid.chip.yields import Yield
 from resgrid.die import NOISE, OFFSET, generator
 
 
@@ -187,7 +188,7 @@ CHIP = rg.Chip(
 )
 
 
-def numbers(result: rg.Yield) -> tuple[object, ...]:
+def numbers(result: Yield) -> tuple[object, ...]:
     return (result.trials, result.reached.tolist(), result.complete, result.squares)
 
 

@@ -8,23 +8,9 @@ import io
 import numpy as np
 import pytest
 from PIL import Image
+from support.hidden import hidden_room
 
-ROOM = """schema = 1
-title = "Room"
-starts = [[4.2, 7.2]]
-k = [0.98, 1.0]
-[robot]
-type = "point"
-radius = 0.2
-[grid]
-axes = [{ name = "x", lower = 0, upper = 8, cells = 16 }, { name = "y", lower = 0, upper = 8, cells = 16 }]
-[[goal]]
-point = [4.2, 0.7]
-[[hidden]]
-shape = "rectangle"
-lower = [2.5, 3.0]
-upper = [6.2, 4.0]
-"""
+ROOM = hidden_room(k="[0.98, 1.0]", radius=0.2)
 
 
 @pytest.fixture

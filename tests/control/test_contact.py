@@ -7,6 +7,7 @@ import pytest
 import shapely
 from hypothesis import given, settings, strategies as st
 from scipy.optimize import nnls
+from support.robots import BAR
 
 from resgrid.axis import Axis
 from resgrid.control.contact import Surroundings, solve_contacts, surroundings
@@ -29,12 +30,12 @@ from resgrid.robots.geometry import Pose, obstacles_of
 from resgrid.scene import Scene
 
 PLANE = (Axis("x", -3, 3, 12), Axis("y", -3, 3, 12))
-BAR = PolygonRobot(((-0.5, -0.1), (0.5, -0.1), (0.5, 0.1), (-0.2, 0.3)), turning_length=0.5)
+WEDGE = PolygonRobot(((-0.5, -0.1), (0.5, -0.1), (0.5, 0.1), (-0.2, 0.3)), turning_length=0.5)
 ROBOTS: list[Robot] = [
     PointRobot(),
     PointRobot(0.1),
     DiscRobot(0.3),
-    BAR,
+    WEDGE,
     Arm((1.0, 0.8), widths=(0.1, 0.0)),
     Arm((0.9, 0.7, 0.5), widths=(0.0, 0.06, 0.1), angles="absolute", base=(0.2, -0.1), base_angle=0.3),
     Arm((1.1, 0.9, 0.3)),
@@ -220,8 +221,7 @@ def test_a_stiff_axis_is_felt_as_well(stiff) -> None:
 
 
 def test_a_bar_laid_flat_on_a_box_touches_with_both_ends() -> None:
-    bar = PolygonRobot(((-0.5, -0.1), (0.5, -0.1), (0.5, 0.1), (-0.5, 0.1)), turning_length=0.5)
-    plant = make_plant(bar, (*PLANE, bar.turning_axis(8)), [Box((-2.0, -1.0), (2.0, 0.0))])
+    plant = make_plant(BAR, (*PLANE, BAR.turning_axis(8)), [Box((-2.0, -1.0), (2.0, 0.0))])
     pose = plant.pose(np.array([0.3, 0.101, 0.0]))
     around = surroundings(pose, plant.near(pose, 0.01))
     assert sorted(around.pairs[:, 0].tolist()) == pytest.approx([-0.2, 0.8])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings, strategies as st
 from support.hidden import controlled, square
+from support.robots import BAR
 
 from resgrid.axis import Axis
 from resgrid.control.belief import LiveMap, solve_again
@@ -13,13 +14,12 @@ from resgrid.control.plant import INSIDE, make_plant
 from resgrid.control.simulation import simulation
 from resgrid.errors import CircuitError, InputError
 from resgrid.planning.road import solve_field
-from resgrid.robots import Arm, Ball, Box, DiscRobot, Polygon, PolygonRobot, Robot
+from resgrid.robots import Arm, Ball, Box, DiscRobot, Polygon, Robot
 from resgrid.scene import Scene
 from resgrid.scene.scene import GoalCell
 from resgrid.space import Cell, ConfigurationSpace
 from resgrid.wiring import Wiring
 
-BAR = PolygonRobot(((-0.5, -0.1), (0.5, -0.1), (0.5, 0.1), (-0.5, 0.1)), turning_length=0.5)
 TURNING = (Axis("x", -2, 2, 12), Axis("y", -2, 2, 12), BAR.turning_axis(12))
 ARM = Arm((1.0, 0.8), widths=(0.06, 0.0), self_collision=True, singularity_cells=1)
 PLANE = (Axis("x", -2, 2, 17), Axis("y", -2, 2, 17))

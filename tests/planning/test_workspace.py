@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import shapely
 from hypothesis import given, settings, strategies as st
+from support.robots import BAR
 from support.spaces import space_of
 
 import resgrid as rg
@@ -29,7 +30,6 @@ from resgrid.robots import (
     HalfSpace,
     PointRobot,
     Polygon,
-    PolygonRobot,
     to_shapely,
 )  # fmt: skip
 from resgrid.space import Cell, ConfigurationSpace
@@ -37,7 +37,6 @@ from resgrid.space import Cell, ConfigurationSpace
 ARM = Arm((1.0, 1.0), widths=(0.1, 0.06))
 TORUS = ConfigurationSpace(ARM.axes(8), np.zeros((8, 8)), robot=ARM)
 PLANE = space_of(np.zeros((10, 10)))
-BAR = PolygonRobot(((-0.5, -0.1), (0.5, -0.1), (0.5, 0.1), (-0.5, 0.1)), turning_length=0.5)
 POSES = ConfigurationSpace(
     [Axis("x", 0, 4, 4), Axis("y", 0, 4, 4), BAR.turning_axis(8)], np.zeros((4, 4, 8)), robot=BAR
 )

@@ -1,25 +1,9 @@
 import numpy as np
 import pytest
+from support.hidden import hidden_room
 from support.spaces import space_of
 
 import resgrid as rg
-
-ROOM = """
-schema = 1
-title = "Room"
-starts = [[4.2, 7.2]]
-k = [0.98]
-[robot]
-type = "point"
-[grid]
-axes = [{ name = "x", lower = 0, upper = 8, cells = 16 }, { name = "y", lower = 0, upper = 8, cells = 16 }]
-[[goal]]
-point = [4.2, 0.7]
-[[hidden]]
-shape = "rectangle"
-lower = [2.5, 3.0]
-upper = [6.2, 4.0]
-"""
 
 
 @pytest.fixture(scope="session")
@@ -57,7 +41,7 @@ def line() -> rg.Field:
 
 @pytest.fixture(scope="session")
 def scene() -> rg.Scene:
-    return rg.parse_scene(ROOM, "room")
+    return rg.parse_scene(hidden_room(), "room")
 
 
 @pytest.fixture(scope="session")

@@ -15,6 +15,7 @@ from support.dynamics import small_scene
 from support.spaces import space_of
 
 import resgrid as rg
+from resgrid.planning.planner import Planner
 from resgrid.plot import pictures, render_figure
 from resgrid.plot.figures import figure_of
 
@@ -33,7 +34,7 @@ def small_op() -> rg.OperatingPoint:
 
 
 @cache
-def small_planner() -> rg.Planner:
+def small_planner() -> Planner:
     return rg.plan(small_space(), k=0.5)
 
 

@@ -12,6 +12,7 @@ from support.cli import ROOM
 from support.spaces import space_of
 
 import resgrid as rg
+from resgrid.planning.planner import Planner
 from resgrid.plot.plane import VIRTUAL
 from resgrid.plot.style import FAILURE
 
@@ -26,7 +27,7 @@ def arm() -> rg.Scene:
 
 
 @pytest.fixture(scope="module")
-def planner(arm: rg.Scene) -> rg.Planner:
+def planner(arm: rg.Scene) -> Planner:
     return rg.plan(arm)
 
 

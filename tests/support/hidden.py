@@ -34,3 +34,23 @@ def hiding(hidden: list[Shape], *, robot: Robot | None = None, k: float = 0.98, 
     response = str(options.pop("response", "equipotential"))
     plant = make_plant(robot or DiscRobot(0.2), space.axes, [], hidden)
     return Simulation(controlled(space, k, response=response), plant, **options)  # type: ignore[arg-type]
+
+
+def hidden_room(*, k: str = "[0.98]", radius: float = 0.0, left: float = 2.5, right: float = 6.2) -> str:
+    """A scene's file: a robot above a wall that its map does not show, and a goal below."""
+    return f"""schema = 1
+title = "Room"
+starts = [[4.2, 7.2]]
+k = {k}
+[robot]
+type = "point"
+radius = {radius}
+[grid]
+axes = [{{ name = "x", lower = 0, upper = 8, cells = 16 }}, {{ name = "y", lower = 0, upper = 8, cells = 16 }}]
+[[goal]]
+point = [4.2, 0.7]
+[[hidden]]
+shape = "rectangle"
+lower = [{left}, 3.0]
+upper = [{right}, 4.0]
+"""

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import resgrid as rg
+from resgrid.spice.circuit import Circuit
 from resgrid.spice.dialects import DIALECTS
 
 DECK = """// a divider
@@ -48,7 +49,7 @@ r7 (d 0) resistor r=5m
 """
 
 
-def read(text: str, dialect: str = "auto") -> rg.Circuit:
+def read(text: str, dialect: str = "auto") -> Circuit:
     return rg.read_spice(io.StringIO(text), dialect=dialect)
 
 
