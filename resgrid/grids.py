@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-
 _SMALL = 5000
 """Cells up to which regions are walked cell by cell, in less time than scipy's labels take to be imported."""
 
@@ -42,7 +41,8 @@ def label_regions(mask: NDArray[np.bool_], periodic: ArrayLike, *, corners: bool
 
 def _walk_regions(mask: NDArray[np.bool_], rings: NDArray[np.bool_], *, corners: bool) -> NDArray[np.int32]:
     """The same cell by cell, from the first of every region; `rings` (mask.ndim,)."""
-    steps = [step for step in product((-1, 0, 1), repeat=mask.ndim) if sum(map(abs, step)) in range(1, 1 + (mask.ndim if corners else 1))]
+    farthest = mask.ndim if corners else 1
+    steps = [step for step in product((-1, 0, 1), repeat=mask.ndim) if 0 < np.count_nonzero(step) <= farthest]
     margins = [(1, 1)] * mask.ndim
     inside = np.pad(mask, margins)
     number = np.pad(np.arange(mask.size).reshape(mask.shape), margins)

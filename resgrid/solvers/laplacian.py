@@ -124,9 +124,10 @@ class Laplacian:
         rows = self.any_rows
         if rows.ordered:
             return rows
-        indptr, indices, data = rows[:3] if self.compressed is None else (part.copy() for part in rows[:3])
-        sort_rows(indptr, indices, data)
-        return Rows(indptr, indices, data, ordered=True)
+        if self.compressed is not None:
+            rows = Rows(rows.indptr, rows.indices.copy(), rows.data.copy(), ordered=False)
+        sort_rows(rows.indptr, rows.indices, rows.data)
+        return rows._replace(ordered=True)
 
     @cached_property
     def any_rows(self) -> Rows:
