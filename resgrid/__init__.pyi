@@ -4,11 +4,10 @@ from .axis import Axis as Axis
 from .chip import passes as passes
 from .chip.build import build_chip as build_chip
 from .chip.studies import study as study
-from .circuit.drive import scale_drive as scale_drive
 from .circuit.many import solve_many as solve_many
 from .circuit.nonlinear import small_signal as small_signal
 from .circuit.operating_point import OperatingPoint as OperatingPoint
-from .circuit.solve import factor as factor, solve as solve
+from .circuit.solve import factor as factor, scale_drive as scale_drive, solve as solve
 from .circuit.transient import transient as transient, transient_stepper as transient_stepper
 from .compiler import compile_space as compile_space
 from .control.announced import wavefront as wavefront

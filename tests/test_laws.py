@@ -178,7 +178,7 @@ def dense(netlist: Netlist, voltage: np.ndarray) -> np.ndarray:
 
 
 def test_the_drive_scales_to_the_supply() -> None:
-    from resgrid.circuit.drive import scale_drive
+    from resgrid.circuit.solve import scale_drive
 
     cell = np.zeros((9, 5))
     cell[0, 0] = 2

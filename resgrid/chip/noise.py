@@ -180,7 +180,7 @@ def noise_density(
     when = _checked_frequencies(frequencies)
     kelvin = _checked_temperature(temperature)
     dynamics = dynamics_of(netlist)
-    rows = dynamics.row[node]
+    rows = dynamics.row[node].astype(np.int64)
     density = np.zeros((len(when), len(node)))
     density[:, np.isnan(dynamics.fixed[node])] = np.nan
     inside = np.flatnonzero(rows >= 0)

@@ -21,8 +21,7 @@ from resgrid.chip.modes import (
     slowest_modes,
 )
 from resgrid.chip.motion import SPAN, Motion, motions
-from resgrid.circuit.dynamics import Dynamics, charge_basis, dynamics_of, factor_resolvent
-from resgrid.circuit.energy import EnergyMeter
+from resgrid.circuit.dynamics import Dynamics, EnergyMeter, charge_basis, dynamics_of, factor_resolvent
 from resgrid.circuit.initial import initial_state
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import AccuracyError, InputError

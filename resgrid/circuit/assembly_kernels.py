@@ -119,31 +119,29 @@ def number_rows(
 
 @njit(cache=True)
 def add_contacts(
-    pairs: Indices,
-    conductance: Floats,
-    row: Indices,
-    known: Floats,
-    low: float,
-    high: float,
-    excess: Floats,
+    pairs: Indices, conductance: Floats, row: Indices, offset: Floats, low: float, high: float, ground: Floats,
     feed: Floats,
-) -> bool:
-    """Add the contacts of rows with nodes of known voltage: their conductance, and the current from ``low`` up.
+) -> bool:  # fmt: skip
+    """Add what ties rows to nodes of known voltage, and the current that these, and offsets, drive from ``low`` up.
 
-    Returns whether all those voltages are ``low`` or ``high``.
+    Returns whether all known voltages there are ``low`` or ``high``.
     """
     two = True
     for k in range(len(pairs)):
         a, b = pairs[k, 0], pairs[k, 1]
-        i = row[a]
-        if (i >= 0) == (row[b] >= 0):
+        i, j = row[a], row[b]
+        if i == j:
+            continue
+        if i >= 0 and j >= 0:
+            feed[i] -= conductance[k] * (offset[a] - offset[b])
+            feed[j] += conductance[k] * (offset[a] - offset[b])
             continue
         if i < 0:
-            i, b = row[b], a
-        excess[i] += conductance[k]
-        if known[b] != low:
-            feed[i] += conductance[k] * (known[b] - low)
-            two &= known[b] == high
+            i, a, b = j, b, a
+        ground[i] += conductance[k]
+        if offset[b] != low or offset[a] != 0.0:
+            feed[i] += conductance[k] * ((offset[b] - low) - offset[a])
+            two &= offset[b] == low or offset[b] == high
     return two
 
 
@@ -163,20 +161,6 @@ def rail_contacts(
             to_high[i] += conductance[k]
         else:
             to_low[i] += conductance[k]
-
-
-@njit(cache=True)
-def add_offsets(pairs: Indices, conductance: Floats, row: Indices, offset: Floats, feed: Floats) -> None:
-    """Add what the offsets of floating sources drive through the resistors at rows."""
-    for k in range(len(pairs)):
-        a, b = pairs[k, 0], pairs[k, 1]
-        i, j = row[a], row[b]
-        if i == j:
-            continue
-        if i >= 0:
-            feed[i] -= conductance[k] * (offset[a] - (offset[b] if j >= 0 else 0.0))
-        if j >= 0:
-            feed[j] += conductance[k] * ((offset[a] if i >= 0 else 0.0) - offset[b])
 
 
 @njit(cache=True)

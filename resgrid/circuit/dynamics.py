@@ -3,6 +3,14 @@
 Nodes tied by voltage sources share a row, as in an operating point.  ``G + s C`` with ``s >= 0`` is then a nodal matrix
 of its own, in which a capacitor is a resistor of conductance ``s`` times its capacitance (the companion model of
 Nagel 1975, section 4.3), so that every method that solves operating points solves implicit time steps too.
+
+Energy is told by how far the state has moved and by its integral: no power needs to be integrated. By Tellegen's
+theorem the sources deliver what resistors and capacitors take up, and so they do when the currents are weighted by
+any other voltages ``W`` that the same sources allow: with node voltages ``V = W + P y`` (``P`` from rows to nodes)
+the power is ``W^T G_n V + W^T C_n V' + y^T P^T I``, ``G_n`` and ``C_n`` being the matrices of all nodes and ``I`` the
+currents fed in. For ``W`` the mean voltages are taken, whose ``y`` has no integral. What is left is the power that
+resistors turn into heat at the mean voltages, and the charge that every capacitor takes up, brought there against its
+mean voltage: differences across elements, none of which is counted from ground.
 """
 
 from __future__ import annotations
@@ -14,13 +22,13 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from resgrid.circuit.equations import grid_of
+from resgrid.circuit.equations import grid_of, ground_and_feed, injected_into_rows, number_rows, parts_of
 from resgrid.circuit.sources import SourceForest, tie_sources
 from resgrid.errors import CircuitError, InputError
-from resgrid.netlist import GROUND, Netlist
+from resgrid.netlist import Netlist
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.factors.factor import Factor
-from resgrid.solvers.laplacian import Laplacian
+from resgrid.solvers.laplacian import EdgeList, Laplacian
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +43,7 @@ class Dynamics:
     """
 
     netlist: Netlist
-    row: NDArray[np.int64]
+    row: NDArray[np.int32]
     fixed: NDArray[np.float64]
     conductance: Laplacian
     capacitance: Laplacian
@@ -84,31 +92,31 @@ def dynamics_of(netlist: Netlist) -> Dynamics:
     """Set up the equations of a netlist with capacitors."""
     require_linear(netlist)
     forest = tie_sources(netlist)
-    held = forest.root == forest.root[GROUND]
-    floats = _floating(netlist, held)
-    _check_fed(netlist, floats)
-    row = np.full(netlist.node_count, -1, dtype=np.int64)
-    free = ~held & ~floats
-    _, row[free] = np.unique(forest.root[free], return_inverse=True)
-    fixed = np.where(floats, np.nan, forest.offset)
-    size = int(row.max(initial=-1)) + 1
-    through = netlist.conductance * np.subtract(*fixed[netlist.resistor_nodes.T])
-    ends, amps = np.concatenate([netlist.resistor_nodes, netlist.current_nodes]), [through, netlist.current_amps]
-    a, b = ends.T
-    flow = np.concatenate(amps)
-    grid = grid_of(netlist)
-    grid = None if grid is None else grid.of_rows(row.astype(np.int32))
-    conductance = _laplacian(netlist.resistor_nodes, netlist.conductance, row, size)
-    count = netlist.node_count
-    into = np.bincount(b, flow, count) - np.bincount(a, flow, count)
+    charged = netlist.capacitance > 0
+    capacitors, capacitance = netlist.capacitor_nodes[charged], netlist.capacitance[charged]
+    elements = np.concatenate([netlist.resistor_nodes, capacitors])
+    elements.flags.writeable = False
+    parts = parts_of(netlist, elements, forest)
+    size, row, _, _, floating = number_rows(parts, ~parts.floating, forest)
+    fixed, grid = forest.offset, grid_of(netlist)
+    fixed[floating] = np.nan
+
+    def laplacian(ends: NDArray[np.int32], value: NDArray[np.float64]) -> tuple[Laplacian, NDArray[np.float64]]:
+        every = np.arange(len(ends), dtype=np.int32)
+        ground, feed, _ = ground_and_feed(ends, value, row, every, forest, size)
+        dimensions = 2 if grid is None else grid.dimensions
+        return Laplacian(ground, EdgeList(ends, value, row), grid=grid, dimensions=dimensions), feed
+
+    conductance, feed = laplacian(netlist.resistor_nodes, netlist.conductance)
+    injected = injected_into_rows(netlist, row, size)
     return Dynamics(
         netlist=netlist,
         row=row,
         fixed=fixed,
-        conductance=replace(conductance, grid=grid, dimensions=2 if grid is None else grid.dimensions),
-        capacitance=_laplacian(netlist.capacitor_nodes, netlist.capacitance, row, size),
-        drive=np.bincount(row[free], into[free], size).astype(np.float64),
-        floating=np.flatnonzero(floats),
+        conductance=conductance,
+        capacitance=laplacian(capacitors, capacitance)[0],
+        drive=feed + injected if injected.size else feed,
+        floating=floating,
         forest=forest,
     )
 
@@ -118,9 +126,13 @@ def factor_resolvent(dynamics: Dynamics, rate: float, method: str = "auto") -> F
     G, C = dynamics.conductance, dynamics.capacitance
     if rate == 0.0:
         require_grounded(dynamics)
-    edges = sparse.csr_array(G.edges + rate * C.edges) if rate else G.edges
-    matrix = Laplacian(G.ground + rate * C.ground, compressed=edges, grid=G.grid, dimensions=G.dimensions)
-    return factor_laplacian(matrix, method)
+        return factor_laplacian(G, method)
+    ground = G.ground + rate * C.ground
+    if not C.edges.nnz:
+        return factor_laplacian(replace(G, ground=ground), method)
+    grid = None if G.grid is None else G.grid.of_rows(dynamics.row)
+    edges = sparse.csr_array(G.edges + rate * C.edges)
+    return factor_laplacian(Laplacian(ground, compressed=edges, grid=grid, dimensions=G.dimensions), method)
 
 
 def require_linear(netlist: Netlist) -> None:
@@ -176,35 +188,32 @@ def charge_basis(dynamics: Dynamics) -> ChargeBasis:
     return ChargeBasis(charged, sparse.coo_array(entries, shape=(n, int(loose.sum()))).tocsr())
 
 
-def _laplacian(ends: NDArray[np.int32], value: NDArray[np.float64], row: NDArray[np.int64], size: int) -> Laplacian:
-    rows = row[ends]
-    present = value > 0
-    inner = (rows >= 0).all(axis=1) & (rows[:, 0] != rows[:, 1]) & present
-    a, b = rows[inner].astype(np.int32).T
-    v = value[inner]
-    entries = (np.concatenate([v, v]), (np.concatenate([a, b]), np.concatenate([b, a])))
-    border = ((rows >= 0).sum(axis=1) == 1) & present
-    ground = np.bincount(rows[border].max(axis=1), value[border], size).astype(np.float64)
-    return Laplacian(ground, compressed=sparse.coo_array(entries, shape=(size, size)).tocsr())
+@dataclass(frozen=True, eq=False)
+class EnergyMeter:
+    """What all sources deliver, and what the capacitors hold."""
+
+    dynamics: Dynamics
+
+    def delivered(self, time: float, change: NDArray[np.float64], integral: NDArray[np.float64]) -> float:
+        """Energy that sources have delivered since 0+, in joules; floating parts count nothing.
+
+        Shapes: `change` (n,), `integral` (n,).
+        """
+        if not time > 0.0:
+            return 0.0
+        netlist = self.dynamics.netlist
+        mean = self.dynamics.voltage(integral / time)
+        heat = netlist.conductance * _across(mean, netlist.resistor_nodes) ** 2
+        moved = netlist.capacitance * _across(self.dynamics.at_nodes(change), netlist.capacitor_nodes)
+        return float(time * heat.sum() + moved @ _across(mean, netlist.capacitor_nodes))
+
+    def stored(self, voltage: NDArray[np.float64]) -> float:
+        """Energy in the capacitors at node voltages, in joules."""
+        netlist = self.dynamics.netlist
+        return float(0.5 * np.sum(netlist.capacitance * _across(voltage, netlist.capacitor_nodes) ** 2))
 
 
-def _floating(netlist: Netlist, held: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Nodes of the parts, joined by any passive element or voltage source, that have no rail."""
-    ends = np.concatenate(
-        [netlist.resistor_nodes, netlist.capacitor_nodes[netlist.capacitance > 0], netlist.source_nodes]
-    )
-    count = netlist.node_count
-    graph = sparse.coo_array((np.ones(len(ends), dtype=np.int8), tuple(ends.T)), shape=(count, count))
-    number, part = connected_components(graph, directed=False)
-    has_rail = np.bincount(part, held, number) > 0
-    return np.asarray(~has_rail[part])
-
-
-def _check_fed(netlist: Netlist, floats: NDArray[np.bool_]) -> None:
-    fed = netlist.current_nodes[netlist.current_amps != 0].ravel()
-    stuck = fed[floats[fed]]
-    if stuck.size:
-        raise CircuitError(
-            f"a current source feeds node {netlist.node_name(int(stuck.min()))}, which nothing ties to ground: its "
-            "voltage has no bound, or none that is known; add a resistor or capacitor to a rail, or remove the source"
-        )
+def _across(voltage: NDArray[np.float64], nodes: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Voltage across elements, 0 where it floats."""
+    first, second = voltage[nodes.T]
+    return np.asarray(np.nan_to_num(first - second))

@@ -22,17 +22,19 @@ class Equations:
     `forest`: how the voltage sources tie the nodes; `unknown` (nodes,): row of every node that is solved for, -1
     elsewhere; nodes tied by floating sources share a row; `laplacian` (n, n): conductances between the rows, and from
     them to nodes of known voltage; it tells the two rails apart, if the known voltages take just two values and
-    nothing else drives the circuit; `feed` (n,): current that the known voltages drive into every row, measured from
-    `reference`, in amperes; read-only where there is none; `injected` (n,): current that current sources drive into
-    every row, in amperes, likewise; `reference`: the lowest known voltage in contact with the rows, in volts;
-    `undriven`: nodes of parts that a single rail holds; `undriven_volts`: their voltages; `floating`: nodes that
-    nothing ties to ground.
+    nothing else drives the circuit; `contacts` (c,): the resistors of which `feed` and ground conductances are made:
+    those at nodes of known voltage, or all where floating sources lift nodes above their rows; `feed` (n,): current
+    that the known voltages drive into every row, measured from `reference`, in amperes; read-only where there is none;
+    `injected` (n,): current that current sources drive into every row, in amperes, likewise; `reference`: the lowest
+    known voltage in contact with the rows, in volts; `undriven`: nodes of parts that a single rail holds;
+    `undriven_volts`: their voltages; `floating`: nodes that nothing ties to ground.
     """
 
     netlist: Netlist
     forest: SourceForest
     unknown: NDArray[np.int32]
     laplacian: Laplacian
+    contacts: NDArray[np.int32]
     feed: NDArray[np.float64]
     injected: NDArray[np.float64]
     reference: float
@@ -64,6 +66,15 @@ class Equations:
         known[self.undriven] = self.undriven_volts
         return known
 
+    def with_conductance(self, conductance: NDArray[np.float64]) -> tuple[Laplacian, NDArray[np.float64]]:
+        """The matrix of the same circuit with other conductances, and their `feed`.  Shapes: (resistors,)."""
+        ends = self.netlist.resistor_nodes
+        ground, feed, _ = ground_and_feed(
+            ends, conductance, self.unknown, self.contacts, self.forest, self.size, self.reference
+        )
+        listed = EdgeList(ends, conductance, self.unknown)
+        return Laplacian(ground, listed, grid=self.laplacian.grid, dimensions=self.laplacian.dimensions), feed
+
     @property
     def drive(self) -> NDArray[np.float64]:
         """All that drives the rows, in amperes, shape (n,): feed and injected currents together."""
@@ -86,13 +97,13 @@ class Equations:
 
 
 @dataclass(frozen=True, eq=False)
-class _Parts:
+class Parts:
     """Connected parts of the nodes that no source ties to ground, and what holds each part.
 
     `of_node` (nodes,): number of every node's part, -1 for nodes tied to ground; `lowest, highest` (parts,): the
-    range of known voltages that a part's resistors reach, in volts; infinite where they reach none; `fed` (parts,):
-    whether current sources or the offsets of floating voltage sources drive it; `contacts` (c,): the resistors
-    between parts and nodes tied to ground; `ends` (c, 2): their nodes.
+    range of known voltages that a part's elements reach, in volts; infinite where they reach none; `fed` (parts,):
+    whether current sources or the offsets of floating voltage sources drive it; `contacts` (c,): the elements
+    between parts and nodes tied to ground.
     """
 
     of_node: NDArray[np.int32]
@@ -100,43 +111,35 @@ class _Parts:
     highest: NDArray[np.float64]
     fed: NDArray[np.bool_]
     contacts: NDArray[np.int32]
-    ends: NDArray[np.int32]
 
     @property
     def floating(self) -> NDArray[np.bool_]:
+        """Whether a part reaches no known voltage, shape (parts,)."""
         return ~np.isfinite(self.lowest)
 
     @property
     def driven(self) -> NDArray[np.bool_]:
+        """Whether anything flows in a part, shape (parts,)."""
         return ~self.floating & (self.fed | (self.highest > self.lowest))
 
 
 def assemble(netlist: Netlist) -> Equations:
-    """Set up the nodal equations.
+    """Set up the nodal equations of an operating point.
 
     Sources are merged first; parts that nothing ties to ground, and parts that a single rail holds at its own voltage,
     are set apart: only what is driven is left to be solved.
     """
-    from resgrid.circuit import assembly_kernels as assembly
-
     forest = tie_sources(netlist)
-    held, offset = forest.order[forest.base == GROUND], forest.offset
-    parts = _parts(netlist, forest, held, offset)
-    _refuse_fed(netlist, parts)
+    parts = parts_of(netlist, netlist.resistor_nodes, forest)
     driven = parts.driven
-    alone = None if driven.any() else _between_rails(netlist, offset, parts)  # the parts are numbered anew in place
+    alone = None if driven.any() else _between_rails(netlist, forest.offset, parts)
     low, high = parts.lowest[driven].min(initial=np.inf), parts.highest[driven].max(initial=-np.inf)
-    root = forest.root if len(held) < len(forest.order) else np.empty(0, dtype=np.int64)
-    size, undriven, volts, floating = assembly.number_rows(parts.of_node, driven, parts.lowest, root)
-    unknown = parts.of_node
-    reference = float(low) if size else 0.0
-    ground, feed, injected = np.zeros(size), np.zeros(size), np.zeros(size if len(netlist.current_nodes) else 0)
-    touching = netlist.conductance[parts.contacts]
-    two = assembly.add_contacts(parts.ends, touching, unknown, offset, reference, high, ground, feed)
-    assembly.add_injected(netlist.current_nodes, netlist.current_amps, unknown, injected)
-    lifted = _lifted(forest, unknown)
-    if lifted:
-        assembly.add_offsets(netlist.resistor_nodes, netlist.conductance, unknown, offset, feed)
+    size, unknown, undriven, volts, floating = number_rows(parts, driven, forest)
+    lifted = bool(np.any((unknown[forest.order] >= 0) & (forest.height != 0)))
+    contacts = np.arange(len(netlist.conductance), dtype=np.int32) if lifted else parts.contacts
+    ends, reference = netlist.resistor_nodes, float(low) if size else 0.0
+    ground, feed, two = ground_and_feed(ends, netlist.conductance, unknown, contacts, forest, size, reference, high)
+    injected = injected_into_rows(netlist, unknown, size)
     if alone is not None:
         low, high, two = alone
     plain = two and low < high and not lifted and not injected.any()
@@ -147,11 +150,12 @@ def assemble(netlist: Netlist) -> Equations:
         unknown=unknown,
         laplacian=Laplacian(
             ground,
-            listed=EdgeList(netlist.resistor_nodes, netlist.conductance, unknown),
+            listed=EdgeList(ends, netlist.conductance, unknown),
             grid=grid,
             dimensions=2 if grid is None else grid.dimensions,
-            rails=_rails(netlist, parts.contacts, unknown, forest, float(low), float(high)) if plain else None,
+            rails=_rails(netlist, contacts, unknown, forest, float(low), float(high)) if plain else None,
         ),
+        contacts=contacts,
         feed=_without_memory(feed, size),
         injected=_without_memory(injected, size),
         reference=reference,
@@ -159,6 +163,91 @@ def assemble(netlist: Netlist) -> Equations:
         undriven_volts=volts,
         floating=floating,
     )
+
+
+def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest) -> Parts:
+    """Find the parts that elements and voltage sources join; none that floats may be fed.  Shapes: `elements` (m, 2).
+
+    Raises
+    ------
+    CircuitError
+        If a current source feeds a part that nothing ties to ground.
+    """
+    from resgrid.circuit.assembly_kernels import join_parts, known_range, mark_fed, number_parts
+
+    part = np.arange(netlist.node_count, dtype=np.int32)
+    part[forest.order[forest.base == GROUND]] = -1
+    room = np.empty(max(len(elements), len(netlist.source_nodes)), dtype=np.int32)
+    contacts = room[: join_parts(elements, part, room)].copy()
+    join_parts(netlist.source_nodes, part, room)
+    number = number_parts(part)
+    lowest, highest = np.full(number, np.inf), np.full(number, -np.inf)
+    known_range(np.take(elements, contacts, axis=0), forest.offset, part, lowest, highest)
+    fed = np.zeros(number, dtype=np.bool_)
+    mark_fed(netlist.current_nodes, netlist.current_amps, part, fed)
+    fed[part[forest.order[(forest.base != GROUND) & (forest.height != 0)]]] = True
+    parts = Parts(part, lowest, highest, fed, contacts)
+    if np.any(fed & parts.floating):
+        _refuse_fed(netlist, parts)
+    return parts
+
+
+def _refuse_fed(netlist: Netlist, parts: Parts) -> None:
+    fed = netlist.current_nodes[netlist.current_amps != 0].ravel()
+    stuck = fed[(parts.of_node[fed] >= 0) & parts.floating[parts.of_node[fed]]]
+    if stuck.size:
+        raise CircuitError(
+            f"a current source feeds node {netlist.node_name(int(stuck.min()))}, which nothing ties to ground: "
+            "its voltage has no bound, or none that is known; add a resistor to a rail or remove the source"
+        )
+
+
+def number_rows(
+    parts: Parts, solved: NDArray[np.bool_], forest: SourceForest
+) -> tuple[int, NDArray[np.int32], NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
+    """Give the nodes of the parts that are to be solved their rows; those that sources tie share one.
+
+    Shapes: `solved` (parts,).  Returns how many rows there are, `unknown` (nodes,), the nodes of the other parts and
+    their voltages, and the nodes that float.
+    """
+    from resgrid.circuit import assembly_kernels
+
+    unknown = parts.of_node.copy()
+    root = forest.root if np.any(forest.base != GROUND) else np.empty(0, dtype=np.int64)
+    size, others, volts, floating = assembly_kernels.number_rows(unknown, solved, parts.lowest, root)
+    return size, unknown, others, volts, floating
+
+
+def ground_and_feed(
+    ends: NDArray[np.int32],
+    conductance: NDArray[np.float64],
+    unknown: NDArray[np.int32],
+    contacts: NDArray[np.int32],
+    forest: SourceForest,
+    size: int,
+    low: float = 0.0,
+    high: float = np.inf,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], bool]:
+    """What ties every row to known voltages, and what these drive into it, measured from ``low``.
+
+    Shapes: `ends` (m, 2), `conductance` (m,), `contacts` (c,): the elements to look at; returns `ground` (n,), `feed`
+    (n,), and whether all these voltages are ``low`` or ``high``.
+    """
+    from resgrid.circuit.assembly_kernels import add_contacts
+
+    ground, feed = np.zeros(size), np.zeros(size)
+    pairs = np.take(ends, contacts, axis=0)
+    two = add_contacts(pairs, conductance[contacts], unknown, forest.offset, low, float(high), ground, feed)
+    return ground, feed, two
+
+
+def injected_into_rows(netlist: Netlist, unknown: NDArray[np.int32], size: int) -> NDArray[np.float64]:
+    """What current sources drive into every row, in amperes, shape (n,)."""
+    from resgrid.circuit.assembly_kernels import add_injected
+
+    injected = np.zeros(size if len(netlist.current_nodes) else 0)
+    add_injected(netlist.current_nodes, netlist.current_amps, unknown, injected)
+    return injected
 
 
 def grid_of(netlist: Netlist) -> Grid | None:
@@ -174,41 +263,7 @@ def _without_memory(currents: NDArray[np.float64], size: int) -> NDArray[np.floa
     return currents if currents.any() else np.broadcast_to(0.0, size)
 
 
-def _parts(netlist: Netlist, forest: SourceForest, held: NDArray[np.int64], volts: NDArray[np.float64]) -> _Parts:
-    from resgrid.circuit.assembly_kernels import join_parts, known_range, mark_fed, number_parts
-
-    part = np.arange(netlist.node_count, dtype=np.int32)
-    part[held] = -1
-    room = np.empty(max(len(netlist.resistor_nodes), len(netlist.source_nodes)), dtype=np.int32)
-    contacts = room[: join_parts(netlist.resistor_nodes, part, room)].copy()
-    join_parts(netlist.source_nodes, part, room)
-    number = number_parts(part)
-    lowest, highest = np.full(number, np.inf), np.full(number, -np.inf)
-    ends = np.take(netlist.resistor_nodes, contacts, axis=0)
-    known_range(ends, volts, part, lowest, highest)
-    fed = np.zeros(number, dtype=np.bool_)
-    mark_fed(netlist.current_nodes, netlist.current_amps, part, fed)
-    fed[part[forest.order[(forest.base != GROUND) & (forest.height != 0)]]] = True
-    return _Parts(part, lowest, highest, fed, contacts, ends)
-
-
-def _lifted(forest: SourceForest, unknown: NDArray[np.int32]) -> bool:
-    """Whether a floating source holds a node above another one that is solved for."""
-    return bool(np.any((unknown[forest.order] >= 0) & (forest.height != 0)))
-
-
-def _refuse_fed(netlist: Netlist, parts: _Parts) -> None:
-    if np.any(parts.fed & parts.floating):
-        fed = netlist.current_nodes[netlist.current_amps != 0].ravel()
-        stuck = fed[(parts.of_node[fed] >= 0) & parts.floating[parts.of_node[fed]]]
-        if stuck.size:
-            raise CircuitError(
-                f"a current source feeds node {netlist.node_name(int(stuck.min()))}, which nothing ties to ground: "
-                "its voltage has no bound; add a resistor to a rail or remove the source"
-            )
-
-
-def _between_rails(netlist: Netlist, volts: NDArray[np.float64], parts: _Parts) -> tuple[float, float, bool]:
+def _between_rails(netlist: Netlist, volts: NDArray[np.float64], parts: Parts) -> tuple[float, float, bool]:
     """The lowest and the highest known voltage that resistors join to others, and whether there are just two.
 
     Where there is none, nothing flows: of the chip of a space that is an error, any other circuit is at rest.

@@ -11,19 +11,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.budget import require_memory
-from resgrid.circuit.equations import assemble
+from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.linear import solve_linear
-from resgrid.circuit.pattern import Pattern, pattern_of
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
-from resgrid.solvers.batch import FactoredBatch, GridBatch, factored_batch, grid_batch
+from resgrid.solvers.batch import Chip, FactoredBatch, GridBatch, factored_batch, grid_batch
 from resgrid.solvers.factors.factor import check_rtol
+from resgrid.solvers.laplacian import EdgeList, Laplacian
 
 CHUNK = 16
 """Chips that one task of an executor solves."""
 
 _SMALL = 1000
 """Rows up to which factors are quicker than multigrid."""
+
+_FEW = 1000
+"""Resistors that tell in which unit a chip is solved."""
 
 _MOST_CONTRAST = 1e3
 """Between the nominal chip's conductances, up to which its levels precondition others."""
@@ -36,17 +39,40 @@ _MOST_FACTORED = 1e10
 class Batch:
     """What all chips of a kind share.
 
-    `pattern`: how their equations follow from their conductances; `solver`: solves them; None where they have too
-    little in common, so that each is solved by itself.
+    `system`: the nominal chip's equations; rows and entries stay where they are; `source` (entries,): the resistor
+    behind every entry of its matrix's edges; None where resistors are in parallel; `solver`: solves for chips; None
+    where they have too little in common, so that each is solved by itself.
     """
 
-    pattern: Pattern
+    system: Equations
+    source: NDArray[np.int64] | None
     solver: GridBatch | FactoredBatch | None
 
     @property
     def name(self) -> str:
         """The method."""
         return "one by one" if self.solver is None else self.solver.name
+
+    def chip(self, conductance: NDArray[np.float64]) -> Chip:
+        """The equations of a chip of other conductances, shape (resistors,), in siemens."""
+        system = self.system
+        matrix, feed = system.with_conductance(conductance)
+        entries = matrix.edges.data if self.source is None else conductance[self.source]
+        with np.errstate(over="ignore"):
+            times = conductance / system.netlist.conductance
+        few = times[:: max(1, len(times) // _FEW)]
+        mostly = float(2.0 ** np.round(np.log2(np.median(few))))
+        return Chip(entries, matrix.ground, feed + system.injected, mostly, float(times.min()))
+
+    def voltages(self, solution: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Voltages of all nodes, shape (chips, nodes), from those of the rows, (chips, n); NaN where a node floats."""
+        system = self.system
+        node = np.flatnonzero(system.unknown >= 0)
+        voltage = np.tile(system.known, (len(solution), 1))
+        row, base = system.unknown[node], system.reference + system.forest.offset[node]
+        for volts, x in zip(voltage, solution, strict=True):
+            volts[node] = x[row] + base
+        return voltage
 
 
 def solve_many(
@@ -115,26 +141,38 @@ def prepare_batch(netlist: Netlist) -> Batch | None:
     system = assemble(netlist)
     if not system.size:
         return None
-    pattern, matrix = pattern_of(system), system.laplacian
+    matrix, source = system.laplacian, _sources_of_entries(system)
     weakest = min(float(matrix.diagonal.min()), float(matrix.edges.data.min(initial=np.inf)))
     contrast = float(matrix.diagonal.max()) / weakest
     if system.size > _SMALL and contrast <= _MOST_CONTRAST:
         solver = grid_batch(matrix, system.drive)
         if solver is not None:
-            return Batch(pattern, solver)
-    return Batch(pattern, factored_batch(matrix, system.drive) if contrast <= _MOST_FACTORED else None)
+            return Batch(system, source, solver)
+    return Batch(system, source, factored_batch(matrix, system.drive) if contrast <= _MOST_FACTORED else None)
 
 
 def solve_batch(batch: Batch, conductance: NDArray[np.float64], *, rtol: float = 1e-10) -> NDArray[np.float64]:
     """Voltages of some chips, shape (chips, nodes)."""
-    pattern, count = batch.pattern, len(conductance)
-    solution, reached = np.zeros((count, pattern.system.size)), np.zeros(count, dtype=np.bool_)
+    count = len(conductance)
+    solution, reached = np.zeros((count, batch.system.size)), np.zeros(count, dtype=np.bool_)
     if batch.solver is not None:
-        batch.solver.solve(map(pattern.chip, conductance), rtol, solution, reached)
-    voltage = pattern.voltages(solution)
+        batch.solver.solve(map(batch.chip, conductance), rtol, solution, reached)
+    voltage = batch.voltages(solution)
     for chip in np.flatnonzero(~reached):
-        voltage[chip] = _alone(pattern.system.netlist, conductance[chip])
+        voltage[chip] = _alone(batch.system.netlist, conductance[chip])
     return voltage
+
+
+def _sources_of_entries(system: Equations) -> NDArray[np.int64] | None:
+    """The resistor behind every entry of the edges, where each has one: conductances tell, if they are its number."""
+    ends, edges = system.netlist.resistor_nodes, system.laplacian.edges
+    number = np.arange(1.0, len(ends) + 1.0)
+    rows = system.unknown[ends]
+    inner = np.count_nonzero((rows >= 0).all(axis=1) & (rows[:, 0] != rows[:, 1]))
+    if edges.nnz != 2 * inner:
+        return None
+    numbered = Laplacian(system.laplacian.ground, EdgeList(ends, number, system.unknown))
+    return numbered.edges.data.astype(np.int64) - 1
 
 
 def _alone(netlist: Netlist, conductance: NDArray[np.float64]) -> NDArray[np.float64]:

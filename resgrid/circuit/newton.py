@@ -17,15 +17,12 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from resgrid.circuit.equations import Equations, assemble
-from resgrid.circuit.readout import injected_currents
 from resgrid.circuit.saturation import refuse_saturated_cut
 from resgrid.errors import AccuracyError
 from resgrid.netlist import Netlist
 from resgrid.solvers.choose import factor_laplacian
-from resgrid.solvers.laplacian import Laplacian
 
 MOST_STEPS = 200
 _EPS = float(np.finfo(np.float64).eps)
@@ -167,12 +164,6 @@ class _Circuit:
         fixed = np.nan_to_num(self.system.known - self.system.reference)
         return np.where(self.system.unknown >= 0, self.system.forest.offset, fixed)
 
-    @cached_property
-    def injected(self) -> NDArray[np.float64]:
-        solved = self.system.unknown >= 0
-        amps = injected_currents(self.netlist)[solved]
-        return np.asarray(np.bincount(self.system.unknown[solved], amps, self.system.size), dtype=np.float64)
-
     def height(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Voltage above the reference, shape (nodes,)."""
         unknown = self.system.unknown
@@ -200,7 +191,7 @@ class _Circuit:
         amps = np.append(netlist.conductance * d[:m], tanh)
         high = np.abs(self.height(x))
         error = 4 * _EPS * (self.slopes(d) * (high[self.ends[:, 0]] + high[self.ends[:, 1]]) + np.abs(amps))
-        excess, noise = -self.injected, 4 * _EPS * np.abs(self.injected)
+        excess, noise = -self.system.injected, 4 * _EPS * np.abs(self.system.injected)
         for column, sign in ((0, 1.0), (1, -1.0)):
             row = self.rows[:, column]
             solved = row >= 0
@@ -213,7 +204,7 @@ class _Circuit:
         m = len(self.netlist.conductance)
         linear = self.netlist.conductance * np.abs(d[:m])
         tanh = self.netlist.nonlinear_current * np.tanh(np.abs(d[m:]) / self.netlist.nonlinear_voltage)
-        return float(max(linear.max(initial=0.0), tanh.max(initial=0.0), np.abs(self.injected).max(initial=0.0)))
+        return float(max(linear.max(initial=0.0), tanh.max(initial=0.0), np.abs(self.system.injected).max(initial=0.0)))
 
     def saturation(self, d: NDArray[np.float64]) -> float:
         """Largest ``dV / V0`` across a nonlinear resistor."""
@@ -227,28 +218,13 @@ class _Circuit:
         with np.errstate(over="ignore"):
             stored = float(0.5 * np.sum(netlist.conductance * d[:m] ** 2))
         stored += float(np.sum(netlist.nonlinear_current * netlist.nonlinear_voltage * log_cosh))
-        fed = self.injected * x
+        fed = self.system.injected * x
         return stored - float(fed.sum()), stored + float(np.abs(fed).sum())
 
     def secants(self, d: NDArray[np.float64]) -> NDArray[np.float64]:
         """Secant conductance of every element."""
         m = len(self.netlist.conductance)
         return np.append(self.netlist.conductance, secant_conductance(self.netlist, d[m:]))
-
-    def linear(self, g: NDArray[np.float64]) -> Laplacian:
-        """The matrix of a conductance for every element."""
-        (a, b), size = self.rows.T, self.system.size
-        inner = (a >= 0) & (b >= 0) & (a != b)
-        contact = (a >= 0) != (b >= 0)
-        pairs = a[inner].astype(np.int32), b[inner].astype(np.int32)
-        entries = np.append(g[inner], g[inner]), (np.append(*pairs), np.append(*pairs[::-1]))
-        nominal = self.system.laplacian
-        return Laplacian(
-            np.asarray(np.bincount(np.maximum(a, b)[contact], g[contact], size), dtype=np.float64),
-            compressed=sparse.coo_array(entries, shape=(size, size)).tocsr(),
-            grid=None if nominal.grid is None else nominal.grid.of_rows(self.system.unknown),
-            dimensions=nominal.dimensions,
-        )
 
 
 def _step(
@@ -259,7 +235,9 @@ def _step(
     here, size = circuit.content(x)
     choices: list[tuple[float, NDArray[np.float64], float]] = []
     try:
-        direction = factor_laplacian(circuit.linear(circuit.slopes(d)), method).solve(-excess, rtol=1e-8)
+        direction = factor_laplacian(circuit.system.with_conductance(circuit.slopes(d))[0], method).solve(
+            -excess, rtol=1e-8
+        )
         share = _share(circuit, x, direction, excess)
         there = circuit.content(x + share * direction)[0]
         if share >= _WORTHWHILE and there <= here + _ROUNDING * size:
@@ -267,7 +245,8 @@ def _step(
         choices.append((there, share * direction, share))
     except AccuracyError:  # differential conductances that vanish can leave the matrix singular
         pass
-    move = factor_laplacian(circuit.linear(circuit.secants(d)), method).solve(-excess, rtol=1e-8)
+    matrix, _ = circuit.system.with_conductance(circuit.secants(d))
+    move = factor_laplacian(matrix, method).solve(-excess, rtol=1e-8)
     choices.append((circuit.content(x + move)[0], move, 0.0))
     _, move, share = min(choices, key=lambda choice: choice[0])
     return move, share

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.circuit.equations import Equations
-from resgrid.circuit.readout import injected_currents
 from resgrid.errors import CircuitError
 from resgrid.netlist import Netlist
 
@@ -30,7 +29,7 @@ _MARGIN = 1e-12
 
 def refuse_saturated_cut(netlist: Netlist, system: Equations) -> None:
     """Refuse a circuit whose current sources exceed what a cut through nonlinear resistors can carry."""
-    injected = _rows_fed(netlist, system)
+    injected = system.injected
     demand = max(float(injected[injected > 0].sum()), float(-injected[injected < 0].sum()))
     if demand == 0:
         return
@@ -58,12 +57,6 @@ def _message(
         f"between {names[0]} and {names[1]}) carry less than {capacity:.6g} A, the sum of their I0; "
         "feed less current, or raise I0"
     )
-
-
-def _rows_fed(netlist: Netlist, system: Equations) -> NDArray[np.float64]:
-    solved = system.unknown >= 0
-    amps = np.bincount(system.unknown[solved], injected_currents(netlist)[solved], system.size)
-    return np.asarray(amps, dtype=np.float64)
 
 
 def _tightest(

@@ -1,8 +1,10 @@
-"""Solve a netlist, or factor it once for many right-hand sides."""
+"""Solve a netlist, factor it once for many right-hand sides, or scale its drive."""
 
 from __future__ import annotations
 
 from typing import Protocol
+
+import numpy as np
 
 from resgrid.arguments import check_whole
 from resgrid.circuit.circuit_factor import CircuitFactor, factor_circuit
@@ -121,6 +123,40 @@ def factor(netlist: Netlist | Deck, *, method: str = "auto") -> CircuitFactor:
     if not system.size:
         raise InputError("there is nothing to factor: the rails hold every node")
     return factor_circuit(system, method)
+
+
+def scale_drive(netlist: Netlist, point: OperatingPoint) -> Netlist:
+    """Scale the uniform drive so that the highest node sits at the supply.
+
+    The circuit is linear: its voltages above the goal rail scale with the currents fed in.
+
+    Parameters
+    ----------
+    netlist : Netlist
+        Compiled with ``drive="uniform"``.
+    point : OperatingPoint
+        Its operating point.
+
+    Returns
+    -------
+    Netlist
+        The same circuit with other ``current_amps``.
+
+    Raises
+    ------
+    InputError
+        If the netlist has no uniform drive, has nonlinear resistors, or the operating point is of another netlist.
+    """
+    cell_map = netlist.cell_map
+    if cell_map is None or cell_map.wiring.drive != "uniform":
+        raise InputError("only a netlist compiled with drive = 'uniform' has a drive to scale")
+    if netlist.nonlinear_nodes.size:
+        raise InputError("the voltages of a circuit with nonlinear resistors do not scale with its drive")
+    if not point.is_of(netlist):
+        raise InputError("the operating point belongs to another netlist; solve this one first")
+    height = (point.voltage - cell_map.wiring.goal_voltage) * np.sign(cell_map.wiring.supply)
+    factor = abs(cell_map.wiring.supply) / float(np.nanmax(height[cell_map.free_node]))
+    return netlist.replace(current_amps=netlist.current_amps * factor)
 
 
 def _netlist_of(circuit: Netlist | Deck) -> Netlist:

@@ -8,13 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import check_number
-from resgrid.circuit.charges import Charges
-from resgrid.circuit.dynamics import Dynamics, dynamics_of
-from resgrid.circuit.energy import EnergyMeter
-from resgrid.circuit.initial import initial_state, real_numbers
+from resgrid.circuit.dynamics import Dynamics, EnergyMeter, dynamics_of
+from resgrid.circuit.initial import Charges, initial_state, real_numbers
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.circuit.step_control import controlled_steps
-from resgrid.circuit.stepping import METHODS, Resolvents, Solve, advance, advance_by_sums, fixed_steps
+from resgrid.circuit.stepping import METHODS, Resolvents, Solve, advance, advance_by_sums, controlled_steps, fixed_steps
 from resgrid.errors import InputError
 from resgrid.frozen import frozen
 from resgrid.netlist import Netlist

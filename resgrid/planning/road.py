@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.drive import scale_drive
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.circuit.solve import solve
+from resgrid.circuit.solve import scale_drive, solve
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError, InputError
 from resgrid.frozen import frozen

@@ -8,10 +8,9 @@ from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 
 import resgrid as rg
-from resgrid.circuit.charges import Charges
 from resgrid.circuit.dynamics import dynamics_of
-from resgrid.circuit.step_control import controlled_steps
-from resgrid.circuit.stepping import METHODS, Resolvents
+from resgrid.circuit.initial import Charges
+from resgrid.circuit.stepping import METHODS, Resolvents, controlled_steps
 
 
 def one_pole() -> rg.Netlist:

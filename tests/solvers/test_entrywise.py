@@ -8,10 +8,9 @@ from scipy.sparse.csgraph import breadth_first_order
 from support.spaces import serpentine, space_of
 
 import resgrid as rg
-from resgrid.circuit.drive import scale_drive
 from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.circuit.solve import solve
+from resgrid.circuit.solve import scale_drive, solve
 from resgrid.compiler import compile_space
 from resgrid.errors import AccuracyError, InputError
 from resgrid.netlist import Netlist
