@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.conductances import in_series, of_face, of_obstacle
+from resgrid.conductances import behind_wall, has_wall, in_series, of_face
 from resgrid.grids import label_regions, slab
 from resgrid.solvers.warm import Window, neighbours
 from resgrid.space import Cell, ConfigurationSpace
@@ -188,8 +188,8 @@ def _across(
     edge = np.full(below.shape, of_face(space.spacing, axis, wiring.resistance))
     if conductivity is not None:
         edge *= in_series(*neighbours(conductivity, axis), below == Cell.FREE, above == Cell.FREE)
-    wall = (below == Cell.OBSTACLE) != (above == Cell.OBSTACLE)
-    edge[wall] = of_obstacle(edge[wall], wiring.boundary, wiring.wall_resistance)
+    wall = has_wall(below == Cell.OBSTACLE, above == Cell.OBSTACLE)
+    edge[wall] = 0.0 if wiring.boundary == "neumann" else behind_wall(edge[wall], wiring.wall_resistance)
     return edge
 
 
@@ -205,7 +205,7 @@ def _to_edge(
     if wiring.boundary == "neumann" or wiring.edges(space)[axis] != "obstacle":
         return tie
     own = np.ones(tie.shape) if conductivity is None else conductivity
-    one = of_obstacle(of_face(space.spacing, axis, wiring.resistance) * own, wiring.boundary, wiring.wall_resistance)
+    one = behind_wall(of_face(space.spacing, axis, wiring.resistance) * own, wiring.wall_resistance)
     size = tie.shape[axis]
     if box[axis].start == 0:
         slab(tie, axis, 0, 1)[...] += slab(one, axis, 0, 1)
