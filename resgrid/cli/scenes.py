@@ -191,17 +191,21 @@ def element_counts(netlist: Netlist) -> dict[str, int]:
     }
 
 
-def solution_summary(name: str, op: OperatingPoint, space: ConfigurationSpace) -> dict[str, Any]:
-    """The figures of a solved chip, as ``--json`` gives them."""
+def free_counts(space: ConfigurationSpace) -> dict[str, int]:
+    """How many cells are free, and how many of these lead to no goal, as ``--json`` gives it."""
     from resgrid.space import Cell
 
     free = space.cell == Cell.FREE
+    return {"free_cells": int(free.sum()), "unreachable_cells": int((free & ~space.goal_connected).sum())}
+
+
+def solution_summary(name: str, op: OperatingPoint, space: ConfigurationSpace) -> dict[str, Any]:
+    """The figures of a solved chip, as ``--json`` gives them."""
     return {
         "chip": name,
         "nodes": op.netlist.node_count,
         "resistors": len(op.netlist.conductance),
-        "free_cells": int(free.sum()),
-        "unreachable_cells": int((free & ~space.goal_connected).sum()),
+        **free_counts(space),
         "kcl_residual": op.kcl_residual,
         "power": op.power,
         "solver": op.method,
