@@ -1,12 +1,14 @@
-# make demo    install into .venv and run the shipped example
-# make test    install what the tests need, ngspice and Chromium included, and run them all
+# make demo    install into .venv, compile the loops on all cores, and run the shipped example
+# make test    install what the tests need, ngspice and Chromium included, compile the loops, and run them all
+# make warm    compile the loops on all cores
 # make targets run the tests of the numbers as other processors would compute them (plain x86-64, AVX-512 where there is one)
 # make check   lint, formatting, types, import order
 # make format  apply the formatter and the safe fixes
 # make bench   run resgrid and its peers, installed into .venv-bench, in turn (BENCH=full: large sizes; SECTIONS="plane memory")
 # make fuzz    read 100,000 mutated decks
 # make golden  write the decks in netlists/ anew
-# make reference  write docs/scene.md anew
+# make docs    build the site into docs/_build/html, offline; any warning is an error
+# make reference  write docs/reference/scene.md anew
 # make clean   remove what was made here
 
 PYTHON ?= python3
@@ -23,22 +25,26 @@ BIN := $(VENV)/bin
 CREATED := $(VENV)/.created
 INSTALLED := $(VENV)/.installed
 INSTALLED_DEV := $(VENV)/.installed-dev
+INSTALLED_DOCS := $(VENV)/.installed-docs
 BENCH_VENV := .venv-bench
 INSTALLED_BENCH := $(BENCH_VENV)/.installed
 KEEP_MEMORY := MALLOC_MMAP_THRESHOLD_=4294967296 MALLOC_TRIM_THRESHOLD_=17179869184 MALLOC_TOP_PAD_=268435456
 
 TARGETS := generic $(shell grep -qm1 avx512f /proc/cpuinfo 2>/dev/null && echo skylake-avx512)
 
-.PHONY: demo test targets check format bench fuzz golden reference clean
+.PHONY: demo test warm targets check format bench fuzz golden docs reference clean
 .DELETE_ON_ERROR:
 
-demo: $(INSTALLED)
+demo: $(INSTALLED) warm
 	$(BIN)/resgrid run $(SCENE) -o $(OUT)
 
-test: $(INSTALLED_DEV)
+test: $(INSTALLED_DEV) warm
 	scripts/install_ngspice.sh
 	scripts/install_chromium.sh
 	$(BIN)/python -m pytest -n $(JOBS)
+
+warm: | $(INSTALLED)
+	$(BIN)/python -m resgrid.warm
 
 targets: $(INSTALLED_DEV)
 	for target in $(TARGETS); do \
@@ -73,11 +79,17 @@ golden: $(INSTALLED)
 	$(BIN)/resgrid compile examples/scenes/ring.toml --set grid.axes.0.cells=16 --set grid.axes.1.cells=6 -o $(GOLDEN)/ring.cir
 	$(BIN)/resgrid compile examples/scenes/voxels.toml --set grid.axes.0.cells=4 --set grid.axes.1.cells=4 --set grid.axes.2.cells=4 -o $(GOLDEN)/voxels.cir
 
+docs: $(INSTALLED_DOCS) warm
+	scripts/install_ngspice.sh
+	rm -rf docs/_build docs/gallery
+	$(BIN)/python -m sphinx -q -W --keep-going -d docs/_build/doctrees -b html docs docs/_build/html
+	@echo "the site is docs/_build/html/index.html"
+
 reference: $(INSTALLED)
-	$(BIN)/python -c "from resgrid.scene.reference import scene_reference; print(scene_reference(), end='')" > docs/scene.md
+	$(BIN)/python -c "from resgrid.scene.reference import scene_reference; print(scene_reference(), end='')" > docs/reference/scene.md
 
 clean:
-	rm -rf $(VENV) $(BENCH_VENV) out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(BENCH_VENV) docs/_build docs/gallery docs/jupyter_execute out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(CREATED):
@@ -95,6 +107,10 @@ $(INSTALLED): pyproject.toml | $(CREATED)
 
 $(INSTALLED_DEV): pyproject.toml | $(CREATED)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@touch $@ $(INSTALLED)
+
+$(INSTALLED_DOCS): pyproject.toml | $(CREATED)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
 	@touch $@ $(INSTALLED)
 
 $(INSTALLED_BENCH): pyproject.toml scripts/install_peers.sh | $(CREATED)

@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from resgrid.jit import inlined
 from resgrid.solvers.extended_kernels import Floats, Integers, _canonical, _shift, _sum, _two_sum
 
 Indices = NDArray[np.int32]
@@ -58,7 +59,7 @@ def from_nearer_rail(
             out[node] = below if down[node] else above
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _fall(
     a: float, a_low: float, a_down: bool, b: float, b_low: float, b_down: bool, noise: float, noise_down: float
 ) -> float:
@@ -86,7 +87,7 @@ def currents(
     """Currents of resistors, scaled; returns the power in doubles."""
     power = 0.0
     for k in range(len(pairs)):
-        a, b = pairs[k]
+        a, b = pairs[k, 0], pairs[k, 1]
         if plain:
             fall = _fall(hi[a], lo[a], down[a], hi[b], lo[b], down[b], noise, noise_down) * volts
             amps[k] = conductance[k] * fall
@@ -101,7 +102,7 @@ def currents(
     return power
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _pair_exponent(a: float, a_e: int, b: float, b_e: int) -> int:
     if a == 0.0:
         return b_e
@@ -124,7 +125,7 @@ def add_currents(
 ) -> None:
     """Add resistors' currents to the net current into every node, and their magnitudes to the total, in place."""
     for k in range(len(pairs)):
-        a, b = pairs[k]
+        a, b = pairs[k, 0], pairs[k, 1]
         out = amps[k] if plain else _shift(amps[k], exponent[k] - frame[a])
         into = amps[k] if plain else _shift(amps[k], exponent[k] - frame[b])
         net[a] -= out
@@ -145,7 +146,7 @@ def drop_unresolved(
     ``through`` is half the sum of magnitudes at a node, of which ``harmless`` is small.
     """
     for k in range(len(pairs)):
-        a, b = pairs[k]
+        a, b = pairs[k, 0], pairs[k, 1]
         falls = sign * (stored[a] - stored[b])
         if amps[k] == 0.0 or math.isnan(falls) or (amps[k] > 0.0 and falls > 0.0) or (amps[k] < 0.0 and falls < 0.0):
             continue

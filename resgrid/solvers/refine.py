@@ -261,7 +261,7 @@ class _Answer:
 
     @property
     def _rows(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
-        coupling = self._laplacian.edges
+        coupling = self._laplacian.sorted_rows
         return coupling.indptr, coupling.indices, coupling.data, self._laplacian.ground
 
     def _leave_plain(self) -> None:

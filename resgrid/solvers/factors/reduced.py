@@ -78,7 +78,7 @@ class ReducedFactor(Factor):
         from resgrid.solvers import star_mesh_kernels as kernels
         from resgrid.solvers.refine_kernels import exact_residual
 
-        mesh, edges = self.mesh, self.laplacian.edges
+        mesh, edges = self.mesh, self.laplacian.sorted_rows
         current, scale = scaled_currents(rhs)
         hi, lo, e = current.copy(), np.zeros(len(current)), scale.copy()
         kernels.forward_scaled(mesh.log, hi, lo, e)
