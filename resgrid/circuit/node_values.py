@@ -101,16 +101,12 @@ def _solved(factors: Factor | None, currents: list[NDArray[np.float64]], watch: 
 
 def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | None) -> NodeValues:
     """Spread drops, and heights where they were solved for, over the nodes."""
-    from resgrid.circuit.readout_kernels import from_nearer_rail
+    from resgrid.circuit.kernels import from_nearer_rail
 
     nodes = len(system.unknown)
     out, down = _zeros(nodes), np.zeros(nodes, dtype=np.bool_)
     own = height if height is not None else _zeros(0)
-    from_nearer_rail(
-        system.unknown, system.known, rails.low, rails.high,
-        drop.hi, drop.lo, drop.exponent, own.hi, own.lo, own.exponent,
-        out.hi, out.lo, out.exponent, down,
-    )  # fmt: skip
+    from_nearer_rail(system.unknown, system.known, rails.low, rails.high, drop, own, out, down)
     value = Scaled(out.hi, out.lo, out.exponent, drop.noise)
     noise = height.noise if height is not None else drop.noise / _LEAST_REST
     return NodeValues(value, down, rails.low, rails.high - rails.low, noise)
@@ -118,14 +114,11 @@ def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | Non
 
 def _above(system: Equations, rows: Scaled, volts: float) -> NodeValues:
     """Spread heights above the reference over the nodes."""
-    from resgrid.circuit.readout_kernels import from_one_rail
+    from resgrid.circuit.kernels import from_one_rail
 
     nodes, forest = len(system.unknown), system.forest
     out = _zeros(nodes)
-    from_one_rail(
-        system.unknown, system.known, system.reference, volts,
-        rows.hi, rows.lo, rows.exponent, out.hi, out.lo, out.exponent,
-    )  # fmt: skip
+    from_one_rail(system.unknown, system.known, system.reference, volts, rows, out)
     lifted = (forest.height != 0) & (system.unknown[forest.order] >= 0)
     if lifted.any():
         # Floating sources occur only in circuits without two rails, whose values do not leave the range of a double.

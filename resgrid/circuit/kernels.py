@@ -1,4 +1,8 @@
-"""Compiled loops over a netlist's resistors: connected parts, conductances by rows, plain currents."""
+"""Compiled loops over a netlist: parts and what drives rows, then values of nodes, currents and their balance.
+
+Of the read-off: where exponents of currents are an empty array, all exponents are 0, and those of nodes are not looked
+at.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +12,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from resgrid.solvers.extended import Scaled
+from resgrid.solvers.extended_kernels import Floats, Indices, Integers, _canonical, _shift, _sum, _two_sum
 from resgrid.solvers.row_kernels import find
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int32]
-Integers = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 
 @njit(cache=True)
@@ -182,24 +186,139 @@ def spread(row: Indices, x: Floats, reference: float, volts: Floats) -> None:
 
 
 @njit(cache=True)
-def plain_currents(
-    pairs: Indices, conductance: Floats, height: Floats, amps: Floats, outflow: Floats, through: Floats
-) -> float:
-    """Currents into ``amps``, added to the nodes' outflow and through-current; returns the power.
+def from_one_rail(row: Indices, known: Floats, zero: float, volts: float, x: Scaled, out: Scaled) -> None:
+    """Spread the values of rows over nodes; known voltages are converted to ``volts`` above ``zero``, NaN to 0."""
+    hi, lo, e = x.hi, x.lo, x.exponent
+    out_hi, out_lo, out_e = out.hi, out.lo, out.exponent
+    for node in range(len(row)):
+        i = row[node]
+        if i >= 0:
+            out_hi[node], out_lo[node], out_e[node] = hi[i], lo[i], e[i]
+        elif not math.isnan(known[node]):
+            out_hi[node] = (known[node] - zero) / volts
 
-    Nothing flows from or to a node whose height is NaN.
+
+@njit(cache=True)
+def from_nearer_rail(
+    row: Indices, known: Floats, low: float, high: float, drop: Scaled, height: Scaled, out: Scaled, down: Bools
+) -> None:
+    """Spread the values of rows over nodes, each counted from the nearer rail: ``down`` from the high one, or up.
+
+    Without heights (empty arrays) they are what is left of the drops.
     """
-    power = 0.0
+    u, u_low, u_e = drop.hi, drop.lo, drop.exponent
+    phi, phi_low, phi_e = height.hi, height.lo, height.exponent
+    out_hi, out_lo, out_e = out.hi, out.lo, out.exponent
+    for node in range(len(row)):
+        i = row[node]
+        if i >= 0:
+            if u_e[i] < 0 or u[i] <= 0.5:
+                out_hi[node], out_lo[node], out_e[node], down[node] = u[i], u_low[i], u_e[i], True
+            elif len(phi):
+                out_hi[node], out_lo[node], out_e[node] = phi[i], phi_low[i], phi_e[i]
+            else:
+                out_hi[node], out_lo[node] = _sum(1.0, 0.0, -u[i], -u_low[i])
+        elif not math.isnan(known[node]):
+            above, below = (known[node] - low) / (high - low), (high - known[node]) / (high - low)
+            down[node] = abs(below) < abs(above)
+            out_hi[node] = below if down[node] else above
+
+
+@inlined
+def _fall(
+    a: float, a_low: float, a_down: bool, b: float, b_low: float, b_down: bool, noise: float, noise_down: float
+) -> float:
+    """How far the potential falls from one node to the other; 0 where that is noise."""
+    if a_down == b_down:
+        d = (a - b) + (a_low - b_low)
+        if abs(d) <= (noise_down if a_down else noise) * max(abs(a), abs(b)):
+            return 0.0
+        return -d if a_down else d
+    # The one lies phi above the low rail, the other u below the high one: (phi + u) - 1.
+    s, t = _two_sum(a, b)
+    d = (s - 1.0) + (t + (a_low + b_low))
+    if abs(d) <= 0.5 * noise:
+        return 0.0
+    return -d if a_down else d
+
+
+@njit(cache=True)
+def currents(
+    pairs: Indices, conductance: Floats, value: Scaled, down: Bools, volts: float, noise: float, amps: Floats,
+    exponent: Integers,
+) -> float:  # fmt: skip
+    """Currents of resistors, scaled; returns the power in doubles."""
+    hi, lo, e, noise_down = value.hi, value.lo, value.exponent, value.noise
+    power, plain = 0.0, len(exponent) == 0
     for k in range(len(pairs)):
         a, b = pairs[k, 0], pairs[k, 1]
-        drop = height[a] - height[b]
-        if math.isnan(drop):
-            drop = 0.0
-        flow = conductance[k] * drop
-        amps[k] = flow
-        outflow[a] += flow
-        outflow[b] -= flow
-        through[a] += abs(flow)
-        through[b] += abs(flow)
-        power += flow * drop
+        if plain:
+            fall = _fall(hi[a], lo[a], down[a], hi[b], lo[b], down[b], noise, noise_down) * volts
+            amps[k] = conductance[k] * fall
+            power += amps[k] * fall
+            continue
+        top = _pair_exponent(hi[a], e[a], hi[b], e[b]) if down[a] == down[b] else 0
+        near, near_low = _shift(hi[a], e[a] - top), _shift(lo[a], e[a] - top)
+        far, far_low = _shift(hi[b], e[b] - top), _shift(lo[b], e[b] - top)
+        fall = _fall(near, near_low, down[a], far, far_low, down[b], noise, noise_down) * volts
+        amps[k], exponent[k] = _canonical(conductance[k] * fall, top)
+        power += _shift(_shift(conductance[k] * fall * fall, top), top)
     return power
+
+
+@inlined
+def _pair_exponent(a: float, a_e: int, b: float, b_e: int) -> int:
+    if a == 0.0:
+        return b_e
+    return a_e if b == 0.0 else max(a_e, b_e)
+
+
+@njit(cache=True)
+def frames(pairs: Indices, amps: Floats, exponent: Integers, frame: Integers) -> None:
+    """Raise every node's exponent to that of the largest current there, in place."""
+    for k in range(len(pairs)):
+        if amps[k] != 0.0:
+            for end in range(2):
+                node = pairs[k, end]
+                frame[node] = max(frame[node], exponent[k])
+
+
+@njit(cache=True)
+def add_currents(pairs: Indices, amps: Floats, exponent: Integers, frame: Integers, net: Floats, total: Floats) -> None:
+    """Add resistors' currents to the net current into every node, and their magnitudes to the total, in place."""
+    plain = len(exponent) == 0
+    for k in range(len(pairs)):
+        a, b = pairs[k, 0], pairs[k, 1]
+        out = amps[k] if plain else _shift(amps[k], exponent[k] - frame[a])
+        into = amps[k] if plain else _shift(amps[k], exponent[k] - frame[b])
+        net[a] -= out
+        net[b] += into
+        total[a] += abs(out)
+        total[b] += abs(into)
+
+
+@njit(cache=True)
+def drop_unresolved(
+    pairs: Indices, amps: Floats, exponent: Integers, frame: Integers, net: Floats, through: Floats,
+    stored: Floats, sign: float, harmless: float,
+) -> None:  # fmt: skip
+    """Set currents to 0 along which ``sign * stored`` does not fall, and that are small at both ends, in place.
+
+    Where nothing is stored, as beyond both rails, nothing is said of currents.
+
+    ``through`` is half the sum of magnitudes at a node, of which ``harmless`` is small.
+    """
+    plain = len(exponent) == 0
+    for k in range(len(pairs)):
+        a, b = pairs[k, 0], pairs[k, 1]
+        falls = sign * (stored[a] - stored[b])
+        if amps[k] == 0.0 or math.isnan(falls) or (amps[k] > 0.0 and falls > 0.0) or (amps[k] < 0.0 and falls < 0.0):
+            continue
+        out = amps[k] if plain else _shift(amps[k], exponent[k] - frame[a])
+        into = amps[k] if plain else _shift(amps[k], exponent[k] - frame[b])
+        if abs(out) <= harmless * through[a] and abs(into) <= harmless * through[b]:
+            net[a] += out
+            net[b] -= into
+            through[a] -= 0.5 * abs(out)
+            through[b] -= 0.5 * abs(into)
+            amps[k] = 0.0
