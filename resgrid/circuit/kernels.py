@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from resgrid.jit import inlined
 from resgrid.solvers.extended import Scaled
 from resgrid.solvers.extended_kernels import Floats, Indices, Integers, _canonical, _shift, _sum, _two_sum
 from resgrid.solvers.row_kernels import find

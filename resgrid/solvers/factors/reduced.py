@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,5 +96,5 @@ class ReducedFactor(Factor):
 
     def _core_solution(self, rhs: Scaled, watch: Watch | None) -> tuple[Scaled, float]:
         if self.inner is None or not rhs.hi.any():
-            return replace(rhs, noise=NOISE), 0.0
+            return rhs._replace(noise=NOISE), 0.0
         return self.inner.solve_nonnegative(rhs, watch=watch)
