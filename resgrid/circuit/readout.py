@@ -89,6 +89,7 @@ def read_entrywise(
     system: Equations, values: NodeValues, method: str, seconds: Mapping[str, float]
 ) -> tuple[OperatingPoint, NDArray[np.float64]]:
     """Read everything off the values of the nodes.  Returns `residual` (nodes,)."""
+    voltage = _voltage(system, values)
     log_drop, potential = _stored(system, values)
     stored, sign = (log_drop, -1.0) if log_drop is not None else (potential, 1.0)
     readings, residual = _readings(
@@ -96,7 +97,7 @@ def read_entrywise(
     )
     point = OperatingPoint(
         netlist=system.netlist,
-        voltage=_voltage(system, values),
+        voltage=voltage,
         log_drop=log_drop,
         potential=potential,
         ammeters=readings,
