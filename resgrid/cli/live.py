@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import click
 
 from resgrid.cli.options import Source, verb, with_source
@@ -25,5 +27,6 @@ def command(source: Source | None, host: str, port: int, read_only: bool, browse
     scene = None if source is None else open_job(source, require_goal=False).scene
     with live(scene, host=host, port=port, read_only=read_only, browser=browser) as page:
         finish({"url": page.url}, [f"the page is at {page.url}; Ctrl-C ends it"])
-        page.wait()
+        with suppress(KeyboardInterrupt):
+            page.wait()
     return 0

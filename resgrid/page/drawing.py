@@ -32,7 +32,9 @@ class Drawing:
 
     `cell` (nx, ny): codes of `Cell`; `level` (nx, ny): number of each cell's conductivity in `palette`; `starts`
     (n, 2): in axis units; `k`: share of the Dirichlet field; `wall`: ohms before the obstacle rail, 0 for none;
-    `driven`: whether the first start drives open obstacles in place of the uniform drive; `chip`: the scene's table.
+    `driven`: whether the first start drives open obstacles in place of the uniform drive; `chip`: the scene's table;
+    `world`: of an arm the document of its scene, from whose workspace the cells were sampled; `broken`: resistors that
+    are open, as cells (i, j) and the axis across whose lower face they lie.
     """
 
     title: str
@@ -46,6 +48,8 @@ class Drawing:
     wall: float = 0.0
     driven: bool = False
     chip: Mapping[str, Any] | None = None
+    world: Mapping[str, Any] | None = None
+    broken: tuple[tuple[int, int, int], ...] = ()
 
     @property
     def space(self) -> ConfigurationSpace:
@@ -110,7 +114,8 @@ def drawing_of(scene: Scene) -> Drawing:
     space = sample(scene, require_goal=False)
     palette, level = _palette(space)
     k = scene.k[0] if scene.k else float(scene.boundary != "neumann")
-    chip = document_of(scene)["chip"]
+    document = document_of(scene)
+    chip = dict(document["chip"])
     wall = chip.pop("wall_resistance", None) if scene.boundary == "wall" else None
     return Drawing(
         title=scene.title,
@@ -124,6 +129,7 @@ def drawing_of(scene: Scene) -> Drawing:
         wall=float(wall or 0.0),
         driven=scene.drive == "start" and scene.boundary == "neumann",
         chip=_changed(chip),
+        world=None if scene.robot.base is None or scene.map is not None else document,
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import partial, reduce
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from resgrid.circuit.solve import solve
 from resgrid.errors import AccuracyError, InputError
 from resgrid.io.paths import ADVICE
 from resgrid.page.drawing import Drawing
+from resgrid.page.flaws import flawed
 from resgrid.planning.certify import certify
 from resgrid.planning.fields import Field
 from resgrid.planning.road import Solution, Work, solve_problem
@@ -53,7 +54,8 @@ def solve_drawing(drawing: Drawing, *, exact: bool) -> Frame:
         raise InputError("there is no goal: set one with the goal tool")
     if drawing.driven and not len(drawing.starts):
         raise InputError("there is no start to drive the grid: set one, or choose the uniform drive")
-    solution = solve_problem(drawing.problem, work=Work(solve if exact else _ROUGH))
+    solver = flawed(solve if exact else _ROUGH, drawing)
+    solution = solve_problem(drawing.problem, work=Work(solver))
     points = start_points(drawing.space, drawing.starts) if len(drawing.starts) else ()
     paths = tuple(_path(field, points[number], exact) for field, number in solution.tasks)
     return Frame(drawing, solution, paths, exact, time.perf_counter() - began)
@@ -89,7 +91,7 @@ def describe(frame: Frame) -> tuple[dict[str, Any], list[bytes]]:
         "cut_off": int(((frame.drawing.cell == Cell.FREE) & ~field.space.goal_connected).sum()),
         "flat": list(frame.solution.flat),
     }
-    scale, picture = _picture(field)
+    scale, picture = _picture(frame)
     currents, speed = _currents(field)
     body = [np.concatenate(lines or [np.empty((0, 2))]).astype("<f4"), picture, currents, speed]
     return head | {"scale": scale}, [part.tobytes() for part in body]
@@ -110,30 +112,51 @@ def _path_head(path: Streamline | None, points: int) -> dict[str, Any]:
     return head | {"message": ADVICE[path.outcome].replace("use --drive uniform", "choose the uniform drive")}
 
 
-def _picture(field: Field) -> tuple[dict[str, Any], NDArray[np.uint16]]:
+def _picture(frame: Frame) -> tuple[dict[str, Any], NDArray[np.uint16]]:
     """Decades of the drop from the obstacle rail where it has a logarithm, else the height above the goals."""
-    shown = (field.space.cell == Cell.GOAL) | field.space.goal_connected
-    if field.log_drop is not None:
-        kind, value = "decades", np.where(field.space.cell == Cell.GOAL, 0.0, field.log_drop / np.log(10.0))
+    field = frame.field
+    goal, log_drop = field.space.cell == Cell.GOAL, _log_drop(frame)
+    if log_drop is not None:
+        kind, value = "decades", np.where(goal, 0.0, log_drop / np.log(10.0))
     else:
-        kind, value = "height", np.where(field.space.cell == Cell.GOAL, 0.0, field.potential)
-    shown = shown & np.isfinite(value)
+        kind, value = "height", np.where(goal, 0.0, field.potential)
+    shown = (goal | field.space.goal_connected) & np.isfinite(value)
     low, high = (float(value[shown].min()), float(value[shown].max())) if shown.any() else (0.0, 0.0)
-    share = (value - low) / (high - low) if high > low else np.zeros_like(value)
-    picture = np.where(shown, np.rint(np.where(shown, share, 0.0) * (_NONE - 1)), _NONE)
-    return {"kind": kind, "low": low, "high": high}, picture.astype("<u2")
+    return {"kind": kind, "low": low, "high": high}, quantised(value, shown, low, high)
+
+
+def quantised(value: NDArray[np.float64], shown: NDArray[np.bool_], low: float, high: float) -> NDArray[np.uint16]:
+    """A picture of values between two ends, `_NONE` where nothing is shown; same shape."""
+    share = np.where(shown, (value - low) / (high - low), 0.0) if high > low else np.zeros_like(value)
+    return np.where(shown, np.rint(share * (_NONE - 1)), _NONE).astype("<u2")
+
+
+def _log_drop(frame: Frame) -> NDArray[np.float64] | None:
+    """Natural logarithm of the drop: of a blend ``k u_D + (1 - k) (1 - phi_N)``, shape of the space."""
+    field = frame.field
+    if not 0.0 < field.k < 1.0:
+        return field.log_drop
+    obstacle, opened = frame.solution.halves
+    if obstacle.log_drop is None:
+        return None
+    with np.errstate(divide="ignore", invalid="ignore"):  # of cells without a way to a goal
+        rest = np.log1p(-field.k) + np.log(np.maximum(1.0 - opened.potential, 0.0))
+        return np.asarray(np.logaddexp(np.log(field.k) + obstacle.log_drop, rest))
 
 
 def _currents(field: Field) -> tuple[NDArray[np.int8], NDArray[np.uint8]]:
     """Face currents of every cell relative to its largest, and how fast the page moves dots there."""
     log_current, direction = (
-        np.stack([part for axis in range(2) for part in _sides(values[axis], axis)], axis=-1)
+        [part for axis in range(2) for part in _sides(values[axis], axis)]
         for values in (field.face_log_current, field.face_direction)
     )
-    largest = log_current.max(axis=-1)
+    largest = reduce(np.maximum, log_current)
     flowing = np.isfinite(largest) & (field.space.cell == Cell.FREE)
-    below = np.where(flowing[..., None], log_current - np.where(flowing, largest, 0.0)[..., None], -np.inf)
-    shares = np.rint(127.0 * direction * np.exp(below.astype(np.float32))).astype(np.int8)
+    base = np.where(flowing, largest, np.inf)
+    shares = np.empty((*largest.shape, 4), dtype=np.int8)
+    for side in range(4):
+        share = np.exp((log_current[side] - base).astype(np.float32))
+        shares[..., side] = np.rint(np.float32(127.0) * direction[side] * share)
     decades = largest / np.log(10.0)
     top = np.quantile(decades[flowing], 0.98) if flowing.any() else 0.0
     speed = np.clip(1.0 + (np.where(flowing, decades, top) - top) / _DECADES, 0.2, 1.0)
@@ -156,7 +179,8 @@ def probe(frame: Frame, cell: Sequence[int]) -> dict[str, Any]:
     unit = abs(wiring.supply) / wiring.resistance
     direction, log_current = frame.field.faces_of(np.array([index]))
     phi = float(frame.field.potential[index])
-    drop = None if frame.field.log_drop is None else float(frame.field.log_drop[index]) / np.log(10.0)
+    log_drop = _log_drop(frame)
+    drop = None if log_drop is None else float(log_drop[index]) / np.log(10.0)
     return {
         "cell": list(index),
         "centre": space.axis_centre(index).tolist(),

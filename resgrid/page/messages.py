@@ -49,6 +49,8 @@ class DrawingHead(Table):
     wall: Annotated[float, Ge(0), Le(1e30)]
     driven: bool
     chip: dict[str, Any] = Field(default_factory=dict)
+    world: dict[str, Any] | None = None
+    broken: Annotated[list[Annotated[tuple[int, int, int], Strict(False)]], Len(0, 1000)] = Field(default_factory=list)
 
 
 class File(Table):
@@ -61,7 +63,7 @@ class File(Table):
 class Request(Table):
     """What the page asks for."""
 
-    type: Literal["solve", "save", "probe", "example", "files", "link"]
+    type: Literal["solve", "save", "probe", "settle", "world", "example", "files", "link"]
     seq: Annotated[int, Ge(0)]
     drawing: DrawingHead | None = None
     exact: bool = True
@@ -99,13 +101,21 @@ def read_drawing(head: DrawingHead | None, body: bytes) -> Drawing:
     code, level = cells & np.uint8(3), cells >> np.uint8(2)
     if code.max() > max(Cell) or level.max() >= len(head.palette):
         raise InputError("a cell is none of free, obstacle and goal, or has no such conductivity")
-    keys = {key: value for key, value in head.model_dump().items() if key not in {"axes", "edge", "palette", "starts"}}
+    for i, j, axis in head.broken:
+        if axis not in (0, 1) or not (0 <= i < shape[0] + (axis == 0) and 0 <= j < shape[1] + (axis == 1)):
+            raise InputError(f"there is no resistor at {[i, j]} across axis {axis}")
+    keys = {
+        key: value
+        for key, value in head.model_dump().items()
+        if key not in {"axes", "edge", "palette", "starts", "broken"}
+    }
     return Drawing(
         axes=tuple(Axis(**axis.model_dump()) for axis in head.axes),
         edge=tuple(head.edge),
         cell=code,
         level=level,
         palette=tuple(head.palette),
+        broken=tuple(head.broken),
         starts=np.array(head.starts, dtype=np.float64).reshape(-1, 2),
         **keys,
     )
@@ -127,6 +137,8 @@ def write_drawing(drawing: Drawing) -> tuple[dict[str, Any], bytes]:
         "wall": drawing.wall,
         "driven": drawing.driven,
         "chip": dict(drawing.chip or {}),
+        "broken": [list(place) for place in drawing.broken],
+        "world": None if drawing.world is None else dict(drawing.world),
     }
     return {"drawing": head, "goals": goals}, (drawing.cell | drawing.level << 2).tobytes()
 

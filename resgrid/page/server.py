@@ -24,12 +24,15 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import InputError, ResgridError
+from resgrid.page.arms import pose, poses, resample
 from resgrid.page.drawing import Drawing, drawing_of
 from resgrid.page.frames import Frame, describe, probe, solve_drawing
 from resgrid.page.messages import Request, pack, read_drawing, read_request, write_drawing
 from resgrid.page.opening import examples, open_document, open_example, open_files
 from resgrid.page.saving import save
+from resgrid.page.settle import settle
 
 STATIC = Path(__file__).parent / "static"
 PATIENCE = 0.035
@@ -102,6 +105,7 @@ class Session:
     def __init__(self, first: Drawing, read_only: bool) -> None:
         self.first, self.read_only = first, read_only
         self.frame: Frame | None = None
+        self.before: Frame | None = None
         self.exact_seconds = float("inf")
 
     def hello(self) -> bytes:
@@ -132,13 +136,18 @@ class Session:
             case "probe":
                 if self.frame is None:
                     raise InputError("nothing has been solved yet")
-                return {"probe": probe(self.frame, request.cell or ())}, []
+                told = probe(self.frame, request.cell or ())
+                return {"probe": told | {"pose": pose(self.frame, told["centre"])}}, []
+            case "settle":
+                drawing = self._drawing(request, body)
+                return settle(drawing, self._origin(drawing))
             case "save":
                 name, content = save(self._drawing(request, body), request.format)
                 return {"name": name}, [content]
         if self.read_only:
             raise InputError("this page is for reading only")
         opened = {
+            "world": lambda: resample(read_drawing(request.drawing, body)),
             "example": lambda: drawing_of(open_example(request.name)),
             "files": lambda: open_files(request.files),
             "link": lambda: open_document(request.document),
@@ -151,12 +160,22 @@ class Session:
         drawing = read_drawing(request.drawing, body)
         return replace(self.first, k=drawing.k, starts=drawing.starts) if self.read_only else drawing
 
+    def _origin(self, drawing: Drawing) -> OperatingPoint | None:
+        """From where a drawing settles: the circuit before the last change, if it was one and of the same grid."""
+        if self.before is None or self.before.drawing.axes != drawing.axes:
+            return None
+        points = list(self.before.solution.operating_points.values())
+        return points[0] if len(points) == 1 else None
+
     def _solve(self, drawing: Drawing, exact: bool) -> Reply:
         """Solve as asked; in haste, direction-safe all the same where that was quick enough before."""
+        if self.frame is not None and self.frame.exact:
+            self.before = self.frame
         self.frame = solve_drawing(drawing, exact=exact or self.exact_seconds < PATIENCE)
         if self.frame.exact:
             self.exact_seconds = self.frame.seconds
-        return describe(self.frame)
+        head, body = describe(self.frame)
+        return head | {"poses": poses(self.frame)}, body
 
 
 def hosts_of(host: str, names: Mapping[str, Any] | None = None) -> list[str]:

@@ -16,9 +16,6 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.solvers.laplacian import Laplacian
-from resgrid.solvers.multigrid.board_passes import Board, Floats, Indices, Integers
-from resgrid.solvers.multigrid.board_setup import compensate
-from resgrid.solvers.multigrid.cg_kernels import norm, put_at_places, take_from_places
 from resgrid.solvers.multigrid.conjugate_gradients import (
     LEAST_GAIN,
     MOST_ITERATIONS,
@@ -28,8 +25,14 @@ from resgrid.solvers.multigrid.conjugate_gradients import (
     converge,
     iterate,
 )
+from resgrid.solvers.multigrid.grid_level import compensate
 from resgrid.solvers.multigrid.hierarchy import Hierarchy, build_hierarchy
+from resgrid.solvers.multigrid.krylov import gather_rows, norm, scatter_rows
 from resgrid.solvers.multigrid.packing import with_work
+from resgrid.solvers.multigrid.red_black import Floats, Indices, Integers, Stencil
+
+_DEPTH = 12
+"""Steps that are kept before they are gone: a whole burst."""
 
 _LEFT = 16 * ROUNDING
 """Share of ``|A| |x|`` up to which a residual may be what rounding leaves."""
@@ -71,21 +74,21 @@ class GridBatch:
     ) -> None:
         """Solve for some chips, and tell which were.  Shapes: `solution` (chips, n), `reached` (chips,)."""
         hierarchy, edges = self.hierarchy, self.laplacian.edges
-        ordinary, place = hierarchy.largest_degree / hierarchy.unit, hierarchy.place
+        ordinary, slot = hierarchy.largest_degree / hierarchy.unit, hierarchy.slot
         problem = _own(hierarchy)
-        diagonal, leak, x = np.empty(len(place)), np.zeros_like(problem.currents), np.empty_like(problem.currents)
+        diagonal, leak, x = np.empty(len(slot)), np.zeros_like(problem.currents), np.empty_like(problem.currents)
         for number, chip in enumerate(chips):
             unit = hierarchy.unit * chip.mostly
-            boards = (problem.true, problem.finest.board, problem.finest.exact)
-            _refill(edges.indptr, chip.entries, chip.ground, self.face, place, unit, boards, leak, diagonal)
+            stencils = (problem.true, problem.finest.stencil, problem.finest.exact)
+            _refill(edges.indptr, chip.entries, chip.ground, self.face, slot, unit, stencils, leak, diagonal)
             # A row whose own diagonal exceeds an ordinary one counts for so much less.
             wanted = rtol * norm(chip.drive * np.minimum(1.0, ordinary / diagonal)) / unit
             x[:] = 0.0
-            put_at_places(place, self.start, 1.0, x.ravel())
-            put_at_places(place, chip.drive, 1.0 / unit, problem.currents.ravel())
+            scatter_rows(slot, self.start, 1.0, x.ravel())
+            scatter_rows(slot, chip.drive, 1.0 / unit, problem.currents.ravel())
             stop = Stop(wanted, ROUNDING * float(diagonal.max()), unit)
             residual = converge(problem, x, stop, None, at_rest=False)
-            solution[number] = take_from_places(place, x.ravel())
+            solution[number] = gather_rows(slot, x.ravel())
             reached[number] = residual <= max(wanted, _LEFT * ordinary * norm(solution[number]))
 
 
@@ -95,21 +98,21 @@ def grid_batch(laplacian: Laplacian, drive: NDArray[np.float64]) -> GridBatch | 
     if hierarchy.true is None:
         return None
     start, _ = iterate(laplacian, hierarchy, drive, 1e-12)
-    return GridBatch(laplacian, hierarchy, _faces(laplacian, hierarchy.place, hierarchy.true), start)
+    return GridBatch(laplacian, hierarchy, _faces(laplacian, hierarchy.slot, hierarchy.true), start)
 
 
-def _faces(laplacian: Laplacian, place: NDArray[np.int32], true: Board) -> NDArray[np.int64]:
-    edges, place, places = laplacian.edges, place.astype(np.int64), len(true.black_degree)
-    row = np.repeat(np.arange(len(place)), np.diff(edges.indptr))
+def _faces(laplacian: Laplacian, slot: NDArray[np.int32], true: Stencil) -> NDArray[np.int64]:
+    edges, slot, slots = laplacian.edges, slot.astype(np.int64), len(true.black_degree)
+    row = np.repeat(np.arange(len(slot)), np.diff(edges.indptr))
     of_entry = np.zeros(len(row), dtype=np.int64)
-    entry = np.flatnonzero(place[row] < places)
-    here, there = place[row[entry]], place[edges.indices[entry]] - places
+    entry = np.flatnonzero(slot[row] < slots)
+    here, there = slot[row[entry]], slot[edges.indices[entry]] - slots
     away = there - here
     face = np.full(len(entry), -1)
     for q, distance in enumerate(true.distance.tolist()):
         face[away == distance] = q
-    links = np.flatnonzero(face < 0)
-    face[links[np.lexsort((there[links], here[links]))]] = -1 - np.arange(len(links))
+    couplings = np.flatnonzero(face < 0)
+    face[couplings[np.lexsort((there[couplings], here[couplings]))]] = -1 - np.arange(len(couplings))
     of_entry[entry] = face
     return of_entry
 
@@ -117,54 +120,52 @@ def _faces(laplacian: Laplacian, place: NDArray[np.int32], true: Board) -> NDArr
 def _own(hierarchy: Hierarchy) -> GridProblem:
     """A finest level and work space that nobody else writes to, without currents."""
     assert hierarchy.true is not None
-    true, board = _copied(hierarchy.true), _copied(hierarchy.finest.board)
+    true, stencil = _copied(hierarchy.true), _copied(hierarchy.finest.stencil)
     exact = hierarchy.finest.exact
-    exact = board._replace(black_inverse=exact.black_inverse, black_degree=exact.black_degree.copy())
-    finest = hierarchy.finest._replace(board=board, exact=exact)
-    return GridProblem(true, finest, with_work(hierarchy.levels), np.zeros((2, len(true.black_degree))))
+    exact = stencil._replace(black_inverse=exact.black_inverse, black_degree=exact.black_degree.copy())
+    finest = hierarchy.finest._replace(stencil=stencil, exact=exact)
+    currents = np.zeros((2, len(true.black_degree)))
+    return GridProblem(true, finest, with_work(hierarchy.levels), currents, _DEPTH)
 
 
-def _copied(board: Board) -> Board:
-    arrays = ("faces", "links", "red_inverse", "black_inverse", "black_degree")
-    return board._replace(**{name: getattr(board, name).copy() for name in arrays})
+def _copied(stencil: Stencil) -> Stencil:
+    arrays = ("faces", "couplings", "red_inverse", "black_inverse", "black_degree")
+    return stencil._replace(**{name: getattr(stencil, name).copy() for name in arrays})
 
 
 @njit(cache=True, nogil=True)
 def _refill(
-    indptr: Indices, conductance: Floats, ground: Floats, face: Integers, place: Indices, unit: float,
-    boards: tuple[Board, Board, Board], leak: Floats, diagonal: Floats,
+    indptr: Indices, conductance: Floats, ground: Floats, face: Integers, slot: Indices, unit: float,
+    stencils: tuple[Stencil, Stencil, Stencil], leak: Floats, diagonal: Floats,
 ) -> None:  # fmt: skip
     """Write the conductances of a chip onto its finest level, and its ``diagonal`` (n,), all in units.
 
-    ``face`` says where an entry of a red row belongs: its face, or -1 less its link; ``leak`` of shape (2, places)
+    ``face`` says where an entry of a red row belongs: its face, or -1 less its coupling; ``leak`` of shape (2, slots)
     receives what leads to the rails.
     """
-    true, board, exact = boards
-    scale, places, leaks = 1.0 / unit, len(true.black_degree), leak.ravel()
-    for i in range(len(place)):
-        here, degree = place[i], ground[i] * scale
+    true, stencil, exact = stencils
+    scale, slots, leaks = 1.0 / unit, len(true.black_degree), leak.ravel()
+    for i in range(len(slot)):
+        here, degree = slot[i], ground[i] * scale
         leaks[here] = degree
         for k in range(indptr[i], indptr[i + 1]):
             g = conductance[k] * scale
             degree += g
-            if here < places:
+            if here < slots:
                 if face[k] >= 0:
                     true.faces[face[k], here] = g
-                    board.faces[face[k], here] = g
+                    stencil.faces[face[k], here] = g
                 else:
-                    true.links[-1 - face[k]] = g
-                    board.links[-1 - face[k]] = g
+                    true.couplings[-1 - face[k]] = g
+                    stencil.couplings[-1 - face[k]] = g
         diagonal[i] = degree
-        if here < places:
+        if here < slots:
             true.red_inverse[here] = 1.0 / degree
-            board.red_inverse[here] = 1.0 / degree
+            stencil.red_inverse[here] = 1.0 / degree
         else:
-            true.black_degree[here - places] = degree
-            board.black_inverse[here - places] = 1.0 / degree
-    compensate(
-        board.faces, board.distance, board.margin, board.link_red, board.link_black, board.links, board.red_inverse,
-        leak, exact.black_degree,
-    )  # fmt: skip
+            true.black_degree[here - slots] = degree
+            stencil.black_inverse[here - slots] = 1.0 / degree
+    compensate(stencil, leak, exact.black_degree)
 
 
 @dataclass(frozen=True, eq=False)

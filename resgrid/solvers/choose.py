@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from resgrid.budget import require_memory
@@ -15,12 +17,17 @@ from resgrid.solvers.factors.reduced import ReducedFactor
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.multigrid.grading import is_graded, may_be_graded
 from resgrid.solvers.star_mesh import may_shrink, shrink
-from resgrid.solvers.supernodal import ON_ROWS, Symbolic, order_by_distance
+from resgrid.solvers.supernodal import ON_ROWS, Symbolic, order_by_degree, order_by_distance
 
 METHODS = ("direct", "multigrid")
 
-_OPEN = 3.9
-"""Neighbours a node above which factors fill like an open plane; like a volume above `fall.VOLUME`."""
+
+class Choice(NamedTuple):
+    """A method, and the order of a direct one, if it has been found; None where the first that suits is to be taken."""
+
+    method: str
+    order: Symbolic | None
+
 
 _ROOM = 20.0
 """Cells across a corridor from which cycles converge as in the open."""
@@ -33,6 +40,9 @@ _ROUGH, _ROUGH_VOLUME = 0.25, 0.5
 
 _LEAST_DECADES, _MOST_DECADES = 30.0, 250.0
 """By how many decades any maze's potential falls, and from how many on refinement takes too long."""
+
+_ORDERING, _ENTRY = 2e-6, 6e-9
+"""Seconds that an order of minimum degree takes to be found, a row, and an entry of the factors, but for products."""
 
 _FAIR_SHARE = 0.2
 """Share of the rows that elimination must take to be worth its way back and forth."""
@@ -56,30 +66,34 @@ def factor_laplacian(
     if method != "auto" and method not in METHODS:
         raise InputError(f"method = {method!r} is unknown; it may be one of auto, {', '.join(METHODS)}")
     if reduce and may_shrink(laplacian):
-        if _is_long_corridor(laplacian, method, accuracy):
-            return _factor_whole(laplacian, "direct", accuracy, later)
+        long = _along_corridors(laplacian, method, accuracy) if laplacian.size >= _LONG else None
+        if long is not None:
+            return _factor_whole(laplacian, long, accuracy, later)
         _require(_REDUCING * laplacian.size, laplacian, "elimination")
         mesh, core = shrink(laplacian)
         if core is None:
             return ReducedFactor(laplacian, mesh, None)
         if mesh.count >= _FAIR_SHARE * laplacian.size:
-            return ReducedFactor(laplacian, mesh, _factor_whole(core, method, accuracy, later))
-    return _factor_whole(laplacian, method, accuracy, later)
+            return ReducedFactor(laplacian, mesh, _factor_whole(core, _choose(core, method, accuracy), accuracy, later))
+    return _factor_whole(laplacian, _choose(laplacian, method, accuracy), accuracy, later)
 
 
-def _is_long_corridor(laplacian: Laplacian, method: str, accuracy: str) -> bool:
-    """Whether a matrix is factored whole, along its corridors, in less time than rows are eliminated and put back."""
-    if accuracy != "direction" or method == "multigrid" or laplacian.size < _LONG:
-        return False
-    if order_by_distance(laplacian) is None:
-        return False
-    return method == "direct" or choose_method(laplacian, accuracy) == "direct"
+def _along_corridors(laplacian: Laplacian, method: str, accuracy: str) -> Choice | None:
+    """The direct method, where that takes less time than rows are eliminated and put back."""
+    if accuracy != "direction" or method == "multigrid":
+        return None
+    name, order = _choose(laplacian, method, accuracy)
+    order = order_by_distance(laplacian) if order is None and name == "direct" else order
+    return None if order is None else Choice("direct", order)
 
 
-def _factor_whole(laplacian: Laplacian, method: str, accuracy: str, later: bool) -> Factor:
-    name = choose_method(laplacian, accuracy) if method == "auto" else method
-    _require(estimate_memory(laplacian, name, accuracy), laplacian, name)
-    return factor_multigrid(laplacian, later=later) if name == "multigrid" else factor_direct(laplacian)
+def _factor_whole(laplacian: Laplacian, choice: Choice, accuracy: str, later: bool) -> Factor:
+    if choice.method == "multigrid":
+        _require(estimate_memory(laplacian, "multigrid", accuracy), laplacian, "multigrid")
+        return factor_multigrid(laplacian, later=later)
+    order = choice.order or order_by_distance(laplacian)
+    _require(order.memory if order is not None else _wide_memory(laplacian), laplacian, "direct")
+    return factor_direct(laplacian, order or order_by_degree(laplacian))
 
 
 def _require(needed: float, laplacian: Laplacian, name: str) -> None:
@@ -97,25 +111,39 @@ def choose_method(laplacian: Laplacian, accuracy: str = "direction") -> str:
     grid stands for them; and between two rails where the potential falls by more decades than refinement wins back in
     that time, some twelve a pass.
     """
+    return _choose(laplacian, "auto", accuracy).method
+
+
+def _choose(laplacian: Laplacian, method: str, accuracy: str) -> Choice:
+    """As `choose_method`, with the order of elimination that was found on the way."""
+    if method != "auto":
+        return Choice(method, None)
     found = count_connections(laplacian)
     if laplacian.size < _SMALL or not found.entries:
-        return "direct"
-    neighbours = found.entries / laplacian.size
-    if found.weak > (_ROUGH_VOLUME if neighbours > VOLUME else _ROUGH):
-        return "direct"
+        return Choice("direct", None)
+    if found.weak > (_ROUGH_VOLUME if found.entries > VOLUME * laplacian.size else _ROUGH):
+        return Choice("direct", None)
+    return _direct_in_time(laplacian) if accuracy == "direction" else Choice("multigrid", None)
+
+
+def _direct_in_time(laplacian: Laplacian) -> Choice:
+    """The direct method in the order by distance or by degree, if it takes less time than multigrid would."""
     width, decades = _corridor_width(laplacian), _LEAST_DECADES
-    seconds = _multigrid_seconds(laplacian, accuracy, width, decades)
-    if accuracy == "direction":
-        along = _narrow_seconds(laplacian, width)
-        if laplacian.rails is not None and not along < seconds:
-            decades = foresee_decades(laplacian).most
-            seconds = _multigrid_seconds(laplacian, accuracy, width, decades, graded=may_be_graded(laplacian))
-        if decades > _MOST_DECADES:
-            return "direct"
-        narrow = order_by_distance(laplacian) if along < seconds else None
-        if narrow is not None and _panel_seconds(narrow) < seconds:
-            return "direct"
-    return "multigrid" if seconds < _direct_seconds(laplacian.size, neighbours) else "direct"
+    seconds = _multigrid_seconds(laplacian, width, decades)
+    along = _narrow_seconds(laplacian, width)
+    if laplacian.rails is not None and not along < seconds:
+        decades = foresee_decades(laplacian).most
+        seconds = _multigrid_seconds(laplacian, width, decades, graded=may_be_graded(laplacian))
+    if decades > _MOST_DECADES:
+        return Choice("direct", None)
+    if along < seconds:
+        narrow = order_by_distance(laplacian)
+        if narrow is not None and _direct_seconds(narrow) < seconds:
+            return Choice("direct", narrow)
+    left = seconds - _ORDERING * laplacian.size
+    most = (left - _on_rows(laplacian.size)) / _ENTRY
+    wide = order_by_degree(laplacian, most) if most > 0.0 else None
+    return Choice("direct", wide) if wide is not None and _direct_seconds(wide) < left else Choice("multigrid", None)
 
 
 def _corridor_width(laplacian: Laplacian) -> float:
@@ -125,14 +153,6 @@ def _corridor_width(laplacian: Laplacian) -> float:
     return 2.0 * (dimensions - 1) / missing if missing > 0.0 else np.inf
 
 
-def _direct_seconds(size: int, neighbours: float) -> float:
-    """Rough time of a direct solution; the constants were measured on random rectangles, mazes and boxes."""
-    if neighbours > VOLUME:
-        return float(1.1e-9 * size**2)
-    a_row = 3.0e-6 if neighbours > _OPEN else 2.0e-6
-    return float(a_row * size * (size / 128e3) ** 0.2)
-
-
 def _narrow_seconds(laplacian: Laplacian, width: float) -> float:
     """Rough time of a direct solution along corridors of one width, measured on mazes and maps."""
     if laplacian.dimensions <= 2:
@@ -140,55 +160,54 @@ def _narrow_seconds(laplacian: Laplacian, width: float) -> float:
     return (0.7e-6 + 0.009e-6 * width**2) * laplacian.size
 
 
-def _panel_seconds(narrow: Symbolic) -> float:
+def _direct_seconds(order: Symbolic) -> float:
     """Rough time of a direct solution in an order that has been found, measured on mazes and maps."""
-    size = len(narrow.reduced.number)
-    a_row = 0.3e-6 if size > EXACT_ROWS else 0.65e-6
-    return a_row * size + 6e-9 * narrow.entries + 0.065e-9 * narrow.products
+    return _on_rows(len(order.reduced.number)) + _ENTRY * order.entries + 0.065e-9 * order.products
 
 
-def _multigrid_seconds(
-    laplacian: Laplacian, accuracy: str, width: float, decades: float, *, graded: bool = True
-) -> float:
-    """Rough time of a multigrid solution, measured on the same: of all iterations between two rails, by decades.
+def _on_rows(rows: int) -> float:
+    """The part of it that goes by the rows."""
+    return (0.3e-6 if rows > EXACT_ROWS else 0.65e-6) * rows
+
+
+def _multigrid_seconds(laplacian: Laplacian, width: float, decades: float, *, graded: bool = True) -> float:
+    """Rough time of directions by multigrid, measured on the same: of all iterations between two rails, by decades.
 
     Levels that may be graded take half as many.
     """
     on_grid, mazy = laplacian.grid is not None, width < _ROOM
-    if accuracy == "normwise":
-        a_row = 0.4e-6 if on_grid else 0.9e-6
-    elif laplacian.rails is None:
+    if laplacian.rails is None:
         a_row = (0.9e-6 if mazy else 0.5e-6) if on_grid else 1.6e-6
     elif on_grid:
         a_row = (0.7e-6 if mazy else 0.33e-6) + (0.012e-6 if graded else 0.025e-6) * decades
     else:
-        a_row = 1.5e-6 + 0.04e-6 * decades
+        a_row = 4e-6 + 0.04e-6 * decades
     return _OVERHEAD + a_row * laplacian.size
 
 
 def estimate_memory(laplacian: Laplacian, method: str, accuracy: str = "direction") -> float:
     """Estimate the peak memory of a method above the netlist, in bytes.
 
-    Entries of narrow circuits' factors are counted (`resgrid.solvers.supernodal`).  Those of others grow about as
-    ``n log n`` on planar grids, as ``n**(4/3)`` in three and ``n**(3/2)`` in four dimensions (George & Liu 1981); the
-    constants were measured under minimum degree on open grids, which fill most.  Those of multigrid are a tenth above
-    what was measured on grids, which do without compressed rows, and on other netlists; directions take rows and
+    Entries of narrow circuits' factors are counted (`resgrid.solvers.supernodal`).  Those of multigrid are a tenth
+    above what was measured on grids, which do without compressed rows, and on other netlists; directions take rows and
     scaled numbers besides, and where levels are graded, as in most planes, a second set of them.
     """
-    n = laplacian.size
     if method == "multigrid":
         on_nodes, on_entries = (100.0, 12.0) if laplacian.grid is not None else (230.0, 22.0)
         if accuracy == "direction":
             on_nodes, on_entries = on_nodes + (120.0 if is_graded(laplacian) else 60.0), on_entries + 18.0
-        return on_nodes * n + on_entries * count_connections(laplacian).entries
+        return on_nodes * laplacian.size + on_entries * count_connections(laplacian).entries
     narrow = order_by_distance(laplacian)
-    if narrow is not None:
-        return narrow.memory
-    fill = {
-        0: 3.0 * n,
-        1: 3.0 * n,
-        2: 2.6 * n * np.log2(n + 2),
-        3: 10.0 * n ** (4 / 3),
-        4: 4.5 * n ** (3 / 2),
-    }[laplacian.dimensions]
+    return narrow.memory if narrow is not None else _wide_memory(laplacian)
+
+
+def _wide_memory(laplacian: Laplacian) -> float:
+    """Memory of factors by minimum degree: about ``n log n`` entries on planes, ``n**(4/3)`` in three dimensions.
+
+    ``n**(3/2)`` in four (George & Liu 1981); the constants were measured on open grids, which fill most.
+    """
+    n = laplacian.size
+    fill = {2: 2.6 * n * np.log2(n + 2), 3: 10.0 * n ** (4 / 3), 4: 4.5 * n ** (3 / 2)}.get(
+        laplacian.dimensions, 3.0 * n
+    )
     return float(9.0 * fill + ON_ROWS * n)

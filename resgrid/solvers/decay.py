@@ -39,7 +39,7 @@ class Fall(NamedTuple):
     """By how many decades a potential falls.
 
     `near`: around the low rail; `most`: but at the lowest nodes, if these are few: they are found directly
-    (`resgrid.solvers.multigrid.pockets`); `whole`: in all.
+    (`resgrid.solvers.multigrid.local`); `whole`: in all.
     """
 
     near: float

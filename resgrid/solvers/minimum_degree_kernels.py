@@ -54,13 +54,14 @@ class Quotient(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def minimum_degree(q: Quotient, dense: int, step: Indices) -> None:
+def minimum_degree(q: Quotient, dense: int, most: float, step: Indices) -> bool:
     """Eliminate all rows, one of least degree after another; rows of more than ``dense`` neighbours come last.
 
-    Shapes: `step` (n,): when every row is eliminated; rows that were merged have the same number.
+    Shapes: `step` (n,): when every row is eliminated; rows that were merged have the same number.  Returns whether the
+    factors have at most so many entries.
     """
     n, least, size, k, tag = len(step), 0, 0, 0, 0
-    left = n
+    left, entries = n, 0.0
     for i in range(n):
         if q.length[i] > dense:
             q.weight[i], q.into[i] = 0, -1 - n
@@ -79,6 +80,9 @@ def minimum_degree(q: Quotient, dense: int, step: Indices) -> None:
         total = _weigh(q, begin, end, k)
         end, gone = _prune(q, p, begin, end)
         left, total = left - gone, total - gone
+        entries += (q.weight[p] + gone) * (total + 0.5 * (q.weight[p] + gone))
+        if entries > most:
+            return False
         tag = _merge_alike(q, begin, end, tag)
         size = begin
         for r in range(begin, end):
@@ -98,6 +102,7 @@ def minimum_degree(q: Quotient, dense: int, step: Indices) -> None:
             j = q.into[j]
         q.into[i] = q.into[j]
         step[i] = -1 - q.into[j]
+    return True
 
 
 @inlined

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
 from resgrid.solvers.extended import power
-from resgrid.solvers.laplacian import Laplacian, once
+from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.odd_even import OddEven, reduce_odd_even
 from resgrid.solvers.refine import Numbers
 
@@ -110,28 +110,27 @@ def factor_supernodes(laplacian: Laplacian, symbolic: Symbolic | None = None) ->
     """Factor a matrix, in an order that is there, or the one that suits it."""
     if symbolic is None:
         symbolic = order_by_distance(laplacian) or order_by_degree(laplacian)
+    assert symbolic is not None
     return _factor(symbolic)
 
 
-@once
 def order_by_distance(laplacian: Laplacian) -> Symbolic | None:
     """Order the rows of a matrix by their distance from the ground; None where it is not narrow."""
     reduced = reduce_odd_even(laplacian, _layers(laplacian))
     return _analyse(reduced, np.arange(reduced.size, dtype=np.int32), _room(laplacian))
 
 
-def order_by_degree(laplacian: Laplacian) -> Symbolic:
-    """Order the rows of a matrix by approximate minimum degree."""
+def order_by_degree(laplacian: Laplacian, most: float = np.inf) -> Symbolic | None:
+    """Order the rows of a matrix by approximate minimum degree; None for more than ``most`` entries of the factors."""
     from resgrid.solvers.minimum_degree_kernels import minimum_degree
 
     reduced = reduce_odd_even(laplacian, _layers(laplacian))
     n, indptr = reduced.size, reduced.left.indptr
     quotient = quotient_graph(indptr, reduced.left.indices[: indptr[-1]], int(indptr[-1]) + 2 * n)
     step = np.empty(n, dtype=np.int32)
-    minimum_degree(quotient, max(16, int(_DENSE * np.sqrt(n))), step)
-    symbolic = _analyse(reduced, np.argsort(step, kind="stable").astype(np.int32), np.inf)
-    assert symbolic is not None
-    return symbolic
+    if not minimum_degree(quotient, max(16, int(_DENSE * np.sqrt(n))), float(most), step):
+        return None
+    return _analyse(reduced, np.argsort(step, kind="stable").astype(np.int32), most)
 
 
 def quotient_graph(indptr: NDArray[np.int32], indices: NDArray[np.int32], room: int) -> Quotient:

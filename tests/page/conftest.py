@@ -1,17 +1,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
 from support.pages import OPTIONS, browser_program, settle
 
 from resgrid.page import LivePage, live
+from resgrid.page.drawing import blank
+from resgrid.page.frames import solve_drawing
 
 
 @pytest.fixture(scope="module")
 def served() -> Iterator[LivePage]:
-    """A page with an empty square."""
+    """A page with an empty square; its loops are compiled already."""
+    for exact in (True, False):
+        for k in (0.0, 1.0):
+            solve_drawing(replace(blank(), k=k), exact=exact)
     with live(browser=False) as page:
         yield page
 

@@ -102,6 +102,44 @@ def test_the_path_shown_is_that_of_the_shared_link(shown: Page):
             np.testing.assert_allclose(line, paths[0]["points"], atol=1e-4)
 
 
+def test_flaws_are_shown_beside_the_ideal_path(shown: Page):
+    shown.get_by_role("button", name="Break").click()
+    before = lines(shown)[0]
+    middle = before[len(before) // 2]
+    shown.mouse.click(*point_on(shown, (np.floor(middle[0]) + 0.97, np.floor(middle[1]) + 0.5)))
+    settle(shown)
+    assert shown.evaluate("live.model.scene.broken.length") == 1
+    assert shown.evaluate("live.view.ideal.length") == 1
+    shown.locator("#mismatch").fill("30")
+    settle(shown)
+    first = lines(shown)[0]
+    shown.locator("#seed").fill("7")
+    shown.keyboard.press("Enter")
+    until(shown, "live.model.scene.chip.seed === 7")
+    settle(shown)
+    assert not np.array_equal(lines(shown)[0], first)
+    shown.locator("#mismatch").fill("0")
+    shown.get_by_role("button", name="Undo").click()
+    shown.get_by_role("button", name="Undo").click()
+    until(shown, "live.model.before === null")
+
+
+def test_the_grid_settles(shown: Page):
+    shown.locator("#k").fill("0")
+    settle(shown)
+    final = shown.evaluate("Array.from(live.view.frame.picture)")
+    shown.get_by_role("button", name="Let it settle").click()
+    until(shown, "!document.getElementById('film').hidden")
+    until(shown, "document.getElementById('moment').value === document.getElementById('moment').max")
+    assert shown.inner_text("#origin") == "from the field before the last change"
+    shown.locator("#moment").fill("0")
+    assert shown.inner_text("#time").endswith("s")
+    assert shown.evaluate("Array.from(live.view.frame.picture)") == final
+    drag(shown, [(30, 30), (30, 40)])
+    settle(shown)
+    assert shown.locator("#film").is_hidden()
+
+
 def test_a_link_is_the_same_page_in_another_browser(served: LivePage, chromium: Browser, shown: Page):
     shown.select_option("#examples", "ring")
     until(shown, "live.model.scene.title === 'Ring'")
@@ -212,6 +250,31 @@ def test_readers_cannot_draw(chromium: Browser):
         context.close()
 
 
+def test_what_stands_around_an_arm_is_dragged(shown: Page):
+    shown.select_option("#examples", "chair")
+    until(shown, "live.model.scene.world !== null && live.world.poses.length > 1")
+    settle(shown)
+    walls, first = shown.evaluate(WALL), kept(shown)
+    box = shown.locator("#world").bounding_box()
+    assert box is not None
+    metre = 0.46 * min(box["width"], box["height"]) / 2
+    x, y = box["x"] + box["width"] / 2 + 0.95 * metre, box["y"] + box["height"] / 2
+    shown.mouse.move(x, y)
+    shown.mouse.down()
+    shown.mouse.move(x, y + 0.7 * metre, steps=6)
+    shown.mouse.up()
+    until(shown, "live.model.before === null")
+    settle(shown)
+    lower = shown.evaluate("live.model.scene.world.obstacle[0].lower")
+    assert lower == pytest.approx([0.7, -0.73], abs=0.03)
+    assert shown.evaluate(WALL) != walls
+    tip = shown.evaluate("live.world.poses.at(-1).at(-1)")
+    assert 0.82 - 0.1 <= tip[0] <= 1.0 + 0.1 and 0.11 - 0.1 <= tip[1] <= 0.25 + 0.1
+    shown.get_by_role("button", name="Undo").click()
+    settle(shown)
+    assert kept(shown) == first
+
+
 def test_a_stopped_server_is_said_and_the_page_goes_on(chromium: Browser):
     before = live(browser=False)
     context = chromium.new_context()
@@ -231,7 +294,7 @@ def test_a_stopped_server_is_said_and_the_page_goes_on(chromium: Browser):
 
 def test_random_actions_leave_no_error(shown: Page):
     rng = random.Random(3)
-    tools = ["Wall", "Erase", "Box", "Fill", "Mud", "Goal", "Start"]
+    tools = ["Wall", "Erase", "Box", "Fill", "Mud", "Goal", "Start", "Break"]
     for _ in range(150):
         action = rng.randrange(8)
         if action < 4:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -84,6 +85,40 @@ def test_a_hasty_frame_claims_nothing_that_was_not_certified():
     hasty = solve_drawing(drawing, exact=False)
     assert not hasty.exact
     assert hasty.field.space.shape == (48, 48)
+
+
+@pytest.mark.parametrize("k", [0.0, 0.5, 1.0])
+def test_a_broken_resistor_carries_nothing_and_the_path_goes_round(k):
+    drawing = replace(blank(16), k=k)
+    path = solve_drawing(drawing, exact=True).paths[0]
+    before, after = path.cells[3], path.cells[4]
+    axis = int(np.flatnonzero(before != after)[0])
+    face = (*np.maximum(before, after).tolist(), axis)
+    frame = solve_drawing(replace(drawing, broken=(face,)), exact=True)
+    assert frame.field.face_direction[axis][face[:2]] == 0
+    cells = frame.paths[0].cells.tolist()
+    assert frame.paths[0].outcome is rg.Outcome.REACHED
+    assert (before.tolist(), after.tolist()) not in list(pairwise(cells))
+
+
+def test_a_resistor_on_a_seam_is_one():
+    axes = (rg.Axis("a", 0.0, 8.0, 8, periodic=True), rg.Axis("b", 0.0, 4.0, 4))
+    cell = np.zeros((8, 4), np.uint8)
+    cell[4, 2] = 2
+    drawing = Drawing("ring", axes, ("periodic", "obstacle"), cell, 0 * cell, (1.0,), np.empty((0, 2)))
+    faces = [solve_drawing(replace(drawing, broken=((i, 1, 0),)), exact=True).field.face_direction[0] for i in (0, 8)]
+    np.testing.assert_array_equal(*faces)
+    assert faces[0][0, 1] == faces[0][8, 1] == 0
+
+
+def test_the_number_of_a_chip_draws_its_mismatch():
+    drawing = blank(16)
+    fields = [
+        solve_drawing(replace(drawing, chip={"mismatch": 0.2, "seed": seed}), exact=True).field.potential
+        for seed in (1, 1, 2)
+    ]
+    np.testing.assert_array_equal(fields[0], fields[1])
+    assert not np.array_equal(fields[0], fields[2])
 
 
 def test_what_cannot_be_drawn_is_refused(scenes: Path):

@@ -16,6 +16,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 import resgrid as rg
 from resgrid.page import LivePage
 from resgrid.page.drawing import blank
+from resgrid.page.frames import solve_drawing
 from resgrid.page.messages import LARGEST
 
 
@@ -40,6 +41,23 @@ def test_a_drawing_is_answered_by_a_certified_frame(served):
         told, _ = ask(socket, {"type": "probe", "cell": [3, 4]})
         assert told["probe"]["kind"] == "free" and len(told["probe"]["amperes"]) == 4
         assert told["probe"]["bits"] > 0
+
+
+@pytest.mark.parametrize("k", [0.0, 1.0])
+def test_a_grid_settles_to_its_field(served, k):
+    drawing = replace(blank(16), k=k)
+    with dial(served) as socket:
+        socket.recv(timeout=PATIENCE)
+        head, body = ask(socket, *about("settle", drawing))
+        assert head["from_rest"] and np.all(np.diff(head["times"]) > 0)
+        pictures = np.frombuffer(body, "<u2").reshape(-1, 16, 16)
+        assert len(pictures) == len(head["times"]) > 5
+        frame = solve_drawing(drawing, exact=True).field
+        value = frame.potential if k == 0 else np.clip(frame.log_drop / np.log(10), -2.0, 0.0) / 2.0 + 1.0
+        shown = frame.space.goal_connected
+        assert np.all(pictures[-1][~shown] == 65535)
+        np.testing.assert_allclose(pictures[-1][shown] / 65534, value[shown], atol=0.02)
+        assert "blend" in ask(socket, *about("settle", replace(drawing, k=0.5)))[0]["error"]
 
 
 def test_currents_that_are_told_keep_kirchhoff_s_law(served):
@@ -80,6 +98,9 @@ def test_nonsense_gets_a_clear_answer_and_harms_nothing(served, head, said):
     [
         (lambda head, body: (head | {"k": float("nan")}, body), "k"),
         (lambda head, body: (head | {"axes": [head["axes"][0] | {"cells": 10**9}] * 2}, body), "too many"),
+        (lambda head, body: (head | {"broken": [[8, 8, 0]]}, body), "no resistor"),
+        (lambda head, body: (head | {"chip": {"mismatch": 7}}, body), "sigma"),
+        (lambda head, body: (head | {"chip": {"mismatch": "much"}}, body), "sigma"),
         (lambda head, body: (head, body[:-1]), "bytes"),
         (lambda head, body: (head, b"\xff" + body[1:]), "none of free"),
         (lambda head, body: (head | {"chip": {"resistance": "soft"}}, body), "resistance"),

@@ -1,4 +1,4 @@
-"""Boards against dense algebra and brute force: what the passes form, and how blocks fall apart."""
+"""Stencils against dense algebra and brute force: what the passes form, and how blocks fall apart."""
 
 import networkx as nx
 import numpy as np
@@ -11,10 +11,10 @@ from resgrid.axis import Axis
 from resgrid.circuit.equations import Equations, assemble
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
-from resgrid.solvers.multigrid import waves
-from resgrid.solvers.multigrid.boards import Level, compensated, in_double, in_single, lay_out, to_graph
-from resgrid.solvers.multigrid.coarsening import coarsen
-from resgrid.solvers.multigrid.hierarchy import UNGRADED, build_hierarchy
+from resgrid.solvers.multigrid import sweeps
+from resgrid.solvers.multigrid.blocks import coarsen
+from resgrid.solvers.multigrid.grid_level import Level, compensated, in_double, in_single, lay_out, to_graph
+from resgrid.solvers.multigrid.hierarchy import UNSCALED, build_hierarchy
 from resgrid.solvers.multigrid.packing import with_work
 from resgrid.space import ConfigurationSpace
 
@@ -22,7 +22,7 @@ BOUNDARIES = st.sampled_from(["dirichlet", "neumann"])
 
 
 def laid_out(space: ConfigurationSpace, boundary: str, spread: float, seed: int) -> tuple[Equations, Level] | None:
-    """A space as a board, its conductances spread by factors; None where nothing is driven or no board fits."""
+    """A space as a stencil, its conductances spread by factors; None where nothing is driven or no stencil fits."""
     try:
         netlist = compile_space(space, boundary=boundary)
         factors = np.exp(np.random.default_rng(seed).normal(0.0, spread, len(netlist.conductance)))
@@ -61,23 +61,25 @@ def test_the_schur_complement_is_that_of_dense_elimination(
         return
     for level in down(made[1], split=False):
         matrix, used = matrix_of(level)
-        places = level.lattice.places
-        red, black = used < places, used >= places
+        slots = level.lattice.slots
+        red, black = used < slots, used >= slots
         if not red.any() or not black.any():
             continue
         schur = matrix[np.ix_(black, black)] - matrix[np.ix_(black, red)] @ np.linalg.solve(
             matrix[np.ix_(red, red)], matrix[np.ix_(red, black)]
         )
         rng = np.random.default_rng(seed)
-        z, r, s = np.zeros((3, places), dtype=np.float32)
-        here = used[black] - places
+        z, r, s = np.zeros((3, slots), dtype=np.float32)
+        here = used[black] - slots
         z[here], r[here], s[here] = rng.normal(size=(3, len(here)))
-        w = np.zeros(places, dtype=np.float32)
-        board = in_single(level)._replace(block=block)
+        w = np.zeros(slots, dtype=np.float32)
+        stencil = in_single(level)._replace(block=block)
         relaxed, coarse = z[here] + 1.0, np.array([0.0, 1.0], dtype=np.float32)
-        to_one = np.zeros(places, dtype=np.int32)
+        to_one = np.zeros(slots, dtype=np.int32)
         to_one[here] = 1
-        zr, zw, zs = waves.prolong_and_multiply(board, compensated(level, board), to_one, UNGRADED, coarse, r, s, z, w)
+        zr, zw, zs = sweeps.prolong_and_multiply(
+            stencil, compensated(level, stencil), to_one, UNSCALED, coarse, r, s, z, w
+        )
         size = np.abs(schur).sum(axis=1).max() * np.abs(z).max()
         degree = matrix.diagonal()[black]
         relaxed += (r[here] - schur @ relaxed) / degree
@@ -97,20 +99,23 @@ def test_rounded_products_of_a_constant_are_what_leaks(space: ConfigurationSpace
         return
     for level in down(made[1], split=False):
         matrix, used = matrix_of(level)
-        places, ends = level.lattice.places, level.ends
-        black = used >= places
+        slots, ends = level.lattice.slots, (level.edges.off_red, level.edges.off_black)
+        black = used >= slots
         schur = matrix[np.ix_(black, black)] - matrix[np.ix_(black, ~black)] @ np.linalg.solve(
             matrix[np.ix_(~black, ~black)], matrix[np.ix_(~black, black)]
         )
-        board = compensated(level, in_single(level))
-        red, far = np.nonzero(board.faces)[::-1], level.lattice.distance
+        stencil = compensated(level, in_single(level))
+        red, far = np.nonzero(stencil.faces)[::-1], level.lattice.distance
         there = np.concatenate([red[0] + far[red[1]], ends[1]])
-        here, g = np.concatenate([red[0], ends[0]]), np.concatenate([board.faces[red[::-1]], board.links]).astype(float)
-        share = board.red_inverse * np.bincount(here, g, places)
-        left = board.black_degree - np.bincount(there, g * share[here], places)
+        here, g = (
+            np.concatenate([red[0], ends[0]]),
+            np.concatenate([stencil.faces[red[::-1]], stencil.couplings]).astype(float),
+        )
+        share = stencil.red_inverse * np.bincount(here, g, slots)
+        left = stencil.black_degree - np.bincount(there, g * share[here], slots)
         degree = matrix.diagonal()[black]
         np.testing.assert_array_less(
-            np.abs(left[used[black] - places] - schur.sum(axis=1)), 1e-6 * schur.sum(axis=1) + 1e-13 * degree
+            np.abs(left[used[black] - slots] - schur.sum(axis=1)), 1e-6 * schur.sum(axis=1) + 1e-13 * degree
         )
 
 
@@ -122,19 +127,19 @@ def test_the_residual_is_that_of_the_netlist(space: ConfigurationSpace, boundary
         return
     for level in down(made[1], split=False):
         matrix, used = matrix_of(level)
-        places = level.lattice.places
+        slots = level.lattice.slots
         rng = np.random.default_rng(seed)
-        x, b = np.zeros((2, 2 * places))
+        x, b = np.zeros((2, 2 * slots))
         x[used], b[used] = rng.normal(size=(2, len(used)))
-        r = np.ones(places)
-        x = x.reshape(2, places)
-        norm = waves.black_residual(in_double(level)._replace(block=block), b.reshape(2, places), x, r)
+        r = np.ones(slots)
+        x = x.reshape(2, slots)
+        norm = sweeps.black_residual(in_double(level)._replace(block=block), b.reshape(2, slots), x, r)
         assert not r[: level.lattice.margin].any()
         assert not r[-level.lattice.margin :].any()
         residual = b[used] - matrix @ x.ravel()[used]
         size = np.abs(matrix).sum(axis=1).max() * np.abs(x).max() + np.abs(b).max()
-        black = used >= places
-        np.testing.assert_allclose(r[used[black] - places], residual[black], rtol=0, atol=1e-13 * size)
+        black = used >= slots
+        np.testing.assert_allclose(r[used[black] - slots], residual[black], rtol=0, atol=1e-13 * size)
         np.testing.assert_allclose(residual[~black], 0.0, atol=1e-13 * size)
         assert norm == pytest.approx(np.linalg.norm(residual[black]), rel=1e-12, abs=1e-13 * size)
 
@@ -148,12 +153,14 @@ def test_the_residual_at_rest_is_that_of_nothing_but_zeros(
     if made is None:
         return
     for level in down(made[1], split=False):
-        places, used = level.lattice.places, level.degree > 0
+        slots, used = level.lattice.slots, level.degree > 0
         rng = np.random.default_rng(seed)
         b = np.where(used & (rng.random(used.shape) < (0.1 if sparse else 1.0)), rng.normal(size=used.shape), 0.0)
-        board = in_double(level)._replace(block=block)
-        (x, expected), (r, still) = np.zeros((2, 2, places)), np.zeros((2, places))
-        assert waves.residual_at_rest(board, b, x, r) == pytest.approx(waves.black_residual(board, b, expected, still))
+        stencil = in_double(level)._replace(block=block)
+        (x, expected), (r, still) = np.zeros((2, 2, slots)), np.zeros((2, slots))
+        assert sweeps.residual_at_rest(stencil, b, x, r) == pytest.approx(
+            sweeps.black_residual(stencil, b, expected, still)
+        )
         np.testing.assert_allclose(r[used[1]], still[used[1]], rtol=1e-12, atol=1e-14)
         np.testing.assert_allclose(x, expected, rtol=1e-12)
 
@@ -208,8 +215,8 @@ def test_coarse_levels_join_what_resistors_join_and_nothing_else(
         return
     level, coarse, target = made[1], result.level, result.whole_target
     fine, number = to_graph(level)
-    small, place = to_graph(coarse)
-    node = place[target.ravel()[number >= 0]]
+    small, slot = to_graph(coarse)
+    node = slot[target.ravel()[number >= 0]]
     row = np.repeat(np.arange(fine.size), np.diff(fine.indptr))
     joined = {(a, b) for a, b in zip(node[row].tolist(), node[fine.indices].tolist(), strict=True) if a != b}
     there = np.repeat(np.arange(small.size), np.diff(small.indptr))
@@ -226,7 +233,7 @@ def test_a_room_without_obstacles_keeps_its_resistance_from_level_to_level() -> 
     assert made is not None
     unit = made[0].netlist.conductance.mean()
     for level in down(made[1], split=False)[:4]:
-        inner = level.faces[level.faces > 0] / unit
+        inner = level.edges.faces[level.edges.faces > 0] / unit
         assert np.median(inner) == pytest.approx(1.0, rel=1e-6)
 
 

@@ -19,12 +19,11 @@ from resgrid.netlist import Netlist
 from resgrid.solvers import choose as methods
 from resgrid.solvers.decay import foresee_decades
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.multigrid import foresight, graded, graded_solver, grading
-from resgrid.solvers.multigrid.cg_kernels import put_at_places
+from resgrid.solvers.multigrid import grading, h_transform
 from resgrid.solvers.multigrid.conjugate_gradients import iterate
-from resgrid.solvers.multigrid.foresight import foresee
-from resgrid.solvers.multigrid.graded_solver import at_places
+from resgrid.solvers.multigrid.h_transform import at_slots, nested_iteration
 from resgrid.solvers.multigrid.hierarchy import Hierarchy, build_hierarchy
+from resgrid.solvers.multigrid.krylov import scatter_rows
 from resgrid.space import ConfigurationSpace
 
 
@@ -79,23 +78,23 @@ def after_one_pass(system: Equations, hierarchy: Hierarchy) -> tuple[NDArray[np.
 def test_one_pass_is_right_in_all_decades_where_plain_levels_are_right_in_the_first_ones() -> None:
     system, log = log_potential(compile_space(space_of(rooms()), boundary="dirichlet"))
     assert log.min() < -15 * np.log(10.0)
-    levels = graded.gradable(system.laplacian)
+    levels = h_transform.scalable(system.laplacian)
     assert levels is not None
-    height = np.zeros((2, levels.level.lattice.places))
-    put_at_places(levels.place, np.exp(log), 1.0, height.ravel())
+    height = np.zeros((2, levels.level.lattice.slots))
+    scatter_rows(levels.slot, np.exp(log), 1.0, height.ravel())
     plain, steps = after_one_pass(system, build_hierarchy(system.laplacian))
     assert np.abs(plain / np.exp(log) - 1.0).max() > 1.0
-    x, more = after_one_pass(system, levels.grade(height))
+    x, more = after_one_pass(system, levels.scaled(height))
     assert np.abs(x / np.exp(log) - 1.0).max() < 1e-4
     assert more <= steps + 2
 
 
 def test_what_is_foreseen_falls_as_the_potential_does() -> None:
     system, log = log_potential(compile_space(space_of(rooms(400)), boundary="dirichlet"))
-    levels = graded.gradable(system.laplacian)
+    levels = h_transform.scalable(system.laplacian)
     assert levels is not None
     assert system.rails is not None
-    height = foresee(levels, at_places(levels, system.rails.to_low)).ravel()[levels.place]
+    height = nested_iteration(levels, at_slots(levels, system.rails.to_low)).ravel()[levels.slot]
     assert height.min() > 0.0
     off = (np.log(height) - log) / np.log(10.0)
     assert log.min() / np.log(10.0) < -15
@@ -107,19 +106,19 @@ def test_what_is_foreseen_falls_as_the_potential_does() -> None:
 @given(spaces(max_cells=14, dimensions=(2, 3)), st.integers(0, 2**16))
 def test_coarse_levels_are_galerkins_sums_in_proportion_to_the_height(space: ConfigurationSpace, seed: int) -> None:
     try:
-        levels = graded.gradable(assemble(compile_space(space, boundary="dirichlet")).laplacian)
+        levels = h_transform.scalable(assemble(compile_space(space, boundary="dirichlet")).laplacian)
     except CircuitError:
         return
     if levels is None:
         return
     level, step = levels.level, levels.steps[0]
-    plain = replace(step, stretch=np.ones_like(step.stretch), link_stretch=np.ones_like(step.link_stretch))
+    plain = replace(step, stretch=np.ones_like(step.stretch), off_stretch=np.ones_like(step.off_stretch))
     used = levels.unknown.ravel()
     h = np.where(used, np.random.default_rng(seed).uniform(0.7, 1.3, used.size), 0.0).reshape(2, -1)
-    fresh = graded.lay_out_grid(assemble(compile_space(space, boundary="dirichlet")).laplacian)
+    fresh = h_transform.lay_out_grid(assemble(compile_space(space, boundary="dirichlet")).laplacian)
     assert fresh is not None
     matrix, fine = matrix_of(fresh[0])
-    coarse = graded.summed(graded.transformed(level, levels.first[0], h), plain, fed=True)
+    coarse = h_transform.summed(h_transform.transformed(level, levels.first[0], h), plain, fed=True)
     small, nodes = matrix_of(coarse)
     shares = np.zeros((len(fine), len(nodes)))
     shares[np.arange(len(fine)), np.searchsorted(nodes, step.whole_target.ravel()[fine])] = h.ravel()[fine]
@@ -136,32 +135,32 @@ def test_a_cycle_makes_a_potential_better_in_proportion(space: ConfigurationSpac
         system, log = log_potential(netlist)
     except CircuitError:
         return
-    levels = graded.gradable(system.laplacian) if system.rails is not None else None
+    levels = h_transform.scalable(system.laplacian) if system.rails is not None else None
     if levels is None or not np.isfinite(log).all():
         return
-    exact, currents = np.zeros((2, levels.level.lattice.places)), at_places(levels, system.rails.to_low)
-    put_at_places(levels.place, np.exp(log), 1.0, exact.ravel())
-    laid = graded.lay_out_grid(system.laplacian)
+    exact, currents = np.zeros((2, levels.level.lattice.slots)), at_slots(levels, system.rails.to_low)
+    scatter_rows(levels.slot, np.exp(log), 1.0, exact.ravel())
+    laid = h_transform.lay_out_grid(system.laplacian)
     assert laid is not None
-    still = foresight._improved(laid[0], levels.steps, currents, exact.copy())
+    still = h_transform._improved(laid[0], levels.steps, currents, exact.copy())
     here = levels.unknown
     np.testing.assert_allclose(still[here], exact[here], rtol=1e-9)
     step = levels.steps[0]
-    wrong = 10.0 ** np.random.default_rng(seed).uniform(-decades, decades, 2 * step.level.lattice.places)
+    wrong = 10.0 ** np.random.default_rng(seed).uniform(-decades, decades, 2 * step.level.lattice.slots)
     x = exact * wrong[step.whole_target]
     for _ in range(3):
-        x = foresight._improved(laid[0], levels.steps, currents, x)
+        x = h_transform._improved(laid[0], levels.steps, currents, x)
         assert x[here].min() > 0.0
     assert np.abs(np.log10(x[here] / exact[here])).max() < 0.5 * decades + 1e-9
 
 
 def test_a_graded_step_is_symmetric_where_it_is_linear() -> None:
     system, log = log_potential(compile_space(space_of(rooms(60)), boundary="dirichlet"))
-    levels = graded.gradable(system.laplacian)
+    levels = h_transform.scalable(system.laplacian)
     assert levels is not None
-    height = np.zeros((2, levels.level.lattice.places))
-    put_at_places(levels.place, np.exp(0.2 * log), 1.0, height.ravel())
-    hierarchy = levels.grade(height)
+    height = np.zeros((2, levels.level.lattice.slots))
+    scatter_rows(levels.slot, np.exp(0.2 * log), 1.0, height.ravel())
+    hierarchy = levels.scaled(height)
     assert hierarchy.true is not None
     assert len(hierarchy.levels.grids.margin) > 0
     assert len(hierarchy.finest.weight) > 0
@@ -190,7 +189,7 @@ def test_a_maze_in_a_volume_is_graded() -> None:
 
 def test_plain_levels_have_their_turn_where_graded_ones_fail(monkeypatch: pytest.MonkeyPatch) -> None:
     netlist = compile_space(space_of(rooms(60)), boundary="dirichlet")
-    monkeypatch.setattr(graded_solver, "graded_approximation", lambda *_: lambda m, e, _: (0.0 * m, e))
+    monkeypatch.setattr(h_transform, "scaled_approximation", lambda *_: lambda m, e, _: (0.0 * m, e))
     assert_same(solve(netlist, method="multigrid").log_drop, solve(netlist, method="direct").log_drop)
 
 
@@ -201,10 +200,10 @@ def test_coarse_levels_may_fall_lower_than_squares_of_doubles() -> None:
     axes = (Axis("x", 0.0, 112.42590557036654, 145), Axis("y", 0.0, 224.66565792072865, 127))
     netlist = compile_space(ConfigurationSpace(axes, cell), boundary="wall", wall_resistance=288481.0)
     system = assemble(netlist)
-    levels = graded.gradable(system.laplacian)
+    levels = h_transform.scalable(system.laplacian)
     assert levels is not None
     assert system.rails is not None
-    height = foresee(levels, at_places(levels, system.rails.to_low))
+    height = nested_iteration(levels, at_slots(levels, system.rails.to_low))
     assert np.isfinite(height).all()
     assert height[levels.unknown].min() >= 0.0
 
@@ -212,7 +211,7 @@ def test_coarse_levels_may_fall_lower_than_squares_of_doubles() -> None:
 def test_potentials_whose_squares_are_no_doubles_are_not_graded(monkeypatch: pytest.MonkeyPatch) -> None:
     tried: list[float] = []
     monkeypatch.setattr(
-        graded_solver, "graded_approximation", lambda laplacian, *_: tried.append(foresee_decades(laplacian).whole)
+        h_transform, "scaled_approximation", lambda laplacian, *_: tried.append(foresee_decades(laplacian).whole)
     )
     for cell in (rooms(60), with_slits()):
         netlist = compile_space(space_of(cell), boundary="dirichlet")

@@ -76,12 +76,12 @@ def test_aggregates_are_connected_and_their_sums_conserve_conductance(
     summed = dense(Graph(*graphs.sum_up(*rows_of(graph), aggregate, count)))
     spread = np.eye(count)[aggregate]
     assert np.allclose(summed, spread.T @ dense(graph) @ spread, rtol=1e-12, atol=1e-12)
-    linked = dense(graph) < 0
+    coupled = dense(graph) < 0
     for group in range(count):
         members = np.flatnonzero(aggregate == group)
         assert len(members) <= 6 or not strict
-        assert len(members) > 1 or strict or not linked[members].any()
-        within = np.linalg.matrix_power(linked[np.ix_(members, members)] + np.eye(len(members)), len(members))
+        assert len(members) > 1 or strict or not coupled[members].any()
+        within = np.linalg.matrix_power(coupled[np.ix_(members, members)] + np.eye(len(members)), len(members))
         assert np.all(within > 0)
 
 
@@ -112,9 +112,9 @@ def test_breadth_first_brings_neighbours_together() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_levels_are_packed_in_an_order_of_their_own(seed: int) -> None:
     graph = random_graph(2000, 4.0, seed)
-    (_, levels, _), place = packing.pack_netlist(graph)
-    n, order = graph.size, np.argsort(place)
-    assert np.array_equal(place[order], np.arange(n))
+    (_, levels, _), slot = packing.pack_netlist(graph)
+    n, order = graph.size, np.argsort(slot)
+    assert np.array_equal(slot[order], np.arange(n))
     matrix = dense(graph)[np.ix_(order, order)]
     begin, middle, end = (part.astype(np.int64) for part in (levels.indptr[:n], levels.middle[:n], levels.indptr[1:]))
     for row in range(0, n, 97):
@@ -154,8 +154,8 @@ def _up_and_product(levels: cycle.Levels) -> float:
 
 def test_half_a_product_after_the_way_up_is_the_whole_one() -> None:
     graph = random_graph(600, 4.0, 1)
-    levels, place = packing.pack_netlist(graph)
-    levels, n, order = packing.with_work(levels), graph.size, np.argsort(place)
+    levels, slot = packing.pack_netlist(graph)
+    levels, n, order = packing.with_work(levels), graph.size, np.argsort(slot)
     rng = np.random.default_rng(0)
     levels.work.b[1 : n + 1], levels.work.x[:] = rng.random(n), rng.random(len(levels.work.x))
     energy = _up_and_product(levels)

@@ -11,12 +11,12 @@ LATTICES = st.builds(Lattice, st.lists(st.integers(1, 6), min_size=2, max_size=4
 @given(LATTICES)
 def test_every_cell_has_a_place_of_its_own_in_the_array_of_its_colour(lattice: Lattice) -> None:
     index = np.indices(lattice.shape).reshape(len(lattice.shape), -1)
-    place = lattice.place(lattice.number(list(index)))
+    slot = lattice.slot(lattice.number(list(index)))
     black = index.sum(axis=0) % 2 == 1
-    np.testing.assert_array_equal(place >= lattice.places, black)
-    assert len(np.unique(place)) == index.shape[1]
+    np.testing.assert_array_equal(slot >= lattice.slots, black)
+    assert len(np.unique(slot)) == index.shape[1]
     for colour in range(2):
-        here = place[black == colour] - colour * lattice.places
+        here = slot[black == colour] - colour * lattice.slots
         assert np.all((here >= lattice.margin) & (here < lattice.first_extra))
         np.testing.assert_array_equal(np.stack(lattice.cells_at(colour, here)), index[:, black == colour])
 
@@ -24,8 +24,8 @@ def test_every_cell_has_a_place_of_its_own_in_the_array_of_its_colour(lattice: L
 @given(LATTICES)
 def test_cells_lie_at_a_face_s_distance_if_they_share_that_face_and_only_then(lattice: Lattice) -> None:
     index = np.indices(lattice.shape).reshape(len(lattice.shape), -1)
-    place, red = lattice.place(lattice.number(list(index))), index.sum(axis=0) % 2 == 0
-    away = (place[~red] - lattice.places)[np.newaxis, :] - place[red][:, np.newaxis]
+    slot, red = lattice.slot(lattice.number(list(index))), index.sum(axis=0) % 2 == 0
+    away = (slot[~red] - lattice.slots)[np.newaxis, :] - slot[red][:, np.newaxis]
     step = index[:, ~red][:, np.newaxis, :] - index[:, red][:, :, np.newaxis]
     for side, distance in enumerate(lattice.distance.tolist()):
         shares = (step[side // 2] == (1 if side % 2 else -1)) & (np.abs(step).sum(axis=0) == 1)
@@ -35,7 +35,7 @@ def test_cells_lie_at_a_face_s_distance_if_they_share_that_face_and_only_then(la
 @given(LATTICES)
 def test_no_face_leads_out_of_the_array(lattice: Lattice) -> None:
     assert lattice.margin + lattice.distance.min() >= 0
-    assert lattice.first_extra + lattice.extras + lattice.distance.max() <= lattice.places
+    assert lattice.first_extra + lattice.extras + lattice.distance.max() <= lattice.slots
 
 
 @given(LATTICES)

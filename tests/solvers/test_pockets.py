@@ -13,8 +13,8 @@ from resgrid.compiler import compile_space
 from resgrid.solvers import choose as methods
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.extended import Scaled
-from resgrid.solvers.multigrid import grading, pockets
-from resgrid.solvers.multigrid.pockets import PocketsDirectly
+from resgrid.solvers.multigrid import grading, local
+from resgrid.solvers.multigrid.local import LocalCorrections
 from resgrid.solvers.refine import Numbers
 from resgrid.space import Cell, ConfigurationSpace
 
@@ -47,11 +47,11 @@ def system_of(space: ConfigurationSpace) -> Equations:
     return assemble(compile_space(space, boundary="dirichlet"))
 
 
-def after_a_first_pass() -> tuple[Equations, NDArray[np.int64], Whole, PocketsDirectly]:
+def after_a_first_pass() -> tuple[Equations, NDArray[np.int64], Whole, LocalCorrections]:
     """The rooms' system, one row in every room, and passes of which the first has been made."""
     system, whole = system_of(rooms_on_a_corridor()), Whole()
     cell_map = system.netlist.cells
-    passes = PocketsDirectly(system.laplacian, whole)
+    passes = LocalCorrections(system.laplacian, whole)
     passes(np.zeros(system.size), NONE, 0.0)
     return system, np.asarray(system.unknown[cell_map.node[9, 10::20]], dtype=np.int64), whole, passes
 
@@ -59,7 +59,7 @@ def after_a_first_pass() -> tuple[Equations, NDArray[np.int64], Whole, PocketsDi
 def test_the_first_pass_and_those_that_many_rows_need_are_whole() -> None:
     system = system_of(rooms_on_a_corridor())
     whole = Whole()
-    passes = PocketsDirectly(system.laplacian, whole)
+    passes = LocalCorrections(system.laplacian, whole)
     one, all_rows = np.zeros(system.size), np.ones(system.size)
     one[0] = 1.0
     passes(one, NONE, 0.0)
@@ -87,7 +87,7 @@ def test_what_lies_around_currents_into_a_slit_is_solved_first() -> None:
     system = system_of(rooms_on_a_corridor())
     assert system.rails is not None
     whole, current = Whole(), system.rails.to_low
-    passes = PocketsDirectly(system.laplacian, whole, in_slit=True)
+    passes = LocalCorrections(system.laplacian, whole, in_slit=True)
     x, _ = passes(current, NONE, 0.0)
     assert not whole.asked
     matrix = np.diag(system.laplacian.diagonal) - system.laplacian.edges.toarray()
@@ -141,13 +141,13 @@ def test_refinement_ends_with_pockets(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(methods, "may_shrink", lambda _: False)
     netlist = compile_space(rooms_on_a_corridor(), boundary="dirichlet")
     calls: list[int] = []
-    part = pockets._part
+    part = local._part
 
     def counted(system: Equations, region: NDArray[np.int64]) -> object:
         calls.append(len(region))
         return part(system, region)
 
-    monkeypatch.setattr(pockets, "_part", counted)
+    monkeypatch.setattr(local, "_part", counted)
     point, direct = (solve(netlist, method=method) for method in ("multigrid", "direct"))
     assert point.log_drop is not None
     np.testing.assert_allclose(point.log_drop, direct.log_drop, rtol=0, atol=1e-8, equal_nan=True)
@@ -170,7 +170,7 @@ def test_what_lies_along_a_slit_is_found_from_what_flows_in(length: int) -> None
     wrong[rows], exponent[rows] = -1e-13, 0
     left = np.zeros(system.size)
     left[np.random.default_rng(1).choice(rows, len(rows) // 2, replace=False)] = 1.0
-    passes = PocketsDirectly(system.laplacian, Whole())
+    passes = LocalCorrections(system.laplacian, Whole())
     found = passes.anew(left, (wrong, exponent), current)
     assert found is not None
     region, (m, e) = found
@@ -195,5 +195,5 @@ def test_rows_without_a_digit_are_found_anew(monkeypatch: pytest.MonkeyPatch) ->
     assert direct.log_drop is not None
     assert point.log_drop[np.isfinite(point.log_drop)].min() < -150 * np.log(10.0)
     np.testing.assert_allclose(point.log_drop, direct.log_drop, rtol=0, atol=point.entry_error, equal_nan=True)
-    monkeypatch.setattr(PocketsDirectly, "anew", lambda *_: None)
+    monkeypatch.setattr(LocalCorrections, "anew", lambda *_: None)
     assert point.iterations < 0.5 * solve(netlist, method="multigrid").iterations

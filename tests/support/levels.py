@@ -6,14 +6,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.solvers.multigrid.boards import Level, to_graph
 from resgrid.solvers.multigrid.cycle import Finest, Levels, precondition
+from resgrid.solvers.multigrid.grid_level import Level, to_graph
 from resgrid.solvers.multigrid.hierarchy import Hierarchy
 from resgrid.solvers.multigrid.packing import with_work
 
 
 def matrix_of(level: Level) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """The dense nodal matrix of a level over its nodes, red ones first, and their places."""
+    """The dense nodal matrix of a level over its nodes, red ones first, and their slots."""
     graph, number = to_graph(level)
     matrix = np.zeros((graph.size, graph.size))
     row = np.repeat(np.arange(graph.size), np.diff(graph.indptr))
@@ -28,8 +28,8 @@ def cells_of(level: Level) -> NDArray[np.int64]:
     used = np.flatnonzero(level.degree.ravel())
     parts = []
     for colour in range(2):
-        place = used[(used >= lattice.places) == (colour == 1)] - colour * lattice.places
-        on_grid = place[place < lattice.first_extra]
+        slot = used[(used >= lattice.slots) == (colour == 1)] - colour * lattice.slots
+        on_grid = slot[slot < lattice.first_extra]
         extra = np.unravel_index(level.extra_cell[colour], lattice.shape)
         cells = zip(lattice.cells_at(colour, on_grid), extra, strict=True)
         parts.append(np.stack([np.concatenate(pair) for pair in cells], axis=1))
@@ -38,7 +38,7 @@ def cells_of(level: Level) -> NDArray[np.int64]:
 
 def preconditioned(hierarchy: Hierarchy, r: NDArray[np.float32]) -> NDArray[np.float64]:
     """A residual of the finest level, preconditioned by a cycle that is linear: without the steps of the K-cycle."""
-    z = hierarchy.finest.board.black_inverse * r
+    z = hierarchy.finest.stencil.black_inverse * r
     _precondition(hierarchy.finest, with_work(hierarchy.levels), r, z)
     return z.astype(np.float64)
 

@@ -21,8 +21,8 @@ OPTIONS = [
     "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
     "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage",
 ]  # fmt: skip
-PATIENCE = 60.0
-"""Seconds within which a page answers, on the slowest machine that is worth testing on."""
+PATIENCE = 300.0
+"""Seconds within which a page answers, also while its loops are being compiled."""
 
 Answer = tuple[dict[str, Any], bytes]
 

@@ -14,10 +14,10 @@ const CHOICES = [
   ["deck", "SPICE deck", "with its sidecar and check, zipped"],
 ];
 
-/** @param {string} name @param {BlobPart} content */
+/** @param {string} name @param {Blob | Uint8Array} content */
 function download(name, content) {
   const link = document.createElement("a");
-  link.href = URL.createObjectURL(content instanceof Blob ? content : new Blob([content]));
+  link.href = URL.createObjectURL(content instanceof Blob ? content : new Blob([/** @type {BlobPart} */ (content)]));
   link.download = name;
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 10000);

@@ -17,6 +17,7 @@
  * @property {string[]} methods
  * @property {number} cut_off
  * @property {string[]} flat
+ * @property {number[][][][]} poses of an arm along every path
  */
 
 export const NOTHING = 65535;

@@ -4,10 +4,12 @@ import { contentsOf, documentIn, openLinking, openSaving } from "./files.js";
 import { readFrame } from "./frame.js";
 import { insideOf, keepScene, keptScene, Model, readScene, sizeOf, writeScene } from "./model.js";
 import { get, input, Panel, rowsOf } from "./panel.js";
+import { Settling } from "./settling.js";
 import { Tools } from "./tools.js";
 import { openTour } from "./tour.js";
 import { paintBar, View } from "./view.js";
 import { Newest, Wire } from "./wire.js";
+import { World } from "./world.js";
 
 /** @typedef {import("./model.js").Scene} Scene */
 
@@ -21,11 +23,15 @@ const panel = new Panel(get("panel"), model, tools, view);
 tools.fill(get("tools"));
 const wire = new Wire(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`);
 const switches = new URLSearchParams(location.search);
+const world = new World(/** @type {HTMLCanvasElement} */ (get("world")), model, () => resampling.want(), view);
+const settling = new Settling(model, wire, view, complain);
 let base = "", isReading = false, solvedOnce = false;
 /** @type {Scene | null} */ let solved = null;
+/** The last certified paths of a chip without flaws, and what they belong to. @type {{scene: Scene, lines: Float32Array[]} | null} */
+let ideal = null;
 /** @type {number[] | null} */ let hovered = null;
 /** What tests and frames around the page may look at. */
-const live = { model, view, wire, tools, frames: /** @type {{at: number, took: number, exact: boolean}[]} */ ([]), get solved() { return solved; } };
+const live = { model, view, world, wire, tools, frames: /** @type {{at: number, took: number, exact: boolean}[]} */ ([]), get solved() { return solved; } };
 Object.assign(window, { live });
 
 /** @param {"certified" | "preview" | "busy" | "error"} state @param {string} text */
@@ -61,6 +67,8 @@ const solving = new Newest(async () => {
     live.frames.push({ at: performance.now(), took: performance.now() - began, exact: frame.exact });
     if (live.frames.length > 2000) live.frames.splice(0, 1000);
     view.setFrame(frame);
+    compare(scene, frame);
+    world.poses = frame.poses.find((poses) => poses.length > 1) ?? [];
     panel.showFrame(frame, scene);
     showScale(frame);
     const current = frame.exact && scene === model.scene;
@@ -75,6 +83,16 @@ const solving = new Newest(async () => {
   }
   probing.want();
 });
+
+/** Keep the paths of the chip without flaws beside those of the same drawing with some.
+ * @param {Scene} scene @param {import("./frame.js").Frame} frame */
+function compare(scene, frame) {
+  const isFlawed = scene.broken.length > 0 || "mismatch" in scene.chip;
+  if (!isFlawed && frame.exact) ideal = { scene, lines: frame.lines };
+  const same = (/** @type {"cells" | "goals" | "starts" | "k" | "wall" | "driven" | "edge"} */ key) => ideal?.scene[key] === scene[key];
+  const isKin = same("cells") && same("goals") && same("starts") && same("k") && same("wall") && same("driven") && same("edge");
+  view.ideal = isFlawed && ideal && isKin ? ideal.lines : [];
+}
 
 /** @param {import("./frame.js").Frame} frame */
 function verdict(frame) {
@@ -96,10 +114,12 @@ const probing = new Newest(async () => {
   const card = get("card");
   if (!cell || scene !== solved || !view.frame || !wire.isOpen) {
     card.hidden = true;
+    world.hovered = null;
     return;
   }
   try {
     const [{ probe }] = await wire.ask({ type: "probe", cell });
+    world.hovered = hovered && probe.kind !== "obstacle" ? probe.pose : null;
     const table = document.createElement("table");
     for (const row of rowsOf(probe, scene)) {
       const line = table.insertRow();
@@ -113,9 +133,26 @@ const probing = new Newest(async () => {
   }
 });
 
+const resampling = new Newest(async () => {
+  const scene = model.scene;
+  if (!scene?.world) return;
+  try {
+    const [drawing, body] = writeScene(scene);
+    const [head, cells] = await wire.ask({ type: "world", drawing }, body);
+    if (!model.scene?.world) return;
+    const { palette, goals, cells: sampled } = readScene(head, cells);
+    model.show({ ...model.scene, palette, goals, cells: sampled });
+  } catch (error) {
+    complain(error);
+  }
+});
+
 model.addEventListener("change", (event) => {
   const scene = /** @type {Scene} */ (model.scene);
+  settling.clear();
   view.setScene(scene);
+  world.setScene(scene);
+  document.body.classList.toggle("armed", Boolean(scene.world));
   panel.showScene(scene);
   document.title = `${scene.title || "Drawing"} – resgrid live`;
   input("undo").disabled = !model.past.length;
@@ -153,7 +190,7 @@ wire.addEventListener("hello", async (event) => {
   const first = readScene(head, body);
   base = keepScene(first);
   isReading = head.hello.read_only;
-  tools.canDraw = !isReading && switches.get("edit") !== "0";
+  tools.canDraw = world.canDraw = !isReading && switches.get("edit") !== "0";
   document.body.classList.toggle("reading", !tools.canDraw);
   document.body.classList.toggle("bare", switches.get("panel") === "0");
   get("examples").replaceChildren(new Option("choose …", ""), ...head.hello.examples.map((/** @type {string} */ name) => new Option(name, name)));
@@ -203,7 +240,7 @@ get("new").addEventListener("click", () => {
   const scene = /** @type {Scene} */ (model.scene);
   const [nx, ny] = sizeOf(scene), goal = Math.floor(0.75 * nx) * ny + Math.floor(0.75 * ny);
   const start = scene.axes.map((axis) => axis.lower + 0.2 * (axis.upper - axis.lower));
-  model.replace({ ...scene, title: "Drawing", cells: new Uint8Array(scene.cells.length), palette: [1], goals: [[goal]], starts: [start] });
+  model.replace({ ...scene, title: "Drawing", cells: new Uint8Array(scene.cells.length), palette: [1], goals: [[goal]], starts: [start], broken: [], world: null });
 });
 get("open").addEventListener("click", () => input("file").click());
 get("file").addEventListener("change", () => {

@@ -12,6 +12,8 @@
  * @property {number} wall ohms
  * @property {boolean} driven
  * @property {object} chip
+ * @property {number[][]} broken resistors: a cell, and the axis across whose lower face they lie
+ * @property {object | null} world of an arm, the document of its scene
  * @property {Uint8Array} cells one byte a cell, x first: 1 for an obstacle, + 4 x number of its conductivity
  * @property {number[][]} goals cell numbers of every goal; goals stand on top of cells
  */
@@ -129,7 +131,7 @@ export class Model extends EventTarget {
   /** @param {"past" | "future"} from @param {"past" | "future"} to */
   #step(from, to) {
     const scene = this[from].at(-1);
-    if (!scene || this.before) return;
+    if (!scene || !this.scene || this.before) return;
     this[from] = this[from].slice(0, -1);
     this[to] = [...this[to], this.scene];
     this.#set(scene, true);

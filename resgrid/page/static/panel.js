@@ -41,6 +41,16 @@ const HTML = `
     <label class="row">Mud conducts <select id="conductivity">
       <option value="0.3">0.3</option><option value="0.1" selected>0.1</option><option value="0.01">0.01</option><option value="3">3</option></select></label>
   </section>
+  <section class="editing"><h2>Flaws of the chip</h2>
+    <label for="mismatch" class="row"><span>Mismatch of resistors</span><output id="mismatch-out"></output></label>
+    <input id="mismatch" type="range" min="0" max="40">
+    <label class="row">Chip number <input id="seed" type="number" min="0" max="999999" step="1"></label>
+  </section>
+  <section><h2>Time</h2>
+    <button id="settle" title="How the chip comes to this field, with 1 pF at every node unless the scene says otherwise">Let it settle</button>
+    <div id="film" hidden><label for="moment" class="row"><span id="origin" class="note"></span><output id="time"></output></label>
+    <input id="moment" type="range" min="0"></div>
+  </section>
   <section><h2>Show</h2>${SHOWN.map(([name, label]) => `<label class="check"><input type="checkbox" id="show-${name}">${label}</label>`).join("")}</section>
   <section><h2>Paths</h2><ul class="paths" id="paths"></ul><span class="note" id="figures"></span></section>`;
 
@@ -54,6 +64,11 @@ export class Panel {
     this.#slider("wall", (t) => ({ wall: wallOf(t, this.#ohms) }));
     this.#select("edge", (rule) => ({ edge: model.scene?.axes.map((axis) => (axis.periodic ? "periodic" : rule)) }));
     this.#select("driven", (drive) => ({ driven: drive === "start", ...(drive ? { k: 0 } : {}) }));
+    this.#slider("mismatch", (t) => ({ chip: this.#chip(t / 100, Number(input("seed").value)) }));
+    input("seed").addEventListener("change", () => {
+      const seed = Math.max(0, Math.min(999999, Math.round(Number(input("seed").value)))) || 0;
+      model.replace({ .../** @type {Scene} */ (model.scene), chip: this.#chip(Number(input("mismatch").value) / 100, seed) });
+    });
     const brush = input("brush");
     brush.value = String(tools.brush);
     const brushed = () => {
@@ -78,6 +93,12 @@ export class Panel {
 
   get #ohms() {
     return /** @type {any} */ (this.model.scene?.chip)?.resistance ?? 1e4;
+  }
+
+  /** The chip with a mismatch and a number; without mismatch it says nothing of either. @param {number} sigma @param {number} seed */
+  #chip(sigma, seed) {
+    const { mismatch, seed: before, ...rest } = /** @type {any} */ (this.model.scene?.chip);
+    return sigma ? { ...rest, mismatch: sigma, seed } : rest;
   }
 
   /** @param {string} name @param {(t: number) => object} change */
@@ -108,6 +129,10 @@ export class Panel {
     set("edge", scene.edge.find((rule) => rule !== "periodic") ?? "obstacle");
     set("driven", scene.driven ? "start" : "");
     input("k").disabled = input("wall").disabled = scene.driven;
+    const { mismatch = 0, seed = 0 } = /** @type {any} */ (scene.chip);
+    set("mismatch", String(Math.round(100 * mismatch)));
+    if (mismatch) set("seed", String(seed));
+    get("mismatch-out").textContent = mismatch ? `${Math.round(100 * mismatch)} %` : "none";
     get("k-out").textContent = String(scene.k);
     get("wall-out").textContent = scene.wall ? engineering(scene.wall, "Ω") : "none";
   }

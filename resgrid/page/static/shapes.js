@@ -90,3 +90,18 @@ export function startMoved(scene, number, cell) {
   const within = cell.map((part, a) => Math.max(0, Math.min(sizeOf(scene)[a] - 1, part)));
   return { ...scene, starts: scene.starts.map((start, n) => (n === number ? centreOf(scene, within) : start)) };
 }
+
+/** The face nearest to a point: its cell and axis. @param {Scene} scene @param {number[]} point in cells */
+export function faceAt(scene, point) {
+  const cell = point.map(Math.floor), local = point.map((value, a) => value - cell[a]);
+  const far = local.map((value) => Math.min(value, 1 - value)), axis = far[0] <= far[1] ? 0 : 1;
+  if (local[axis] > 0.5) cell[axis] += 1;
+  if (scene.axes[axis].periodic && cell[axis] === sizeOf(scene)[axis]) cell[axis] = 0;
+  return [...cell, axis];
+}
+
+/** Break a resistor, or mend it. @param {Scene} scene @param {number[]} face @returns {Scene} */
+export function withBroken(scene, face) {
+  const rest = scene.broken.filter((other) => other.some((part, a) => part !== face[a]));
+  return { ...scene, broken: rest.length < scene.broken.length ? rest : [...rest, face] };
+}

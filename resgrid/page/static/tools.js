@@ -1,7 +1,7 @@
 // Tools: what pointer, finger and keys do on the canvas.
 
 import { cellAt, insideOf, numberOf, OBSTACLE, sizeOf } from "./model.js";
-import { brushed, costing, flood, free, goalMoved, line, rectangle, startMoved, wall, withConductivity, withGoal,
+import { brushed, costing, faceAt, flood, free, goalMoved, line, rectangle, startMoved, wall, withBroken, withConductivity, withGoal,
   without, withStart } from "./shapes.js";
 
 /** @typedef {import("./model.js").Scene} Scene */
@@ -15,6 +15,7 @@ const ICONS = {
   cost: '<path d="M2 7q4-4 8 0t8 0M2 12q4-4 8 0t8 0M2 17q4-4 8 0t8 0"/>',
   goal: '<path d="M5 18V3h10l-3 4 3 4H5"/>',
   start: '<circle cx="10" cy="10" r="6"/>',
+  snap: '<path d="M2 10h4l2-4 2 8 M18 10h-4l-2 4-2-8"/>',
 };
 export const TOOLS = [
   ["draw", "Wall", "Draw walls; a stroke that begins on a wall erases (W)"],
@@ -24,8 +25,9 @@ export const TOOLS = [
   ["cost", "Mud", "Paint cells that conduct badly (M)"],
   ["goal", "Goal", "Add a goal; on a goal, remove it (G)"],
   ["start", "Start", "Add a start; on a start, remove it (S)"],
+  ["snap", "Break", "Break the resistor between two cells, or mend it (X)"],
 ];
-const KEYS = { w: "draw", e: "erase", b: "box", f: "fill", m: "cost", g: "goal", s: "start" };
+const KEYS = { w: "draw", e: "erase", b: "box", f: "fill", m: "cost", g: "goal", s: "start", x: "snap" };
 const REACH = 16;
 
 /** @typedef {{move: (cell: number[]) => void, end: () => void}} Gesture */
@@ -85,7 +87,8 @@ export class Tools {
   #down(event) {
     if (event.button !== 0 || !this.model.scene || this.#gesture) return;
     this.view.canvas.setPointerCapture(event.pointerId);
-    this.#begin(this.#cell(event), this.#handleAt(event));
+    if (this.tool === "snap" && this.canDraw) this.#snap(this.view.pointOf(event));
+    else this.#begin(this.#cell(event), this.#handleAt(event));
   }
 
   /** @param {PointerEvent} event */
@@ -100,6 +103,12 @@ export class Tools {
     this.#gesture = null;
     this.view.rectangle = null;
     this.model.commit();
+  }
+
+  /** @param {number[]} point in cells */
+  #snap(point) {
+    const scene = /** @type {Scene} */ (this.model.scene);
+    if (insideOf(scene, point.map(Math.floor))) this.model.replace(withBroken(scene, faceAt(scene, point)));
   }
 
   /** A goal or start near the pointer. @param {PointerEvent} event @returns {["goals" | "starts", number] | null} */
@@ -236,8 +245,9 @@ export class Tools {
   #use(scene) {
     const cell = this.view.cursor ?? sizeOf(scene).map((size) => Math.floor(size / 2));
     this.view.cursor = cell;
+    if (this.tool === "snap") return this.#snap([cell[0] + 0.9, cell[1] + 0.5]);
     const handle = this.#handleOn(scene, cell), own = handle?.[0] === `${this.tool}s`;
     this.#begin(cell, own ? handle : null);
-    this.#end();
+    return this.#end();
   }
 }

@@ -16,10 +16,12 @@ export class View {
   /** @type {Scene | null} */ scene = null;
   /** @type {Frame | null} */ frame = null;
   /** @type {HTMLCanvasElement | null} */ #field = null;
+  /** @type {Frame | null} a moment before the frame was reached */ #moment = null;
   /** @type {HTMLCanvasElement | null} */ #cells = null;
   /** @type {HTMLCanvasElement} */ #lines = document.createElement("canvas");
   /** @type {number[] | null} */ cursor = null;
   /** @type {number[][] | null} */ rectangle = null;
+  /** Paths of the chip without flaws, where this one has some. @type {Float32Array[]} */ ideal = [];
   shows = { dots: true, equipotentials: true, arrows: false, paths: true };
   dark = false;
   repaints = 0;
@@ -54,7 +56,16 @@ export class View {
     const [nx, ny] = this.scene?.axes.map((axis) => axis.cells) ?? [];
     if (frame.nx !== nx || frame.ny !== ny) return;
     this.frame = frame;
+    this.#moment = null;
     this.#field = paintField(this.#field, frame, this.dark);
+    this.#paintLines();
+  }
+
+  /** Show another picture in place of the frame's, or the frame's again. @param {{picture: Uint16Array, scale: any} | null} moment */
+  setMoment(moment) {
+    if (!this.frame) return;
+    this.#moment = moment ? { ...this.frame, ...moment } : null;
+    this.#field = paintField(this.#field, this.#moment ?? this.frame, this.dark);
     this.#paintLines();
   }
 
@@ -68,7 +79,7 @@ export class View {
       context.clearRect(0, 0, lines.width, lines.height);
     }
     if (!this.frame || !this.shows.equipotentials) return;
-    const { x, y, w, h, ny } = this.box, segments = contours(this.frame);
+    const { x, y, w, h, ny } = this.box, segments = contours(this.#moment ?? this.frame);
     context.beginPath();
     for (let n = 0; n < segments.length; n += 4) {
       context.moveTo(x + segments[n] * w, y + (ny - segments[n + 1]) * h);
@@ -157,6 +168,7 @@ export class View {
       if (this.shows.dots) this.#paintDots(this.frame, seconds);
       if (this.shows.paths) this.#paintPaths(this.frame);
     }
+    this.#paintBroken();
     this.#paintCursor();
     context.restore();
     this.#paintHandles();
@@ -239,31 +251,52 @@ export class View {
     context.stroke();
   }
 
-  /** Certified paths are whole, others dashed. @param {Frame} frame */
+  /** Certified paths are whole, others dashed; thin ones are those of the chip without flaws. @param {Frame} frame */
   #paintPaths(frame) {
-    const { context } = this, { w, h, nx, ny } = this.box, scale = this.canvas.width / 900;
-    const turns = (/** @type {number} */ a) => (this.scene?.axes[a].periodic ? [-1, 0, 1] : [0]);
+    const { context } = this, scale = this.canvas.width / 900;
     context.lineJoin = context.lineCap = "round";
+    for (const line of this.ideal) this.#paintLine(line, [["#ffb199", 1.5 * scale]]);
     context.setLineDash(frame.exact ? [] : [8 * scale, 6 * scale]);
-    for (const line of frame.lines) {
-      if (line.length < 4) continue;
-      const route = new Path2D();
-      for (const p of turns(0)) {
-        for (const q of turns(1)) {
-          for (let n = 0; n < line.length; n += 2) {
-            const [px, py] = this.toPixels([line[n] + p * nx, line[n + 1] + q * ny]);
-            if (n) route.lineTo(px, py);
-            else route.moveTo(px, py);
-          }
+    const fine = Math.max(0.8, scale);
+    for (const line of frame.lines) this.#paintLine(line, [[CASING, 6 * fine], ["#ffffff", 3 * fine]]);
+    context.setLineDash([]);
+  }
+
+  /** @param {Float32Array} line @param {[string, number][]} strokes */
+  #paintLine(line, strokes) {
+    if (line.length < 4) return;
+    const { context } = this, { nx, ny } = this.box, route = new Path2D();
+    const turns = (/** @type {number} */ a) => (this.scene?.axes[a].periodic ? [-1, 0, 1] : [0]);
+    for (const p of turns(0)) {
+      for (const q of turns(1)) {
+        for (let n = 0; n < line.length; n += 2) {
+          const [px, py] = this.toPixels([line[n] + p * nx, line[n + 1] + q * ny]);
+          if (n) route.lineTo(px, py);
+          else route.moveTo(px, py);
         }
       }
-      for (const [colour, width] of /** @type {[string, number][]} */ ([[CASING, 6], ["#ffffff", 3]])) {
-        context.strokeStyle = colour;
-        context.lineWidth = Math.max(1.5, width * Math.max(0.8, scale));
-        context.stroke(route);
+    }
+    for (const [colour, width] of strokes) {
+      context.strokeStyle = colour;
+      context.lineWidth = Math.max(1.5, width);
+      context.stroke(route);
+    }
+  }
+
+  /** Crosses on the faces whose resistors are broken. */
+  #paintBroken() {
+    const { context } = this, size = Math.max(5, 0.35 * this.box.w);
+    context.strokeStyle = "#ff3b30";
+    context.lineWidth = Math.max(2.5, this.canvas.width / 400);
+    context.beginPath();
+    for (const [i, j, axis] of this.scene?.broken ?? []) {
+      const [x, y] = this.toPixels(axis === 0 ? [i, j + 0.5] : [i + 0.5, j]);
+      for (const side of [1, -1]) {
+        context.moveTo(x - size, y - side * size);
+        context.lineTo(x + size, y + side * size);
       }
     }
-    context.setLineDash([]);
+    context.stroke();
   }
 
   #paintCursor() {
@@ -271,8 +304,8 @@ export class View {
     context.strokeStyle = "#ffffff";
     context.lineWidth = 2;
     if (this.rectangle) {
-      const low = [0, 1].map((a) => Math.min(this.rectangle[0][a], this.rectangle[1][a]));
-      const high = [0, 1].map((a) => Math.max(this.rectangle[0][a], this.rectangle[1][a]) + 1);
+      const [one, other] = this.rectangle;
+      const low = one.map((part, a) => Math.min(part, other[a])), high = one.map((part, a) => Math.max(part, other[a]) + 1);
       const [left, top] = this.toPixels([low[0], high[1]]);
       context.strokeRect(left, top, (high[0] - low[0]) * w, (high[1] - low[1]) * h);
     }

@@ -82,15 +82,21 @@ export class Wire extends EventTarget {
 export class Newest {
   #busy = false;
   #wanted = false;
+  /** @type {Promise<void>} */ #done = Promise.resolve();
 
   /** @param {() => Promise<void>} run asks for what is newest when it is called */
   constructor(run) {
     this.run = run;
   }
 
-  async want() {
+  /** Ask again; ends when the newest has been answered. */
+  want() {
     this.#wanted = true;
-    if (this.#busy) return;
+    if (!this.#busy) this.#done = this.#ask();
+    return this.#done;
+  }
+
+  async #ask() {
     this.#busy = true;
     while (this.#wanted) {
       this.#wanted = false;

@@ -18,7 +18,7 @@ from resgrid.solvers.factors.factor import Factor, refine_normwise
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.refine import Numbers, refine
-from resgrid.solvers.supernodal import SupernodalFactors, factor_supernodes
+from resgrid.solvers.supernodal import SupernodalFactors, Symbolic, factor_supernodes
 
 REFINED = 1e-28
 """Componentwise backward error that is enough where no current flows: the noise of double-double arithmetic."""
@@ -57,6 +57,6 @@ class DirectFactor(Factor):
         return self.factors.substitute(m, e if e.size else np.zeros(len(m), dtype=np.int64))
 
 
-def factor_direct(laplacian: Laplacian) -> DirectFactor:
-    """Factor a matrix."""
-    return DirectFactor(laplacian, factor_supernodes(laplacian))
+def factor_direct(laplacian: Laplacian, order: Symbolic | None = None) -> DirectFactor:
+    """Factor a matrix, in an order that has been found or in the one that suits it."""
+    return DirectFactor(laplacian, factor_supernodes(laplacian, order))

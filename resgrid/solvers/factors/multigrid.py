@@ -20,7 +20,7 @@ from resgrid.solvers.multigrid.grading import decades_in_slit, is_graded
 from resgrid.solvers.refine import Approximation, Refined, refine
 
 if TYPE_CHECKING:
-    from resgrid.solvers.multigrid.graded import Gradable
+    from resgrid.solvers.multigrid.h_transform import Scalable
     from resgrid.solvers.multigrid.hierarchy import Hierarchy
 
 REFINED = 1e-26
@@ -44,10 +44,10 @@ class MultigridFactor(Factor):
         return build_hierarchy(self.laplacian)
 
     @cached_property
-    def _gradable(self) -> Gradable | None:
-        from resgrid.solvers.multigrid.graded import gradable
+    def _gradable(self) -> Scalable | None:
+        from resgrid.solvers.multigrid.h_transform import scalable
 
-        return gradable(self.laplacian)
+        return scalable(self.laplacian)
 
     def _solve(
         self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
@@ -58,8 +58,8 @@ class MultigridFactor(Factor):
         of the largest one: where all currents meet in a few cells, as at the goal of open obstacles, the residual
         norm asks for much more than that.
         """
-        from resgrid.solvers.multigrid.cg_kernels import norm
         from resgrid.solvers.multigrid.conjugate_gradients import iterate
+        from resgrid.solvers.multigrid.krylov import norm
 
         x, residual = iterate(self.laplacian, self.hierarchy, rhs, rtol, guess, watch)
         error = residual / (2.0 * self.hierarchy.largest_degree * norm(x) + norm(rhs) or 1.0)
@@ -78,11 +78,11 @@ class MultigridFactor(Factor):
         return found.solution, found.error
 
     def _refined(self, rhs: NDArray[np.float64] | Scaled, passes: Approximation) -> Refined:
-        from resgrid.solvers.multigrid.pockets import PocketsDirectly
+        from resgrid.solvers.multigrid.local import LocalCorrections
 
         in_slit = decades_in_slit(self.laplacian) > 0.0
-        pockets = PocketsDirectly(self.laplacian, passes, in_slit)
-        return refine(self.laplacian, rhs, pockets, REFINED, resolve=pockets.anew)
+        local = LocalCorrections(self.laplacian, passes, in_slit)
+        return refine(self.laplacian, rhs, local, REFINED, resolve=local.anew)
 
     def _graded_approximation(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> Approximation | None:
         """What approximates ``A^-1`` in proportion to the solution, where that falls by many decades."""
@@ -91,9 +91,9 @@ class MultigridFactor(Factor):
         levels = self._gradable
         if levels is None:
             return None
-        from resgrid.solvers.multigrid.graded_solver import graded_approximation
+        from resgrid.solvers.multigrid.h_transform import scaled_approximation
 
-        graded = graded_approximation(self.laplacian, levels, rhs, watch)
+        graded = scaled_approximation(self.laplacian, levels, rhs, watch)
         if graded is None:
             vars(self)["_gradable"] = None  # neither kept nor tried again
         return graded

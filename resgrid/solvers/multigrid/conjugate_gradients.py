@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol, cast
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from resgrid.solvers.extended import power
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.multigrid import cg_kernels as kernels, waves
-from resgrid.solvers.multigrid.board_passes import Board
-from resgrid.solvers.multigrid.cg_kernels import Vectors
+from resgrid.solvers.multigrid import krylov, sweeps
 from resgrid.solvers.multigrid.cycle import Finest, Levels
 from resgrid.solvers.multigrid.hierarchy import Hierarchy
+from resgrid.solvers.multigrid.krylov import Vectors
 from resgrid.solvers.multigrid.packing import with_work
+from resgrid.solvers.multigrid.red_black import Stencil
 from resgrid.solvers.refine import Numbers
 
 MOST_ITERATIONS = 200
@@ -37,9 +37,7 @@ _TOLD = 5e-7
 _DEPTH = 3
 """Steps that are kept before they are gone."""
 
-_DEPTH_UNWATCHED = 12
-"""The same where no one follows the steps one by one."""
-
+_GO_ON = np.empty(0)
 _LIFT = 2.0**64
 """Norm of a residual on levels scaled by an h-transform: it falls by as many decades as single precision spans."""
 
@@ -63,68 +61,63 @@ _PASS, _LEAST_PASS = 1e-12, 1e-2
 
 
 class Problem(Protocol):
-    """Equations in units of the hierarchy's conductance, over vectors of places.
+    """Equations in units of the hierarchy's conductance, over vectors of slots.
 
-    `finest, levels`: what preconditions them, with work space of their own; `inverse` (places,): of the diagonal.
+    `finest, levels`: what preconditions them, with work space of their own; `vectors`: of the iteration.
     """
 
     finest: Finest
     levels: Levels
-
-    @property
-    def inverse(self) -> NDArray[np.float32]:
-        """Of the diagonal, shape (places,)."""
+    vectors: Vectors
 
     def residual(self, x: NDArray[np.float64], r: NDArray[np.float64], at_rest: bool) -> float:
-        """``r = b - A x``, and its norm; ``at_rest``: ``x`` is 0.  Shapes: `x` (colours, places), `r` (places,)."""
+        """``r = b - A x``, and its norm; ``at_rest``: ``x`` is 0.  Shapes: `x` (colours, slots), `r` (slots,)."""
 
 
 @dataclass(eq=False)
 class GridProblem:
     """The equations of a grid's black cells: ``S = D - G^T R G``, the red ones eliminated.
 
-    `true`: the finest level in double precision; `currents` (2, places): into both colours.
+    `true`: the finest level in double precision; `currents` (2, slots): into both colours; `depth`: steps that are
+    kept before they are gone.
     """
 
-    true: Board
+    true: Stencil
     finest: Finest
     levels: Levels
     currents: NDArray[np.float64]
+    depth: int = _DEPTH
 
-    @property
-    def inverse(self) -> NDArray[np.float32]:
-        """As of `Problem`."""
-        return cast(NDArray[np.float32], self.finest.board.black_inverse)
+    def __post_init__(self) -> None:
+        self.vectors = _vectors(self.finest.stencil.black_inverse, self.depth)
 
     def residual(self, x: NDArray[np.float64], r: NDArray[np.float64], at_rest: bool) -> float:
         """As of `Problem`; relaxes the red cells."""
-        formed = waves.residual_at_rest if at_rest else waves.black_residual
+        formed = sweeps.residual_at_rest if at_rest else sweeps.black_residual
         return float(formed(self.true, self.currents, x, r))
 
 
 @dataclass(eq=False)
 class _GraphProblem:
-    """The equations of a netlist's rows, in the order of the finest level: `place` (n,); `b` (n,) in amperes."""
+    """The equations of a netlist's rows, in the order of the finest level: `slot` (n,); `b` (n,) in amperes."""
 
     laplacian: Laplacian
     finest: Finest
     levels: Levels
-    place: NDArray[np.int32]
+    slot: NDArray[np.int32]
     b: NDArray[np.float64]
     unit: float
 
-    @property
-    def inverse(self) -> NDArray[np.float32]:
-        """As of `Problem`."""
-        return self.levels.graphs.inverse[: len(self.b)]
+    def __post_init__(self) -> None:
+        self.vectors = _vectors(self.levels.graphs.inverse[: len(self.b)], _DEPTH)
 
     def residual(self, x: NDArray[np.float64], r: NDArray[np.float64], at_rest: bool) -> float:
         """As of `Problem`."""
         if at_rest:
-            kernels.put_at_places(self.place, self.b, 1.0 / self.unit, r)
-            return kernels.norm(r)
-        by_rows = kernels.take_from_places(self.place, x[0])
-        size = kernels.row_residual(*matrix_rows(self.laplacian), self.place, self.b, by_rows, r)
+            krylov.scatter_rows(self.slot, self.b, 1.0 / self.unit, r)
+            return krylov.norm(r)
+        by_rows = krylov.gather_rows(self.slot, x[0])
+        size = krylov.row_residual(*matrix_rows(self.laplacian), self.slot, self.b, by_rows, r)
         r *= 1.0 / self.unit
         return size / self.unit
 
@@ -144,21 +137,21 @@ def iterate(
 
     Shapes: `b` (n,), `guess` (n,).
     """
-    unit, place = hierarchy.unit, hierarchy.place
+    unit, slot = hierarchy.unit, hierarchy.slot
     levels = with_work(hierarchy.levels)
     problem: Problem
     if hierarchy.true is None:
-        problem, x = _GraphProblem(laplacian, hierarchy.finest, levels, place, b, unit), np.zeros((1, len(b)))
+        problem, x = _GraphProblem(laplacian, hierarchy.finest, levels, slot, b, unit), np.zeros((1, len(b)))
     else:
         x, currents = np.zeros((2, 2, len(hierarchy.finest.aggregate)))
-        kernels.put_at_places(place, b, 1.0 / unit, currents.ravel())
+        krylov.scatter_rows(slot, b, 1.0 / unit, currents.ravel())
         problem = GridProblem(hierarchy.true, hierarchy.finest, levels, currents)
     if guess is not None:
-        kernels.put_at_places(place, guess, 1.0, x.ravel())
-    wanted = rtol * kernels.norm(b) / unit
+        krylov.scatter_rows(slot, guess, 1.0, x.ravel())
+    wanted = rtol * krylov.norm(b) / unit
     stop = Stop(wanted, ROUNDING * hierarchy.largest_degree / unit, unit, guess, rtol)
     size = converge(problem, x, stop, Watch() if watch is None else watch)
-    return kernels.take_from_places(place, x.ravel()), size * unit
+    return krylov.gather_rows(slot, x.ravel()), size * unit
 
 
 def approximate(
@@ -207,7 +200,7 @@ class Stop:
     def goal(self, x: NDArray[np.float64] | None, *, first: bool) -> float:
         """The residual to reach."""
         goal = _SMOOTH * self.wanted if first and self.guessed else self.wanted
-        return goal if x is None else max(goal, self.rounding * kernels.norm(x.ravel()))
+        return goal if x is None else max(goal, self.rounding * krylov.norm(x.ravel()))
 
     def moved(self, power: float, far: Callable[[], float]) -> None:
         """A step has lessened the squared norm by so much; ``far`` tells the most it has moved a voltage.
@@ -228,11 +221,11 @@ class Stop:
 def converge(
     problem: Problem, x: NDArray[np.float64], stop: Stop, watch: Watch | None, *, at_rest: bool | None = None
 ) -> float:
-    """Improve ``x`` (colours, places) in place until the residual is small enough, or rounding forbids more.
+    """Improve ``x`` (colours, slots) in place until the residual is small enough, or rounding forbids more.
 
     Without a watch, a burst is taken in one piece.  Returns the norm, in units.
     """
-    burst = _Burst(problem, len(x[0]), stop, watch)
+    burst = _Burst(problem, stop, watch)
     at_rest = not stop.guessed if at_rest is None else at_rest
     last, left = np.inf, MOST_ITERATIONS
     while True:
@@ -259,16 +252,13 @@ class _Burst:
     so that what the recursive residual stands for is known to all digits.
     """
 
-    def __init__(self, problem: Problem, places: int, stop: Stop, watch: Watch | None) -> None:
+    def __init__(self, problem: Problem, stop: Stop, watch: Watch | None) -> None:
         self._problem, self._stop, self._watch = problem, stop, watch
-        r, s, w = np.zeros((3, places), dtype=np.float32)
-        depth = _DEPTH if watch is not None else _DEPTH_UNWATCHED
-        z, (on_x, on_p) = np.empty((depth, places), dtype=np.float32), np.zeros((2, depth + 1))
-        on_p[-1] = 1.0
-        self._v = Vectors(problem.inverse, r, s, w, z, np.zeros(places), on_x, on_p, np.zeros(6))
+        self._v = problem.vectors
         # Between bursts, the true residual stands where the last steps will be kept.
-        self.residual = z[-2:].reshape(-1).view(np.float64)
+        self.residual = self._v.z[-2:].reshape(-1).view(np.float64)
         self.left = 1.0
+        self.forget()
 
     def forget(self) -> None:
         """Drop the last direction: a residual that is not what recursion left is not orthogonal to it."""
@@ -276,29 +266,40 @@ class _Burst:
 
     def run(self, x: NDArray[np.float64], size: float, gain: float, most: int) -> int:
         """Reduce the residual, of norm ``size``, by a factor ``gain``; returns the steps taken."""
-        stop, v = self._stop, self._v
-        finest, levels = self._problem.finest, self._problem.levels
-        lift = _LIFT if len(finest.weight) else 1.0
-        one = size / lift
-        kernels.begin_burst(v, one, self.residual)
-        steps, at_once = 0, most if self._watch is None else 1
-        while steps < most and not stop.small:
-            taken = kernels.step(finest, levels, v, x, one, lift, gain, at_once)
-            if not taken:
-                break
-            steps += taken
-            if self._watch is not None:
+        stop, v, watch = self._stop, self._v, self._watch
+        lift = _LIFT if len(self._problem.finest.weight) else 1.0
+        one, steps = size / lift, 0
+        if watch is None:
+            steps = self._step(x, self.residual, (one, lift), gain, most)
+        else:
+            krylov.begin_burst(v, one, self.residual)
+            while steps < most and not stop.small and self._step(x, _GO_ON, (one, lift), gain, 1):
+                steps += 1
                 alpha, work = v.scalars[4:].tolist()
                 stop.moved(work * one * one, partial(_move, v, abs(alpha) * one))
-                self._watch.step(float(v.scalars[2]) * size * stop.unit)
-        kernels.gather_steps(v, x, one)
+                watch.step(float(v.scalars[2]) * size * stop.unit)
+            krylov.gather_steps(v, x, one)
         self.left = float(v.scalars[2])
         return steps
+
+    def _step(
+        self, x: NDArray[np.float64], residual: NDArray[np.float64], unit: tuple[float, float], gain: float, most: int
+    ) -> int:
+        of = self._problem
+        return int(krylov.step(of.finest, of.levels, self._v, x, residual, unit, gain, most))
+
+
+def _vectors(inverse: NDArray[np.float32], depth: int) -> Vectors:
+    slots = len(inverse)
+    r, s, w = np.zeros((3, slots), dtype=np.float32)
+    z, (on_x, on_p) = np.empty((depth, slots), dtype=np.float32), np.zeros((2, depth + 1))
+    on_p[-1] = 1.0
+    return Vectors(inverse, r, s, w, z, np.zeros(slots), on_x, on_p, np.zeros(6))
 
 
 def _move(v: Vectors, length: float) -> float:
     """Largest move of a voltage in a step of this length."""
-    return float(length * kernels.largest_step(v))
+    return float(length * krylov.largest_step(v))
 
 
 def matrix_rows(

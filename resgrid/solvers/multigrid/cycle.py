@@ -13,17 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.jit import ZERO, inner, inner_fast
-from resgrid.solvers.multigrid.board_passes import (
-    Board,
+from resgrid.solvers.multigrid.red_black import (
     Floats,
     Indices,
     Integers,
     Singles,
+    Stencil,
     add_into_black,
     relax_red,
 )
 from resgrid.solvers.multigrid.subnormals import flush_subnormals, restore_subnormals
-from resgrid.solvers.multigrid.waves import prolong_and_multiply, restrict
+from resgrid.solvers.multigrid.sweeps import prolong_and_multiply, restrict
 
 Unsigned = NDArray[np.uint32]
 """Indices without a sign: compiled code need not ask whether one counts from the end."""
@@ -34,23 +34,23 @@ _ONE, _TWO, _THREE, _FOUR, _FIVE = (np.uint32(k) for k in range(1, 6))
 class Grids(NamedTuple):
     """Coarse red-black grids in single precision, one behind the other.
 
-    Places of level ``l`` stand at ``places[l] ... places[l + 1]``, its links and faces at the corresponding stretches
-    of their arrays (`Board`).
+    Places of level ``l`` stand at ``slots[l] ... slots[l + 1]``, its couplings and faces at the corresponding stretches
+    of their arrays (`Stencil`).
 
-    `places, first_link` (levels + 1,); `margin, block` (levels,); `distance` (levels, 2 ndim); `aggregate`: node of
-    the next level that a black place belongs to: its place there, red ones first; of a graph, counted from 1; 0 for
+    `slots, first_off` (levels + 1,); `margin, block` (levels,); `distance` (levels, 2 ndim); `aggregate`: node of
+    the next level that a black slot belongs to: its slot there, red ones first; of a graph, counted from 1; 0 for
     none; `weight`: what it takes from there; empty where that is all (`resgrid.solvers.multigrid.graded`).
     """
 
-    places: Integers
-    first_link: Integers
+    slots: Integers
+    first_off: Integers
     margin: Integers
     block: Integers
     distance: Integers
     faces: Singles
-    links: Singles
-    link_red: Indices
-    link_black: Indices
+    couplings: Singles
+    off_red: Indices
+    off_black: Indices
     red_inverse: Singles
     black_inverse: Singles
     black_degree: Singles
@@ -65,9 +65,7 @@ class Graphs(NamedTuple):
 
     `first` (levels + 1,); `indptr` (nodes + 1,); `middle` (nodes,): where in a row the neighbours begin that come
     after it; `indices, conductance` (entries,); `inverse` (nodes,): of the diagonal; `aggregate` (nodes,): node of the
-    next level; `eliminated` (levels + 1,): where a level's entries in ``removed`` begin: a level that has some is left
-    by elimination, not aggregation; `removed` (eliminated, 3): eliminated nodes in their order, and their neighbours;
-    -1 for none; `share` (eliminated, 3): shares of the two neighbours, and the reciprocal of the diagonal; `coarsest`:
+    next level; `coarsest`:
     inverse of the last level's matrix; empty where its diagonal must do.
     """
 
@@ -78,18 +76,15 @@ class Graphs(NamedTuple):
     conductance: Singles
     inverse: Singles
     aggregate: Unsigned
-    eliminated: Integers
-    removed: Integers
-    share: Singles
     coarsest: Singles
 
 
 class Work(NamedTuple):
     """Work space of one solve.
 
-    `b, x`: currents and voltages: of both colours of all grids, of nothing at one place, of all graphs' nodes; `f,
-    z`: right-hand side and answer of the grids' black places; `c, v, w`: first direction and products, of the grids'
-    black places, then of the graphs' nodes.
+    `b, x`: currents and voltages: of both colours of all grids, of nothing at one slot, of all graphs' nodes; `f,
+    z`: right-hand side and answer of the grids' black slots; `c, v, w`: first direction and products, of the grids'
+    black slots, then of the graphs' nodes.
     """
 
     b: Singles
@@ -112,13 +107,13 @@ class Levels(NamedTuple):
 class Finest(NamedTuple):
     """The finest level: of a grid with the way to the next one; of a netlist, what its first graph leaves open.
 
-    `board, exact`: in single precision, and with a diagonal that makes up for it (`boards.compensated`); `aggregate,
-    weight` (places,): as of `Grids`; `ground` (n,): from every node of a netlist's first graph to known voltages, in
-    units; empty for a grid, as all others are for a netlist.
+    `stencil, exact`: in single precision, and with a diagonal that makes up for it (`grid_level.compensated`);
+    `aggregate, weight` (slots,): as of `Grids`; `ground` (n,): from every node of a netlist's first graph to known
+    voltages, in units; empty for a grid, as all others are for a netlist.
     """
 
-    board: Board
-    exact: Board
+    stencil: Stencil
+    exact: Stencil
     aggregate: Indices
     weight: Singles
     ground: Floats
@@ -147,11 +142,11 @@ def precondition(
         products = _precondition_graph(finest.ground, levels, stop, r, s, z, w)
     else:
         grids, graphs, work = levels
-        size = 2 * grids.places[1] if len(grids.margin) > 0 else 1 + graphs.first[1]
-        restrict(finest.board, finest.aggregate, finest.weight, z, work.b[:size])
+        size = 2 * grids.slots[1] if len(grids.margin) > 0 else 1 + graphs.first[1]
+        restrict(finest.stencil, finest.aggregate, finest.weight, z, work.b[:size])
         _cycle(levels, stop, ZERO)
         products = prolong_and_multiply(
-            finest.board, finest.exact, finest.aggregate, finest.weight, work.x[:size], r, s, z, w
+            finest.stencil, finest.exact, finest.aggregate, finest.weight, work.x[:size], r, s, z, w
         )
     restore_subnormals(flags)
     return products
@@ -206,7 +201,7 @@ def _cycle(levels: Levels, stop: float, top: int) -> None:
     grids, graphs, work = levels
     count = len(grids.margin)
     last = count + len(graphs.first) - 2
-    begin = 2 * grids.places[count] + 1
+    begin = 2 * grids.slots[count] + 1
     b, x = work.b[begin:], work.x[begin:]
     visits = np.zeros(last + 1, np.int64)
     alpha, energy = np.zeros(last + 1), np.zeros(last + 1)
@@ -216,14 +211,6 @@ def _cycle(levels: Levels, stop: float, top: int) -> None:
         if level == last:
             _solve_coarsest(graphs, b, x)
             level -= 1
-            continue
-        if graph >= 0 and graphs.eliminated[graph + 1] > graphs.eliminated[graph]:
-            if visits[level] == 0:
-                _eliminate(graphs, graph, b, x)
-            else:
-                _put_back(graphs, graph, x)
-            visits[level] = 1 - visits[level]
-            level += 1 if visits[level] else -1
             continue
         of, done = _vectors(levels, level), False
         if visits[level] == 0 and graph < 0:
@@ -248,12 +235,12 @@ def _cycle(levels: Levels, stop: float, top: int) -> None:
 @inner
 def _vectors(levels: Levels, level: int) -> _Vectors:
     grids, graphs, work = levels
-    graph, places = level - len(grids.margin), grids.places[len(grids.margin)]
+    graph, slots = level - len(grids.margin), grids.slots[len(grids.margin)]
     if graph < 0:
-        a, e = grids.places[level], grids.places[level + 1]
+        a, e = grids.slots[level], grids.slots[level + 1]
         return _Vectors(work.f[a:e], work.z[a:e], work.c[a:e], work.v[a:e], work.w[a:e])
     a, e = graphs.first[graph], graphs.first[graph + 1]
-    i, k, m, n = 2 * places + 1 + a, 2 * places + 1 + e, places + a, places + e
+    i, k, m, n = 2 * slots + 1 + a, 2 * slots + 1 + e, slots + a, slots + e
     return _Vectors(work.b[i:k], work.x[i:k], work.c[m:n], work.v[m:n], work.w[m:n])
 
 
@@ -263,12 +250,12 @@ def _descend(levels: Levels, level: int) -> None:
     grids, graphs, work = levels
     count, of = len(grids.margin), _vectors(levels, level)
     if level >= count:
-        begin = 2 * grids.places[count] + 1
+        begin = 2 * grids.slots[count] + 1
         _descend_graph(graphs, level - count, work.b[begin:], work.x[begin:])
         return
-    board, (a, e) = _board(grids, level), (grids.places[level], grids.places[level + 1])
-    _times(board.black_inverse, of.r, of.z)
-    restrict(board, grids.aggregate[a:e], grids.weight[a:e], of.z, work.b[2 * e : _end_below(levels, level)])
+    stencil, (a, e) = _stencil(grids, level), (grids.slots[level], grids.slots[level + 1])
+    _times(stencil.black_inverse, of.r, of.z)
+    restrict(stencil, grids.aggregate[a:e], grids.weight[a:e], of.z, work.b[2 * e : _end_below(levels, level)])
 
 
 @inner
@@ -277,12 +264,12 @@ def _ascend(levels: Levels, level: int, s: Singles, y: Singles) -> tuple[float, 
     grids, graphs, work = levels
     count, of = len(grids.margin), _vectors(levels, level)
     if level >= count:
-        begin, after = 2 * grids.places[count] + 1, grids.places[count]
+        begin, after = 2 * grids.slots[count] + 1, grids.slots[count]
         _ascend_graph(graphs, level - count, work.b[begin:], work.x[begin:], work.w[after:])
         return _multiply_after(graphs, level - count, of, work.w[after:], s, y)
-    board, (a, e) = _board(grids, level), (grids.places[level], grids.places[level + 1])
+    stencil, (a, e) = _stencil(grids, level), (grids.slots[level], grids.slots[level + 1])
     coarse = work.x[2 * e : _end_below(levels, level)]
-    return prolong_and_multiply(board, board, grids.aggregate[a:e], grids.weight[a:e], coarse, of.r, s, of.z, y)
+    return prolong_and_multiply(stencil, stencil, grids.aggregate[a:e], grids.weight[a:e], coarse, of.r, s, of.z, y)
 
 
 @inner
@@ -291,24 +278,24 @@ def _end_below(levels: Levels, level: int) -> int:
     grids, graphs, _ = levels
     count = len(grids.margin)
     if level + 1 < count:
-        return int(2 * grids.places[level + 2])
-    return int(2 * grids.places[count] + 1 + graphs.first[1])
+        return int(2 * grids.slots[level + 2])
+    return int(2 * grids.slots[count] + 1 + graphs.first[1])
 
 
 @inner
-def _board(grids: Grids, level: int) -> Board:
+def _stencil(grids: Grids, level: int) -> Stencil:
     """One of the grids."""
     sides = grids.distance.shape[1]
-    a, e = grids.places[level], grids.places[level + 1]
-    k, m = grids.first_link[level], grids.first_link[level + 1]
-    return Board(
+    a, e = grids.slots[level], grids.slots[level + 1]
+    k, m = grids.first_off[level], grids.first_off[level + 1]
+    return Stencil(
         grids.faces[sides * a : sides * e].reshape((sides, e - a)),
         grids.distance[level],
         grids.margin[level],
         grids.block[level],
-        grids.link_red[k:m],
-        grids.link_black[k:m],
-        grids.links[k:m],
+        grids.off_red[k:m],
+        grids.off_black[k:m],
+        grids.couplings[k:m],
         grids.red_inverse[a:e],
         grids.black_inverse[a:e],
         grids.black_degree[a:e],
@@ -319,19 +306,19 @@ def _board(grids: Grids, level: int) -> Board:
 def _eliminate_red(levels: Levels, level: int, red: Singles) -> None:
     """Eliminate the red nodes: ``f`` is what the black ones are due."""
     grids, work = levels.grids, levels.work
-    a, e, board = grids.places[level], grids.places[level + 1], _board(grids, level)
-    _times(board.red_inverse, work.b[2 * a : a + e], red)
-    add_into_black(board, red, work.b[a + e : 2 * e], work.f[a:e])
+    a, e, stencil = grids.slots[level], grids.slots[level + 1], _stencil(grids, level)
+    _times(stencil.red_inverse, work.b[2 * a : a + e], red)
+    add_into_black(stencil, red, work.b[a + e : 2 * e], work.f[a:e])
 
 
 @inner
 def _put_red_back(levels: Levels, level: int) -> None:
     """Voltages of the black nodes, and of the red ones that follow."""
     grids, work = levels.grids, levels.work
-    a, e = grids.places[level], grids.places[level + 1]
+    a, e = grids.slots[level], grids.slots[level + 1]
     for k in range(e - a):
         work.x[a + e + k] = work.z[a + k]
-    relax_red(_board(grids, level), work.b[2 * a : a + e], work.z[a:e], work.x[2 * a : a + e])
+    relax_red(_stencil(grids, level), work.b[2 * a : a + e], work.z[a:e], work.x[2 * a : a + e])
 
 
 @inner_fast
@@ -444,34 +431,6 @@ def _multiply_after(
         zr += one * np.float64(r[at])
         zy += one * np.float64(y[at])
     return zr, zy, zs
-
-
-@inner
-def _eliminate(graphs: Graphs, level: int, b: Singles, x: Singles) -> None:
-    """Carry the currents of eliminated nodes to their neighbours, and those of the others to the next level."""
-    for i in range(graphs.first[level], graphs.first[level + 1]):
-        x[i] = b[i]
-    for k in range(graphs.eliminated[level], graphs.eliminated[level + 1]):
-        for end in range(2):
-            if graphs.removed[k, 1 + end] >= 0:
-                x[graphs.removed[k, 1 + end]] += graphs.share[k, end] * x[graphs.removed[k, 0]]
-    for i in range(graphs.first[level], graphs.first[level + 1]):
-        if graphs.aggregate[i] > i:
-            b[graphs.aggregate[i]] = x[i]
-
-
-@inner
-def _put_back(graphs: Graphs, level: int, x: Singles) -> None:
-    """Voltages of the nodes that stayed, then of those that were eliminated."""
-    for i in range(graphs.first[level], graphs.first[level + 1]):
-        if graphs.aggregate[i] > i:
-            x[i] = x[graphs.aggregate[i]]
-    for k in range(graphs.eliminated[level + 1] - 1, graphs.eliminated[level] - 1, -1):
-        value = graphs.share[k, 2] * x[graphs.removed[k, 0]]
-        for end in range(2):
-            if graphs.removed[k, 1 + end] >= 0:
-                value += graphs.share[k, end] * x[graphs.removed[k, 1 + end]]
-        x[graphs.removed[k, 0]] = value
 
 
 @inner_fast

@@ -1,7 +1,7 @@
-"""From one graph of conductances to the next: aggregates are grown, and corridors shrink by exact elimination.
+"""From one graph of conductances to the next: aggregates are grown node by node along the strongest ones.
 
-Aggregates are grown node by node along the strongest conductances, so that they never join across a wall.  Where a
-level has come down to corridors one node wide, its nodes of at most two neighbours are eliminated instead.
+So they never join across a wall.  Loops over neighbours avoid branches that cannot be foreseen; they would take most of
+the time.
 """
 
 from __future__ import annotations
@@ -11,10 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy import sparse
 
 from resgrid.jit import inner
-from resgrid.solvers.star_mesh import eliminate_rows
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
@@ -23,9 +21,6 @@ Singles = NDArray[np.float32]
 _COARSEST = 250
 _MOST_LEVELS = 40
 _LEAST_SHRINKAGE = 0.98
-_CORRIDORS = 0.3
-"""Share of nodes with at most two neighbours from which elimination takes the place of aggregation."""
-
 _MEMBERS = 4
 """Nodes of an aggregate that is grown."""
 
@@ -56,56 +51,24 @@ class Graph:
         return len(self.leak)
 
 
-@dataclass(frozen=True, eq=False)
-class Step:
-    """The way from a level to the next.
+def coarsen_down(graph: Graph) -> tuple[list[Graph], list[NDArray[np.int32]]]:
+    """Coarsen a graph until it is small, or does not shrink any more.
 
-    `target` (n,): node of the next level that a node belongs to; without meaning where it is eliminated; `rows`
-    (eliminated, 3): the eliminated nodes in their order, and their neighbours (-1 for none); empty where nodes are
-    aggregated; `weights` (eliminated, 3): shares of the neighbours, and the reciprocal of the diagonal.
+    Returns all graphs, and the node of the next one that every node belongs to, shape (n,) each.
     """
-
-    target: NDArray[np.int32]
-    rows: NDArray[np.int32]
-    weights: NDArray[np.float64]
-
-
-def coarsen_down(graph: Graph) -> tuple[list[Graph], list[Step]]:
-    """Coarsen a graph until it is small, or does not shrink any more."""
     graphs: list[Graph] = [graph]
-    steps: list[Step] = []
+    targets: list[NDArray[np.int32]] = []
     while graph.size > _COARSEST and len(graphs) < _MOST_LEVELS:
-        step, coarse = _next(graph, first=not steps)
-        if coarse.size > _LEAST_SHRINKAGE * graph.size:
+        rows = (graph.indptr, graph.indices, graph.conductance, graph.leak)
+        aggregate, count = grow_aggregates(*rows, _MEMBERS, True)
+        if count > _CLUSTERS_SHRINK * graph.size:
+            aggregate, count = grow_aggregates(*rows, _MEMBERS, False)
+        if count > _LEAST_SHRINKAGE * graph.size:
             break
-        graphs.append(coarse)
-        steps.append(step)
-        graph = coarse
-    return graphs, steps
-
-
-def _next(graph: Graph, *, first: bool) -> tuple[Step, Graph]:
-    if not first and np.count_nonzero(np.diff(graph.indptr) <= 2) > _CORRIDORS * graph.size:
-        return _eliminated(graph)
-    return _clusters(graph)
-
-
-def _eliminated(graph: Graph) -> tuple[Step, Graph]:
-    """Eliminate the nodes of at most two neighbours (`resgrid.solvers.star_mesh`)."""
-    coupling = sparse.csr_array((graph.conductance, graph.indices, graph.indptr), shape=(graph.size, graph.size))
-    shrunk = eliminate_rows(coupling, graph.leak)
-    core = shrunk.edges
-    coarse = Graph(core.indptr, core.indices, core.data, shrunk.ground)
-    return Step(shrunk.number, shrunk.log.rows, shrunk.log.weights[:, ::2]), coarse
-
-
-def _clusters(graph: Graph) -> tuple[Step, Graph]:
-    """Aggregates grown along the strongest conductances, and along all of them where those are too few."""
-    rows = (graph.indptr, graph.indices, graph.conductance, graph.leak)
-    aggregate, count = grow_aggregates(*rows, _MEMBERS, True)
-    if count > _CLUSTERS_SHRINK * graph.size:
-        aggregate, count = grow_aggregates(*rows, _MEMBERS, False)
-    return Step(aggregate, np.empty((0, 3), dtype=np.int32), np.empty((0, 3))), Graph(*sum_up(*rows, aggregate, count))
+        graph = Graph(*sum_up(*rows, aggregate, count))
+        graphs.append(graph)
+        targets.append(aggregate)
+    return graphs, targets
 
 
 @njit(cache=True)
@@ -211,22 +174,22 @@ def sum_up(
         fill[aggregate[node]] += 1
     new_indptr, new_leak = np.zeros(count + 1, np.int32), np.zeros(count)
     new_indices, new_conductance = np.empty(len(indices) + 1, np.int32), np.empty(len(indices) + 1)
-    place, inner = np.full(count, -1, np.int32), len(indices)
+    slot, inner = np.full(count, -1, np.int32), len(indices)
     size = 0
     for row in range(count):
         begin = size
-        place[row] = inner
+        slot[row] = inner
         for m in range(start[row], start[row + 1]):
             node = member[m]
             new_leak[row] += leak[node]
             for k in range(indptr[node], indptr[node + 1]):
                 column = aggregate[indices[k]]
-                known = place[column] >= begin
-                at = place[column] if known else size
-                place[column] = at
+                known = slot[column] >= begin
+                at = slot[column] if known else size
+                slot[column] = at
                 new_indices[at] = column
                 new_conductance[at] = conductance[k] + (new_conductance[at] if known else 0.0)
                 size += not known
-        place[row] = -1
+        slot[row] = -1
         new_indptr[row + 1] = size
     return new_indptr, new_indices[:size].copy(), new_conductance[:size].copy(), new_leak

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian
-from resgrid.solvers.multigrid.board_passes import Board
-from resgrid.solvers.multigrid.boards import Level, compensated, in_double, in_single, lay_out, to_graph
-from resgrid.solvers.multigrid.cg_kernels import put_at_places
-from resgrid.solvers.multigrid.coarsening import Coarsened, coarsen
+from resgrid.solvers.multigrid.blocks import Coarsened, coarsen
 from resgrid.solvers.multigrid.cycle import Finest, Levels
 from resgrid.solvers.multigrid.graphs import Graph, coarsen_down
+from resgrid.solvers.multigrid.grid_level import Level, compensated, in_double, in_single, lay_out, to_graph
+from resgrid.solvers.multigrid.krylov import scatter_rows
 from resgrid.solvers.multigrid.packing import pack_graphs, pack_grids, pack_levels, pack_netlist
+from resgrid.solvers.multigrid.red_black import Stencil
 
 _WHOLE = 32
 """Cells that the finest level may begin at multiples of: its blocks lie as they would from the first cell on."""
@@ -27,20 +27,20 @@ _SHRINKAGE = 0.6
 _MOST_EXTRAS, _MOST_EXTRAS_KEPT = 0.1, 0.5
 """Share of nodes beside the lattice above which a graph serves better than a grid."""
 
-UNGRADED = np.empty(0, dtype=np.float32)
+UNSCALED = np.empty(0, dtype=np.float32)
 NO_GROUND = np.empty(0)
-_NO_PLACES, _NO_FACES = np.empty(0, dtype=np.int32), np.empty((0, 0), dtype=np.float32)
-_NO_BOARD = Board(
-    _NO_FACES, np.empty(0, dtype=np.int64), 0, 1, _NO_PLACES, _NO_PLACES, UNGRADED, UNGRADED, UNGRADED, UNGRADED
+_NO_SLOTS, _NO_FACES = np.empty(0, dtype=np.int32), np.empty((0, 0), dtype=np.float32)
+_NO_STENCIL = Stencil(
+    _NO_FACES, np.empty(0, dtype=np.int64), 0, 1, _NO_SLOTS, _NO_SLOTS, UNSCALED, UNSCALED, UNSCALED, UNSCALED
 )
-_NO_EXACT = _NO_BOARD._replace(black_degree=NO_GROUND)
+_NO_EXACT = _NO_STENCIL._replace(black_degree=NO_GROUND)
 
 
 @dataclass(frozen=True, eq=False)
 class Hierarchy:
     """What preconditions the conjugate gradients.
 
-    `levels`: the coarse levels; of a netlist, the finest one too; `place` (n,): where every row stands among the
+    `levels`: the coarse levels; of a netlist, the finest one too; `slot` (n,): where every row stands among the
     vectors: of a grid, red cells first; `unit`: conductance that counts as 1 on all levels, in siemens;
     `largest_degree`: largest diagonal entry of the matrix, in siemens; `true`: the finest level of a
     grid of two colours in double precision; `box`: the range of cells along every axis that it
@@ -48,11 +48,11 @@ class Hierarchy:
     """
 
     levels: Levels
-    place: NDArray[np.int32]
+    slot: NDArray[np.int32]
     unit: float
     largest_degree: float
     finest: Finest
-    true: Board | None = None
+    true: Stencil | None = None
     box: tuple[slice, ...] = ()
 
 
@@ -60,18 +60,18 @@ def build_hierarchy(laplacian: Laplacian) -> Hierarchy:
     """Coarsen a nodal system until it is small, and invert what is left."""
     found = lay_out_grid(laplacian)
     if found is not None:
-        level, place, unit, box = found
+        level, slot, unit, box = found
         made = _grid_levels(*coarsen_grid(level))
         if made is not None:
             true, finest, levels = made
-            return Hierarchy(levels, place, unit, unit * largest_degree(true), finest, true, box)
+            return Hierarchy(levels, slot, unit, unit * largest_degree(true), finest, true, box)
     rows = laplacian.rows
     unit = float(rows.data.mean()) if rows.nnz else float(laplacian.ground.mean())
-    levels, place = pack_netlist(Graph(rows.indptr, rows.indices, rows.data / unit, laplacian.ground / unit))
+    levels, slot = pack_netlist(Graph(rows.indptr, rows.indices, rows.data / unit, laplacian.ground / unit))
     ground = np.empty(laplacian.size)
-    put_at_places(place, laplacian.ground, 1.0 / unit, ground)
-    finest = Finest(_NO_BOARD, _NO_EXACT, _NO_PLACES, UNGRADED, ground)
-    return Hierarchy(levels, place, unit, float(laplacian.diagonal.max(initial=0.0)), finest)
+    scatter_rows(slot, laplacian.ground, 1.0 / unit, ground)
+    finest = Finest(_NO_STENCIL, _NO_EXACT, _NO_SLOTS, UNSCALED, ground)
+    return Hierarchy(levels, slot, unit, float(laplacian.diagonal.max(initial=0.0)), finest)
 
 
 def coarsen_grid(level: Level, *, keep: bool = False) -> tuple[list[Level], list[Coarsened]]:
@@ -91,7 +91,7 @@ def coarsen_grid(level: Level, *, keep: bool = False) -> tuple[list[Level], list
     return levels, steps
 
 
-def _grid_levels(levels: list[Level], steps: list[Coarsened]) -> tuple[Board, Finest, Levels] | None:
+def _grid_levels(levels: list[Level], steps: list[Coarsened]) -> tuple[Stencil, Finest, Levels] | None:
     """Lay grids out for the compiled passes, and coarsen the last one as a graph; None where it does not shrink.
 
     Takes over the degrees of the first level.
@@ -102,41 +102,41 @@ def _grid_levels(levels: list[Level], steps: list[Coarsened]) -> tuple[Board, Fi
     if not targets:
         if not shrinking:
             return None
-        number[number >= 0] = shrinking[0].target[number[number >= 0]]
-        targets = [np.arange(level.lattice.places, 2 * level.lattice.places, dtype=np.int32)]
+        number[number >= 0] = shrinking[0][number[number >= 0]]
+        targets = [np.arange(level.lattice.slots, 2 * level.lattice.slots, dtype=np.int32)]
         graphs, shrinking = graphs[1:], shrinking[1:]
     packed, rank = pack_graphs(graphs, shrinking)
     targets[-1] = counted(number, rank, targets[-1])
-    boards = [in_single(coarse) for coarse in levels[1:-1]]
-    grids = pack_grids(boards, targets[1:], [], len(level.faces) // 2)
-    true, board, exact = finest_boards(level)
-    return true, Finest(board, exact, targets[0], UNGRADED, NO_GROUND), pack_levels(grids, packed)
+    stencils = [in_single(coarse) for coarse in levels[1:-1]]
+    grids = pack_grids(stencils, targets[1:], [], len(level.edges.faces) // 2)
+    true, stencil, exact = finest_stencils(level)
+    return true, Finest(stencil, exact, targets[0], UNSCALED, NO_GROUND), pack_levels(grids, packed)
 
 
-def finest_boards(level: Level) -> tuple[Board, Board, Board]:
+def finest_stencils(level: Level) -> tuple[Stencil, Stencil, Stencil]:
     """The finest level in double precision, in single, and in single with a diagonal that makes up for that.
 
     Takes over its degrees.
     """
-    board = in_single(level)._replace(black_degree=np.empty(0, dtype=np.float32))
-    exact = compensated(level, board)
-    return in_double(level), board, exact
+    stencil = in_single(level)._replace(black_degree=np.empty(0, dtype=np.float32))
+    exact = compensated(level, stencil)
+    return in_double(level), stencil, exact
 
 
-def counted(number: NDArray[np.int32], rank: NDArray[np.int32], place: NDArray[np.integer]) -> NDArray[np.int32]:
-    """Where a graph's nodes at some places stand, counted from 1; 0 for none, as at place 0."""
-    node = number[place]
+def counted(number: NDArray[np.int32], rank: NDArray[np.int32], slot: NDArray[np.integer]) -> NDArray[np.int32]:
+    """Where a graph's nodes at some slots stand, counted from 1; 0 for none, as at slot 0."""
+    node = number[slot]
     return np.where(node >= 0, rank[node] + 1, 0).astype(np.int32)
 
 
-def largest_degree(true: Board) -> float:
+def largest_degree(true: Stencil) -> float:
     """Largest diagonal entry of the finest level."""
     red = float(true.red_inverse.min(initial=np.inf, where=true.red_inverse > 0))
     return max(float(true.black_degree.max()), 1.0 / red)
 
 
 def lay_out_grid(laplacian: Laplacian) -> tuple[Level, NDArray[np.int32], float, tuple[slice, ...]] | None:
-    """Lay a system out by colour; the level, places, unit and box, or None where it is no grid of two colours."""
+    """Lay a system out by colour; the level, slots, unit and box, or None where it is no grid of two colours."""
     if laplacian.grid is None:
         return None
     (pairs, conductance, row), node = _edges(laplacian, laplacian.grid)

@@ -1,7 +1,7 @@
-"""Where the cells of a grid lie on a board.
+"""Where the cells of a grid lie on a stencil.
 
 Cells are numbered with a stride along every axis, as in an array, but all strides are odd: the numbers of neighbours
-differ by an odd one, so that those of red cells are even and those of black cells odd.  Halved, they are places in an
+differ by an odd one, so that those of red cells are even and those of black cells odd.  Halved, they are slots in an
 array for each colour, where every neighbour of a red cell lies at the same distance for all of them.
 """
 
@@ -19,9 +19,9 @@ _PADDING = 16
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """The places of a grid's cells.
+    """The slots of a grid's cells.
 
-    `shape`: of the grid, of two axes or more; `extras`: places of either colour behind the grid, for nodes beside it.
+    `shape`: of the grid, of two axes or more; `extras`: slots of either colour behind the grid, for nodes beside it.
     """
 
     shape: tuple[int, ...]
@@ -46,17 +46,17 @@ class Lattice:
 
     @property
     def first_extra(self) -> int:
-        """First place behind the grid."""
+        """First slot behind the grid."""
         return self.margin + (self.shape[0] * self.strides[0] + 1) // 2
 
     @property
-    def places(self) -> int:
+    def slots(self) -> int:
         """Places of a colour, margins included."""
         return self.first_extra + self.extras + self.margin
 
     @property
     def distance(self) -> NDArray[np.int64]:
-        """From a red place to the black one across each face, the lower and the upper one along every axis."""
+        """From a red slot to the black one across each face, the lower and the upper one along every axis."""
         return np.array([d for s in self.strides for d in (-(s + 1) // 2, (s - 1) // 2)], dtype=np.int64)
 
     @property
@@ -69,13 +69,13 @@ class Lattice:
         """Numbers of cells, from their indices along every axis."""
         return np.asarray(sum(i * s for i, s in zip(index, self.strides, strict=True)), dtype=np.int64)
 
-    def place(self, number: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Places of numbered cells, black ones counted behind all places of red ones."""
-        return (number & 1) * self.places + self.margin + (number >> 1)
+    def slot(self, number: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Slots of numbered cells, black ones counted behind all slots of red ones."""
+        return (number & 1) * self.slots + self.margin + (number >> 1)
 
-    def cells_at(self, colour: int, place: NDArray[np.integer]) -> tuple[NDArray[np.int64], ...]:
-        """Indices of the cells at some places of a colour, one array for each axis."""
-        rest = 2 * (place.astype(np.int64) - self.margin) + colour
+    def cells_at(self, colour: int, slot: NDArray[np.integer]) -> tuple[NDArray[np.int64], ...]:
+        """Indices of the cells at some slots of a colour, one array for each axis."""
+        rest = 2 * (slot.astype(np.int64) - self.margin) + colour
         index = []
         for stride in self.strides:
             along, rest = np.divmod(rest, stride)

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from resgrid.jit import inner
 from resgrid.solvers import numbering_kernels as numbering
-from resgrid.solvers.multigrid.board_passes import Board
 from resgrid.solvers.multigrid.cycle import Graphs, Grids, Levels, Work
-from resgrid.solvers.multigrid.graphs import Graph, Step, coarsen_down
+from resgrid.solvers.multigrid.graphs import Graph, coarsen_down
+from resgrid.solvers.multigrid.red_black import Stencil
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -48,25 +48,24 @@ def pack_netlist(graph: Graph) -> tuple[Levels, NDArray[np.int32]]:
     return pack_levels(pack_grids([], [], [], 2), graphs), rank
 
 
-def pack_graphs(graphs: list[Graph], steps: list[Step]) -> tuple[Graphs, NDArray[np.int32]]:
-    """Lay graphs, and the steps between them, one behind the other; the last one is inverted.
+def pack_graphs(graphs: list[Graph], targets: list[NDArray[np.int32]]) -> tuple[Graphs, NDArray[np.int32]]:
+    """Lay graphs, and what their nodes belong to, one behind the other; the last one is inverted.
 
     Returns where every node of the first one stands, shape (n,).
     """
     first = np.cumsum([0, *(graph.size for graph in graphs)])
     entry = np.cumsum([0, *(len(graph.indices) for graph in graphs)])
-    kept = [len(step.rows) > 0 for step in steps] + [True]
-    order = [_order(graph, keep) for graph, keep in zip(graphs, kept, strict=True)]
-    rank = [inverse_of(places) for places in order]
+    order = [order_by_colour(graph.indptr, graph.indices, _WINDOW) for graph in graphs[:-1]]
+    order.append(np.arange(graphs[-1].size, dtype=np.int32))
+    rank = [inverse_of(slots) for slots in order]
     indptr, middle = np.empty(first[-1] + 1, dtype=np.uint32), np.empty(first[-1], dtype=np.uint32)
     indices, conductance = np.empty(entry[-1], dtype=np.uint32), np.empty(entry[-1], dtype=np.float32)
     inverse, aggregate = np.empty(first[-1], dtype=np.float32), np.zeros(first[-1], dtype=np.uint32)
     for level, graph in enumerate(graphs):
         rows = (graph.indptr, graph.indices, graph.conductance, graph.leak, order[level], rank[level])
         lay_rows(*rows, first[level], entry[level], indptr, middle, indices, conductance, inverse)
-    for level, step in enumerate(steps):
-        own = aggregate[first[level] : first[level + 1]]
-        lay_aggregates(step.target, order[level], rank[level + 1], first[level + 1], own)
+    for level, target in enumerate(targets):
+        aggregate[first[level] : first[level + 1]] = first[level + 1] + rank[level + 1][target[order[level]]]
     packed = Graphs(
         first,
         indptr,
@@ -75,36 +74,33 @@ def pack_graphs(graphs: list[Graph], steps: list[Step]) -> tuple[Graphs, NDArray
         conductance,
         inverse,
         aggregate,
-        np.cumsum([0, *(len(step.rows) for step in steps), 0]),
-        np.concatenate([np.empty((0, 3), dtype=np.int64), *_removed(steps, first)]),
-        np.concatenate([np.empty((0, 3)), *(step.weights for step in steps)]).astype(np.float32),
         _inverse(graphs[-1]),
     )
     return packed, rank[0]
 
 
 def pack_grids(
-    boards: list[Board], targets: list[NDArray[np.int32]], weights: list[NDArray[np.float32]], dimensions: int
+    stencils: list[Stencil], targets: list[NDArray[np.int32]], weights: list[NDArray[np.float32]], dimensions: int
 ) -> Grids:
-    """Lay grids, and what their black places belong to and take from there, one behind the other."""
+    """Lay grids, and what their black slots belong to and take from there, one behind the other."""
 
     def joined(parts: list[NDArray[Any]], kind: type) -> NDArray[Any]:
         return np.concatenate([np.empty(0, dtype=kind), *(part.ravel() for part in parts)]).astype(kind, copy=False)
 
-    distance = np.array([board.distance for board in boards], dtype=np.int64)
+    distance = np.array([stencil.distance for stencil in stencils], dtype=np.int64)
     return Grids(
-        places=np.cumsum([0, *(board.faces.shape[1] for board in boards)]),
-        first_link=np.cumsum([0, *(len(board.links) for board in boards)]),
-        margin=np.array([board.margin for board in boards], dtype=np.int64),
-        block=np.array([board.block for board in boards], dtype=np.int64),
-        distance=distance.reshape(len(boards), 2 * dimensions),
-        faces=joined([board.faces for board in boards], np.float32),
-        links=joined([board.links for board in boards], np.float32),
-        link_red=joined([board.link_red for board in boards], np.int32),
-        link_black=joined([board.link_black for board in boards], np.int32),
-        red_inverse=joined([board.red_inverse for board in boards], np.float32),
-        black_inverse=joined([board.black_inverse for board in boards], np.float32),
-        black_degree=joined([board.black_degree for board in boards], np.float32),
+        slots=np.cumsum([0, *(stencil.faces.shape[1] for stencil in stencils)]),
+        first_off=np.cumsum([0, *(len(stencil.couplings) for stencil in stencils)]),
+        margin=np.array([stencil.margin for stencil in stencils], dtype=np.int64),
+        block=np.array([stencil.block for stencil in stencils], dtype=np.int64),
+        distance=distance.reshape(len(stencils), 2 * dimensions),
+        faces=joined([stencil.faces for stencil in stencils], np.float32),
+        couplings=joined([stencil.couplings for stencil in stencils], np.float32),
+        off_red=joined([stencil.off_red for stencil in stencils], np.int32),
+        off_black=joined([stencil.off_black for stencil in stencils], np.int32),
+        red_inverse=joined([stencil.red_inverse for stencil in stencils], np.float32),
+        black_inverse=joined([stencil.black_inverse for stencil in stencils], np.float32),
+        black_degree=joined([stencil.black_degree for stencil in stencils], np.float32),
         aggregate=joined(targets, np.int32),
         weight=joined(weights, np.float32),
     )
@@ -117,22 +113,11 @@ def pack_levels(grids: Grids, graphs: Graphs) -> Levels:
 
 def with_work(levels: Levels) -> Levels:
     """The same levels with work space of its own, so that one hierarchy can serve several solves at a time."""
-    places, nodes = int(levels.grids.places[-1]), int(levels.graphs.first[-1])
-    b, x = np.zeros((2, 2 * places + 1 + nodes), dtype=np.float32)
-    f, z = np.zeros((2, places), dtype=np.float32)
-    c, v, w = np.zeros((3, places + nodes), dtype=np.float32)
+    slots, nodes = int(levels.grids.slots[-1]), int(levels.graphs.first[-1])
+    b, x = np.zeros((2, 2 * slots + 1 + nodes), dtype=np.float32)
+    f, z = np.zeros((2, slots), dtype=np.float32)
+    c, v, w = np.zeros((3, slots + nodes), dtype=np.float32)
     return levels._replace(work=Work(b, x, f, z, c, v, w))
-
-
-def _order(graph: Graph, kept: bool) -> NDArray[np.int32]:
-    if kept:
-        return np.arange(graph.size, dtype=np.int32)
-    return order_by_colour(graph.indptr, graph.indices, _WINDOW)
-
-
-def _removed(steps: list[Step], first: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """Eliminated nodes and their neighbours, counted in all levels; their levels keep their numbering."""
-    return [np.where(step.rows < 0, -1, step.rows + begin) for step, begin in zip(steps, first, strict=False)]
 
 
 def _inverse(graph: Graph) -> NDArray[np.float32]:
@@ -146,8 +131,8 @@ def _inverse(graph: Graph) -> NDArray[np.float32]:
 def inverse_of(order: Indices) -> Indices:
     """Where every element of a permutation stands."""
     rank = np.empty(len(order), np.int32)
-    for place in range(len(order)):
-        rank[order[place]] = place
+    for slot in range(len(order)):
+        rank[order[slot]] = slot
     return rank
 
 
@@ -205,8 +190,8 @@ def _sorted(nodes: Indices, key: Indices, start: Indices) -> Indices:
     for k in range(len(start) - 1):
         start[k + 1] += start[k]
     out = np.empty(len(nodes), np.int32)
-    for place in range(len(nodes)):
-        i = nodes[place]
+    for slot in range(len(nodes)):
+        i = nodes[slot]
         out[start[key[i]]] = i
         start[key[i]] += 1
     return out
@@ -220,32 +205,24 @@ def lay_rows(
 ) -> None:  # fmt: skip
     """Write the rows of a level behind those before it: earlier neighbours first, the others from ``middle`` on."""
     begin = entry
-    for place in range(len(order)):
-        i = order[place]
+    for slot in range(len(order)):
+        i = order[slot]
         end = begin + indptr[i + 1] - indptr[i]
-        out_indptr[first + place] = begin
+        out_indptr[first + slot] = begin
         front, back, degree = begin, end - 1, leak[i]
         for k in range(indptr[i], indptr[i + 1]):
             neighbour = rank[indices[k]]
             degree += conductance[k]
-            earlier = neighbour < place
+            earlier = neighbour < slot
             at = front if earlier else back
             front += earlier
             back -= not earlier
             out_indices[at] = first + neighbour
             out_conductance[at] = conductance[k]
-        middle[first + place] = front
-        inverse[first + place] = 1.0 / degree if degree > 0.0 else 0.0
+        middle[first + slot] = front
+        inverse[first + slot] = 1.0 / degree if degree > 0.0 else 0.0
         begin = end
     out_indptr[first + len(order)] = begin
-
-
-@njit(cache=True)
-def lay_aggregates(target: Indices, order: Indices, rank: Indices, first: int, aggregate: Unsigned) -> None:
-    """Where the aggregates of a level's rows stand; 0 for eliminated ones."""
-    for place in range(len(order)):
-        to = target[order[place]]
-        aggregate[place] = first + rank[to] if to >= 0 else 0
 
 
 @njit(cache=True)

@@ -1,4 +1,4 @@
-"""The compiled steps of conjugate gradients, and what leads from rows to the places where they stand and back.
+"""The compiled steps of conjugate gradients, and what leads from rows to the slots where they stand and back.
 
 Indices without a sign need not be asked whether they count from the end.
 """
@@ -30,8 +30,8 @@ _ENOUGH = 0.07
 class Vectors(NamedTuple):
     """The vectors of a burst: its residual has the norm ``lift`` when it begins.
 
-    `inverse` (places,): of the diagonal; `r, s, w` (places,): residual, ``A p`` and ``A z``; `z` (depth, places):
-    preconditioned residuals that are not yet part of the answer; `p` (places,): direction before them; `on_x, on_p`
+    `inverse` (slots,): of the diagonal; `r, s, w` (slots,): residual, ``A p`` and ``A z``; `z` (depth, slots):
+    preconditioned residuals that are not yet part of the answer; `p` (slots,): direction before them; `on_x, on_p`
     (depth + 1,): their shares in the answer and in the direction, and, last, those of ``p``; `scalars` (6,): number of
     the ``z``; ``p . A p``; norms of the residual, now and at most, in units of what the burst began with; the last
     step's length, and ``z . r`` times that.
@@ -49,18 +49,18 @@ class Vectors(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def put_at_places(place: Indices, values: Floats, factor: float, at_places: Floats) -> None:
-    """Write ``factor`` times the values of all rows to their places."""
+def scatter_rows(slot: Indices, values: Floats, factor: float, at_slots: Floats) -> None:
+    """Write ``factor`` times the values of all rows to their slots."""
     for k in range(len(values)):
-        at_places[np.uint32(place[k])] = factor * values[k]
+        at_slots[np.uint32(slot[k])] = factor * values[k]
 
 
 @njit(cache=True, nogil=True)
-def take_from_places(place: Indices, at_places: Floats) -> Floats:
+def gather_rows(slot: Indices, at_slots: Floats) -> Floats:
     """The values of all rows."""
-    values = np.empty(len(place))
+    values = np.empty(len(slot))
     for k in range(len(values)):
-        values[k] = at_places[np.uint32(place[k])]
+        values[k] = at_slots[np.uint32(slot[k])]
     return values
 
 
@@ -75,35 +75,47 @@ def norm(x: Floats) -> float:
 
 @njit(cache=True, nogil=True)
 def row_residual(
-    indptr: Unsigned, indices: Unsigned, conductance: Floats, ground: Floats, place: Indices, b: Floats, x: Floats,
+    indptr: Unsigned, indices: Unsigned, conductance: Floats, ground: Floats, slot: Indices, b: Floats, x: Floats,
     r: Floats,
 ) -> float:  # fmt: skip
-    """``r = b - A x``, differences first, every row put at its place; ``b, x`` (n,) by rows; returns ``|r|``."""
+    """``r = b - A x``, differences first, every row put at its slot; ``b, x`` (n,) by rows; returns ``|r|``."""
     total = 0.0
-    for i in range(len(place)):
+    for i in range(len(slot)):
         v = b[i] - ground[i] * x[i]
         for k in range(indptr[i], indptr[i + 1]):
             v += conductance[k] * (x[indices[k]] - x[i])
-        r[place[i]] = v
+        r[slot[i]] = v
         total += v * v
     return math.sqrt(total)
 
 
 @njit(cache=True, nogil=True)
-def begin_burst(v: Vectors, size: float, residual: Floats) -> None:
-    """``r = residual / size``, and ``z = inverse r``; ``residual`` may lie where the last ``z`` will stand."""
+def begin_burst(v: Vectors, one: float, residual: Floats) -> None:
+    """``r = residual / one``, and ``z = inverse r``; ``residual`` may lie where the last ``z`` will stand."""
+    _begin(v, one, residual)
+
+
+@inner
+def _begin(v: Vectors, one: float, residual: Floats) -> None:
     for k in range(len(v.r)):
-        v.r[k] = residual[k] / size
+        v.r[k] = residual[k] / one
         v.z[0, k] = v.inverse[k] * v.r[k]
     v.scalars[2], v.scalars[3] = 1.0, 1.0
 
 
 @njit(cache=True, nogil=True)
-def step(finest: Finest, levels: Levels, v: Vectors, x: Floats, one: float, lift: float, gain: float, most: int) -> int:
+def step(
+    finest: Finest, levels: Levels, v: Vectors, x: Floats, residual: Floats, unit: tuple[float, float], gain: float,
+    most: int,
+) -> int:  # fmt: skip
     """``p = z + beta p``, ``x += alpha p``, ``r -= alpha A p``, ``z`` about ``A^-1 r``; returns how often.
 
-    At most so many steps are taken, until the residual has gained.
+    At most so many steps are taken, until the residual has gained.  ``unit``: what the vectors' one stands for, and
+    the norm of ``r`` in the beginning; ``residual``: as of `begin_burst`, where a whole burst is taken; else empty.
     """
+    one, lift = unit
+    if len(residual) > 0:
+        _begin(v, one, residual)
     energy, peak, steps = v.scalars[1], v.scalars[3], 0
     while v.scalars[2] > max(gain, _BURST * peak) and steps < most:
         count = int(v.scalars[0])
@@ -126,6 +138,8 @@ def step(finest: Finest, levels: Levels, v: Vectors, x: Floats, one: float, lift
         peak = max(peak, v.scalars[2])
         v.scalars[3], v.scalars[4], v.scalars[5] = peak, alpha, alpha * zr
         steps += 1
+    if len(residual) > 0:
+        _gather(v, x, one)
     return steps
 
 

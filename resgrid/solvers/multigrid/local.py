@@ -1,6 +1,6 @@
 """Passes of refinement where few rows are left: their equations are solved directly, with what surrounds them.
 
-Coarse levels see little of slits and of the pockets behind them, which are the last to be right.  All around them is
+Coarse levels see little of slits and of the patches behind them, which are the last to be right.  All around them is
 right by then, and corrections die out within a few cells, so that a pass over the whole circuit would serve some
 hundred rows alone.
 
@@ -40,7 +40,7 @@ _GAIN = 0.5
 """Share of the rows left before that may be left after a direct pass, for another one to follow."""
 
 
-class PocketsDirectly:
+class LocalCorrections:
     """An approximate inverse that solves directly where few entries of the right-hand side are left.
 
     Corrections in the open do not die out: where a direct pass leaves many of the rows, the next one is a whole one.
@@ -118,17 +118,17 @@ class _Part:
         return self.factors.solve(into + np.bincount(self.inside, drawn, n)), top
 
     def _tops(self, terms: list[tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]]) -> NDArray[np.int64]:
-        """The largest exponent, in every row's pocket, of terms ``(row, mantissa, exponent)``.
+        """The largest exponent, in every row's patch, of terms ``(row, mantissa, exponent)``.
 
-        Pockets do not know of each other: each has an exponent of its own.
+        Patches do not know of each other: each has an exponent of its own.
         """
-        count, pocket = connected_components(self.coupling, directed=False)
+        count, patch = connected_components(self.coupling, directed=False)
         none = np.iinfo(np.int64).min
         top = np.full(count, none)
         for row, mantissa, exponent in terms:
             used = mantissa != 0.0
-            np.maximum.at(top, pocket[row[used]], exponent[used])
-        return np.asarray(np.where(top == none, 0, top)[pocket], dtype=np.int64)
+            np.maximum.at(top, patch[row[used]], exponent[used])
+        return np.asarray(np.where(top == none, 0, top)[patch], dtype=np.int64)
 
 
 def _part_around(laplacian: Laplacian, left: NDArray[np.float64]) -> _Part | None:

@@ -1,0 +1,364 @@
+"""The next level of a grid: blocks of two cells along every axis, split into their connected parts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from resgrid.jit import inner
+from resgrid.solvers.multigrid.grid_level import WEAK, Level, level_of
+from resgrid.solvers.multigrid.lattice import Lattice
+from resgrid.solvers.multigrid.red_black import Edges, Floats, Indices, Integers, Singles, slot_of
+from resgrid.solvers.row_kernels import find, join
+
+
+@dataclass(frozen=True, eq=False)
+class Coarsened:
+    """A level and the way to it.
+
+    `target` (slots,): slot there, red ones first, of the aggregate that every black slot before belongs to; 0 for
+    unused slots; `whole_target` (2, slots): the same of both colours; empty, as what follows, where it was not
+    asked for; `stretch` (2 ndim, slots): what length has left of the conductance across every face; `off_stretch`
+    (couplings,): the same of every coupling.
+    """
+
+    level: Level
+    target: NDArray[np.int32]
+    whole_target: NDArray[np.int32]
+    stretch: NDArray[np.float32]
+    off_stretch: NDArray[np.float32]
+
+
+def coarsen(level: Level, *, split: bool, keep: bool = False) -> Coarsened | None:
+    """Make the next level: blocks of two cells along every axis but those that conduct badly.
+
+    A block that falls apart, without its weak conductances, keeps one part on the grid; the others become extra nodes
+    beside it, reached by couplings.
+    """
+    shift = (level.mean > WEAK * level.mean.max()).astype(np.int64)
+    lattice = Lattice(tuple((n - 1 >> s) + 1 for n, s in zip(level.lattice.shape, shift.tolist(), strict=True)))
+    target = _blocks(level, lattice, shift)
+    home = _split(level, lattice, target, WEAK if split else 0.0)
+    before, colour = lattice.slots, (home >= lattice.slots).astype(np.int64)
+    if len(home):
+        most = int(np.bincount(colour).max())
+        lattice = Lattice(lattice.shape, most)
+        rank = np.where(colour == 0, np.cumsum(colour == 0), np.cumsum(colour == 1)) - 1
+        number = (colour * lattice.slots + lattice.first_extra + rank).astype(np.int32)
+        renumber(target, before, number, lattice.slots - before)
+    cells = [lattice.cells_at(c, home[colour == c] - c * before) for c in range(2)]
+    red, black = (np.ravel_multi_index(cell, lattice.shape).astype(np.int64) for cell in cells)
+    return _summed(level, lattice, target, (red, black), keep)
+
+
+def _blocks(level: Level, lattice: Lattice, shift: NDArray[np.int64]) -> NDArray[np.int32]:
+    """The slot on the next lattice, red ones first, that every slot's block takes."""
+    fine = level.lattice
+    index = np.ix_(*(np.arange(n) >> s for n, s in zip((*fine.shape[:-1], 1), shift.tolist(), strict=True)))
+    target = np.zeros(level.degree.shape, dtype=np.int32)
+    block_of_slots(
+        level.degree > 0.0, fine.rows, fine.shape[-1], fine.margin, int(shift[-1]), lattice.number(index).ravel(),
+        lattice.margin, lattice.slots, target,
+    )  # fmt: skip
+    for colour, cell in enumerate(level.extra_cell):
+        block = [index >> s for index, s in zip(np.unravel_index(cell, fine.shape), shift.tolist(), strict=True)]
+        target[colour, fine.first_extra : fine.first_extra + len(cell)] = lattice.slot(lattice.number(block))
+    return target
+
+
+def _split(level: Level, lattice: Lattice, target: NDArray[np.int32], weak: float) -> NDArray[np.int64]:
+    """Number the parts of blocks that fall apart, in place; returns the block that every extra node comes from."""
+    edges = level.edges
+    strongest = np.zeros(level.degree.shape if weak else (2, 1), dtype=np.float32)
+    if weak:
+        strongest_at(edges, strongest)
+    members, inner = np.zeros((2, 2 * lattice.slots), dtype=np.int32)
+    count_inside(edges, target, weak, strongest, members, inner)
+    # A part of a hypercube with n corners has at most as many edges as there are ones in the numbers below n.
+    most = np.cumsum([0, 0, *(k.bit_count() for k in range(1, 64))])
+    doubtful = (members > 1) & (inner <= most[np.clip(members - 1, 0, 63)])
+    for colour, cell in enumerate(level.extra_cell):
+        first = level.lattice.first_extra
+        doubtful[target[colour, first : first + len(cell)]] = True
+    doubtful[0] = False
+    if not doubtful.any():
+        return np.empty(0, dtype=np.int64)
+    parent = np.arange(target.size, dtype=np.int32)
+    join_inside(edges, target, weak, strongest, doubtful, parent)
+    home = np.empty(int(members[doubtful].sum()), dtype=np.int64)
+    return home[: split_blocks(doubtful, parent, target, lattice.slots, home)]
+
+
+def _summed(
+    level: Level,
+    lattice: Lattice,
+    target: NDArray[np.int32],
+    extra_cell: tuple[NDArray[np.int64], NDArray[np.int64]],
+    keep: bool,
+) -> Coarsened | None:
+    summed = sum_up(level, lattice, target, sum(len(cell) for cell in extra_cell))
+    if summed is None:
+        return None
+    edges, leak, inner = summed
+    before = (edges.faces.copy(), edges.couplings.copy()) if keep else (np.empty((0, 0)), np.empty(0))
+    lengthen(edges, leak, inner)
+    left = [_share_left(old, new) for old, new in zip(before, (edges.faces, edges.couplings), strict=True)]
+    coarse = level_of(lattice, edges, leak, extra_cell)
+    return Coarsened(coarse, target[1].copy(), target if keep else np.empty((2, 0), dtype=np.int32), *left)
+
+
+def _share_left(before: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[np.float32]:
+    left = np.ones(before.shape, dtype=np.float32)
+    if before.size:
+        np.divide(after, before, out=left, where=before > 0.0, casting="same_kind")
+    return left
+
+
+def sum_up(
+    level: Level, lattice: Lattice, target: NDArray[np.int32], extras: int
+) -> tuple[Edges, NDArray[np.float64], NDArray[np.float32]] | None:
+    """Sum the conductances between blocks, which have ``extras`` nodes beside the lattice.
+
+    Returns the sums, leaks (2, slots), and what lies inside blocks along every axis, shape (ndim, 2 slots); None if
+    parts of one block are joined by weak conductances: they have one colour.
+    """
+    sides = len(level.edges.faces)
+    room = len(level.edges.couplings) + extras * sides * 2 ** (sides // 2)
+    leak, inner = np.zeros((2, lattice.slots)), np.zeros((sides // 2, 2 * lattice.slots), dtype=np.float32)
+    red, black, axis = np.empty((3, room), dtype=np.int32)
+    faces, distance, margin = np.zeros((sides, lattice.slots)), lattice.distance, lattice.margin
+    coarse = Edges(faces, distance, margin, red, black, axis, np.empty(room))
+    count = sum_blocks(level.edges, level.leak, target, lattice.first_extra, coarse, leak.ravel(), inner)
+    if count < 0:
+        return None
+    off = _united(red[:count], black[:count], axis[:count], coarse.couplings[:count])
+    return Edges(faces, distance, margin, *off), leak, inner
+
+
+def _united(
+    red: NDArray[np.int32], black: NDArray[np.int32], axis: NDArray[np.int32], couplings: NDArray[np.float64]
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
+    """Couplings by red slots, those between the same two nodes summed."""
+    order = np.lexsort((black, red))
+    red, black, axis, couplings = red[order], black[order], axis[order], couplings[order]
+    first = np.flatnonzero((np.diff(red, prepend=-1) != 0) | (np.diff(black, prepend=-1) != 0))
+    summed = np.add.reduceat(couplings, first) if len(first) else couplings
+    return red[first], black[first], axis[first], summed
+
+
+@njit(cache=True)
+def strongest_at(edges: Edges, strongest: Singles) -> None:
+    """Strongest conductance at every slot of both colours, shape (2, slots)."""
+    faces, distance, margin, off_red, off_black, _, couplings = edges
+    for red in range(margin, faces.shape[1] - margin):
+        for q in range(len(distance)):
+            g = faces[q, red]
+            if g > 0.0:
+                black = red + distance[q]
+                strongest[0, red] = max(strongest[0, red], g)
+                strongest[1, black] = max(strongest[1, black], g)
+    for k in range(len(couplings)):
+        strongest[0, off_red[k]] = max(strongest[0, off_red[k]], couplings[k])
+        strongest[1, off_black[k]] = max(strongest[1, off_black[k]], couplings[k])
+
+
+@njit(cache=True)
+def block_of_slots(
+    exists: NDArray[np.bool_], rows: Integers, columns: int, margin: int, shift: int, coarse_rows: Integers,
+    coarse_margin: int, coarse_slots: int, block: Indices,
+) -> None:  # fmt: skip
+    """Which slot of the next stencil, red ones first, the block around every slot takes; left alone where nothing is.
+
+    ``rows`` are the numbers of the first cells of all rows, ``coarse_rows`` those of the blocks that these are in.
+    """
+    for line in range(len(rows)):
+        for column in range(columns):
+            number = rows[line] + column
+            colour, here = number & 1, margin + (number >> 1)
+            if exists[colour, here]:
+                number = coarse_rows[line] + (column >> shift)
+                block[colour, here] = slot_of(number, coarse_margin, coarse_slots)
+
+
+@inner
+def _joins(g: float, weak: float, strongest: Singles, red: int, black: int | np.uint64) -> bool:
+    return weak == 0.0 or g >= weak * max(strongest[0, red], strongest[1, black])
+
+
+@njit(cache=True)
+def count_inside(
+    edges: Edges, block: Indices, weak: float, strongest: Singles, members: Indices, inner: Indices
+) -> None:
+    """Members of every block, and the faces inside it that conduct and are not weak.
+
+    Couplings do not count: those that close a ring of two cells join what a face joins already.
+    """
+    faces, distance, margin = edges.faces, edges.distance, edges.margin
+    red_block, black_block = block[0], block[1]
+    for k in range(margin, faces.shape[1] - margin):
+        at = np.uint64(k)
+        own, joined = np.uint64(red_block[at]), 0
+        members[own] += 1
+        members[np.uint64(black_block[at])] += 1
+        for q in range(len(distance)):
+            black = np.uint64(k + distance[q])
+            g, same = faces[np.uint64(q), at], own == np.uint64(black_block[black])
+            joined += same and g > 0.0 and _joins(g, weak, strongest, k, black)
+        inner[own] += joined
+    members[0] = 0
+
+
+@njit(cache=True)
+def join_inside(
+    edges: Edges, block: Indices, weak: float, strongest: Singles, doubtful: NDArray[np.bool_], parent: Indices
+) -> None:
+    """Join the members of doubtful blocks by the resistors inside that are not weak (union-find over both colours)."""
+    faces, distance, margin, off_red, off_black, _, couplings = edges
+    slots = faces.shape[1]
+    for k in range(margin, faces.shape[1] - margin):
+        if not doubtful[block[0, k]]:
+            continue
+        for q in range(len(distance)):
+            g = faces[q, k]
+            if g > 0.0:
+                black = k + distance[q]
+                if block[0, k] == block[1, black] and _joins(g, weak, strongest, k, black):
+                    join(parent, k, slots + black)
+    for k in range(len(couplings)):
+        red, black = off_red[k], off_black[k]
+        if block[0, red] == block[1, black] and _joins(couplings[k], weak, strongest, red, black):
+            join(parent, red, slots + black)
+
+
+@njit(cache=True)
+def split_blocks(
+    doubtful: NDArray[np.bool_], parent: Indices, block: Indices, coarse_slots: int, extra_block: Integers
+) -> int:
+    """Let the first part of a split block keep its slot, and number the others as extra nodes, in place.
+
+    Extra nodes are numbered from ``2 coarse_slots`` on, and ``extra_block`` notes the block each comes from.
+    """
+    flat = block.ravel()
+    taken = np.zeros(len(doubtful), np.bool_)
+    of_root = np.zeros(len(flat), np.int32)
+    count = 0
+    for node in range(len(flat)):
+        home = flat[node]
+        if home == 0 or not doubtful[home]:
+            continue
+        root = find(parent, node)
+        if root == node:
+            if taken[home]:
+                of_root[node] = 2 * coarse_slots + count
+                extra_block[count] = home
+                count += 1
+            else:
+                taken[home] = True
+                of_root[node] = home
+        flat[node] = of_root[root]
+    return count
+
+
+@njit(cache=True)
+def renumber(block: Indices, before: int, number: Indices, shift: int) -> None:
+    """Give extra nodes, counted from ``2 before``, their slot, and move black slots by ``shift``, in place."""
+    flat = block.ravel()
+    for node in range(len(flat)):
+        if flat[node] >= 2 * before:
+            flat[node] = number[flat[node] - 2 * before]
+        elif flat[node] >= before:
+            flat[node] += shift
+
+
+@njit(cache=True)
+def sum_blocks(
+    edges: Edges, leak: Floats, target: Indices, first_extra: int, coarse: Edges, coarse_leak: Floats, inner: Singles
+) -> int:
+    """Sum the conductances between aggregates into the faces and couplings of the next grid, leaks into its leaks.
+
+    ``inner`` of shape (ndim, 2 slots) receives what lies inside aggregates along every axis.  Returns the number of
+    new couplings, or -1 if a resistor joins two parts of one colour.
+    """
+    faces, distance, margin, off_red, off_black, off_axis, couplings = edges
+    sums, coarse_slots = coarse.faces, coarse.faces.shape[1]
+    count, red_target, black_target = 0, target[0], target[1]
+    for k in range(margin, faces.shape[1] - margin):
+        at = np.uint64(k)
+        for colour in range(2):
+            if leak[colour, at] != 0.0:
+                coarse_leak[np.uint64(target[colour, at])] += leak[colour, at]
+        a = np.int64(red_target[at])
+        for q in range(len(distance)):
+            g = faces[np.uint64(q), at]
+            if g == 0.0:
+                continue
+            b = np.int64(black_target[np.uint64(k + distance[q])])
+            axis = q >> 1
+            if a == b:
+                inner[np.uint64(axis), np.uint64(a)] += g
+                continue
+            red, black = min(a, b), max(a, b) - coarse_slots
+            if red >= coarse_slots or black < 0:
+                return -1
+            if red >= first_extra or black >= first_extra:
+                _note(coarse, count, red, black, axis, g)
+                count += 1
+                continue
+            # Where the red cell's block is black, the same face is the opposite one of the red block.
+            sums[np.uint64(q if a < b else q ^ 1), np.uint64(red)] += g
+    for k in range(len(couplings)):
+        a, b = target[0, off_red[k]], target[1, off_black[k]]
+        if a == b:
+            inner[off_axis[k], a] += couplings[k]
+            continue
+        red, black = min(a, b), max(a, b) - coarse_slots
+        if red >= coarse_slots or black < 0:
+            return -1
+        _note(coarse, count, red, black, off_axis[k], couplings[k])
+        count += 1
+    return count
+
+
+@inner
+def _note(edges: Edges, k: int, red: Any, black: Any, axis: int, conductance: float) -> None:
+    edges.off_red[k], edges.off_black[k] = red, black
+    edges.off_axis[k], edges.couplings[k] = axis, conductance
+
+
+@njit(cache=True)
+def lengthen(edges: Edges, leak: Floats, inner: Singles) -> None:
+    """Make the conductances of a coarse grid know length, in place.
+
+    From the middle of one block to the middle of the next lies half of either block's own resistance, in series with
+    what joins the two; a rail is reached through 0.15 times the block's.
+    """
+    faces, distance, margin, off_red, off_black, off_axis, couplings = edges
+    slots = faces.shape[1]
+    for red in range(margin, faces.shape[1] - margin):
+        for q in range(len(distance)):
+            if faces[q, red] > 0.0:
+                black = slots + red + distance[q]
+                faces[q, red] = _in_series(faces[q, red], inner[q >> 1, red], inner[q >> 1, black], 0.5)
+        for colour in range(2):
+            if leak[colour, red] > 0.0:
+                own = 0.0
+                for axis in range(len(inner)):
+                    own = max(own, float(inner[axis, colour * slots + red]))
+                leak[colour, red] = _in_series(leak[colour, red], own, 0.0, 0.15)
+    for k in range(len(couplings)):
+        axis = off_axis[k]
+        couplings[k] = _in_series(couplings[k], inner[axis, off_red[k]], inner[axis, slots + off_black[k]], 0.5)
+
+
+@inner
+def _in_series(conductance: float, one: float, other: float, share: float) -> float:
+    resistance = 1.0 / conductance
+    if one > 0.0:
+        resistance += share / one
+    if other > 0.0:
+        resistance += share / other
+    return 1.0 / resistance

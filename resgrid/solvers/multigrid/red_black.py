@@ -1,0 +1,196 @@
+"""Compiled passes over a stencil: a grid by colour, every resistor between a red cell and a black one.
+
+Red cells have an even sum of indices, black cells an odd one.  Each colour has a flat array of its own, in which the
+black neighbour across a face lies at the same distance for all red cells (`resgrid.solvers.multigrid.lattice`).  All
+passes run over blocks of slots, which stay in the first cache, and over some faces of all their cells after others,
+which fills the vector registers whatever the dimension.  What fits no face, a resistor that closes a ring or leads to a
+node beside the grid, is a coupling.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.jit import ZERO, inner, inner_fast
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Indices = NDArray[np.int32]
+Integers = NDArray[np.int64]
+Reals = NDArray[np.floating[Any]]
+
+
+class Stencil(NamedTuple):
+    """A grid of conductances by colour, in single or in double precision.
+
+    Arrays over slots have shape (slots,), with unused margins before and behind.
+
+    `faces` (2 ndim, slots): conductance from a red cell to the black one at ``distance``; 0 for none; `distance` (2
+    ndim,): from a red slot to the black slot across each face; `margin, block`: slots before the first cell; how
+    many a pass takes at a time; `off_red, off_black`: slots that off-stencil couplings join, in the order of their red
+    slots; `couplings`: their conductances; `red_inverse, black_inverse, black_degree`: reciprocals of the diagonal at
+    red and at black cells, and the latter; 0 where there is no unknown.
+    """
+
+    faces: Reals
+    distance: Integers
+    margin: int
+    block: int
+    off_red: Indices
+    off_black: Indices
+    couplings: Reals
+    red_inverse: Reals
+    black_inverse: Reals
+    black_degree: Reals
+
+
+class Edges(NamedTuple):
+    """The conductances of a red-black grid, in double precision.
+
+    `faces, distance, margin`: as of `Stencil`; `off_red, off_black` (couplings,): slots that the off-stencil couplings
+    join, in the order of both; `off_axis, couplings` (couplings,): their axes and conductances.
+    """
+
+    faces: Floats
+    distance: Integers
+    margin: int
+    off_red: Indices
+    off_black: Indices
+    off_axis: Indices
+    couplings: Floats
+
+
+@inner_fast
+def _four_products(
+    g: Reals, at: tuple[int, int, int, int], x: Reals, there: tuple[int, int, int, int], count: int, total: Reals,
+    to: int,
+) -> None:  # fmt: skip
+    """``total = g x`` across the first four faces over ``count`` slots, in the precision of the total.
+
+    Conductances begin ``at``, values of ``x`` ``there``.  Without signs, no index is asked whether it counts from the
+    end.
+    """
+    real, t_at = total.dtype.type, np.uint64(to)
+    a, b, c, d = np.uint64(at[0]), np.uint64(at[1]), np.uint64(at[2]), np.uint64(at[3])
+    i, j, m, n = np.uint64(there[0]), np.uint64(there[1]), np.uint64(there[2]), np.uint64(there[3])
+    for here in range(count):
+        k = np.uint64(here)
+        total[t_at + k] = (
+            real(g[np.uint64(0), a + k]) * x[i + k]
+            + real(g[np.uint64(1), b + k]) * x[j + k]
+            + real(g[np.uint64(2), c + k]) * x[m + k]
+            + real(g[np.uint64(3), d + k]) * x[n + k]
+        )
+
+
+@inner_fast
+def _add_two_products(
+    g: Reals, q: int, at: tuple[int, int], x: Reals, there: tuple[int, int], count: int, total: Reals, to: int
+) -> None:
+    """The same across faces ``q`` and ``q + 1``, added."""
+    real, t_at = total.dtype.type, np.uint64(to)
+    face, other, a, b = np.uint64(q), np.uint64(q + 1), np.uint64(at[0]), np.uint64(at[1])
+    i, j = np.uint64(there[0]), np.uint64(there[1])
+    for here in range(count):
+        k = np.uint64(here)
+        total[t_at + k] += real(g[face, a + k]) * x[i + k] + real(g[other, b + k]) * x[j + k]
+
+
+@inner
+def into_red(stencil: Stencil, x: Reals, block: int, total: Reals, to: int) -> None:
+    """``total = sum_j g_ij x_j`` across the faces of the red cells of a block, from slot ``to`` on."""
+    (begin, count), away = extent(stencil, block), stencil.distance
+    there = (begin + away[0], begin + away[1], begin + away[2], begin + away[3])
+    _four_products(stencil.faces, (begin, begin, begin, begin), x, there, count, total, to)
+    for q in range(4, len(away), 2):
+        pair = (begin + away[q], begin + away[q + 1])
+        _add_two_products(stencil.faces, q, (begin, begin), x, pair, count, total, to)
+
+
+@inner
+def into_black(stencil: Stencil, x: Reals, first: int, block: int, total: Reals, to: int) -> None:
+    """``total = sum_j g_ij x_j`` across the faces of the black cells of a block, from slot ``to`` on.
+
+    ``x`` begins at slot ``first``.
+    """
+    (begin, count), away = extent(stencil, block), stencil.distance
+    a, b, c, d = begin - away[0], begin - away[1], begin - away[2], begin - away[3]
+    there = (a - first, b - first, c - first, d - first)
+    _four_products(stencil.faces, (a, b, c, d), x, there, count, total, to)
+    for q in range(4, len(away), 2):
+        a, b = begin - away[q], begin - away[q + 1]
+        _add_two_products(stencil.faces, q, (a, b), x, (a - first, b - first), count, total, to)
+
+
+@inner_fast
+def spread(g: Reals, q: int, begin: int, away: int, count: int, x: Reals, total: Reals) -> None:
+    """Add ``g x`` across a face to the black neighbours of some red cells."""
+    face, red, black = np.uint64(q), np.uint64(begin), np.uint64(begin + away)
+    for i in range(count):
+        k = np.uint64(i)
+        total[black + k] += g[face, red + k] * x[red + k]
+
+
+@inner
+def extent(stencil: Stencil, block: int) -> tuple[int, int]:
+    """First slot of a block, and how many it has."""
+    begin = stencil.margin + block * stencil.block
+    return begin, min(stencil.block, stencil.faces.shape[1] - stencil.margin - begin)
+
+
+@inner
+def blocks_of(stencil: Stencil) -> int:
+    """How many blocks there are."""
+    return int(-(-(stencil.faces.shape[1] - 2 * stencil.margin) // stencil.block))
+
+
+@inner_fast
+def relax(inverse: Reals, fed: Reals, begin: int, count: int, total: Reals, value: Reals) -> None:
+    """``value = inverse (fed + total)`` on a block."""
+    at = np.uint64(begin)
+    for i in range(count):
+        k = np.uint64(i)
+        value[at + k] = inverse[at + k] * (fed[at + k] + total[k])
+
+
+@inner
+def draw(stencil: Stencil, x: Reals, drawn: Reals) -> None:
+    """What every coupling draws into its red cell."""
+    for k in range(len(drawn)):
+        drawn[k] = drawn.dtype.type(stencil.couplings[k]) * x[stencil.off_black[k]]
+
+
+@inner
+def relax_red(stencil: Stencil, fed: Reals, black: Reals, red: Reals) -> None:
+    """``red = (fed + G black) / degree``."""
+    total = np.empty(stencil.block, stencil.faces.dtype)
+    drawn, coupling = np.empty(len(stencil.couplings), total.dtype), ZERO
+    draw(stencil, black, drawn)
+    for block in range(blocks_of(stencil)):
+        begin, count = extent(stencil, block)
+        into_red(stencil, black, block, total, ZERO)
+        while coupling < len(drawn) and stencil.off_red[coupling] < begin + count:
+            total[stencil.off_red[coupling] - begin] += drawn[coupling]
+            coupling += 1
+        relax(stencil.red_inverse, fed, begin, count, total, red)
+
+
+@inner
+def add_into_black(stencil: Stencil, red: Reals, fed: Reals, total: Reals) -> None:
+    """``total = fed + G red`` at the black cells."""
+    for block in range(blocks_of(stencil)):
+        begin, count = extent(stencil, block)
+        into_black(stencil, red, ZERO, block, total, begin)
+        for k in range(begin, begin + count):
+            total[k] += fed[k]
+    for m in range(len(stencil.couplings)):
+        total[stencil.off_black[m]] += stencil.couplings[m] * red[stencil.off_red[m]]
+
+
+@inner
+def slot_of(number: int, margin: int, slots: int) -> int:
+    """Slot of a numbered cell, as `resgrid.solvers.multigrid.lattice.Lattice.slot`."""
+    return (number & 1) * slots + margin + (number >> 1)
