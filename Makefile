@@ -1,5 +1,6 @@
-# make demo    install into .venv and run the shipped example
-# make test    install what the tests need, ngspice and Chromium included, and run them all
+# make demo    install into .venv, compile the loops on all cores, and run the shipped example
+# make test    install what the tests need, ngspice and Chromium included, compile the loops, and run them all
+# make warm    compile the loops on all cores
 # make targets run the tests of the numbers as other processors would compute them (plain x86-64, AVX-512 where there is one)
 # make check   lint, formatting, types, import order
 # make format  apply the formatter and the safe fixes
@@ -29,16 +30,19 @@ KEEP_MEMORY := MALLOC_MMAP_THRESHOLD_=4294967296 MALLOC_TRIM_THRESHOLD_=17179869
 
 TARGETS := generic $(shell grep -qm1 avx512f /proc/cpuinfo 2>/dev/null && echo skylake-avx512)
 
-.PHONY: demo test targets check format bench fuzz golden reference clean
+.PHONY: demo test warm targets check format bench fuzz golden reference clean
 .DELETE_ON_ERROR:
 
-demo: $(INSTALLED)
+demo: $(INSTALLED) warm
 	$(BIN)/resgrid run $(SCENE) -o $(OUT)
 
-test: $(INSTALLED_DEV)
+test: $(INSTALLED_DEV) warm
 	scripts/install_ngspice.sh
 	scripts/install_chromium.sh
 	$(BIN)/python -m pytest -n $(JOBS)
+
+warm: | $(INSTALLED)
+	$(BIN)/python -m resgrid.warm
 
 targets: $(INSTALLED_DEV)
 	for target in $(TARGETS); do \

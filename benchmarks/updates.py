@@ -1,4 +1,4 @@
-"""Sections: cells that become obstacles after a solve, and two right-hand sides at the same time."""
+"""Sections: cells that change after a solve, and two right-hand sides at the same time."""
 
 from __future__ import annotations
 
@@ -11,10 +11,8 @@ from benchmarks.layouts import boxes
 from benchmarks.rows import Row, Scale
 from benchmarks.timing import alternating
 from resgrid.circuit.solve import factor, solve
+from resgrid.circuit.update import WarmPoint, WarmStart
 from resgrid.compiler import compile_space
-from resgrid.netlist import Netlist
-from resgrid.solvers.factors.factor import Factor
-from resgrid.solvers.monitor import Watch
 from resgrid.space import Cell, ConfigurationSpace
 
 RTOL = 1e-8
@@ -23,13 +21,14 @@ _REACH, _CELLS = 16, 10
 
 
 def update(scale: Scale) -> list[Row]:
-    """Ten obstacle cells at most 16 cells from the goal: update and warm start, against starting from the space."""
-    sizes = {"tiny": (48,), "quick": (1024,), "full": (1024, 2048)}[scale.name]
+    """Ten cells near the goal that become obstacles, or are freed: a warm start, against starting from the space."""
+    sizes = {"tiny": (48,), "quick": (256, 1024), "full": (256, 1024, 2048)}[scale.name]
     return [
-        _update_row(place, size, boundary, scale)
+        _update_row(place, size, boundary, scale, to=to)
         for size in sizes
         for place in ("corner", "middle")
         for boundary in BOUNDARIES
+        for to in (Cell.OBSTACLE, Cell.FREE)
     ]
 
 
@@ -60,57 +59,43 @@ def goal_in(place: str, size: int, seed: int) -> ConfigurationSpace:
     return ConfigurationSpace(space.axes, cell)
 
 
-def near_goal(space: ConfigurationSpace, seed: int) -> NDArray[np.int64]:
-    """Free cells near the goal."""
-    away = np.abs(np.argwhere(space.goal_connected) - np.argwhere(space.cell == Cell.GOAL)[0]).max(axis=1)
-    near = np.argwhere(space.goal_connected)[away <= _REACH]
+def near_goal(space: ConfigurationSpace, seed: int, to: Cell) -> NDArray[np.int64]:
+    """Ten free cells, or obstacle cells, near the goal.  Returns (10, ndim)."""
+    some = np.argwhere(space.goal_connected if to == Cell.OBSTACLE else space.cell == Cell.OBSTACLE)
+    away = np.abs(some - np.argwhere(space.cell == Cell.GOAL)[0]).max(axis=1)
+    near = some[away <= max(_REACH, np.sort(away)[3 * _CELLS])]
     return np.random.default_rng(seed).permutation(near)[:_CELLS]
 
 
-def _solution(factors: Factor, watch: Watch | None = None) -> NDArray[np.float64]:
-    return factors.solve(factors.system.feed + factors.system.injected, rtol=RTOL, watch=watch)
-
-
-def _fresh(cell: NDArray[np.uint8], space: ConfigurationSpace, boundary: str) -> tuple[Factor, NDArray[np.float64]]:
-    netlist = compile_space(ConfigurationSpace(space.axes, cell), boundary=boundary)
-    factors = factor(netlist, method="multigrid")
-    return factors, _solution(factors)
-
-
-def _update_row(place: str, size: int, boundary: str, scale: Scale) -> Row:
-    space = goal_in(place, size, scale.seed + size)
+def _fresh(space: ConfigurationSpace, boundary: str) -> NDArray[np.float64]:
+    """Voltages of all cells, NaN where there are none."""
     factors = factor(compile_space(space, boundary=boundary), method="multigrid")
-    before = _solution(factors)
-    cells = near_goal(space, scale.seed)
-    after = space.cell.copy()
-    after[tuple(cells.T)] = Cell.OBSTACLE
-    watch = Watch()
+    x = factors.solve(factors.system.drive, rtol=RTOL)
+    node = factors.system.netlist.cells.node
+    row = np.where(node >= 0, factors.system.unknown[node], -1)
+    return np.where(row >= 0, np.append(x, np.nan)[row], np.nan)
 
-    def updated() -> tuple[Factor, NDArray[np.float64]]:
-        new = factors.update(cells)
-        right = new.system.feed + new.system.injected
-        return new, new.solve(right, rtol=RTOL, guess=before, watch=watch)
 
-    fresh = partial(_fresh, after, space, boundary)
-    new, x = updated()
-    steps = watch.iterations
-    error = _difference(new, x, *fresh())
+def _update_row(place: str, size: int, boundary: str, scale: Scale, to: Cell) -> Row:
+    before = goal_in(place, size, scale.seed + size)
+    cell = before.cell.copy()
+    cell[tuple(near_goal(before, scale.seed, to).T)] = to
+    after = before.with_cells(cell)
+    warm = WarmStart(boundary=boundary, rtol=RTOL)
+    warm.solve(before)
+    spaces, points = [after, before], list[WarmPoint]()
+
+    def updated() -> None:
+        points.append(warm.solve(spaces[len(points) % 2]))
+
+    fresh = partial(_fresh, after, boundary)
+    updated()
+    voltage, expected = points[0].voltage, fresh()
+    error = np.nanmax(np.abs(voltage - expected)) / np.nanmax(np.abs(expected))
     seconds, _, ratio = alternating(updated, fresh, scale.rounds)
-    note = f"{steps} iterations, answers differ by {error:.0e}" + (f", {new.change.reason}" if new.change else "")
-    return Row(
-        f"{size}^2 {boundary}, goal in the {place}: update", seconds.median, ratio, "of a fresh solve", note=note
-    )
-
-
-def _difference(new: Factor, x: NDArray[np.float64], other: Factor, y: NDArray[np.float64]) -> float:
-    """Largest difference of two solutions at the cells of both, as a share of the largest voltage."""
-    first = _by_cell(new.system.netlist, new.system.unknown, x)
-    second = _by_cell(other.system.netlist, other.system.unknown, y)
-    both = np.isfinite(first) & np.isfinite(second)
-    return float(np.abs(first - second)[both].max() / np.nanmax(np.abs(second)))
-
-
-def _by_cell(netlist: Netlist, unknown: NDArray[np.int64], x: NDArray[np.float64]) -> NDArray[np.float64]:
-    node = netlist.cells.node.ravel()
-    row = np.where(node >= 0, unknown[node], -1)
-    return np.where(row >= 0, x[row], np.nan)
+    steps = sorted({point.iterations for point in points})
+    fresh_ones = sum(point.fresh for point in points)
+    note = f"{steps} iterations, {fresh_ones} of {len(points)} from nothing, answers differ by {error:.0e}"
+    kind = "obstacles" if to == Cell.OBSTACLE else "freed cells"
+    name = f"{size}^2 {boundary}, goal in the {place}: ten {kind}"
+    return Row(name, seconds.median, ratio, "of a fresh solve", note=note)

@@ -9,6 +9,7 @@ from .circuit.nonlinear import small_signal as small_signal
 from .circuit.operating_point import OperatingPoint as OperatingPoint
 from .circuit.solve import factor as factor, scale_drive as scale_drive, solve as solve
 from .circuit.transient import transient as transient, transient_stepper as transient_stepper
+from .circuit.update import WarmStart as WarmStart
 from .compiler import compile_space as compile_space
 from .control.announced import wavefront as wavefront
 from .control.controller import equipotential_velocity as equipotential_velocity, make_controller as make_controller

@@ -84,10 +84,16 @@ def check_number(
         raise InputError(f"{name} = {value!r} must be {words}")
 
 
-def check_optional(name: str, value: Any, words: str, *, least: float = -math.inf, above: float = -math.inf) -> None:
+def check_share(name: str, value: Any) -> None:
+    """Refuse what is no number from 0 to 1."""
+    if not (is_number(value) and 0 <= value <= 1):
+        raise InputError(f"{name} = {value!r} must lie between 0 and 1")
+
+
+def check_optional(name: str, value: Any, words: str, *, above: float) -> None:
     """As `check_number`, for a value that may be None."""
     if value is not None:
-        check_number(name, value, words, least=least, above=above)
+        check_number(name, value, words, above=above)
 
 
 def check_whole(name: str, value: Any, least: int) -> None:

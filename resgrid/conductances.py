@@ -56,8 +56,3 @@ def has_wall(lower_obstacle: NDArray[np.bool_] | bool, upper_obstacle: NDArray[n
 def behind_wall(conductance: NDArray[np.float64], wall_resistance: float | None) -> NDArray[np.float64]:
     """Return contacts with obstacles, in siemens, with the resistance of their wall in series; 0 ohms for none."""
     return 1.0 / (1.0 / conductance + wall_resistance) if wall_resistance else conductance
-
-
-def of_obstacle(conductance: NDArray[np.float64], boundary: str, wall_resistance: float | None) -> NDArray[np.float64]:
-    """Return what becomes of conductances to an obstacle, in siemens: nothing of them if it is open."""
-    return np.zeros_like(conductance) if boundary == "neumann" else behind_wall(conductance, wall_resistance)

@@ -1,9 +1,12 @@
 """Slabs against indices counted one by one."""
 
+from unittest import mock
+
 import numpy as np
 from hypothesis import given, strategies as st
 
-from resgrid.grids import face_counts, faces_ahead, places_in_slab
+from resgrid import grids
+from resgrid.grids import face_counts, faces_ahead, label_regions, places_in_slab
 from resgrid.netlist import face_shape
 
 SHAPES = st.lists(st.integers(1, 5), min_size=1, max_size=4).map(tuple)
@@ -34,3 +37,14 @@ def test_places_are_those_kept(shape: tuple[int, ...], data: st.DataObject) -> N
     cut = (slice(None),) * axis + (slice(start, stop),)
     inside[cut] = kept[cut]
     np.testing.assert_array_equal(places_in_slab(kept[cut], shape, axis, (start, stop)), np.flatnonzero(inside))
+
+
+@given(SHAPES, st.data(), st.booleans())
+def test_regions_are_the_same_however_they_are_found(
+    shape: tuple[int, ...], data: st.DataObject, corners: bool
+) -> None:
+    mask = np.random.default_rng(data.draw(st.integers(0, 2**31))).random(shape) < 0.6
+    rings = data.draw(st.lists(st.booleans(), min_size=len(shape), max_size=len(shape)))
+    walked = label_regions(mask, rings, corners=corners)
+    with mock.patch.object(grids, "_SMALL", 0):
+        np.testing.assert_array_equal(walked, label_regions(mask, rings, corners=corners))

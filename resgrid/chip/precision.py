@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.arguments import check_optional
+from resgrid.arguments import check_optional, check_share
 from resgrid.chip.figures import Figure, Result, defined
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import InputError
@@ -162,8 +162,7 @@ class Precision(Result):
 
     def bits_for(self, share: float) -> int | None:
         """Fewest whole bits that serve a share of the starts; None if no number of bits does."""
-        if not 0 <= share <= 1:
-            raise InputError(f"share = {share} must lie between 0 and 1")
+        check_share("share", share)
         ordered = np.sort(self.starts)
         if not ordered.size:
             return None

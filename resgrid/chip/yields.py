@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import check_number, check_whole
+from resgrid.arguments import check_number, check_share, check_whole
 from resgrid.chip.build import chip_keys, ideal_netlist
 from resgrid.chip.figures import Figure, Proportion, Result, defined, effective_trials, proportion, quantile, wilson
 from resgrid.chip.trials import Experiment, Tally, prepare, run_trials
@@ -291,8 +291,7 @@ class Exploration(Result):
 
         None where there is none.
         """
-        if not 0 <= share <= 1:
-            raise InputError(f"share = {share} must lie between 0 and 1")
+        check_share("share", share)
         result: list[Any] = []
         for row in self.share:
             enough = np.logical_and.accumulate((row >= share)[::-1])[::-1]

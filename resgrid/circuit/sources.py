@@ -99,6 +99,8 @@ def source_currents(netlist: Netlist, forest: SourceForest, outflow: NDArray[np.
 
 def _walk(ends: NDArray[np.int64], size: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Tied nodes, parents before children, and the parent of each; ground, which is node 0, is the first root."""
+    if not ends.min(axis=1).any():  # every source stands on ground
+        return np.arange(size), np.append(-1, np.zeros(size - 1, dtype=np.int64))
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import breadth_first_order, connected_components
 

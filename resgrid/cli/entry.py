@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import importlib
 import os
 import signal
@@ -35,6 +36,10 @@ VERBS = {
     "completion": "Print the script that lets a shell complete.",
 }
 """Every verb, in the order of the work, and what it is for; it is the ``command`` of the module of its name."""
+
+
+_SELDOM = 50_000
+"""New objects after which garbage is looked for; Python's own number is 700."""
 
 
 class Verbs(click.Group):
@@ -73,7 +78,7 @@ class Verbs(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         """Call the verb; click would end a broken pipe and an interrupt with codes of its own."""
         try:
-            with warnings.catch_warnings(), _terminable():
+            with warnings.catch_warnings(), _terminable(), _patient_collector():
                 warnings.showwarning = _show_warning
                 result = super().invoke(ctx)
             if sys.stdout is not None:  # closed from the beginning
@@ -119,6 +124,17 @@ def _terminable() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+@contextlib.contextmanager
+def _patient_collector() -> Iterator[None]:
+    """Look for garbage seldom: imports and loops leave none, and looking takes a tenth of a short verb's time."""
+    before = gc.get_threshold()
+    gc.set_threshold(_SELDOM)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
 
 
 def _complain(failure: Failure, *, as_json: bool) -> None:

@@ -10,7 +10,7 @@ import click
 from resgrid.cli.decks import deck_data, is_deck, open_deck
 from resgrid.cli.options import Source, verb, with_source
 from resgrid.cli.report import finish
-from resgrid.cli.scenes import Job, open_job, say_unheeded, several_k, size_of
+from resgrid.cli.scenes import Job, free_counts, open_job, say_unheeded, several_k, size_of
 from resgrid.errors import CircuitError, InputError, ToolMissingError
 
 if TYPE_CHECKING:
@@ -61,7 +61,6 @@ def describe(job: Job) -> dict[str, Any]:
     from resgrid.space import Cell
 
     scene, space = job.scene, job.space
-    free = space.cell == Cell.FREE
     starts = [scene.frame.from_world(start).tolist() for start in scene.starts]
     return {
         "title": scene.title,
@@ -75,11 +74,10 @@ def describe(job: Job) -> dict[str, Any]:
         "map": None if scene.map is None else describe_map(scene.map.table),
         "sketch": sketch(space, starts) if space.ndim == 2 else None,
         "cells": space.cell.size,
-        "free_cells": int(free.sum()),
+        **free_counts(space),
         "obstacle_cells": int((space.cell == Cell.OBSTACLE).sum()),
         "goal_cells": int((space.cell == Cell.GOAL).sum()),
         "goals": space.goal_count,
-        "unreachable_cells": int((free & ~space.goal_connected).sum()),
         "starts": [list(start) for start in scene.starts],
         "boundary": scene.boundary,
         "drive": scene.drive,

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".png", ".pdf", ".svg")
 PICTURES = ("page", "space", "potential", "currents", "paths", "circuit", "slices", "robot")
-PLANAR = ("space", "currents", "paths")
 PAGE_AXES = 3
 """Most axes of a space that is drawn."""
 
@@ -43,7 +42,7 @@ def command(source: Source, output: str, what: str) -> int:
     """
     suffix = check_picture(output)
     job = open_job(source, require_goal=what != "space")
-    if what in PLANAR and job.space.ndim != 2:
+    if what == "currents" and job.space.ndim != 2:
         raise InputError(f"--what {what}: it needs two axes, and this space has {job.space.ndim}; 'page' shows up to 3")
     if what == "slices" and job.space.ndim < 3:
         raise InputError(f"--what slices: a space of {job.space.ndim} axes is not cut into slices; draw 'potential'")
@@ -107,9 +106,11 @@ def _draw(what: str, job: Job, plan: Plan, field: Field | None) -> Any:
         case "potential" | "currents":
             picture = plot.draw(field, quantity=what)
         case "paths":
-            picture = plot.draw(job.space)
-            if lines:
-                plot.draw(lines, picture, k=[line.field.k for line in lines])
+            ks = [line.field.k for line in lines]
+            several = job.space.ndim > 2 and lines  # which are drawn in slices
+            picture = plot.draw(lines, k=ks) if several else plot.draw(job.space)
+            if lines and not several:
+                plot.draw(lines, picture, k=ks)
         case "circuit":
             picture = plot.draw(next(iter(plan.operating_points.values())))
         case "robot":

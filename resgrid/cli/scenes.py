@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 import os
 import sys
@@ -124,7 +125,10 @@ def _piped_scene(source: Source) -> Scene:
         return read_scene(file, **source.map_options)
 
 
-FIRST_RUN = "the first solution on this machine also compiles its loops: half a minute, once"
+FIRST_RUN = (
+    "the first solution after an installation also compiles its loops: half a minute, once, or longer on a busy "
+    "machine ('python -m resgrid.warm' compiles all of them beforehand, on all cores)"
+)
 _KEPT_LOOP = "row_kernels.conductances_by_row*.nbi"
 
 
@@ -136,10 +140,25 @@ def is_first_run() -> bool:
     return not any((Path(resgrid.__file__).parent / "solvers" / "__pycache__").glob(_KEPT_LOOP))
 
 
+def _load_numba() -> None:
+    """Load numba without scipy's linear algebra, which takes a fifth of a second, and which none of our loops calls.
+
+    numba looks once whether it is there, for ``np.cov`` in loops.
+    """
+    if "numba.np.arraymath" in sys.modules or "scipy.linalg" in sys.modules:
+        return
+    sys.modules["scipy.linalg"] = None  # type: ignore[assignment]
+    try:
+        importlib.import_module("numba.np.arraymath")
+    finally:
+        del sys.modules["scipy.linalg"]
+
+
 def _observe(name: str, function: Callable[..., Any], *arguments: Any, iterates: bool = False, **options: Any) -> Any:
     """Report a stage of the library."""
     if iterates and is_first_run():
         say(FIRST_RUN)
+    _load_numba()
     return compute(name, function, *arguments, iterates=iterates, **options)
 
 
@@ -172,17 +191,21 @@ def element_counts(netlist: Netlist) -> dict[str, int]:
     }
 
 
-def solution_summary(name: str, op: OperatingPoint, space: ConfigurationSpace) -> dict[str, Any]:
-    """The figures of a solved chip, as ``--json`` gives them."""
+def free_counts(space: ConfigurationSpace) -> dict[str, int]:
+    """How many cells are free, and how many of these lead to no goal, as ``--json`` gives it."""
     from resgrid.space import Cell
 
     free = space.cell == Cell.FREE
+    return {"free_cells": int(free.sum()), "unreachable_cells": int((free & ~space.goal_connected).sum())}
+
+
+def solution_summary(name: str, op: OperatingPoint, space: ConfigurationSpace) -> dict[str, Any]:
+    """The figures of a solved chip, as ``--json`` gives them."""
     return {
         "chip": name,
         "nodes": op.netlist.node_count,
         "resistors": len(op.netlist.conductance),
-        "free_cells": int(free.sum()),
-        "unreachable_cells": int((free & ~space.goal_connected).sum()),
+        **free_counts(space),
         "kcl_residual": op.kcl_residual,
         "power": op.power,
         "solver": op.method,

@@ -265,33 +265,34 @@ def _off_side(ax: float, ay: float, bx: float, by: float, inward: tuple[float, f
 @inner
 def _add_end(
     pairs: Floats, count: int, px: float, py: float, edge: Floats, before: Floats, owner: tuple[float, int, int],
-    reach: float, facing: bool,
+    reach: float,
 ) -> int:  # fmt: skip
     """A point of the robot before an edge, or before the corner where the edge starts."""
     ax, ay, bx, by = edge
     t = share(px, py, ax, ay, bx, by)
     if 0.0 < t < 1.0:
         lx, ly = _left_of(edge)
-        if facing and lx * (px - ax) + ly * (py - ay) > TOUCH:
+        if lx * (px - ax) + ly * (py - ay) > TOUCH:
             return count
         ox, oy = ax + t * (bx - ax), ay + t * (by - ay)
         return _add(pairs, count, px, py, ox, oy, (lx, ly), (-lx, -ly), owner, reach)
-    if t >= 1.0 or (facing and share(px, py, before[0], before[1], before[2], before[3]) < 1.0):
+    if t >= 1.0 or share(px, py, before[0], before[1], before[2], before[3]) < 1.0:
         return count
     lx, ly = _inside_corner(edge, before)
     return _add(pairs, count, px, py, ax, ay, (lx, ly), (-lx, -ly), owner, reach)
 
 
 @njit(cache=True)
-def near_points(pose: Pose, solid: ObstacleArrays, reach: float, facing: bool, pairs: Floats) -> int:
+def near_points(pose: Pose, solid: ObstacleArrays, reach: float, pairs: Floats) -> int:
     """Pairs of near points of a robot (segments with a radius) and obstacles, within a reach.
 
     Two segments that do not cross are nearest where one of them ends, so the ends of both are looked at: two parallel
     ones give both ends of their overlap.  A disc or half-plane entered by no more than `TOUCH` is touched: no gap.
-    Edges have the solid on their left, and `edge_before` is the edge that ends where one starts.  With `facing`, ends
-    of the robot count before the side of an edge that is free (or on it), and before a corner only where it is nearer
-    than its edges.  Rows of `pairs`: the robot's surface point, the obstacle's, the unit normal between them, the gap,
-    the part, the obstacle, and the direction into it.  Returns how many there are.
+    Edges have the solid on their left, and `edge_before` is the edge that ends where one starts.  Ends of the robot
+    count before the side of an edge that is free (or on it), and before a corner only where it is nearer than its
+    edges: others have no part in a contact, being through a solid, or across a corner from an edge's end.  Rows of
+    `pairs`: the robot's surface point, the obstacle's, the unit normal between them, the gap, the part, the obstacle,
+    and the direction into it.  Returns how many there are.
     """
     count, segments, radius, part = 0, pose.segments, pose.radius, pose.part
     edges, edge_before, discs, planes = solid.edges, solid.edge_before, solid.discs, solid.half_planes
@@ -306,10 +307,10 @@ def near_points(pose: Pose, solid: ObstacleArrays, reach: float, facing: bool, p
             if misses(edge, x0, x1, y0, y1):
                 continue
             owner = (r, part[s], solid.edge_owner[e])
-            count = _add_end(pairs, count, ax, ay, edge, before, owner, reach, facing)
+            count = _add_end(pairs, count, ax, ay, edge, before, owner, reach)
             if single:
                 continue
-            count = _add_end(pairs, count, bx, by, edge, before, owner, reach, facing)
+            count = _add_end(pairs, count, bx, by, edge, before, owner, reach)
             t = share(edge[0], edge[1], ax, ay, bx, by)
             if 0.0 < t < 1.0:
                 px, py = ax + t * (bx - ax), ay + t * (by - ay)

@@ -61,18 +61,17 @@ class Plant:
         spacing = np.array([[axis.spacing for axis in self.axes]])
         return float(self.robot.travel(np.zeros_like(spacing), spacing)[0])
 
-    def near(self, pose: Pose, reach: float, facing: bool = True) -> NDArray[np.float64]:
+    def near(self, pose: Pose, reach: float) -> NDArray[np.float64]:
         """Pairs of near points of the robot and the obstacles within a reach, in metres, shape (n, 11).
 
-        See `resgrid.control.contact_kernels.near_points`; `facing` leaves out pairs that have no part in a contact:
-        through a solid, or across a corner from an edge's end.
+        See `resgrid.control.contact_kernels.near_points`.
         """
         from resgrid.control import contact_kernels
 
         room = _ROOM
         while True:
             pairs = np.empty((room, 11))
-            count = contact_kernels.near_points(pose, self.arrays, reach, facing, pairs)
+            count = contact_kernels.near_points(pose, self.arrays, reach, pairs)
             if count < room:
                 return pairs[:count]
             room *= 4

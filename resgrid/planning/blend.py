@@ -43,7 +43,7 @@ def blend(dirichlet: Field, neumann: Field, k: float, *, allow_start_drive: bool
     CircuitError
         If nothing flows at k = 1.
     """
-    check_share(k)
+    check_k(k)
     check_pair(dirichlet, neumann)
     if k == 1.0 and not dirichlet.is_flowing:
         raise CircuitError(
@@ -68,7 +68,7 @@ def blend(dirichlet: Field, neumann: Field, k: float, *, allow_start_drive: bool
     )
 
 
-def check_share(k: float) -> None:
+def check_k(k: float) -> None:
     """Refuse a k that is no share of the Dirichlet field."""
     if not (is_number(k) and 0.0 <= k <= 1.0):
         raise InputError(f"k = {k!r}, but a blend needs 0 <= k <= 1 (1 is Dirichlet, 0 is Neumann)")
@@ -115,7 +115,7 @@ def dirichlet_share(dirichlet: Field, neumann: Field, k: float) -> NDArray[np.fl
 
     Returns as the space.
     """
-    check_share(k)
+    check_k(k)
     check_pair(dirichlet, neumann)
     with np.errstate(divide="ignore", invalid="ignore"):
         log_d, log_n = _log_gradient(dirichlet) + np.log(k), _log_gradient(neumann) + np.log1p(-k)

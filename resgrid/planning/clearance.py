@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 from resgrid.space import Cell, ConfigurationSpace
 
+_FEW_PAIRS = 300_000
+"""Pairs of a cell and an obstacle cell whose distances take less time than scipy takes to be imported."""
+
 
 def clearance_of(
     points: NDArray[np.float64],
@@ -64,15 +67,25 @@ def obstacle_reach(space: ConfigurationSpace) -> NDArray[np.float64] | None:
 
     Returns as the space; None where there is no obstacle cell.
     """
-    from scipy.ndimage import distance_transform_edt
-
     clear = space.cell != Cell.OBSTACLE
     if clear.all():
         return None
+    if clear.size * np.count_nonzero(~clear) <= _FEW_PAIRS:
+        return _nearest_centres(space, clear) + 0.5 * float(np.linalg.norm(space.spacing))
+    from scipy.ndimage import distance_transform_edt
+
     margin = [(n // 2 + 1, n // 2 + 1) if ring else (0, 0) for n, ring in zip(space.shape, space.periodic, strict=True)]
     inner = tuple(slice(before, before + n) for (before, _), n in zip(margin, space.shape, strict=True))
     between_centres = distance_transform_edt(np.pad(clear, margin, mode="wrap"), sampling=space.spacing)[inner]
     return np.asarray(between_centres + 0.5 * np.linalg.norm(space.spacing))
+
+
+def _nearest_centres(space: ConfigurationSpace, clear: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Distance from every cell's centre to that of the nearest obstacle cell, pair by pair.  Shapes: as the space."""
+    shape, rings = np.array(space.shape), np.asarray(space.periodic)
+    apart = np.abs(np.argwhere(np.ones_like(clear))[:, np.newaxis] - np.argwhere(~clear))
+    apart = np.where(rings, np.minimum(apart, shape - apart), apart)
+    return np.asarray(np.linalg.norm(apart * space.spacing, axis=-1).min(axis=1).reshape(space.shape))
 
 
 def split_at_faces(points: NDArray[np.float64], space: ConfigurationSpace) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inner
+from resgrid.jit import inlined, inner
 
 REACHED, NO_CURRENT, ENDLESS = 0, 1, 2
 MIXED = -2
@@ -40,14 +40,14 @@ class Flow(NamedTuple):
     log_current: NDArray[np.float64]
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _unravel(flat: int, shape: Integers, cell: Integers) -> None:
     for axis in range(len(shape) - 1, -1, -1):
         cell[axis] = flat % shape[axis]
         flat //= shape[axis]
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _ravel(cell: Integers, shape: Integers) -> int:
     flat = 0
     for axis in range(len(shape)):
@@ -55,7 +55,7 @@ def _ravel(cell: Integers, shape: Integers) -> int:
     return flat
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _unravel_box(number: int, low: Integers, high: Integers, at: Integers) -> None:
     """Cell ``number`` of a box of cells, in C order."""
     for axis in range(len(at) - 1, -1, -1):
@@ -64,7 +64,7 @@ def _unravel_box(number: int, low: Integers, high: Integers, at: Integers) -> No
         number //= width
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _face(flow: Flow, cell: Integers, axis: int) -> int:
     """Number of the lower face of a cell across an axis."""
     face: int = flow.first_face[axis]
@@ -88,7 +88,7 @@ def _velocities(flow: Flow, cell: Integers, lower: Floats, upper: Floats) -> flo
     return scale
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _exit_time(x: float, lower: float, upper: float) -> tuple[float, int]:
     """Time until a point at ``x`` in [0, 1] leaves by either face, and by which (-1, 1; 0 for never).
 
@@ -108,7 +108,7 @@ def _exit_time(x: float, lower: float, upper: float) -> tuple[float, int]:
     return distance / speed * (math.log1p(z) / z), side
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _moved(x: float, lower: float, upper: float, time: float) -> float:
     """Where a point at ``x`` is after a time, within its cell."""
     v = lower * (1.0 - x) + upper * x
@@ -166,7 +166,7 @@ def _cross(local: Floats, lower: Floats, upper: Floats, spacing: Floats) -> tupl
     return time, math.sqrt(squares), across, side
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _log_add(a: float, b: float) -> float:
     if a < b:
         a, b = b, a
@@ -188,7 +188,8 @@ def trace(flow: Flow, cell: Integers, local: Floats, cells: Integers, locals_: F
     limit = flow.code.size
     for step in range(limit):
         if step < len(cells):
-            cells[step], locals_[step] = cell, local
+            for axis in range(ndim):
+                cells[step, axis], locals_[step, axis] = cell[axis], local[axis]
         if flow.code[_ravel(cell, flow.shape)] == _GOAL:
             return REACHED, step, length, log_time
         scale = _velocities(flow, cell, lower, upper)
@@ -309,7 +310,9 @@ def clearance(
     """
     ndim = len(shape)
     best = np.inf
-    diagonal = math.sqrt(np.sum(spacing**2))
+    diagonal = 0.0
+    for axis in range(ndim):
+        diagonal = math.hypot(diagonal, spacing[axis])
     low, high, at = np.empty(ndim, np.int64), np.empty(ndim, np.int64), np.empty(ndim, np.int64)
     box_low, box_high = np.empty(ndim), np.empty(ndim)
     for k in range(len(cells)):
@@ -352,7 +355,10 @@ def segment_is_free(
     one, which makes the set exact in any number of dimensions.
     """
     ndim = len(shape)
-    major = int(np.argmax(np.abs(end - start)))
+    major = 0
+    for axis in range(1, ndim):
+        if abs(end[axis] - start[axis]) > abs(end[major] - start[major]):
+            major = axis
     low, high, at = np.empty(ndim, np.int64), np.empty(ndim, np.int64), np.empty(ndim, np.int64)
     first = math.ceil(min(start[major], end[major]) - rim - 1.0)
     last = math.floor(max(start[major], end[major]) + rim)
@@ -383,7 +389,7 @@ def segment_is_free(
     return True
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _slab_shares(a: float, b: float, index: int, rim: float, t0: float, t1: float) -> tuple[float, float]:
     """Part of the line from ``a`` to ``b`` that lies in the cells ``index``, within the part from t0 to t1."""
     if a == b:

@@ -21,7 +21,7 @@ from resgrid.errors import CircuitError, InputError
 from resgrid.frozen import frozen
 from resgrid.netlist import Netlist
 from resgrid.planning import fields
-from resgrid.planning.blend import blend, check_share
+from resgrid.planning.blend import blend, check_k
 from resgrid.planning.fields import Field, undriven_field
 from resgrid.planning.trace import start_cell
 from resgrid.scene import Scene, sample
@@ -178,7 +178,7 @@ def problem_of(
     `wiring`: other fields of `Wiring`, None for the scene's.
     """
     if k is not None:
-        check_share(k)
+        check_k(k)
         if boundary == "neumann":
             raise InputError("a blend has its obstacles on the rail at k = 1: choose boundary = 'dirichlet' or 'wall'")
     ks = () if k is None else (float(k),)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from resgrid.errors import InputError
 from resgrid.planning.fields import Field
 from resgrid.planning.separation import SceneSeparation, Separation
-from resgrid.planning.streamline import Outcome, Polyline, ShortPath, Streamline, unwrap
+from resgrid.planning.streamline import Polyline, ShortPath, Streamline, unwrap
 from resgrid.plot.fields import (
     CONDUCTIVITY,
     conductivity_style,
@@ -165,9 +165,7 @@ def draw_slices(
         flat = replace(shading, edge=tuple(rule for number, rule in enumerate(shading.edge) if number != part.normal))
         draw_shading(part.plane, flat, part.of(shading.values), axes)
         draw_no_drop(part.plane, part.of(no_drop(field, shading)), axes)
-        for path in paths:
-            mark_outcome(path, part.seen(path.axis_points[:1]), axes)
-            draw_in_slice(seam_pieces(path) if path.outcome == Outcome.REACHED else [], part, axes)
+        _paint_paths(paths, None, part, axes)
 
     figure = draw_in_slices(field.space, paint, axis=axis, indices=indices)
     assert shading is not None
@@ -248,13 +246,17 @@ def draw_streamlines(
     _refuse_ax(ax, "a path", space.ndim)
 
     def paint(part: Slice, axes: Axes) -> None:
-        for rank, (blend, own) in enumerate(groups):
-            lines = [line for path in own for line in seam_pieces(path)]
-            draw_in_slice(lines, part, axes, colour=PATHS[rank % len(PATHS)], label=blend_label(blend))
-        for path in paths:
-            mark_outcome(path, part.seen(path.axis_points[:1]), axes)
+        _paint_paths(paths, k, part, axes)
 
     return draw_in_slices(space, paint, axis=axis, indices=indices)
+
+
+def _paint_paths(paths: Sequence[Streamline], k: Sequence[float] | None, part: Slice, axes: Axes) -> None:
+    for rank, (blend, own) in enumerate(by_blend(paths, k)):
+        lines = [line for path in own for line in seam_pieces(path)]
+        draw_in_slice(lines, part, axes, colour=PATHS[rank % len(PATHS)], label=blend_label(blend))
+    for path in paths:
+        mark_outcome(path, part.seen(path.axis_points[:1]), axes)
 
 
 def draw_line(

@@ -48,8 +48,8 @@ def count_connections(laplacian: Laplacian) -> Connections:
         entries, few = 2 * inner, int(np.count_nonzero(neighbours <= 2))
         total = 2.0 * half
     else:
-        rows = laplacian.rows
-        entries, few = rows.nnz, int(np.count_nonzero(np.diff(rows.indptr) <= 2))
+        rows = laplacian.any_rows
+        entries, few = len(rows.indices), int(np.count_nonzero(np.diff(rows.indptr) <= 2))
         weak = kernels.weak_share(rows.indptr, rows.indices, rows.data, WEAK)
         smallest, largest = rows.data.min(initial=np.inf), rows.data.max(initial=0.0)
         total = rows.data.sum()

@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from resgrid.jit import inlined
 from resgrid.solvers.extended import BITS
 
 _BASE = 2.0**BITS
@@ -28,7 +29,7 @@ Integers = NDArray[np.int64]
 Indices = NDArray[np.int32]
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _canonical(m: float, e: int) -> tuple[float, int]:
     if m == 0.0 or not math.isfinite(m):
         return m, e
@@ -41,7 +42,7 @@ def _canonical(m: float, e: int) -> tuple[float, int]:
     return m, e
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _add(m: float, e: int, t: float, te: int) -> tuple[float, int]:
     """Sum of two scaled numbers; what lies 2**256 below the other is dropped."""
     if t == 0.0:
@@ -57,7 +58,7 @@ def _add(m: float, e: int, t: float, te: int) -> tuple[float, int]:
     return m, e
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _add_product(m: float, e: int, factor: float, v: float, ve: int) -> tuple[float, int]:
     """A scaled number and a double times another."""
     t, te = _canonical(factor * v, ve)
@@ -71,14 +72,14 @@ def canonical(m: Floats, e: Integers) -> None:
         m[i], e[i] = _canonical(m[i], e[i])
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _two_sum(a: float, b: float) -> tuple[float, float]:
     s = a + b
     t = s - a
     return s, (a - (s - t)) + (b - t)
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _two_product(a: float, b: float) -> tuple[float, float]:
     p = a * b
     t = _SPLITTER * a
@@ -90,7 +91,7 @@ def _two_product(a: float, b: float) -> tuple[float, float]:
     return p, a2 * b2 - (((p - a1 * b1) - a2 * b1) - a1 * b2)
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _sum(a: float, a_low: float, b: float, b_low: float) -> tuple[float, float]:
     """Sum of two double-doubles."""
     s, t = _two_sum(a, b)
@@ -99,7 +100,7 @@ def _sum(a: float, a_low: float, b: float, b_low: float) -> tuple[float, float]:
     return _two_sum(s, t + v)
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _shift(value: float, steps: int) -> float:
     """``value * 2**(256 steps)``: 0 or infinity beyond the range of a double."""
     if steps == 0 or value == 0.0:

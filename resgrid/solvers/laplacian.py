@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, wraps
-from typing import NamedTuple, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from resgrid.solvers.rails import Rails
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 _Found = TypeVar("_Found")
 
@@ -26,6 +28,35 @@ class EdgeList(NamedTuple):
     ends: NDArray[np.int32]
     conductance: NDArray[np.float64]
     row: NDArray[np.int32]
+
+
+class Rows(NamedTuple):
+    """Edges as compressed rows, symmetric and without a diagonal; as loops take them; scipy takes long to import.
+
+    `indptr` (n + 1,); `indices, data` (entries,): columns, and conductances in siemens; `ordered`: whether every row is
+    sorted by column.
+    """
+
+    indptr: NDArray[np.int32]
+    indices: NDArray[np.int32]
+    data: NDArray[np.float64]
+    ordered: bool
+
+    @classmethod
+    def of(cls, array: sparse.csr_array) -> Rows:
+        """The rows of an array, in the same memory."""
+        return cls(array.indptr, array.indices, array.data, bool(array.has_sorted_indices))
+
+    @property
+    def array(self) -> sparse.csr_array:
+        """The same as an array (n, n), in the same memory."""
+        from scipy import sparse
+
+        size = len(self.indptr) - 1
+        array = sparse.csr_array((self.data, self.indices, self.indptr), shape=(size, size))
+        if self.ordered:
+            array.has_sorted_indices = array.has_canonical_format = True
+        return array
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +96,7 @@ class Laplacian:
 
     ground: NDArray[np.float64]
     listed: EdgeList | None = None
-    compressed: sparse.csr_array | None = None
+    compressed: sparse.csr_array | Rows | None = None
     grid: Grid | None = None
     dimensions: int = 2
     rails: Rails | None = None
@@ -78,28 +109,35 @@ class Laplacian:
     @cached_property
     def edges(self) -> sparse.csr_array:
         """The conductances ``g_ij``, in siemens, shape (n, n); symmetric, positive, sorted, no diagonal."""
-        from resgrid.solvers.row_kernels import sort_rows
-
-        rows = self.rows
-        if rows.has_sorted_indices:
-            return rows
-        edges = rows if self.compressed is None else rows.copy()
-        sort_rows(edges.indptr, edges.indices, edges.data)
-        edges.has_sorted_indices = edges.has_canonical_format = True
-        return edges
+        return self.sorted_rows.array
 
     @cached_property
     def rows(self) -> sparse.csr_array:
         """The `edges` with the entries of every row in any order: half of the work, on a general graph."""
+        return self.edges if self.any_rows.ordered else self.any_rows.array
+
+    @cached_property
+    def sorted_rows(self) -> Rows:
+        """The `edges` as rows."""
+        from resgrid.solvers.row_kernels import sort_rows
+
+        rows = self.any_rows
+        if rows.ordered:
+            return rows
         if self.compressed is not None:
-            return self.compressed
+            rows = Rows(rows.indptr, rows.indices.copy(), rows.data.copy(), ordered=False)
+        sort_rows(rows.indptr, rows.indices, rows.data)
+        return rows._replace(ordered=True)
+
+    @cached_property
+    def any_rows(self) -> Rows:
+        """The same with the entries of every row in any order, as `rows` has them."""
+        if self.compressed is not None:
+            return self.compressed if isinstance(self.compressed, Rows) else Rows.of(self.compressed)
         from resgrid.solvers.row_kernels import conductances_by_row
 
         assert self.listed is not None
-        indptr, indices, data, ordered = conductances_by_row(*self.listed, self.size)
-        rows = sparse.csr_array((data, indices, indptr), shape=(self.size, self.size))
-        rows.has_sorted_indices = rows.has_canonical_format = ordered
-        return rows
+        return Rows(*conductances_by_row(*self.listed, self.size))
 
     @cached_property
     def diagonal(self) -> NDArray[np.float64]:
@@ -115,11 +153,15 @@ class Laplacian:
     @property
     def matrix(self) -> sparse.csr_array:
         """The whole matrix, in siemens, shape (n, n): for factors, whose pivots are differences anyway."""
+        from scipy import sparse
+
         return sparse.csr_array(sparse.diags_array(self.diagonal, format="csr") - self.edges)
 
     @cached_property
     def elements(self) -> tuple[sparse.csr_array, NDArray[np.float64]]:
         """What the matrix is made of: ``B^T diag(value) B``.  Returns `incidence` (m, n), `value` (m,)."""
+        from scipy import sparse
+
         upper, tied = sparse.triu(self.edges, 1).tocoo(), np.flatnonzero(self.ground)
         m = upper.nnz
         ends = np.append(np.stack([upper.row, upper.col], axis=1).ravel(), tied).astype(np.int32)
@@ -131,6 +173,8 @@ class Laplacian:
     @cached_property
     def _branches(self) -> tuple[sparse.csr_array, sparse.csr_array]:
         """From rows to differences across what joins them, every pair once, and from those to what leaves every row."""
+        from scipy import sparse
+
         incidence, value = self.elements
         inner = len(value) - int(np.count_nonzero(self.ground))
         across = incidence[:inner]
@@ -147,6 +191,8 @@ class Laplacian:
 
     def within(self, rows: NDArray[np.bool_]) -> Laplacian:
         """Only some of the rows; the others count as nodes of known voltage."""
+        from scipy import sparse
+
         kept = self.edges[rows]
         ground = self.ground[rows] + kept[:, ~rows].sum(axis=1)
         return Laplacian(ground, compressed=sparse.csr_array(kept[:, rows]), dimensions=self.dimensions)
@@ -156,6 +202,8 @@ class Laplacian:
 
         Shapes: `groups` (n, m).
         """
+        from scipy import sparse
+
         joined = sparse.coo_array(groups.T @ self.edges @ groups)
         apart = joined.row != joined.col
         entries = (joined.data[apart], (joined.row[apart], joined.col[apart]))

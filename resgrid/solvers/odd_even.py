@@ -58,7 +58,7 @@ def reduce_odd_even(laplacian: Laplacian, order: NDArray[np.int32]) -> OddEven:
     """Eliminate every other layer of an order (n,), breadth first and backwards."""
     from resgrid.solvers import odd_even_kernels as kernels
 
-    edges, n = laplacian.edges, laplacian.size
+    edges, n = laplacian.sorted_rows, laplacian.size
     indptr, indices = edges.indptr.astype(np.int32, copy=False), edges.indices.astype(np.int32, copy=False)
     whole = kernels.Rows(indptr, indices, edges.data, laplacian.ground)
     number, pivot = np.empty(n, dtype=np.int32), np.zeros(n)

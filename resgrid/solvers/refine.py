@@ -172,8 +172,8 @@ def conductances(laplacian: Laplacian) -> Conductances:
     """A matrix as the loops take it."""
     from resgrid.solvers.refine_kernels import Conductances
 
-    edges = laplacian.edges
-    return Conductances(edges.indptr, edges.indices, edges.data, laplacian.ground)
+    rows = laplacian.sorted_rows
+    return Conductances(rows.indptr, rows.indices, rows.data, laplacian.ground)
 
 
 def _imbalance(

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from resgrid.jit import inner
+from resgrid.jit import inlined, inner
 from resgrid.solvers.extended import Scaled
 from resgrid.solvers.extended_kernels import (
     _BASE,
@@ -36,7 +36,7 @@ _ROW_ROUNDING = 12.0
 """Rounding errors in a row's sum of currents beside one for each conductance, with a margin."""
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _canonical_pair(hi: float, lo: float, e: int) -> tuple[float, float, int]:
     if hi == 0.0 or not math.isfinite(hi):
         return hi, lo, e

@@ -14,10 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from resgrid.solvers.connections import count_connections
-from resgrid.solvers.laplacian import Laplacian
+from resgrid.solvers.laplacian import Laplacian, Rows
 from resgrid.solvers.rails import Rails, Ties
 
 if TYPE_CHECKING:
@@ -50,7 +49,7 @@ class StarMesh:
     log: Log
     kept: NDArray[np.int64]
     number: NDArray[np.int32]
-    edges: sparse.csr_array
+    edges: Rows
     ground: NDArray[np.float64]
 
     @property
@@ -84,7 +83,7 @@ def may_shrink(laplacian: Laplacian) -> bool:
 
 def shrink(laplacian: Laplacian) -> tuple[StarMesh, Laplacian | None]:
     """Eliminate every row that has, or comes to have, at most two neighbours; no core where nothing is left."""
-    mesh = eliminate_rows(laplacian.edges, laplacian.ground)
+    mesh = eliminate_rows(laplacian.sorted_rows, laplacian.ground)
     if not len(mesh.kept):
         return mesh, None
     rails = laplacian.rails
@@ -96,13 +95,13 @@ def _ties(rails: Rails, feed_kept: Callable[[NDArray[np.float64]], NDArray[np.fl
     return feed_kept(rails.to_high), feed_kept(rails.to_low)
 
 
-def eliminate_rows(edges: sparse.csr_array, ground: NDArray[np.float64]) -> StarMesh:
+def eliminate_rows(edges: Rows, ground: NDArray[np.float64]) -> StarMesh:
     """Eliminate rows of at most two neighbours until there are none.
 
     Time and memory are linear in the number of conductances.  Conductances that come to join the same two rows are
     merged at once where one of the rows is short; between two hubs they wait for a pass over all rows.
 
-    Shapes: `edges` (n, n), `ground` (n,).
+    Shapes: `edges` (n, n), sorted; `ground` (n,).
     """
     from resgrid.solvers import star_mesh_kernels as kernels
 
@@ -123,16 +122,14 @@ def eliminate_rows(edges: sparse.csr_array, ground: NDArray[np.float64]) -> Star
     indptr = np.concatenate([np.zeros(1, dtype=np.int32), np.cumsum(graph.length[kept], dtype=np.int32)])
     indices, conductance = np.empty(indptr[-1], dtype=np.int32), np.empty(indptr[-1])
     kernels.pack(graph, number, indptr, indices, conductance)
-    core = sparse.csr_array((conductance, indices, indptr), shape=(len(kept), len(kept)))
-    core.sort_indices()
+    order = np.argsort(np.repeat(np.arange(len(kept)), np.diff(indptr)) * len(kept) + indices)
+    core = Rows(indptr, indices[order], conductance[order], ordered=True)
     return StarMesh(kernels.Log(log.rows[:count], log.weights[:count]), kept, number, core, graph.ground[kept])
 
 
-def _quotient_graph(edges: sparse.csr_array, ground: NDArray[np.float64]) -> QuotientGraph:
+def _quotient_graph(edges: Rows, ground: NDArray[np.float64]) -> QuotientGraph:
     from resgrid.solvers import star_mesh_kernels as kernels
 
-    if not edges.has_sorted_indices:
-        edges = edges.sorted_indices()
     indptr, indices = edges.indptr.astype(np.int32), edges.indices.astype(np.int32)
     twin = np.empty_like(indices)
     kernels.find_twins(indptr, indices, twin)

@@ -153,7 +153,7 @@ def _layers(laplacian: Laplacian) -> NDArray[np.int32]:
     from resgrid.solvers.numbering_kernels import breadth_first
 
     tied = laplacian.ground if laplacian.rails is None else laplacian.rails.to_low
-    edges = laplacian.edges
+    edges = laplacian.sorted_rows
     indptr, indices = edges.indptr.astype(np.int32, copy=False), edges.indices.astype(np.int32, copy=False)
     return np.ascontiguousarray(breadth_first(indptr, indices, int(np.argmax(tied)))[::-1])
 

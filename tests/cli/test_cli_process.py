@@ -123,6 +123,18 @@ def test_a_kept_loop_ends_the_first_run(tmp_path: Path, monkeypatch: pytest.Monk
     assert not is_first_run()
 
 
+def test_a_small_path_waits_for_no_scipy(scenes: Path) -> None:
+    script = (
+        "import gc, sys\nfrom resgrid.cli import main\nbefore = gc.get_threshold()\n"
+        "try:\n    main(sys.argv[1:])\nexcept SystemExit as end:\n    assert not end.code\n"
+        "assert gc.get_threshold() == before\n"
+        "loaded = {'scipy.linalg', 'scipy.ndimage', 'scipy.sparse', 'matplotlib'} & set(sys.modules)\n"
+        "assert not loaded, loaded\n"
+        "import scipy.linalg.cython_blas\n"
+    )
+    subprocess.run([sys.executable, "-c", script, "path", scenes / "lesson.toml"], check=True, capture_output=True)
+
+
 def on_terminal(words: list[str], environment: dict[str, str], command: list[str] | None = None) -> str:
     """What a process says on standard error, where that is a terminal."""
     leader, follower = pty.openpty()

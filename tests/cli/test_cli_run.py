@@ -148,11 +148,12 @@ def test_pictures_have_other_formats_and_refusals(call, answer, lesson, scenes, 
     assert answer("plot", lesson, "-o", tmp_path / "a.svg")["what"] == "page"
     assert "<svg" in (tmp_path / "a.svg").read_text()
     words = [f"--set=grid.axes.{axis}.cells=6" for axis in range(3)]
-    assert call("plot", scenes / "voxels.toml", *words, "--what", "slices", "-o", tmp_path / "s.pdf").exit_code == 0
+    for what in ("slices", "space", "paths"):
+        assert call("plot", scenes / "voxels.toml", *words, "--what", what, "-o", tmp_path / "s.pdf").exit_code == 0
     assert "axes" in call("plot", lesson, "--what", "slices", "-o", tmp_path / "x.png").stderr
     assert (
         "'page' shows up to 3"
-        in call("plot", scenes / "voxels.toml", "--what", "paths", "-o", tmp_path / "x.png").stderr
+        in call("plot", scenes / "voxels.toml", "--what", "currents", "-o", tmp_path / "x.png").stderr
     )
     assert "'page', 'space'" in call("plot", lesson, "--what", "pag", "-o", tmp_path / "x.png").stderr
     assert ".svg" in call("plot", lesson, "-o", tmp_path / "x.bmp").stderr

@@ -109,6 +109,10 @@ class RosHeader(BaseModel):
             raise ValueError(f"free_thresh: {self.free_thresh} must lie below occupied_thresh = {self.occupied_thresh}")
         return self
 
+    def scaled(self, occupied: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Darkness, 0 at the threshold of free cells and 1 at that of occupied ones."""
+        return np.asarray((occupied - self.free_thresh) / (self.occupied_thresh - self.free_thresh))
+
 
 def read_ros(
     path: Path,
@@ -208,9 +212,8 @@ def _as_ros1(raster: Raster, header: RosHeader) -> NDArray[np.int8]:
     occupied = (255 - mean) / 255.0
     result = np.full(occupied.shape, UNKNOWN, dtype=np.int8)
     if header.mode == "scale":
-        ratio = (occupied - header.free_thresh) / (header.occupied_thresh - header.free_thresh)
         shown = np.ones(mean.shape, dtype=bool) if count == 1 else channels[..., -1] >= 1
-        result = np.where(shown, np.clip(99 * ratio, 0, 99).astype(np.int8), result)
+        result = np.where(shown, np.clip(99 * header.scaled(occupied), 0, 99).astype(np.int8), result)
     return _thresholded(result, occupied, header)
 
 
@@ -230,8 +233,7 @@ def _as_nav2(raster: Raster, header: RosHeader) -> NDArray[np.int8]:
     occupied = shade if header.negate else 1.0 - shade
     result = np.full(occupied.shape, UNKNOWN, dtype=np.int8)
     if header.mode == "scale":
-        ratio = (occupied - header.free_thresh) / (header.occupied_thresh - header.free_thresh)
-        result = np.rint(np.clip(ratio, 0, 1) * 100.0).astype(np.int8)
+        result = np.rint(np.clip(header.scaled(occupied), 0, 1) * 100.0).astype(np.int8)
     result = _thresholded(result, occupied, header)
     if header.mode == "scale":
         result[opacity != QUANTUM] = UNKNOWN

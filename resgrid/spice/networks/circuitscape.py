@@ -44,8 +44,8 @@ class _Configuration:
             raise InputError(f"{self.path}: the key {key!r} is missing")
         return value.strip()
 
-    def flag(self, key: str, default: bool = False) -> bool:
-        word = self.text(key, str(default)).lower()
+    def flag(self, key: str) -> bool:
+        word = self.text(key, "False").lower()
         if word in _TRUE or word in _FALSE:
             return word in _TRUE
         raise InputError(f"{self.path}: {key} = {word!r} is neither True nor False")

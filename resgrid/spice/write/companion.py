@@ -29,7 +29,7 @@ class _Group:
     errors: list[str]
 
 
-def format_companion(name: str, deck: Deck, expected: Expected, sha256: str, *, tolerance: float = TOLERANCE) -> str:
+def format_companion(name: str, deck: Deck, expected: Expected, sha256: str) -> str:
     """Write the companion of a deck in a file of this name."""
     groups = [group for group in _groups(deck, expected) if group.errors]
     lines = [
@@ -47,8 +47,8 @@ def format_companion(name: str, deck: Deck, expected: Expected, sha256: str, *, 
         "let place = 0",
     ]
     for group in groups:
-        lines += [f"let worst_{group.what} = 0", *_comparisons(group, len(lines) + 1, tolerance)]
-    lines += _summary(groups, tolerance)
+        lines += [f"let worst_{group.what} = 0", *_comparisons(group, len(lines) + 1)]
+    lines += _summary(groups)
     return "\n".join([*lines, ".endc", ".end"]) + "\n"
 
 
@@ -69,7 +69,7 @@ def _errors(function: str, values: Mapping[str, float], scale: float) -> list[st
     ]
 
 
-def _comparisons(group: _Group, before: int, tolerance: float) -> list[str]:
+def _comparisons(group: _Group, before: int) -> list[str]:
     """Lines that compare; ``before`` is the number of the line in front of them."""
     lines: list[str] = []
     for first in range(0, len(group.errors), _PER_LINE):
@@ -78,21 +78,21 @@ def _comparisons(group: _Group, before: int, tolerance: float) -> list[str]:
             f"let place = vecmax(error) gt worst ? {before + len(lines) + 1} : place",
             "let worst = vecmax(error) gt worst ? vecmax(error) : worst",
             f"let worst_{group.what} = vecmax(error) gt worst_{group.what} ? vecmax(error) : worst_{group.what}",
-            f"let right = right + length(error)*mean(error le {tolerance!r})",
+            f"let right = right + length(error)*mean(error le {TOLERANCE!r})",
             "unlet error",
         ]
     return lines
 
 
-def _summary(groups: Sequence[_Group], tolerance: float) -> list[str]:
+def _summary(groups: Sequence[_Group]) -> list[str]:
     total = sum(len(group.errors) for group in groups)
     counts = ", ".join(f"{len(group.errors)} {group.what} ($&worst_{group.what} {group.unit})" for group in groups)
     return [
         f"if right gt {total - 0.5}",
-        f"  echo PASS: the largest error is $&worst where {tolerance!r} is allowed: {counts}",
+        f"  echo PASS: the largest error is $&worst where {TOLERANCE!r} is allowed: {counts}",
         "  quit 0",
         "else",
-        f"  echo FAIL: the largest error is $&worst where {tolerance!r} is allowed: {counts}",
+        f"  echo FAIL: the largest error is $&worst where {TOLERANCE!r} is allowed: {counts}",
         f"  let wrong = {total} - right",
         f"  echo $&wrong of {total} comparisons failed; line $&place of this file holds the largest error",
         "  quit 1",
