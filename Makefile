@@ -7,7 +7,8 @@
 # make bench   run resgrid and its peers, installed into .venv-bench, in turn (BENCH=full: large sizes; SECTIONS="plane memory")
 # make fuzz    read 100,000 mutated decks
 # make golden  write the decks in netlists/ anew
-# make reference  write docs/scene.md anew
+# make docs    build the site into docs/_build/html, offline; any warning is an error
+# make reference  write docs/reference/scene.md anew
 # make clean   remove what was made here
 
 PYTHON ?= python3
@@ -24,13 +25,14 @@ BIN := $(VENV)/bin
 CREATED := $(VENV)/.created
 INSTALLED := $(VENV)/.installed
 INSTALLED_DEV := $(VENV)/.installed-dev
+INSTALLED_DOCS := $(VENV)/.installed-docs
 BENCH_VENV := .venv-bench
 INSTALLED_BENCH := $(BENCH_VENV)/.installed
 KEEP_MEMORY := MALLOC_MMAP_THRESHOLD_=4294967296 MALLOC_TRIM_THRESHOLD_=17179869184 MALLOC_TOP_PAD_=268435456
 
 TARGETS := generic $(shell grep -qm1 avx512f /proc/cpuinfo 2>/dev/null && echo skylake-avx512)
 
-.PHONY: demo test warm targets check format bench fuzz golden reference clean
+.PHONY: demo test warm targets check format bench fuzz golden docs reference clean
 .DELETE_ON_ERROR:
 
 demo: $(INSTALLED) warm
@@ -62,6 +64,7 @@ format: $(INSTALLED_DEV)
 
 bench: $(INSTALLED_BENCH)
 	scripts/install_ngspice.sh || true
+	scripts/unpack_ngspice.sh $(BENCH_VENV)/ngspice || true
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(KEEP_MEMORY) \
 	$(BENCH_VENV)/bin/python -m benchmarks $(SECTIONS) --scale $(BENCH) --seed $(SEED) $(if $(ROUNDS),--rounds $(ROUNDS))
 
@@ -77,11 +80,17 @@ golden: $(INSTALLED)
 	$(BIN)/resgrid compile examples/scenes/ring.toml --set grid.axes.0.cells=16 --set grid.axes.1.cells=6 -o $(GOLDEN)/ring.cir
 	$(BIN)/resgrid compile examples/scenes/voxels.toml --set grid.axes.0.cells=4 --set grid.axes.1.cells=4 --set grid.axes.2.cells=4 -o $(GOLDEN)/voxels.cir
 
+docs: $(INSTALLED_DOCS) warm
+	scripts/install_ngspice.sh
+	rm -rf docs/_build docs/gallery
+	$(BIN)/python -m sphinx -q -W --keep-going -d docs/_build/doctrees -b html docs docs/_build/html
+	@echo "the site is docs/_build/html/index.html"
+
 reference: $(INSTALLED)
-	$(BIN)/python -c "from resgrid.scene.reference import scene_reference; print(scene_reference(), end='')" > docs/scene.md
+	$(BIN)/python -c "from resgrid.scene.reference import scene_reference; print(scene_reference(), end='')" > docs/reference/scene.md
 
 clean:
-	rm -rf $(VENV) $(BENCH_VENV) out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(BENCH_VENV) docs/_build docs/gallery docs/jupyter_execute out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(CREATED):
@@ -99,6 +108,10 @@ $(INSTALLED): pyproject.toml | $(CREATED)
 
 $(INSTALLED_DEV): pyproject.toml | $(CREATED)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@touch $@ $(INSTALLED)
+
+$(INSTALLED_DOCS): pyproject.toml | $(CREATED)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
 	@touch $@ $(INSTALLED)
 
 $(INSTALLED_BENCH): pyproject.toml scripts/install_peers.sh | $(CREATED)

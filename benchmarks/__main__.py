@@ -15,7 +15,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 
-from benchmarks import accuracy, chips, decks, grids, memory, pipeline, simulator, start, table, updates
+from benchmarks import accuracy, chips, decks, grids, memory, pipeline, planners, simulator, start, table, updates
 from benchmarks.picture import write_picture
 from benchmarks.rows import Row, Scale
 
@@ -36,6 +36,7 @@ SECTIONS: tuple[tuple[str, Callable[[Scale], list[Row]]], ...] = (
     ("memory", memory.memory),
     ("simulator", simulator.simulator),
     ("decks", decks.decks),
+    ("planners", planners.planners),
 )
 """Every section: its name and the function that measures it."""
 

@@ -5,7 +5,7 @@ set -eu
 
 python=$1
 
-for peer in pyamg pypardiso kvxopt apxchol cholespy threadpoolctl spicelib InSpice PySpice; do
+for peer in pyamg pypardiso kvxopt apxchol cholespy threadpoolctl spicelib InSpice PySpice ompl scikit-fmm pathfinding; do
     "$python" -m pip install --quiet --disable-pip-version-check --only-binary :all: "$peer" >/dev/null 2>&1 ||
         printf 'benchmarks: %s cannot be installed; the table will do without it\n' "$peer" >&2
 done

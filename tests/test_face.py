@@ -117,7 +117,7 @@ def test_what_benchmarks_and_engineers_write_is_read(tmp_path: Path) -> None:
 
 
 def test_every_name_stands_in_an_example_a_page_or_a_test() -> None:
-    patterns = ("examples/**/*.py", "README.md", "docs/**/*.md", "tests/**/*.py")
+    patterns = ("examples/**/*.py", "README.md", "docs/**/*.md", "docs/**/*.rst", "tests/**/*.py")
     text = "\n".join(file.read_text() for pattern in patterns for file in sorted(PROJECT.glob(pattern)))
     used = set(re.findall(r"\brg\.(\w+)", text))
     assert set(rg.__all__) - {"__version__"} - used == set()

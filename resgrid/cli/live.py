@@ -25,8 +25,8 @@ def command(source: Source | None, host: str, port: int, read_only: bool, browse
     from resgrid.page.live import live
 
     scene = None if source is None else open_job(source, require_goal=False).scene
-    with live(scene, host=host, port=port, read_only=read_only, browser=browser) as page:
+    page = live(scene, host=host, port=port, read_only=read_only, browser=browser)
+    with page, suppress(KeyboardInterrupt):
         finish({"url": page.url}, [f"the page is at {page.url}; Ctrl-C ends it"])
-        with suppress(KeyboardInterrupt):
-            page.wait()
+        page.wait()
     return 0

@@ -93,7 +93,7 @@ class Simulation:
 
         With learning, exact belief, and pushes that end, a run ends at a goal or with a proof that there is no path.
         Let F be the cells that are not obstacle in the map.  (1) Each lesson takes at least one cell out of F, and
-        nothing puts one back, so that there are at most |F| lessons.  (2) After the last one the robot follows the
+        nothing puts one back, so that there are at most ``|F|`` lessons.  (2) After the last one the robot follows the
         current of a harmonic function, which enters no cell twice, so that it reaches a goal unless it is stopped; what
         stops it is a contact in the closed cell that it is in or about to enter, both of which are in F, so that the
         contact proves a new cell, and the lesson was not the last.  (Contact begins at a small gap, so that a point

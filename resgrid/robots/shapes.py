@@ -155,14 +155,14 @@ class Polygon:
 @checked
 @dataclass(frozen=True)
 class HalfSpace:
-    """All points with ``normal . x <= offset``: the normal points out of the solid, into the free side.
+    """All points where ``normal @ x <= offset``: the normal points out of the solid, into the free side.
 
     Parameters
     ----------
     normal : tuple of float
         Not zero; need not have length 1.
     offset : float
-        In the units of ``normal . x``.
+        In the units of ``normal @ x``.
     """
 
     normal: Point

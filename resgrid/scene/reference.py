@@ -37,7 +37,7 @@ _PLACES = "Of `[[goal]]`; `[[start]]` takes a `point` or a `cell`."
 
 
 def scene_reference() -> str:
-    """The page ``docs/scene.md``."""
+    """The page ``docs/reference/scene.md``."""
     parts = [_HEAD, *_table("## The scene", SceneFile)]
     for name, kind in KINDS["robot"].items():
         parts += _table(f"## `[robot]` of type `{name}`", kind.__origin__)

@@ -11,7 +11,7 @@ from support.simulators import verdict
 from support.spaces import space_of
 
 PROJECT = Path(__file__).resolve().parents[2]
-PAGE = (PROJECT / "docs" / "decks.md").read_text()
+PAGE = (PROJECT / "docs" / "reference" / "decks.md").read_text()
 
 
 def test_three_commands_from_a_scene_to_a_checked_deck(call, tmp_path, monkeypatch):

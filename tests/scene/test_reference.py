@@ -14,7 +14,7 @@ from resgrid.scene.reference import scene_reference
 from resgrid.scene.schema import KINDS
 from resgrid.scene.table import described_keys
 
-PAGE = Path(__file__).parents[2] / "docs" / "scene.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "scene.md"
 
 
 def test_the_reference_page_is_current() -> None:

@@ -1,0 +1,46 @@
+"""What the gallery shows of an example: the pictures that it saves in `out`, moved to where the page looks for them."""
+
+import builtins
+import shutil
+from pathlib import Path
+
+from sphinx_gallery.scrapers import figure_rst
+
+SECTIONS = ("first", "figures_1992", "space", "chip", "control")
+FIRST = ("lesson.py", "report.py", "voxels.py")
+"""What a section begins with; the rest follows by name."""
+SUFFIXES = (".png", ".gif")
+
+
+class ReadingOrder:
+    """The order of the examples of a section."""
+
+    def __init__(self, _folder):
+        pass
+
+    def __call__(self, name):
+        """Sort by this."""
+        return (name not in FIRST, name)
+
+
+def saved_pictures(_block, block_vars, gallery_conf):
+    """Move the pictures saved by a block of an example, oldest first, and write the markup that shows them."""
+    folder = Path(block_vars["src_file"]).parent / "out"
+    saved = sorted((file for file in folder.rglob("*") if file.suffix in SUFFIXES), key=_age)
+    shown = []
+    for file, place in zip(saved, block_vars["image_path_iterator"], strict=False):
+        shown.append(str(Path(place).with_suffix(file.suffix)))
+        shutil.move(file, shown[-1])
+    return figure_rst(shown, gallery_conf["src_dir"])
+
+
+def forget_output(gallery_conf, fname, when):
+    """Remove what the example before wrote, and tell the next where it lies, as Python itself does."""
+    for section in SECTIONS:
+        examples = Path(gallery_conf["src_dir"], gallery_conf["examples_dirs"][0])
+        shutil.rmtree(examples / section / "out", ignore_errors=True)
+    builtins.__file__ = fname
+
+
+def _age(file):
+    return file.stat().st_mtime_ns

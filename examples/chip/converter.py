@@ -1,0 +1,29 @@
+"""
+The cheapest converter
+======================
+
+How many bits must the read-out have, so that the robot finds its way from everywhere?
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+import resgrid as rg
+
+SCENES = Path(__file__).resolve().parents[1] / "scenes"
+Path("out").mkdir(exist_ok=True)
+
+# %%
+# For every start: the bits with which all steps of its path are decided.
+
+scene = rg.read_scene(SCENES / "chip.toml")
+boundaries = ("dirichlet", "neumann")
+found = {name: rg.study(scene.replace(boundary=name)).precision() for name in boundaries}
+for name, precision in found.items():
+    bits = precision.start_bits[np.isfinite(precision.start_bits)]
+    print(f"{name}: {np.ceil(bits.max()):.0f} bits serve every start, {np.ceil(np.median(bits)):.0f} half of them")
+    assert bits.max() >= np.median(bits)
+
+rg.save_figure(rg.draw(found["dirichlet"]), "out/bits.png")
+rg.save_figure(rg.draw(found, quantity="served"), "out/served.png")

@@ -1,0 +1,33 @@
+"""
+Is this chip good enough?
+=========================
+
+A planning chip of 16 x 16 cells with real resistors, switches, rails and a converter of 12 bits.
+"""
+
+from pathlib import Path
+
+import resgrid as rg
+
+SCENES = Path(__file__).resolve().parents[1] / "scenes"
+Path("out").mkdir(exist_ok=True)
+
+# %%
+# A study is one chip, and every question that can be asked about it. What comes back knows its figures, units and
+# definitions.
+
+study = rg.study(rg.read_scene(SCENES / "chip.toml"))
+settling, noise, power = study.settling(), study.noise(), study.power()
+for result in (settling, noise, power):
+    for name, figure in list(result.figures.items())[:3]:
+        value = "none" if figure.value is None else f"{figure.value:.4g}"
+        print(f"{name}: {value} {figure.unit}")
+rg.save_figure(rg.draw(settling), "out/settling.png")
+
+# %%
+# The yield: the share of chips on which a start has a path, over chips drawn at random.
+
+yields = study.yields(trials=128)
+print(f"{yields.overall.value:.1%} of starts are served ({yields.overall.low:.1%} to {yields.overall.high:.1%})")
+assert yields.overall.low <= yields.overall.value <= yields.overall.high
+rg.save_figure(rg.draw(yields), "out/yield.png")

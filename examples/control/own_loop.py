@@ -1,0 +1,65 @@
+"""
+A control loop of one's own
+===========================
+
+A robot reads encoders and torque sensors, asks for a velocity, and commands it. All that resgrid does in the loop is
+``controller.command(q, tau)``. The robot here is a toy, a disc that somebody pushes: put your own driver in its place.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+import resgrid as rg
+
+SCENES = Path(__file__).resolve().parents[1] / "scenes"
+Path("out").mkdir(exist_ok=True)
+PERIOD = 0.05  # seconds: 20 Hz; a command takes some 10 microseconds, so 10 kHz would do as well
+
+
+class ToyRobot:
+    """Stands for a driver: it moves as it is told, and feels a push to the right from 12 s to 14 s."""
+
+    def __init__(self, q):
+        self.q, self.time = np.array(q, dtype=float), 0.0
+
+    def read(self):
+        """Configuration, and generalised force (without that of the robot's own weight)."""
+        pushed = 12.0 <= self.time < 14.0
+        return self.q.copy(), np.array([0.8 if pushed else 0.0, 0.0])
+
+    def move(self, qdot):
+        """Let one control period pass at this velocity."""
+        self.q += PERIOD * qdot
+        self.time += PERIOD
+
+
+# %%
+# Once, before the robot moves: a map, its field, and a controller that follows the field's current.
+
+scene = rg.read_scene(SCENES / "rooms.toml")
+field = rg.plan(scene, k=0.9).field
+controller = rg.make_controller(field, speed=0.4, admittance=0.5, speed_limits=1.0)
+
+# %%
+# The loop, all of it in world coordinates. :math:`V = V_0 + A F`: pushed off its streamline the robot gives way, and
+# then simply follows the next one.
+
+robot = ToyRobot(scene.starts[0])
+way = [robot.q.copy()]
+while field.space.cell[tuple(field.space.locate(robot.q))] != rg.Cell.GOAL:
+    q, tau = robot.read()
+    robot.move(controller.command(q, tau))
+    way.append(robot.q.copy())
+    assert len(way) < 10_000, "the robot did not arrive"
+
+planned = rg.streamline(field, scene.starts[0])
+off = max(float(np.linalg.norm(planned.points - point, axis=1).min()) for point in way)
+print(f"arrived after {robot.time:.2f} s and {len(way) - 1} commands, at most {off:.2f} m off the first streamline")
+assert off > 0.3 and robot.time < 25
+
+axes = rg.draw(field)
+rg.draw(planned, axes)
+axes.plot(*np.array(way).T, color="black", label="way of the robot, pushed from 12 s to 14 s", zorder=5)
+axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), fontsize=7, frameon=False, ncols=2)
+rg.save_figure(axes, "out/own_loop.png")

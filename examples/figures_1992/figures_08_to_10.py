@@ -1,0 +1,33 @@
+"""
+Figures 8 to 10: two goals
+==========================
+
+Three starts; each goes to the goal whose basin it lies in.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import resgrid as rg
+
+SCENES = Path(__file__).resolve().parents[1] / "scenes"
+Path("out").mkdir(exist_ok=True)
+
+# %%
+# Two neighbours that part, and a start in the other band.
+
+scene = rg.read_scene(SCENES / "problem_two_goals.toml")
+planner = rg.plan(scene, boundary="dirichlet")
+space = planner.space
+bare = scene.replace(robot=replace(scene.robot, singularity_cells=None))
+virtual = (space.cell == rg.Cell.OBSTACLE) & (rg.sample(bare).cell != rg.Cell.OBSTACLE)
+upper = []
+for number, path in enumerate(planner.paths(), 8):
+    rg.certify(path)
+    assert rg.replay(path, scene.obstacles, step=1e-3) is None
+    upper.append(bool(rg.workspace_path(path)[-1][1] > 0))
+    caption = f"Two goals: this start takes the {'upper' if upper[-1] else 'lower'} one."
+    figure = rg.draw_pair(path, scene, virtual=virtual, title=f"Figure {number}", caption=caption)
+    rg.save_figure(figure, f"out/figure_{number:02}.png")
+
+assert sum(upper) == 1

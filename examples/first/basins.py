@@ -1,0 +1,43 @@
+"""
+Which goal for which start
+==========================
+
+Two charging stations share a flat: the current decides which one a start is served by.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+import resgrid as rg
+
+SCENES = Path(__file__).resolve().parents[1] / "scenes"
+Path("out").mkdir(exist_ok=True)
+
+# %%
+# One solve answers every start: `basins` follows the current from the centre of every cell at once.
+
+scene = rg.read_scene(SCENES / "rooms.toml")
+planner = rg.plan(scene)
+basin = rg.basins(planner.field)
+space = planner.space
+free = space.goal_connected & (space.cell == rg.Cell.FREE)
+share = [float(np.mean(basin[free] == goal)) for goal in range(space.goal_count)]
+print(", ".join(f"goal {goal} serves {part:.0%}" for goal, part in enumerate(share)))
+assert abs(sum(share) - 1.0) < 1e-12
+
+# %%
+# The same by random walks: the probability of meeting goal 0 before goal 1, if obstacles merely turn a walk back.
+
+chance = rg.hitting_probability(rg.compile_space(space, boundary="neumann")).probability[0]
+assert 0.0 <= np.nanmin(chance[free]) <= np.nanmax(chance[free]) <= 1.0
+
+axes = rg.draw(space)
+picture = np.where(free, basin, np.nan).T
+x, y = space.axes
+axes.imshow(
+    picture, origin="lower", extent=(x.lower, x.upper, y.lower, y.upper), cmap="Pastel1", vmin=0, vmax=8, zorder=1
+)
+rg.draw(planner.paths(scene.starts), axes)
+axes.set_title("Basins of the two goals", fontsize=9)
+rg.save_figure(axes, "out/basins.png")

@@ -1,0 +1,35 @@
+"""
+The short way round
+===================
+
+A periodic axis has no border: the way through the seam is a way like any other.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+import resgrid as rg
+
+SCENES = Path(__file__).resolve().parents[1] / "scenes"
+Path("out").mkdir(exist_ok=True)
+
+# %%
+# The path leaves the picture on one side and comes in on the other.
+
+scene = rg.read_scene(SCENES / "ring.toml")
+planner = rg.plan(scene)
+paths = planner.paths()
+for path in paths:
+    rg.certify(path)
+assert all(path.outcome == "reached" for path in paths)
+
+# %%
+# Unwrapped, its angle leaves the range of 0 to 2 pi.
+
+angles = [rg.unwrap(path)[:, 0] for path in paths]
+assert any(angle.min() < 0 or angle.max() > 2 * np.pi for angle in angles)
+
+axes = rg.draw(planner)
+rg.draw(paths, axes)
+rg.save_figure(axes, "out/ring.png")

@@ -1,0 +1,36 @@
+"""``resgrid live`` at the terminal."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+
+import pytest
+from support.cli import COMMAND, call
+from support.pages import PATIENCE
+
+import resgrid as rg
+
+
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
+def test_it_says_where_the_page_is_until_it_is_ended(end):
+    options = ["live", "--no-browser", "--port", "0"]
+    with subprocess.Popen([*COMMAND, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith("the page is at http://127.0.0.1:")
+        process.send_signal(end)
+        _, complaints = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, complaints) == (0, "")
+
+
+def test_what_is_no_plane_is_refused(scenes):
+    result = call("live", scenes / "voxels.toml", "--no-browser")
+    assert result.exit_code == 2 and "3 axes" in result.stderr
+
+
+def test_without_its_extra_it_says_what_to_type(monkeypatch):
+    monkeypatch.setitem(sys.modules, "uvicorn", None)
+    with pytest.raises(rg.ToolMissingError, match=r"pip install 'resgrid\[live\]'"):
+        rg.live(browser=False)
+    assert call("live", "--no-browser").exit_code == 3
