@@ -64,6 +64,7 @@ format: $(INSTALLED_DEV)
 
 bench: $(INSTALLED_BENCH)
 	scripts/install_ngspice.sh || true
+	scripts/unpack_ngspice.sh $(BENCH_VENV)/ngspice || true
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(KEEP_MEMORY) \
 	$(BENCH_VENV)/bin/python -m benchmarks $(SECTIONS) --scale $(BENCH) --seed $(SEED) $(if $(ROUNDS),--rounds $(ROUNDS))
 

@@ -6,8 +6,6 @@ All on one deck of a power grid in which every resistance is different.  Every r
 from __future__ import annotations
 
 import logging
-import os
-import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable
@@ -17,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.rows import RATIO, Row, Scale
+from benchmarks.simulators import simulators
 from benchmarks.timing import alternating, spread, timed
 from resgrid.circuit.solve import solve
 from resgrid.netlist import Netlist
@@ -106,15 +105,19 @@ def _reading(what: str, path: Path, parser: str, scale: Scale) -> Row:
 
 def _solving(what: str, path: Path, scale: Scale) -> Row:
     name = f"read and solve a {what}"
-    program = shutil.which(os.environ.get("RESGRID_NGSPICE", "ngspice"))
-    if program is None:
+    found = simulators()
+    if not found:
         return Row(name, None, None, RATIO, "ngspice", "not installed")
+
+    best = found[-1]
+    deck = path.with_name(f"simulated_{path.name}")
+    deck.write_text(best.with_cards(path.read_text()))
 
     def ours() -> None:
         solve(read_spice(path).netlist())
 
     def theirs() -> None:
-        words = [program, "-n", "-b", "-r", "point.raw", path.name]
+        words = [best.program, "-n", "-b", "-r", "point.raw", deck.name]
         subprocess.run(words, cwd=path.parent, capture_output=True, timeout=60 * scale.limit, check=False)
 
     ours()
@@ -122,7 +125,7 @@ def _solving(what: str, path: Path, scale: Scale) -> Row:
     pairs = [(timed(theirs), timed(ours)) for _ in range(rounds)]
     note = f"resgrid {spread([own for _, own in pairs]).median:.3f} s, {rounds} runs"
     ratio = spread([other / own for other, own in pairs])
-    return Row(name, spread([other for other, _ in pairs]).median, ratio, RATIO, "ngspice", note)
+    return Row(name, spread([other for other, _ in pairs]).median, ratio, RATIO, best.name, note)
 
 
 def _writing(what: str, netlist: Netlist, path: Path, scale: Scale) -> Row:

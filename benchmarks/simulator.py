@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 import subprocess
 import tempfile
 from functools import partial
@@ -11,6 +9,7 @@ from pathlib import Path
 
 from benchmarks.problems import Problem
 from benchmarks.rows import RATIO, Row, Scale
+from benchmarks.simulators import Simulator, simulators
 from benchmarks.timing import spread, timed
 from resgrid.circuit.solve import solve
 from resgrid.spice.write.flat import flatten
@@ -22,27 +21,28 @@ LARGE = 200
 def simulator(scale: Scale) -> list[Row]:
     """Read, factor, solve and write by ngspice in batch mode; read a netlist and solve it, normwise, by resgrid."""
     sizes = {"tiny": (12,), "quick": (128,), "full": (128, 256)}[scale.name]
-    program = shutil.which(os.environ.get("RESGRID_NGSPICE", "ngspice"))
-    if program is None:
+    found = simulators()
+    if not found:
         return [Row("ngspice", None, None, RATIO, "ngspice", "ngspice is not installed")]
     problems = [Problem("rectangles", n, b, scale.seed + n) for n in sizes for b in ("dirichlet", "neumann")]
-    return [_row(problem, program, scale) for problem in problems]
+    return [_row(problem, theirs, scale) for problem in problems for theirs in found]
 
 
-def _row(problem: Problem, program: str, scale: Scale) -> Row:
+def _row(problem: Problem, simulator: Simulator, scale: Scale) -> Row:
     netlist = problem.netlist()
     ours = partial(solve, netlist, accuracy="normwise", rtol=1e-8)
     ours()
     with tempfile.TemporaryDirectory(prefix="resgrid-bench-") as name:
         folder = Path(name)
-        (folder / "deck.cir").write_text(flatten(netlist).text.replace("\n.end", "\n.op\n.end"))
-        theirs = partial(_run, program, folder, 60 * scale.limit)
-        rounds = 1 if problem.size >= LARGE else min(scale.rounds, 3)
+        deck = flatten(netlist).text.replace("\n.end", "\n.op\n.end")
+        (folder / "deck.cir").write_text(simulator.with_cards(deck))
+        theirs = partial(_run, simulator.program, folder, 60 * scale.limit)
+        rounds = 1 if problem.size >= LARGE and not simulator.cards else min(scale.rounds, 3)
         pairs = [(timed(theirs), spread([timed(ours) for _ in range(3)]).median) for _ in range(rounds)]
     ratios = spread([theirs / ours for theirs, ours in pairs])
     seconds = spread([theirs for theirs, _ in pairs]).median
     note = f"resgrid {1e3 * pairs[-1][1]:.1f} ms, {rounds} runs"
-    return Row(f"{problem.name}: ngspice's whole run", seconds, ratios, RATIO, "ngspice", note)
+    return Row(f"{problem.name}: whole run of {simulator.name}", seconds, ratios, RATIO, simulator.name, note)
 
 
 def _run(program: str, folder: Path, limit: float) -> None:

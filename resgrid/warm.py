@@ -166,7 +166,7 @@ def _irregular() -> None:
     netlist = _netlist(20_000)
     rg.solve(netlist, method="multigrid")
     _ = rg.solve(netlist, method="multigrid", accuracy="normwise").power
-    rg.solve(_netlist(1000), method="direct")
+    rg.solve(_netlist(3000), method="direct")
     rg.solve(_netlist(1000, 0.2))
 
 

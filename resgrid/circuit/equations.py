@@ -173,7 +173,7 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
     CircuitError
         If a current source feeds a part that nothing ties to ground.
     """
-    from resgrid.circuit.assembly_kernels import join_parts, known_range, mark_fed, number_parts
+    from resgrid.circuit.kernels import join_parts, known_range, mark_fed, number_parts
 
     part = np.arange(netlist.node_count, dtype=np.int32)
     part[forest.order[forest.base == GROUND]] = -1
@@ -210,11 +210,11 @@ def number_rows(
     Shapes: `solved` (parts,).  Returns how many rows there are, `unknown` (nodes,), the nodes of the other parts and
     their voltages, and the nodes that float.
     """
-    from resgrid.circuit import assembly_kernels
+    from resgrid.circuit import kernels
 
     unknown = parts.of_node.copy()
     root = forest.root if np.any(forest.base != GROUND) else np.empty(0, dtype=np.int64)
-    size, others, volts, floating = assembly_kernels.number_rows(unknown, solved, parts.lowest, root)
+    size, others, volts, floating = kernels.number_rows(unknown, solved, parts.lowest, root)
     return size, unknown, others, volts, floating
 
 
@@ -233,7 +233,7 @@ def ground_and_feed(
     Shapes: `ends` (m, 2), `conductance` (m,), `contacts` (c,): the elements to look at; returns `ground` (n,), `feed`
     (n,), and whether all these voltages are ``low`` or ``high``.
     """
-    from resgrid.circuit.assembly_kernels import add_contacts
+    from resgrid.circuit.kernels import add_contacts
 
     ground, feed = np.zeros(size), np.zeros(size)
     pairs = np.take(ends, contacts, axis=0)
@@ -243,7 +243,7 @@ def ground_and_feed(
 
 def injected_into_rows(netlist: Netlist, unknown: NDArray[np.int32], size: int) -> NDArray[np.float64]:
     """What current sources drive into every row, in amperes, shape (n,)."""
-    from resgrid.circuit.assembly_kernels import add_injected
+    from resgrid.circuit.kernels import add_injected
 
     injected = np.zeros(size if len(netlist.current_nodes) else 0)
     add_injected(netlist.current_nodes, netlist.current_amps, unknown, injected)
@@ -305,7 +305,7 @@ def _ties(
     forest: SourceForest,
     high: float,
 ) -> Ties:
-    from resgrid.circuit.assembly_kernels import rail_contacts
+    from resgrid.circuit.kernels import rail_contacts
 
     size = int(unknown.max(initial=-1)) + 1
     to_high, to_low = np.zeros(size), np.zeros(size)

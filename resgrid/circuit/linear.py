@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from resgrid.circuit.equations import assemble
 from resgrid.circuit.node_values import node_values
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.circuit.plain import read_plain
-from resgrid.circuit.readout import DIRECTION_RESIDUAL, OUT_OF_RANGE, read_off
+from resgrid.circuit.readout import DIRECTION_RESIDUAL, OUT_OF_RANGE, read_entrywise, read_normwise
 from resgrid.errors import AccuracyError, CircuitError
 from resgrid.netlist import Netlist
 from resgrid.solvers.choose import factor_laplacian
@@ -42,16 +41,18 @@ def solve_linear(
                 best = np.asarray(error.best, dtype=np.float64)
                 if not np.isfinite(best).all():
                     raise CircuitError(OUT_OF_RANGE) from None
-                raise AccuracyError(str(error), read_plain(system, best, name, seconds)) from None
+                raise AccuracyError(str(error), read_normwise(system, best, name, seconds)) from None
             del factors
+        if not np.isfinite(x).all():
+            raise CircuitError(OUT_OF_RANGE)
         with _timed(seconds, "read"):
-            point = read_plain(system, x, name, seconds)
+            point = read_normwise(system, x, name, seconds)
         return replace(point, iterations=watch.iterations, backward_error=watch.error)
     with _timed(seconds, "substitute"):
         values = node_values(system, factors, watch, threads)
         del factors
     with _timed(seconds, "read"):
-        point, residual = read_off(system, values, name, seconds)
+        point, residual = read_entrywise(system, values, name, seconds)
     signed = point.log_drop is None and point.potential is None
     bound = np.inf if signed else watch.bound + np.finfo(np.float64).eps
     point = replace(point, iterations=watch.iterations, backward_error=watch.error, entry_error=bound)

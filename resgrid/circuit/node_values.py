@@ -10,6 +10,8 @@ difference.  But ``A^-1`` has no negative entry: the error is at most ``A^-1 |r|
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -21,7 +23,6 @@ from resgrid.solvers.extended import NOISE, Scaled, logarithm, power
 from resgrid.solvers.factors.factor import Factor
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.parallel import side_by_side
 from resgrid.solvers.rails import Rails
 
 _LEAST_REST = 1e-3
@@ -96,21 +97,30 @@ def _solved(factors: Factor | None, currents: list[NDArray[np.float64]], watch: 
             return Scaled.of(np.zeros(len(rhs)))
         return factors.solve_nonnegative(rhs, watch=watch)[0]
 
-    return side_by_side([partial(one, rhs) for rhs in currents], threads, watch.stop)
+    return _side_by_side([partial(one, rhs) for rhs in currents], threads, watch.stop)
+
+
+def _side_by_side(jobs: list[Callable[[], Scaled]], threads: int, stop: Callable[[], None]) -> list[Scaled]:
+    """Results of all jobs, in their order; with one thread one job after the other."""
+    if threads <= 1 or len(jobs) <= 1:
+        return [job() for job in jobs]
+    with ThreadPoolExecutor(min(threads, len(jobs))) as pool:
+        running = [pool.submit(job) for job in jobs]
+        try:
+            return [future.result() for future in running]
+        except BaseException:
+            stop()
+            raise
 
 
 def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | None) -> NodeValues:
     """Spread drops, and heights where they were solved for, over the nodes."""
-    from resgrid.circuit.readout_kernels import from_nearer_rail
+    from resgrid.circuit.kernels import from_nearer_rail
 
     nodes = len(system.unknown)
     out, down = _zeros(nodes), np.zeros(nodes, dtype=np.bool_)
     own = height if height is not None else _zeros(0)
-    from_nearer_rail(
-        system.unknown, system.known, rails.low, rails.high,
-        drop.hi, drop.lo, drop.exponent, own.hi, own.lo, own.exponent,
-        out.hi, out.lo, out.exponent, down,
-    )  # fmt: skip
+    from_nearer_rail(system.unknown, system.known, rails.low, rails.high, drop, own, out, down)
     value = Scaled(out.hi, out.lo, out.exponent, drop.noise)
     noise = height.noise if height is not None else drop.noise / _LEAST_REST
     return NodeValues(value, down, rails.low, rails.high - rails.low, noise)
@@ -118,14 +128,11 @@ def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | Non
 
 def _above(system: Equations, rows: Scaled, volts: float) -> NodeValues:
     """Spread heights above the reference over the nodes."""
-    from resgrid.circuit.readout_kernels import from_one_rail
+    from resgrid.circuit.kernels import from_one_rail
 
     nodes, forest = len(system.unknown), system.forest
     out = _zeros(nodes)
-    from_one_rail(
-        system.unknown, system.known, system.reference, volts,
-        rows.hi, rows.lo, rows.exponent, out.hi, out.lo, out.exponent,
-    )  # fmt: skip
+    from_one_rail(system.unknown, system.known, system.reference, volts, rows, out)
     lifted = (forest.height != 0) & (system.unknown[forest.order] >= 0)
     if lifted.any():
         # Floating sources occur only in circuits without two rails, whose values do not leave the range of a double.
@@ -196,12 +203,11 @@ def _residual(
     laplacian: Laplacian, drive: NDArray[np.float64], rounding: NDArray[np.float64], x: Scaled
 ) -> tuple[Scaled, Scaled]:
     """The residual's positive part, and what is negative of it; both with what the drive's own rounding may hide."""
-    from resgrid.solvers.refine import scaled_currents
+    from resgrid.solvers.refine import conductances, scaled_currents
     from resgrid.solvers.refine_kernels import correct, exact_residual
 
-    edges, (amps, scale) = laplacian.edges, scaled_currents(drive)
     r, e = np.empty(laplacian.size), np.empty(laplacian.size, dtype=np.int64)
-    exact_residual(edges.indptr, edges.indices, edges.data, laplacian.ground, amps, scale, x.hi, x.lo, x.exponent, r, e)
+    exact_residual(conductances(laplacian), scaled_currents(drive), x, (r, e))
     none = np.zeros_like(e)
     parts = [Scaled(np.maximum(sign * r, 0.0), np.zeros_like(r), np.where(sign * r > 0.0, e, 0)) for sign in (1, -1)]
     for part in parts:

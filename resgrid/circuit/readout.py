@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from resgrid.circuit.equations import Equations
 from resgrid.circuit.node_values import NodeValues
-from resgrid.circuit.operating_point import OperatingPoint, Readings
-from resgrid.circuit.sources import source_currents
+from resgrid.circuit.operating_point import Ammeters, OperatingPoint, Readings
+from resgrid.circuit.sources import SourceForest, source_currents
 from resgrid.errors import CircuitError
 from resgrid.netlist import GROUND, Netlist
-from resgrid.solvers.extended import logarithm, power
+from resgrid.solvers.extended import Scaled, logarithm, power
 
 OUT_OF_RANGE = (
     "a voltage exceeds 1.8e308 V, the range of double precision: the currents fed in are too large for the "
@@ -58,34 +58,49 @@ def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
     return np.asarray(np.bincount(fed, amps, count) - np.bincount(taken, amps, count), dtype=np.float64)
 
 
-def read_off(
+def read_normwise(
+    system: Equations, x: NDArray[np.float64], method: str, seconds: Mapping[str, float]
+) -> OperatingPoint:
+    """Spread a normwise solution over the nodes; currents wait until they are asked for.  Shapes: `x` (n,)."""
+    from resgrid.circuit.kernels import spread
+
+    forest = system.forest
+    height = system.known_voltages()
+    spread(system.unknown, x, system.reference, height)
+    lifted = (system.unknown[forest.order] >= 0) & (forest.height != 0)
+    height[forest.order[lifted]] += forest.height[lifted]
+    point = OperatingPoint(
+        netlist=system.netlist,
+        voltage=height if system.reference == 0.0 else system.reference + height,
+        log_drop=None,
+        potential=_share_of_span(system, height, x),
+        ammeters=Ammeters(partial(_normwise_readings, system.netlist, forest, system.unknown, height)),
+        floating=system.floating,
+        undriven=system.undriven,
+        method=method,
+        seconds=seconds,
+    )
+    if forest.loop.any():
+        _ = point.readings  # warns of currents that are undetermined
+    return point
+
+
+def read_entrywise(
     system: Equations, values: NodeValues, method: str, seconds: Mapping[str, float]
 ) -> tuple[OperatingPoint, NDArray[np.float64]]:
     """Read everything off the values of the nodes.  Returns `residual` (nodes,)."""
-    netlist = system.netlist
-    plain = _plain_where_possible(values, netlist)
     voltage = _voltage(system, values)
     log_drop, potential = _stored(system, values)
-    amps, exponent, power_sum = _currents(netlist, values, plain)
-    sums = _balance(netlist, amps, exponent, plain)
     stored, sign = (log_drop, -1.0) if log_drop is not None else (potential, 1.0)
-    if stored is not None:
-        _drop_unresolved(netlist, amps, exponent, sums, plain, stored, float(np.sign(values.volts)) * sign)
-    residual = _relative_residual(system, values, amps, exponent, sums)
-    scale = 1.0 if plain else power(sums.exponent)
+    readings, residual = _readings(
+        system.netlist, system.forest, system.unknown, values, stored, float(np.sign(values.volts)) * sign
+    )
     point = OperatingPoint(
-        netlist=netlist,
+        netlist=system.netlist,
         voltage=voltage,
         log_drop=log_drop,
         potential=potential,
-        ammeters=Readings(
-            resistor_current=amps if plain else amps * power(exponent),
-            log_current=None if plain else partial(_log_current, amps, exponent),
-            resistor_direction=np.sign(amps).astype(np.int8),
-            source_current=source_currents(netlist, system.forest, -sums.net * scale),
-            power=power_sum,
-            kcl_residual=float(residual.max(initial=0.0)),
-        ),
+        ammeters=readings,
         floating=system.floating,
         undriven=system.undriven,
         method=method,
@@ -94,71 +109,91 @@ def read_off(
     return point, residual
 
 
+def _normwise_readings(
+    netlist: Netlist, forest: SourceForest, unknown: NDArray[np.int32], height: NDArray[np.float64]
+) -> Readings:
+    """As the readings of values that are what they are: no difference counts as noise."""
+    values = NodeValues(
+        Scaled.of(np.nan_to_num(height))._replace(noise=0.0), np.zeros(len(height), np.bool_), 0.0, 1.0, 0.0
+    )
+    return _readings(netlist, forest, unknown, values, None, 1.0, clusters=False)[0]
+
+
+def _readings(
+    netlist: Netlist,
+    forest: SourceForest,
+    unknown: NDArray[np.int32],
+    values: NodeValues,
+    stored: NDArray[np.float64] | None,
+    sign: float,
+    *,
+    clusters: bool = True,
+) -> tuple[Readings, NDArray[np.float64]]:
+    """Difference the values of all nodes and sum up the currents.
+
+    Where ``sign * stored`` is there it falls along currents up to rounding, and along every one that matters after
+    this: others are set to 0.  With ``clusters`` KCL is asked of flat clusters where differences tell no currents.
+    Shapes: `unknown, stored` (nodes,); returns `residual` (nodes,).
+    """
+    from resgrid.circuit.kernels import currents, drop_unresolved
+
+    value, plain = _plain_where_possible(values, netlist)
+    ends, amps = netlist.resistor_nodes, np.empty(len(netlist.conductance))
+    exponent = np.zeros(0 if plain else len(amps), dtype=np.int64)
+    power_sum = currents(ends, netlist.conductance, value, values.down, values.volts, values.noise, amps, exponent)
+    sums = _balance(netlist, amps, exponent)
+    if stored is not None:
+        drop_unresolved(ends, amps, exponent, sums.exponent, sums.net, sums.through, stored, sign, HARMLESS)
+    residual = np.zeros(len(unknown))
+    own = (unknown >= 0) & (sums.through > 0)
+    own[forest.order] = False
+    np.divide(np.abs(sums.net), sums.through, out=residual, where=own)
+    lifted = forest.order[forest.base != GROUND]
+    doubtful = np.concatenate([np.flatnonzero(residual > DIRECTION_RESIDUAL), lifted])
+    if clusters and doubtful.size:
+        from resgrid.circuit.flat_clusters import cluster_residual
+
+        injected = injected_currents(netlist)
+        tied = np.append(forest.order[forest.base != GROUND], forest.base[forest.base != GROUND]).reshape(2, -1).T
+        residual[doubtful] = cluster_residual(netlist, unknown, tied, values, amps, exponent, injected)[doubtful]
+    scale = 1.0 if plain else power(sums.exponent)
+    readings = Readings(
+        resistor_current=amps if plain else amps * power(exponent),
+        log_current=None if plain else partial(_log_current, amps, exponent),
+        resistor_direction=np.sign(amps).astype(np.int8),
+        source_current=source_currents(netlist, forest, -sums.net * scale),
+        power=float(power_sum),
+        kcl_residual=float(residual.max(initial=0.0)),
+    )
+    return readings, residual
+
+
 def _log_current(amps: NDArray[np.float64], exponent: NDArray[np.int64]) -> NDArray[np.float64]:
     return logarithm(np.abs(amps), exponent)
 
 
-def _relative_residual(
-    system: Equations, values: NodeValues, amps: NDArray[np.float64], exponent: NDArray[np.int64], sums: Balance
-) -> NDArray[np.float64]:
-    """Violation of KCL at every node that is solved for, relative to its through-current.
-
-    Where differences of values cannot tell the currents at a node, KCL is asked of the whole plateau, and so it is of
-    nodes that floating sources tie.
-    """
-    own = (system.unknown >= 0) & (sums.through > 0)
-    own[system.forest.order] = False
-    residual = np.zeros(len(own))
-    np.divide(np.abs(sums.net), sums.through, out=residual, where=own)
-    lifted = system.forest.order[system.forest.base != GROUND]
-    doubtful = np.concatenate([np.flatnonzero(residual > DIRECTION_RESIDUAL), lifted])
-    if doubtful.size:
-        from resgrid.circuit.flat_clusters import plateau_residual
-
-        injected = injected_currents(system.netlist)
-        residual[doubtful] = plateau_residual(system, values, amps, exponent, injected)[doubtful]
-    return residual
-
-
-def _plain_where_possible(values: NodeValues, netlist: Netlist) -> bool:
-    """Write the values as doubles, in place, if their currents stay far from the ends of the range."""
+def _plain_where_possible(values: NodeValues, netlist: Netlist) -> tuple[Scaled, bool]:
+    """The values as doubles, if their currents stay far from the ends of the range; and whether they do."""
     value, g = values.value, netlist.conductance
     unit = abs(values.volts)
     if value.exponent.min(initial=0) < _LEAST_EXPONENT or value.exponent.max(initial=0) > 0:
-        return False
+        return value, False
     if not (unit * g.min(initial=1.0) > _ORDINARY and unit * g.max(initial=1.0) < 1.0 / _ORDINARY):
-        return False
-    if value.exponent.any():
-        scale = power(value.exponent)
-        value.hi[:] *= scale
-        value.lo[:] *= scale
-        value.exponent[:] = 0
-    return True
+        return value, False
+    if not value.exponent.any():
+        return value, True
+    scale = power(value.exponent)
+    return Scaled(value.hi * scale, value.lo * scale, np.zeros_like(value.exponent), value.noise), True
 
 
-def _currents(
-    netlist: Netlist, values: NodeValues, plain: bool
-) -> tuple[NDArray[np.float64], NDArray[np.int64], float]:
-    """Currents as scaled numbers (without exponents where ``plain``), and the power."""
-    from resgrid.circuit.readout_kernels import currents
-
-    count, value = len(netlist.conductance), values.value
-    amps, exponent = np.empty(count), np.zeros(0 if plain else count, dtype=np.int64)
-    power_sum = currents(
-        netlist.resistor_nodes, netlist.conductance, value.hi, value.lo, value.exponent, values.down,
-        values.volts, values.noise, value.noise, plain, amps, exponent,
-    )  # fmt: skip
-    return amps, exponent, float(power_sum)
-
-
-def _balance(netlist: Netlist, amps: NDArray[np.float64], exponent: NDArray[np.int64], plain: bool) -> Balance:
-    """Sum the currents at every node, relative to the largest one there."""
-    from resgrid.circuit.readout_kernels import add_currents, frames
+def _balance(netlist: Netlist, amps: NDArray[np.float64], exponent: NDArray[np.int64]) -> Balance:
+    """Sum the currents at every node, relative to the largest one there.  Shapes: `amps, exponent` (resistors,)."""
+    from resgrid.circuit.kernels import add_currents, frames
     from resgrid.solvers.extended_kernels import canonical
 
     net = injected_currents(netlist)
     frame = np.zeros(len(net), dtype=np.int64)
-    if not plain:
+    if exponent.size:
         own = frame.copy()
         canonical(net, own)
         frame[:] = np.where(net != 0, own, _NONE)
@@ -166,29 +201,31 @@ def _balance(netlist: Netlist, amps: NDArray[np.float64], exponent: NDArray[np.i
         frame[frame == _NONE] = 0
         net *= power(np.where(net != 0, own - frame, 0))
     total = np.abs(net)
-    add_currents(netlist.resistor_nodes, amps, exponent, frame, plain, net, total)
+    add_currents(netlist.resistor_nodes, amps, exponent, frame, net, total)
     total *= 0.5
     return Balance(frame, total, net)
 
 
-def _drop_unresolved(
-    netlist: Netlist,
-    amps: NDArray[np.float64],
-    exponent: NDArray[np.int64],
-    sums: Balance,
-    plain: bool,
-    stored: NDArray[np.float64],
-    sign: float,
-) -> None:
-    """Set currents to 0, in place, that run between nodes of equal stored value, where the balance does not notice.
+def _share_of_span(
+    system: Equations, height: NDArray[np.float64], x: NDArray[np.float64]
+) -> NDArray[np.float64] | None:
+    """Between two rails the share of their difference; above a single one the share of the highest node."""
+    if system.rails is not None:
+        shift, span = system.reference - system.rails.low, system.rails.high - system.rails.low
+    elif _single_signed(system) and x.size:
+        shift, span = 0.0, float(x.max() if np.all(system.injected >= 0) else x.min())
+    else:
+        return None
+    if span == 0.0:
+        return None
+    if shift != 0.0:
+        height = height + shift
+    return height if span == 1.0 else height / span
 
-    ``sign * stored`` falls along the current, up to rounding; after this it falls along every current that matters.
-    """
-    from resgrid.circuit.readout_kernels import drop_unresolved
 
-    drop_unresolved(
-        netlist.resistor_nodes, amps, exponent, sums.exponent, plain, sums.net, sums.through, stored, sign, HARMLESS
-    )
+def _single_signed(system: Equations) -> bool:
+    """Whether a single rail and currents of one sign are all that drives the circuit."""
+    return not system.feed.any() and bool(np.all(system.injected >= 0) or np.all(system.injected <= 0))
 
 
 def _stored(system: Equations, values: NodeValues) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
@@ -196,8 +233,7 @@ def _stored(system: Equations, values: NodeValues) -> tuple[NDArray[np.float64] 
     height = values.height
     if system.rails is None:
         top = height[system.unknown >= 0].max(initial=0.0)
-        one_rail = not system.feed.any() and (np.all(system.injected >= 0) or np.all(system.injected <= 0))
-        if not (one_rail and top > 0):
+        if not (_single_signed(system) and top > 0):
             return None, None
         height /= top
         height[system.floating] = np.nan

@@ -17,7 +17,7 @@ from resgrid.circuit.circuit_factor import factor_circuit
 from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.linear import solve_linear
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.circuit.plain import read_plain
+from resgrid.circuit.readout import read_normwise
 from resgrid.circuit.window import boxes_around, rows_after, window_of
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
@@ -86,7 +86,7 @@ class WarmPoint:
         node = self.netlist.cells.node
         row = np.where(node >= 0, system.unknown[node], -1)
         x[row[row >= 0]] = self.voltage[row >= 0] - system.reference
-        point = read_plain(system, x, "multigrid", {})
+        point = read_normwise(system, x, "multigrid", {})
         return replace(point, iterations=self.iterations, backward_error=self.backward_error)
 
 

@@ -22,7 +22,7 @@ from resgrid.solvers.extended import BITS, NOISE, Scaled, power
 from resgrid.solvers.laplacian import Laplacian
 
 if TYPE_CHECKING:
-    from resgrid.solvers.refine_kernels import Imbalance
+    from resgrid.solvers.refine_kernels import Conductances, Imbalance
 
 _CONVERGED = 1e-12
 """Componentwise backward error up to which an answer is one, whatever is proved of its entries."""
@@ -94,6 +94,22 @@ def is_answer(error: float, bound: float) -> bool:
     return error <= _CONVERGED or bound <= _PROVED
 
 
+class _Worth(NamedTuple):
+    """What a residual says of an answer.
+
+    `error`: componentwise backward error; `left`: what is wrong, in units of what is allowed; `bound`: on the error of
+    every entry; `log_size`: natural logarithm of the largest entry of the residual.
+    """
+
+    error: float = np.inf
+    left: float = np.inf
+    bound: float = np.inf
+    log_size: float = np.inf
+
+    def gains_on(self, other: _Worth) -> bool:
+        return self.error < _LEAST_GAIN * other.error or self.log_size < other.log_size + np.log(_LEAST_GAIN)
+
+
 def refine(
     laplacian: Laplacian,
     rhs: NDArray[np.float64] | Scaled,
@@ -103,181 +119,140 @@ def refine(
     exact: bool = False,
     resolve: Resolution | None = None,
 ) -> Refined:
-    """Solve for a right-hand side without negative entries.  Shapes: `rhs` (n,)."""
-    pair = _Answer(laplacian, rhs, floor, exact)
-    best, size, bound, gain = np.inf, np.inf, np.inf, 0.0
-    while pair.steps < _MOST_STEPS:
-        anew = resolve is not None and pair.hopeless and pair.replace(resolve)
-        if not anew:
-            pair.improve(*approximate(pair.residual, pair.exponent, gain))
-        if pair.compute_residual():
-            best, size = np.inf, np.inf
-        if not (pair.error < _LEAST_GAIN * best or pair.log_size < size + np.log(_LEAST_GAIN)):
-            if not anew:
-                pair.take_back()
+    """Solve for a right-hand side without negative entries.  Shapes: `rhs` (n,).
+
+    Numbers have exponents only where their range asks for them.  With ``exact``, or where hardly any current flows, the
+    residual is formed in double-double: answers are then the nearest doubles.
+    """
+    from resgrid.solvers.refine_kernels import exact_residual
+
+    matrix, current = conductances(laplacian), scaled_currents(rhs)
+    doubles = None if exact else _as_doubles(*current)
+    if doubles is not None:
+        current = doubles, _NONE
+    residual = current[0].copy(), current[1].copy()
+    x = Scaled(np.zeros(laplacian.size), np.zeros(laplacian.size), np.zeros_like(current[1]))
+    best, found = _Worth(), None
+    for step in range(1, _MOST_STEPS + 1):
+        hopeless = found is not None and not exact and best.error > _HOPELESS
+        anew = resolve(residual[0], (x.hi, x.exponent), current) if resolve is not None and hopeless else None
+        if anew is None:
+            new, changed = _corrected(x, *approximate(*residual, _MARGIN / best.left))
+        else:
+            new, changed = _replaced(x, *anew)
+        current, residual = _alike(new, current), _alike(new, residual)
+        if not exact:
+            rows = _ALL if found is None else _rows_changed(laplacian, new, changed, residual[0])
+            here = _imbalance(matrix, current, new, floor, step, rows, residual)
+            if here.least < _LEAST_PLAIN and not new.exponent.size:
+                new = _with_exponents(new)
+                current, residual, rows = _alike(new, current), _alike(new, residual), _ALL
+                here = _imbalance(matrix, current, new, floor, step, rows, residual)
+            found = here if found is None or not len(rows) else here.beside(found)
+            left, bound = found.left / _ALLOWED, entry_bound(found.left + found.right)
+            worth = _Worth(found.backward, left, bound, _log_size(residual, found))
+            if left <= 1.0 and found.share <= _FLAT:
+                exact, best, new = True, _Worth(), _with_exponents(new)
+                current, residual = _alike(new, current), _alike(new, residual)
+        if exact:
+            error, violation = exact_residual(matrix, current, new, residual)
+            worth = _Worth(error, error / floor, entry_bound(violation), _log_size(residual))
+        if not worth.gains_on(best):
+            if anew is None:
                 break
             resolve = None
-        best, size, bound = pair.error, pair.log_size, pair.bound
-        if pair.left <= 1.0:
+        x, best = new, worth
+        if best.left <= 1.0:
             break
-        gain = _MARGIN / pair.left
-    return Refined(pair.solution, float(best), bound)
+    answer = _with_exponents(x)._replace(noise=max(NOISE, _DIFFERENCE * floor))
+    return Refined(answer, float(best.error), best.bound)
 
 
-class _Answer:
-    """Double-doubles that are corrected step by step, and their residual; with exponents only where needed."""
+def conductances(laplacian: Laplacian) -> Conductances:
+    """A matrix as the loops take it."""
+    from resgrid.solvers.refine_kernels import Conductances
 
-    def __init__(self, laplacian: Laplacian, rhs: NDArray[np.float64] | Scaled, floor: float, exact: bool) -> None:
-        n = laplacian.size
-        self._laplacian, self._floor, self._exact, self.steps = laplacian, floor, exact, 0
-        self._current, self._scale = scaled_currents(rhs)
-        self._plain = not exact and _without_exponent(self._current, self._scale)
-        if self._plain:
-            self._scale = _NONE
-        self._now, self._last = self._zeros(n), self._zeros(n)
-        self.residual, self.exponent = self._current.copy(), self._scale.copy()
-        self.error = self.left = self.bound = np.inf
-        self._found: Imbalance | None = None
-        self._changed = np.ones(n, dtype=np.bool_)
+    rows = laplacian.sorted_rows
+    return Conductances(rows.indptr, rows.indices, rows.data, laplacian.ground)
 
-    def _zeros(self, n: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-        return np.zeros(n), np.zeros(n), _NONE if self._plain else np.zeros(n, dtype=np.int64)
 
-    @property
-    def solution(self) -> Scaled:
-        """The answer, in canonical numbers."""
-        from resgrid.solvers.refine_kernels import canonical_pairs
+def _imbalance(
+    matrix: Conductances, current: Numbers, x: Scaled, floor: float, step: int, rows: NDArray[np.int32], out: Numbers
+) -> Imbalance:
+    from resgrid.solvers.refine_kernels import residual
 
-        hi, lo, e = self._now
-        if self._plain:
-            e = np.zeros(len(hi), dtype=np.int64)
-        canonical_pairs(hi, lo, e)
-        return Scaled(hi, lo, e, max(NOISE, _DIFFERENCE * self._floor))
+    return residual(matrix, current, x, floor, _kept(step), rows, out)
 
-    @property
-    def log_size(self) -> float:
-        """Natural logarithm of the largest entry of the residual."""
-        with np.errstate(divide="ignore"):
-            if self._plain and self._found is not None:
-                return float(np.log(self._found.largest))
-            log = np.log(np.abs(self.residual)) + self.exponent * (BITS * np.log(2.0))
-        return float(np.max(log, initial=-np.inf))
 
-    @property
-    def hopeless(self) -> bool:
-        """Whether some voltages have no digit right."""
-        return self.steps > 0 and not self._exact and self.error > _HOPELESS
+def _corrected(x: Scaled, m: NDArray[np.float64], e: NDArray[np.int64]) -> tuple[Scaled, NDArray[np.bool_]]:
+    """Values with a correction, and which of them it changes.  Shapes: `m` (n,), `e` (n,) or (0,)."""
+    from resgrid.solvers.refine_kernels import correct, corrected
 
-    def improve(self, m: NDArray[np.float64], e: NDArray[np.int64]) -> None:
-        """Add a correction."""
-        from resgrid.solvers.refine_kernels import correct, corrected
+    doubles = _as_doubles(m, e) if not x.exponent.size else None
+    if doubles is not None:
+        hi, lo = np.empty_like(x.hi), np.empty_like(x.lo)
+        corrected(x.hi, x.lo, doubles, hi, lo)
+        return Scaled(hi, lo, x.exponent), doubles != 0.0
+    new = _with_exponents(x)
+    correct(*new[:3], m, e if e.size else np.zeros(len(m), dtype=np.int64))
+    return new, m != 0.0
 
-        if self._plain and not _without_exponent(m, e):
-            self._leave_plain()
-        self._now, self._last = self._last, self._now
-        if self._plain:
-            corrected(*self._last[:2], m, *self._now[:2])
-        else:
-            self._copy_last()
-            correct(*self._now, m, e if e.size else np.zeros(len(m), dtype=np.int64))
-        self._changed = m != 0.0
 
-    def replace(self, resolve: Resolution) -> bool:
-        """Take some voltages from elsewhere; returns whether there were any."""
-        from resgrid.solvers.extended_kernels import canonical
+def _replaced(x: Scaled, rows: NDArray[np.int64], values: Numbers) -> tuple[Scaled, NDArray[np.bool_]]:
+    """Values of which some have been found anew, and which."""
+    from resgrid.solvers.extended_kernels import canonical
 
-        hi, _, exponent = self._now
-        found = resolve(self.residual, (hi, exponent), (self._current, self._scale))
-        if found is None:
-            return False
-        rows, (m, e) = found
-        self._now, self._last = self._last, self._now
-        self._copy_last()
-        self._now[0][rows], self._now[1][rows] = m, 0.0
-        if not self._plain:
-            canonical(m, e)
-            self._now[0][rows], self._now[2][rows] = m, e
-        self._changed = np.zeros(len(hi), dtype=np.bool_)
-        self._changed[rows] = True
-        return True
+    m, e = values
+    new = Scaled(x.hi.copy(), x.lo.copy(), x.exponent.copy())
+    if new.exponent.size:
+        canonical(m, e)
+        new.exponent[rows] = e
+    new.hi[rows], new.lo[rows] = m, 0.0
+    changed = np.zeros(len(new.hi), dtype=np.bool_)
+    changed[rows] = True
+    return new, changed
 
-    def _copy_last(self) -> None:
-        for new, old in zip(self._now, self._last, strict=True):
-            new[:] = old
 
-    def take_back(self) -> None:
-        """Forget the last correction."""
-        self._now, self._last = self._last, self._now
+def _rows_changed(
+    laplacian: Laplacian, x: Scaled, changed: NDArray[np.bool_], residual: NDArray[np.float64]
+) -> NDArray[np.int32]:
+    """Rows whose residuals a change of few voltages changes; none where all are to be looked at."""
+    if x.exponent.size or _FEW * np.count_nonzero(changed) > len(changed):
+        return _ALL
+    around = changed.copy()
+    around[laplacian.edges[np.flatnonzero(changed)].indices] = True
+    rows = np.flatnonzero(around).astype(np.int32)
+    return rows if np.count_nonzero(residual[rows]) == np.count_nonzero(residual) else _ALL
 
-    def _rows_changed(self) -> NDArray[np.int32]:
-        """Rows whose residuals a change of few voltages changes; none where all are to be looked at."""
-        changed = self._changed
-        if not self._plain or self._found is None or _FEW * np.count_nonzero(changed) > len(changed):
-            return _ALL
-        changed[self._laplacian.edges[np.flatnonzero(changed)].indices] = True
-        rows = np.flatnonzero(changed).astype(np.int32)
-        return rows if np.count_nonzero(self.residual[rows]) == np.count_nonzero(self.residual) else _ALL
 
-    def compute_residual(self) -> bool:
-        """Judge relative to the currents, and where they are too small for that, relative to the voltages.
+def _log_size(residual: Numbers, found: Imbalance | None = None) -> float:
+    """Natural logarithm of the largest entry of a residual, which is known of one without exponents."""
+    with np.errstate(divide="ignore"):
+        if found is not None and not residual[1].size:
+            return float(np.log(found.largest))
+        log = np.log(np.abs(residual[0])) + residual[1] * (BITS * np.log(2.0))
+    return float(np.max(log, initial=-np.inf))
 
-        Returns whether it is judged more strictly from now on.
-        """
-        self.steps += 1
-        rows, before = self._rows_changed(), self._exact
-        self._judge(rows)
-        return self._exact and not before
 
-    def _judge(self, rows: NDArray[np.int32]) -> None:
-        if not self._exact:
-            found = self._residual_of_currents(rows)
-            if self._plain and found.least < _LEAST_PLAIN:
-                self._leave_plain()
-                found = self._residual_of_currents(_ALL)
-            self.error, self.left, self._found = found.backward, found.left / _ALLOWED, found
-            self.bound = entry_bound(found.left + found.right)
-            if self.left > 1.0 or found.share > _FLAT:
-                return
-            self._leave_plain()
-            self._exact = True
-        self._exact_residual()
+def _with_exponents(x: Scaled) -> Scaled:
+    """A copy in canonical numbers."""
+    from resgrid.solvers.refine_kernels import canonical_pairs
 
-    def _residual_of_currents(self, rows: NDArray[np.int32]) -> Imbalance:
-        from resgrid.solvers.refine_kernels import residual
+    e = x.exponent.copy() if x.exponent.size else np.zeros(len(x.hi), dtype=np.int64)
+    new = Scaled(x.hi.copy(), x.lo.copy(), e)
+    canonical_pairs(*new[:3])
+    return new
 
-        found = residual(
-            *self._rows, self._current, self._scale, *self._now,
-            self._plain, self._floor, _kept(self.steps), rows, self.residual, self.exponent,
-        )  # fmt: skip
-        return found if not len(rows) or self._found is None else found.beside(self._found)
 
-    def _exact_residual(self) -> None:
-        from resgrid.solvers.refine_kernels import exact_residual
+def _alike(x: Scaled, numbers: Numbers) -> Numbers:
+    """Numbers with exponents where ``x`` has some."""
+    from resgrid.solvers.extended_kernels import canonical
 
-        self.error, violation = exact_residual(
-            *self._rows, self._current, self._scale, *self._now, self.residual, self.exponent
-        )  # fmt: skip
-        self.left, self.bound = self.error / self._floor, entry_bound(violation)
-
-    @property
-    def _rows(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
-        coupling = self._laplacian.sorted_rows
-        return coupling.indptr, coupling.indices, coupling.data, self._laplacian.ground
-
-    def _leave_plain(self) -> None:
-        from resgrid.solvers.extended_kernels import canonical
-        from resgrid.solvers.refine_kernels import canonical_pairs
-
-        if not self._plain:
-            return
-        n = len(self._current)
-        self._plain = False
-        self._scale, self.exponent = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
-        canonical(self._current, self._scale)
-        self._now = (*self._now[:2], np.zeros(n, dtype=np.int64))
-        self._last = (*self._last[:2], np.zeros(n, dtype=np.int64))
-        canonical_pairs(*self._now)
-        canonical_pairs(*self._last)
+    if not x.exponent.size or numbers[1].size:
+        return numbers
+    m, e = numbers[0].copy(), np.zeros(len(numbers[0]), dtype=np.int64)
+    canonical(m, e)
+    return m, e
 
 
 def _kept(step: int) -> float:
@@ -289,14 +264,12 @@ def _kept(step: int) -> float:
     return 1.0 if step == 1 else 4.0 * step
 
 
-def _without_exponent(m: NDArray[np.float64], e: NDArray[np.int64]) -> bool:
-    """Write scaled numbers as doubles, in place, if their range allows."""
+def _as_doubles(m: NDArray[np.float64], e: NDArray[np.int64]) -> NDArray[np.float64] | None:
+    """Scaled numbers as doubles; None where their range is too wide."""
     lowest, highest = e.min(initial=0), e.max(initial=0)
     if lowest < -2 or highest > 1:
-        return False
-    if lowest < 0 or highest > 0:
-        m *= power(e)
-    return True
+        return None
+    return m * power(e) if lowest < 0 or highest > 0 else m
 
 
 def scaled_currents(rhs: NDArray[np.float64] | Scaled) -> Numbers:

@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 
 from resgrid.jit import inlined, inner
+from resgrid.solvers.extended import Scaled
 from resgrid.solvers.extended_kernels import (
     _BASE,
     _INVERSE,
@@ -23,6 +24,8 @@ from resgrid.solvers.extended_kernels import (
     _two_product,
     _two_sum,
 )
+
+Numbers = tuple[Floats, Integers]
 
 _SETTLED = 1e-29
 _UNIT = 2.0**-53
@@ -95,6 +98,15 @@ def _find_exponents(
         top[i] = most
 
 
+class Conductances(NamedTuple):
+    """A matrix as loops take it: its edges in compressed rows, and the ground conductances."""
+
+    indptr: Indices
+    indices: Indices
+    edges: Floats
+    ground: Floats
+
+
 class Imbalance(NamedTuple):
     """How far KCL is from holding.
 
@@ -123,58 +135,49 @@ class Imbalance(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def residual(
-    indptr: Indices,
-    indices: Indices,
-    conductance: Floats,
-    excess: Floats,
-    injected: Floats,
-    injected_e: Integers,
-    hi: Floats,
-    lo: Floats,
-    e: Integers,
-    plain: bool,
-    floor: float,
-    kept: float,
-    rows: Indices,
-    out: Floats,
-    out_e: Integers,
+    matrix: Conductances, current: Numbers, x: Scaled, floor: float, kept: float, rows: Indices, out: Numbers
 ) -> Imbalance:
-    """Residual of KCL in scaled numbers ``(out, out_e)``, and how large it is.
+    """Residual of KCL into ``out``, in scaled numbers, and how large it is.
 
     Row ``i`` is ``b_i - s_i x_i + sum_j g_ij (x_j - x_i)``: differences come first, so that off-diagonals and row
     excess never meet in a rounded diagonal.  A difference of double-doubles is right to the last digits of a double
     (of nearly equal values the upper parts subtract without error: Sterbenz 1974), and so the residual is right
     relative to the currents at the row, which is all that counts.
 
-    Every row has the exponent of its largest value; where ``plain``, all exponents are 0 and are not looked at.  Rows
-    that are right to the rounding of these sums come out as 0, so that a correction can turn to those that are smaller
-    by many decades; those that come in as 0 stay so up to ``kept`` times that rounding.
+    Every row has the exponent of its largest value; where there are no exponents, all are 0.  Rows that are right to
+    the rounding of these sums come out as 0, so that a correction can turn to those that are smaller by many decades;
+    those that come in as 0 stay so up to ``kept`` times that rounding.
 
     Only some ``rows`` are looked at where they are given; they must be plain.
     """
+    indptr, indices, conductance, ground = matrix
+    injected, injected_e = current
+    hi, lo, e = x.hi, x.lo, x.exponent
+    r_out, r_e = out
+    plain = len(e) == 0
     backward, settled, left, right, largest, least, share, top = 0.0, 0.0, 0.0, 0.0, 0.0, np.inf, 1.0, 0
     if not plain:
-        _find_exponents(indptr, indices, injected, injected_e, hi, e, out_e)
+        _find_exponents(indptr, indices, injected, injected_e, hi, e, r_e)
     for index in range(len(rows) if len(rows) > 0 else len(hi)):
         i = rows[index] if len(rows) > 0 else index
         own, own_low, b = hi[i], lo[i], injected[i]
         if not plain:
-            top = out_e[i]
+            top = r_e[i]
             own, own_low = _shift(own, e[i] - top), _shift(own_low, e[i] - top)
             b = _shift(b, injected_e[i] - top)
-        tied = excess[i] * own
-        r = (b - tied) - excess[i] * own_low
+        tied = ground[i] * own
+        r = (b - tied) - ground[i] * own_low
         size = abs(b) + abs(tied)
         flow = size
         for k in range(indptr[i], indptr[i + 1]):
             j = indices[k]
-            x, x_low = hi[j], lo[j]
+            v, v_low = hi[j], lo[j]
             if not plain:
-                x, x_low = _shift(x, e[j] - top), _shift(x_low, e[j] - top)
-            current = conductance[k] * ((x - own) + (x_low - own_low))
-            r += current
-            flow += abs(current)
-            size += conductance[k] * (abs(x) + abs(own))
+                v, v_low = _shift(v, e[j] - top), _shift(v_low, e[j] - top)
+            inflow = conductance[k] * ((v - own) + (v_low - own_low))
+            r += inflow
+            flow += abs(inflow)
+            size += conductance[k] * (abs(v) + abs(own))
         if own != 0.0:
             least = min(least, abs(own))
         wrong = 0.0 if abs(r) < _NOTHING else abs(r)
@@ -186,7 +189,7 @@ def residual(
             share = flow / size
         violation, rounding = wrong / flow if wrong > 0.0 else 0.0, _UNIT * (_ROW_ROUNDING + indptr[i + 1] - indptr[i])
         right += rounding
-        if wrong <= max(rounding * flow * (kept if out[i] == 0.0 else 1.0), _SETTLED * size):
+        if wrong <= max(rounding * flow * (kept if r_out[i] == 0.0 else 1.0), _SETTLED * size):
             r, top = 0.0, 0
             settled = max(settled, error)
             right += violation
@@ -194,55 +197,47 @@ def residual(
             largest = max(largest, wrong)
             counted = violation if wrong > floor * size else 0.0
             left, right = left + counted, right + violation - counted
-        out[i] = r
+        r_out[i] = r
         if not plain:
-            out_e[i] = top
+            r_e[i] = top
     return Imbalance(backward, settled, left, right, largest, least, share)
 
 
 @njit(cache=True, nogil=True)
-def exact_residual(
-    indptr: Indices,
-    indices: Indices,
-    conductance: Floats,
-    excess: Floats,
-    injected: Floats,
-    injected_e: Integers,
-    hi: Floats,
-    lo: Floats,
-    e: Integers,
-    out: Floats,
-    out_e: Integers,
-) -> tuple[float, float]:
+def exact_residual(matrix: Conductances, current: Numbers, x: Scaled, out: Numbers) -> tuple[float, float]:
     """Residual of KCL by double-double arithmetic.
 
     As `residual`, but right relative to the voltages: where no current flows, their differences then vanish to thirty
     digits.  Rows that are right to the noise of double-doubles come out as 0.
     """
+    indptr, indices, conductance, ground = matrix
+    injected, injected_e = current
+    hi, lo, e = x.hi, x.lo, x.exponent
+    r_out, r_e = out
     worst, violation = 0.0, 0.0
-    _find_exponents(indptr, indices, injected, injected_e, hi, e, out_e)
+    _find_exponents(indptr, indices, injected, injected_e, hi, e, r_e)
     for i in range(len(hi)):
-        top = out_e[i]
+        top = r_e[i]
         own, own_low = _shift(hi[i], e[i] - top), _shift(lo[i], e[i] - top)
         b = _shift(injected[i], injected_e[i] - top)
-        p, q = _two_product(excess[i], own)
-        r, r_low = _sum(b, 0.0, -p, -(q + excess[i] * own_low))
+        p, q = _two_product(ground[i], own)
+        r, r_low = _sum(b, 0.0, -p, -(q + ground[i] * own_low))
         size = abs(b) + abs(p)
         flow = size
         for k in range(indptr[i], indptr[i + 1]):
             j = indices[k]
-            x = _shift(hi[j], e[j] - top)
-            d, d_low = _sum(x, _shift(lo[j], e[j] - top), -own, -own_low)
+            v = _shift(hi[j], e[j] - top)
+            d, d_low = _sum(v, _shift(lo[j], e[j] - top), -own, -own_low)
             p, q = _two_product(conductance[k], d)
             r, r_low = _sum(r, r_low, p, q + conductance[k] * d_low)
             flow += abs(p)
-            size += conductance[k] * (abs(x) + abs(own))
-        out[i] = r + r_low
-        out_e[i] = top if out[i] != 0.0 else 0
+            size += conductance[k] * (abs(v) + abs(own))
+        r_out[i] = r + r_low
+        r_e[i] = top if r_out[i] != 0.0 else 0
         if size > 0.0:
-            worst = max(worst, abs(out[i]) / size)
+            worst = max(worst, abs(r_out[i]) / size)
         if flow > 0.0:
-            violation += (abs(out[i]) + _SETTLED * size) / flow
-        if abs(out[i]) <= _SETTLED * size:
-            out[i], out_e[i] = 0.0, 0
+            violation += (abs(r_out[i]) + _SETTLED * size) / flow
+        if abs(r_out[i]) <= _SETTLED * size:
+            r_out[i], r_e[i] = 0.0, 0
     return worst, violation

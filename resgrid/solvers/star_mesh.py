@@ -28,7 +28,7 @@ _CORRIDOR = 3.1
 _FEW = 0.12
 """Share of rows with at most two neighbours from which elimination may pay anywhere."""
 
-_SMALL = 1000
+_SMALL = 100
 """Rows up to which it always may."""
 
 _LARGEST, _SMALLEST = 2.0**300, 2.0**-300

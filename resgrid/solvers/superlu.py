@@ -1,6 +1,8 @@
-"""Factors of symmetric matrices that are no conductances alone: admittances, quadratic forms (SuperLU; Li 2005).
+"""Factors by differences (SuperLU; Li 2005), for what is not positive throughout, or needs a few digits alone.
 
-Those of conductances are made in positive numbers alone (`resgrid.solvers.supernodal`).
+Admittances and quadratic forms are complex, or have entries of both signs; levels scaled by a potential have ground
+conductances of both signs; local corrections and preconditioners need few digits.  All other factors are made in
+positive numbers alone (`resgrid.solvers.supernodal`).
 """
 
 from __future__ import annotations

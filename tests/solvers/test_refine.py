@@ -17,7 +17,7 @@ from resgrid.solvers import choose as methods, refine
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.extended import Scaled, power
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.refine_kernels import residual
+from resgrid.solvers.refine_kernels import Conductances, residual
 from resgrid.space import ConfigurationSpace
 
 
@@ -140,7 +140,8 @@ def test_what_lower_parts_leave_of_values_that_are_gone_is_right() -> None:
     indptr, indices, one = np.array([0, 1, 2], np.int32), np.array([1, 0], np.int32), np.ones(2)
     none, hi, lo, left = np.empty(0, np.int64), np.zeros(2), np.array([0.0, 5e-324]), np.ones(2)
     rows = np.empty(0, np.int32)
-    found = residual(indptr, indices, one, one, np.zeros(2), none, hi, lo, none, True, 1e-20, 1.0, rows, left, none)
+    matrix = Conductances(indptr, indices, one, one)
+    found = residual(matrix, (np.zeros(2), none), Scaled(hi, lo, none), 1e-20, 1.0, rows, (left, none))
     assert (found.backward, found.left, found.largest) == (0.0, 0.0, 0.0)
     assert not left.any()
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from resgrid.errors import AccuracyError
 from resgrid.solvers.extended import Scaled
 from resgrid.solvers.factors.factor import Factor, refine_normwise
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.refine import entry_bound, scaled_currents
+from resgrid.solvers.refine import conductances, entry_bound, scaled_currents
 from resgrid.solvers.star_mesh import StarMesh
 
 ELIMINATION = "elimination"
@@ -78,7 +78,7 @@ class ReducedFactor(Factor):
         from resgrid.solvers import star_mesh_kernels as kernels
         from resgrid.solvers.refine_kernels import exact_residual
 
-        mesh, edges = self.mesh, self.laplacian.sorted_rows
+        mesh = self.mesh
         current, scale = scaled_currents(rhs)
         hi, lo, e = current.copy(), np.zeros(len(current)), scale.copy()
         kernels.forward_scaled(mesh.log, hi, lo, e)
@@ -86,15 +86,13 @@ class ReducedFactor(Factor):
         core, core_error = self._core_solution(Scaled(hi[kept], lo[kept], e[kept]), watch)
         hi[kept], lo[kept], e[kept] = core.hi, core.lo, core.exponent
         kernels.backward_scaled(mesh.log, hi, lo, e)
-        error, violation = exact_residual(
-            edges.indptr, edges.indices, edges.data, self.laplacian.ground, current, scale,
-            hi, lo, e, np.empty(len(hi)), np.empty(len(hi), dtype=np.int64),
-        )  # fmt: skip
+        x, out = Scaled(hi, lo, e, core.noise), (np.empty(len(hi)), np.empty(len(hi), dtype=np.int64))
+        error, violation = exact_residual(conductances(self.laplacian), (current, scale), x, out)
         if watch is not None:
             watch.done(max(error, core_error), entry_bound(violation))
-        return Scaled(hi, lo, e, core.noise), max(error, core_error)
+        return x, max(error, core_error)
 
     def _core_solution(self, rhs: Scaled, watch: Watch | None) -> tuple[Scaled, float]:
         if self.inner is None or not rhs.hi.any():
-            return replace(rhs, noise=NOISE), 0.0
+            return rhs._replace(noise=NOISE), 0.0
         return self.inner.solve_nonnegative(rhs, watch=watch)

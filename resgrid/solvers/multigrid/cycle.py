@@ -39,7 +39,7 @@ class Grids(NamedTuple):
 
     `slots, first_off` (levels + 1,); `margin, block` (levels,); `distance` (levels, 2 ndim); `aggregate`: node of
     the next level that a black slot belongs to: its slot there, red ones first; of a graph, counted from 1; 0 for
-    none; `weight`: what it takes from there; empty where that is all (`resgrid.solvers.multigrid.graded`).
+    none; `weight`: what it takes from there; empty where that is all (`resgrid.solvers.multigrid.h_transform`).
     """
 
     slots: Integers

@@ -70,7 +70,7 @@ _SWEEPS = 3
 def scaled_approximation(
     laplacian: Laplacian, levels: Scalable, currents: NDArray[np.float64], watch: Watch | None
 ) -> Approximation | None:
-    """What refines a solution on levels that are graded by it; None where nothing can be foreseen.
+    """What refines a solution on levels scaled by its h-transform; None where nested iteration fails.
 
     Shapes: `currents` (n,).
     """
@@ -97,7 +97,7 @@ def at_slots(levels: Scalable, currents: NDArray[np.float64]) -> NDArray[np.floa
 
 @dataclass(frozen=True, eq=False)
 class Scalable:
-    """A grid's levels, coarsened and ready to be graded by one height after another.
+    """A grid's levels, coarsened and ready to be scaled by one height after another.
 
     `level`: the first one; `steps`: the others, down to one that is small, and the ways to them; `first`: the first
     level, as of `finest_stencils`; `slot` (n,): slot of every unknown, red ones first; `unit`:
@@ -139,7 +139,7 @@ class Scalable:
 
 
 def scalable(laplacian: Laplacian) -> Scalable | None:
-    """Coarsen a grid to be graded; None where it is none, or is not small before its stencils fall apart."""
+    """Coarsen a grid to be scaled; None where it is none, or is not small before it falls apart."""
     found = lay_out_grid(laplacian)
     if found is None:
         return None

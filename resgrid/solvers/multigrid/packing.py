@@ -57,25 +57,24 @@ def pack_graphs(graphs: list[Graph], targets: list[NDArray[np.int32]]) -> tuple[
     entry = np.cumsum([0, *(len(graph.indices) for graph in graphs)])
     order = [order_by_colour(graph.indptr, graph.indices, _WINDOW) for graph in graphs[:-1]]
     order.append(np.arange(graphs[-1].size, dtype=np.int32))
-    rank = [inverse_of(slots) for slots in order]
-    indptr, middle = np.empty(first[-1] + 1, dtype=np.uint32), np.empty(first[-1], dtype=np.uint32)
-    indices, conductance = np.empty(entry[-1], dtype=np.uint32), np.empty(entry[-1], dtype=np.float32)
-    inverse, aggregate = np.empty(first[-1], dtype=np.float32), np.zeros(first[-1], dtype=np.uint32)
-    for level, graph in enumerate(graphs):
-        rows = (graph.indptr, graph.indices, graph.conductance, graph.leak, order[level], rank[level])
-        lay_rows(*rows, first[level], entry[level], indptr, middle, indices, conductance, inverse)
-    for level, target in enumerate(targets):
-        aggregate[first[level] : first[level + 1]] = first[level + 1] + rank[level + 1][target[order[level]]]
+    rank = [inverse_of(nodes) for nodes in order]
+    nodes, entries = int(first[-1]), int(entry[-1])
     packed = Graphs(
-        first,
-        indptr,
-        middle,
-        indices,
-        conductance,
-        inverse,
-        aggregate,
-        _inverse(graphs[-1]),
+        first=first,
+        indptr=np.empty(nodes + 1, dtype=np.uint32),
+        middle=np.empty(nodes, dtype=np.uint32),
+        indices=np.empty(entries, dtype=np.uint32),
+        conductance=np.empty(entries, dtype=np.float32),
+        inverse=np.empty(nodes, dtype=np.float32),
+        aggregate=np.zeros(nodes, dtype=np.uint32),
+        coarsest=_inverse(graphs[-1]),
     )
+    for level, graph in enumerate(graphs):
+        rows = (graph.indptr, graph.indices, graph.conductance, graph.leak)
+        lay_rows(rows, order[level], rank[level], first[level], entry[level], packed)
+    for level, target in enumerate(targets):
+        own = first[level + 1] + rank[level + 1][target[order[level]]]
+        packed.aggregate[first[level] : first[level + 1]] = own
     return packed, rank[0]
 
 
@@ -199,16 +198,15 @@ def _sorted(nodes: Indices, key: Indices, start: Indices) -> Indices:
 
 @njit(cache=True)
 def lay_rows(
-    indptr: Indices, indices: Indices, conductance: Floats, leak: Floats, order: Indices, rank: Indices, first: int,
-    entry: int, out_indptr: Unsigned, middle: Unsigned, out_indices: Unsigned, out_conductance: Singles,
-    inverse: Singles,
-) -> None:  # fmt: skip
+    rows: tuple[Indices, Indices, Floats, Floats], order: Indices, rank: Indices, first: int, entry: int, packed: Graphs
+) -> None:
     """Write the rows of a level behind those before it: earlier neighbours first, the others from ``middle`` on."""
+    indptr, indices, conductance, leak = rows
     begin = entry
     for slot in range(len(order)):
         i = order[slot]
         end = begin + indptr[i + 1] - indptr[i]
-        out_indptr[first + slot] = begin
+        packed.indptr[first + slot] = begin
         front, back, degree = begin, end - 1, leak[i]
         for k in range(indptr[i], indptr[i + 1]):
             neighbour = rank[indices[k]]
@@ -217,12 +215,12 @@ def lay_rows(
             at = front if earlier else back
             front += earlier
             back -= not earlier
-            out_indices[at] = first + neighbour
-            out_conductance[at] = conductance[k]
-        middle[first + slot] = front
-        inverse[first + slot] = 1.0 / degree if degree > 0.0 else 0.0
+            packed.indices[at] = first + neighbour
+            packed.conductance[at] = conductance[k]
+        packed.middle[first + slot] = front
+        packed.inverse[first + slot] = 1.0 / degree if degree > 0.0 else 0.0
         begin = end
-    out_indptr[first + len(order)] = begin
+    packed.indptr[first + len(order)] = begin
 
 
 @njit(cache=True)

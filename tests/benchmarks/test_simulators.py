@@ -1,0 +1,28 @@
+"""Which simulators the benchmarks find, and how they are told to use their fastest solver."""
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks import simulators
+
+
+def pretend(path: Path, said: str) -> Path:
+    path.write_text(f"#!/bin/sh\necho '{said}'\n")
+    path.chmod(0o755)
+    return path
+
+
+def test_the_best_comes_last_and_klu_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(simulators, "UNPACKED", pretend(tmp_path / "new", "** ngspice-46 **\n** Compiled with KLU"))
+    monkeypatch.setenv("RESGRID_NGSPICE", str(pretend(tmp_path / "old", "** ngspice-39 **")))
+    old, new = simulators.simulators()
+    assert (old.name, new.name) == ("ngspice 39, Sparse 1.3", "ngspice 46, KLU")
+    assert old.with_cards("* deck\n.op\n.end\n") == "* deck\n.op\n.end\n"
+    assert new.with_cards("* deck\n.op\n.end\n") == "* deck\n.op\n.options klu\n.end\n"
+
+
+def test_there_may_be_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(simulators, "UNPACKED", tmp_path / "none")
+    monkeypatch.setenv("RESGRID_NGSPICE", str(tmp_path / "none"))
+    assert simulators.simulators() == []
