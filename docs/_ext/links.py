@@ -32,7 +32,8 @@ def check_links(app, exception):
     """Warn of links to files or places that are not there, and of what would be fetched from elsewhere."""
     if exception or app.builder.name != "html":
         return
-    pages = {file.resolve(): Page(file) for file in Path(app.outdir).rglob("*.html")}
+    files = (file.resolve() for file in Path(app.outdir).rglob("*.html") if "_static" not in file.parts)
+    pages = {file: Page(file) for file in files}
     for file, page in pages.items():
         for tag, link in sorted(page.links):
             if OUTSIDE.match(link):
@@ -47,5 +48,5 @@ def check_links(app, exception):
 
 def setup(app):
     """Have every page checked in the end."""
-    app.connect("build-finished", check_links)
+    app.connect("build-finished", check_links, priority=900)  # after those who still write files
     return {"parallel_read_safe": True, "parallel_write_safe": True}

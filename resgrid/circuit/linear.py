@@ -43,6 +43,8 @@ def solve_linear(
                     raise CircuitError(OUT_OF_RANGE) from None
                 raise AccuracyError(str(error), read_normwise(system, best, name, seconds)) from None
             del factors
+        if not np.isfinite(x).all():
+            raise CircuitError(OUT_OF_RANGE)
         with _timed(seconds, "read"):
             point = read_normwise(system, x, name, seconds)
         return replace(point, iterations=watch.iterations, backward_error=watch.error)

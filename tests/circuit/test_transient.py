@@ -296,8 +296,13 @@ def test_absurd_step_counts_are_refused() -> None:
 
 
 def test_a_current_into_nothing_is_refused() -> None:
-    with pytest.raises(rg.CircuitError, match="nothing ties to ground"):
-        rg.transient(one_pole(node_count=4, current_nodes=[[0, 3]], current_amps=[1.0]), [1e-6])
+    """An operating point and a transient refuse it by one rule, in the same words."""
+    netlist = one_pole(node_count=4, current_nodes=[[0, 3]], current_amps=[1.0])
+    with pytest.raises(rg.CircuitError, match="nothing ties to ground") as moving:
+        rg.transient(netlist, [1e-6])
+    with pytest.raises(rg.CircuitError) as at_rest:
+        rg.solve(netlist)
+    assert str(moving.value) == str(at_rest.value)
 
 
 def test_an_old_scene_of_another_grid_is_refused() -> None:

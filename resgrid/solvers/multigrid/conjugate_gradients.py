@@ -39,7 +39,7 @@ _DEPTH = 3
 
 _GO_ON = np.empty(0)
 _LIFT = 2.0**64
-"""Norm of a residual on levels scaled by an h-transform: it falls by as many decades as single precision spans."""
+"""Norm of a residual on levels scaled by an h-transform: it falls by as many binades as single precision spans."""
 
 _SMOOTH = 0.1
 """Share of the residual allowed that a guess may leave: its error is smooth, and large beside its residual."""
@@ -117,9 +117,13 @@ class _GraphProblem:
             krylov.scatter_rows(self.slot, self.b, 1.0 / self.unit, r)
             return krylov.norm(r)
         by_rows = krylov.gather_rows(self.slot, x[0])
-        size = krylov.row_residual(*matrix_rows(self.laplacian), self.slot, self.b, by_rows, r)
+        krylov.row_residual(*matrix_rows(self.laplacian), self.slot, self.b, by_rows, r)
         r *= 1.0 / self.unit
-        return size / self.unit
+        return krylov.norm(r)
+
+
+_RANGE = 400
+"""Powers of two between currents and conductances from which squares of voltages may be no doubles."""
 
 
 def iterate(
@@ -138,6 +142,13 @@ def iterate(
     Shapes: `b` (n,), `guess` (n,).
     """
     unit, slot = hierarchy.unit, hierarchy.slot
+    largest = _largest(b)
+    binades = math.frexp(largest)[1] - math.frexp(unit)[1] if largest else 0
+    if abs(binades) > _RANGE:
+        small = np.ldexp(b, -binades), None if guess is None else np.ldexp(guess, -binades)
+        x, size = iterate(laplacian, hierarchy, small[0], rtol, small[1], watch)
+        with np.errstate(over="ignore"):
+            return np.ldexp(x, binades), float(np.ldexp(size, binades))
     levels = with_work(hierarchy.levels)
     problem: Problem
     if hierarchy.true is None:
@@ -148,8 +159,8 @@ def iterate(
         problem = GridProblem(hierarchy.true, hierarchy.finest, levels, currents)
     if guess is not None:
         krylov.scatter_rows(slot, guess, 1.0, x.ravel())
-    wanted = rtol * krylov.norm(b) / unit
-    stop = Stop(wanted, ROUNDING * hierarchy.largest_degree / unit, unit, guess, rtol)
+    fed = krylov.norm(b / unit if hierarchy.true is None else currents.ravel())
+    stop = Stop(rtol * fed, ROUNDING * hierarchy.largest_degree / unit, unit, guess, rtol)
     size = converge(problem, x, stop, Watch() if watch is None else watch)
     return krylov.gather_rows(slot, x.ravel()), size * unit
 
