@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from resgrid import warm
+from resgrid import loops
 from resgrid.cli.warm import command
 
 COMPILED = """
 import sys
 import numba.core.event as event
-from resgrid.warm import CASES
+from resgrid.loops import CASES
 
 class Count(event.Listener):
     names = set()
@@ -39,9 +39,9 @@ def compiled(case: str, folder: Path) -> int:
     return int(done.stdout)
 
 
-@pytest.mark.parametrize("case", warm.CASES)
+@pytest.mark.parametrize("case", loops.CASES)
 def test_every_case_runs(case):
-    warm.CASES[case]()
+    loops.CASES[case]()
 
 
 def test_what_one_process_has_compiled_the_next_one_loads(tmp_path):
@@ -54,17 +54,17 @@ def _fail() -> None:
 
 
 def test_the_command_ends_with_a_code_for_scripts(monkeypatch):
-    monkeypatch.setattr(warm, "compile_loops", lambda _jobs: iter(warm.CASES))
+    monkeypatch.setattr(loops, "compile_loops", lambda _jobs: iter(loops.CASES))
     assert CliRunner().invoke(command, ["--jobs", "2"]).exit_code == 0
 
     def broken(_jobs):
         yield "plane"
         _fail()
 
-    monkeypatch.setattr(warm, "compile_loops", broken)
+    monkeypatch.setattr(loops, "compile_loops", broken)
     assert CliRunner().invoke(command, []).exit_code != 0
 
 
 def test_processes_share_the_cases(monkeypatch):
-    monkeypatch.setattr(warm, "CASES", {"decks": warm.CASES["decks"]})
-    assert list(warm.compile_loops(2)) == ["decks"]
+    monkeypatch.setattr(loops, "CASES", {"decks": loops.CASES["decks"]})
+    assert list(loops.compile_loops(2)) == ["decks"]

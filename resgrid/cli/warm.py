@@ -14,7 +14,7 @@ def command(jobs: int | None) -> None:
 
     What is compiled already is loaded: a second call takes seconds.
     """
-    from resgrid.warm import CASES, compile_loops
+    from resgrid.loops import CASES, compile_loops
 
     say(f"compiling the loops, once after an installation: {len(CASES)} small jobs, a minute or two on two cores")
     with stage("compile the loops", steps=len(CASES)) as progress:
