@@ -30,8 +30,7 @@ def solve_linear(
     with _timed(seconds, "assemble"):
         system = assemble(netlist)
     with _timed(seconds, "factor"):
-        later = accuracy == "direction"
-        factors = factor_laplacian(system.laplacian, method, accuracy=accuracy, later=later) if system.size else None
+        factors = factor_laplacian(system.laplacian, method, accuracy=accuracy) if system.size else None
     name = factors.name if factors else "none"
     if accuracy == "normwise":
         with _timed(seconds, "substitute"):
@@ -47,7 +46,7 @@ def solve_linear(
             raise CircuitError(OUT_OF_RANGE)
         with _timed(seconds, "read"):
             point = read_normwise(system, x, name, seconds)
-        return replace(point, iterations=watch.iterations, backward_error=watch.error)
+        return replace(point, iterations=watch.iterations, backward_error=watch.error, levels=watch.levels)
     with _timed(seconds, "substitute"):
         values = node_values(system, factors, watch, threads)
         del factors
@@ -55,7 +54,9 @@ def solve_linear(
         point, residual = read_entrywise(system, values, name, seconds)
     signed = point.log_drop is None and point.potential is None
     bound = np.inf if signed else watch.bound + np.finfo(np.float64).eps
-    point = replace(point, iterations=watch.iterations, backward_error=watch.error, entry_error=bound)
+    point = replace(
+        point, iterations=watch.iterations, backward_error=watch.error, entry_error=bound, levels=watch.levels
+    )
     _check_direction(point, residual, values.doubt)
     return point
 

@@ -54,9 +54,7 @@ _REDUCING = 220.0
 """Peak memory of elimination, in bytes a row."""
 
 
-def factor_laplacian(
-    laplacian: Laplacian, method: str, *, reduce: bool = True, accuracy: str = "direction", later: bool = False
-) -> Factor:
+def factor_laplacian(laplacian: Laplacian, method: str, *, reduce: bool = True, accuracy: str = "direction") -> Factor:
     """Make a system ready to be solved, unless it would not fit in memory.
 
     Nodes with at most two neighbours are eliminated first where that pays (`resgrid.solvers.star_mesh`), which it does
@@ -68,14 +66,14 @@ def factor_laplacian(
     if reduce and may_shrink(laplacian):
         long = _along_corridors(laplacian, method, accuracy) if laplacian.size >= _LONG else None
         if long is not None:
-            return _factor_whole(laplacian, long, accuracy, later)
+            return _factor_whole(laplacian, long, accuracy)
         _require(_REDUCING * laplacian.size, laplacian, "elimination")
         mesh, core = shrink(laplacian)
         if core is None:
             return ReducedFactor(laplacian, mesh, None)
         if mesh.count >= _FAIR_SHARE * laplacian.size:
-            return ReducedFactor(laplacian, mesh, _factor_whole(core, _choose(core, method, accuracy), accuracy, later))
-    return _factor_whole(laplacian, _choose(laplacian, method, accuracy), accuracy, later)
+            return ReducedFactor(laplacian, mesh, _factor_whole(core, _choose(core, method, accuracy), accuracy))
+    return _factor_whole(laplacian, _choose(laplacian, method, accuracy), accuracy)
 
 
 def _along_corridors(laplacian: Laplacian, method: str, accuracy: str) -> Choice | None:
@@ -87,10 +85,10 @@ def _along_corridors(laplacian: Laplacian, method: str, accuracy: str) -> Choice
     return None if order is None else Choice("direct", order)
 
 
-def _factor_whole(laplacian: Laplacian, choice: Choice, accuracy: str, later: bool) -> Factor:
+def _factor_whole(laplacian: Laplacian, choice: Choice, accuracy: str) -> Factor:
     if choice.method == "multigrid":
         _require(estimate_memory(laplacian, "multigrid", accuracy), laplacian, "multigrid")
-        return factor_multigrid(laplacian, later=later)
+        return factor_multigrid(laplacian, accuracy)
     order = choice.order or order_by_distance(laplacian)
     _require(order.memory if order is not None else _wide_memory(laplacian), laplacian, "direct")
     return factor_direct(laplacian, order or order_by_degree(laplacian))

@@ -248,3 +248,20 @@ def test_leaks_that_outweigh_the_grid_are_no_harder(boundary: str, leak: float) 
     assert watch.iterations <= 12
     expected = direct.solve(dynamics.drive, rtol=1e-14)
     np.testing.assert_allclose(x, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
+
+
+def test_an_operating_point_tells_on_which_levels_it_was_solved() -> None:
+    """Where they are scaled by an h-transform, and where those that are stand aside for plain ones."""
+    corridor = np.zeros((14, 14, 400), dtype=np.uint8)
+    corridor[5, 5, 0] = 2
+    netlist = compile_space(space_of(corridor))
+    assert solve(netlist, method="multigrid").levels == ("h-transform",)
+    assert solve(netlist, method="multigrid", accuracy="normwise").levels == ("plain",)
+    assert solve(netlist, method="direct").levels == ()
+
+
+def test_the_stage_called_factor_coarsens(monkeypatch: pytest.MonkeyPatch) -> None:
+    plane = compile_space(space_of(blocks((160, 160), 1)), boundary="neumann")
+    factors = factor(plane, method="multigrid").factors
+    monkeypatch.setattr("resgrid.solvers.multigrid.hierarchy.build_hierarchy", lambda _: pytest.fail("coarsened late"))
+    assert np.isfinite(factors.solve(np.ones(factors.laplacian.size))).all()

@@ -31,23 +31,19 @@ REFINED = 1e-26
 class MultigridFactor(Factor):
     """A matrix and the hierarchy that preconditions it.
 
-    `laplacian`: as of every `Factor`.
+    `laplacian`: as of every `Factor`; `scalable`: levels to be scaled by the solution's h-transform, where the
+    potential falls by so many decades that plain ones would take longer.
     """
 
+    scalable: Scalable | None = None
     name = "multigrid"
 
     @cached_property
     def hierarchy(self) -> Hierarchy:
-        """What preconditions normwise solutions, and others that fall by few decades; made when it is asked for."""
+        """Plain levels: made at once without `scalable` ones, and beside them where they are asked for."""
         from resgrid.solvers.multigrid.hierarchy import build_hierarchy
 
         return build_hierarchy(self.laplacian)
-
-    @cached_property
-    def _gradable(self) -> Scalable | None:
-        from resgrid.solvers.multigrid.h_transform import scalable
-
-        return scalable(self.laplacian)
 
     def _solve(
         self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
@@ -61,17 +57,25 @@ class MultigridFactor(Factor):
         from resgrid.solvers.multigrid.conjugate_gradients import iterate
         from resgrid.solvers.multigrid.krylov import norm
 
+        _tell(watch, "plain")
         x, residual = iterate(self.laplacian, self.hierarchy, rhs, rtol, guess, watch)
         error = residual / (2.0 * self.hierarchy.largest_degree * norm(x) + norm(rhs) or 1.0)
         return self._judged(x, error, rtol, watch)
 
     def _solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> tuple[Scaled, float]:
+        """As every `Factor` does, on scaled levels if there are any; where these do not converge, on plain ones.
+
+        ``watch`` is told which.
+        """
         from resgrid.solvers.multigrid.conjugate_gradients import approximate
 
-        graded = self._graded_approximation(rhs, watch)
-        found = None if graded is None else self._refined(rhs, graded)
+        found = None
+        scaled = self._on_scaled_levels(rhs, watch)
+        if scaled is not None:
+            _tell(watch, "h-transform")
+            found = self._refined(rhs, scaled)
         if found is None or not found.converged:
-            # Levels that are not graded have their turn.
+            _tell(watch, "plain")
             found = self._refined(rhs, partial(approximate, self.laplacian, self.hierarchy, watch))
         if watch is not None:
             watch.done(found.error, found.bound)
@@ -84,24 +88,26 @@ class MultigridFactor(Factor):
         local = LocalCorrections(self.laplacian, passes, in_slit)
         return refine(self.laplacian, rhs, local, REFINED, resolve=local.anew)
 
-    def _graded_approximation(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> Approximation | None:
+    def _on_scaled_levels(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> Approximation | None:
         """What approximates ``A^-1`` in proportion to the solution, where that falls by many decades."""
-        if isinstance(rhs, Scaled) or not is_graded(self.laplacian):
-            return None
-        levels = self._gradable
-        if levels is None:
+        if self.scalable is None or isinstance(rhs, Scaled):
             return None
         from resgrid.solvers.multigrid.h_transform import scaled_approximation
 
-        graded = scaled_approximation(self.laplacian, levels, rhs, watch)
-        if graded is None:
-            vars(self)["_gradable"] = None  # neither kept nor tried again
-        return graded
+        return scaled_approximation(self.laplacian, self.scalable, rhs, watch)
 
 
-def factor_multigrid(laplacian: Laplacian, *, later: bool = False) -> MultigridFactor:
-    """Build the hierarchy of a nodal system; ``later``, with the first solution, which tells how it is graded."""
-    factors = MultigridFactor(laplacian)
-    if not later:
+def _tell(watch: Watch | None, levels: str) -> None:
+    if watch is not None:
+        watch.uses(levels)
+
+
+def factor_multigrid(laplacian: Laplacian, accuracy: str = "direction") -> MultigridFactor:
+    """Coarsen a matrix: for an h-transform where directions are asked for along many decades, plainly otherwise."""
+    from resgrid.solvers.multigrid.h_transform import scalable
+
+    levels = scalable(laplacian) if accuracy == "direction" and is_graded(laplacian) else None
+    factors = MultigridFactor(laplacian, levels)
+    if levels is None:
         _ = factors.hierarchy
     return factors
