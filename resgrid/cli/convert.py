@@ -42,7 +42,7 @@ def command(source: Source, output: str, dialect: str | None, bare: bool) -> int
     FILE.cir (.sp, .spice, .ckt, .net, .cdl; .scs for Spectre) is a flat deck, beside it the sidecar with the expected
     voltages; FILE.txt an edge list (two nodes and a resistance a line); FILE.graphml and FILE.json (node-link) are
     graphs for networkx and others; FILE.npz holds the netlist's arrays. -o - prints the deck alone. All of these are
-    read, too, and so are Circuitscape configurations (.ini). With --json, "nodes" and kinds of elements count what was
+    read, too, and so are Circuitscape configurations (.ini). In JSON, "nodes" and kinds of elements count what was
     read, and "left_out" how many of each kind FILE does not hold.
     """
     from resgrid.io.networks import NETWORK_SUFFIXES, left_out, write_network

@@ -50,7 +50,8 @@ def by_blend(paths: Sequence[Streamline], k: Sequence[float] | None) -> list[tup
     """Every k in ascending order, None where none is given, and those of its paths that reach a goal."""
     if k is not None and len(k) != len(paths):
         raise InputError(f"{len(k)} values of k for {len(paths)} paths; give one for each")
-    require_paths(paths, paths[0].space)
+    if paths:
+        require_paths(paths, paths[0].space)
     blends: Sequence[float | None] = [None] * len(paths) if k is None else k
     return [
         (

@@ -256,7 +256,7 @@ def test_a_folder_without_a_name_of_its_own_is_a_folder(call, verb, source, tmp_
 
 
 def test_a_deck_that_never_ends_is_refused_before_it_is_read(call, room):
-    check_refusal(call("check", room, "--deck", os.devnull), 2, ["device", "name a deck file"])
+    check_refusal(call("check", room, "--deck", os.devnull), 2, ["device", "give a file"])
 
 
 @pytest.mark.parametrize("form", ["flat", "cells"])

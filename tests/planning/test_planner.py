@@ -50,9 +50,13 @@ def test_a_planner_gives_what_the_stages_give() -> None:
 
 def test_blends_share_two_solves(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = []
-    monkeypatch.setattr(
-        road, "solve", lambda netlist, **_: calls.append(netlist.cells.wiring.boundary) or solve(netlist)
-    )
+    solve = road.Work.solve
+
+    def counted(work: road.Work, netlist: rg.Netlist, stage: str) -> rg.OperatingPoint:
+        calls.append(netlist.cells.wiring.boundary)
+        return solve(work, netlist, stage)
+
+    monkeypatch.setattr(road.Work, "solve", counted)
     planner = plan(two_goal_room(), k=1.0)
     planner.paths([(1.0, 14.0), (8.0, 7.0)])
     clearance_curve(planner, (0.0, 0.2, 1.0), [(1.0, 14.0)])
