@@ -147,6 +147,8 @@ class WarmStart:
         AccuracyError
             If the backward error is not reached.
         """
+        if not isinstance(space, ConfigurationSpace):
+            raise InputError(f"space = {space!r} must be a ConfigurationSpace (rg.sample(scene))")
         watch, state, self._state = Watch(progress), self._state, None
         wiring = self.wiring.on(space)
         fresh = state is None or not state.takes(space)

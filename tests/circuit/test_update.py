@@ -198,3 +198,8 @@ def test_an_error_leaves_nothing_behind():
 def test_rails_of_cells_are_refused():
     with pytest.raises(rg.InputError, match="merged"):
         rg.WarmStart(rails="cells")
+
+
+def test_what_is_no_space_is_refused():
+    with pytest.raises(rg.InputError, match="must be a ConfigurationSpace"):
+        rg.WarmStart().solve("rooms.toml")
