@@ -61,7 +61,7 @@ def boxes_around(space: ConfigurationSpace, cells: NDArray[np.int64]) -> list[tu
         here = cells[number.ravel() == k]
         first, last = here.min(axis=0) - 2, here.max(axis=0) + 3
         while met := next((other for other in found if _meet(other, (first, last), side)), None):
-            found.remove(met)
+            found = [other for other in found if other is not met]
             first, last = np.minimum(first, met[0]), np.maximum(last, met[1])
         found.append((first, last))
     boxes = []

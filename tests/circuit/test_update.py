@@ -6,6 +6,7 @@ from hypothesis import given, settings, strategies as st
 
 import resgrid as rg
 from resgrid.circuit.equations import assemble
+from resgrid.circuit.window import boxes_around
 
 WIRINGS = (
     {"boundary": "dirichlet"},
@@ -203,3 +204,9 @@ def test_rails_of_cells_are_refused():
 def test_what_is_no_space_is_refused():
     with pytest.raises(rg.InputError, match="must be a ConfigurationSpace"):
         rg.WarmStart().solve("rooms.toml")
+
+
+def test_changes_in_several_places_are_joined_where_their_windows_meet():
+    """Two places apart, and a third that meets the second one alone."""
+    boxes = boxes_around(plane((400, 400), 0), np.array([[8, 8], [300, 300], [330, 330]]))
+    assert boxes is not None and len(boxes) == 2
