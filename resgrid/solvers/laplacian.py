@@ -111,7 +111,7 @@ class Laplacian:
         """The conductances ``g_ij``, in siemens, shape (n, n); symmetric, positive, sorted, no diagonal."""
         return self.sorted_rows.array
 
-    @cached_property
+    @property
     def rows(self) -> sparse.csr_array:
         """The `edges` with the entries of every row in any order: half of the work, on a general graph."""
         return self.edges if self.any_rows.ordered else self.any_rows.array
@@ -124,10 +124,10 @@ class Laplacian:
         rows = self.any_rows
         if rows.ordered:
             return rows
-        if self.compressed is not None:
-            rows = Rows(rows.indptr, rows.indices.copy(), rows.data.copy(), ordered=False)
+        rows = Rows(rows.indptr, rows.indices.copy(), rows.data.copy(), ordered=True)  # others may be reading those
         sort_rows(rows.indptr, rows.indices, rows.data)
-        return rows._replace(ordered=True)
+        vars(self)["any_rows"] = rows  # one of them is enough
+        return rows
 
     @cached_property
     def any_rows(self) -> Rows:

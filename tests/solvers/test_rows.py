@@ -59,3 +59,15 @@ def test_those_of_a_grid_come_in_order(shape: tuple[int, ...]) -> None:
     assert system.laplacian.rows.has_sorted_indices
     assert np.shares_memory(system.laplacian.edges.data, system.laplacian.rows.data)
     np.testing.assert_allclose(system.laplacian.edges.toarray(), summed(system), rtol=1e-14)
+
+
+def test_rows_that_somebody_reads_are_not_sorted_under_his_hands() -> None:
+    """Two threads may solve with one matrix: one reads its rows as they came, the other asks for sorted ones."""
+    rng = np.random.default_rng(0)
+    pairs = rng.permutation(np.concatenate([np.stack([np.arange(1, 39), np.arange(2, 40)], axis=1)] * 2))
+    laplacian = assemble(netlist_of(pairs, rng.uniform(0.5, 2.0, len(pairs)), 40)).laplacian
+    read = laplacian.any_rows
+    column, value = read.indices.copy(), read.data.copy()
+    assert not read.ordered and laplacian.sorted_rows.ordered
+    np.testing.assert_array_equal(read.indices, column)
+    np.testing.assert_array_equal(read.data, value)
