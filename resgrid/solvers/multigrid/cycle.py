@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from resgrid.jit import ZERO, inner, inner_fast
+from resgrid.solvers.multigrid.graph_sweeps import Graphs, ascend_graph, descend_graph, solve_coarsest
 from resgrid.solvers.multigrid.red_black import (
     Floats,
     Indices,
@@ -24,9 +24,6 @@ from resgrid.solvers.multigrid.red_black import (
 )
 from resgrid.solvers.multigrid.subnormals import flush_subnormals, restore_subnormals
 from resgrid.solvers.multigrid.sweeps import prolong_and_multiply, restrict
-
-Unsigned = NDArray[np.uint32]
-"""Indices without a sign: compiled code need not ask whether one counts from the end."""
 
 _ONE, _TWO, _THREE, _FOUR, _FIVE = (np.uint32(k) for k in range(1, 6))
 
@@ -56,27 +53,6 @@ class Grids(NamedTuple):
     black_degree: Singles
     aggregate: Indices
     weight: Singles
-
-
-class Graphs(NamedTuple):
-    """Graphs in compressed rows, without diagonal, one behind the other; nodes and entries count over all levels.
-
-    Nodes of level ``l`` stand at ``first[l] ... first[l + 1]``.
-
-    `first` (levels + 1,); `indptr` (nodes + 1,); `middle` (nodes,): where in a row the neighbours begin that come
-    after it; `indices, conductance` (entries,); `inverse` (nodes,): of the diagonal; `aggregate` (nodes,): node of the
-    next level; `coarsest`:
-    inverse of the last level's matrix; empty where its diagonal must do.
-    """
-
-    first: Integers
-    indptr: Unsigned
-    middle: Unsigned
-    indices: Unsigned
-    conductance: Singles
-    inverse: Singles
-    aggregate: Unsigned
-    coarsest: Singles
 
 
 class Work(NamedTuple):
@@ -161,11 +137,11 @@ def _precondition_graph(
     for i in range(n):
         b[i] = r[i]
     if len(graphs.first) == 2:
-        _solve_coarsest(graphs, b, x)
+        solve_coarsest(graphs, b, x)
     else:
-        _descend_graph(graphs, ZERO, b, x)
+        descend_graph(graphs, ZERO, b, x)
         _cycle(levels, stop, ZERO + 1)
-        _ascend_graph(graphs, ZERO, b, x, levels.work.w)
+        ascend_graph(graphs, ZERO, b, x, levels.work.w)
     for i in range(n):
         z[i] = x[i]
     return _multiply_graph(graphs, ground, z, r, s, w)
@@ -209,7 +185,7 @@ def _cycle(levels: Levels, stop: float, top: int) -> None:
     while level >= top:
         graph = level - count
         if level == last:
-            _solve_coarsest(graphs, b, x)
+            solve_coarsest(graphs, b, x)
             level -= 1
             continue
         of, done = _vectors(levels, level), False
@@ -251,7 +227,7 @@ def _descend(levels: Levels, level: int) -> None:
     count, of = len(grids.margin), _vectors(levels, level)
     if level >= count:
         begin = 2 * grids.slots[count] + 1
-        _descend_graph(graphs, level - count, work.b[begin:], work.x[begin:])
+        descend_graph(graphs, level - count, work.b[begin:], work.x[begin:])
         return
     stencil, (a, e) = _stencil(grids, level), (grids.slots[level], grids.slots[level + 1])
     _times(stencil.black_inverse, of.r, of.z)
@@ -265,7 +241,7 @@ def _ascend(levels: Levels, level: int, s: Singles, y: Singles) -> tuple[float, 
     count, of = len(grids.margin), _vectors(levels, level)
     if level >= count:
         begin, after = 2 * grids.slots[count] + 1, grids.slots[count]
-        _ascend_graph(graphs, level - count, work.b[begin:], work.x[begin:], work.w[after:])
+        ascend_graph(graphs, level - count, work.b[begin:], work.x[begin:], work.w[after:])
         return _multiply_after(graphs, level - count, of, work.w[after:], s, y)
     stencil, (a, e) = _stencil(grids, level), (grids.slots[level], grids.slots[level + 1])
     coarse = work.x[2 * e : _end_below(levels, level)]
@@ -364,51 +340,6 @@ def _second_step(of: _Vectors, alpha: float, energy: float, rest: float, product
 
 
 @inner
-def _descend_graph(graphs: Graphs, level: int, b: Singles, x: Singles) -> None:
-    """Gauss-Seidel from zero, and the residual summed into the next level's right-hand side.
-
-    After the sweep row ``i`` lacks only its later neighbours: its residual is ``sum_{j > i} g_ij x_j``.  Loops run
-    over parts of arrays from zero on: a counter that is never negative needs no check.
-    """
-    begin, end = graphs.first[level], graphs.first[level + 1]
-    for node in range(end, graphs.first[level + 2]):
-        b[node] = 0.0
-    g, j = graphs.conductance, graphs.indices
-    row, middle = graphs.indptr[begin : end + 1], graphs.middle[begin:end]
-    own, mine, inverse, aggregate = x[begin:end], b[begin:end], graphs.inverse[begin:end], graphs.aggregate[begin:end]
-    for i in range(len(own)):
-        s = np.float32(0.0)
-        for k in range(row[i], middle[i]):
-            s += g[k] * x[j[k]]
-        own[i] = (mine[i] + s) * inverse[i]
-    for i in range(len(own)):
-        s = np.float32(0.0)
-        for k in range(middle[i], row[i + 1]):
-            s += g[k] * x[j[k]]
-        b[aggregate[i]] += s
-
-
-@inner
-def _ascend_graph(graphs: Graphs, level: int, b: Singles, x: Singles, w: Singles) -> None:
-    """Add the next level's answer, then Gauss-Seidel in the reverse order; ``w`` keeps the changes."""
-    begin, end = graphs.first[level], graphs.first[level + 1]
-    g, j = graphs.conductance, graphs.indices
-    own, mine, inverse, change = x[begin:end], b[begin:end], graphs.inverse[begin:end], w[begin:end]
-    aggregate, row, after = graphs.aggregate[begin:end], graphs.indptr[begin:end], graphs.indptr[begin + 1 : end + 1]
-    n = len(own)
-    for i in range(n):
-        own[i] += x[aggregate[i]]
-    for back in range(n):
-        at = np.uint32(n - 1 - back)
-        s = np.float32(0.0)
-        for k in range(row[at], after[at]):
-            s += g[k] * x[j[k]]
-        new = (mine[at] + s) * inverse[at]
-        change[at] = new - own[at]
-        own[at] = new
-
-
-@inner
 def _multiply_after(
     graphs: Graphs, level: int, of: _Vectors, change: Singles, s: Singles, y: Singles
 ) -> tuple[float, float, float]:
@@ -431,15 +362,3 @@ def _multiply_after(
         zr += one * np.float64(r[at])
         zy += one * np.float64(y[at])
     return zr, zy, zs
-
-
-@inner_fast
-def _solve_coarsest(graphs: Graphs, b: Singles, x: Singles) -> None:
-    """The inverse of the last level's matrix times its right-hand side; without one, that of the diagonal."""
-    begin = graphs.first[len(graphs.first) - 2]
-    own, mine, inverse = x[begin:], b[begin:], graphs.coarsest
-    for i in range(len(graphs.inverse) - begin):
-        total = np.float32(0.0)
-        for j in range(len(inverse)):
-            total += inverse[i, j] * mine[j]
-        own[i] = total if len(inverse) > 0 else mine[i] * graphs.inverse[begin + i]

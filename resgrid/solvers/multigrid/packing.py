@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from resgrid.jit import inner
 from resgrid.solvers import numbering_kernels as numbering
-from resgrid.solvers.multigrid.cycle import Graphs, Grids, Levels, Work
+from resgrid.solvers.multigrid.cycle import Grids, Levels, Work
+from resgrid.solvers.multigrid.graph_sweeps import Graphs
 from resgrid.solvers.multigrid.graphs import Graph, coarsen_down
 from resgrid.solvers.multigrid.red_black import Stencil
 

@@ -1,0 +1,92 @@
+"""Gauss-Seidel over packed graphs: the way down from a level to the next, the way up, and the last one."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.jit import inner, inner_fast
+
+Integers = NDArray[np.int64]
+Singles = NDArray[np.float32]
+Unsigned = NDArray[np.uint32]
+"""Indices without a sign: compiled code need not ask whether one counts from the end."""
+
+
+class Graphs(NamedTuple):
+    """Graphs in compressed rows, without diagonal, one behind the other; nodes and entries count over all levels.
+
+    Nodes of level ``l`` stand at ``first[l] ... first[l + 1]``.
+
+    `first` (levels + 1,); `indptr` (nodes + 1,); `middle` (nodes,): where in a row the neighbours begin that come
+    after it; `indices, conductance` (entries,); `inverse` (nodes,): of the diagonal; `aggregate` (nodes,): node of the
+    next level; `coarsest`: inverse of the last level's matrix; empty where its diagonal must do.
+    """
+
+    first: Integers
+    indptr: Unsigned
+    middle: Unsigned
+    indices: Unsigned
+    conductance: Singles
+    inverse: Singles
+    aggregate: Unsigned
+    coarsest: Singles
+
+
+@inner
+def descend_graph(graphs: Graphs, level: int, b: Singles, x: Singles) -> None:
+    """Gauss-Seidel from zero, and the residual summed into the next level's right-hand side.
+
+    After the sweep row ``i`` lacks only its later neighbours: its residual is ``sum_{j > i} g_ij x_j``.  Loops run
+    over parts of arrays from zero on: a counter that is never negative needs no check.
+    """
+    begin, end = graphs.first[level], graphs.first[level + 1]
+    for node in range(end, graphs.first[level + 2]):
+        b[node] = 0.0
+    g, j = graphs.conductance, graphs.indices
+    row, middle = graphs.indptr[begin : end + 1], graphs.middle[begin:end]
+    own, mine, inverse, aggregate = x[begin:end], b[begin:end], graphs.inverse[begin:end], graphs.aggregate[begin:end]
+    for i in range(len(own)):
+        s = np.float32(0.0)
+        for k in range(row[i], middle[i]):
+            s += g[k] * x[j[k]]
+        own[i] = (mine[i] + s) * inverse[i]
+    for i in range(len(own)):
+        s = np.float32(0.0)
+        for k in range(middle[i], row[i + 1]):
+            s += g[k] * x[j[k]]
+        b[aggregate[i]] += s
+
+
+@inner
+def ascend_graph(graphs: Graphs, level: int, b: Singles, x: Singles, w: Singles) -> None:
+    """Add the next level's answer, then Gauss-Seidel in the reverse order; ``w`` keeps the changes."""
+    begin, end = graphs.first[level], graphs.first[level + 1]
+    g, j = graphs.conductance, graphs.indices
+    own, mine, inverse, change = x[begin:end], b[begin:end], graphs.inverse[begin:end], w[begin:end]
+    aggregate, row, after = graphs.aggregate[begin:end], graphs.indptr[begin:end], graphs.indptr[begin + 1 : end + 1]
+    n = len(own)
+    for i in range(n):
+        own[i] += x[aggregate[i]]
+    for back in range(n):
+        at = np.uint32(n - 1 - back)
+        s = np.float32(0.0)
+        for k in range(row[at], after[at]):
+            s += g[k] * x[j[k]]
+        new = (mine[at] + s) * inverse[at]
+        change[at] = new - own[at]
+        own[at] = new
+
+
+@inner_fast
+def solve_coarsest(graphs: Graphs, b: Singles, x: Singles) -> None:
+    """The inverse of the last level's matrix times its right-hand side; without one, that of the diagonal."""
+    begin = graphs.first[len(graphs.first) - 2]
+    own, mine, inverse = x[begin:], b[begin:], graphs.coarsest
+    for i in range(len(graphs.inverse) - begin):
+        total = np.float32(0.0)
+        for j in range(len(inverse)):
+            total += inverse[i, j] * mine[j]
+        own[i] = total if len(inverse) > 0 else mine[i] * graphs.inverse[begin + i]
