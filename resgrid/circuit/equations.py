@@ -88,12 +88,13 @@ class Equations:
 
         Rails and floating sources drive sums of products; several current sources at a row are summed.
         """
-        lift = float(np.abs(self.forest.height[self.forest.base != GROUND]).max(initial=0.0))
         row, amps = self.unknown[self.netlist.current_nodes].ravel(), np.repeat(self.netlist.current_amps, 2)
         row, amps = row[row >= 0], np.abs(amps[row >= 0])
         several = np.bincount(row, minlength=self.size) > 1
         summed = np.where(several, np.bincount(row, amps, self.size), 0.0)
-        return np.asarray(np.finfo(np.float64).eps * (lift * self.laplacian.diagonal + np.abs(self.feed) + summed))
+        return np.asarray(
+            np.finfo(np.float64).eps * (self.forest.lift * self.laplacian.diagonal + np.abs(self.feed) + summed)
+        )
 
 
 @dataclass(frozen=True, eq=False)

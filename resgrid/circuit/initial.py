@@ -20,7 +20,7 @@ from resgrid.circuit.dynamics import ChargeBasis, Dynamics, charge_basis
 from resgrid.circuit.node_values import subtract
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import AccuracyError, InputError
-from resgrid.netlist import GROUND, CellMap, Netlist
+from resgrid.netlist import CellMap, Netlist
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.factors.factor import Factor
 from resgrid.solvers.monitor import Watch
@@ -81,9 +81,7 @@ class Charges:
 
     def _lift(self, factors: Factor) -> NDArray[np.float64]:
         """What floating sources may round off the drive of every row of a matrix, shape (n,)."""
-        forest = self.dynamics.forest
-        height = float(np.abs(forest.height[forest.base != GROUND]).max(initial=0.0))
-        return np.asarray(_EPS * height * factors.laplacian.diagonal)
+        return np.asarray(_EPS * self.dynamics.forest.lift * factors.laplacian.diagonal)
 
     @property
     def _apart(self) -> bool:

@@ -37,6 +37,11 @@ class SourceForest:
     loop: NDArray[np.bool_]
 
     @property
+    def lift(self) -> float:
+        """The most by which a floating source holds a node above its tree's first one, in volts."""
+        return float(np.abs(self.height[self.base != GROUND]).max(initial=0.0))
+
+    @property
     def root(self) -> NDArray[np.int64]:
         """Node that every node's voltage is counted from, shape (nodes,): itself, where no source ties it."""
         root = np.arange(self.count)
