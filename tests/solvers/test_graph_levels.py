@@ -14,6 +14,7 @@ from resgrid.solvers import numbering_kernels as numbering
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid import cycle, graphs, packing
 from resgrid.solvers.multigrid.conjugate_gradients import iterate
+from resgrid.solvers.multigrid.graph_sweeps import ascend_graph, multiply_after
 from resgrid.solvers.multigrid.graphs import Graph, coarsen_down
 from resgrid.solvers.multigrid.hierarchy import build_hierarchy
 
@@ -125,11 +126,6 @@ def test_levels_are_packed_in_an_order_of_their_own(seed: int) -> None:
     assert np.allclose(levels.inverse[:n] * np.diag(matrix), np.diag(matrix) > 0, rtol=1e-6)
 
 
-@njit
-def _cycle_without_steps(levels: cycle.Levels) -> None:
-    cycle._cycle(levels, np.inf, 0)
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_one_cycle_without_inner_steps_is_symmetric_and_positive(seed: int) -> None:
     graph = random_graph(400, 3.0, seed)
@@ -139,7 +135,7 @@ def test_one_cycle_without_inner_steps_is_symmetric_and_positive(seed: int) -> N
     for node in range(graph.size):
         levels.work.b[: graph.size + 1] = 0.0
         levels.work.b[1 + node] = 1.0
-        _cycle_without_steps(levels)
+        cycle.cycle(levels, np.inf, 0)
         columns[:, node] = levels.work.x[1 : graph.size + 1]
     scale = np.abs(columns).max()
     assert np.allclose(columns, columns.T, rtol=1e-4, atol=1e-5 * scale)
@@ -148,8 +144,10 @@ def test_one_cycle_without_inner_steps_is_symmetric_and_positive(seed: int) -> N
 
 @njit
 def _up_and_product(levels: cycle.Levels) -> float:
-    of = cycle._vectors(levels, 0)
-    return cycle._ascend(levels, 0, of.v, of.v)[1]
+    (graphs, work), n = levels[1:], levels.graphs.first[1]
+    b, x = work.b[1:], work.x[1:]
+    ascend_graph(graphs, 0, b, x, work.w)
+    return multiply_after(graphs, 0, b[:n], x[:n], work.w, work.v[:n], work.v[:n])[1]
 
 
 def test_half_a_product_after_the_way_up_is_the_whole_one() -> None:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.solvers.multigrid.cycle import Finest, Levels, precondition
+from resgrid.solvers.multigrid.cycle import precondition
 from resgrid.solvers.multigrid.grid_level import Level, to_graph
 from resgrid.solvers.multigrid.hierarchy import Hierarchy
 from resgrid.solvers.multigrid.packing import with_work
@@ -39,10 +38,5 @@ def cells_of(level: Level) -> NDArray[np.int64]:
 def preconditioned(hierarchy: Hierarchy, r: NDArray[np.float32]) -> NDArray[np.float64]:
     """A residual of the finest level, preconditioned by a cycle that is linear: without the steps of the K-cycle."""
     z = hierarchy.finest.stencil.black_inverse * r
-    _precondition(hierarchy.finest, with_work(hierarchy.levels), r, z)
+    precondition(hierarchy.finest, with_work(hierarchy.levels), r, np.zeros_like(r), z, np.zeros_like(r), np.inf)
     return z.astype(np.float64)
-
-
-@njit
-def _precondition(finest: Finest, levels: Levels, r: NDArray[np.float32], z: NDArray[np.float32]) -> None:
-    precondition(finest, levels, np.inf, r, np.zeros_like(r), z, np.zeros_like(r))

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,8 @@ from resgrid.solvers.extended import power
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid import krylov, sweeps
-from resgrid.solvers.multigrid.cycle import Finest, Levels
+from resgrid.solvers.multigrid.cycle import Finest, Levels, precondition
 from resgrid.solvers.multigrid.hierarchy import Hierarchy
-from resgrid.solvers.multigrid.krylov import Vectors
 from resgrid.solvers.multigrid.packing import with_work
 from resgrid.solvers.multigrid.red_black import Stencil
 from resgrid.solvers.refine import Numbers
@@ -31,13 +30,15 @@ LEAST_GAIN = 0.5
 """Factor by which the true residual must fall from burst to burst."""
 
 ROUNDING = 2.0**-52
+_BURST = 1e-5
+"""Gain of a burst from its largest residual on: vectors in single precision allow no more."""
+
 _TOLD = 5e-7
 """Gain below which the residual that recursion leaves is rounding of single precision."""
 
 _DEPTH = 3
 """Steps that are kept before they are gone."""
 
-_GO_ON = np.empty(0)
 _LIFT = 2.0**64
 """Norm of a residual on levels scaled by an h-transform: it falls by as many binades as single precision spans."""
 
@@ -58,6 +59,24 @@ _DOUBT = 10.0
 
 _PASS, _LEAST_PASS = 1e-12, 1e-2
 """By how much a pass of refinement lessens the residual: at most, and at least."""
+
+
+class Vectors(NamedTuple):
+    """The vectors of a burst.
+
+    `inverse` (slots,): of the diagonal; `r, s, w` (slots,): residual, ``A p`` and ``A z``; `z` (depth, slots):
+    preconditioned residuals that are not yet part of the answer; `p` (slots,): direction before them; `on_x, on_p`
+    (depth + 1,): their shares in the answer and in the direction, and, last, those of ``p``.
+    """
+
+    inverse: NDArray[np.float32]
+    r: NDArray[np.float32]
+    s: NDArray[np.float32]
+    w: NDArray[np.float32]
+    z: NDArray[np.float32]
+    p: NDArray[np.float64]
+    on_x: NDArray[np.float64]
+    on_p: NDArray[np.float64]
 
 
 class Problem(Protocol):
@@ -234,7 +253,7 @@ def converge(
 ) -> float:
     """Improve ``x`` (colours, slots) in place until the residual is small enough, or rounding forbids more.
 
-    Without a watch, a burst is taken in one piece.  Returns the norm, in units.
+    Returns the norm, in units.
     """
     burst = _Burst(problem, stop, watch)
     at_rest = not stop.guessed if at_rest is None else at_rest
@@ -269,35 +288,55 @@ class _Burst:
         # Between bursts, the true residual stands where the last steps will be kept.
         self.residual = self._v.z[-2:].reshape(-1).view(np.float64)
         self.left = 1.0
+        self._kept = 0
         self.forget()
 
     def forget(self) -> None:
         """Drop the last direction: a residual that is not what recursion left is not orthogonal to it."""
-        self._v.scalars[1] = 0.0
+        self._energy = 0.0
 
     def run(self, x: NDArray[np.float64], size: float, gain: float, most: int) -> int:
-        """Reduce the residual, of norm ``size``, by a factor ``gain``; returns the steps taken."""
-        stop, v, watch = self._stop, self._v, self._watch
-        lift = _LIFT if len(self._problem.finest.weight) else 1.0
-        one, steps = size / lift, 0
-        if watch is None:
-            steps = self._step(x, self.residual, (one, lift), gain, most)
-        else:
-            krylov.begin_burst(v, one, self.residual)
-            while steps < most and not stop.small and self._step(x, _GO_ON, (one, lift), gain, 1):
-                steps += 1
-                alpha, work = v.scalars[4:].tolist()
-                stop.moved(work * one * one, partial(_move, v, abs(alpha) * one))
-                watch.step(float(v.scalars[2]) * size * stop.unit)
-            krylov.gather_steps(v, x, one)
-        self.left = float(v.scalars[2])
+        """Reduce the residual, of norm ``size``, by a factor ``gain``; returns the steps taken.
+
+        ``p = z + beta p``, ``x += alpha p``, ``r -= alpha A p``, ``z`` about ``A^-1 r``.
+        """
+        of, v = self._problem, self._v
+        lift = _LIFT if len(of.finest.weight) else 1.0
+        one, steps, peak = size / lift, 0, 1.0
+        self.left = 1.0
+        krylov.begin(self.residual, one, v.inverse, v.r, v.z[0])
+        while self.left > max(gain, _BURST * peak) and steps < most and not self._stop.small:
+            zr, zw, zs = precondition(of.finest, of.levels, v.r, v.s, v.z[self._kept], v.w)
+            beta = -zs / self._energy if self._energy > 0.0 else 0.0
+            self._energy = zw + beta * zs
+            if not self._energy > 0.0:
+                break
+            alpha = zr / self._energy
+            v.on_p[:] *= beta
+            v.on_p[self._kept] = 1.0
+            v.on_x[:] += alpha * v.on_p
+            self._kept += 1
+            if self._kept == len(v.z):
+                self._gather(x, one)
+            self.left = krylov.advance(v.inverse, v.w, v.s, v.r, v.z[self._kept], beta, alpha) / lift
+            peak, steps = max(peak, self.left), steps + 1
+            self._stop.moved(alpha * zr * one * one, partial(self._move, abs(alpha) * one))
+            if self._watch is not None:
+                self._watch.step(self.left * size * self._stop.unit)
+        self._gather(x, one)
         return steps
 
-    def _step(
-        self, x: NDArray[np.float64], residual: NDArray[np.float64], unit: tuple[float, float], gain: float, most: int
-    ) -> int:
-        of = self._problem
-        return int(krylov.step(of.finest, of.levels, self._v, x, residual, unit, gain, most))
+    def _gather(self, x: NDArray[np.float64], one: float) -> None:
+        """Go the steps kept: they become part of ``x``, in units of ``one``."""
+        v = self._v
+        krylov.add_steps(v.z[: self._kept], v.on_x, v.on_p, one, v.p, x)
+        v.on_x[:], v.on_p[:] = 0.0, 0.0
+        v.on_p[-1] = 1.0
+        self._kept = 0
+
+    def _move(self, length: float) -> float:
+        """Largest move of a voltage in a step of this length."""
+        return length * krylov.largest_step(self._v.z[: self._kept], self._v.on_p, self._v.p)
 
 
 def _vectors(inverse: NDArray[np.float32], depth: int) -> Vectors:
@@ -305,12 +344,7 @@ def _vectors(inverse: NDArray[np.float32], depth: int) -> Vectors:
     r, s, w = np.zeros((3, slots), dtype=np.float32)
     z, (on_x, on_p) = np.empty((depth, slots), dtype=np.float32), np.zeros((2, depth + 1))
     on_p[-1] = 1.0
-    return Vectors(inverse, r, s, w, z, np.zeros(slots), on_x, on_p, np.zeros(6))
-
-
-def _move(v: Vectors, length: float) -> float:
-    """Largest move of a voltage in a step of this length."""
-    return float(length * krylov.largest_step(v))
+    return Vectors(inverse, r, s, w, z, np.zeros(slots), on_x, on_p)
 
 
 def matrix_rows(

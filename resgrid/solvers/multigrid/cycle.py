@@ -10,9 +10,17 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
-from resgrid.jit import ZERO, inner, inner_fast
-from resgrid.solvers.multigrid.graph_sweeps import Graphs, ascend_graph, descend_graph, solve_coarsest
+from resgrid.jit import inner, inner_fast
+from resgrid.solvers.multigrid.graph_sweeps import (
+    Graphs,
+    ascend_graph,
+    descend_graph,
+    multiply_after,
+    multiply_graph,
+    solve_coarsest,
+)
 from resgrid.solvers.multigrid.red_black import (
     Floats,
     Indices,
@@ -25,7 +33,8 @@ from resgrid.solvers.multigrid.red_black import (
 from resgrid.solvers.multigrid.subnormals import flush_subnormals, restore_subnormals
 from resgrid.solvers.multigrid.sweeps import prolong_and_multiply, restrict
 
-_ONE, _TWO, _THREE, _FOUR, _FIVE = (np.uint32(k) for k in range(1, 6))
+ENOUGH = 0.07
+"""Residual after the first step of a K-cycle on the first coarse level that spares the second."""
 
 
 class Grids(NamedTuple):
@@ -95,167 +104,105 @@ class Finest(NamedTuple):
     ground: Floats
 
 
-class _Vectors(NamedTuple):
-    """Right-hand side, answer, first direction and products of one level's nodes (of a grid: of its black ones)."""
-
-    r: Singles
-    z: Singles
-    c: Singles
-    v: Singles
-    w: Singles
-
-
-@inner
 def precondition(
-    finest: Finest, levels: Levels, stop: float, r: Singles, s: Singles, z: Singles, w: Singles
+    finest: Finest, levels: Levels, r: Singles, s: Singles, z: Singles, w: Singles, stop: float = ENOUGH
 ) -> tuple[float, float, float]:
     """Precondition the residual ``r``, relaxed in ``z``, and multiply: ``w = A z``; returns ``z.r, z.w, z.s``.
 
-    Of a grid, all vectors are over its black cells, and the matrix is their Schur complement.
+    Of a grid, all vectors are over its black cells, and the matrix is their Schur complement.  ``stop``: see `cycle`.
     """
-    flags = flush_subnormals()
-    if len(finest.ground) > 0:
-        products = _precondition_graph(finest.ground, levels, stop, r, s, z, w)
+    grids, graphs, work = levels
+    if not len(finest.ground):
+        size = 2 * grids.slots[1] if len(grids.margin) else 1 + graphs.first[1]
+        stencil, aggregate, weight = finest.stencil, finest.aggregate, finest.weight
+        restrict(stencil, aggregate, weight, z, work.b[:size])
+        cycle(levels, stop, 0)
+        return prolong_and_multiply(stencil, finest.exact, aggregate, weight, work.x[:size], r, s, z, w)
+    b, x, only = work.b[1:], work.x[1:], len(graphs.first) == 2
+    b[: len(r)] = r
+    if only:
+        cycle(levels, stop, 0)
     else:
-        grids, graphs, work = levels
-        size = 2 * grids.slots[1] if len(grids.margin) > 0 else 1 + graphs.first[1]
-        restrict(finest.stencil, finest.aggregate, finest.weight, z, work.b[:size])
-        _cycle(levels, stop, ZERO)
-        products = prolong_and_multiply(
-            finest.stencil, finest.exact, finest.aggregate, finest.weight, work.x[:size], r, s, z, w
-        )
-    restore_subnormals(flags)
-    return products
+        descend_graph(graphs, 0, b, x)
+        cycle(levels, stop, 1)
+        ascend_graph(graphs, 0, b, x, work.w)
+    z[:] = x[: len(r)]
+    return multiply_graph(graphs, finest.ground, z, r, s, w)
 
 
-@inner
-def _precondition_graph(
-    ground: Floats, levels: Levels, stop: float, r: Singles, s: Singles, z: Singles, w: Singles
-) -> tuple[float, float, float]:
-    graphs, n = levels.graphs, len(r)
-    b, x = levels.work.b[1:], levels.work.x[1:]
-    for i in range(n):
-        b[i] = r[i]
-    if len(graphs.first) == 2:
-        solve_coarsest(graphs, b, x)
-    else:
-        descend_graph(graphs, ZERO, b, x)
-        _cycle(levels, stop, ZERO + 1)
-        ascend_graph(graphs, ZERO, b, x, levels.work.w)
-    for i in range(n):
-        z[i] = x[i]
-    return _multiply_graph(graphs, ground, z, r, s, w)
-
-
-@inner_fast
-def _multiply_graph(
-    graphs: Graphs, ground: Floats, z: Singles, r: Singles, s: Singles, w: Singles
-) -> tuple[float, float, float]:
-    """``w = A z`` in double precision, differences first; ``z.r``, ``z.w`` and ``z.s``."""
-    row, g, j = graphs.indptr, graphs.conductance, graphs.indices
-    zr, zw, zs = 0.0, 0.0, 0.0
-    for i in range(len(r)):
-        zi = np.float64(z[i])
-        total = ground[i] * zi
-        for k in range(row[i], row[i + 1]):
-            total += np.float64(g[k]) * (zi - np.float64(z[j[k]]))
-        w[i] = total
-        zr += zi * r[i]
-        zw += zi * total
-        zs += zi * s[i]
-    return zr, zw, zs
-
-
-@inner
-def _cycle(levels: Levels, stop: float, top: int) -> None:
+@njit(cache=True, nogil=True)
+def cycle(levels: Levels, stop: float, top: int) -> None:
     """Approximate ``x = A^-1 b`` on level ``top`` by K-cycles.
 
     The second step is spared where the first has brought the residual under ``stop`` times the right-hand side, twice
     that on every level further down; an infinite ``stop`` spares both.  The recursion is written as a loop, since
     compiled recursive functions cannot be kept on disk.
     """
+    flags = flush_subnormals()
     grids, graphs, work = levels
-    count = len(grids.margin)
-    last = count + len(graphs.first) - 2
-    begin = 2 * grids.slots[count] + 1
-    b, x = work.b[begin:], work.x[begin:]
-    visits = np.zeros(last + 1, np.int64)
-    alpha, energy = np.zeros(last + 1), np.zeros(last + 1)
+    count, slots = len(grids.margin), grids.slots[len(grids.margin)]
+    last, begin = count + len(graphs.first) - 2, 2 * slots + 1
+    b, x, c, v, w = work.b[begin:], work.x[begin:], work.c[slots:], work.v[slots:], work.w[slots:]
+    visits, first_steps = np.zeros(last + 1, np.int64), np.zeros((last + 1, 2))
     level = top
     while level >= top:
-        graph = level - count
         if level == last:
             solve_coarsest(graphs, b, x)
             level -= 1
             continue
-        of, done = _vectors(levels, level), False
-        if visits[level] == 0 and graph < 0:
-            _eliminate_red(levels, level, of.w)
-        elif visits[level] == 1:
-            alpha[level], energy[level], _ = _ascend(levels, level, of.v, of.v)
-            done = np.isinf(stop) or _first_step(of, stop * 2.0 ** (level - top), alpha[level], energy[level])
-        elif visits[level] == 2:
-            _second_step(of, alpha[level], energy[level], *_ascend(levels, level, of.v, of.w))
-            done = True
-        if not done:
-            _descend(levels, level)
-            visits[level] += 1
-            level += 1
-            continue
-        if graph < 0:
-            _put_red_back(levels, level)
-        visits[level] = 0
-        level -= 1
+        visit, enough = (visits[level], first_steps[level]), stop * (1 << (level - top))
+        if level < count:
+            end = 2 * grids.slots[level + 2] if level + 1 < count else begin + graphs.first[1]
+            done = _visit_grid(grids, work, level, end, visit, enough)
+        else:
+            done = _visit_graph(graphs, (b, x, c, v, w), level - count, visit, enough)
+        visits[level] = 0 if done else visits[level] + 1
+        level += -1 if done else 1
+    restore_subnormals(flags)
 
 
 @inner
-def _vectors(levels: Levels, level: int) -> _Vectors:
-    grids, graphs, work = levels
-    graph, slots = level - len(grids.margin), grids.slots[len(grids.margin)]
-    if graph < 0:
-        a, e = grids.slots[level], grids.slots[level + 1]
-        return _Vectors(work.f[a:e], work.z[a:e], work.c[a:e], work.v[a:e], work.w[a:e])
-    a, e = graphs.first[graph], graphs.first[graph + 1]
-    i, k, m, n = 2 * slots + 1 + a, 2 * slots + 1 + e, slots + a, slots + e
-    return _Vectors(work.b[i:k], work.x[i:k], work.c[m:n], work.v[m:n], work.w[m:n])
+def _visit_grid(grids: Grids, work: Work, level: int, end: int, visit: tuple[int, Floats], stop: float) -> bool:
+    """Come to a grid for the first, second or third time; returns whether it is solved, or the next level is due.
+
+    Coming from above, red nodes are eliminated; from below, the next level's answer is a direction; each time the level
+    is relaxed from zero, and the residual summed into the next level, whose nodes end at ``end``.
+    """
+    a, e = grids.slots[level], grids.slots[level + 1]
+    stencil, aggregate, weight = _stencil(grids, level), grids.aggregate[a:e], grids.weight[a:e]
+    f, z, c, v, w = work.f[a:e], work.z[a:e], work.c[a:e], work.v[a:e], work.w[a:e]
+    if visit[0] == 0:
+        _times(stencil.red_inverse, work.b[2 * a : a + e], w)
+        add_into_black(stencil, w, work.b[a + e : 2 * e], f)
+    else:
+        y = v if visit[0] == 1 else w
+        products = prolong_and_multiply(stencil, stencil, aggregate, weight, work.x[2 * e : end], f, v, z, y)
+        if _step(visit, stop, products, f, z, c, v):
+            for k in range(e - a):
+                work.x[a + e + k] = z[k]
+            relax_red(stencil, work.b[2 * a : a + e], z, work.x[2 * a : a + e])
+            return True
+    _times(stencil.black_inverse, f, z)
+    restrict(stencil, aggregate, weight, z, work.b[2 * e : end])
+    return False
 
 
 @inner
-def _descend(levels: Levels, level: int) -> None:
-    """Relax from zero, and sum the residual into the next level's right-hand side."""
-    grids, graphs, work = levels
-    count, of = len(grids.margin), _vectors(levels, level)
-    if level >= count:
-        begin = 2 * grids.slots[count] + 1
-        descend_graph(graphs, level - count, work.b[begin:], work.x[begin:])
-        return
-    stencil, (a, e) = _stencil(grids, level), (grids.slots[level], grids.slots[level + 1])
-    _times(stencil.black_inverse, of.r, of.z)
-    restrict(stencil, grids.aggregate[a:e], grids.weight[a:e], of.z, work.b[2 * e : _end_below(levels, level)])
-
-
-@inner
-def _ascend(levels: Levels, level: int, s: Singles, y: Singles) -> tuple[float, float, float]:
-    """Add the next level's answer to ``z``, relax, and multiply: ``y = A z``; returns ``z.r, z.y, z.s``."""
-    grids, graphs, work = levels
-    count, of = len(grids.margin), _vectors(levels, level)
-    if level >= count:
-        begin, after = 2 * grids.slots[count] + 1, grids.slots[count]
-        ascend_graph(graphs, level - count, work.b[begin:], work.x[begin:], work.w[after:])
-        return _multiply_after(graphs, level - count, of, work.w[after:], s, y)
-    stencil, (a, e) = _stencil(grids, level), (grids.slots[level], grids.slots[level + 1])
-    coarse = work.x[2 * e : _end_below(levels, level)]
-    return prolong_and_multiply(stencil, stencil, grids.aggregate[a:e], grids.weight[a:e], coarse, of.r, s, of.z, y)
-
-
-@inner
-def _end_below(levels: Levels, level: int) -> int:
-    """Behind the last node of the level below a grid."""
-    grids, graphs, _ = levels
-    count = len(grids.margin)
-    if level + 1 < count:
-        return int(2 * grids.slots[level + 2])
-    return int(2 * grids.slots[count] + 1 + graphs.first[1])
+def _visit_graph(
+    graphs: Graphs, vectors: tuple[Singles, Singles, Singles, Singles, Singles], level: int,
+    visit: tuple[int, Floats], stop: float,
+) -> bool:  # fmt: skip
+    """The same of a graph; ``vectors``: as of `Work`, from the first graph's nodes on."""
+    b, x, c, v, w = vectors
+    if visit[0] > 0:
+        a, e = graphs.first[level], graphs.first[level + 1]
+        r, z, of = b[a:e], x[a:e], v[a:e]
+        ascend_graph(graphs, level, b, x, w)
+        products = multiply_after(graphs, level, r, z, w, of, of if visit[0] == 1 else w[a:e])
+        if _step(visit, stop, products, r, z, c[a:e], of):
+            return True
+    descend_graph(graphs, level, b, x)
+    return False
 
 
 @inner
@@ -278,38 +225,32 @@ def _stencil(grids: Grids, level: int) -> Stencil:
     )
 
 
-@inner
-def _eliminate_red(levels: Levels, level: int, red: Singles) -> None:
-    """Eliminate the red nodes: ``f`` is what the black ones are due."""
-    grids, work = levels.grids, levels.work
-    a, e, stencil = grids.slots[level], grids.slots[level + 1], _stencil(grids, level)
-    _times(stencil.red_inverse, work.b[2 * a : a + e], red)
-    add_into_black(stencil, red, work.b[a + e : 2 * e], work.f[a:e])
-
-
-@inner
-def _put_red_back(levels: Levels, level: int) -> None:
-    """Voltages of the black nodes, and of the red ones that follow."""
-    grids, work = levels.grids, levels.work
-    a, e = grids.slots[level], grids.slots[level + 1]
-    for k in range(e - a):
-        work.x[a + e + k] = work.z[a + k]
-    relax_red(_stencil(grids, level), work.b[2 * a : a + e], work.z[a:e], work.x[2 * a : a + e])
-
-
 @inner_fast
 def _times(a: Singles, b: Singles, product: Singles) -> None:
     for k in range(len(product)):
         product[k] = a[k] * b[k]
 
 
+@inner
+def _step(
+    visit: tuple[int, Floats], stop: float, products: tuple[float, float, float], r: Singles, z: Singles, c: Singles,
+    v: Singles,
+) -> bool:  # fmt: skip
+    """A step of the K-cycle along ``z``; returns whether it was the last one, which leaves the answer in ``z``."""
+    count, first = visit
+    if count == 1:
+        first[0], first[1] = products[0], products[1]
+        return stop == np.inf or _first_step(r, z, c, v, stop, first[0], first[1])
+    _second_step(z, c, first[0], first[1], products)
+    return True
+
+
 @inner_fast
-def _first_step(of: _Vectors, stop: float, alpha: float, energy: float) -> bool:
+def _first_step(r: Singles, z: Singles, c: Singles, v: Singles, stop: float, alpha: float, energy: float) -> bool:
     """First step of the K-cycle along ``z``, whose product is ``v``; returns whether it suffices.
 
     Leaves the answer in ``z``, or else the direction in ``c`` and the residual in ``r``.
     """
-    r, z, c, v = of.r, of.z, of.c, of.v
     if not energy > 0.0:
         return True
     step, before, after = np.float32(alpha / energy), 0.0, 0.0
@@ -329,36 +270,11 @@ def _first_step(of: _Vectors, stop: float, alpha: float, energy: float) -> bool:
 
 
 @inner_fast
-def _second_step(of: _Vectors, alpha: float, energy: float, rest: float, product: float, gamma: float) -> None:
+def _second_step(z: Singles, c: Singles, alpha: float, energy: float, products: tuple[float, float, float]) -> None:
     """Second step, along ``z`` made conjugate to the first direction ``c``; leaves the answer in ``z``."""
+    rest, product, gamma = products
     second = product - gamma * gamma / energy
     step = rest / second if second > 0.0 else 0.0
     on_c, on_z = np.float32((alpha - gamma * step) / energy), np.float32(step)
-    z, c = of.z, of.c
     for k in range(len(z)):
         z[k] = on_c * c[k] + on_z * z[k]
-
-
-@inner
-def _multiply_after(
-    graphs: Graphs, level: int, of: _Vectors, change: Singles, s: Singles, y: Singles
-) -> tuple[float, float, float]:
-    """``y = A z`` behind the way up, which leaves ``change``; returns ``z.r, z.y, z.s``; ``y`` may be ``change``.
-
-    What the backward sweep leaves over of a row is due to the changes of earlier rows, which came after it.
-    """
-    begin, end = graphs.first[level], graphs.first[level + 1]
-    g, j, z, r = graphs.conductance, graphs.indices, of.z, of.r
-    row, middle = graphs.indptr[begin:end], graphs.middle[begin:end]
-    n, zr, zy, zs = len(z), 0.0, 0.0, 0.0
-    for back in range(n):
-        at = np.uint32(n - 1 - back)
-        total = np.float32(0.0)
-        for k in range(row[at], middle[at]):
-            total += g[k] * change[j[k]]
-        one = np.float64(z[at])
-        zs += one * np.float64(s[at])
-        y[at] = r[at] - total
-        zr += one * np.float64(r[at])
-        zy += one * np.float64(y[at])
-    return zr, zy, zs

@@ -5,10 +5,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inner, inner_fast
+from resgrid.jit import FAST, inner, inner_fast
+from resgrid.solvers.multigrid.subnormals import flush_subnormals, restore_subnormals
 
+Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Singles = NDArray[np.float32]
 Unsigned = NDArray[np.uint32]
@@ -35,13 +38,14 @@ class Graphs(NamedTuple):
     coarsest: Singles
 
 
-@inner
+@njit(cache=True, nogil=True)
 def descend_graph(graphs: Graphs, level: int, b: Singles, x: Singles) -> None:
     """Gauss-Seidel from zero, and the residual summed into the next level's right-hand side.
 
     After the sweep row ``i`` lacks only its later neighbours: its residual is ``sum_{j > i} g_ij x_j``.  Loops run
     over parts of arrays from zero on: a counter that is never negative needs no check.
     """
+    flags = flush_subnormals()
     begin, end = graphs.first[level], graphs.first[level + 1]
     for node in range(end, graphs.first[level + 2]):
         b[node] = 0.0
@@ -58,11 +62,13 @@ def descend_graph(graphs: Graphs, level: int, b: Singles, x: Singles) -> None:
         for k in range(middle[i], row[i + 1]):
             s += g[k] * x[j[k]]
         b[aggregate[i]] += s
+    restore_subnormals(flags)
 
 
-@inner
+@njit(cache=True, nogil=True)
 def ascend_graph(graphs: Graphs, level: int, b: Singles, x: Singles, w: Singles) -> None:
     """Add the next level's answer, then Gauss-Seidel in the reverse order; ``w`` keeps the changes."""
+    flags = flush_subnormals()
     begin, end = graphs.first[level], graphs.first[level + 1]
     g, j = graphs.conductance, graphs.indices
     own, mine, inverse, change = x[begin:end], b[begin:end], graphs.inverse[begin:end], w[begin:end]
@@ -78,6 +84,7 @@ def ascend_graph(graphs: Graphs, level: int, b: Singles, x: Singles, w: Singles)
         new = (mine[at] + s) * inverse[at]
         change[at] = new - own[at]
         own[at] = new
+    restore_subnormals(flags)
 
 
 @inner_fast
@@ -90,3 +97,49 @@ def solve_coarsest(graphs: Graphs, b: Singles, x: Singles) -> None:
         for j in range(len(inverse)):
             total += inverse[i, j] * mine[j]
         own[i] = total if len(inverse) > 0 else mine[i] * graphs.inverse[begin + i]
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def multiply_graph(
+    graphs: Graphs, ground: Floats, z: Singles, r: Singles, s: Singles, w: Singles
+) -> tuple[float, float, float]:
+    """``w = A z`` in double precision, differences first; ``z.r``, ``z.w`` and ``z.s``."""
+    flags = flush_subnormals()
+    row, g, j = graphs.indptr, graphs.conductance, graphs.indices
+    zr, zw, zs = 0.0, 0.0, 0.0
+    for i in range(len(r)):
+        zi = np.float64(z[i])
+        total = ground[i] * zi
+        for k in range(row[i], row[i + 1]):
+            total += np.float64(g[k]) * (zi - np.float64(z[j[k]]))
+        w[i] = total
+        zr += zi * r[i]
+        zw += zi * total
+        zs += zi * s[i]
+    restore_subnormals(flags)
+    return zr, zw, zs
+
+
+@inner
+def multiply_after(
+    graphs: Graphs, level: int, r: Singles, z: Singles, change: Singles, s: Singles, y: Singles
+) -> tuple[float, float, float]:
+    """``y = A z`` behind the way up, which leaves ``change``; returns ``z.r, z.y, z.s``; ``y`` may be ``change``.
+
+    What the backward sweep leaves over of a row is due to the changes of earlier rows, which came after it.
+    """
+    begin, end = graphs.first[level], graphs.first[level + 1]
+    g, j = graphs.conductance, graphs.indices
+    row, middle = graphs.indptr[begin:end], graphs.middle[begin:end]
+    n, zr, zy, zs = len(z), 0.0, 0.0, 0.0
+    for back in range(n):
+        at = np.uint32(n - 1 - back)
+        total = np.float32(0.0)
+        for k in range(row[at], middle[at]):
+            total += g[k] * change[j[k]]
+        one = np.float64(z[at])
+        zs += one * np.float64(s[at])
+        y[at] = r[at] - total
+        zr += one * np.float64(r[at])
+        zy += one * np.float64(y[at])
+    return zr, zy, zs

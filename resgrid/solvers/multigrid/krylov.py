@@ -1,4 +1,4 @@
-"""The compiled steps of conjugate gradients, and what leads from rows to the slots where they stand and back.
+"""The compiled parts of a step of conjugate gradients, and what leads from rows to the slots where they stand and back.
 
 Indices without a sign need not be asked whether they count from the end.
 """
@@ -6,46 +6,17 @@ Indices without a sign need not be asked whether they count from the end.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inner, inner_fast
-from resgrid.solvers.multigrid.cycle import Finest, Levels, precondition
+from resgrid.jit import FAST
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Indices = NDArray[np.int32]
 Unsigned = NDArray[np.uint32]
-
-_BURST = 1e-5
-"""Gain of a burst from its largest residual on: vectors in single precision allow no more."""
-
-_ENOUGH = 0.07
-"""Residual after the first step of a K-cycle on the first coarse level that spares the second."""
-
-
-class Vectors(NamedTuple):
-    """The vectors of a burst: its residual has the norm ``lift`` when it begins.
-
-    `inverse` (slots,): of the diagonal; `r, s, w` (slots,): residual, ``A p`` and ``A z``; `z` (depth, slots):
-    preconditioned residuals that are not yet part of the answer; `p` (slots,): direction before them; `on_x, on_p`
-    (depth + 1,): their shares in the answer and in the direction, and, last, those of ``p``; `scalars` (6,): number of
-    the ``z``; ``p . A p``; norms of the residual, now and at most, in units of what the burst began with; the last
-    step's length, and ``z . r`` times that.
-    """
-
-    inverse: Singles
-    r: Singles
-    s: Singles
-    w: Singles
-    z: Singles
-    p: Floats
-    on_x: Floats
-    on_p: Floats
-    scalars: Floats
 
 
 @njit(cache=True, nogil=True)
@@ -90,62 +61,16 @@ def row_residual(
 
 
 @njit(cache=True, nogil=True)
-def begin_burst(v: Vectors, one: float, residual: Floats) -> None:
-    """``r = residual / one``, and ``z = inverse r``; ``residual`` may lie where the last ``z`` will stand."""
-    _begin(v, one, residual)
+def begin(residual: Floats, one: float, inverse: Singles, r: Singles, z: Singles) -> None:
+    """``r = residual / one``, and ``z = inverse r``; ``residual`` may lie where later ``z`` will stand."""
+    for k in range(len(r)):
+        r[k] = residual[k] / one
+        z[k] = inverse[k] * r[k]
 
 
-@inner
-def _begin(v: Vectors, one: float, residual: Floats) -> None:
-    for k in range(len(v.r)):
-        v.r[k] = residual[k] / one
-        v.z[0, k] = v.inverse[k] * v.r[k]
-    v.scalars[2], v.scalars[3] = 1.0, 1.0
-
-
-@njit(cache=True, nogil=True)
-def step(
-    finest: Finest, levels: Levels, v: Vectors, x: Floats, residual: Floats, unit: tuple[float, float], gain: float,
-    most: int,
-) -> int:  # fmt: skip
-    """``p = z + beta p``, ``x += alpha p``, ``r -= alpha A p``, ``z`` about ``A^-1 r``; returns how often.
-
-    At most so many steps are taken, until the residual has gained.  ``unit``: what the vectors' one stands for, and
-    the norm of ``r`` in the beginning; ``residual``: as of `begin_burst`, where a whole burst is taken; else empty.
-    """
-    one, lift = unit
-    if len(residual) > 0:
-        _begin(v, one, residual)
-    energy, peak, steps = v.scalars[1], v.scalars[3], 0
-    while v.scalars[2] > max(gain, _BURST * peak) and steps < most:
-        count = int(v.scalars[0])
-        zr, zw, zs = precondition(finest, levels, _ENOUGH, v.r, v.s, v.z[count], v.w)
-        beta = -zs / energy if energy > 0.0 else 0.0
-        energy = zw + beta * zs
-        v.scalars[1] = energy
-        if not energy > 0.0:
-            break
-        alpha = zr / energy
-        for k in range(len(v.on_p)):
-            v.on_p[k] *= beta
-        v.on_p[count] = 1.0
-        for k in range(len(v.on_p)):
-            v.on_x[k] += alpha * v.on_p[k]
-        v.scalars[0] = count + 1
-        if count + 1 == len(v.z):
-            _gather(v, x, one)
-        v.scalars[2] = math.sqrt(_advance(v.inverse, v.w, v.s, v.r, v.z[int(v.scalars[0])], beta, alpha)) / lift
-        peak = max(peak, v.scalars[2])
-        v.scalars[3], v.scalars[4], v.scalars[5] = peak, alpha, alpha * zr
-        steps += 1
-    if len(residual) > 0:
-        _gather(v, x, one)
-    return steps
-
-
-@inner_fast
-def _advance(inverse: Singles, w: Singles, s: Singles, r: Singles, z: Singles, beta: float, alpha: float) -> float:
-    """``s = w + beta s``, ``r -= alpha s``, ``z = inverse r``; returns ``|r|^2``."""
+@njit(cache=True, nogil=True, fastmath=FAST)
+def advance(inverse: Singles, w: Singles, s: Singles, r: Singles, z: Singles, beta: float, alpha: float) -> float:
+    """``s = w + beta s``, ``r -= alpha s``, ``z = inverse r``; returns ``|r|``."""
     total = 0.0
     for k in range(len(r)):
         product = w[k] + beta * s[k]
@@ -154,29 +79,16 @@ def _advance(inverse: Singles, w: Singles, s: Singles, r: Singles, z: Singles, b
         r[k] = new
         z[k] = inverse[k] * new
         total += np.float64(new) * np.float64(new)
-    return total
+    return math.sqrt(total)
 
 
-@njit(cache=True, nogil=True)
-def gather_steps(v: Vectors, x: Floats, one: float) -> None:
-    """Go the steps noted: they become part of ``x``, in units of ``one``."""
-    _gather(v, x, one)
+@njit(cache=True, nogil=True, fastmath=FAST)
+def add_steps(z: Singles, on_x: Floats, on_p: Floats, one: float, p: Floats, x: Floats) -> None:
+    """``x += one (before_x p + sum_j on_x_j z_j)``, then ``p`` the same with ``on_p``; ``z`` (steps, n).
 
-
-@inner
-def _gather(v: Vectors, x: Floats, one: float) -> None:
-    count = int(v.scalars[0])
-    _add_steps(v.z[:count], v.on_x, v.on_x[-1], v.on_p, v.on_p[-1], one, v.p, x)
-    v.on_x[:], v.on_p[:] = 0.0, 0.0
-    v.on_p[-1] = 1.0
-    v.scalars[0] = 0.0
-
-
-@inner_fast
-def _add_steps(
-    z: Singles, on_x: Floats, before_x: float, on_p: Floats, before_p: float, one: float, p: Floats, x: Floats
-) -> None:
-    """``x += one (before_x p + sum_j on_x_j z_j)``, then ``p = before_p p + sum_j on_p_j z_j``; ``z`` (steps, n)."""
+    The shares of what was before, ``p``, stand last in ``on_x`` and ``on_p``.
+    """
+    before_x, before_p = on_x[-1], on_p[-1]
     for k in range(len(x)):
         ahead, far = before_p * p[k], before_x * p[k]
         for j in range(len(z)):
@@ -188,12 +100,12 @@ def _add_steps(
 
 
 @njit(cache=True, nogil=True)
-def largest_step(v: Vectors) -> float:
-    """Largest entry of the last direction."""
-    most, count = 0.0, int(v.scalars[0])
-    for k in range(len(v.p)):
-        ahead = v.on_p[-1] * v.p[k]
-        for j in range(count):
-            ahead += v.on_p[j] * v.z[j, k]
+def largest_step(z: Singles, on_p: Floats, p: Floats) -> float:
+    """Largest entry of the direction, as of `add_steps`."""
+    most = 0.0
+    for k in range(len(p)):
+        ahead = on_p[-1] * p[k]
+        for j in range(len(z)):
+            ahead += on_p[j] * z[j, k]
         most = max(most, abs(ahead))
     return most

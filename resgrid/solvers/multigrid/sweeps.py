@@ -28,6 +28,7 @@ from resgrid.solvers.multigrid.red_black import (
     relax,
     spread,
 )
+from resgrid.solvers.multigrid.subnormals import flush_subnormals, restore_subnormals
 
 _ROOM = 4
 """Of a window, in units of what is kept and a block; so seldom it is moved."""
@@ -121,6 +122,7 @@ def restrict(stencil: Stencil, aggregate: Indices, weight: Singles, z: Singles, 
     ``aggregate`` leads from a black slot to its node there; from unused slots to node 0, which nothing belongs to.
     ``weight`` is what a black slot counts for, and takes from its node; where it is empty, it is 1.
     """
+    flags = flush_subnormals()
     total = np.empty(stencil.block, stencil.red_inverse.dtype)
     for node in range(len(coarse)):
         coarse[node] = 0.0
@@ -136,6 +138,7 @@ def restrict(stencil: Stencil, aggregate: Indices, weight: Singles, z: Singles, 
         share = weight[stencil.off_black[m]] if len(weight) > 0 else np.float32(1.0)
         coarse[aggregate[stencil.off_black[m]]] += share * stencil.couplings[m] * window.coupled[m]
     coarse[0] = 0.0
+    restore_subnormals(flags)
 
 
 @inner
@@ -176,6 +179,7 @@ def prolong_and_multiply(
 
     The sweeps of both follow as close upon each other as neighbours allow, but where there are couplings.
     """
+    flags = flush_subnormals()
     first, second = _open_window(stencil), _open_window(exact)
     blocks, ahead = blocks_of(stencil), first.ahead
     before, between = (ahead, 3 * ahead) if len(stencil.couplings) == 0 else (blocks, 2 * blocks + ahead)
@@ -204,7 +208,9 @@ def prolong_and_multiply(
             into_black(exact, second.red, second.at[0], step - between - ahead, product, ZERO)
             a, b, c = _products(exact.black_degree, z, r, s, begin, count, product, w)
             zr, zw, zs = zr + a, zw + b, zs + c
-    return zr, zw - _multiply_couplings(exact, second.coupled, z, w), zs
+    zw -= _multiply_couplings(exact, second.coupled, z, w)
+    restore_subnormals(flags)
+    return zr, zw, zs
 
 
 @inner
