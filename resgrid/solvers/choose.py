@@ -18,6 +18,7 @@ from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.multigrid.grading import is_graded, may_be_graded
 from resgrid.solvers.star_mesh import may_shrink, shrink
 from resgrid.solvers.supernodal import ON_ROWS, Symbolic, order_by_degree, order_by_distance
+from resgrid.solvers.team import ALONE, Team
 
 METHODS = ("direct", "multigrid")
 
@@ -54,7 +55,9 @@ _REDUCING = 220.0
 """Peak memory of elimination, in bytes a row."""
 
 
-def factor_laplacian(laplacian: Laplacian, method: str, *, reduce: bool = True, accuracy: str = "direction") -> Factor:
+def factor_laplacian(
+    laplacian: Laplacian, method: str, *, reduce: bool = True, accuracy: str = "direction", team: Team = ALONE
+) -> Factor:
     """Make a system ready to be solved, unless it would not fit in memory.
 
     Nodes with at most two neighbours are eliminated first where that pays (`resgrid.solvers.star_mesh`), which it does
@@ -66,14 +69,14 @@ def factor_laplacian(laplacian: Laplacian, method: str, *, reduce: bool = True, 
     if reduce and may_shrink(laplacian):
         long = _along_corridors(laplacian, method, accuracy) if laplacian.size >= _LONG else None
         if long is not None:
-            return _factor_whole(laplacian, long, accuracy)
+            return _factor_whole(laplacian, long, accuracy, team)
         _require(_REDUCING * laplacian.size, laplacian, "elimination")
         mesh, core = shrink(laplacian)
         if core is None:
             return ReducedFactor(laplacian, mesh, None)
         if mesh.count >= _FAIR_SHARE * laplacian.size:
-            return ReducedFactor(laplacian, mesh, _factor_whole(core, _choose(core, method, accuracy), accuracy))
-    return _factor_whole(laplacian, _choose(laplacian, method, accuracy), accuracy)
+            return ReducedFactor(laplacian, mesh, _factor_whole(core, _choose(core, method, accuracy), accuracy, team))
+    return _factor_whole(laplacian, _choose(laplacian, method, accuracy), accuracy, team)
 
 
 def _along_corridors(laplacian: Laplacian, method: str, accuracy: str) -> Choice | None:
@@ -85,10 +88,10 @@ def _along_corridors(laplacian: Laplacian, method: str, accuracy: str) -> Choice
     return None if order is None else Choice("direct", order)
 
 
-def _factor_whole(laplacian: Laplacian, choice: Choice, accuracy: str) -> Factor:
+def _factor_whole(laplacian: Laplacian, choice: Choice, accuracy: str, team: Team) -> Factor:
     if choice.method == "multigrid":
         _require(estimate_memory(laplacian, "multigrid", accuracy), laplacian, "multigrid")
-        return factor_multigrid(laplacian, accuracy)
+        return factor_multigrid(laplacian, accuracy, team)
     order = choice.order or order_by_distance(laplacian)
     _require(order.memory if order is not None else _wide_memory(laplacian), laplacian, "direct")
     return factor_direct(laplacian, order or order_by_degree(laplacian))
