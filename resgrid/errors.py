@@ -43,3 +43,7 @@ class ToolMissingError(ResgridError):
 
 class BudgetError(ResgridError):
     """The job would not fit in the memory or time allowed; the message holds the estimate."""
+
+
+class WorkerError(ResgridError):
+    """Workers of an executor died again and again over the same work, which the message names."""
