@@ -10,10 +10,10 @@ from support.spaces import space_of
 from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
-from resgrid.solvers import choose as methods
+from resgrid.solvers import choose as methods, decay
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.extended import Scaled
-from resgrid.solvers.multigrid import grading, local
+from resgrid.solvers.multigrid import local
 from resgrid.solvers.multigrid.local import LocalCorrections
 from resgrid.solvers.refine import Numbers
 from resgrid.space import Cell, ConfigurationSpace
@@ -110,7 +110,7 @@ def test_a_goal_in_a_slit_spares_a_pass(monkeypatch: pytest.MonkeyPatch) -> None
     point, direct = (solve(netlist, method=method) for method in ("multigrid", "direct"))
     assert point.log_drop is not None
     np.testing.assert_allclose(point.log_drop, direct.log_drop, rtol=0, atol=point.entry_error, equal_nan=True)
-    monkeypatch.setattr(grading, "_STEEP", np.inf)
+    monkeypatch.setattr(decay, "_STEEP", np.inf)
     assert point.iterations < 0.8 * solve(netlist, method="multigrid").iterations
 
 
