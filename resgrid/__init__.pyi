@@ -33,7 +33,7 @@ from .io.paths import ros_plan as ros_plan, write_path as write_path
 from .io.runs import write_run as write_run
 from .io.solutions import write_solution as write_solution
 from .netlist import Netlist as Netlist
-from .page.live import LivePage as LivePage, live as live
+from .page.live import live as live
 from .planning.blend import blend as blend
 from .planning.certify import certify as certify, certify_free as certify_free
 from .planning.fields import Field as Field, field as field

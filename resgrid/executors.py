@@ -142,7 +142,6 @@ def spread(
     Examples
     --------
     >>> from concurrent.futures import ThreadPoolExecutor
-    >>> import resgrid as rg
     >>> with ThreadPoolExecutor(2) as threads:
     ...     list(rg.spread(pow, [1, 2, 3], 2, executor=threads))
     [1, 4, 9]

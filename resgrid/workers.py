@@ -47,7 +47,6 @@ def open_executor(name: str) -> Iterator[Executor]:
 
     Examples
     --------
-    >>> import resgrid as rg
     >>> with rg.open_executor("processes:1") as executor:
     ...     list(rg.spread(abs, [-2, 3], executor=executor))
     [2, 3]

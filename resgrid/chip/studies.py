@@ -70,6 +70,16 @@ class Study:
         What its maker says about it; None for a netlist or an operating point as it is.
     scene : Scene or None
         Where it comes from.
+
+    Examples
+    --------
+    >>> study = rg.study(rg.read_scene("lesson.toml"), rg.Chip(capacitance="100f", mismatch="2 %"))
+    >>> print(study.settling().figures["settle_time"])
+    11.28 ns
+    >>> print(study.power().figures["power"])
+    246.4 µW
+    >>> print(study.yields(trials=64).overall)
+    100.0 % (94.3 to 100.0 %)
     """
 
     ideal: Netlist
@@ -232,14 +242,9 @@ def study(
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import resgrid as rg
-    >>> cell = np.zeros((8, 8), dtype=np.uint8)
-    >>> cell[1:5, 4], cell[6, 1] = rg.Cell.OBSTACLE, rg.Cell.GOAL
-    >>> space = rg.ConfigurationSpace([rg.Axis("x", 0, 8, 8), rg.Axis("y", 0, 8, 8)], cell)
-    >>> study = rg.study(space, rg.Chip(mismatch=0.02, readout=rg.Readout(bits=8)))
+    >>> study = rg.study(rg.read_scene("lesson.toml"), rg.Chip(mismatch=0.02, readout=rg.Readout(bits=8)))
     >>> study
-    Study(chip: 8 x 8 cells, dirichlet, 66 nodes)
+    Study(Eight by eight: 8 x 8 cells, dirichlet, 66 nodes)
     >>> study.precision().sentence(12)
     'a 12-bit read-out serves 100 % of the starts'
     """

@@ -159,6 +159,13 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
     ------
     InputError
         If the value has no picture, an option does not belong to it, or the value cannot be drawn.
+
+    Examples
+    --------
+    >>> path = rg.plan(rg.read_scene("lesson.toml")).path((0.5, 6.5))
+    >>> ax = rg.draw(path, rg.draw(path.field))
+    >>> rg.save_figure(ax, "path.png").name
+    'path.png'
     """
     value = next((part(value) for kind, part in SEEN_AS.items() if isinstance(value, kind)), value)
     picture = _picture_of(value)
