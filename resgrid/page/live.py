@@ -43,7 +43,7 @@ class LivePage:
         self.url = f"http://{f'[{shown}]' if ':' in shown else shown}:{self._socket.getsockname()[1]}/"
         self._server = uvicorn.Server(
             uvicorn.Config(
-                app, log_level="critical", access_log=False, lifespan="off", server_header=False,
+                app, log_level="error", access_log=False, lifespan="off", server_header=False,
                 ws="websockets-sansio", ws_max_size=LARGEST, ws_per_message_deflate=False,
                 timeout_graceful_shutdown=1,
             )

@@ -7,6 +7,7 @@ from where it was when the server is back.
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import replace
@@ -34,6 +35,7 @@ from resgrid.page.opening import examples, open_document, open_example, open_fil
 from resgrid.page.saving import save
 from resgrid.page.settle import settle
 
+_log = logging.getLogger(__name__)
 STATIC = Path(__file__).parent / "static"
 PATIENCE = 0.035
 """Seconds that a direction-safe frame may take to be made while somebody draws."""
@@ -126,6 +128,7 @@ class Session:
         except MemoryError:
             head, parts = {"error": "this does not fit in memory; use a coarser grid", "kind": "MemoryError"}, []
         except Exception as error:  # a fault of resgrid, which must not end the conversation
+            _log.exception("a request could not be answered")
             head, parts = {"error": f"this is a fault of resgrid ({error!r}); please report it", "kind": "fault"}, []
         return pack({"seq": seq, **head}, *parts)
 
