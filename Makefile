@@ -71,7 +71,7 @@ bench: $(INSTALLED_BENCH)
 fuzz: $(INSTALLED_DEV)
 	RESGRID_MUTATED_DECKS=$(or $(COUNT),100000) $(BIN)/python -m pytest -q tests/spice/read/test_mutated_decks.py
 	scripts/install_chromium.sh
-	RESGRID_PAGE_ACTIONS=$(or $(ACTIONS),10000) RESGRID_PAGE_SEED=$(SEED) $(BIN)/python -m pytest -q -s tests/page/test_fuzzing.py
+	RESGRID_PAGE_ACTIONS=$(or $(ACTIONS),10000) RESGRID_PAGE_SEED=$(SEED) $(BIN)/python -m pytest -q -o log_cli=true -o log_cli_level=INFO tests/page/test_fuzzing.py
 
 golden: $(INSTALLED)
 	$(BIN)/resgrid compile examples/scenes/lesson.toml -o $(GOLDEN)/lesson_dirichlet.cir

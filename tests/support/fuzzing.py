@@ -70,7 +70,8 @@ def touch_handle(page: Page, rng: random.Random) -> None:
     where = page.evaluate(
         """(which) => {
             const { scene } = live.model, { view } = live;
-            const all = [...scene.goals.map((goal) => view.goalPoint(goal)), ...scene.starts.map((at) => view.startPoint(at))];
+            const goals = scene.goals.map((goal) => view.goalPoint(goal));
+            const all = [...goals, ...scene.starts.map((start) => view.startPoint(start))];
             if (!all.length) return null;
             const around = view.canvas.getBoundingClientRect(), ratio = view.canvas.width / around.width;
             const [x, y] = view.toPixels(all[Math.floor(which * all.length)]);
