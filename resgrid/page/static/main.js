@@ -38,6 +38,7 @@ Object.assign(window, { live });
 function tell(state, text) {
   get("quality").dataset.state = state;
   get("quality").textContent = text;
+  get("legend").hidden = state === "error";
 }
 
 /** @param {unknown} error */
@@ -77,7 +78,9 @@ const solving = new Newest(async () => {
     if (!wire.isOpen) return;
     view.frame = scene === model.scene ? null : view.frame;
     view.refresh();
-    tell("error", /** @type {Error} */ (error).message);
+    const { message } = /** @type {Error} */ (error);
+    tell("error", message.split(/[;:]/, 1)[0]);
+    panel.showError(message);
   } finally {
     clearInterval(slow);
   }
@@ -191,6 +194,7 @@ wire.addEventListener("hello", async (event) => {
   base = keepScene(first);
   isReading = head.hello.read_only;
   tools.canDraw = world.canDraw = !isReading && switches.get("edit") !== "0";
+  if (!tools.canDraw) tools.choose("look");
   document.body.classList.toggle("reading", !tools.canDraw);
   document.body.classList.toggle("bare", switches.get("panel") === "0");
   get("examples").replaceChildren(new Option("choose …", ""), ...head.hello.examples.map((/** @type {string} */ name) => new Option(name, name)));
@@ -250,6 +254,7 @@ get("file").addEventListener("change", () => {
 get("save").addEventListener("click", () => openSaving(wire, () => /** @type {Scene} */ (model.scene), view.canvas, complain));
 get("share").addEventListener("click", () => openLinking(wire, /** @type {Scene} */ (model.scene)).catch(complain));
 get("help").addEventListener("click", openTour);
+get("toast").addEventListener("click", () => { get("toast").hidden = true; });
 addEventListener("hashchange", followLink);
 addEventListener("dragover", (event) => event.preventDefault());
 addEventListener("drop", (event) => {
@@ -264,11 +269,17 @@ addEventListener("keydown", (event) => {
   else return;
   event.preventDefault();
 });
-view.canvas.addEventListener("pointermove", (event) => {
-  hovered = event.buttons ? null : view.scene && view.pointOf(event).map(Math.floor);
+for (const kind of /** @type {const} */ (["pointerdown", "pointermove"])) {
+  view.canvas.addEventListener(kind, (event) => {
+    hovered = event.buttons && tools.tool !== "look" ? null : view.scene && view.pointOf(event).map(Math.floor);
+    probing.want();
+  });
+}
+view.canvas.addEventListener("pointerleave", (event) => {
+  if (event.pointerType === "touch" && tools.tool === "look") return;
+  hovered = null;
   probing.want();
 });
-view.canvas.addEventListener("pointerleave", () => { hovered = null; probing.want(); });
 view.canvas.addEventListener("walk", (event) => { hovered = /** @type {CustomEvent} */ (event).detail; probing.want(); });
 
 /** @param {string} theme */

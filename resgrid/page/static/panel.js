@@ -26,6 +26,7 @@ export function engineering(value, unit) {
 }
 
 const HTML = `
+  <section><h2>Paths</h2><ul class="paths" id="paths"></ul><span class="note" id="figures"></span></section>
   <section class="editing"><h2>Obstacles</h2>
     <label for="k" class="row"><span>k, share of repulsion</span><output id="k-out"></output></label>
     <input id="k" type="range" min="0" max="1000">
@@ -51,8 +52,7 @@ const HTML = `
     <div id="film" hidden><label for="moment" class="row"><span id="origin" class="note"></span><output id="time"></output></label>
     <input id="moment" type="range" min="0"></div>
   </section>
-  <section><h2>Show</h2>${SHOWN.map(([name, label]) => `<label class="check"><input type="checkbox" id="show-${name}">${label}</label>`).join("")}</section>
-  <section><h2>Paths</h2><ul class="paths" id="paths"></ul><span class="note" id="figures"></span></section>`;
+  <section><h2>Show</h2>${SHOWN.map(([name, label]) => `<label class="check"><input type="checkbox" id="show-${name}">${label}</label>`).join("")}</section>`;
 
 export class Panel {
   /** @param {HTMLElement} root @param {import("./model.js").Model} model @param {import("./tools.js").Tools} tools
@@ -135,6 +135,12 @@ export class Panel {
     get("mismatch-out").textContent = mismatch ? `${Math.round(100 * mismatch)} %` : "none";
     get("k-out").textContent = String(scene.k);
     get("wall-out").textContent = scene.wall ? engineering(scene.wall, "Ω") : "none";
+  }
+
+  /** Why there is no field. @param {string} message */
+  showError(message) {
+    get("paths").textContent = message;
+    get("figures").textContent = "";
   }
 
   /** @param {Frame} frame @param {Scene} scene */

@@ -9,7 +9,7 @@ import { paintCells, paintField } from "./pictures.js";
 /** @typedef {import("./frame.js").Frame} Frame */
 /** @typedef {import("./model.js").Scene} Scene */
 
-const MARGIN = 10;
+const MARGIN = 10, LABELS = 22;
 const GOAL = "#ff5d3b", START = "#ffffff", CASING = "#10151c";
 
 export class View {
@@ -97,11 +97,15 @@ export class View {
   }
 
   #resize() {
-    const { clientWidth, clientHeight } = this.canvas;
-    const ratio = Math.min(2, window.devicePixelRatio || 1);
+    const { clientWidth, clientHeight } = this.canvas, { ratio } = this;
     this.canvas.width = Math.max(1, Math.round(clientWidth * ratio));
     this.canvas.height = Math.max(1, Math.round(clientHeight * ratio));
     if (this.scene) this.#paintLines();
+  }
+
+  /** Pixels of the canvas for each of the page. */
+  get ratio() {
+    return Math.min(2, window.devicePixelRatio || 1);
   }
 
   /** Left, top, width and height of the grid and of a cell, in pixels of the canvas. */
@@ -110,9 +114,10 @@ export class View {
     const [nx, ny] = scene.axes.map((axis) => axis.cells);
     const [hx, hy] = scene.axes[0].unit === scene.axes[1].unit ? scene.axes.map(spacingOf) : [1, 1];
     const { width, height } = this.canvas;
-    const scale = Math.min((width - 2 * MARGIN) / (nx * hx), (height - 2 * MARGIN) / (ny * hy));
+    const rim = MARGIN * this.ratio, both = rim + LABELS * this.ratio;
+    const scale = Math.min((width - both) / (nx * hx), (height - both) / (ny * hy));
     const w = scale * hx, h = scale * hy;
-    return { x: (width - nx * w) / 2, y: (height - ny * h) / 2, w, h, nx, ny };
+    return { x: (width - nx * w + both) / 2 - rim, y: (height - ny * h - both) / 2 + rim, w, h, nx, ny };
   }
 
   /** Pixels of a point in cells. @param {number[]} point */
@@ -158,6 +163,7 @@ export class View {
     if (this.frame && this.shows.equipotentials) context.drawImage(this.#lines, 0, 0);
     if (this.#cells) context.drawImage(this.#cells, x, y, nx * w, ny * h);
     this.#paintEdge(ink.edge);
+    this.#paintAxes(ink.label);
     context.save();
     context.beginPath();
     context.rect(x, y, nx * w, ny * h);
@@ -193,6 +199,28 @@ export class View {
       }
     });
     context.setLineDash([]);
+  }
+
+  /** Names, units and ends of both axes. @param {string} colour */
+  #paintAxes(colour) {
+    const { context, ratio } = this, { x, y, w, h, nx, ny } = this.box;
+    context.fillStyle = colour;
+    context.font = `${11 * ratio}px system-ui, sans-serif`;
+    context.textBaseline = "middle";
+    this.scene?.axes.forEach(({ name, unit, lower, upper }, a) => {
+      const length = a ? ny * h : nx * w;
+      context.save();
+      context.translate(a ? x - 12 * ratio : x, y + ny * h + (a ? 0 : 12 * ratio));
+      if (a) context.rotate(-Math.PI / 2);
+      const texts = [[lower, "left", 0], [upper, "right", length]];
+      for (const [value, align, at] of /** @type {[number, CanvasTextAlign, number][]} */ (texts)) {
+        context.textAlign = align;
+        context.fillText(String(Number(value.toPrecision(4))), at, 0);
+      }
+      context.textAlign = "center";
+      context.fillText(unit && unit !== name ? `${name} (${unit})` : name, length / 2, 0);
+      context.restore();
+    });
   }
 
   #paintGoals() {
@@ -316,7 +344,7 @@ export class View {
   }
 
   #paintHandles() {
-    const { context } = this, scene = /** @type {Scene} */ (this.scene), ratio = Math.min(2, window.devicePixelRatio || 1);
+    const { context } = this, scene = /** @type {Scene} */ (this.scene), { ratio } = this;
     scene.goals.forEach((goal) => this.#paintHandle(this.goalPoint(goal), GOAL, 9 * ratio, "flag"));
     scene.starts.forEach((start, number) => {
       const [px, py] = this.#paintHandle(this.startPoint(start), START, 8 * ratio, "");
