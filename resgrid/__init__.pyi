@@ -24,7 +24,9 @@ from .errors import (
     InputError as InputError,
     ResgridError as ResgridError,
     ToolMissingError as ToolMissingError,
+    WorkerError as WorkerError,
 )
+from .executors import spread as spread
 from .frame import Frame as Frame
 from .io.networks import write_network as write_network
 from .io.paths import ros_plan as ros_plan, write_path as write_path
@@ -109,5 +111,6 @@ from .spice.power import ir_drop as ir_drop, power_balance as power_balance
 from .spice.read.deck import read_spice as read_spice
 from .spice.write.files import write_spice as write_spice
 from .wiring import Wiring as Wiring
+from .workers import open_executor as open_executor
 
 __version__: str

@@ -105,3 +105,20 @@ class BudgetError(ResgridError):
         ...
     resgrid.errors.BudgetError: scene: grid: 100000 x 100000 x 100000 = 1e+15 cells needs about ...
     """
+
+
+class WorkerError(ResgridError):
+    """Workers of an executor died again and again over the same work, which the message names.
+
+    Examples
+    --------
+    >>> from concurrent.futures import ThreadPoolExecutor
+    >>> from concurrent.futures.thread import BrokenThreadPool
+    >>> class Broken(ThreadPoolExecutor):
+    ...     def submit(self, *_work):
+    ...         raise BrokenThreadPool("its threads do not start")
+    >>> list(rg.spread(abs, [-1], executor=Broken()))
+    Traceback (most recent call last):
+        ...
+    resgrid.errors.WorkerError: the executor broke (its threads do not start), and Broken cannot be made anew; ...
+    """

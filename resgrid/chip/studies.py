@@ -17,6 +17,7 @@ from resgrid.arguments import guarded
 from resgrid.chip.build import build_chip, conductance_samples, described, ideal_netlist
 from resgrid.chip.criticality import analyse_criticality
 from resgrid.chip.decks import noise_band, write_decks
+from resgrid.chip.exploration import explore_yield
 from resgrid.chip.figures import html_table
 from resgrid.chip.noise import analyse_noise, noise_covariance, noise_density
 from resgrid.chip.power import analyse_power
@@ -24,7 +25,7 @@ from resgrid.chip.precision import analyse_precision
 from resgrid.chip.sensitivity import Sensitivity, analyse_sensitivity, voltage_sensitivity
 from resgrid.chip.settling import Settling, analyse_settling
 from resgrid.chip.trials import die_temperature
-from resgrid.chip.yields import analyse_yield, explore_yield
+from resgrid.chip.yields import analyse_yield
 from resgrid.circuit.nonlinear import small_signal
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve

@@ -13,13 +13,14 @@ from matplotlib.figure import Figure
 
 from resgrid.arguments import guarded
 from resgrid.chip.criticality import Criticality
+from resgrid.chip.exploration import Exploration
 from resgrid.chip.noise import Noise
 from resgrid.chip.power import Power
 from resgrid.chip.precision import Precision
 from resgrid.chip.sensitivity import Sensitivity
 from resgrid.chip.settling import Settling
 from resgrid.chip.studies import Study
-from resgrid.chip.yields import Exploration, Yield
+from resgrid.chip.yields import Yield
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.control.announced import RelaxationSweep, Wavefront
 from resgrid.control.log import Run
