@@ -82,7 +82,7 @@ def solve(
 
     Examples
     --------
-    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("lesson.toml")))
+    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
     >>> op = rg.solve(netlist)
     >>> node = netlist.cells.node[6, 2]
     >>> netlist.node_name(node), f"{op.voltage[node]:.6f} V"
@@ -168,7 +168,7 @@ def scale_drive(netlist: Netlist, point: OperatingPoint) -> Netlist:
 
     Examples
     --------
-    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("lesson.toml")), boundary="neumann")
+    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")), boundary="neumann")
     >>> op = rg.solve(netlist)
     >>> scaled = rg.scale_drive(netlist, op)
     >>> round(float(op.voltage.max()), 6), round(float(rg.solve(scaled).voltage.max()), 6)

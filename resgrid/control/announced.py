@@ -107,7 +107,7 @@ def wavefront(world: Simulation, cells: NDArray[np.float64]) -> Wavefront:
 
     Examples
     --------
-    >>> scene = rg.read_scene("lesson.toml").replace(hidden=(rg.Box((5.0, 2.2), (6.0, 3.0)),))
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml").replace(hidden=(rg.Box((5.0, 2.2), (6.0, 3.0)),))
     >>> world = rg.simulation(scene, k=1.0, announce=True, settle="sor")
     >>> front = rg.wavefront(world, np.array([0.0, 0.5, 4.0]))
     >>> front.potential[:, 5, 3].round(3)

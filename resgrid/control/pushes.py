@@ -33,7 +33,7 @@ class Push:
     Examples
     --------
     >>> push = rg.Push(start=1.0, duration=0.5, force=(0.0, 0.2))
-    >>> run = rg.simulation(rg.read_scene("lesson.toml"), k=0.9).run(pushes=[push])
+    >>> run = rg.simulation(rg.read_scene("examples/scenes/lesson.toml"), k=0.9).run(pushes=[push])
     >>> str(run.ending), rg.Mode.PUSHED in run.mode
     ('arrived', True)
     """

@@ -48,7 +48,7 @@ def write_path(path: Timed, target: str | os.PathLike[str]) -> Path:
 
     Examples
     --------
-    >>> path = rg.plan(rg.read_scene("lesson.toml")).path((5.5, 2.5))
+    >>> path = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((5.5, 2.5))
     >>> rg.write_path(path, "path.csv").read_text().splitlines()[:2]
     ['x,y', '5.5,2.5']
     """
@@ -248,7 +248,7 @@ def ros_plan(path: Timed, *, frame_id: str = "map") -> str:
 
     Examples
     --------
-    >>> path = rg.plan(rg.read_scene("lesson.toml")).path((5.5, 2.5))
+    >>> path = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((5.5, 2.5))
     >>> print(rg.ros_plan(path, frame_id="odom")[:60])
     header:
       stamp: {sec: 0, nanosec: 0}

@@ -134,7 +134,7 @@ def live(
 
     Examples
     --------
-    >>> page = rg.live(rg.read_scene("lesson.toml"), browser=False)
+    >>> page = rg.live(rg.read_scene("examples/scenes/lesson.toml"), browser=False)
     >>> page.url.startswith("http://127.0.0.1:")
     True
     >>> page.close()

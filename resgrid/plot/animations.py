@@ -89,7 +89,7 @@ def animate(
 
     Examples
     --------
-    >>> run = rg.simulation(rg.read_scene("lesson.toml"), k=0.9).run()
+    >>> run = rg.simulation(rg.read_scene("examples/scenes/lesson.toml"), k=0.9).run()
     >>> rg.animate(run, "run.gif", count=2, rate=1.0).name
     'run.gif'
     """

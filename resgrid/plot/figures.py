@@ -102,7 +102,7 @@ def save_figure(picture: Axes | Figure, path: str | os.PathLike[str], *, dpi: fl
 
     Examples
     --------
-    >>> ax = rg.draw(rg.read_scene("lesson.toml"))
+    >>> ax = rg.draw(rg.read_scene("examples/scenes/lesson.toml"))
     >>> rg.save_figure(ax, "scene.svg").name
     'scene.svg'
     """

@@ -21,7 +21,7 @@ class GoalPoint:
 
     Examples
     --------
-    >>> scene = rg.read_scene("lesson.toml").replace(goal=rg.GoalPoint((7.2, 0.4)))
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml").replace(goal=rg.GoalPoint((7.2, 0.4)))
     >>> np.argwhere(rg.sample(scene).cell == rg.Cell.GOAL)
     array([[7, 0]])
     """
@@ -41,7 +41,7 @@ class GoalCell:
 
     Examples
     --------
-    >>> scene = rg.read_scene("lesson.toml").replace(goal=rg.GoalCell((7, 0)))
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml").replace(goal=rg.GoalCell((7, 0)))
     >>> np.argwhere(rg.sample(scene).cell == rg.Cell.GOAL)
     array([[7, 0]])
     """

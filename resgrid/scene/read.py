@@ -51,7 +51,7 @@ def read_scene(path: str | os.PathLike[str], **options: Any) -> Scene:
 
     Examples
     --------
-    >>> scene = rg.read_scene("lesson.toml", k=0.5)
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml", k=0.5)
     >>> scene.title, scene.k, len(scene.obstacles)
     ('Eight by eight', (0.5,), 3)
     """

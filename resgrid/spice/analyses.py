@@ -19,7 +19,7 @@ class OperatingAnalysis:
 
     Examples
     --------
-    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("lesson.toml")))
+    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
     >>> written = rg.write_spice(netlist, "lesson.cir", analyses=[rg.OperatingAnalysis()])
     >>> print(written.commands.read_text(), end="")
     * analyses of lesson.cir
@@ -46,7 +46,7 @@ class TransientAnalysis:
 
     Examples
     --------
-    >>> study = rg.study(rg.read_scene("lesson.toml"), rg.Chip(capacitance="100f"))
+    >>> study = rg.study(rg.read_scene("examples/scenes/lesson.toml"), rg.Chip(capacitance="100f"))
     >>> settle = rg.TransientAnalysis(stop=1e-8, step=1e-11)
     >>> written = rg.write_spice(study.netlist, "lesson.cir", analyses=[settle])
     >>> written.commands.read_text().splitlines()[-2]
@@ -77,7 +77,7 @@ class NoiseAnalysis:
 
     Examples
     --------
-    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("lesson.toml")))
+    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
     >>> written = rg.write_spice(netlist, "lesson.cir", analyses=[rg.NoiseAnalysis("n_6_2", stop=1e6)])
     >>> written.commands.read_text().splitlines()[-2]
     '.noise v(n_6_2) v_obstacle dec 10 1.0 1000000.0'
@@ -107,7 +107,7 @@ class TemperatureAnalysis:
 
     Examples
     --------
-    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("lesson.toml")))
+    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
     >>> written = rg.write_spice(netlist, "lesson.cir", analyses=[rg.TemperatureAnalysis((27.0, 85.0))])
     >>> written.commands.read_text().splitlines()[4]
     'foreach celsius 27.0 85.0'
@@ -138,7 +138,7 @@ class MismatchAnalysis:
 
     Examples
     --------
-    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("lesson.toml")))
+    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
     >>> chip = rg.MismatchAnalysis(0.01, seed=3).apply(netlist)
     >>> float((chip.conductance / netlist.conductance).std().round(3))
     0.009
@@ -184,7 +184,7 @@ class Probe:
 
     Examples
     --------
-    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("lesson.toml")))
+    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
     >>> asked = [rg.OperatingAnalysis(), rg.Probe(("n_6_2",), sources=("v_obstacle",))]
     >>> written = rg.write_spice(netlist, "lesson.cir", analyses=asked)
     >>> written.commands.read_text().splitlines()[3]
@@ -216,7 +216,7 @@ class Measure:
 
     Examples
     --------
-    >>> study = rg.study(rg.read_scene("lesson.toml"), rg.Chip(capacitance="100f"))
+    >>> study = rg.study(rg.read_scene("examples/scenes/lesson.toml"), rg.Chip(capacitance="100f"))
     >>> asked = [rg.TransientAnalysis(1e-8, 1e-11), rg.Measure("rise", "n_6_2", "crossing", at=0.5)]
     >>> written = rg.write_spice(study.netlist, "lesson.cir", analyses=asked)
     >>> written.commands.read_text().splitlines()[-3]
