@@ -4,7 +4,7 @@
 /** @typedef {import("./frame.js").Frame} Frame */
 
 const WALL_STEPS = 60;
-const SHOWN = [["dots", "Current as moving dots"], ["equipotentials", "Equipotentials"], ["arrows", "Arrows"], ["paths", "Paths"]];
+const SHOWN = [["dots", "Current as moving dots"], ["equipotentials", "Equipotentials"], ["arrows", "Arrows"], ["paths", "Paths"], ["circuit", "Circuit, up to 10 × 10 cells"]];
 
 /** Fine near 1, where the Dirichlet field begins to count. @param {number} t */
 export const kOf = (t) => Number((1 - (1 - t / 1000) ** 4).toPrecision(6));
@@ -164,10 +164,10 @@ export class Panel {
   }
 }
 
-/** What is known of a cell, as rows. @param {any} about @param {Scene} scene @returns {[string, string][]} */
+/** What is known of a cell, as rows. @param {any} about @param {Scene} scene @returns {string[][]} */
 export function rowsOf(about, scene) {
   const place = about.centre.map((/** @type {number} */ value, /** @type {number} */ a) => `${scene.axes[a].name} ${Number(value.toPrecision(5))}`);
-  /** @type {[string, string][]} */ const rows = [["cell", about.cell.join(", ")], ["centre", place.join(", ")]];
+  const rows = [["cell", about.cell.join(", ")], ["centre", place.join(", ")]];
   if (about.kind !== "free" || about.potential == null) return [...rows, ["", about.kind === "free" ? "cut off" : about.kind]];
   rows.push(["V", engineering(about.volts, "V")]);
   if (about.drop_decades != null) rows.push(["decades of the drop", about.drop_decades.toFixed(2)]);
@@ -177,7 +177,7 @@ export function rowsOf(about, scene) {
     rows.push([side, `${word} ${engineering(Math.abs(amperes), "A")}`]);
   });
   if (about.bits != null) rows.push(["converter bits", about.bits.toFixed(1)]);
-  return rows;
+  return [...rows, ...about.proved.map((/** @type {string} */ text) => [about.exact ? `✓ ${text}` : text])];
 }
 
 /** @param {string} id */
