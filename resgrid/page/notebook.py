@@ -11,7 +11,7 @@ from typing import Any
 import anywidget
 
 from resgrid.page.drawing import Drawing
-from resgrid.page.server import Session
+from resgrid.page.session import Session
 
 _STATIC = Path(__file__).parent / "static"
 _LOADER = """
@@ -32,7 +32,7 @@ def _module() -> str:
     return _LOADER % json.dumps(sources)
 
 
-class LiveWidget(anywidget.AnyWidget):  # type: ignore[misc]
+class LiveWidget(anywidget.AnyWidget):
     """The live page as a widget; every view of it has a session of its own.
 
     A message of a view names it and brings a request, as over a WebSocket; without one the view has just been opened.
