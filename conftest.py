@@ -1,6 +1,5 @@
-"""What the examples in docstrings take for granted: `np`, `rg`, and a folder that holds the shipped scenes."""
+"""What the examples in docstrings take for granted: `np`, `rg`, and the project's folder."""
 
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +15,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(autouse=True)
 def _reader(request: pytest.FixtureRequest, doctest_namespace: dict[str, object]) -> None:
-    """Examples run as a reader types them, in a copy of the folder of scenes."""
+    """Examples run as a reader types them; what they write goes elsewhere."""
     if isinstance(request.node, pytest.DoctestItem):
         folder = request.getfixturevalue("tmp_path")
-        shutil.copytree(Path(__file__).parent / "examples" / "scenes", folder, dirs_exist_ok=True)
+        (folder / "examples").symlink_to(Path(__file__).parent / "examples")
         request.getfixturevalue("monkeypatch").chdir(folder)
         doctest_namespace.update(np=np, rg=rg)

@@ -54,7 +54,7 @@ class AccuracyError(ResgridError):
 
     Examples
     --------
-    >>> ideal = rg.compile_space(rg.sample(rg.read_scene("lesson.toml")), rails="cells")
+    >>> ideal = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")), rails="cells")
     >>> poor = rg.build_chip(ideal, rg.Chip(obstacle_switch_on="100k"))
     >>> try:
     ...     field = rg.field(rg.solve(poor))
@@ -73,7 +73,7 @@ class CertificateError(ResgridError):
 
     Examples
     --------
-    >>> space = rg.sample(rg.read_scene("lesson.toml"))
+    >>> space = rg.sample(rg.read_scene("examples/scenes/lesson.toml"))
     >>> rg.certify_free(rg.Polyline([(0.5, 6.5), (3.5, 3.5)], space))
     Traceback (most recent call last):
         ...
@@ -86,7 +86,7 @@ class ToolMissingError(ResgridError):
 
     Examples
     --------
-    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("lesson.toml")))
+    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
     >>> try:
     ...     agreement = rg.check_deck(netlist)
     ... except rg.ToolMissingError as error:

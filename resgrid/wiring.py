@@ -54,7 +54,7 @@ class Wiring:
 
     Examples
     --------
-    >>> space = rg.sample(rg.read_scene("lesson.toml"))
+    >>> space = rg.sample(rg.read_scene("examples/scenes/lesson.toml"))
     >>> wiring = rg.Wiring("neumann", edge="open", resistance=22e3)
     >>> wiring.is_driven, wiring.edges(space)
     (True, ('open', 'open'))

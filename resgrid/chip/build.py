@@ -65,7 +65,7 @@ def build_chip(netlist: Netlist, chip: Chip | Iterable[Pass], seed: Any = None) 
 
     Examples
     --------
-    >>> ideal = rg.compile_space(rg.sample(rg.read_scene("lesson.toml")), rails="cells")
+    >>> ideal = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")), rails="cells")
     >>> real = rg.build_chip(ideal, rg.Chip(mismatch="1 %", goal_switch_on=100.0))
     >>> real
     <Netlist of 67 nodes: 145 resistors, 9 voltage sources>

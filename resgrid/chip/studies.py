@@ -73,7 +73,7 @@ class Study:
 
     Examples
     --------
-    >>> study = rg.study(rg.read_scene("lesson.toml"), rg.Chip(capacitance="100f", mismatch="2 %"))
+    >>> study = rg.study(rg.read_scene("examples/scenes/lesson.toml"), rg.Chip(capacitance="100f", mismatch="2 %"))
     >>> print(study.settling().figures["settle_time"])
     11.28 ns
     >>> print(study.power().figures["power"])
@@ -242,7 +242,8 @@ def study(
 
     Examples
     --------
-    >>> study = rg.study(rg.read_scene("lesson.toml"), rg.Chip(mismatch=0.02, readout=rg.Readout(bits=8)))
+    >>> chip = rg.Chip(mismatch=0.02, readout=rg.Readout(bits=8))
+    >>> study = rg.study(rg.read_scene("examples/scenes/lesson.toml"), chip)
     >>> study
     Study(Eight by eight: 8 x 8 cells, dirichlet, 66 nodes)
     >>> study.precision().sentence(12)

@@ -70,7 +70,7 @@ class Controller:
 
     Examples
     --------
-    >>> controller = rg.make_controller(rg.plan(rg.read_scene("lesson.toml"), k=0.9).field, speed=0.5)
+    >>> controller = rg.make_controller(rg.plan(rg.read_scene("examples/scenes/lesson.toml"), k=0.9).field, speed=0.5)
     >>> velocity = controller.command((0.5, 6.5), (0.0, 0.0))
     >>> float(np.linalg.norm(velocity).round(6))
     0.5
@@ -277,7 +277,7 @@ def make_controller(
 
     Examples
     --------
-    >>> field = rg.plan(rg.read_scene("lesson.toml"), k=0.9).field
+    >>> field = rg.plan(rg.read_scene("examples/scenes/lesson.toml"), k=0.9).field
     >>> controller = rg.make_controller(field, speed=0.5)
     >>> controller.command((0.5, 6.5), (0.0, 0.0)).round(3)
     array([ 0.196, -0.46 ])

@@ -25,7 +25,7 @@ class Mode(IntEnum):
 
     Examples
     --------
-    >>> scene = rg.read_scene("lesson.toml").replace(hidden=(rg.Box((5.0, 2.2), (6.0, 3.0)),))
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml").replace(hidden=(rg.Box((5.0, 2.2), (6.0, 3.0)),))
     >>> run = rg.simulation(scene, k=0.9).run()
     >>> [rg.Mode(mode).name for mode in np.unique(run.mode)]
     ['STREAMLINE', 'LEARNING', 'ARRIVED']
@@ -64,7 +64,7 @@ class Ending(StrEnum):
 
     Examples
     --------
-    >>> run = rg.simulation(rg.read_scene("lesson.toml"), k=0.9).run()
+    >>> run = rg.simulation(rg.read_scene("examples/scenes/lesson.toml"), k=0.9).run()
     >>> run.ending is rg.Ending.ARRIVED
     True
     >>> [str(ending) for ending in rg.Ending]
@@ -159,7 +159,7 @@ class Run:
 
     Examples
     --------
-    >>> run = rg.simulation(rg.read_scene("lesson.toml"), k=0.9).run()
+    >>> run = rg.simulation(rg.read_scene("examples/scenes/lesson.toml"), k=0.9).run()
     >>> run
     <Run arrived after 21.79 s: 44 rows, 0 contacts, 0 lessons>
     >>> run.configuration[[0, -1]].round(1)

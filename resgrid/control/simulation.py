@@ -55,7 +55,7 @@ class Simulation:
 
     Examples
     --------
-    >>> simulation = rg.simulation(rg.read_scene("lesson.toml"), k=0.9)
+    >>> simulation = rg.simulation(rg.read_scene("examples/scenes/lesson.toml"), k=0.9)
     >>> run = simulation.run()
     >>> run.ending
     <Ending.ARRIVED: 'arrived'>
@@ -240,7 +240,7 @@ def simulation(
 
     Examples
     --------
-    >>> scene = rg.read_scene("lesson.toml").replace(hidden=(rg.Box((5.0, 2.2), (6.0, 3.0)),))
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml").replace(hidden=(rg.Box((5.0, 2.2), (6.0, 3.0)),))
     >>> run = rg.simulation(scene, k=0.9).run()
     >>> str(run.ending), int(run.learnt.sum())
     ('arrived', 1)

@@ -42,7 +42,7 @@ def write_run(run: Run | Sequence[Run], file: str | os.PathLike[str]) -> Path:
 
     Examples
     --------
-    >>> run = rg.simulation(rg.read_scene("lesson.toml"), k=0.9).run()
+    >>> run = rg.simulation(rg.read_scene("examples/scenes/lesson.toml"), k=0.9).run()
     >>> rg.write_run(run, "run.csv").read_text().split(",")[:6]
     ['run', 'k', 't', 'mode', 'x', 'y']
     """

@@ -52,7 +52,7 @@ def certify(path: Streamline) -> None:
     Examples
     --------
     >>> from dataclasses import replace
-    >>> path = rg.plan(rg.read_scene("lesson.toml")).path((0.5, 6.5))
+    >>> path = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((0.5, 6.5))
     >>> rg.certify(path)
     >>> rg.certify(replace(path, goal=1))
     Traceback (most recent call last):
@@ -322,7 +322,7 @@ def certify_free(path: AnyPath) -> None:
 
     Examples
     --------
-    >>> space = rg.sample(rg.read_scene("lesson.toml"))
+    >>> space = rg.sample(rg.read_scene("examples/scenes/lesson.toml"))
     >>> rg.certify_free(rg.Polyline([(0.5, 6.5), (5.5, 5.5), (6.5, 1.5)], space))
     >>> rg.certify_free(rg.Polyline([(0.5, 6.5), (6.5, 1.5)], space))
     Traceback (most recent call last):

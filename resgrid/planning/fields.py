@@ -52,7 +52,7 @@ class Field:
 
     Examples
     --------
-    >>> field = rg.plan(rg.read_scene("lesson.toml")).field
+    >>> field = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).field
     >>> field.potential[5, :4].round(3)
     array([0.784, 0.585, 0.718, 0.843])
     >>> field.log_drop[5, :4].round(2)
@@ -172,7 +172,7 @@ def field(op: OperatingPoint) -> Field:
 
     Examples
     --------
-    >>> space = rg.sample(rg.read_scene("lesson.toml"))
+    >>> space = rg.sample(rg.read_scene("examples/scenes/lesson.toml"))
     >>> field = rg.field(rg.solve(rg.compile_space(space)))
     >>> field
     <Field on 8 x 8 cells: dirichlet, k = 1>

@@ -33,7 +33,7 @@ class Planner:
 
     Examples
     --------
-    >>> planner = rg.plan(rg.read_scene("lesson.toml"), k=0.5)
+    >>> planner = rg.plan(rg.read_scene("examples/scenes/lesson.toml"), k=0.5)
     >>> planner
     Planner(field=<Field on 8 x 8 cells: blend, k = 0.5>, solution=<Solution>)
     >>> [round(path.length, 2) for path in planner.at(1.0).paths()]
@@ -139,7 +139,7 @@ def plan(
 
     Examples
     --------
-    >>> planner = rg.plan(rg.read_scene("lesson.toml"), k=0.5)
+    >>> planner = rg.plan(rg.read_scene("examples/scenes/lesson.toml"), k=0.5)
     >>> path = planner.path((0.5, 6.5))
     >>> str(path.outcome), round(path.length, 3), round(path.clearance, 3)
     ('reached', 9.036, 0.347)
@@ -218,7 +218,7 @@ def clearance_curve(
 
     Examples
     --------
-    >>> planner = rg.plan(rg.read_scene("lesson.toml"), k=1.0)
+    >>> planner = rg.plan(rg.read_scene("examples/scenes/lesson.toml"), k=1.0)
     >>> curve = rg.clearance_curve(planner, ks=(0.0, 0.5, 1.0))
     >>> curve.mean.round(3), curve.mean_length.round(3)
     (array([0.462, 0.494, 0.506]), array([4.511, 4.291, 4.296]))

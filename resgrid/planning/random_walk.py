@@ -88,7 +88,7 @@ def random_walk(circuit: Netlist | OperatingPoint | RandomWalk, *, method: str =
 
     Examples
     --------
-    >>> walk = rg.random_walk(rg.compile_space(rg.sample(rg.read_scene("lesson.toml"))))
+    >>> walk = rg.random_walk(rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml"))))
     >>> round(float(rg.collision_probability(walk).success[6, 2]), 6)
     0.426282
     >>> round(float(rg.hitting_probability(walk).probability[0, 6, 2]), 6)

@@ -217,7 +217,7 @@ def separation(
 
     Examples
     --------
-    >>> scene = rg.read_scene("lesson.toml")
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml")
     >>> wall = rg.Box((0.0, 2.0), (8.0, 2.5))
     >>> verdict = rg.separation(scene.replace(obstacles=(*scene.obstacles, wall)), (0.5, 6.5))
     >>> str(verdict.outcome), verdict.separating

@@ -56,7 +56,7 @@ def shorten(path: Streamline, *, clearance: float = 0.0, rounds: int = 200, seed
 
     Examples
     --------
-    >>> path = rg.plan(rg.read_scene("lesson.toml")).path((0.5, 6.5))
+    >>> path = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((0.5, 6.5))
     >>> short = rg.shorten(path, clearance=0.2)
     >>> round(path.length, 3), round(short.length, 3), short.clearance >= 0.2
     (8.712, 8.228, True)

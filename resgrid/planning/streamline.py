@@ -21,7 +21,7 @@ class Outcome(StrEnum):
 
     Examples
     --------
-    >>> planner = rg.plan(rg.read_scene("lesson.toml"))
+    >>> planner = rg.plan(rg.read_scene("examples/scenes/lesson.toml"))
     >>> planner.path((0.5, 6.5)).outcome is rg.Outcome.REACHED
     True
     >>> planner.path((3.5, 4.5)).outcome
@@ -69,7 +69,7 @@ class Streamline:
 
     Examples
     --------
-    >>> path = rg.plan(rg.read_scene("lesson.toml")).path((5.5, 2.5))
+    >>> path = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((5.5, 2.5))
     >>> path
     <Streamline reached goal 0: 3 points, length 0.7253, clearance 1.5>
     >>> path.points.round(3)
@@ -200,7 +200,7 @@ class Polyline:
 
     Examples
     --------
-    >>> space = rg.sample(rg.read_scene("lesson.toml"))
+    >>> space = rg.sample(rg.read_scene("examples/scenes/lesson.toml"))
     >>> own = rg.Polyline([(0.5, 6.5), (5.5, 5.5), (6.5, 1.5)], space)
     >>> rg.certify_free(own)
     >>> rg.write_path(own, "own.csv").read_text().splitlines()

@@ -154,7 +154,7 @@ def time_path(
 
     Examples
     --------
-    >>> path = rg.shorten(rg.plan(rg.read_scene("lesson.toml")).path((0.5, 6.5)), clearance=0.2)
+    >>> path = rg.shorten(rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((0.5, 6.5)), clearance=0.2)
     >>> fast = rg.time_path(path, velocity_limits=2.0)
     >>> smooth = rg.time_path(path, velocity_limits=2.0, acceleration_limits=1.0)
     >>> round(float(fast.times[-1]), 2), round(float(smooth.times[-1]), 2)

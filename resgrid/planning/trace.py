@@ -80,7 +80,7 @@ def streamline(field: Field, start: ArrayLike | None = None, *, cell: Sequence[i
 
     Examples
     --------
-    >>> field = rg.plan(rg.read_scene("lesson.toml")).field
+    >>> field = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).field
     >>> path = rg.streamline(field, (0.5, 6.5))
     >>> path
     <Streamline reached goal 0: 12 points, length 8.712, clearance 0.4148>
@@ -150,7 +150,7 @@ def streamlines(field: Field, starts: ArrayLike) -> Traces:
 
     Examples
     --------
-    >>> field = rg.plan(rg.read_scene("lesson.toml")).field
+    >>> field = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).field
     >>> ends = rg.streamlines(field, [(0.5, 6.5), (6.5, 6.5), (7.5, 0.5)])
     >>> ends.outcome.tolist()
     ['reached', 'start_blocked', 'reached']

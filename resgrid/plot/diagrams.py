@@ -58,7 +58,7 @@ def draw_velocities(
 
     Examples
     --------
-    >>> field = rg.plan(rg.read_scene("lesson.toml"), k=0.5).field
+    >>> field = rg.plan(rg.read_scene("examples/scenes/lesson.toml"), k=0.5).field
     >>> ax = rg.draw_velocities(field, (0.7, 6.0), force=(0.1, 0.2), admittance=np.eye(2))
     """
     plane = plane_of(field.space)
@@ -117,7 +117,7 @@ def draw_dirichlet_share(dirichlet: Field, neumann: Field, k: float, ax: Axes | 
 
     Examples
     --------
-    >>> planner = rg.plan(rg.read_scene("lesson.toml"), k=0.5)
+    >>> planner = rg.plan(rg.read_scene("examples/scenes/lesson.toml"), k=0.5)
     >>> ax = rg.draw_dirichlet_share(planner.obstacle_field, planner.open_field, k=0.5)
     """
     plane = plane_of(dirichlet.space)

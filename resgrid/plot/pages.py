@@ -107,7 +107,7 @@ def draw_page(
 
     Examples
     --------
-    >>> planner = rg.plan(rg.read_scene("lesson.toml"))
+    >>> planner = rg.plan(rg.read_scene("examples/scenes/lesson.toml"))
     >>> figure = rg.draw_page(planner.field, planner.paths(), title="Eight by eight")
     """
     require_paths(paths, field.space)

@@ -162,7 +162,7 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
 
     Examples
     --------
-    >>> path = rg.plan(rg.read_scene("lesson.toml")).path((0.5, 6.5))
+    >>> path = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((0.5, 6.5))
     >>> ax = rg.draw(path, rg.draw(path.field))
     >>> rg.save_figure(ax, "path.png").name
     'path.png'

@@ -87,7 +87,7 @@ def draw_robot(
 
     Examples
     --------
-    >>> scene = rg.read_scene("lesson.toml")
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml")
     >>> ax = rg.draw_robot(rg.plan(scene).path((0.5, 6.5)), scene, ghosts=5)
     """
     if not 1 <= ghosts <= 1000:
@@ -134,7 +134,7 @@ def draw_tips(paths: Sequence[Streamline], scene: Scene, ax: Axes | None = None)
 
     Examples
     --------
-    >>> scene = rg.read_scene("lesson.toml", start=[(0.5, 6.5), (0.5, 0.5)])
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml", start=[(0.5, 6.5), (0.5, 0.5)])
     >>> ax = rg.draw_tips(rg.plan(scene).paths(), scene)
     """
     robot = scene.robot
@@ -194,7 +194,7 @@ def draw_pair(
 
     Examples
     --------
-    >>> scene = rg.read_scene("lesson.toml")
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml")
     >>> figure = rg.draw_pair(rg.plan(scene).path((0.5, 6.5)), scene)
     """
     space = path.space

@@ -47,7 +47,7 @@ class Readout:
     Examples
     --------
     >>> readout = rg.Readout(bits=8, range=(0.0, 1.2))
-    >>> rg.study(rg.read_scene("lesson.toml"), rg.Chip(readout=readout)).precision().sentence(8)
+    >>> rg.study(rg.read_scene("examples/scenes/lesson.toml"), rg.Chip(readout=readout)).precision().sentence(8)
     'an 8-bit read-out serves 58 % of the starts'
     """
 
@@ -81,7 +81,7 @@ class Defects:
 
     Examples
     --------
-    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("lesson.toml")))
+    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
     >>> broken = rg.build_chip(netlist, rg.Chip(defects=rg.Defects(open_density=0.05)))
     >>> len(netlist.conductance), len(broken.conductance)
     (140, 134)
@@ -163,7 +163,7 @@ class Chip:
     >>> chip = rg.Chip(resistance="4k7", mismatch="1 %", readout=rg.Readout(bits=10))
     >>> chip.resistance, chip.mismatch
     (4700.0, 0.01)
-    >>> rg.study(rg.read_scene("lesson.toml"), chip)
+    >>> rg.study(rg.read_scene("examples/scenes/lesson.toml"), chip)
     Study(Eight by eight: 8 x 8 cells, dirichlet, 66 nodes)
     """
 

@@ -53,7 +53,7 @@ def sample(scene: Scene, *, require_goal: bool = True, progress: Progress | None
 
     Examples
     --------
-    >>> space = rg.sample(rg.read_scene("lesson.toml"))
+    >>> space = rg.sample(rg.read_scene("examples/scenes/lesson.toml"))
     >>> space
     <ConfigurationSpace of 8 x 8 cells, x 0 to 8 cell, y 0 to 8 cell: 7 obstacle, 1 goal>
     >>> (space.cell == rg.Cell.OBSTACLE).sum(axis=0)

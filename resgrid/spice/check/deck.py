@@ -95,7 +95,8 @@ def check_deck(
 
     Examples
     --------
-    >>> written = rg.write_spice(rg.compile_space(rg.sample(rg.read_scene("lesson.toml"))), "lesson.cir")
+    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
+    >>> written = rg.write_spice(netlist, "lesson.cir")
     >>> agreement = rg.check_deck("lesson.cir")
     >>> agreement.agrees, agreement.nodes, agreement.max_abs_error < 1e-12
     (True, 58, True)
