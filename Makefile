@@ -82,7 +82,7 @@ golden: $(INSTALLED)
 
 docs: $(INSTALLED_DOCS) warm
 	scripts/install_ngspice.sh
-	rm -rf docs/_build docs/gallery
+	rm -rf docs/_build docs/gallery docs/reference/api/names
 	$(BIN)/python -m sphinx -q -W --keep-going -d docs/_build/doctrees -b html docs docs/_build/html
 	@echo "the site is docs/_build/html/index.html"
 
@@ -90,7 +90,7 @@ reference: $(INSTALLED)
 	$(BIN)/python -c "from resgrid.scene.reference import scene_reference; print(scene_reference(), end='')" > docs/reference/scene.md
 
 clean:
-	rm -rf $(VENV) $(BENCH_VENV) docs/_build docs/gallery docs/jupyter_execute out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(BENCH_VENV) docs/_build docs/gallery docs/reference/api/names docs/jupyter_execute out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(CREATED):
