@@ -8,6 +8,7 @@
 # make fuzz    read 100,000 mutated decks
 # make golden  write the decks in netlists/ anew
 # make docs    build the site into docs/_build/html, offline; any warning is an error
+# make look     open every page of the site in Chromium, and tell what is too wide, broken or without a name
 # make reference  write docs/reference/scene.md anew
 # make clean   remove what was made here
 
@@ -32,7 +33,7 @@ KEEP_MEMORY := MALLOC_MMAP_THRESHOLD_=4294967296 MALLOC_TRIM_THRESHOLD_=17179869
 
 TARGETS := generic $(shell grep -qm1 avx512f /proc/cpuinfo 2>/dev/null && echo skylake-avx512)
 
-.PHONY: demo test warm targets check format bench fuzz golden docs reference clean
+.PHONY: demo test warm targets check format bench fuzz golden docs look reference clean
 .DELETE_ON_ERROR:
 
 demo: $(INSTALLED) warm
@@ -85,6 +86,10 @@ docs: $(INSTALLED_DOCS) warm
 	rm -rf docs/_build docs/gallery docs/reference/api/names
 	$(BIN)/python -m sphinx -q -W --keep-going -d docs/_build/doctrees -b html docs docs/_build/html
 	@echo "the site is docs/_build/html/index.html"
+
+look: $(INSTALLED_DEV)
+	scripts/install_chromium.sh
+	$(BIN)/python docs/look.py
 
 reference: $(INSTALLED)
 	$(BIN)/python -c "from resgrid.scene.reference import scene_reference; print(scene_reference(), end='')" > docs/reference/scene.md

@@ -59,7 +59,7 @@ for world, number, kind in ((bare, 15, "the free run"), (scene, 16, "with the hi
     rg.save_figure(rg.draw(runs, title=f"As figure {number}: {kind}, at several k"), f"out/3_figure_{number}_by_k.png")
 
 # %%
-# Dirichlet currents decay exponentially away from the goal, Neumann currents do not: the map shows which of them decides.
+# Dirichlet currents decay exponentially away from the goal, Neumann currents do not: the map shows which decides.
 
 share = planner.dirichlet_share()[planner.space.goal_connected]
 print(f"Neumann decides in {np.mean(share < 0.5):.0%} of the cells, though k = 0.98")
