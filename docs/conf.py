@@ -51,6 +51,7 @@ smartquotes_action = "qe"
 
 html_theme = "pydata_sphinx_theme"
 html_title = "resgrid"
+html_context = {"default_mode": "auto"}
 templates_path = ["_templates"]
 html_static_path = ["_static"]
 html_css_files = ["site.css"]

@@ -13,6 +13,7 @@ import resgrid as rg
 
 SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
+# sphinx_gallery_thumbnail_number = 3
 
 # %%
 # The same motions at four blends.
