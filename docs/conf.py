@@ -61,7 +61,7 @@ html_theme_options = {
     "logo": {"text": "resgrid"},
     "show_prev_next": False,
     "navbar_end": ["theme-switcher"],
-    "secondary_sidebar_items": {"**": ["page-toc"], "gallery/index": []},
+    "secondary_sidebar_items": {"**": ["page-toc"], "gallery/index": [], "explanation/planners": []},
     "footer_start": ["copyright"],
     "footer_end": [],
     "pygments_light_style": "tango",
