@@ -83,6 +83,15 @@ def small_signal(point: OperatingPoint) -> Netlist:
     Netlist
         The same nodes, sources and capacitors; every nonlinear resistor is a resistor of its differential conductance
         ``dI / dV``, appended to the resistors.
+
+    Examples
+    --------
+    >>> netlist = rg.Netlist(
+    ...     3, [[1, 2]], [1e-3], source_nodes=[[1, 0]], source_volts=[0.2],
+    ...     nonlinear_nodes=[[2, 0]], nonlinear_current=[1e-3], nonlinear_voltage=[0.1],
+    ... )
+    >>> rg.small_signal(rg.solve(netlist)).conductance.round(6)
+    array([0.001  , 0.00967])
     """
     netlist = point.netlist
     if not netlist.nonlinear_nodes.size:

@@ -79,6 +79,14 @@ def solve(
         If the promised accuracy is not reached; it carries the best answer.
     BudgetError
         If the factors would not fit in memory.
+
+    Examples
+    --------
+    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
+    >>> op = rg.solve(netlist)
+    >>> node = netlist.cells.node[6, 2]
+    >>> netlist.node_name(node), f"{op.voltage[node]:.6f} V"
+    ('n_6_2', '0.573718 V')
     """
     _check_options(accuracy, rtol, threads, progress)
     netlist = _netlist_of(netlist)
@@ -112,6 +120,17 @@ def factor(netlist: Netlist | Deck, *, method: str = "auto") -> CircuitFactor:
         If a pivot vanishes in double precision.
     BudgetError
         If the factors would not fit in memory.
+
+    Examples
+    --------
+    >>> ladder = rg.Netlist(
+    ...     3, [[1, 0], [1, 2], [2, 0]], [1e-3, 1e-3, 1e-3], current_nodes=[[0, 1]], current_amps=[1e-3]
+    ... )
+    >>> factor = rg.factor(ladder)
+    >>> factor.solve([1e-3, 0.0]).round(6)
+    array([0.666667, 0.333333])
+    >>> factor.solve([0.0, 1e-3]).round(6)
+    array([0.333333, 0.666667])
     """
     netlist = _netlist_of(netlist)
     if netlist.nonlinear_nodes.size:
@@ -146,6 +165,14 @@ def scale_drive(netlist: Netlist, point: OperatingPoint) -> Netlist:
     ------
     InputError
         If the netlist has no uniform drive, has nonlinear resistors, or the operating point is of another netlist.
+
+    Examples
+    --------
+    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")), boundary="neumann")
+    >>> op = rg.solve(netlist)
+    >>> scaled = rg.scale_drive(netlist, op)
+    >>> round(float(op.voltage.max()), 6), round(float(rg.solve(scaled).voltage.max()), 6)
+    (1.14067, 1.0)
     """
     cell_map = netlist.cell_map
     if cell_map is None or cell_map.wiring.drive != "uniform":

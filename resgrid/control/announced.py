@@ -104,6 +104,14 @@ def wavefront(world: Simulation, cells: NDArray[np.float64]) -> Wavefront:
         If nothing was announced, or the times do not ascend.
     CircuitError
         If nothing can be driven.
+
+    Examples
+    --------
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml").replace(hidden=(rg.Box((5.0, 2.2), (6.0, 3.0)),))
+    >>> world = rg.simulation(scene, k=1.0, announce=True, settle="sor")
+    >>> front = rg.wavefront(world, np.array([0.0, 0.5, 4.0]))
+    >>> front.potential[:, 5, 3].round(3)
+    array([0.843, 0.945, 0.955])
     """
     when = np.asarray(cells, dtype=np.float64)
     if when.ndim != 1 or not len(when) or not np.isfinite(when).all() or when[0] < 0 or np.any(when[1:] < when[:-1]):

@@ -45,6 +45,12 @@ def write_path(path: Timed, target: str | os.PathLike[str]) -> Path:
     InputError
         If the name ends otherwise, the path does not fit, an axis has the name of another column, or the file cannot
         be written.
+
+    Examples
+    --------
+    >>> path = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((5.5, 2.5))
+    >>> rg.write_path(path, "path.csv").read_text().splitlines()[:2]
+    ['x,y', '5.5,2.5']
     """
     space, suffix = path.space, suffix_of(target, _VIEWS, "a path")
     if suffix == ".json":
@@ -239,6 +245,15 @@ def ros_plan(path: Timed, *, frame_id: str = "map") -> str:
     ------
     InputError
         If the robot does not move in the plane.
+
+    Examples
+    --------
+    >>> path = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((5.5, 2.5))
+    >>> print(rg.ros_plan(path, frame_id="odom")[:60])
+    header:
+      stamp: {sec: 0, nanosec: 0}
+      frame_id: odom
+    poses
     """
     space, points = path.space, _points(path)
     _require_plane(space)

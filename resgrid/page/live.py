@@ -118,7 +118,7 @@ def live(
 
     Examples
     --------
-    >>> page = live(port=0, browser=False)
+    >>> page = rg.live(rg.read_scene("examples/scenes/lesson.toml"), browser=False)
     >>> page.url.startswith("http://127.0.0.1:")
     True
     >>> page.close()

@@ -86,6 +86,12 @@ def animate(
         If the suffix is unknown, a number out of range, or the path cannot be written.
     ToolMissingError
         If ffmpeg is asked for and not installed.
+
+    Examples
+    --------
+    >>> run = rg.simulation(rg.read_scene("examples/scenes/lesson.toml"), k=0.9).run()
+    >>> rg.animate(run, "run.gif", count=2, rate=1.0).name
+    'run.gif'
     """
     if not 0 < rate <= 100:
         raise InputError(f"rate = {rate}, but an animation shows more than 0 and at most 100 frames a second")
@@ -126,10 +132,11 @@ class _GifWriter(PillowWriter):
     _frames: list[Image.Image]
 
     def grab_frame(self, **_: Any) -> None:
-        """Keep the figure as it is; `savefig` would draw it twice."""
+        """Keep the figure as it is; `savefig` would draw it twice, and one that is held need not be drawn again."""
         canvas = self.fig.canvas
         assert isinstance(canvas, FigureCanvasAgg)
-        canvas.draw()  # type: ignore[no-untyped-call]
+        if self.fig.stale:
+            canvas.draw()  # type: ignore[no-untyped-call]
         self._frames.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy()))  # type: ignore[no-untyped-call]
 
     def finish(self) -> None:

@@ -99,6 +99,12 @@ def save_figure(picture: Axes | Figure, path: str | os.PathLike[str], *, dpi: fl
     ------
     InputError
         If the suffix is unknown, the resolution absurd, or the path cannot be written.
+
+    Examples
+    --------
+    >>> ax = rg.draw(rg.read_scene("examples/scenes/lesson.toml"))
+    >>> rg.save_figure(ax, "scene.svg").name
+    'scene.svg'
     """
     suffix = Path(path).suffix.lower().lstrip(".")
     if suffix not in FORMATS:

@@ -48,6 +48,12 @@ def read_scene(path: str | os.PathLike[str], **options: Any) -> Scene:
         If anything is wrong; one message lists it all, with lines.
     BudgetError
         If a map would not fit in memory.
+
+    Examples
+    --------
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml", k=0.5)
+    >>> scene.title, scene.k, len(scene.obstacles)
+    ('Eight by eight', (0.5,), 3)
     """
     file = Path(path)
     check_attributes(options, *MAP_OPTIONS)
@@ -85,6 +91,22 @@ def parse_scene(text: str, source: str = "scene", folder: str | os.PathLike[str]
         If anything is wrong; one message lists it all, with lines.
     BudgetError
         If a map would not fit in memory.
+
+    Examples
+    --------
+    >>> scene = rg.parse_scene('''
+    ... schema = 1
+    ... goal = [{ point = [1.8, 0.2] }]
+    ... grid.axes = [
+    ...   { name = "x", lower = 0, upper = 2, cells = 4, unit = "m" },
+    ...   { name = "y", lower = 0, upper = 1, cells = 2, unit = "m" },
+    ... ]
+    ... ''')
+    >>> rg.sample(scene).cell
+    array([[0, 0],
+           [0, 0],
+           [0, 0],
+           [2, 0]], dtype=uint8)
     """
     raw, lines = _toml(text, source)
     return build_scene(raw, source, Path(folder), lines)

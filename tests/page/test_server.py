@@ -7,6 +7,7 @@ import http.client
 from contextlib import closing
 from dataclasses import replace
 from urllib.parse import urlsplit
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 import resgrid as rg
 from resgrid.page import LivePage
 from resgrid.page.drawing import blank
-from resgrid.page.frames import solve_drawing
+from resgrid.page.frames import describe, solve_drawing
 from resgrid.page.messages import LARGEST
 
 
@@ -159,7 +160,7 @@ def test_browsers_do_not_disturb_each_other(served):
 def test_readers_see_the_scene_and_no_other():
     space = rg.ConfigurationSpace([rg.Axis("x", 0, 8, 8), rg.Axis("y", 0, 8, 8)], np.eye(8, dtype=np.uint8) * 2)
     with rg.live(space, read_only=True, browser=False) as page, dial(page) as socket:
-        assert isinstance(page, rg.LivePage) and page.url in page._repr_html_()
+        assert isinstance(page, LivePage) and page.url in page._repr_html_()
         assert read(socket.recv(timeout=PATIENCE))[0]["hello"]["read_only"]
         assert "reading only" in ask(socket, {"type": "example", "name": "rooms"})[0]["error"]
         head, _ = ask(socket, *about("solve", replace(blank(8), k=0.5)))
@@ -175,6 +176,31 @@ def test_saved_files_are_what_they_say(served):
         assert content.startswith(b"path,") and head["name"] == "paths.csv"
         head, content = ask(socket, *about("save", blank(8), format="deck"))
         assert content.startswith(b"PK") and b"dirichlet.cir.json" in content
+
+
+def test_elements_of_a_small_circuit_obey_ohm_and_kirchhoff():
+    drawing = replace(blank(8), chip={"mismatch": 0.2, "seed": 3})
+    circuit = describe(solve_drawing(drawing, exact=True))[0]["circuit"]
+    into = np.zeros((10, 10))  # with a rim for the rails
+    for axis, i, j, ohms, volts, amperes in circuit["resistors"]:
+        assert volts == pytest.approx(ohms * amperes)
+        into[i + 1, j + 1] += amperes
+        into[(i, j + 1) if axis == 0 else (i + 1, j)] -= amperes
+    given = {supply["rail"]: supply["amperes"] for supply in circuit["supplies"]}
+    assert into[7, 7] == pytest.approx(-given["goal 0"]) and given["obstacles"] == pytest.approx(-given["goal 0"])
+    inside = into[1:-1, 1:-1].copy()
+    inside[6, 6] = 0.0
+    assert np.abs(inside).max() <= 1e-9 * given["obstacles"]
+    assert describe(solve_drawing(blank(11), exact=True))[0]["circuit"] is None
+
+
+def test_pictures_are_saved_as_svg(served):
+    with dial(served) as socket:
+        socket.recv(timeout=PATIENCE)
+        for kind in ("svg", "circuit"):
+            _, content = ask(socket, *about("save", blank(8), format=kind))
+            assert ElementTree.fromstring(content).tag.endswith("svg")
+        assert "up to 10" in ask(socket, *about("save", blank(12), format="circuit"))[0]["error"]
 
 
 def test_a_message_that_is_cut_short_says_so(served):

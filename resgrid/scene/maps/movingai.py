@@ -73,7 +73,7 @@ def read_movingai(path: Path, passable: str = PASSABLE) -> MapData:
 
 
 def read_queries(path: str | os.PathLike[str]) -> list[Query]:
-    """Read the problems of a MovingAI scenario file, version 1.
+    r"""Read the problems of a MovingAI scenario file, version 1.
 
     Parameters
     ----------
@@ -89,6 +89,14 @@ def read_queries(path: str | os.PathLike[str]) -> list[Query]:
     ------
     InputError
         If the version or a line is wrong; the message names the line.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> size = Path("a.scen").write_text("version 1\n0\ta.map\t4\t2\t0\t0\t1\t1\t1.41421356\n")
+    >>> (query,) = rg.read_queries("a.scen")
+    >>> query.start, query.goal, query.optimal_length
+    ((0, 1), (1, 0), 1.41421356)
     """
     file = Path(path)
     lines = read_text(file).split("\n")

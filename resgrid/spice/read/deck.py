@@ -80,9 +80,11 @@ def read_spice(
     Examples
     --------
     >>> import io
-    >>> deck = read_spice(io.StringIO("divider\nV1 in 0 2\nR1 in out 1k\nR2 out gnd 1k\n"))
+    >>> deck = rg.read_spice(io.StringIO("divider\nV1 in 0 2\nR1 in out 1k\nR2 out gnd 1k\n"))
     >>> deck.title, deck.node_names, deck.resistance.tolist()
     ('divider', ('0', 'in', 'out'), [1000.0, 1000.0])
+    >>> rg.solve(deck).voltage
+    array([0., 2., 1.])
     """
     tables = measure is not None or sources is not None or grounds is not None
     if not isinstance(path, str | os.PathLike) or not (tables or is_network(path)):

@@ -99,6 +99,20 @@ def write_spice(
         not fit the deck.
     CircuitError
         If the netlist has no operating point.
+
+    Examples
+    --------
+    >>> op = rg.solve(rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml"))))
+    >>> written = rg.write_spice(op, "lesson.cir")
+    >>> written.path.read_text().splitlines()[1]
+    '* ngspice dialect: 58 nodes besides ground, 2 voltage sources, 140 resistors'
+    >>> print(written.commands.read_text(), end="")
+    * operating point of lesson.cir
+    * ngspice -n -b -r operating_point.raw lesson.cir.ngspice
+    .include "lesson.cir"
+    .options klu
+    .op
+    .end
     """
     target = _checked_target(Path(path))
     circuit, asked = _drawn(circuit, analyses)
