@@ -1,6 +1,6 @@
 """
-Figures 17 and 18 at several k
-==============================
+Figures 17 and 18: several k
+============================
 
 The reach over a chair, free and with the hidden obstacle; and why k = 0.98 acts almost as Neumann far from the goal.
 """
