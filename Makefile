@@ -5,7 +5,7 @@
 # make check   lint, formatting, types (of the page's modules as well), import order
 # make format  apply the formatter and the safe fixes
 # make bench   run resgrid and its peers, installed into .venv-bench, in turn (BENCH=full: large sizes; SECTIONS="plane memory")
-# make fuzz    read 100,000 mutated decks
+# make fuzz    read 100,000 mutated decks, and do 10,000 random actions on the live page (COUNT, ACTIONS, SEED)
 # make golden  write the decks in netlists/ anew
 # make docs    build the site into docs/_build/html, offline; any warning is an error
 # make look     open every page of the site in Chromium, and tell what is too wide, broken or without a name
@@ -73,6 +73,8 @@ bench: $(INSTALLED_BENCH)
 
 fuzz: $(INSTALLED_DEV)
 	RESGRID_MUTATED_DECKS=$(or $(COUNT),100000) $(BIN)/python -m pytest -q tests/spice/read/test_mutated_decks.py
+	scripts/install_chromium.sh
+	RESGRID_PAGE_ACTIONS=$(or $(ACTIONS),10000) RESGRID_PAGE_SEED=$(SEED) $(BIN)/python -m pytest -q -o log_cli=true -o log_cli_level=INFO tests/page/test_fuzzing.py
 
 golden: $(INSTALLED)
 	$(BIN)/resgrid compile examples/scenes/lesson.toml -o $(GOLDEN)/lesson_dirichlet.cir

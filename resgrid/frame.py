@@ -29,6 +29,11 @@ class Frame:
     turning_length : float or None
         Of a robot that turns: a third coordinate is its heading times this length, and turns along with the space.
 
+    Raises
+    ------
+    InputError
+        If a number is not finite.
+
     Examples
     --------
     >>> frame = rg.Frame(x=1.0, y=0.0, yaw=np.pi / 2)

@@ -71,12 +71,12 @@ def _settled(netlist: Netlist, *, accuracy: str, method: str, rtol: float, progr
     return answer
 
 
-def small_signal(point: OperatingPoint) -> Netlist:
+def small_signal(op: OperatingPoint) -> Netlist:
     """The linear circuit that small signals see around an operating point.
 
     Parameters
     ----------
-    point : OperatingPoint
+    op : OperatingPoint
 
     Returns
     -------
@@ -93,10 +93,10 @@ def small_signal(point: OperatingPoint) -> Netlist:
     >>> rg.small_signal(rg.solve(netlist)).conductance.round(6)
     array([0.001  , 0.00967])
     """
-    netlist = point.netlist
+    netlist = op.netlist
     if not netlist.nonlinear_nodes.size:
         return netlist
-    return linear_netlist(netlist, differential_conductance(netlist, nonlinear_drops(point)))
+    return linear_netlist(netlist, differential_conductance(netlist, nonlinear_drops(op)))
 
 
 def nonlinear_drops(point: OperatingPoint) -> NDArray[np.float64]:

@@ -126,8 +126,6 @@ class OperatingPoint:
     (array([0. , 2. , 0.5]), array([0.0015, 0.0015]), array([-0.0015]))
     >>> round(op.power, 9), op.kcl_residual < 1e-12
     (0.003, True)
-    >>> op.method
-    'elimination'
     """
 
     netlist: Netlist

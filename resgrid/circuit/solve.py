@@ -144,7 +144,7 @@ def factor(netlist: Netlist | Deck, *, method: str = "auto") -> CircuitFactor:
     return factor_circuit(system, method)
 
 
-def scale_drive(netlist: Netlist, point: OperatingPoint) -> Netlist:
+def scale_drive(netlist: Netlist, op: OperatingPoint) -> Netlist:
     """Scale the uniform drive so that the highest node sits at the supply.
 
     The circuit is linear: its voltages above the goal rail scale with the currents fed in.
@@ -153,7 +153,7 @@ def scale_drive(netlist: Netlist, point: OperatingPoint) -> Netlist:
     ----------
     netlist : Netlist
         Compiled with ``drive="uniform"``.
-    point : OperatingPoint
+    op : OperatingPoint
         Its operating point.
 
     Returns
@@ -179,9 +179,9 @@ def scale_drive(netlist: Netlist, point: OperatingPoint) -> Netlist:
         raise InputError("only a netlist compiled with drive = 'uniform' has a drive to scale")
     if netlist.nonlinear_nodes.size:
         raise InputError("the voltages of a circuit with nonlinear resistors do not scale with its drive")
-    if not point.is_of(netlist):
+    if not op.is_of(netlist):
         raise InputError("the operating point belongs to another netlist; solve this one first")
-    height = (point.voltage - cell_map.wiring.goal_voltage) * np.sign(cell_map.wiring.supply)
+    height = (op.voltage - cell_map.wiring.goal_voltage) * np.sign(cell_map.wiring.supply)
     factor = abs(cell_map.wiring.supply) / float(np.nanmax(height[cell_map.free_node]))
     return netlist.replace(current_amps=netlist.current_amps * factor)
 

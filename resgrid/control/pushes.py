@@ -30,6 +30,11 @@ class Push:
         In seconds.
     force : ndarray of float64, shape (ndim,)
 
+    Raises
+    ------
+    InputError
+        If a number is not finite, or the duration not above 0.
+
     Examples
     --------
     >>> push = rg.Push(start=1.0, duration=0.5, force=(0.0, 0.2))
@@ -72,6 +77,11 @@ def random_pushes(seed: int, ndim: int, *, until: float, size: float, duration: 
     -------
     list of Push
         In order of time.
+
+    Raises
+    ------
+    InputError
+        If a number is out of range.
 
     Examples
     --------

@@ -36,6 +36,11 @@ class Box:
     lower, upper : tuple of float
         Opposite corners, in axis units; ``lower <= upper`` in every coordinate.
 
+    Raises
+    ------
+    InputError
+        If a coordinate is not finite, or ``lower`` is above ``upper``.
+
     Examples
     --------
     >>> rg.Box((0.0, 0.0), (2.0, 1.0)).shifted((1.0, 0.0)).bounds
@@ -78,6 +83,11 @@ class Ball:
         In axis units.
     radius : float
         At least 0, in axis units.
+
+    Raises
+    ------
+    InputError
+        If a number is not finite, or the radius is negative.
 
     Examples
     --------
@@ -179,6 +189,11 @@ class HalfSpace:
         Not zero; need not have length 1.
     offset : float
         In the units of ``normal @ x``.
+
+    Raises
+    ------
+    InputError
+        If a number is not finite, or the normal is zero.
 
     Examples
     --------

@@ -19,6 +19,11 @@ class GoalPoint:
     point : tuple of float
         World coordinates; of a turning robot a place in the plane, or one with a heading.
 
+    Raises
+    ------
+    InputError
+        If a coordinate is not finite.
+
     Examples
     --------
     >>> scene = rg.read_scene("examples/scenes/lesson.toml").replace(goal=rg.GoalPoint((7.2, 0.4)))
@@ -58,6 +63,11 @@ class GoalJoints:
     ----------
     lower, upper : tuple of float
         Corners, in world coordinates (of an arm its angles); equal for a single configuration.
+
+    Raises
+    ------
+    InputError
+        If a coordinate is not finite, or ``lower`` is above ``upper``.
 
     Examples
     --------

@@ -118,6 +118,11 @@ class Scene:
     source : str or None
         The file it came from.
 
+    Raises
+    ------
+    InputError
+        If values are out of range or do not fit each other; one message lists it all, by key path.
+
     Examples
     --------
     >>> axes = (rg.Axis("x", 0.0, 4.0, 4), rg.Axis("y", 0.0, 3.0, 3))

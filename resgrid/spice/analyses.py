@@ -44,6 +44,11 @@ class TransientAnalysis:
         The scene that takes the deck's place at time 0: the same nodes and elements with other values (in tile form
         another scene of the same grid, otherwise another supply, drive or switch).
 
+    Raises
+    ------
+    InputError
+        If the step is not above 0 and at most ``stop``.
+
     Examples
     --------
     >>> study = rg.study(rg.read_scene("examples/scenes/lesson.toml"), rg.Chip(capacitance="100f"))
@@ -75,6 +80,11 @@ class NoiseAnalysis:
     points : int
         Frequencies per decade.
 
+    Raises
+    ------
+    InputError
+        If these frequencies are no band.
+
     Examples
     --------
     >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
@@ -104,6 +114,11 @@ class TemperatureAnalysis:
     ----------
     celsius : tuple of float
         The nominal one, at which values hold, is 27 degrees Celsius.
+
+    Raises
+    ------
+    InputError
+        If there is no temperature, or one is not above absolute zero.
 
     Examples
     --------
@@ -135,6 +150,11 @@ class MismatchAnalysis:
     runs : int
         How many chips the simulator draws by its own statistics, normal ones; 0 writes the values of one chip into the
         deck.
+
+    Raises
+    ------
+    InputError
+        If ``sigma`` is not between 0 and 1 (with ``runs``, 0.2), or a number is negative.
 
     Examples
     --------
@@ -182,6 +202,11 @@ class Probe:
     sources : tuple of str
         Names of voltage sources in the deck, for their currents.
 
+    Raises
+    ------
+    InputError
+        If nothing is named.
+
     Examples
     --------
     >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
@@ -213,6 +238,11 @@ class Measure:
         Extreme voltage, voltage at the time `at`, or time of the first crossing of the voltage `at`.
     at : float or None
         Seconds or volts.
+
+    Raises
+    ------
+    InputError
+        If the name holds other characters, or ``at`` is missing or does not belong to ``what``.
 
     Examples
     --------

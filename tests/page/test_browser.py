@@ -320,24 +320,3 @@ def test_a_stopped_server_is_said_and_the_page_goes_on(chromium: Browser):
         assert kept(page) == drawn
         assert "✓ certified" in page.inner_text("#quality")
     context.close()
-
-
-def test_random_actions_leave_no_error(shown: Page):
-    rng = random.Random(3)
-    tools = ["Wall", "Erase", "Box", "Fill", "Mud", "Goal", "Start", "Break"]
-    for _ in range(150):
-        action = rng.randrange(8)
-        if action < 4:
-            drag(shown, [(rng.randrange(-3, 99), rng.randrange(-3, 99)) for _ in range(rng.randrange(1, 4))])
-        elif action == 4:
-            shown.locator("#tools").get_by_role("button", name=rng.choice(tools)).click()
-        elif action == 5:
-            shown.keyboard.press(rng.choice(["Control+z", "Control+y", "ArrowUp", " ", "Shift+ArrowLeft", "g", "s"]))
-        elif action == 6:
-            shown.locator("#k").fill(str(rng.randrange(1001)))
-        else:
-            shown.select_option(rng.choice(["#edge"]), rng.choice(["open", "obstacle"]))
-    until(shown, "live.model.before === null")
-    shown.evaluate("live.model.scene.goals.length || live.model.replace({ ...live.model.scene, goals: [[5]] })")
-    until(shown, "['certified', 'error'].includes(document.getElementById('quality').dataset.state)")
-    assert "fault" not in shown.inner_text("#quality")

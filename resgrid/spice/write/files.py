@@ -52,7 +52,7 @@ class WrittenDeck:
 
 def write_spice(
     circuit: Netlist | OperatingPoint,
-    path: str | os.PathLike[str],
+    file: str | os.PathLike[str],
     dialect: str = "ngspice",
     *,
     title: str | None = None,
@@ -69,9 +69,9 @@ def write_spice(
     ----------
     circuit : Netlist or OperatingPoint
         A solved circuit, or a netlist, which is then solved: the sidecar holds the expected voltages.
-    path : path-like
-        The deck; ``PATH.json``, ``PATH.ngspice`` (the dialect's name) and ``PATH.verify`` are written beside it, in
-        tile form also ``PATH.chip`` and ``PATH.pattern``.
+    file : path-like
+        The deck; ``FILE.json``, ``FILE.ngspice`` (the dialect's name) and ``FILE.verify`` are written beside it, in
+        tile form also ``FILE.chip`` and ``FILE.pattern``.
     dialect : {"ngspice", "ltspice", "xyce", "hspice", "spectre"}
     title : str, optional
         First line of the deck.
@@ -114,7 +114,7 @@ def write_spice(
     .op
     .end
     """
-    target = _checked_target(Path(path))
+    target = _checked_target(Path(file))
     circuit, asked = _drawn(circuit, analyses)
     op = circuit if isinstance(circuit, OperatingPoint) else solve(circuit)
     added = additions(asked, op.netlist, dialect_named(dialect))
