@@ -73,12 +73,14 @@ def tool(label: str) -> Callable[[Page], None]:
 
 
 def press(name: str) -> Callable[[Page], None]:
-    return lambda page: page.locator("header").get_by_role("button", name=name, exact=True).click()
+    def bring(page: Page) -> None:
+        page.locator("header").get_by_role("button", name=name, exact=True).click()
+        until(page, "document.querySelector('dialog[open]')")
+
+    return bring
 
 
 def hover(page: Page) -> None:
-    page.mouse.move(*point_on(page, (40.5, 50.5)))
-    page.wait_for_timeout(200)
     page.mouse.move(*point_on(page, (50.5, 50.5)))
     until(page, "!document.getElementById('card').hidden")
 

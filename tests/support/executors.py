@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import contextlib
+import multiprocessing
 import os
 import pickle
 import random
 import signal
+import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, Future
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+import pytest
+
+import resgrid as rg
 
 
 class Shuffled(Executor):
@@ -63,6 +70,37 @@ class Shuffled(Executor):
             self._some.notify()
         if wait:
             self._thread.join()
+
+
+@contextmanager
+def two_workers(kind: str, folder: Path) -> Iterator[Executor]:
+    """An executor whose workers are two processes; `folder` for its files."""
+    if kind == "loky":
+        from loky import get_reusable_executor
+
+        yield get_reusable_executor(2)
+    elif kind == "dask":
+        from distributed import LocalCluster
+
+        with (
+            LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+            rg.open_executor(cluster.scheduler_address.replace("tcp", "dask")) as executor,
+        ):
+            yield executor
+    elif kind == "forkserver":
+        with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("forkserver")) as executor:
+            yield executor
+    elif kind == "parsl":
+        words = "label='two', max_workers_per_node=2, address='127.0.0.1'"
+        config = f"parsl.Config(executors=[parsl.HighThroughputExecutor({words})], run_dir={str(folder / 'parsl')!r})"
+        (folder / "config.py").write_text(f"import parsl\nconfig = {config}\n")
+        with pytest.MonkeyPatch.context() as patch:  # as in an environment that is activated
+            patch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+            with rg.open_executor(f"parsl:{folder / 'config.py'}") as executor:
+                yield executor
+    else:
+        with rg.open_executor(kind) as executor:
+            yield executor
 
 
 def sums(shared: Any, items: Sequence[int]) -> list[int]:

@@ -26,6 +26,7 @@ export class View {
   /** Paths of the chip without flaws, where this one has some. @type {Float32Array[]} */ ideal = [];
   shows = { dots: true, equipotentials: true, arrows: false, paths: true, circuit: true };
   dark = false;
+  isClosed = false;
   repaints = 0;
   #dots = new Dots(900);
   #then = 0;
@@ -36,6 +37,7 @@ export class View {
     this.context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d", { alpha: false }));
     new ResizeObserver(() => this.#resize()).observe(canvas);
     const loop = (/** @type {number} */ now) => {
+      if (this.isClosed) return;
       this.#paint(now);
       requestAnimationFrame(loop);
     };
@@ -321,7 +323,7 @@ export class View {
       const [left, top] = this.toPixels([low[0], high[1]]);
       context.strokeRect(left, top, (high[0] - low[0]) * w, (high[1] - low[1]) * h);
     }
-    if (this.cursor && document.activeElement === this.canvas) {
+    if (this.cursor && this.canvas.matches(":focus")) {
       const [left, top] = this.toPixels([this.cursor[0], this.cursor[1] + 1]);
       context.strokeRect(left - 2, top - 2, w + 4, h + 4);
     }

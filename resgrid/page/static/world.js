@@ -38,6 +38,7 @@ export class World {
     canvas.addEventListener("pointermove", (event) => this.#move(event));
     for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => this.#end());
     const loop = (/** @type {number} */ now) => {
+      if (view.isClosed) return;
       if (this.scene) this.#paint(now);
       requestAnimationFrame(loop);
     };
