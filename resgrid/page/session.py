@@ -16,6 +16,7 @@ from resgrid.page.drawing import Drawing, drawing_of
 from resgrid.page.frames import Frame, describe, describe_ends, probe, solve_drawing
 from resgrid.page.messages import Request, pack, read_drawing, read_request, write_drawing
 from resgrid.page.opening import examples, open_document, open_example, open_files
+from resgrid.page.warm import WarmFields
 
 PATIENCE = 0.035
 """Seconds that a direction-safe frame may take to be made while somebody draws."""
@@ -32,6 +33,7 @@ class Session:
         self.frame: Frame | None = None
         self.before: Frame | None = None
         self.exact_seconds = float("inf")
+        self._warm = WarmFields()
 
     def hello(self) -> bytes:
         """What a page is told first."""
@@ -103,7 +105,7 @@ class Session:
         """Solve as asked; in haste, direction-safe all the same where that was quick enough before."""
         if self.frame is not None and self.frame.exact:
             self.before = self.frame
-        self.frame = solve_drawing(drawing, exact=exact or self.exact_seconds < PATIENCE)
+        self.frame = solve_drawing(drawing, exact=exact or self.exact_seconds < PATIENCE, warm=self._warm)
         if self.frame.exact:
             self.exact_seconds = self.frame.seconds
         head, body = describe(self.frame)
