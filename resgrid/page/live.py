@@ -3,20 +3,30 @@
 from __future__ import annotations
 
 import socket
+import sys
 import threading
 import time
 import webbrowser
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from contextlib import suppress
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
-from resgrid.errors import InputError, ToolMissingError
+from resgrid.errors import InputError, ResgridError, ToolMissingError
 from resgrid.page.drawing import Drawing, blank, drawing_of, drawing_of_space
-from resgrid.scene import Scene
 from resgrid.space import ConfigurationSpace
 
-PORT = 8017
+if TYPE_CHECKING:
+    from resgrid.page.notebook import LiveWidget
+    from resgrid.scene import Scene
+
 _MISSING = "the live page needs starlette, uvicorn and websockets; type: pip install 'resgrid[live]'"
+_NO_WIDGETS = "a notebook shows the page as a widget; type: pip install 'resgrid[notebook]', or pass widget=False"
 _START_SECONDS = 20.0
+_STOP_SECONDS = 30.0
+_WORKERS = 8
+"""Requests that are worked at at once: the system shares its cores among them, so that no browser waits for another."""
+_WARM_CELLS = 256
 
 
 class LivePage:
@@ -33,32 +43,32 @@ class LivePage:
             import uvicorn
 
             from resgrid.page.messages import LARGEST
-            from resgrid.page.server import hosts_of, make_app
+            from resgrid.page.server import make_app
         except ImportError as error:
             raise ToolMissingError(f"{_MISSING} ({error})") from None
-        self._executor = ThreadPoolExecutor(1, thread_name_prefix="resgrid solves")
-        app = make_app(drawing, self._executor, hosts=hosts_of(host), read_only=read_only)
+        self._executor = ThreadPoolExecutor(_WORKERS, thread_name_prefix="resgrid answers")
+        app = make_app(drawing, self._executor, host=host, read_only=read_only)
         self._socket = _listen(host, port)
-        shown = "127.0.0.1" if host in ("0.0.0.0", "") else host
+        shown = {"0.0.0.0": "127.0.0.1", "": "127.0.0.1", "::": "::1"}.get(host, host)
         self.url = f"http://{f'[{shown}]' if ':' in shown else shown}:{self._socket.getsockname()[1]}/"
         self._server = uvicorn.Server(
             uvicorn.Config(
-                app, log_level="critical", access_log=False, lifespan="off", server_header=False,
+                app, log_level="error", access_log=False, lifespan="off", server_header=False,
                 ws="websockets-sansio", ws_max_size=LARGEST, ws_per_message_deflate=False,
                 timeout_graceful_shutdown=1,
             )
         )  # fmt: skip
-        self._thread = threading.Thread(target=self._server.run, args=([self._socket],), daemon=True)
-        self._thread.start()
+        self._ended = (
+            threading.Event()
+        )  # an interrupted Thread.join takes a living thread for an ended one (CPython 3.11)
+        threading.Thread(target=self._serve, daemon=True).start()
         until = time.monotonic() + _START_SECONDS
-        while not self._server.started and self._thread.is_alive() and time.monotonic() < until:
-            time.sleep(0.01)
+        while not self._server.started and not self._ended.wait(0.01) and time.monotonic() < until:
+            pass
+        self._executor.submit(_load_engine, drawing)
 
     def __repr__(self) -> str:
         return f"<LivePage at {self.url}>"
-
-    def _repr_html_(self) -> str:
-        return f'<iframe src="{self.url}" style="width: 100%; height: 640px; border: 0"></iframe>'
 
     def __enter__(self) -> LivePage:
         return self
@@ -66,15 +76,21 @@ class LivePage:
     def __exit__(self, *_: Any) -> None:
         self.close()
 
+    def _serve(self) -> None:
+        try:
+            self._server.run([self._socket])
+        finally:
+            self._ended.set()
+
     def wait(self) -> None:
         """Serve until interrupted."""
-        while self._thread.is_alive():
-            self._thread.join(0.5)
+        while not self._ended.wait(0.5):
+            pass
 
     def close(self) -> None:
         """Stop serving."""
         self._server.should_exit = True
-        self._thread.join(5.0)
+        self._ended.wait(_STOP_SECONDS)
         self._socket.close()
         self._executor.shutdown(wait=False, cancel_futures=True)
 
@@ -86,7 +102,8 @@ def live(
     port: int = 0,
     read_only: bool = False,
     browser: bool = True,
-) -> LivePage:
+    widget: bool | None = None,
+) -> LivePage | LiveWidget:
     """Open a page in the browser in which walls are painted and goals dragged while the grid settles.
 
     The page is served from this process, by a thread of its own, and solved by this library alone.
@@ -103,34 +120,67 @@ def live(
         Whether visitors may change k and starts only.
     browser : bool
         Whether to open the page in a browser.
+    widget : bool, optional
+        Whether to return a widget for a notebook, which is solved in its kernel, without server and port; by default
+        in the kernel of a notebook.
 
     Returns
     -------
-    LivePage
-        With its ``url``; ``close()`` stops it.  In a notebook it shows itself.
+    LivePage or LiveWidget
+        With its ``url``, until ``close()`` stops it; or the widget, which shows itself.
 
     Raises
     ------
     InputError
         If this has not two axes, is too large to draw, or the port is taken.
     ToolMissingError
-        If the extra ``resgrid[live]`` is not installed.
+        If the extra ``resgrid[live]``, or in a notebook ``resgrid[notebook]``, is not installed.
 
     Examples
     --------
-    >>> page = live(port=0, browser=False)
+    >>> page = rg.live(rg.read_scene("examples/scenes/lesson.toml"), browser=False)
     >>> page.url.startswith("http://127.0.0.1:")
     True
     >>> page.close()
     """
-    if isinstance(where, ConfigurationSpace):
-        drawing = drawing_of_space(where)
-    else:
-        drawing = blank() if where is None else drawing_of(where)
-    page = LivePage(drawing, host, port, read_only)
+    if _in_notebook() if widget is None else widget:
+        try:
+            from resgrid.page.notebook import LiveWidget
+        except ImportError as error:
+            raise ToolMissingError(f"{_NO_WIDGETS} ({error})") from None
+        return LiveWidget(_drawing(where), read_only=read_only)
+    return serve(where, host=host, port=port, read_only=read_only, browser=browser)
+
+
+def serve(
+    where: Scene | ConfigurationSpace | None, *, host: str, port: int, read_only: bool, browser: bool
+) -> LivePage:
+    """Serve the page at an address."""
+    page = LivePage(_drawing(where), host, port, read_only)
     if browser:
         webbrowser.open(page.url)
     return page
+
+
+def _drawing(where: Scene | ConfigurationSpace | None) -> Drawing:
+    if isinstance(where, ConfigurationSpace):
+        return drawing_of_space(where)
+    return blank() if where is None else drawing_of(where)
+
+
+def _in_notebook() -> bool:
+    """Whether the kernel of a notebook runs this."""
+    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    return hasattr(shell, "kernel")
+
+
+def _load_engine(first: Drawing) -> None:
+    """Load the engine and its loops while the browser is still opening: solve the first drawing, or a smaller one."""
+    from resgrid.page.frames import solve_drawing
+
+    cells = max(first.cell.shape)
+    with suppress(ResgridError):
+        solve_drawing(first if cells <= _WARM_CELLS else replace(blank(_WARM_CELLS), k=first.k), exact=True)
 
 
 def _listen(host: str, port: int) -> socket.socket:

@@ -63,11 +63,11 @@ class File(Table):
 class Request(Table):
     """What the page asks for."""
 
-    type: Literal["solve", "save", "probe", "settle", "world", "example", "files", "link"]
+    type: Literal["solve", "ends", "save", "probe", "settle", "world", "example", "files", "link"]
     seq: Annotated[int, Ge(0)]
     drawing: DrawingHead | None = None
     exact: bool = True
-    format: Literal["toml", "json", "csv", "deck"] | None = None
+    format: Literal["toml", "json", "csv", "deck", "svg", "circuit"] | None = None
     cell: Annotated[list[int], Len(2, 2)] | None = None
     name: str | None = None
     files: Annotated[list[File], Len(1, 10)] | None = None

@@ -1,15 +1,17 @@
 // Opening, saving and links.
 
-import { writeScene } from "./model.js";
-import { get } from "./panel.js";
+import { centreOf, writeScene } from "./model.js";
 
 /** @typedef {import("./model.js").Scene} Scene */
+/** @typedef {import("./parts.js").Parts} Parts */
 /** @typedef {import("./wire.js").Wire} Wire */
 
 const LONG_LINK = 8192;
 const CHOICES = [
   ["toml", "Scene", "TOML, for resgrid run and you"],
   ["png", "Picture", "PNG, as it is on the screen"],
+  ["svg", "Drawing", "SVG, as rg.draw draws it"],
+  ["circuit", "Circuit", "SVG, up to 10 × 10 cells"],
   ["csv", "Paths", "CSV, certified, world coordinates"],
   ["deck", "SPICE deck", "with its sidecar and check, zipped"],
 ];
@@ -30,17 +32,43 @@ async function saved(wire, scene, format) {
   return /** @type {[string, Uint8Array]} */ ([head.name, content.slice()]);
 }
 
-/** A dialog with buttons. @param {string} id @param {string} title */
-function dialogOf(id, title) {
+/** A dialog with buttons. @param {Parts} parts @param {string} id @param {string} title */
+function dialogOf({ get }, id, title) {
   const dialog = /** @type {HTMLDialogElement} */ (get(id));
   dialog.innerHTML = `<h2>${title}</h2><div class="body"></div><div class="actions"><button data-close>Close</button></div>`;
   dialog.querySelector("[data-close]")?.addEventListener("click", () => dialog.close());
   return { dialog, body: /** @type {HTMLElement} */ (dialog.querySelector(".body")), actions: /** @type {HTMLElement} */ (dialog.querySelector(".actions")) };
 }
 
-/** @param {Wire} wire @param {() => Scene} scene @param {HTMLCanvasElement} canvas @param {(error: unknown) => void} complain */
-export function openSaving(wire, scene, canvas, complain) {
-  const { dialog, body } = dialogOf("saving", "Save");
+/** An empty grid like the one shown, or a square. @param {Scene} scene @param {number} [cells] @returns {Scene} */
+function emptied(scene, cells) {
+  const square = (/** @type {string} */ name) => ({ name, lower: 0, upper: Number(cells), cells: Number(cells), periodic: false, unit: "cell" });
+  const axes = cells ? [square("x"), square("y")] : scene.axes, edge = cells ? ["obstacle", "obstacle"] : scene.edge;
+  const [nx, ny] = axes.map((axis) => axis.cells), goal = Math.floor(0.75 * nx) * ny + Math.floor(0.75 * ny);
+  const starts = [centreOf({ ...scene, axes }, [Math.floor(0.2 * nx), Math.floor(0.2 * ny)])];
+  return { ...scene, title: "Drawing", axes, edge, cells: new Uint8Array(nx * ny), palette: [1], goals: [[goal]], starts, broken: [], world: null };
+}
+
+/** @param {Parts} parts @param {import("./model.js").Model} model */
+export function openNew(parts, model) {
+  const { dialog, body } = dialogOf(parts, "saving", "An empty grid");
+  body.className = "body choices";
+  for (const cells of [undefined, 10, 32, 64, 96, 128, 192, 256]) {
+    const button = document.createElement("button"), small = document.createElement("small");
+    button.append(cells ? `${cells} × ${cells}` : "As it is", small);
+    small.textContent = !cells ? "this grid without what is drawn" : cells === 10 ? "its circuit is drawn" : `${cells * cells} nodes`;
+    button.addEventListener("click", () => {
+      dialog.close();
+      model.replace(emptied(/** @type {Scene} */ (model.scene), cells));
+    });
+    body.append(button);
+  }
+  dialog.showModal();
+}
+
+/** @param {Parts} parts @param {Wire} wire @param {() => Scene} scene @param {HTMLCanvasElement} canvas @param {(error: unknown) => void} complain */
+export function openSaving(parts, wire, scene, canvas, complain) {
+  const { dialog, body } = dialogOf(parts, "saving", "Save");
   body.className = "body choices";
   for (const [format, label, about] of CHOICES) {
     const button = document.createElement("button"), small = document.createElement("small");
@@ -60,14 +88,14 @@ export function openSaving(wire, scene, canvas, complain) {
   dialog.showModal();
 }
 
-/** The link that holds a scene. @param {Wire} wire @param {Scene} scene */
-export async function linkOf(wire, scene) {
+/** The link that holds a scene. @param {Wire} wire @param {Scene} scene @param {string} [address] of a page */
+export async function linkOf(wire, scene, address = `${location.origin}${location.pathname}`) {
   const [, content] = await saved(wire, scene, "json");
   const packed = await through(new CompressionStream("deflate-raw"), content);
   let text = "";
   for (const byte of packed) text += String.fromCharCode(byte);
   const code = btoa(text).replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "");
-  return `${location.origin}${location.pathname}#s=${code}`;
+  return `${address}#s=${code}`;
 }
 
 /** The document in a link's fragment; null if there is none. @param {string} fragment */
@@ -85,10 +113,10 @@ async function through(stream, bytes) {
   return new Uint8Array(await new Response(piped).arrayBuffer());
 }
 
-/** @param {Wire} wire @param {Scene} scene */
-export async function openLinking(wire, scene) {
-  const link = await linkOf(wire, scene);
-  const { dialog, body, actions } = dialogOf("linking", "A link that holds the whole scene");
+/** @param {Parts} parts @param {Wire} wire @param {Scene} scene @param {string} [address] */
+export async function openLinking(parts, wire, scene, address) {
+  const link = await linkOf(wire, scene, address);
+  const { dialog, body, actions } = dialogOf(parts, "linking", "A link that holds the whole scene");
   const field = document.createElement("input"), note = document.createElement("p"), copy = document.createElement("button");
   field.type = "text";
   field.readOnly = true;

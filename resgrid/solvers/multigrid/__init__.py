@@ -1,7 +1,7 @@
 """Conjugate gradients preconditioned by multigrid: the algorithm on one page.
 
 `MultigridFactor` solves ``A x = b`` for the Laplacian of a grid or a netlist, in this order:
-1. *Before*: corridors, chains and trees have been eliminated (`resgrid.solvers.star_mesh`).
+1. *Before*: corridors, chains and trees are solved directly (`resgrid.solvers.supernodal`).
 2. *Red-black grids* (`lattice`, `grid_level.lay_out`, `red_black.Stencil`). A grid has two colours, and every edge
    joins a red cell to a black one: ``A = [[D_r, -G], [-G^T, D_b]]``. Conductances are kept face by face over the red
    cells, in flat arrays without indices, in double precision and in single. Cells are numbered with odd strides, so
@@ -32,7 +32,7 @@
    with exponents where doubles run out, every pass a solution to many digits of what is largest, until what all rows
    violate KCL by proves that no entry is off by more than 4e-9 of itself and the rounding of the sums. The last rows,
    mostly in slits, are solved directly with what surrounds them (`local`).
-9. *h-transform* (`grading`, `h_transform`). Where a potential ``u`` falls by many decades, levels are those of ``u /
+9. *h-transform* (`h_transform`). Where a potential ``u`` falls by many decades, levels are those of ``u /
    h``, with the conductances ``g_ij h_i h_j`` (Doob), and all decades gain digits alike. ``h`` comes from nested
    iteration: a small level solved directly, its answer spread, and made better on every level by a multiplicative
    cycle (Horton & Leutenegger 1994), in which all numbers stay positive.

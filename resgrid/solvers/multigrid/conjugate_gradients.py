@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,18 +21,20 @@ from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid import krylov, sweeps
 from resgrid.solvers.multigrid.cycle import Finest, Levels, precondition
 from resgrid.solvers.multigrid.hierarchy import Hierarchy
+from resgrid.solvers.multigrid.krylov import Vectors
 from resgrid.solvers.multigrid.packing import with_work
 from resgrid.solvers.multigrid.red_black import Stencil
 from resgrid.solvers.refine import Numbers
+from resgrid.solvers.team import ALONE, Team
+
+if TYPE_CHECKING:
+    from resgrid.solvers.multigrid.threaded import SlabSolver
 
 MOST_ITERATIONS = 200
 LEAST_GAIN = 0.5
 """Factor by which the true residual must fall from burst to burst."""
 
 ROUNDING = 2.0**-52
-_BURST = 1e-5
-"""Gain of a burst from its largest residual on: vectors in single precision allow no more."""
-
 _TOLD = 5e-7
 """Gain below which the residual that recursion leaves is rounding of single precision."""
 
@@ -61,33 +63,17 @@ _PASS, _LEAST_PASS = 1e-12, 1e-2
 """By how much a pass of refinement lessens the residual: at most, and at least."""
 
 
-class Vectors(NamedTuple):
-    """The vectors of a burst.
-
-    `inverse` (slots,): of the diagonal; `r, s, w` (slots,): residual, ``A p`` and ``A z``; `z` (depth, slots):
-    preconditioned residuals that are not yet part of the answer; `p` (slots,): direction before them; `on_x, on_p`
-    (depth + 1,): their shares in the answer and in the direction, and, last, those of ``p``.
-    """
-
-    inverse: NDArray[np.float32]
-    r: NDArray[np.float32]
-    s: NDArray[np.float32]
-    w: NDArray[np.float32]
-    z: NDArray[np.float32]
-    p: NDArray[np.float64]
-    on_x: NDArray[np.float64]
-    on_p: NDArray[np.float64]
-
-
 class Problem(Protocol):
     """Equations in units of the hierarchy's conductance, over vectors of slots.
 
-    `finest, levels`: what preconditions them, with work space of their own; `vectors`: of the iteration.
+    `finest, levels`: what preconditions them, with work space of their own; `vectors`: of the iteration; `slabs`: who
+    takes its steps on several threads.
     """
 
     finest: Finest
     levels: Levels
     vectors: Vectors
+    slabs: SlabSolver | None
 
     def residual(self, x: NDArray[np.float64], r: NDArray[np.float64], at_rest: bool) -> float:
         """``r = b - A x``, and its norm; ``at_rest``: ``x`` is 0.  Shapes: `x` (colours, slots), `r` (slots,)."""
@@ -106,12 +92,15 @@ class GridProblem:
     levels: Levels
     currents: NDArray[np.float64]
     depth: int = _DEPTH
+    slabs: SlabSolver | None = None
 
     def __post_init__(self) -> None:
         self.vectors = _vectors(self.finest.stencil.black_inverse, self.depth)
 
     def residual(self, x: NDArray[np.float64], r: NDArray[np.float64], at_rest: bool) -> float:
         """As of `Problem`; relaxes the red cells."""
+        if self.slabs is not None and not at_rest:
+            return self.slabs.residual(self.currents, x, r)
         formed = sweeps.residual_at_rest if at_rest else sweeps.black_residual
         return float(formed(self.true, self.currents, x, r))
 
@@ -126,6 +115,7 @@ class _GraphProblem:
     slot: NDArray[np.int32]
     b: NDArray[np.float64]
     unit: float
+    slabs: SlabSolver | None = None
 
     def __post_init__(self) -> None:
         self.vectors = _vectors(self.levels.graphs.inverse[: len(self.b)], _DEPTH)
@@ -152,6 +142,7 @@ def iterate(
     rtol: float,
     guess: NDArray[np.float64] | None = None,
     watch: Watch | None = None,
+    team: Team = ALONE,
 ) -> tuple[NDArray[np.float64], float]:
     """Solve until the residual norm is ``rtol |b|``, or rounding forbids more; returns `x` (n,) and that norm.
 
@@ -165,7 +156,7 @@ def iterate(
     binades = math.frexp(largest)[1] - math.frexp(unit)[1] if largest else 0
     if abs(binades) > _RANGE:
         small = np.ldexp(b, -binades), None if guess is None else np.ldexp(guess, -binades)
-        x, size = iterate(laplacian, hierarchy, small[0], rtol, small[1], watch)
+        x, size = iterate(laplacian, hierarchy, small[0], rtol, small[1], watch, team)
         with np.errstate(over="ignore"):
             return np.ldexp(x, binades), float(np.ldexp(size, binades))
     levels = with_work(hierarchy.levels)
@@ -176,6 +167,10 @@ def iterate(
         x, currents = np.zeros((2, 2, len(hierarchy.finest.aggregate)))
         krylov.scatter_rows(slot, b, 1.0 / unit, currents.ravel())
         problem = GridProblem(hierarchy.true, hierarchy.finest, levels, currents)
+        if team.size > 1:
+            from resgrid.solvers.multigrid.threaded import slab_solver
+
+            problem.slabs = slab_solver(team, hierarchy.true, hierarchy.finest, levels, problem.vectors)
     if guess is not None:
         krylov.scatter_rows(slot, guess, 1.0, x.ravel())
     fed = krylov.norm(b / unit if hierarchy.true is None else currents.ravel())
@@ -191,6 +186,7 @@ def approximate(
     m: NDArray[np.float64],
     e: NDArray[np.int64],
     accuracy: float,
+    team: Team = ALONE,
 ) -> Numbers:
     """Up to twelve digits of ``A^-1`` times scaled numbers, relative to the largest: an inverse for refinement."""
     top = 0
@@ -200,7 +196,7 @@ def approximate(
     largest = _largest(m)
     if not largest:
         return np.zeros_like(m), np.zeros_like(e)
-    x, _ = iterate(laplacian, hierarchy, m / largest, min(max(accuracy, _PASS), _LEAST_PASS), None, watch)
+    x, _ = iterate(laplacian, hierarchy, m / largest, min(max(accuracy, _PASS), _LEAST_PASS), None, watch, team)
     with np.errstate(over="ignore"):
         x *= largest
     return x, np.full_like(e, top)
@@ -288,55 +284,58 @@ class _Burst:
         # Between bursts, the true residual stands where the last steps will be kept.
         self.residual = self._v.z[-2:].reshape(-1).view(np.float64)
         self.left = 1.0
-        self._kept = 0
         self.forget()
 
     def forget(self) -> None:
         """Drop the last direction: a residual that is not what recursion left is not orthogonal to it."""
-        self._energy = 0.0
+        self._v.scalars[1] = 0.0
 
     def run(self, x: NDArray[np.float64], size: float, gain: float, most: int) -> int:
-        """Reduce the residual, of norm ``size``, by a factor ``gain``; returns the steps taken.
-
-        ``p = z + beta p``, ``x += alpha p``, ``r -= alpha A p``, ``z`` about ``A^-1 r``.
-        """
-        of, v = self._problem, self._v
-        lift = _LIFT if len(of.finest.weight) else 1.0
-        one, steps, peak = size / lift, 0, 1.0
-        self.left = 1.0
-        krylov.begin(self.residual, one, v.inverse, v.r, v.z[0])
-        while self.left > max(gain, _BURST * peak) and steps < most and not self._stop.small:
-            zr, zw, zs = precondition(of.finest, of.levels, v.r, v.s, v.z[self._kept], v.w)
-            beta = -zs / self._energy if self._energy > 0.0 else 0.0
-            self._energy = zw + beta * zs
-            if not self._energy > 0.0:
-                break
-            alpha = zr / self._energy
-            v.on_p[:] *= beta
-            v.on_p[self._kept] = 1.0
-            v.on_x[:] += alpha * v.on_p
-            self._kept += 1
-            if self._kept == len(v.z):
-                self._gather(x, one)
-            self.left = krylov.advance(v.inverse, v.w, v.s, v.r, v.z[self._kept], beta, alpha) / lift
-            peak, steps = max(peak, self.left), steps + 1
-            self._stop.moved(alpha * zr * one * one, partial(self._move, abs(alpha) * one))
-            if self._watch is not None:
-                self._watch.step(self.left * size * self._stop.unit)
+        """Reduce the residual, of norm ``size``, by a factor ``gain``; returns the steps taken."""
+        stop, v, watch = self._stop, self._v, self._watch
+        lift = _LIFT if len(self._problem.finest.weight) else 1.0
+        one, steps = size / lift, 0
+        self._begin(one)
+        while steps < most and not stop.small and self._step(x, (one, lift), gain):
+            steps += 1
+            alpha, work = v.scalars[4:].tolist()
+            stop.moved(work * one * one, partial(_move, v, abs(alpha) * one))
+            if watch is not None:
+                watch.step(float(v.scalars[2]) * size * stop.unit)
         self._gather(x, one)
+        self.left = float(v.scalars[2])
         return steps
 
-    def _gather(self, x: NDArray[np.float64], one: float) -> None:
-        """Go the steps kept: they become part of ``x``, in units of ``one``."""
-        v = self._v
-        krylov.add_steps(v.z[: self._kept], v.on_x, v.on_p, one, v.p, x)
-        v.on_x[:], v.on_p[:] = 0.0, 0.0
-        v.on_p[-1] = 1.0
-        self._kept = 0
+    def _begin(self, one: float) -> None:
+        if self._problem.slabs is not None:
+            self._problem.slabs.begin(one, self.residual)
+        else:
+            krylov.begin_burst(self._v, one, self.residual)
 
-    def _move(self, length: float) -> float:
-        """Largest move of a voltage in a step of this length."""
-        return length * krylov.largest_step(self._v.z[: self._kept], self._v.on_p, self._v.p)
+    def _gather(self, x: NDArray[np.float64], one: float) -> None:
+        if self._problem.slabs is not None:
+            self._problem.slabs.gather(x, one)
+        else:
+            krylov.gather_steps(self._v, x, one)
+
+    def _step(self, x: NDArray[np.float64], unit: tuple[float, float], gain: float) -> bool:
+        """``p = z + beta p``, ``x += alpha p``, ``r -= alpha A p``, ``z`` about ``A^-1 r``; whether there was one.
+
+        ``unit``: what the vectors' one stands for, and the norm of ``r`` in the beginning.
+        """
+        of, v, (one, lift) = self._problem, self._v, unit
+        if of.slabs is not None:
+            return of.slabs.step(x, unit, gain)
+        if not v.scalars[2] > max(gain, krylov.BURST * v.scalars[3]):
+            return False
+        zr, zw, zs = precondition(of.finest, of.levels, v.r, v.s, v.z[int(v.scalars[0])], v.w)
+        beta, alpha = krylov.turn(v, zr, zw, zs)
+        if not v.scalars[1] > 0.0:
+            return False
+        if int(v.scalars[0]) == len(v.z):
+            self._gather(x, one)
+        krylov.arrive(v, krylov.advance_all(v, beta, alpha) / lift, alpha, zr)
+        return True
 
 
 def _vectors(inverse: NDArray[np.float32], depth: int) -> Vectors:
@@ -344,7 +343,12 @@ def _vectors(inverse: NDArray[np.float32], depth: int) -> Vectors:
     r, s, w = np.zeros((3, slots), dtype=np.float32)
     z, (on_x, on_p) = np.empty((depth, slots), dtype=np.float32), np.zeros((2, depth + 1))
     on_p[-1] = 1.0
-    return Vectors(inverse, r, s, w, z, np.zeros(slots), on_x, on_p)
+    return Vectors(inverse, r, s, w, z, np.zeros(slots), on_x, on_p, np.zeros(6))
+
+
+def _move(v: Vectors, length: float) -> float:
+    """Largest move of a voltage in a step of this length."""
+    return float(length * krylov.largest_step(v))
 
 
 def matrix_rows(

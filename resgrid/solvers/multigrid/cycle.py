@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from resgrid.jit import inner, inner_fast
+from resgrid.jit import ZERO, inner, inner_fast
 from resgrid.solvers.multigrid.graph_sweeps import (
     Graphs,
     ascend_graph,
@@ -35,6 +35,9 @@ from resgrid.solvers.multigrid.sweeps import prolong_and_multiply, restrict
 
 ENOUGH = 0.07
 """Residual after the first step of a K-cycle on the first coarse level that spares the second."""
+
+CHUNK = 2048
+"""Slots over which sums are taken before they are added to others: the same whoever takes them."""
 
 
 class Grids(NamedTuple):
@@ -109,29 +112,29 @@ def precondition(
 ) -> tuple[float, float, float]:
     """Precondition the residual ``r``, relaxed in ``z``, and multiply: ``w = A z``; returns ``z.r, z.w, z.s``.
 
-    Of a grid, all vectors are over its black cells, and the matrix is their Schur complement.  ``stop``: see `cycle`.
+    Of a grid, vectors are over its black cells, and the matrix is their Schur complement.  ``stop``: as of `run_cycle`.
     """
     grids, graphs, work = levels
     if not len(finest.ground):
         size = 2 * grids.slots[1] if len(grids.margin) else 1 + graphs.first[1]
         stencil, aggregate, weight = finest.stencil, finest.aggregate, finest.weight
         restrict(stencil, aggregate, weight, z, work.b[:size])
-        cycle(levels, stop, 0)
+        run_cycle(levels, stop, 0)
         return prolong_and_multiply(stencil, finest.exact, aggregate, weight, work.x[:size], r, s, z, w)
     b, x, only = work.b[1:], work.x[1:], len(graphs.first) == 2
     b[: len(r)] = r
     if only:
-        cycle(levels, stop, 0)
+        run_cycle(levels, stop, 0)
     else:
         descend_graph(graphs, 0, b, x)
-        cycle(levels, stop, 1)
+        run_cycle(levels, stop, 1)
         ascend_graph(graphs, 0, b, x, work.w)
     z[:] = x[: len(r)]
     return multiply_graph(graphs, finest.ground, z, r, s, w)
 
 
 @njit(cache=True, nogil=True)
-def cycle(levels: Levels, stop: float, top: int) -> None:
+def run_cycle(levels: Levels, stop: float, top: int) -> None:
     """Approximate ``x = A^-1 b`` on level ``top`` by K-cycles.
 
     The second step is spared where the first has brought the residual under ``stop`` times the right-hand side, twice
@@ -205,8 +208,7 @@ def _visit_graph(
     return False
 
 
-@inner
-def _stencil(grids: Grids, level: int) -> Stencil:
+def stencil_at(grids: Grids, level: int) -> Stencil:
     """One of the grids."""
     sides = grids.distance.shape[1]
     a, e = grids.slots[level], grids.slots[level + 1]
@@ -225,6 +227,9 @@ def _stencil(grids: Grids, level: int) -> Stencil:
     )
 
 
+_stencil = inner(stencil_at)
+
+
 @inner_fast
 def _times(a: Singles, b: Singles, product: Singles) -> None:
     for k in range(len(product)):
@@ -241,11 +246,13 @@ def _step(
     if count == 1:
         first[0], first[1] = products[0], products[1]
         return stop == np.inf or _first_step(r, z, c, v, stop, first[0], first[1])
-    _second_step(z, c, first[0], first[1], products)
+    rest, product, gamma = products
+    on_c, on_z = _shares_of_both(first[0], first[1], rest, product, gamma)
+    combine(z, c, np.float32(on_c), np.float32(on_z), ZERO, len(z))
     return True
 
 
-@inner_fast
+@inner
 def _first_step(r: Singles, z: Singles, c: Singles, v: Singles, stop: float, alpha: float, energy: float) -> bool:
     """First step of the K-cycle along ``z``, whose product is ``v``; returns whether it suffices.
 
@@ -254,27 +261,49 @@ def _first_step(r: Singles, z: Singles, c: Singles, v: Singles, stop: float, alp
     if not energy > 0.0:
         return True
     step, before, after = np.float32(alpha / energy), 0.0, 0.0
-    for k in range(len(r)):
+    for begin in range(0, len(r), CHUNK):
+        old, new = take_step(r, v, step, begin, min(begin + CHUNK, len(r)))
+        before, after = before + old, after + new
+    enough = not after > stop * stop * before
+    keep_step(z, c, step, enough, ZERO, len(z))
+    return enough
+
+
+@inner_fast
+def take_step(r: Singles, v: Singles, step: float, begin: int, end: int) -> tuple[float, float]:
+    """``r -= step v`` on some slots; returns the squares before and after, summed."""
+    before, after = 0.0, 0.0
+    for k in range(begin, end):
         old = r[k]
         new = old - step * v[k]
         r[k] = new
         before += np.float64(old) * np.float64(old)
         after += np.float64(new) * np.float64(new)
-    enough = not after > stop * stop * before
-    for k in range(len(z)):
+    return before, after
+
+
+@inner_fast
+def keep_step(z: Singles, c: Singles, step: float, enough: bool, begin: int, end: int) -> None:
+    """Where the first step is enough, ``z = step z``, the answer; else ``c = z``, its direction; on some slots."""
+    for k in range(begin, end):
         if enough:
             z[k] = step * z[k]
         else:
             c[k] = z[k]
-    return enough
+
+
+def second_step(alpha: float, energy: float, rest: float, product: float, gamma: float) -> tuple[float, float]:
+    """Shares of both directions in the answer."""
+    second = product - gamma * gamma / energy
+    step = rest / second if second > 0.0 else 0.0
+    return (alpha - gamma * step) / energy, step
+
+
+_shares_of_both = inner(second_step)
 
 
 @inner_fast
-def _second_step(z: Singles, c: Singles, alpha: float, energy: float, products: tuple[float, float, float]) -> None:
-    """Second step, along ``z`` made conjugate to the first direction ``c``; leaves the answer in ``z``."""
-    rest, product, gamma = products
-    second = product - gamma * gamma / energy
-    step = rest / second if second > 0.0 else 0.0
-    on_c, on_z = np.float32((alpha - gamma * step) / energy), np.float32(step)
-    for k in range(len(z)):
+def combine(z: Singles, c: Singles, on_c: float, on_z: float, begin: int, end: int) -> None:
+    """``z = on_c c + on_z z`` on some slots."""
+    for k in range(begin, end):
         z[k] = on_c * c[k] + on_z * z[k]

@@ -1,4 +1,4 @@
-"""The compiled parts of a step of conjugate gradients, and what leads from rows to the slots where they stand and back.
+"""The compiled steps of conjugate gradients, and what leads from rows to the slots where they stand and back.
 
 Indices without a sign need not be asked whether they count from the end.
 """
@@ -6,17 +6,43 @@ Indices without a sign need not be asked whether they count from the end.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import FAST
+from resgrid.jit import ZERO, inner, inner_fast
+from resgrid.solvers.multigrid.cycle import CHUNK
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Indices = NDArray[np.int32]
 Unsigned = NDArray[np.uint32]
+
+BURST = 1e-5
+"""Gain of a burst from its largest residual on: vectors in single precision allow no more."""
+
+
+class Vectors(NamedTuple):
+    """The vectors of a burst: its residual has the norm ``lift`` when it begins.
+
+    `inverse` (slots,): of the diagonal; `r, s, w` (slots,): residual, ``A p`` and ``A z``; `z` (depth, slots):
+    preconditioned residuals that are not yet part of the answer; `p` (slots,): direction before them; `on_x, on_p`
+    (depth + 1,): their shares in the answer and in the direction, and, last, those of ``p``; `scalars` (6,): number of
+    the ``z``; ``p . A p``; norms of the residual, now and at most, in units of what the burst began with; the last
+    step's length, and ``z . r`` times that.
+    """
+
+    inverse: Singles
+    r: Singles
+    s: Singles
+    w: Singles
+    z: Singles
+    p: Floats
+    on_x: Floats
+    on_p: Floats
+    scalars: Floats
 
 
 @njit(cache=True, nogil=True)
@@ -61,35 +87,97 @@ def row_residual(
 
 
 @njit(cache=True, nogil=True)
-def begin(residual: Floats, one: float, inverse: Singles, r: Singles, z: Singles) -> None:
-    """``r = residual / one``, and ``z = inverse r``; ``residual`` may lie where later ``z`` will stand."""
-    for k in range(len(r)):
-        r[k] = residual[k] / one
-        z[k] = inverse[k] * r[k]
+def begin_burst(v: Vectors, one: float, residual: Floats) -> None:
+    """``r = residual / one``, and ``z = inverse r``; ``residual`` may lie where the last ``z`` will stand."""
+    for k in range(len(v.r)):
+        v.r[k] = residual[k] / one
+        v.z[0, k] = v.inverse[k] * v.r[k]
+    v.scalars[2], v.scalars[3] = 1.0, 1.0
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
-def advance(inverse: Singles, w: Singles, s: Singles, r: Singles, z: Singles, beta: float, alpha: float) -> float:
-    """``s = w + beta s``, ``r -= alpha s``, ``z = inverse r``; returns ``|r|``."""
+def turn(v: Vectors, zr: float, zw: float, zs: float) -> tuple[float, float]:
+    """Note the next direction, ``p = z + beta p``, and the step along it; returns ``beta, alpha``.
+
+    Where the direction has no energy, nothing is noted but that.
+    """
+    energy, count = v.scalars[1], int(v.scalars[0])
+    beta = -zs / energy if energy > 0.0 else 0.0
+    energy = zw + beta * zs
+    v.scalars[1] = energy
+    if not energy > 0.0:
+        return beta, 0.0
+    alpha = zr / energy
+    for k in range(len(v.on_p)):
+        v.on_p[k] *= beta
+    v.on_p[count] = 1.0
+    for k in range(len(v.on_p)):
+        v.on_x[k] += alpha * v.on_p[k]
+    v.scalars[0] = count + 1
+    return beta, alpha
+
+
+def arrive(v: Vectors, norm: float, alpha: float, zr: float) -> None:
+    """Note the residual's norm after a step, and how far it went."""
+    v.scalars[2] = norm
+    v.scalars[3] = max(v.scalars[3], norm)
+    v.scalars[4], v.scalars[5] = alpha, alpha * zr
+
+
+def restart(v: Vectors) -> None:
+    """Note that no step is kept."""
+    v.on_x[:], v.on_p[:] = 0.0, 0.0
+    v.on_p[-1] = 1.0
+    v.scalars[0] = 0.0
+
+
+_restart = inner(restart)
+
+
+@njit(cache=True, nogil=True)
+def advance_all(v: Vectors, beta: float, alpha: float) -> float:
+    """`advance` on all slots; returns ``|r|``."""
+    squares, z = 0.0, v.z[int(v.scalars[0])]
+    for begin in range(0, len(v.r), CHUNK):
+        squares += advance(v.inverse, v.w, v.s, v.r, z, beta, alpha, begin, min(begin + CHUNK, len(v.r)))
+    return math.sqrt(squares)
+
+
+@inner_fast
+def advance(
+    inverse: Singles, w: Singles, s: Singles, r: Singles, z: Singles, beta: float, alpha: float, begin: int, end: int
+) -> float:
+    """``s = w + beta s``, ``r -= alpha s``, ``z = inverse r`` on some slots; returns the squares of ``r``, summed."""
     total = 0.0
-    for k in range(len(r)):
+    for k in range(begin, end):
         product = w[k] + beta * s[k]
         s[k] = product
         new = np.float32(r[k] - alpha * product)
         r[k] = new
         z[k] = inverse[k] * new
         total += np.float64(new) * np.float64(new)
-    return math.sqrt(total)
+    return total
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
-def add_steps(z: Singles, on_x: Floats, on_p: Floats, one: float, p: Floats, x: Floats) -> None:
-    """``x += one (before_x p + sum_j on_x_j z_j)``, then ``p`` the same with ``on_p``; ``z`` (steps, n).
+@njit(cache=True, nogil=True)
+def gather_steps(v: Vectors, x: Floats, one: float) -> None:
+    """Go the steps noted: they become part of ``x``, in units of ``one``."""
+    add_steps(v, x, one, ZERO, len(x))
+    _restart(v)
 
-    The shares of what was before, ``p``, stand last in ``on_x`` and ``on_p``.
-    """
-    before_x, before_p = on_x[-1], on_p[-1]
-    for k in range(len(x)):
+
+@inner
+def add_steps(v: Vectors, x: Floats, one: float, begin: int, end: int) -> None:
+    """``x += one (on_x_p p + sum_j on_x_j z_j)``, then ``p = on_p_p p + sum_j on_p_j z_j``, on some slots."""
+    _add_steps(v.z[: int(v.scalars[0])], v.on_x, v.on_x[-1], v.on_p, v.on_p[-1], one, v.p, x, (begin, end))
+
+
+@inner_fast
+def _add_steps(
+    z: Singles, on_x: Floats, before_x: float, on_p: Floats, before_p: float, one: float, p: Floats, x: Floats,
+    slots: tuple[int, int],
+) -> None:  # fmt: skip
+    """The same; ``z`` (steps, n)."""
+    for k in range(*slots):
         ahead, far = before_p * p[k], before_x * p[k]
         for j in range(len(z)):
             value = np.float64(z[j, k])
@@ -100,12 +188,12 @@ def add_steps(z: Singles, on_x: Floats, on_p: Floats, one: float, p: Floats, x: 
 
 
 @njit(cache=True, nogil=True)
-def largest_step(z: Singles, on_p: Floats, p: Floats) -> float:
-    """Largest entry of the direction, as of `add_steps`."""
-    most = 0.0
-    for k in range(len(p)):
-        ahead = on_p[-1] * p[k]
-        for j in range(len(z)):
-            ahead += on_p[j] * z[j, k]
+def largest_step(v: Vectors) -> float:
+    """Largest entry of the last direction."""
+    most, count = 0.0, int(v.scalars[0])
+    for k in range(len(v.p)):
+        ahead = v.on_p[-1] * v.p[k]
+        for j in range(count):
+            ahead += v.on_p[j] * v.z[j, k]
         most = max(most, abs(ahead))
     return most

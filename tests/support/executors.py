@@ -1,0 +1,142 @@
+"""Executors that misbehave, and functions for the workers of real ones."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import pickle
+import random
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import resgrid as rg
+
+
+class Shuffled(Executor):
+    """Finishes tasks in any order; all that goes in and out is pickled, and counted in `sizes` by task.
+
+    `remote`: its worker does not see the files of this computer.
+    """
+
+    def __init__(self, seed: int, *, remote: bool = False) -> None:
+        self._draw, self._remote = random.Random(seed), remote
+        self._tasks: list[tuple[Future[Any], bytes]] = []
+        self._some = threading.Condition()
+        self._open = True
+        self.sizes: list[int] = []
+        self._thread = threading.Thread(target=self._work, daemon=True)
+        self._thread.start()
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        data = pickle.dumps((fn, args, kwargs))
+        self.sizes.append(len(data))
+        future: Future[Any] = Future()
+        with self._some:
+            self._tasks.append((future, data))
+            self._some.notify()
+        return future
+
+    def _work(self) -> None:
+        while True:
+            with self._some:
+                self._some.wait_for(lambda: self._tasks or not self._open)
+                if not self._tasks:
+                    return
+                future, data = self._tasks.pop(self._draw.randrange(len(self._tasks)))
+            if not future.set_running_or_notify_cancel():
+                continue
+            function, words, options = pickle.loads(data)
+            if self._remote:
+                words = [replace(word, path="/nowhere") if hasattr(word, "digest") else word for word in words]
+            try:
+                future.set_result(pickle.loads(pickle.dumps(function(*words, **options))))
+            except Exception as error:
+                future.set_exception(error)
+
+    def shutdown(self, wait: bool = True, **_options: Any) -> None:
+        with self._some:
+            self._open = False
+            self._some.notify()
+        if wait:
+            self._thread.join()
+
+
+@contextmanager
+def two_workers(kind: str, folder: Path) -> Iterator[Executor]:
+    """An executor whose workers are two processes; `folder` for its files."""
+    if kind == "loky":
+        from loky import get_reusable_executor
+
+        yield get_reusable_executor(2)
+    elif kind == "dask":
+        from distributed import LocalCluster
+
+        with (
+            LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+            rg.open_executor(cluster.scheduler_address.replace("tcp", "dask")) as executor,
+        ):
+            yield executor
+    elif kind == "forkserver":
+        with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("forkserver")) as executor:
+            yield executor
+    elif kind == "parsl":
+        words = "label='two', max_workers_per_node=2, address='127.0.0.1'"
+        config = f"parsl.Config(executors=[parsl.HighThroughputExecutor({words})], run_dir={str(folder / 'parsl')!r})"
+        (folder / "config.py").write_text(f"import parsl\nconfig = {config}\n")
+        with pytest.MonkeyPatch.context() as patch:  # as in an environment that is activated
+            patch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+            with rg.open_executor(f"parsl:{folder / 'config.py'}") as executor:
+                yield executor
+    else:
+        with rg.open_executor(kind) as executor:
+            yield executor
+
+
+def sums(shared: Any, items: Sequence[int]) -> list[int]:
+    """Every item and the shared number."""
+    return [shared["offset"] + item for item in items]
+
+
+def slow_sums(shared: Any, items: Sequence[int]) -> list[int]:
+    """As `sums`, a hundredth of a second each."""
+    time.sleep(0.01 * len(items))
+    return sums(shared, items)
+
+
+def dying_sums(shared: Any, items: Sequence[int]) -> list[int]:
+    """As `sums`, but the first worker that comes to item 7 dies."""
+    with contextlib.suppress(FileExistsError):
+        if 7 in items:
+            Path(shared["mark"]).touch(exist_ok=False)
+            os.kill(os.getpid(), signal.SIGKILL)
+    return sums(shared, items)
+
+
+def deadly_sums(shared: Any, items: Sequence[int]) -> list[int]:
+    """As `sums`, but every worker that comes to item 7 dies."""
+    if 7 in items:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return sums(shared, items)
+
+
+def failing_sums(shared: Any, items: Sequence[int]) -> list[int]:
+    """As `sums`, but item 7 cannot be done."""
+    if 7 in items:
+        raise ValueError("item 7 cannot be done")
+    return sums(shared, items)
+
+
+def squared(item: int, *more: int) -> int:
+    """A function of one item."""
+    return item * item + sum(more)
