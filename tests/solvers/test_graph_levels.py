@@ -135,7 +135,7 @@ def test_one_cycle_without_inner_steps_is_symmetric_and_positive(seed: int) -> N
     for node in range(graph.size):
         levels.work.b[: graph.size + 1] = 0.0
         levels.work.b[1 + node] = 1.0
-        cycle.cycle(levels, np.inf, 0)
+        cycle.run_cycle(levels, np.inf, 0)
         columns[:, node] = levels.work.x[1 : graph.size + 1]
     scale = np.abs(columns).max()
     assert np.allclose(columns, columns.T, rtol=1e-4, atol=1e-5 * scale)
