@@ -15,11 +15,16 @@ from resgrid.page.drawing import Drawing
 from resgrid.planning.road import Solver
 
 
+def is_flawed(drawing: Drawing) -> bool:
+    """Whether the page shows a chip that is not ideal."""
+    return bool(drawing.broken or (drawing.chip or {}).get("mismatch"))
+
+
 def flawed(solver: Solver, drawing: Drawing) -> Solver:
     """A solver of netlists that have the flaws of a drawing; the same solver where there are none."""
     chip = drawing.chip or {}
     sigma, seed = chip.get("mismatch", 0.0), chip.get("seed", 0)
-    if not drawing.broken and not sigma:
+    if not is_flawed(drawing):
         return solver
     mismatch = Mismatch(sigma=sigma, seed=seed) if sigma else None
     return partial(_solve_flawed, solver, mismatch, _face_numbers(drawing))
