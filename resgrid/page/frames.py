@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial, reduce
 from typing import Any
 
@@ -111,6 +111,16 @@ def describe(frame: Frame) -> tuple[dict[str, Any], list[bytes]]:
     currents, speed = _currents(field)
     body = [np.concatenate(lines or [np.empty((0, 2))]).astype("<f4"), picture, currents, speed]
     return head | {"scale": scale}, [part.tobytes() for part in body]
+
+
+def describe_ends(drawing: Drawing) -> tuple[dict[str, Any], list[bytes]]:
+    """Certified paths of a drawing for k = 0 and for k = 1, as lines like those of `describe`."""
+    if drawing.driven:
+        raise InputError("a grid that the start drives has no k: choose the uniform drive")
+    ends = [solve_drawing(replace(drawing, k=k), exact=True) for k in (0.0, 1.0)]
+    lines = [[_line(path) for path in frame.paths] for frame in ends]
+    body = [line.astype("<f4").tobytes() for end in lines for line in end]
+    return {"points": [[len(line) for line in end] for end in lines]}, body
 
 
 def _line(path: Streamline | None) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import InputError, ResgridError
 from resgrid.page.arms import pose, poses, resample
 from resgrid.page.drawing import Drawing, drawing_of
-from resgrid.page.frames import Frame, describe, probe, solve_drawing
+from resgrid.page.frames import Frame, describe, describe_ends, probe, solve_drawing
 from resgrid.page.messages import Request, pack, read_drawing, read_request, write_drawing
 from resgrid.page.opening import examples, open_document, open_example, open_files
 from resgrid.page.warm import WarmFields
@@ -66,6 +66,8 @@ class Session:
                     raise InputError("nothing has been solved yet")
                 told = probe(self.frame, request.cell or ())
                 return {"probe": told | {"pose": pose(self.frame, told["centre"])}}, []
+            case "ends":
+                return describe_ends(self._drawing(request, body))
             case "settle":
                 from resgrid.page.settle import settle
 

@@ -111,6 +111,13 @@ def flawed(page: Page) -> None:
     settle(page)
 
 
+def ends(page: Page) -> None:
+    drag(page, [(45, 30), (45, 90)])
+    page.locator("#k").fill("400")
+    page.locator("#show-ends").check()
+    until(page, "live.view.ends.length === 2")
+
+
 def keys(page: Page) -> None:
     page.locator("#canvas").focus()
     page.keyboard.press("ArrowUp")
@@ -122,6 +129,7 @@ STATES: dict[str, Callable[[Page], None]] = {
     "first": settle, "tour": press("What is this?"),
     "new": press("New"), "save": press("Save"), "link": press("Link"), "hover": hover,
     "film": film, "complaint": complaint, "scrolled": scrolled, "arrows": arrows, "flawed": flawed, "keys": keys,
+    "ends": ends,
     **{f"tool-{label.lower()}": tool(label) for label in TOOLS},
 }  # fmt: skip
 

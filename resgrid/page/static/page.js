@@ -2,7 +2,7 @@
 
 import { resistorAt, resistorRows } from "./circuit.js";
 import { contentsOf, documentIn, openLinking, openNew, openSaving } from "./files.js";
-import { readFrame } from "./frame.js";
+import { readFrame, readLines } from "./frame.js";
 import { LAYOUT } from "./layout.js";
 import { insideOf, keepScene, keptScene, Model, readScene, sizeOf, writeScene } from "./model.js";
 import { Panel, rowsOf } from "./panel.js";
@@ -21,6 +21,7 @@ import { World } from "./world.js";
 
 const KEPT = "resgrid drawing", THEME = "resgrid theme", SEEN = "resgrid tour";
 const SLOW_MS = 700, KEEP_MS = 400, TOAST_MS = 7000, MOST_BYTES = 5e6;
+const KIN = /** @type {const} */ (["cells", "palette", "goals", "starts", "wall", "driven", "edge"]);
 
 export class Page {
   /** The scene of the frame that is shown. @type {Scene | null} */ solved = null;
@@ -32,6 +33,8 @@ export class Page {
   /** The point under the pointer, in cells. @type {number[] | null} */ #hovered = null;
   #solving = new Newest(() => this.#solve());
   #probing = new Newest(() => this.#probe());
+  #ending = new Newest(() => this.#askEnds());
+  /** The scene whose paths for both ends of k are known. @type {Scene | null} */ #endsOf = null;
   #resampling = new Newest(() => this.#resample());
 
   /** @param {HTMLElement} root @param {() => import("./wire.js").Socket} dial
@@ -92,6 +95,7 @@ export class Page {
     get("save").addEventListener("click", () => openSaving(this.parts, wire, () => this.#scene, view.canvas, complain));
     get("share").addEventListener("click", () => openLinking(this.parts, wire, this.#scene, this.address).catch(complain));
     get("help").addEventListener("click", () => openTour(this.parts));
+    get("show-ends").addEventListener("shown", () => this.#ending.want());
     get("toast").addEventListener("click", () => { get("toast").hidden = true; });
     get("theme").addEventListener("click", () => {
       const theme = view.dark ? "light" : "dark";
@@ -255,6 +259,7 @@ export class Page {
       clearInterval(slow);
     }
     this.#probing.want();
+    this.#ending.want();
   }
 
   /** @param {Frame} frame @param {Scene} scene that it is of */
@@ -272,9 +277,29 @@ export class Page {
   #compare(scene, frame) {
     const isFlawed = scene.broken.length > 0 || "mismatch" in scene.chip;
     if (!isFlawed && frame.exact) this.#ideal = { scene, lines: frame.lines };
-    const ideal = this.#ideal, keys = /** @type {const} */ (["cells", "goals", "starts", "k", "wall", "driven", "edge"]);
-    const isKin = ideal !== null && keys.every((key) => ideal.scene[key] === scene[key]);
+    const ideal = this.#ideal, isKin = ideal !== null && ideal.scene.k === scene.k && areKin(ideal.scene, scene);
     this.view.ideal = isFlawed && ideal && isKin ? ideal.lines : [];
+  }
+
+  /** Paths for both ends of k, which are the same for every k. */
+  async #askEnds() {
+    const { model: { scene }, view } = this;
+    const isKnown = scene !== null && this.#endsOf !== null && areKin(scene, this.#endsOf)
+      && scene.chip === this.#endsOf.chip && scene.broken === this.#endsOf.broken;
+    if (isKnown && view.shows.ends) return;
+    view.ends = [];
+    this.#endsOf = null;
+    if (!view.shows.ends || !scene || scene !== this.solved || scene.driven || !view.frame?.exact) return;
+    try {
+      const [drawing, cells] = writeScene(scene);
+      const [{ points }, body] = await this.wire.ask({ type: "ends", drawing }, cells);
+      const lines = readLines(body, points.flat());
+      if (scene !== this.model.scene) return;
+      view.ends = [lines.slice(0, points[0].length), lines.slice(points[0].length)];
+      this.#endsOf = scene;
+    } catch (error) {
+      this.#complain(error);
+    }
   }
 
   async #probe() {
@@ -355,6 +380,9 @@ export class Page {
     else await this.#open({ type: "files", files: await contentsOf(given) });
   }
 }
+
+/** Whether two scenes differ at most in k and the chip's flaws. @param {Scene} one @param {Scene} other */
+const areKin = (one, other) => KIN.every((key) => one[key] === other[key]);
 
 /** @param {Frame} frame */
 function verdict(frame) {

@@ -31,6 +31,7 @@ const HTML = `
     <label for="k" class="row"><span>k, share of repulsion</span><output id="k-out"></output></label>
     <input id="k" type="range" min="0" max="1000">
     <div class="ends"><span>0 grazes</span><span>1 repels</span></div>
+    <label class="check"><input type="checkbox" id="show-ends">Paths of both ends</label>
     <label for="wall" class="row"><span>Wall resistance</span><output id="wall-out"></output></label>
     <input id="wall" type="range" min="0" max="${WALL_STEPS}">
     <label class="row">Border <select id="edge"><option value="obstacle">obstacle</option><option value="open">open</option></select></label>
@@ -82,12 +83,13 @@ export class Panel {
       tools.conductivity = Number(this.parts.input("conductivity").value);
       tools.choose("cost");
     });
-    for (const [name] of SHOWN) {
+    for (const name of ["ends", ...SHOWN.map(([name]) => name)]) {
       const box = this.parts.input(`show-${name}`), key = /** @type {keyof typeof view.shows} */ (name);
       box.checked = view.shows[key];
       box.addEventListener("change", () => {
         view.shows[key] = box.checked;
         view.refresh();
+        box.dispatchEvent(new CustomEvent("shown", { bubbles: true }));
       });
     }
   }
