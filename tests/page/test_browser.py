@@ -352,6 +352,20 @@ def test_what_stands_around_an_arm_is_dragged(shown: Page):
     assert kept(shown) == first
 
 
+def test_what_stands_around_an_arm_is_moved_by_keys(shown: Page):
+    shown.select_option("#examples", "chair")
+    until(shown, "live.model.scene.world !== null && live.world.poses.length > 1")
+    settle(shown)
+    lower = "live.model.scene.world.obstacle[0].lower[1]"
+    before, past = shown.evaluate(lower), shown.evaluate("live.model.past.length")
+    shown.locator("#world").focus()
+    shown.keyboard.press(" ")  # from the goal to the first obstacle
+    shown.keyboard.press("ArrowUp")
+    until(shown, f"live.model.past.length === {past + 1} && live.model.before === null")
+    settle(shown)
+    assert shown.evaluate(lower) > before
+
+
 def test_a_stopped_server_is_said_and_the_page_goes_on(chromium: Browser):
     before = live(browser=False)
     context = chromium.new_context()
