@@ -165,12 +165,16 @@ def test_the_grid_settles(shown: Page):
 def test_a_link_is_the_same_page_in_another_browser(served: LivePage, chromium: Browser, shown: Page):
     shown.select_option("#examples", "ring")
     until(shown, "live.model.scene.title === 'Ring'")
+    flaws = "broken: [[3, 4, 0], [5, 5, 1]], wall: 2000, chip: { mismatch: 0.1, seed: 7 }"
+    shown.evaluate(f"live.model.replace({{ ...live.model.scene, {flaws} }})")
     settle(shown)
     other = chromium.new_context().new_page()
     other.goto(link_of(shown).replace("/#", "/?tour=0#"))
     until(other, "live.model.scene && live.model.scene.title === 'Ring'")
     settle(other)
     assert kept(other) == kept(shown)
+    for one, same in zip(lines(other), lines(shown), strict=True):
+        np.testing.assert_array_equal(one, same)
     other.context.close()
 
 
