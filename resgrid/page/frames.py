@@ -17,7 +17,7 @@ from resgrid.errors import AccuracyError, CircuitError, InputError
 from resgrid.io.paths import ADVICE
 from resgrid.page.circuit import describe_circuit
 from resgrid.page.drawing import Drawing
-from resgrid.page.flaws import flawed, is_flawed
+from resgrid.page.flaws import flawed, flaws_of
 from resgrid.page.warm import TOLERANCE, WarmFields
 from resgrid.planning.certify import certify
 from resgrid.planning.fields import Field
@@ -68,7 +68,7 @@ def solve_drawing(drawing: Drawing, *, exact: bool, warm: WarmFields | None = No
 
 
 def _solved(drawing: Drawing, exact: bool, warm: WarmFields | None) -> Solution:
-    if warm is not None and not exact and not drawing.driven and not is_flawed(drawing):
+    if warm is not None and not exact and not drawing.driven and not flaws_of(drawing):
         with suppress(CircuitError, AccuracyError):  # where a half is flat, or a circuit is too stiff to be hurried
             return warm.solve(drawing.problem)
     return solve_problem(drawing.problem, work=Work(flawed(solve if exact else _ROUGH, drawing)))
