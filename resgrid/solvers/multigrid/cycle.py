@@ -270,7 +270,7 @@ def _first_step(r: Singles, z: Singles, c: Singles, v: Singles, stop: float, alp
 
 
 @inner_fast
-def take_step(r: Singles, v: Singles, step: float, begin: int, end: int) -> tuple[float, float]:
+def take_step(r: Singles, v: Singles, step: np.float32, begin: int, end: int) -> tuple[float, float]:
     """``r -= step v`` on some slots; returns the squares before and after, summed."""
     before, after = 0.0, 0.0
     for k in range(begin, end):
@@ -283,7 +283,7 @@ def take_step(r: Singles, v: Singles, step: float, begin: int, end: int) -> tupl
 
 
 @inner_fast
-def keep_step(z: Singles, c: Singles, step: float, enough: bool, begin: int, end: int) -> None:
+def keep_step(z: Singles, c: Singles, step: np.float32, enough: bool, begin: int, end: int) -> None:
     """Where the first step is enough, ``z = step z``, the answer; else ``c = z``, its direction; on some slots."""
     for k in range(begin, end):
         if enough:
@@ -303,7 +303,7 @@ _shares_of_both = inner(second_step)
 
 
 @inner_fast
-def combine(z: Singles, c: Singles, on_c: float, on_z: float, begin: int, end: int) -> None:
+def combine(z: Singles, c: Singles, on_c: np.float32, on_z: np.float32, begin: int, end: int) -> None:
     """``z = on_c c + on_z z`` on some slots."""
     for k in range(begin, end):
         z[k] = on_c * c[k] + on_z * z[k]

@@ -12,8 +12,8 @@ import numpy as np
 from numba import njit
 
 from resgrid.jit import ZERO, inner
-from resgrid.solvers.multigrid.cycle import combine, keep_step, take_step
-from resgrid.solvers.multigrid.krylov import CHUNK, Vectors, add_steps, advance
+from resgrid.solvers.multigrid.cycle import CHUNK, combine, keep_step, take_step
+from resgrid.solvers.multigrid.krylov import Vectors, add_steps, advance
 from resgrid.solvers.multigrid.red_black import (
     Floats,
     Indices,

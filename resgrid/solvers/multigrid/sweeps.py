@@ -313,7 +313,7 @@ def black_residual(stencil: Stencil, b: Floats, x: Floats, r: Floats) -> float:
 
 
 @inner
-def residual_slab(stencil: Stencil, b: Floats, x: Floats, r: Floats, slab: Slab, squares: Floats) -> Floats:
+def residual_slab(stencil: Stencil, b: Floats, x: Floats, r: Floats, slab: Slab, squares: Floats) -> Reals:
     """`black_residual` on a slab but for its couplings; returns the red values where these begin.
 
     ``squares`` (blocks,) receives the squares of every block, summed.
@@ -337,7 +337,7 @@ def residual_slab(stencil: Stencil, b: Floats, x: Floats, r: Floats, slab: Slab,
 
 
 @inner
-def finish_residual(stencil: Stencil, coupled: Floats, squares: Floats, r: Floats) -> float:
+def finish_residual(stencil: Stencil, coupled: Reals, squares: Floats, r: Floats) -> float:
     """The rest of `black_residual`, behind all slabs; returns the norm."""
     r[: stencil.margin] = 0.0
     r[len(r) - stencil.margin :] = 0.0

@@ -228,7 +228,7 @@ def slabs_of(stencil: Stencil, most: int) -> list[Slab]:
     end = _behind_faces(stencil)
 
     def from_even_row(block: int) -> int:
-        return min(margin - (-(block * stencil.block) // stride) * stride, end)
+        return min(int(margin) - (-(block * stencil.block) // stride) * stride, end)
 
     borders = [blocks * k // count for k in range(count + 1)]
     begins = [from_even_row(block) for block in borders[:-1]] + [end]
@@ -238,18 +238,18 @@ def slabs_of(stencil: Stencil, most: int) -> list[Slab]:
 def _behind_faces(stencil: Stencil) -> int:
     """Behind the last black slot that a face leads to: nodes beside the lattice follow, parts of blocks anywhere."""
     reach, step = int(stencil.distance.max()), 4 * stencil.block
-    end = stencil.faces.shape[1] - stencil.margin
+    end = int(stencil.faces.shape[1] - stencil.margin)
     while end > stencil.margin:
-        begin = max(end - step, stencil.margin)
+        begin = max(end - step, int(stencil.margin))
         used = np.flatnonzero(stencil.faces[:, begin:end].any(axis=0))
         if len(used):
-            return min(begin + int(used[-1]) + 1 + reach, stencil.faces.shape[1] - stencil.margin)
+            return min(begin + int(used[-1]) + 1 + reach, int(stencil.faces.shape[1] - stencil.margin))
         end = begin
     return end
 
 
 def _blocks(stencil: Stencil) -> int:
-    return -(-(stencil.faces.shape[1] - 2 * stencil.margin) // stencil.block)
+    return int(-(-(stencil.faces.shape[1] - 2 * stencil.margin) // stencil.block))
 
 
 def _share(part: int, parts: int, count: int) -> tuple[int, int]:
