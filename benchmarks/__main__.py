@@ -15,7 +15,20 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 
-from benchmarks import accuracy, chips, decks, grids, memory, pipeline, planners, simulator, start, table, updates
+from benchmarks import (
+    accuracy,
+    chips,
+    choice,
+    decks,
+    grids,
+    memory,
+    pipeline,
+    planners,
+    simulator,
+    start,
+    table,
+    updates,
+)
 from benchmarks.picture import write_picture
 from benchmarks.rows import Row, Scale
 
@@ -30,6 +43,7 @@ SECTIONS: tuple[tuple[str, Callable[[Scale], list[Row]]], ...] = (
     ("mazes", grids.mazes),
     ("growth", grids.growth),
     ("direction", accuracy.direction),
+    ("choice", choice.choice),
     ("update", updates.update),
     ("threads", updates.threads),
     ("chips", chips.chips),

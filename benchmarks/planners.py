@@ -1,12 +1,13 @@
-"""Section: resgrid beside other planners, on scenes with narrow passages and, where they lie at hand, MovingAI maps.
+"""Section: resgrid beside other planners, on scenes with narrow passages and on MovingAI maps, if a folder holds them.
 
 Of every query: is there a path that meets free cells only, how long is it beside the shortest path over eight
 neighbours, how far from obstacles does it keep, how likely is a collision if the whole path is displaced at random, and
-what do the first query and a thousand more to the same goal take.
+what do the first query and a thousand more to the same goal take.  The environment's MOVINGAI names the folder.
 """
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,7 +21,7 @@ from scipy import ndimage
 from benchmarks.planners_contenders import CONTENDERS, Contender, networkx_astar
 from benchmarks.rows import Row, Scale, Spread
 
-CASES = Path(__file__).resolve().parents[2] / "shared" / "cases" / "movingai"
+CASES = Path(os.environ.get("MOVINGAI", Path(__file__).resolve().parents[2] / "shared" / "cases" / "movingai"))
 MAPS = ("arena", "den312d", "room-32-32-4", "random-32-32-20")
 NOISE, SHIFTS, STEP = 0.3, 400, 0.05  # cells
 UNITS = {

@@ -14,6 +14,7 @@ from typing import Any
 from benchmarks.peers import PEERS
 from benchmarks.rows import Row, Scale, Spread
 
+PLANNERS = ("networkx", "ompl", "pathfinding", "scikit-fmm")
 SCHEMA = 2
 DIGITS = 4
 
@@ -78,7 +79,7 @@ def rows_of(section: Mapping[str, Any]) -> list[Row]:
 
 def machine() -> dict[str, object]:
     """Processor, interpreter and the versions of whoever competes."""
-    packages = ("resgrid", "numba", "numpy", *sorted({peer.package for peer in PEERS.values()}))
+    packages = ("resgrid", "numba", "numpy", *sorted({peer.package for peer in PEERS.values()}), *PLANNERS)
     versions = {name: found for name in packages if (found := _version(name))}
     return {"cpu": _cpu(), "cores": os.cpu_count(), "python": platform.python_version(), "versions": versions}
 

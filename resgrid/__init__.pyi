@@ -24,14 +24,16 @@ from .errors import (
     InputError as InputError,
     ResgridError as ResgridError,
     ToolMissingError as ToolMissingError,
+    WorkerError as WorkerError,
 )
+from .executors import spread as spread
 from .frame import Frame as Frame
 from .io.networks import write_network as write_network
 from .io.paths import ros_plan as ros_plan, write_path as write_path
 from .io.runs import write_run as write_run
 from .io.solutions import write_solution as write_solution
 from .netlist import Netlist as Netlist
-from .page.live import LivePage as LivePage, live as live
+from .page.live import live as live
 from .planning.blend import blend as blend
 from .planning.certify import certify as certify, certify_free as certify_free
 from .planning.fields import Field as Field, field as field
@@ -109,5 +111,6 @@ from .spice.power import ir_drop as ir_drop, power_balance as power_balance
 from .spice.read.deck import read_spice as read_spice
 from .spice.write.files import write_spice as write_spice
 from .wiring import Wiring as Wiring
+from .workers import open_executor as open_executor
 
 __version__: str

@@ -36,6 +36,12 @@ class Axis:
     ------
     InputError
         If the ends are not finite and increasing, or there is no cell.
+
+    Examples
+    --------
+    >>> axis = rg.Axis("x", 0.0, 2.0, 4)
+    >>> axis.spacing, axis.centres
+    (0.5, array([0.25, 0.75, 1.25, 1.75]))
     """
 
     name: str

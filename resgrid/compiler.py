@@ -80,10 +80,11 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
 
     Examples
     --------
-    >>> import resgrid as rg
     >>> space = rg.ConfigurationSpace([rg.Axis("x", 0.0, 4.0, 4)], [2, 0, 0, 1])
     >>> rg.compile_space(space, resistance=1e3).conductance
     array([0.001, 0.001, 0.001])
+    >>> rg.compile_space(space, boundary="neumann").current_amps
+    array([5.e-05, 5.e-05])
     """
     wiring = wiring_of(wiring, options).on(space)
     require_memory(

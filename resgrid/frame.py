@@ -28,6 +28,21 @@ class Frame:
         Angle from the world's x axis to the space's, in radians, anticlockwise.
     turning_length : float or None
         Of a robot that turns: a third coordinate is its heading times this length, and turns along with the space.
+
+    Raises
+    ------
+    InputError
+        If a number is not finite.
+
+    Examples
+    --------
+    >>> frame = rg.Frame(x=1.0, y=0.0, yaw=np.pi / 2)
+    >>> frame.to_world((2.0, 0.0)).round(3)
+    array([1., 2.])
+    >>> frame.from_world((1.0, 2.0)).round(3)
+    array([2., 0.])
+    >>> frame.turned_to_world((1.0, 0.0)).round(3)
+    array([0., 1.])
     """
 
     x: float = 0.0

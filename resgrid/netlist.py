@@ -129,6 +129,19 @@ class Netlist:
     ------
     InputError
         If a shape does not match, a node does not exist or a value is not admissible.
+
+    Examples
+    --------
+    >>> divider = rg.Netlist(3, [[1, 2], [2, 0]], [1e-3, 3e-3], source_nodes=[[1, 0]], source_volts=[2.0])
+    >>> divider
+    <Netlist of 3 nodes: 2 resistors, 1 voltage source>
+    >>> rg.solve(divider).voltage.round(9)
+    array([0. , 2. , 0.5])
+    >>> graph = divider.to_networkx()
+    >>> [(a, b, edge["kind"]) for a, b, edge in graph.edges(data=True)]
+    [(0, 2, 'resistor'), (0, 1, 'voltage source'), (1, 2, 'resistor')]
+    >>> rg.Netlist.from_networkx(graph).replace(source_volts=[4.0]).source_volts
+    array([4.])
     """
 
     node_count: int

@@ -22,7 +22,17 @@ MAX_DIMENSIONS = 4
 
 
 class Cell(IntEnum):
-    """What a cell of a configuration space is."""
+    """What a cell of a configuration space is.
+
+    Examples
+    --------
+    >>> cell = np.zeros((3, 3), dtype=np.uint8)
+    >>> cell[1], cell[2, 2] = rg.Cell.OBSTACLE, rg.Cell.GOAL
+    >>> cell
+    array([[0, 0, 0],
+           [1, 1, 1],
+           [0, 0, 2]], dtype=uint8)
+    """
 
     FREE = 0
     OBSTACLE = 1
@@ -64,6 +74,21 @@ class ConfigurationSpace:
     ------
     InputError
         If the shapes do not match or a value is out of range.
+
+    Examples
+    --------
+    >>> axes = [rg.Axis("x", 0.0, 4.0, 4), rg.Axis("y", 0.0, 2.0, 2)]
+    >>> space = rg.ConfigurationSpace(axes, [[0, 0], [0, 1], [0, 1], [0, 2]])
+    >>> space.shape, space.spacing, space.goal_count
+    ((4, 2), array([1., 1.]), 1)
+    >>> space.locate((3.2, 1.9)), space.centre((3, 1))
+    (array([3, 1]), array([3.5, 1.5]))
+    >>> space.goal_connected.T
+    array([[ True,  True,  True,  True],
+           [ True, False, False, False]])
+    >>> opened = space.with_cells(np.where(space.cell == rg.Cell.OBSTACLE, rg.Cell.FREE, space.cell))
+    >>> opened
+    <ConfigurationSpace of 4 x 2 cells, x 0 to 4 m, y 0 to 2 m: 0 obstacle, 1 goal>
     """
 
     axes: tuple[Axis, ...]

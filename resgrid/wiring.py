@@ -51,6 +51,15 @@ class Wiring:
     ------
     InputError
         If an option is unknown, missing or does not fit the others.
+
+    Examples
+    --------
+    >>> space = rg.sample(rg.read_scene("examples/scenes/lesson.toml"))
+    >>> wiring = rg.Wiring("neumann", edge="open", resistance=22e3)
+    >>> wiring.is_driven, wiring.edges(space)
+    (True, ('open', 'open'))
+    >>> rg.compile_space(space, wiring)
+    <Netlist of 58 nodes: 88 resistors, 1 voltage source, 56 current sources>
     """
 
     boundary: str = "dirichlet"

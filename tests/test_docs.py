@@ -38,3 +38,9 @@ def test_the_session_of_a_page_runs_as_printed(page: Path, tmp_path: Path, monke
     monkeypatch.chdir(tmp_path)
     failed, tried = doctest.testfile(str(page), module_relative=False, optionflags=doctest.NORMALIZE_WHITESPACE)
     assert tried > 0 and failed == 0
+
+
+def test_every_public_name_has_an_example() -> None:
+    parser = doctest.DocTestParser()
+    bare = [name for name in rg.__all__ if not parser.get_examples(getattr(rg, name).__doc__ or "")]
+    assert bare == ["__version__"]

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from resgrid.chip import sections
+from resgrid.chip.exploration import Sweep
 from resgrid.chip.figures import Figure
 from resgrid.chip.sections import USUAL, Effort, Section
 from resgrid.chip.studies import Study
@@ -32,12 +33,11 @@ def seconds_needed(name: str, chip: Study, effort: Effort) -> float:
     return known.get(name, {"exploration": 5.0, "defects": effort.seconds}.get(name, 0.0))
 
 
-def checkpoint_beside(folder: Path, chip: Study, half_width: float) -> Path:
-    """Where the counts of a yield are kept until its folder is whole."""
+def checkpoints_beside(folder: Path, chip: Study, sweep: Sequence[Sweep]) -> dict[str, Path]:
+    """Where the results of trials are kept until their folder is whole, by the analysis."""
     cells = chip.ideal.cells
-    text = f"{chip.chip} {cells.wiring} {half_width}".encode()
-    mark = hashlib.sha256(text + cells.space.cell.tobytes()).hexdigest()[:12]
-    return folder.parent / f".{folder.name}-{mark}.yield.npz"
+    mark = hashlib.sha256(f"{chip.chip} {cells.wiring} {sweep}".encode() + cells.space.cell.tobytes()).hexdigest()[:12]
+    return {name: folder.parent / f".{folder.name}-{mark}.{name}.jsonl" for name in ("yield", "exploration")}
 
 
 def report_markdown(chip: Study, parts: Sequence[Section], decks: Mapping[str, str], verdict: str) -> str:

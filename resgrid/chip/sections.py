@@ -12,10 +12,10 @@ import numpy as np
 
 from resgrid.chip.build import value_text
 from resgrid.chip.criticality import Criticality
+from resgrid.chip.exploration import Sweep
 from resgrid.chip.figures import Figure, Result, formatted
 from resgrid.chip.precision import Precision
 from resgrid.chip.studies import Study, study
-from resgrid.chip.yields import Sweep
 from resgrid.die import end_names
 from resgrid.errors import CircuitError
 from resgrid.scene.chip import Chip
@@ -29,8 +29,8 @@ class Effort:
     """How far the analyses of a report go.
 
     `half_width`: of the yield's interval; `trials`: most chips that are tried; `seconds`: for making elements faulty;
-    `sweep`: values to explore, none or two; `executor`: shares trials; `checkpoint`: file of the yield's counts;
-    `progress`: called with what is done, what there is in all, and a yield so far.
+    `sweep`: values to explore, none or two; `executor`: shares trials; `checkpoints`: files of their results, by
+    the name of the analysis; `progress`: called with what is done, what there is in all, and a yield so far.
     """
 
     half_width: float = 0.01
@@ -38,7 +38,7 @@ class Effort:
     seconds: float = 60.0
     sweep: Sequence[Sweep] = ()
     executor: Executor | None = None
-    checkpoint: Path | None = None
+    checkpoints: Mapping[str, Path] = field(default_factory=dict)
     progress: Callable[..., None] | None = None
 
 
@@ -92,7 +92,7 @@ def yield_section(chip: Study, effort: Effort) -> Section:
         half_width=effort.half_width,
         trials=effort.trials,
         executor=effort.executor,
-        checkpoint=effort.checkpoint,
+        checkpoint=effort.checkpoints.get("yield"),
         progress=effort.progress,
     )
     overall = result.overall
@@ -221,7 +221,13 @@ def sensitivity_section(chip: Study, _effort: Effort) -> Section:
 
 def exploration_section(chip: Study, effort: Effort) -> Section:
     """What yield two values of the chip give."""
-    result = chip.exploration(*effort.sweep, trials=_EXPLORED, executor=effort.executor, progress=effort.progress)
+    result = chip.exploration(
+        *effort.sweep,
+        trials=_EXPLORED,
+        executor=effort.executor,
+        checkpoint=effort.checkpoints.get("exploration"),
+        progress=effort.progress,
+    )
     units = described_keys(Chip)
     first, second = (units[key][0] for key in (result.first, result.second))
     least = ", ".join(

@@ -17,6 +17,7 @@ from resgrid.arguments import guarded
 from resgrid.chip.build import build_chip, conductance_samples, described, ideal_netlist
 from resgrid.chip.criticality import analyse_criticality
 from resgrid.chip.decks import noise_band, write_decks
+from resgrid.chip.exploration import explore_yield
 from resgrid.chip.figures import html_table
 from resgrid.chip.noise import analyse_noise, noise_covariance, noise_density
 from resgrid.chip.power import analyse_power
@@ -24,7 +25,7 @@ from resgrid.chip.precision import analyse_precision
 from resgrid.chip.sensitivity import Sensitivity, analyse_sensitivity, voltage_sensitivity
 from resgrid.chip.settling import Settling, analyse_settling
 from resgrid.chip.trials import die_temperature
-from resgrid.chip.yields import analyse_yield, explore_yield
+from resgrid.chip.yields import analyse_yield
 from resgrid.circuit.nonlinear import small_signal
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
@@ -69,6 +70,16 @@ class Study:
         What its maker says about it; None for a netlist or an operating point as it is.
     scene : Scene or None
         Where it comes from.
+
+    Examples
+    --------
+    >>> study = rg.study(rg.read_scene("examples/scenes/lesson.toml"), rg.Chip(capacitance="100f", mismatch="2 %"))
+    >>> print(study.settling().figures["settle_time"])
+    11.28 ns
+    >>> print(study.power().figures["power"])
+    246.4 µW
+    >>> print(study.yields(trials=64).overall)
+    100.0 % (94.3 to 100.0 %)
     """
 
     ideal: Netlist
@@ -231,14 +242,10 @@ def study(
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import resgrid as rg
-    >>> cell = np.zeros((8, 8), dtype=np.uint8)
-    >>> cell[1:5, 4], cell[6, 1] = rg.Cell.OBSTACLE, rg.Cell.GOAL
-    >>> space = rg.ConfigurationSpace([rg.Axis("x", 0, 8, 8), rg.Axis("y", 0, 8, 8)], cell)
-    >>> study = rg.study(space, rg.Chip(mismatch=0.02, readout=rg.Readout(bits=8)))
+    >>> chip = rg.Chip(mismatch=0.02, readout=rg.Readout(bits=8))
+    >>> study = rg.study(rg.read_scene("examples/scenes/lesson.toml"), chip)
     >>> study
-    Study(chip: 8 x 8 cells, dirichlet, 66 nodes)
+    Study(Eight by eight: 8 x 8 cells, dirichlet, 66 nodes)
     >>> study.precision().sentence(12)
     'a 12-bit read-out serves 100 % of the starts'
     """

@@ -11,11 +11,8 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,13 +28,15 @@ from resgrid.circuit.nonlinear import small_signal
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
 from resgrid.die import NOISE, OFFSET, Seed, generator, seed_of
-from resgrid.errors import CircuitError, InputError
-from resgrid.files import atomic_path
+from resgrid.errors import CircuitError
 from resgrid.netlist import CellMap, Netlist
 from resgrid.scene.chip import Chip, Readout
 from resgrid.space import Cell
 
-_SCHEMA = 1
+_SCHEMA = 2
+
+_TOGETHER = 16
+"""Chips that are solved together, and are in memory at a time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,9 +151,9 @@ class Experiment:
         """Whether trials differ."""
         return differs(self.chip) or any(seen is not None and seen.random for seen in self.converters)
 
-    def fingerprint(self, batch: int) -> str:
-        """A hash of everything that the counts depend on, hexadecimal."""
-        digest = hashlib.sha256(f"{_SCHEMA} {self.seed} {batch} {self.chip}".encode())
+    def fingerprint(self) -> str:
+        """A hash of everything that trials depend on, hexadecimal."""
+        digest = hashlib.sha256(f"{_SCHEMA} {self.seed} {self.chip}".encode())
         digest.update(self.starts.tobytes())
         digest.update(self.neighbours.around.tobytes())
         for item in dataclasses.fields(Netlist):
@@ -164,46 +163,6 @@ class Experiment:
         for seen in self.converters:
             digest.update(repr(seen and (seen.low, seen.span, seen.steps, seen.offset)).encode())
         return digest.hexdigest()
-
-
-@dataclass(frozen=True, eq=False)
-class Tally:
-    """Counts of trials; whole numbers, so that sums do not depend on their order.
-
-    `reached` (readouts, cells): from how many trials a start reached the goal; `complete` (readouts,): trials in
-    which every start did; `squares` (readouts,): sum over the trials of the square of the number of starts that did.
-    """
-
-    trials: int
-    reached: NDArray[np.int64]
-    complete: NDArray[np.int64]
-    squares: NDArray[np.int64]
-
-    def __add__(self, other: Tally) -> Tally:
-        return Tally(*(getattr(self, item.name) + getattr(other, item.name) for item in dataclasses.fields(Tally)))
-
-    def save(self, path: str | os.PathLike[str], fingerprint: str) -> None:
-        """Write the counts, whole or not at all, so that a run can be killed at any moment and taken up again."""
-        with atomic_path(path) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(file, fingerprint=np.array(fingerprint), **vars(self))
-
-    @classmethod
-    def load(cls, path: str | os.PathLike[str], fingerprint: str) -> Tally | None:
-        """Read the counts so far; None if there is no such file."""
-        try:
-            with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as data:
-                saved, trials = str(data["fingerprint"]), int(data["trials"])
-                counts = [data[name] for name in ("reached", "complete", "squares")]
-        except FileNotFoundError:
-            return None
-        except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-            raise InputError(f"cannot read the checkpoint {str(path)!r}: {error}; remove it or name another") from error
-        if saved != fingerprint:
-            raise InputError(
-                f"the checkpoint {str(path)!r} belongs to another run: the scene, the chip, the seed or the batch "
-                "differs; remove it or name another"
-            )
-        return cls(trials, *counts)
 
 
 def differs(chip: Chip) -> bool:
@@ -250,36 +209,38 @@ def prepare(
     )
 
 
-def run_trials(experiment: Experiment, numbers: Sequence[int]) -> Tally:
-    """Try some chips."""
-    readouts = len(experiment.converters)
-    reached = np.zeros((readouts, len(experiment.starts)), dtype=np.int64)
-    complete, squares = np.zeros((2, readouts), dtype=np.int64)
-    starts = int(experiment.starts.sum())
+def run_trials(experiment: Experiment, numbers: Sequence[int]) -> list[NDArray[np.uint8]]:
+    """Which starts are served, for every read-out of every chip: bits, shape (readouts, bytes) (`unpacked`)."""
     base = experiment.seed if isinstance(experiment.seed, tuple) else (experiment.seed,)
-    for readout, cells in _walks(experiment, [(*base, number) for number in numbers]):
-        arrived = cells & experiment.starts
-        reached[readout] += arrived
-        served = int(arrived.sum())
-        complete[readout] += served == starts
-        squares[readout] += served * served
-    return Tally(len(numbers), reached, complete, squares)
+    results = []
+    for begin in range(0, len(numbers), _TOGETHER):
+        seeds = [(*base, number) for number in numbers[begin : begin + _TOGETHER]]
+        served = np.zeros((len(seeds), len(experiment.converters), int(experiment.starts.sum())), dtype=np.bool_)
+        for trial, readout, cells in _walks(experiment, seeds):
+            served[trial, readout] = cells[experiment.starts]
+        results += list(np.packbits(served, axis=-1))
+    return results
 
 
-def _walks(experiment: Experiment, seeds: Sequence[Seed]) -> Iterator[tuple[int, NDArray[np.bool_]]]:
-    """Number of the read-out, and which cells lead to a goal, trial by trial."""
+def unpacked(experiment: Experiment, bits: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Whether each start is served, shape (readouts, starts)."""
+    return np.unpackbits(bits, axis=-1, count=int(experiment.starts.sum())).view(np.bool_)
+
+
+def _walks(experiment: Experiment, seeds: Sequence[Seed]) -> Iterator[tuple[int, int, NDArray[np.bool_]]]:
+    """Numbers of the trial and of the read-out, and which cells lead to a goal."""
     ideal = [number for number, seen in enumerate(experiment.converters) if seen is None]
     if ideal:
         once = None if differs(experiment.chip) else _ideal_walk(experiment, experiment.seed)
-        for seed in seeds:
+        for trial, seed in enumerate(seeds):
             arrived = _ideal_walk(experiment, seed) if once is None else once
-            yield from ((number, arrived) for number in ideal)
+            yield from ((trial, number, arrived) for number in ideal)
     if len(ideal) == len(experiment.converters):
         return
-    for seed, volts in zip(seeds, _voltages(experiment, seeds), strict=True):
+    for trial, (seed, volts) in enumerate(zip(seeds, _voltages(experiment, seeds), strict=True)):
         for number, seen in enumerate(experiment.converters):
             if seen is not None:
-                yield number, arrivals(volts, experiment.neighbours, seen, seed)
+                yield trial, number, arrivals(volts, experiment.neighbours, seen, seed)
 
 
 def _ideal_walk(experiment: Experiment, seed: Seed) -> NDArray[np.bool_]:

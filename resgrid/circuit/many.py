@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
 from concurrent.futures import Executor
+from contextlib import closing
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,13 +13,11 @@ from resgrid.budget import require_memory
 from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.linear import solve_linear
 from resgrid.errors import InputError
+from resgrid.executors import Part, in_order
 from resgrid.netlist import Netlist
 from resgrid.solvers.batch import Chip, FactoredBatch, GridBatch, factored_batch, grid_batch
 from resgrid.solvers.factors.factor import check_rtol
 from resgrid.solvers.laplacian import EdgeList, Laplacian
-
-CHUNK = 16
-"""Chips that one task of an executor solves."""
 
 _SMALL = 1000
 """Rows up to which factors are quicker than multigrid."""
@@ -115,6 +112,13 @@ def solve_many(
         If a chip that is solved by itself has no answer that is right.
     BudgetError
         If the voltages of all chips would not fit in memory.
+
+    Examples
+    --------
+    >>> divider = rg.Netlist(3, [[1, 2], [2, 0]], [1e-3, 1e-3], source_nodes=[[1, 0]], source_volts=[2.0])
+    >>> rg.solve_many(divider, [[1e-3, 1e-3], [1e-3, 3e-3]]).round(9)
+    array([[0. , 2. , 1. ],
+           [0. , 2. , 0.5]])
     """
     wanted = _checked(netlist, conductances)
     require_memory(
@@ -126,13 +130,10 @@ def solve_many(
     batch = prepare_batch(netlist)
     if batch is None:
         return np.tile(assemble(netlist).known, (len(wanted), 1))
-    chunks = [wanted[begin : begin + CHUNK] for begin in range(0, len(wanted), CHUNK)]
-    run: Callable[..., Iterable[NDArray[np.float64]]] = map if executor is None else executor.map
     voltage = np.empty((len(wanted), netlist.node_count))
-    begin = 0
-    for part in run(partial(solve_batch, batch, rtol=rtol), chunks):
-        voltage[begin : begin + len(part)] = part
-        begin += len(part)
+    with closing(in_order([Part(_solve_some, (batch, rtol), wanted, "chips")], executor)) as results:
+        for row, volts in zip(voltage, results, strict=True):
+            row[:] = volts
     return voltage
 
 
@@ -149,6 +150,11 @@ def prepare_batch(netlist: Netlist) -> Batch | None:
         if solver is not None:
             return Batch(system, source, solver)
     return Batch(system, source, factored_batch(matrix, system.drive) if contrast <= _MOST_FACTORED else None)
+
+
+def _solve_some(shared: tuple[Batch, float], conductance: NDArray[np.float64]) -> NDArray[np.float64]:
+    batch, rtol = shared
+    return solve_batch(batch, conductance, rtol=rtol)
 
 
 def solve_batch(batch: Batch, conductance: NDArray[np.float64], *, rtol: float = 1e-10) -> NDArray[np.float64]:

@@ -71,23 +71,32 @@ def _settled(netlist: Netlist, *, accuracy: str, method: str, rtol: float, progr
     return answer
 
 
-def small_signal(point: OperatingPoint) -> Netlist:
+def small_signal(op: OperatingPoint) -> Netlist:
     """The linear circuit that small signals see around an operating point.
 
     Parameters
     ----------
-    point : OperatingPoint
+    op : OperatingPoint
 
     Returns
     -------
     Netlist
         The same nodes, sources and capacitors; every nonlinear resistor is a resistor of its differential conductance
         ``dI / dV``, appended to the resistors.
+
+    Examples
+    --------
+    >>> netlist = rg.Netlist(
+    ...     3, [[1, 2]], [1e-3], source_nodes=[[1, 0]], source_volts=[0.2],
+    ...     nonlinear_nodes=[[2, 0]], nonlinear_current=[1e-3], nonlinear_voltage=[0.1],
+    ... )
+    >>> rg.small_signal(rg.solve(netlist)).conductance.round(6)
+    array([0.001  , 0.00967])
     """
-    netlist = point.netlist
+    netlist = op.netlist
     if not netlist.nonlinear_nodes.size:
         return netlist
-    return linear_netlist(netlist, differential_conductance(netlist, nonlinear_drops(point)))
+    return linear_netlist(netlist, differential_conductance(netlist, nonlinear_drops(op)))
 
 
 def nonlinear_drops(point: OperatingPoint) -> NDArray[np.float64]:

@@ -117,6 +117,17 @@ class OperatingPoint:
         Natural logarithm of its magnitude; -inf where no current flows.
     nonlinear_direction : ndarray of int8, shape (nonlinear resistors,)
         Its sign, as that of the resistors.
+
+    Examples
+    --------
+    >>> divider = rg.Netlist(3, [[1, 2], [2, 0]], [1e-3, 3e-3], source_nodes=[[1, 0]], source_volts=[2.0])
+    >>> op = rg.solve(divider)
+    >>> op.voltage.round(9), op.resistor_current.round(9), op.source_current.round(9)
+    (array([0. , 2. , 0.5]), array([0.0015, 0.0015]), array([-0.0015]))
+    >>> round(op.power, 9), op.kcl_residual < 1e-12
+    (0.003, True)
+    >>> op.method
+    'elimination'
     """
 
     netlist: Netlist

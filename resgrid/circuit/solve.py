@@ -81,6 +81,14 @@ def solve(
         If the promised accuracy is not reached; it carries the best answer.
     BudgetError
         If the factors would not fit in memory.
+
+    Examples
+    --------
+    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
+    >>> op = rg.solve(netlist)
+    >>> node = netlist.cells.node[6, 2]
+    >>> netlist.node_name(node), f"{op.voltage[node]:.6f} V"
+    ('n_6_2', '0.573718 V')
     """
     _check_options(accuracy, method, rtol, threads, progress)
     netlist = _netlist_of(netlist)
@@ -114,6 +122,17 @@ def factor(netlist: Netlist | Deck, *, method: str = "auto") -> CircuitFactor:
         If a pivot vanishes in double precision.
     BudgetError
         If the factors would not fit in memory.
+
+    Examples
+    --------
+    >>> ladder = rg.Netlist(
+    ...     3, [[1, 0], [1, 2], [2, 0]], [1e-3, 1e-3, 1e-3], current_nodes=[[0, 1]], current_amps=[1e-3]
+    ... )
+    >>> factor = rg.factor(ladder)
+    >>> factor.solve([1e-3, 0.0]).round(6)
+    array([0.666667, 0.333333])
+    >>> factor.solve([0.0, 1e-3]).round(6)
+    array([0.333333, 0.666667])
     """
     netlist = _netlist_of(netlist)
     if netlist.nonlinear_nodes.size:
@@ -127,7 +146,7 @@ def factor(netlist: Netlist | Deck, *, method: str = "auto") -> CircuitFactor:
     return factor_circuit(system, method)
 
 
-def scale_drive(netlist: Netlist, point: OperatingPoint) -> Netlist:
+def scale_drive(netlist: Netlist, op: OperatingPoint) -> Netlist:
     """Scale the uniform drive so that the highest node sits at the supply.
 
     The circuit is linear: its voltages above the goal rail scale with the currents fed in.
@@ -136,7 +155,7 @@ def scale_drive(netlist: Netlist, point: OperatingPoint) -> Netlist:
     ----------
     netlist : Netlist
         Compiled with ``drive="uniform"``.
-    point : OperatingPoint
+    op : OperatingPoint
         Its operating point.
 
     Returns
@@ -148,15 +167,23 @@ def scale_drive(netlist: Netlist, point: OperatingPoint) -> Netlist:
     ------
     InputError
         If the netlist has no uniform drive, has nonlinear resistors, or the operating point is of another netlist.
+
+    Examples
+    --------
+    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")), boundary="neumann")
+    >>> op = rg.solve(netlist)
+    >>> scaled = rg.scale_drive(netlist, op)
+    >>> round(float(op.voltage.max()), 6), round(float(rg.solve(scaled).voltage.max()), 6)
+    (1.14067, 1.0)
     """
     cell_map = netlist.cell_map
     if cell_map is None or cell_map.wiring.drive != "uniform":
         raise InputError("only a netlist compiled with drive = 'uniform' has a drive to scale")
     if netlist.nonlinear_nodes.size:
         raise InputError("the voltages of a circuit with nonlinear resistors do not scale with its drive")
-    if not point.is_of(netlist):
+    if not op.is_of(netlist):
         raise InputError("the operating point belongs to another netlist; solve this one first")
-    height = (point.voltage - cell_map.wiring.goal_voltage) * np.sign(cell_map.wiring.supply)
+    height = (op.voltage - cell_map.wiring.goal_voltage) * np.sign(cell_map.wiring.supply)
     factor = abs(cell_map.wiring.supply) / float(np.nanmax(height[cell_map.free_node]))
     return netlist.replace(current_amps=netlist.current_amps * factor)
 

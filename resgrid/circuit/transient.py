@@ -144,6 +144,14 @@ def transient(
         If double precision does not tell the state at 0+, or does not allow the tolerance.
     BudgetError
         If it would take more than ten million steps.
+
+    Examples
+    --------
+    >>> rc = rg.Netlist(
+    ...     3, [[1, 2]], [1e-3], source_nodes=[[1, 0]], source_volts=[1.0], capacitor_nodes=[[2, 0]], capacitance=[1e-9]
+    ... )
+    >>> rg.transient(rc, [0.0, 1e-6, 5e-6]).voltage[:, 2].round(3)
+    array([0.   , 0.632, 0.993])
     """
     when = _checked_times(times)
     if step is not None:
@@ -192,6 +200,18 @@ def transient_stepper(
     ------
     InputError, CircuitError
         As `transient`.
+
+    Examples
+    --------
+    >>> rc = rg.Netlist(
+    ...     3, [[1, 2]], [1e-3], source_nodes=[[1, 0]], source_volts=[1.0], capacitor_nodes=[[2, 0]], capacitance=[1e-9]
+    ... )
+    >>> stepper = rg.transient_stepper(rc, step=1e-7)
+    >>> voltage = stepper.start(np.zeros(3))
+    >>> for _ in range(10):
+    ...     voltage = stepper.advance(voltage)
+    >>> voltage.round(3)
+    array([0.   , 1.   , 0.632])
     """
     _check_step(step)
     _check_options(method, solver)

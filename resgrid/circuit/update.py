@@ -109,7 +109,6 @@ class WarmStart:
 
     Examples
     --------
-    >>> import numpy as np, resgrid as rg
     >>> cell = np.zeros((40, 40), dtype=np.uint8)
     >>> cell[20, 20] = rg.Cell.GOAL
     >>> space = rg.ConfigurationSpace([rg.Axis("x", 0.0, 1.0, 40), rg.Axis("y", 0.0, 1.0, 40)], cell)

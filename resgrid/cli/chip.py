@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import nullcontext
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -31,8 +29,6 @@ from resgrid.errors import InputError
 from resgrid.files import SUMMARY, whole_folder
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
     from resgrid.chip.sections import Effort, Section
     from resgrid.chip.studies import Study
     from resgrid.spice.check.agreement import Agreement
@@ -54,14 +50,17 @@ class Names(Suggested):
 
 @verb(
     "chip",
-    examples=("resgrid chip chip.toml -o report", "resgrid chip chip.toml --only yield --at-least 0.95 --jobs 0"),
+    examples=(
+        "resgrid chip chip.toml -o report",
+        "resgrid chip chip.toml --only yield --at-least 0.95 --executor processes",
+    ),
 )
 @with_source()
 @output_option("Folder for the report.  [default: out/SCENE_chip]", metavar="DIR")
 @click.option("--only", metavar="NAMES", type=Names(), default=",".join(ANALYSES), help="Some analyses, with commas.")
 @click.option("--half-width", metavar="W", type=share(0.5), default=0.01, help="Stop when the yield is known so well.")
 @click.option("--most", metavar="N", type=click.IntRange(1), default=2000, help="Chips after which trials stop.")
-@click.option("--jobs", metavar="N", type=click.IntRange(0), default=1, help="Processes for chips; 0: one per core.")
+@click.option("--executor", metavar="NAME", help="Who tries chips: processes[:N], dask://HOST:PORT, mpi or parsl:FILE.")
 @click.option(
     "--sweep", metavar="KEY=V,V,...", multiple=True,
     help="Value of the chip to explore, twice: the second is what is paid for.  [default: the offset or mismatch, "
@@ -74,42 +73,46 @@ class Names(Suggested):
 @click.option("--check/--no-check", "asked", default=None, help="Simulate op.cir, however long it takes; or do not.")
 @dialect_option()
 def command(
-    source: Source, output: str | None, only: tuple[str, ...], half_width: float, most: int, jobs: int,
-    sweep: tuple[str, ...], seconds: float, at_least: float | None, asked: bool | None, dialect: str,
+    source: Source, output: str | None, only: tuple[str, ...], half_width: float, most: int,
+    executor: str | None, sweep: tuple[str, ...], seconds: float, at_least: float | None,
+    asked: bool | None, dialect: str,
 ) -> int:  # fmt: skip
     """Find out what the chip of SCENE, as its [chip] table describes it, does to a robot.
 
     The folder holds report.md and report.html, one page with every figure, its unit and its definition; pictures;
-    summary.json; and decks for the operating point, a transient, noise and temperatures, each with the answer to be
-    expected in its sidecar.  A run that was interrupted takes up the counting of yield where it stopped.
+    summary.json; decks for the operating point, a transient, noise and temperatures, each with the answer to be
+    expected in its sidecar; and yield.jsonl and exploration.jsonl, a line for every chip that was tried.  These grow
+    beside the folder until it is whole, and a run that was interrupted takes them up where it stopped.
     """
     from resgrid.chip.decks import described_files
-    from resgrid.chip.report import checkpoint_beside, report_markdown
+    from resgrid.chip.report import checkpoints_beside, report_markdown
     from resgrid.chip.sections import Effort
     from resgrid.io.tables import html_page, json_text
+    from resgrid.workers import open_executor
 
     folder = folder_of(output, source, "_chip")
     if len(sweep) not in (0, 2):
         raise InputError("--sweep explores two values: give it twice, or not at all")
     effort = Effort(half_width, most, seconds, tuple(_sweep(text) for text in sweep))
-    with whole_folder(folder) as work:
+    with open_executor(executor) if executor else nullcontext() as workers, whole_folder(folder) as work:
         job = open_job(source)
         study = _open(job)
-        effort = replace(effort, checkpoint=checkpoint_beside(folder, study, half_width))
+        effort = replace(effort, executor=workers, checkpoints=checkpoints_beside(folder, study, effort.sweep))
         unheeded = say_unheeded(job, "chip")
-        with _workers(jobs) as executor:
-            sections = [_analyse(name, study, replace(effort, executor=executor), work) for name in only]
+        sections = [_analyse(name, study, effort, work) for name in only]
         with stage("write the decks"):
             decks = described_files(study.write_decks(work, dialect=dialect), dialect)
         agreement = check_written(work / "op.cir", study.netlist, asked, folder)
         verdict = _verdict("op.cir", agreement)
-        data = _summary(study, job, sections, decks, verdict) | unheeded
+        lines = {f"{name}.jsonl": path for name, path in effort.checkpoints.items() if name in only and path.exists()}
+        files = dict.fromkeys(lines, "a line for every chip that was tried") | decks
+        data = _summary(study, job, sections, files, verdict) | unheeded
         text = report_markdown(study, sections, decks, verdict)
         (work / "report.md").write_text(text, encoding="utf-8")
         (work / "report.html").write_text(html_page(study.title, text), encoding="utf-8")
         (work / SUMMARY).write_text(json_text(data) + "\n", encoding="utf-8")
-    if effort.checkpoint is not None:
-        effort.checkpoint.unlink(missing_ok=True)
+        for name, path in lines.items():
+            path.replace(work / name)
     answers = [f"  {section.name}: {section.text[0]}" for section in sections]
     finish({"folder": folder, **data}, [study.title, *answers, verdict, f"report in {folder / 'report.md'}"])
     high = next((section.data["yield_high"]["value"] for section in sections if section.name == "yield"), 1.0)
@@ -127,19 +130,6 @@ def _sweep(text: str) -> tuple[str, tuple[float | int, ...]]:
         raise InputError(f"--sweep {text}: expected KEY=VALUE,VALUE,..., such as readout.bits=8,10,12")
     values = [parse_share(word.strip()) for word in words.split(",")]
     return key.strip(), tuple(int(value) if key.strip().endswith(("bits", "seed")) else value for value in values)
-
-
-@contextmanager
-def _workers(jobs: int) -> Iterator[Executor | None]:
-    """Processes for trials, or None."""
-    if jobs == 1:
-        yield None
-        return
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
-
-    with ProcessPoolExecutor(jobs or os.cpu_count() or 1, mp_context=get_context("spawn")) as executor:
-        yield executor
 
 
 def _open(job: Job) -> Study:
@@ -179,7 +169,7 @@ def _verdict(name: str, agreement: Agreement | str) -> str:
     )
 
 
-def _summary(study: Study, job: Job, sections: list[Section], decks: dict[str, str], verdict: str) -> dict[str, Any]:
+def _summary(study: Study, job: Job, sections: list[Section], files: dict[str, str], verdict: str) -> dict[str, Any]:
     pictures = {f"{picture.name}.png": picture.caption for section in sections for picture in section.pictures}
     reports = {"report.md": "the report", "report.html": "the report for a browser", SUMMARY: "this summary as JSON"}
     return {
@@ -190,5 +180,5 @@ def _summary(study: Study, job: Job, sections: list[Section], decks: dict[str, s
         "chip": asdict(job.scene.chip),
         "analyses": {section.name: section.data for section in sections},
         "check": verdict,
-        "files": {**reports, **pictures, **decks},
+        "files": {**reports, **pictures, **files},
     }

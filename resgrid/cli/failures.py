@@ -16,6 +16,7 @@ _CODES: tuple[tuple[type[BaseException], int], ...] = (
     (errors.CertificateError, NEGATIVE),
     (errors.ToolMissingError, TOOL_MISSING),
     (errors.BudgetError, OUT_OF_BUDGET),
+    (errors.WorkerError, OUT_OF_BUDGET),
     (errors.ResgridError, USAGE),
     (MemoryError, OUT_OF_BUDGET),
 )

@@ -84,13 +84,13 @@ class Wavefront:
     _repr_html_ = picture_html
 
 
-def wavefront(world: Simulation, cells: NDArray[np.float64]) -> Wavefront:
+def wavefront(simulation: Simulation, cells: NDArray[np.float64]) -> Wavefront:
     """Follow a change of the map through the grid.
 
     Parameters
     ----------
-    world : Simulation
-        As `announce_hidden` makes it.
+    simulation : Simulation
+        Of a plane, made with ``announce=True`` and a ``settle``.
     cells : ndarray of float64, shape (t,)
         When to look: in cells that the robot could have crossed since the change, ascending.
 
@@ -104,19 +104,27 @@ def wavefront(world: Simulation, cells: NDArray[np.float64]) -> Wavefront:
         If nothing was announced, or the times do not ascend.
     CircuitError
         If nothing can be driven.
+
+    Examples
+    --------
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml").replace(hidden=(rg.Box((5.0, 2.2), (6.0, 3.0)),))
+    >>> world = rg.simulation(scene, k=1.0, announce=True, settle="sor")
+    >>> front = rg.wavefront(world, np.array([0.0, 0.5, 4.0]))
+    >>> front.potential[:, 5, 3].round(3)
+    array([0.843, 0.945, 0.955])
     """
     when = np.asarray(cells, dtype=np.float64)
     if when.ndim != 1 or not len(when) or not np.isfinite(when).all() or when[0] < 0 or np.any(when[1:] < when[:-1]):
         raise InputError("times of a wavefront must be finite, at least 0 and ascending, in cells crossed")
-    grid = _grid_before(world)
+    grid = _grid_before(simulation)
     first = grid.field.potential
-    grid.change(world.space)
+    grid.change(simulation.space)
     frames, distance = [], []
     for step in np.diff(when, prepend=0.0).tolist():
         grid.advance(step)
         frames.append(grid.field.potential)
         distance.append(grid.distance)
-    return Wavefront(grid.before.space, world.space, when.copy(), np.array(frames), np.array(distance), first)
+    return Wavefront(grid.before.space, simulation.space, when.copy(), np.array(frames), np.array(distance), first)
 
 
 def settling_time(world: Simulation) -> float:
@@ -159,7 +167,7 @@ def _watched(world: Simulation, pace: float, cells: NDArray[np.float64]) -> tupl
 def _grid_before(world: Simulation, pace: float | None = None) -> RelaxingGrid:
     """The grid as it had settled before something was announced, at a pace of its own."""
     if world.relaxation is None or world.before is None:
-        raise InputError("nothing was announced in this world: make it with announce_hidden")
+        raise InputError("nothing was announced in this simulation: make it with rg.simulation(scene, announce=True)")
     relaxation = world.relaxation if pace is None else replace(world.relaxation, pace=pace)
     return RelaxingGrid(relaxation, world.before)
 

@@ -67,6 +67,13 @@ class Controller:
         What a force does: ``V0 + A F``; or, while it lasts, motion along the equipotential (equation 1).
     threshold : float
         Size of the generalised force below which ``"equipotential"`` senses none.
+
+    Examples
+    --------
+    >>> controller = rg.make_controller(rg.plan(rg.read_scene("examples/scenes/lesson.toml"), k=0.9).field, speed=0.5)
+    >>> velocity = controller.command((0.5, 6.5), (0.0, 0.0))
+    >>> float(np.linalg.norm(velocity).round(6))
+    0.5
     """
 
     field: Field
@@ -267,6 +274,15 @@ def make_controller(
     ------
     InputError
         If a value is impossible; an admittance that is not symmetric positive definite.
+
+    Examples
+    --------
+    >>> field = rg.plan(rg.read_scene("examples/scenes/lesson.toml"), k=0.9).field
+    >>> controller = rg.make_controller(field, speed=0.5)
+    >>> controller.command((0.5, 6.5), (0.0, 0.0)).round(3)
+    array([ 0.196, -0.46 ])
+    >>> controller.command((0.5, 6.5), (0.0, -0.2)).round(3)
+    array([ 0.196, -0.56 ])
     """
     space = field.space
     pace = float((space.upper - space.lower).max()) / 20 if speed is None else speed
@@ -314,6 +330,13 @@ def equipotential_velocity(streamline_velocity: ArrayLike, force: ArrayLike, *, 
     ------
     InputError
         If a value is not finite, the shapes differ, the gain is negative, or the result is beyond doubles.
+
+    Examples
+    --------
+    >>> rg.equipotential_velocity((1.0, 0.0), (0.3, 0.5))
+    array([0. , 0.5])
+    >>> rg.equipotential_velocity((1.0, 0.0), (-0.5, 0.0))
+    array([0., 0.])
     """
     v, f = np.asarray(streamline_velocity, dtype=np.float64), np.asarray(force, dtype=np.float64)
     if v.ndim != 1 or v.shape != f.shape:

@@ -21,7 +21,15 @@ Vector = NDArray[np.float64]
 
 
 class Mode(IntEnum):
-    """What the robot did in a step."""
+    """What the robot did in a step.
+
+    Examples
+    --------
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml").replace(hidden=(rg.Box((5.0, 2.2), (6.0, 3.0)),))
+    >>> run = rg.simulation(scene, k=0.9).run()
+    >>> [rg.Mode(mode).name for mode in np.unique(run.mode)]
+    ['STREAMLINE', 'LEARNING', 'ARRIVED']
+    """
 
     STREAMLINE = 0
     """Followed the current."""
@@ -52,7 +60,16 @@ class Mode(IntEnum):
 
 
 class Ending(StrEnum):
-    """How a motion ended: ``arrived`` in a goal, or ``missed`` where only belief was in one."""
+    """How a motion ended: ``arrived`` in a goal, or ``missed`` where only belief was in one.
+
+    Examples
+    --------
+    >>> run = rg.simulation(rg.read_scene("examples/scenes/lesson.toml"), k=0.9).run()
+    >>> run.ending is rg.Ending.ARRIVED
+    True
+    >>> [str(ending) for ending in rg.Ending]
+    ['arrived', 'missed', 'no_path', 'goal_blocked', 'start_blocked', 'jam', 'stalled', 'out_of_steps', 'entered']
+    """
 
     ARRIVED = "arrived"
     MISSED = "missed"
@@ -139,6 +156,15 @@ class Run:
         Steps in which no contact forces could be solved for, so that the robot stood still.
     scene : Scene or None
         What it moved in.
+
+    Examples
+    --------
+    >>> run = rg.simulation(rg.read_scene("examples/scenes/lesson.toml"), k=0.9).run()
+    >>> run
+    <Run arrived after 21.79 s: 44 rows, 0 contacts, 0 lessons>
+    >>> run.configuration[[0, -1]].round(1)
+    array([[0.5, 6.5],
+           [6. , 2. ]])
     """
 
     ending: Ending

@@ -29,6 +29,18 @@ class Push:
     start, duration : float
         In seconds.
     force : ndarray of float64, shape (ndim,)
+
+    Raises
+    ------
+    InputError
+        If a number is not finite, or the duration not above 0.
+
+    Examples
+    --------
+    >>> push = rg.Push(start=1.0, duration=0.5, force=(0.0, 0.2))
+    >>> run = rg.simulation(rg.read_scene("examples/scenes/lesson.toml"), k=0.9).run(pushes=[push])
+    >>> str(run.ending), rg.Mode.PUSHED in run.mode
+    ('arrived', True)
     """
 
     start: float
@@ -65,6 +77,17 @@ def random_pushes(seed: int, ndim: int, *, until: float, size: float, duration: 
     -------
     list of Push
         In order of time.
+
+    Raises
+    ------
+    InputError
+        If a number is out of range.
+
+    Examples
+    --------
+    >>> pushes = rg.random_pushes(seed=0, ndim=2, until=10.0, size=0.2, duration=0.5, count=3)
+    >>> [round(float(np.linalg.norm(push.force)), 9) for push in pushes]
+    [0.2, 0.2, 0.2]
     """
     for name, number, least in (("seed", seed, 0), ("ndim", ndim, 1), ("count", count, 0)):
         check_whole(name, number, least)

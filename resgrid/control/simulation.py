@@ -52,6 +52,13 @@ class Simulation:
         Then, what the grid had settled to at time 0; None: the controller's field.
     scene : Scene or None
         What it was made from.
+
+    Examples
+    --------
+    >>> simulation = rg.simulation(rg.read_scene("examples/scenes/lesson.toml"), k=0.9)
+    >>> run = simulation.run()
+    >>> run.ending
+    <Ending.ARRIVED: 'arrived'>
     """
 
     controller: Controller
@@ -230,6 +237,13 @@ def simulation(
         If a value is impossible, or the robot's contacts are not known.
     CircuitError
         If nothing can be driven.
+
+    Examples
+    --------
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml").replace(hidden=(rg.Box((5.0, 2.2), (6.0, 3.0)),))
+    >>> run = rg.simulation(scene, k=0.9).run()
+    >>> str(run.ending), int(run.learnt.sum())
+    ('arrived', 1)
     """
     given: dict[str, Any] = {
         "k": k, "speed": speed, "response": response, "friction": friction, "learn": learn, "step": step,

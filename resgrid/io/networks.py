@@ -44,6 +44,12 @@ def write_network(netlist: Netlist, file: str | os.PathLike[str]) -> Path:
     ------
     InputError
         If the file's name ends otherwise, an edge list cannot hold a node's name, or the file cannot be written.
+
+    Examples
+    --------
+    >>> divider = rg.Netlist(3, [[1, 2], [2, 0]], [1e-3, 1e-3], source_nodes=[[1, 0]], source_volts=[2.0])
+    >>> rg.write_network(divider, "divider.txt").read_text().splitlines()
+    ['node_1 node_2 1000.0', 'node_2 ground 1000.0']
     """
     views: Views = {
         "edges": lambda: _edges(netlist),

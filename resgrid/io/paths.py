@@ -24,35 +24,41 @@ from resgrid.space import ConfigurationSpace
 Timed = AnyPath | Trajectory
 
 
-def write_path(path: Timed, target: str | os.PathLike[str]) -> Path:
+def write_path(path: Timed, file: str | os.PathLike[str]) -> Path:
     """Write a path, whole or not at all, as the end of the file's name says.
 
     Parameters
     ----------
     path : Streamline, ShortPath, Polyline or Trajectory
         An arm's files say where its tip is.
-    target : path-like
+    file : path-like
         ``.csv``, or ``-`` for standard output: a table with a header; ``.json``: one list a column; ``.npz``: one
         array a column; ``.yaml``: a ``nav_msgs/Path`` for ROS.
 
     Returns
     -------
     pathlib.Path
-        The target.
+        The file.
 
     Raises
     ------
     InputError
         If the name ends otherwise, the path does not fit, an axis has the name of another column, or the file cannot
         be written.
+
+    Examples
+    --------
+    >>> path = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((5.5, 2.5))
+    >>> rg.write_path(path, "path.csv").read_text().splitlines()[:2]
+    ['x,y', '5.5,2.5']
     """
-    space, suffix = path.space, suffix_of(target, _VIEWS, "a path")
+    space, suffix = path.space, suffix_of(file, _VIEWS, "a path")
     if suffix == ".json":
         require_names(space.axes, ["schema", *(axis.name for axis in space.axes)])
 
     columns = partial(path_columns, path)
     views: Views = {"table": columns, "record": columns, "arrays": columns, "message": partial(ros_plan, path)}
-    return write(target, views, "a path")
+    return write(file, views, "a path")
 
 
 _VIEWS = ("table", "record", "arrays", "message")
@@ -230,6 +236,15 @@ def ros_plan(path: Timed, *, frame_id: str = "map") -> str:
     ------
     InputError
         If the robot does not move in the plane.
+
+    Examples
+    --------
+    >>> path = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((5.5, 2.5))
+    >>> print(rg.ros_plan(path, frame_id="odom")[:60])
+    header:
+      stamp: {sec: 0, nanosec: 0}
+      frame_id: odom
+    poses
     """
     space, points = path.space, _points(path)
     _require_plane(space)

@@ -39,6 +39,12 @@ def write_run(run: Run | Sequence[Run], file: str | os.PathLike[str]) -> Path:
     ------
     InputError
         If the file's name ends otherwise, an axis has the name of another column, or the file cannot be written.
+
+    Examples
+    --------
+    >>> run = rg.simulation(rg.read_scene("examples/scenes/lesson.toml"), k=0.9).run()
+    >>> rg.write_run(run, "run.csv").read_text().split(",")[:6]
+    ['run', 'k', 't', 'mode', 'x', 'y']
     """
     runs = [run] if isinstance(run, Run) else list(run)
     return write(file, _views(runs), "a run")

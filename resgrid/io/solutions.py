@@ -63,6 +63,13 @@ def write_solution(
     InputError
         If the file's name ends otherwise, the potential of a space's circuit is not defined, or the file cannot be
         written.
+
+    Examples
+    --------
+    >>> op = rg.solve(rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml"))))
+    >>> with np.load(rg.write_solution(op, "solution.npz")) as arrays:
+    ...     print({name: array.shape for name, array in arrays.items()})
+    {'potential': (8, 8), 'log_drop': (8, 8), 'cell': (8, 8)}
     """
     return write(file, _views(op, title, form, about or {}), "a solution")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.frozen import frozen
-from resgrid.planning.road import Problem
-from resgrid.scene import Scene, sample
-from resgrid.scene.overrides import document_of
-from resgrid.scene.read import build_scene
 from resgrid.space import Cell, ConfigurationSpace
 from resgrid.wiring import Wiring
+
+if TYPE_CHECKING:
+    from resgrid.planning.road import Problem
+    from resgrid.scene import Scene
 
 MOST_CELLS = 1 << 20
 """Cells of the largest grid that the page draws."""
@@ -60,6 +60,8 @@ class Drawing:
     @property
     def problem(self) -> Problem:
         """What is to be solved, as the scene of `document` asks for it."""
+        from resgrid.planning.road import Problem
+
         chip = dict(self.chip or {})
         options: dict[str, Any] = {key: chip[key] for key in ("resistance", "supply") if key in chip}
         if self.wall:
@@ -96,6 +98,8 @@ class Drawing:
         """The scene of `document`, checked."""
         from pathlib import Path
 
+        from resgrid.scene.read import build_scene
+
         return build_scene(self.document(), "the drawing", Path())
 
     def _rectangle(self, lower: tuple[int, int], upper: tuple[int, int]) -> dict[str, Any]:
@@ -108,6 +112,9 @@ class Drawing:
 
 def drawing_of(scene: Scene) -> Drawing:
     """The cells of a scene of two axes, as they were sampled."""
+    from resgrid.scene import sample
+    from resgrid.scene.overrides import document_of
+
     if scene.ndim != 2:
         raise InputError(f"the page draws planes, and this scene has {scene.ndim} axes; choose one of two axes")
     check_size([axis.cells for axis in scene.axes])

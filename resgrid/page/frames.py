@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from resgrid.circuit.solve import solve
 from resgrid.errors import AccuracyError, InputError
+from resgrid.page.circuit import describe_circuit
 from resgrid.page.drawing import Drawing
 from resgrid.page.flaws import flawed
 from resgrid.planning.certify import certify
@@ -81,7 +82,7 @@ def describe(frame: Frame) -> tuple[dict[str, Any], list[bytes]]:
     """
     field = frame.field
     lines = [_line(path) for path in frame.paths]
-    head = {
+    head: dict[str, Any] = {
         "exact": frame.exact,
         "paths": [_path_head(path, len(line)) for path, line in zip(frame.paths, lines, strict=True)],
         "seconds": frame.seconds,
@@ -90,6 +91,9 @@ def describe(frame: Frame) -> tuple[dict[str, Any], list[bytes]]:
         "cut_off": int(((frame.drawing.cell == Cell.FREE) & ~field.space.goal_connected).sum()),
         "flat": list(frame.solution.flat),
     }
+    points = list(frame.solution.operating_points.values())
+    if len(points) == 1:
+        head["circuit"] = describe_circuit(points[0])
     scale, picture = _picture(frame)
     currents, speed = _currents(field)
     body = [np.concatenate(lines or [np.empty((0, 2))]).astype("<f4"), picture, currents, speed]
@@ -191,7 +195,21 @@ def probe(frame: Frame, cell: Sequence[int]) -> dict[str, Any]:
         "amperes": (unit * direction[:, 0].T * np.exp(log_current[:, 0].T)).ravel().tolist(),
         "bits": _bits(frame, index),
         "exact": frame.exact,
+        "proved": _proved(frame, index),
     }
+
+
+def _proved(frame: Frame, index: tuple[int, int]) -> list[str]:
+    """What the certificate says of a cell."""
+    if not frame.exact:
+        return ["nothing yet: this is a preview"]
+    if frame.drawing.cell[index] != Cell.FREE or not frame.field.space.goal_connected[index]:
+        return []
+    proved = ["current leaves to lower potential", "Kirchhoff's law holds to 1e-6"]
+    for number, path in enumerate(frame.paths, 1):
+        if path is not None and path.outcome is Outcome.REACHED and (path.cells == index).all(axis=1).any():
+            proved.append(f"path {number} passes here, certified to goal {path.goal}")
+    return proved
 
 
 def _bits(frame: Frame, index: tuple[int, ...]) -> float | None:

@@ -7,16 +7,23 @@ import threading
 import time
 import webbrowser
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from contextlib import suppress
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
-from resgrid.errors import InputError, ToolMissingError
+from resgrid.errors import InputError, ResgridError, ToolMissingError
 from resgrid.page.drawing import Drawing, blank, drawing_of, drawing_of_space
-from resgrid.scene import Scene
 from resgrid.space import ConfigurationSpace
 
-PORT = 8017
+if TYPE_CHECKING:
+    from resgrid.scene import Scene
+
 _MISSING = "the live page needs starlette, uvicorn and websockets; type: pip install 'resgrid[live]'"
 _START_SECONDS = 20.0
+_STOP_SECONDS = 30.0
+_WORKERS = 8
+"""Requests that are worked at at once: the system shares its cores among them, so that no browser waits for another."""
+_WARM_CELLS = 256
 
 
 class LivePage:
@@ -33,26 +40,29 @@ class LivePage:
             import uvicorn
 
             from resgrid.page.messages import LARGEST
-            from resgrid.page.server import hosts_of, make_app
+            from resgrid.page.server import make_app
         except ImportError as error:
             raise ToolMissingError(f"{_MISSING} ({error})") from None
-        self._executor = ThreadPoolExecutor(1, thread_name_prefix="resgrid solves")
-        app = make_app(drawing, self._executor, hosts=hosts_of(host), read_only=read_only)
+        self._executor = ThreadPoolExecutor(_WORKERS, thread_name_prefix="resgrid answers")
+        app = make_app(drawing, self._executor, host=host, read_only=read_only)
         self._socket = _listen(host, port)
-        shown = "127.0.0.1" if host in ("0.0.0.0", "") else host
+        shown = {"0.0.0.0": "127.0.0.1", "": "127.0.0.1", "::": "::1"}.get(host, host)
         self.url = f"http://{f'[{shown}]' if ':' in shown else shown}:{self._socket.getsockname()[1]}/"
         self._server = uvicorn.Server(
             uvicorn.Config(
-                app, log_level="critical", access_log=False, lifespan="off", server_header=False,
+                app, log_level="error", access_log=False, lifespan="off", server_header=False,
                 ws="websockets-sansio", ws_max_size=LARGEST, ws_per_message_deflate=False,
                 timeout_graceful_shutdown=1,
             )
         )  # fmt: skip
-        self._thread = threading.Thread(target=self._server.run, args=([self._socket],), daemon=True)
-        self._thread.start()
+        self._ended = (
+            threading.Event()
+        )  # an interrupted Thread.join takes a living thread for an ended one (CPython 3.11)
+        threading.Thread(target=self._serve, daemon=True).start()
         until = time.monotonic() + _START_SECONDS
-        while not self._server.started and self._thread.is_alive() and time.monotonic() < until:
-            time.sleep(0.01)
+        while not self._server.started and not self._ended.wait(0.01) and time.monotonic() < until:
+            pass
+        self._executor.submit(_load_engine, drawing)
 
     def __repr__(self) -> str:
         return f"<LivePage at {self.url}>"
@@ -66,15 +76,21 @@ class LivePage:
     def __exit__(self, *_: Any) -> None:
         self.close()
 
+    def _serve(self) -> None:
+        try:
+            self._server.run([self._socket])
+        finally:
+            self._ended.set()
+
     def wait(self) -> None:
         """Serve until interrupted."""
-        while self._thread.is_alive():
-            self._thread.join(0.5)
+        while not self._ended.wait(0.5):
+            pass
 
     def close(self) -> None:
         """Stop serving."""
         self._server.should_exit = True
-        self._thread.join(5.0)
+        self._ended.wait(_STOP_SECONDS)
         self._socket.close()
         self._executor.shutdown(wait=False, cancel_futures=True)
 
@@ -118,7 +134,7 @@ def live(
 
     Examples
     --------
-    >>> page = live(port=0, browser=False)
+    >>> page = rg.live(rg.read_scene("examples/scenes/lesson.toml"), browser=False)
     >>> page.url.startswith("http://127.0.0.1:")
     True
     >>> page.close()
@@ -131,6 +147,15 @@ def live(
     if browser:
         webbrowser.open(page.url)
     return page
+
+
+def _load_engine(first: Drawing) -> None:
+    """Load the engine and its loops while the browser is still opening: solve the first drawing, or a smaller one."""
+    from resgrid.page.frames import solve_drawing
+
+    cells = max(first.cell.shape)
+    with suppress(ResgridError):
+        solve_drawing(first if cells <= _WARM_CELLS else replace(blank(_WARM_CELLS), k=first.k), exact=True)
 
 
 def _listen(host: str, port: int) -> socket.socket:

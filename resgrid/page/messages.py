@@ -67,7 +67,7 @@ class Request(Table):
     seq: Annotated[int, Ge(0)]
     drawing: DrawingHead | None = None
     exact: bool = True
-    format: Literal["toml", "json", "csv", "deck"] | None = None
+    format: Literal["toml", "json", "csv", "deck", "svg", "circuit"] | None = None
     cell: Annotated[list[int], Len(2, 2)] | None = None
     name: str | None = None
     files: Annotated[list[File], Len(1, 10)] | None = None

@@ -12,6 +12,7 @@ from typing import Any
 
 from resgrid.errors import InputError
 from resgrid.io.paths import Route, write_routes
+from resgrid.page.circuit import MOST_CELLS_A_SIDE
 from resgrid.page.drawing import Drawing
 from resgrid.page.frames import solve_drawing
 from resgrid.planning.road import compile_circuit
@@ -19,7 +20,11 @@ from resgrid.spice.write.files import write_spice
 
 
 def save(drawing: Drawing, kind: str | None) -> tuple[str, bytes]:
-    """Name and content of a file: ``toml`` or ``json`` (the scene), ``csv`` (paths), ``deck`` (a folder, zipped)."""
+    """Name and content of a file.
+
+    ``toml`` or ``json`` (the scene), ``csv`` (paths), ``deck`` (a folder, zipped),
+    ``svg`` (field and paths as `rg.draw` draws them) or ``circuit`` (of a small grid, as SVG).
+    """
     match kind:
         case "toml":
             drawing.scene()
@@ -31,7 +36,11 @@ def save(drawing: Drawing, kind: str | None) -> tuple[str, bytes]:
             return "paths.csv", _paths(drawing)
         case "deck":
             return "deck.zip", _deck(drawing)
-    raise InputError(f"there is no format {kind!r}; there are toml, json, csv and deck")
+        case "svg":
+            return "resgrid.svg", _picture(drawing)
+        case "circuit":
+            return "circuit.svg", _circuit(drawing)
+    raise InputError(f"there is no format {kind!r}; there are toml, json, csv, deck, svg and circuit")
 
 
 def scene_toml(document: Mapping[str, Any]) -> str:
@@ -75,6 +84,28 @@ def _paths(drawing: Drawing) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         write_routes(routes, Path(folder) / "paths.csv")
         return (Path(folder) / "paths.csv").read_bytes()
+
+
+def _picture(drawing: Drawing) -> bytes:
+    """Field and certified paths, SVG."""
+    from resgrid.plot import draw, render_figure
+
+    frame = solve_drawing(drawing, exact=True)
+    axes = draw(frame.field)
+    paths = [path for path in frame.paths if path is not None]
+    return render_figure(draw(paths, axes) if paths else axes, "svg")
+
+
+def _circuit(drawing: Drawing) -> bytes:
+    """The circuit with its voltages, SVG."""
+    from resgrid.plot import draw, render_figure
+
+    points = list(solve_drawing(drawing, exact=True).solution.operating_points.values())
+    if len(points) != 1:
+        raise InputError("a blend is two chips: choose k = 0 or k = 1 to see the circuit of one")
+    if max(drawing.cell.shape) > MOST_CELLS_A_SIDE:
+        raise InputError(f"circuits are drawn of up to {MOST_CELLS_A_SIDE} cells a side")
+    return render_figure(draw(points[0]), "svg")
 
 
 def _deck(drawing: Drawing) -> bytes:

@@ -1,42 +1,35 @@
 """The server of the page: static files, and one WebSocket for each browser.
 
-Nothing is kept but the last frame of each browser: every request brings all that it is about, so that a page goes on
-from where it was when the server is back.
+It imports no engine: the page is served while that is still being loaded.
 """
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Collection
 from concurrent.futures import Executor
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 from starlette.applications import Starlette
+from starlette.datastructures import Headers
 from starlette.middleware import Middleware
-from starlette.middleware.trustedhost import TrustedHostMiddleware
-from starlette.requests import Request as HttpRequest
-from starlette.responses import FileResponse, Response
+from starlette.requests import Request
+from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
-from starlette.types import Message, Receive, Scope, Send
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.errors import InputError, ResgridError
-from resgrid.page.arms import pose, poses, resample
-from resgrid.page.drawing import Drawing, drawing_of
-from resgrid.page.frames import Frame, describe, probe, solve_drawing
-from resgrid.page.messages import Request, pack, read_drawing, read_request, write_drawing
-from resgrid.page.opening import examples, open_document, open_example, open_files
-from resgrid.page.saving import save
-from resgrid.page.settle import settle
+from resgrid.page.drawing import Drawing
+
+if TYPE_CHECKING:
+    from resgrid.page.session import Session
 
 STATIC = Path(__file__).parent / "static"
-PATIENCE = 0.035
-"""Seconds that a direction-safe frame may take to be made while somebody draws."""
+MOST_BROWSERS = 32
+"""Browsers that are served at once."""
 
 _HEADERS = {
     "content-security-policy": "default-src 'self'; img-src 'self' blob: data:; style-src 'self'; object-src 'none'; "
@@ -45,33 +38,43 @@ _HEADERS = {
     "referrer-policy": "no-referrer",
     "cache-control": "no-cache",
 }
-Reply = tuple[dict[str, Any], list[bytes]]
+_LOOPBACK = {"127.0.0.1", "localhost", "::1"}
 
 
-def make_app(first: Drawing, executor: Executor, *, hosts: list[str], read_only: bool = False) -> Starlette:
-    """The application that shows a drawing; `hosts`: names by which it may be called; `executor`: where it solves."""
+def make_app(first: Drawing, executor: Executor, *, host: str, read_only: bool = False) -> Starlette:
+    """The application that shows a drawing; `host`: where it listens; `executor`: where requests are answered."""
+    served = set[WebSocket]()
 
     async def serve(socket: WebSocket) -> None:
         if not _is_own(socket):
             await socket.close(code=1008, reason="this page may only be used from itself")
-            return
-        await socket.accept()
-        await _talk(socket, Session(first, read_only), executor)
+        elif len(served) >= MOST_BROWSERS:
+            await socket.close(code=1013, reason=f"{MOST_BROWSERS} browsers are served at once, and no more")
+        else:
+            served.add(socket)
+            try:
+                await socket.accept()
+                await _talk(socket, first, read_only, executor)
+            finally:
+                served.remove(socket)
 
-    async def index(_request: HttpRequest) -> Response:
+    async def index(_request: Request) -> Response:
         return FileResponse(STATIC / "index.html")
 
     return Starlette(
         routes=[Route("/", index), Mount("/static", StaticFiles(directory=STATIC)), WebSocketRoute("/ws", serve)],
-        middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=hosts), Middleware(_Headers)],
+        middleware=[Middleware(_Guard, names=_LOOPBACK | {host})],
     )
 
 
-class _Headers:
-    """Adds headers that keep the page to itself."""
+class _Guard:
+    """Answers only who calls the server by its own name or address, and adds headers that keep the page to itself.
 
-    def __init__(self, app: Any) -> None:
-        self.app = app
+    A foreign name that leads here is another page's, which would speak in the visitor's name (DNS rebinding).
+    """
+
+    def __init__(self, app: ASGIApp, names: Collection[str]) -> None:
+        self.app, self.names = app, names
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         async def sending(message: Message) -> None:
@@ -80,7 +83,19 @@ class _Headers:
                 message = {**message, "headers": [*message["headers"], *extra]}
             await send(message)
 
-        await self.app(scope, receive, sending)
+        address = (scope.get("server") or ("",))[0]
+        if scope["type"] != "lifespan" and _name_in(Headers(scope=scope)) not in {*self.names, address}:
+            await PlainTextResponse("this is not my name", 400)(scope, receive, sending)
+        else:
+            await self.app(scope, receive, sending)
+
+
+def _name_in(headers: Headers) -> str | None:
+    """The name by which the server is called, without its port; None where it is none."""
+    try:
+        return urlsplit(f"//{headers.get('host', '')}").hostname
+    except ValueError:
+        return None
 
 
 def _is_own(socket: WebSocket) -> bool:
@@ -88,10 +103,12 @@ def _is_own(socket: WebSocket) -> bool:
     return urlsplit(socket.headers.get("origin", "")).netloc == socket.headers.get("host")
 
 
-async def _talk(socket: WebSocket, session: Session, executor: Executor) -> None:
+async def _talk(socket: WebSocket, first: Drawing, read_only: bool, executor: Executor) -> None:
+    """Answer one browser's requests, one after the other: where many wait, every browser has its turn."""
     loop = asyncio.get_running_loop()
-    await socket.send_bytes(session.hello())
     try:
+        session = await loop.run_in_executor(executor, _begin, first, read_only)
+        await socket.send_bytes(await loop.run_in_executor(executor, session.hello))
         while True:
             message = await socket.receive_bytes()
             await socket.send_bytes(await loop.run_in_executor(executor, session.answer, message))
@@ -99,86 +116,7 @@ async def _talk(socket: WebSocket, session: Session, executor: Executor) -> None
         return
 
 
-class Session:
-    """One browser: answers requests, and keeps its last frame for questions about it."""
+def _begin(first: Drawing, read_only: bool) -> Session:
+    from resgrid.page.session import Session
 
-    def __init__(self, first: Drawing, read_only: bool) -> None:
-        self.first, self.read_only = first, read_only
-        self.frame: Frame | None = None
-        self.before: Frame | None = None
-        self.exact_seconds = float("inf")
-
-    def hello(self) -> bytes:
-        """What a page is told first."""
-        head, body = write_drawing(self.first)
-        about = {"examples": list(examples()), "read_only": self.read_only}
-        return pack({"hello": about, **head}, body)
-
-    def answer(self, message: bytes) -> bytes:
-        """The reply to a message, which says what was wrong with it if anything was."""
-        seq: int | None = None
-        try:
-            request, body = read_request(message)
-            seq = request.seq
-            head, parts = self._reply(request, body)
-        except ResgridError as error:
-            head, parts = {"error": str(error), "kind": type(error).__name__}, []
-        except MemoryError:
-            head, parts = {"error": "this does not fit in memory; use a coarser grid", "kind": "MemoryError"}, []
-        except Exception as error:  # a fault of resgrid, which must not end the conversation
-            head, parts = {"error": f"this is a fault of resgrid ({error!r}); please report it", "kind": "fault"}, []
-        return pack({"seq": seq, **head}, *parts)
-
-    def _reply(self, request: Request, body: bytes) -> Reply:
-        match request.type:
-            case "solve":
-                return self._solve(self._drawing(request, body), request.exact)
-            case "probe":
-                if self.frame is None:
-                    raise InputError("nothing has been solved yet")
-                told = probe(self.frame, request.cell or ())
-                return {"probe": told | {"pose": pose(self.frame, told["centre"])}}, []
-            case "settle":
-                drawing = self._drawing(request, body)
-                return settle(drawing, self._origin(drawing))
-            case "save":
-                name, content = save(self._drawing(request, body), request.format)
-                return {"name": name}, [content]
-        if self.read_only:
-            raise InputError("this page is for reading only")
-        opened = {
-            "world": lambda: resample(read_drawing(request.drawing, body)),
-            "example": lambda: drawing_of(open_example(request.name)),
-            "files": lambda: open_files(request.files),
-            "link": lambda: open_document(request.document),
-        }[request.type]()
-        head, cells = write_drawing(opened)
-        return head, [cells]
-
-    def _drawing(self, request: Request, body: bytes) -> Drawing:
-        """What a request is about; for readers the drawing shown, with their own k and starts."""
-        drawing = read_drawing(request.drawing, body)
-        return replace(self.first, k=drawing.k, starts=drawing.starts) if self.read_only else drawing
-
-    def _origin(self, drawing: Drawing) -> OperatingPoint | None:
-        """From where a drawing settles: the circuit before the last change, if it was one and of the same grid."""
-        if self.before is None or self.before.drawing.axes != drawing.axes:
-            return None
-        points = list(self.before.solution.operating_points.values())
-        return points[0] if len(points) == 1 else None
-
-    def _solve(self, drawing: Drawing, exact: bool) -> Reply:
-        """Solve as asked; in haste, direction-safe all the same where that was quick enough before."""
-        if self.frame is not None and self.frame.exact:
-            self.before = self.frame
-        self.frame = solve_drawing(drawing, exact=exact or self.exact_seconds < PATIENCE)
-        if self.frame.exact:
-            self.exact_seconds = self.frame.seconds
-        head, body = describe(self.frame)
-        return head | {"poses": poses(self.frame)}, body
-
-
-def hosts_of(host: str, names: Mapping[str, Any] | None = None) -> list[str]:
-    """Names by which a server on a host may be called."""
-    own = ["127.0.0.1", "localhost", "[::1]"]
-    return [*own, *(names or ()), *([] if host in own else [host])]
+    return Session(first, read_only)

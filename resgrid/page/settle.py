@@ -28,7 +28,9 @@ def settle(drawing: Drawing, before: OperatingPoint | None) -> tuple[dict[str, A
     if drawing.cell.size > MOST_CELLS:
         raise BudgetError(f"settling is shown of up to {MOST_CELLS:,} cells; this drawing has {drawing.cell.size:,}")
     frame = solve_drawing(drawing, exact=True)
-    op = next(iter(frame.solution.operating_points.values()))
+    op = next(iter(frame.solution.operating_points.values()), None)
+    if op is None:
+        raise InputError("nothing settles here: nothing drives this grid")
     farads = float((drawing.chip or {}).get("capacitance", _FARADS))
     if not 0.0 < farads < 1.0:
         raise InputError("chip.capacitance: settling needs one, in farads")

@@ -48,6 +48,16 @@ def certify(path: Streamline) -> None:
     ------
     CertificateError
         On the first broken promise; the message names the step.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> path = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((0.5, 6.5))
+    >>> rg.certify(path)
+    >>> rg.certify(replace(path, goal=1))
+    Traceback (most recent call last):
+        ...
+    resgrid.errors.CertificateError: the last cell belongs to goal 0
     """
     _check_kinds(path)
     if path.outcome in {Outcome.REACHED, Outcome.NO_CURRENT}:
@@ -312,6 +322,15 @@ def certify_free(path: AnyPath) -> None:
         If a segment does not; the message names the segment and the cell.
     InputError
         If a segment is so long that nobody could look at all its cells.
+
+    Examples
+    --------
+    >>> space = rg.sample(rg.read_scene("examples/scenes/lesson.toml"))
+    >>> rg.certify_free(rg.Polyline([(0.5, 6.5), (5.5, 5.5), (6.5, 1.5)], space))
+    >>> rg.certify_free(rg.Polyline([(0.5, 6.5), (6.5, 1.5)], space))
+    Traceback (most recent call last):
+        ...
+    resgrid.errors.CertificateError: segment 0 touches cell (2, 4), which is not free or outside the grid
     """
     space = path.space
     scaled = (path.line - space.lower) / space.spacing

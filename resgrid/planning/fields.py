@@ -52,6 +52,16 @@ class Field:
     safe : ndarray of bool, shape of the space, or None
         Free cells in which the field is direction-safe; streamlines end at all others with ``no_current``.  None where
         the field is direction-safe as a whole, as all are but those of ``method="petsc"``.
+
+    Examples
+    --------
+    >>> field = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).field
+    >>> field.potential[5, :4].round(3)
+    array([0.784, 0.585, 0.718, 0.843])
+    >>> field.log_drop[5, :4].round(2)
+    array([-1.53, -0.88, -1.27, -1.85])
+    >>> field.face_current(0)[5:8, 1].round(3)
+    array([ 0.253,  0.585, -0.65 ])
     """
 
     space: ConfigurationSpace
@@ -180,6 +190,15 @@ def field(op: OperatingPoint) -> Field:
         If no current flows through any free cell.
     AccuracyError
         If the chip's switches or rails are so poor that current leaves free cells into obstacles; it carries the field.
+
+    Examples
+    --------
+    >>> space = rg.sample(rg.read_scene("examples/scenes/lesson.toml"))
+    >>> field = rg.field(rg.solve(rg.compile_space(space)))
+    >>> field
+    <Field on 8 x 8 cells: dirichlet, k = 1>
+    >>> field.potential[6].round(3)
+    array([0.652, 0.   , 0.574, 0.801, 0.908, 0.963, 1.   , 0.998])
     """
     cells = op.netlist.cells
     if op.potential is None or op.method == "none":

@@ -68,6 +68,14 @@ def surface_normals(
         If the model is empty or not boolean, or a point lies outside the grid, inside the model or in a cavity.
     BudgetError
         If the field would not fit in memory.
+
+    Examples
+    --------
+    >>> model = np.zeros((9, 9), dtype=bool)
+    >>> model[3:6, 3:6] = True
+    >>> rg.surface_normals(model, points=[(2.2, 2.2), (6.8, 2.2)]).round(3)
+    array([[-0.707, -0.707],
+           [ 0.707, -0.707]])
     """
     space = _model_space(model, spacing)
     at, local = _places(space, points, cells)

@@ -30,6 +30,16 @@ class Planner:
         The field that streamlines follow.
     solution : Solution
         What was solved: one field, or the halves of every blend.
+
+    Examples
+    --------
+    >>> planner = rg.plan(rg.read_scene("examples/scenes/lesson.toml"), k=0.5)
+    >>> planner
+    Planner(field=<Field on 8 x 8 cells: blend, k = 0.5>, solution=<Solution>)
+    >>> [round(path.length, 2) for path in planner.at(1.0).paths()]
+    [8.71]
+    >>> planner.ends([(0.5, 0.5), (7.5, 7.5)]).goal
+    array([0, 0])
     """
 
     field: Field
@@ -140,6 +150,13 @@ def plan(
         If there is no PETSc; the message says how to get it.
     BudgetError
         If it would not fit in memory, or on the disk.
+
+    Examples
+    --------
+    >>> planner = rg.plan(rg.read_scene("examples/scenes/lesson.toml"), k=0.5)
+    >>> path = planner.path((0.5, 6.5))
+    >>> str(path.outcome), round(path.length, 3), round(path.clearance, 3)
+    ('reached', 9.036, 0.347)
     """
     work = work_by(method, ranks)
     if isinstance(where, Scene):
@@ -213,6 +230,13 @@ def clearance_curve(
     ------
     InputError
         If a setting is out of range, the planner holds one field only, or no start has a path at every setting.
+
+    Examples
+    --------
+    >>> planner = rg.plan(rg.read_scene("examples/scenes/lesson.toml"), k=1.0)
+    >>> curve = rg.clearance_curve(planner, ks=(0.0, 0.5, 1.0))
+    >>> curve.mean.round(3), curve.mean_length.round(3)
+    (array([0.462, 0.494, 0.506]), array([4.511, 4.291, 4.296]))
     """
     space, wiring = planner.space, planner.field.wiring
     if wall_resistances is None:

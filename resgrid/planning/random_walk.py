@@ -85,6 +85,14 @@ def random_walk(circuit: Netlist | OperatingPoint | RandomWalk, *, method: str =
         If the netlist was not compiled from a space, a start drives it, or a goal cell floats.
     BudgetError
         If the factors would not fit in memory.
+
+    Examples
+    --------
+    >>> walk = rg.random_walk(rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml"))))
+    >>> round(float(rg.collision_probability(walk).success[6, 2]), 6)
+    0.426282
+    >>> round(float(rg.hitting_probability(walk).probability[0, 6, 2]), 6)
+    0.426282
     """
     if isinstance(circuit, RandomWalk):
         return circuit
@@ -163,6 +171,13 @@ def collision_probability(circuit: Netlist | OperatingPoint | RandomWalk) -> Col
         As `random_walk`.
     AccuracyError
         If the conductances differ by more decades than the factors can hold.
+
+    Examples
+    --------
+    >>> space = rg.ConfigurationSpace([rg.Axis("x", 0.0, 5.0, 5)], [2, 0, 0, 0, 1])
+    >>> walk = rg.collision_probability(rg.compile_space(space))
+    >>> walk.success.round(6), walk.steps.round(6)
+    (array([1.  , 0.75, 0.5 , 0.25, 0.  ]), array([0., 3., 4., 3., 0.]))
     """
     walk = random_walk(circuit)
     degree = walk.factors.system.laplacian.diagonal
@@ -230,6 +245,16 @@ def hitting_probability(circuit: Netlist | OperatingPoint | RandomWalk) -> Hitti
         If the conductances differ by more decades than the factors can hold.
     BudgetError
         If the answer would not fit in memory.
+
+    Examples
+    --------
+    >>> space = rg.ConfigurationSpace([rg.Axis("x", 0.0, 5.0, 5)], [2, 0, 0, 0, 2])
+    >>> hits = rg.hitting_probability(rg.compile_space(space))
+    >>> hits.probability.round(6)
+    array([[1.  , 0.75, 0.5 , 0.25, 0.  ],
+           [0.  , 0.25, 0.5 , 0.75, 1.  ]])
+    >>> hits.likeliest
+    array([0, 0, 0, 1, 1], dtype=int32)
     """
     walk = random_walk(circuit)
     space = walk.cells.space

@@ -214,6 +214,14 @@ def separation(
     InputError
         If the start lies outside the grid, there is no goal cell, a scene has more than 63 obstacles, or `most` is
         below 1.
+
+    Examples
+    --------
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml")
+    >>> wall = rg.Box((0.0, 2.0), (8.0, 2.5))
+    >>> verdict = rg.separation(scene.replace(obstacles=(*scene.obstacles, wall)), (0.5, 6.5))
+    >>> str(verdict.outcome), verdict.separating
+    ('no_path', ('obstacle[3]',))
     """
     if isinstance(where, Scene):
         return _scene_separation(where, start, cell, most)

@@ -53,6 +53,13 @@ def shorten(path: Streamline, *, clearance: float = 0.0, rounds: int = 200, seed
         If the streamline reached no goal, or an option is out of range.
     CertificateError
         If the result touches an obstacle, which would be a fault of this function.
+
+    Examples
+    --------
+    >>> path = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((0.5, 6.5))
+    >>> short = rg.shorten(path, clearance=0.2)
+    >>> round(path.length, 3), round(short.length, 3), short.clearance >= 0.2
+    (8.712, 8.228, True)
     """
     if not isinstance(path, Streamline):
         raise InputError(f"shortcuts are those of a streamline, not of a {type(path).__name__}")

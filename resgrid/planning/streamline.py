@@ -17,7 +17,18 @@ from resgrid.space import ConfigurationSpace
 
 
 class Outcome(StrEnum):
-    """How a streamline ended."""
+    """How a streamline ended.
+
+    Examples
+    --------
+    >>> planner = rg.plan(rg.read_scene("examples/scenes/lesson.toml"))
+    >>> planner.path((0.5, 6.5)).outcome is rg.Outcome.REACHED
+    True
+    >>> planner.path((3.5, 4.5)).outcome
+    <Outcome.START_BLOCKED: 'start_blocked'>
+    >>> [str(outcome) for outcome in rg.Outcome]
+    ['reached', 'no_path', 'no_current', 'start_blocked', 'goal_blocked']
+    """
 
     REACHED = "reached"
     NO_PATH = "no_path"
@@ -67,6 +78,22 @@ class Streamline:
         where the current ends; NaN where nothing moved.
     field : Field
         The field it follows.
+
+    Examples
+    --------
+    >>> path = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((5.5, 2.5))
+    >>> path
+    <Streamline reached goal 0: 3 points, length 0.7253, clearance 1.5>
+    >>> path.points.round(3)
+    array([[5.5  , 2.5  ],
+           [6.   , 2.053],
+           [6.013, 2.   ]])
+    >>> path.cells
+    array([[5, 2],
+           [6, 2],
+           [6, 1]])
+    >>> path.goal, round(path.log_duration, 3)
+    (0, 1.257)
     """
 
     axis_points: NDArray[np.float64]
@@ -191,6 +218,14 @@ class Polyline:
     ------
     InputError
         If the points do not fit the space or are not finite.
+
+    Examples
+    --------
+    >>> space = rg.sample(rg.read_scene("examples/scenes/lesson.toml"))
+    >>> own = rg.Polyline([(0.5, 6.5), (5.5, 5.5), (6.5, 1.5)], space)
+    >>> rg.certify_free(own)
+    >>> rg.write_path(own, "own.csv").read_text().splitlines()
+    ['x,y', '0.5,6.5', '5.5,5.5', '6.5,1.5']
     """
 
     points: NDArray[np.float64]
@@ -231,6 +266,13 @@ def unwrap(path: AnyPath) -> NDArray[np.float64]:
     -------
     ndarray of float64, shape (n, ndim)
         World coordinates.
+
+    Examples
+    --------
+    >>> ring = rg.ConfigurationSpace([rg.Axis("theta", 0.0, 1.0, 4, periodic=True)], [0, 0, 1, 2])
+    >>> path = rg.plan(ring).path((0.1,))
+    >>> path.points[:, 0], rg.unwrap(path)[:, 0]
+    (array([0.1, 1. ]), array([0.1, 0. ]))
     """
     return path.space.to_world(path.line)
 

@@ -151,6 +151,14 @@ def time_path(
     ------
     InputError
         If a limit is not positive, or does not fit the axes.
+
+    Examples
+    --------
+    >>> path = rg.shorten(rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((0.5, 6.5)), clearance=0.2)
+    >>> fast = rg.time_path(path, velocity_limits=2.0)
+    >>> smooth = rg.time_path(path, velocity_limits=2.0, acceleration_limits=1.0)
+    >>> round(float(fast.times[-1]), 2), round(float(smooth.times[-1]), 2)
+    (4.11, 7.35)
     """
     velocity = _load("velocity_limits", velocity_limits, path)
     points = _distinct(unwrap(path))

@@ -77,6 +77,19 @@ def streamline(field: Field, start: ArrayLike | None = None, *, cell: Sequence[i
         If the start lies outside the grid, or not exactly one of `start` and `cell` is given.
     AccuracyError
         If the streamline does not end, which a direction-safe field rules out.
+
+    Examples
+    --------
+    >>> field = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).field
+    >>> path = rg.streamline(field, (0.5, 6.5))
+    >>> path
+    <Streamline reached goal 0: 12 points, length 8.712, clearance 0.4148>
+    >>> path.points[:3].round(3)
+    array([[0.5  , 6.5  ],
+           [1.   , 6.439],
+           [2.   , 6.383]])
+    >>> str(rg.streamline(field, cell=(6, 6)).outcome)
+    'start_blocked'
     """
     return follow(field, one_start(field.space, start, cell))
 
@@ -134,6 +147,15 @@ def streamlines(field: Field, starts: ArrayLike) -> Traces:
         If the starts have another shape, or one lies outside the grid.
     AccuracyError
         If a streamline does not end.
+
+    Examples
+    --------
+    >>> field = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).field
+    >>> ends = rg.streamlines(field, [(0.5, 6.5), (6.5, 6.5), (7.5, 0.5)])
+    >>> ends.outcome.tolist()
+    ['reached', 'start_blocked', 'reached']
+    >>> ends.goal, ends.length.round(3)
+    (array([ 0, -1,  0]), array([8.712,   nan, 0.709]))
     """
     return follow_many(field, start_points(field.space, starts))
 
@@ -178,6 +200,13 @@ def basins(field: Field) -> NDArray[np.int32]:
     ------
     AccuracyError
         If a streamline does not end, which a direction-safe field rules out.
+
+    Examples
+    --------
+    >>> axes = [rg.Axis("x", 0.0, 6.0, 6), rg.Axis("y", 0.0, 1.0, 1)]
+    >>> space = rg.ConfigurationSpace(axes, [[2], [0], [0], [0], [0], [2]])
+    >>> rg.basins(rg.plan(space, boundary="neumann").field).T
+    array([[0, 0, 0, 1, 1, 1]], dtype=int32)
     """
     from resgrid.planning.kernels import MIXED, only_goal
 

@@ -47,6 +47,14 @@ def workspace_path(path: AnyPath) -> NDArray[np.float64]:
     ndarray of float64, shape (n, d)
         In the world: one place per point of the path; d is 2 for arms and turning polygons, ndim for points, whose
         path this is.
+
+    Examples
+    --------
+    >>> arm = rg.Arm(lengths=(1.0, 1.0))
+    >>> space = rg.ConfigurationSpace(arm.axes(16), np.zeros((16, 16)), robot=arm)
+    >>> rg.workspace_path(rg.Polyline([(0.0, 0.0), (0.0, np.pi / 2)], space)).round(3)
+    array([[2., 0.],
+           [1., 1.]])
     """
     return robot_of(path).reference_point(unwrap(path))
 
@@ -72,6 +80,14 @@ def workspace_clearance(path: AnyPath, obstacles: Sequence[Shape], *, step: floa
     ------
     InputError
         If the robot's geometry is not known, or the step is not positive or far too small.
+
+    Examples
+    --------
+    >>> arm = rg.Arm(lengths=(1.0, 1.0))
+    >>> space = rg.ConfigurationSpace(arm.axes(16), np.zeros((16, 16)), robot=arm)
+    >>> path = rg.Polyline([(0.0, 0.0), (0.0, np.pi / 2)], space)
+    >>> round(rg.workspace_clearance(path, [rg.Ball((0.5, 1.0), 0.25)]), 3)
+    0.25
     """
     nearest = np.inf
     for _, _, parts, solids in _poses(path, obstacles, step):
@@ -99,6 +115,16 @@ def replay(path: AnyPath, obstacles: Sequence[Shape], *, step: float = 0.01) -> 
     ------
     InputError
         As `workspace_clearance`.
+
+    Examples
+    --------
+    >>> arm = rg.Arm(lengths=(1.0, 1.0))
+    >>> space = rg.ConfigurationSpace(arm.axes(16), np.zeros((16, 16)), robot=arm)
+    >>> path = rg.Polyline([(0.0, 0.0), (0.0, np.pi / 2)], space)
+    >>> rg.replay(path, [rg.Ball((0.5, 1.0), 0.25)]) is None
+    True
+    >>> rg.replay(path, [rg.Ball((1.5, 1.0), 0.25)])
+    Collision(segment=0, configuration=float64(2,), part=1, obstacle=0)
     """
     for configurations, segment, parts, solids in _poses(path, obstacles, step):
         hits = [

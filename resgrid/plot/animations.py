@@ -50,7 +50,7 @@ _PANEL = 3.6
 
 def animate(
     value: Run | Wavefront,
-    path: str | os.PathLike[str],
+    file: str | os.PathLike[str],
     *,
     run: Run | None = None,
     count: int = 120,
@@ -64,7 +64,7 @@ def animate(
     value : Run or Wavefront
         A run is shown in its workspace with contact forces, in configuration space, and in words; a wavefront, of a
         space with two axes, at each of its times.
-    path : path-like
+    file : path-like
         Its suffix, ``.gif`` or ``.mp4``, says the format; MP4 needs ffmpeg.  An interruption leaves no file behind.
     run : Run, optional
         A robot that moved meanwhile, at its nominal speed, to be marked on a wavefront.
@@ -78,7 +78,7 @@ def animate(
     Returns
     -------
     Path
-        The path.
+        The file.
 
     Raises
     ------
@@ -86,12 +86,18 @@ def animate(
         If the suffix is unknown, a number out of range, or the path cannot be written.
     ToolMissingError
         If ffmpeg is asked for and not installed.
+
+    Examples
+    --------
+    >>> run = rg.simulation(rg.read_scene("examples/scenes/lesson.toml"), k=0.9).run()
+    >>> rg.animate(run, "run.gif", count=2, rate=1.0).name
+    'run.gif'
     """
     if not 0 < rate <= 100:
         raise InputError(f"rate = {rate}, but an animation shows more than 0 and at most 100 frames a second")
-    writer = _writer(path, rate)
+    writer = _writer(file, rate)
     frames = _run_frames(value, count) if isinstance(value, Run) else _wavefront_frames(value, run)
-    with atomic_path(path) as temporary:
+    with atomic_path(file) as temporary:
         figure = next(frames)
         try:
             with writer.saving(figure, str(temporary), _DPI):
@@ -100,8 +106,8 @@ def animate(
                     if progress is not None:
                         progress(number)
         except CalledProcessError as error:
-            raise InputError(f"ffmpeg could not write {Path(path).name}: {error.stderr.strip()}") from error
-    return Path(path)
+            raise InputError(f"ffmpeg could not write {Path(file).name}: {error.stderr.strip()}") from error
+    return Path(file)
 
 
 def check_animation(path: str | os.PathLike[str]) -> None:
@@ -126,10 +132,11 @@ class _GifWriter(PillowWriter):
     _frames: list[Image.Image]
 
     def grab_frame(self, **_: Any) -> None:
-        """Keep the figure as it is; `savefig` would draw it twice."""
+        """Keep the figure as it is; `savefig` would draw it twice, and one that is held need not be drawn again."""
         canvas = self.fig.canvas
         assert isinstance(canvas, FigureCanvasAgg)
-        canvas.draw()  # type: ignore[no-untyped-call]
+        if self.fig.stale:
+            canvas.draw()  # type: ignore[no-untyped-call]
         self._frames.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy()))  # type: ignore[no-untyped-call]
 
     def finish(self) -> None:

@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 
 from resgrid.chip.build import value_text
+from resgrid.chip.exploration import Exploration
 from resgrid.chip.precision import Precision
 from resgrid.chip.settling import Settling
-from resgrid.chip.yields import Exploration
 from resgrid.errors import InputError
 from resgrid.plot.chip_maps import draw_precision, draw_settling
 from resgrid.plot.fields import add_colour_bar

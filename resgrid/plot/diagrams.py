@@ -55,6 +55,11 @@ def draw_velocities(
     ------
     InputError
         If the space does not have two axes, or a value is not as `make_controller` wants it.
+
+    Examples
+    --------
+    >>> field = rg.plan(rg.read_scene("examples/scenes/lesson.toml"), k=0.5).field
+    >>> ax = rg.draw_velocities(field, (0.7, 6.0), force=(0.1, 0.2), admittance=np.eye(2))
     """
     plane = plane_of(field.space)
     at, push = np.asarray(point, dtype=np.float64), np.asarray(force, dtype=np.float64)
@@ -109,6 +114,11 @@ def draw_dirichlet_share(dirichlet: Field, neumann: Field, k: float, ax: Axes | 
     ------
     InputError
         If the space does not have two axes, or as `dirichlet_share`.
+
+    Examples
+    --------
+    >>> planner = rg.plan(rg.read_scene("examples/scenes/lesson.toml"), k=0.5)
+    >>> ax = rg.draw_dirichlet_share(planner.obstacle_field, planner.open_field, k=0.5)
     """
     plane = plane_of(dirichlet.space)
     axes = axes_or_new(ax, plane.aspect)

@@ -78,14 +78,14 @@ def figure_of(picture: Axes | Figure) -> Figure:
     return figure
 
 
-def save_figure(picture: Axes | Figure, path: str | os.PathLike[str], *, dpi: float = DPI) -> Path:
+def save_figure(picture: Axes | Figure, file: str | os.PathLike[str], *, dpi: float = DPI) -> Path:
     """Write a picture, whole or not at all.
 
     Parameters
     ----------
     picture : matplotlib.axes.Axes or matplotlib.figure.Figure
         What `draw` returned.
-    path : path-like
+    file : path-like
         Its suffix, ``.png``, ``.pdf`` or ``.svg``, says the format.
     dpi : float
         Dots per inch of PNG, and of images inside the others.
@@ -93,15 +93,21 @@ def save_figure(picture: Axes | Figure, path: str | os.PathLike[str], *, dpi: fl
     Returns
     -------
     Path
-        The path.
+        The file.
 
     Raises
     ------
     InputError
         If the suffix is unknown, the resolution absurd, or the path cannot be written.
+
+    Examples
+    --------
+    >>> ax = rg.draw(rg.read_scene("examples/scenes/lesson.toml"))
+    >>> rg.save_figure(ax, "scene.svg").name
+    'scene.svg'
     """
-    suffix = Path(path).suffix.lower().lstrip(".")
+    suffix = Path(file).suffix.lower().lstrip(".")
     if suffix not in FORMATS:
         allowed = ", ".join("." + name for name in FORMATS)
-        raise InputError(f"cannot save a picture as {str(path)!r}: its suffix must be one of {allowed}")
-    return write_bytes(path, render_figure(picture, suffix, dpi=dpi))
+        raise InputError(f"cannot save a picture as {str(file)!r}: its suffix must be one of {allowed}")
+    return write_bytes(file, render_figure(picture, suffix, dpi=dpi))

@@ -104,6 +104,11 @@ def draw_page(
     ------
     InputError
         If the space has four axes, or the paths are not of this space.
+
+    Examples
+    --------
+    >>> planner = rg.plan(rg.read_scene("examples/scenes/lesson.toml"))
+    >>> figure = rg.draw_page(planner.field, planner.paths(), title="Eight by eight")
     """
     require_paths(paths, field.space)
     if field.space.ndim == 1:

@@ -13,13 +13,14 @@ from matplotlib.figure import Figure
 
 from resgrid.arguments import guarded
 from resgrid.chip.criticality import Criticality
+from resgrid.chip.exploration import Exploration
 from resgrid.chip.noise import Noise
 from resgrid.chip.power import Power
 from resgrid.chip.precision import Precision
 from resgrid.chip.sensitivity import Sensitivity
 from resgrid.chip.settling import Settling
 from resgrid.chip.studies import Study
-from resgrid.chip.yields import Exploration, Yield
+from resgrid.chip.yields import Yield
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.control.announced import RelaxationSweep, Wavefront
 from resgrid.control.log import Run
@@ -158,6 +159,13 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
     ------
     InputError
         If the value has no picture, an option does not belong to it, or the value cannot be drawn.
+
+    Examples
+    --------
+    >>> path = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((0.5, 6.5))
+    >>> ax = rg.draw(path, rg.draw(path.field))
+    >>> rg.save_figure(ax, "path.png").name
+    'path.png'
     """
     value = next((part(value) for kind, part in SEEN_AS.items() if isinstance(value, kind)), value)
     picture = _picture_of(value)

@@ -84,6 +84,11 @@ def draw_robot(
     ------
     InputError
         If the path does not fit the scene, or the robot does not move in the plane.
+
+    Examples
+    --------
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml")
+    >>> ax = rg.draw_robot(rg.plan(scene).path((0.5, 6.5)), scene, ghosts=5)
     """
     if not 1 <= ghosts <= 1000:
         raise InputError(f"ghosts = {ghosts}, but 1 to 1000 poses can be drawn")
@@ -126,6 +131,11 @@ def draw_tips(paths: Sequence[Streamline], scene: Scene, ax: Axes | None = None)
     ------
     InputError
         If a path does not fit the scene, or the robot does not move in the plane.
+
+    Examples
+    --------
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml", start=[(0.5, 6.5), (0.5, 0.5)])
+    >>> ax = rg.draw_tips(rg.plan(scene).paths(), scene)
     """
     robot = scene.robot
     axes = _draw_surroundings(scene, ax)
@@ -181,6 +191,11 @@ def draw_pair(
     ------
     InputError
         If the space does not have two axes, or the robot does not move in the plane.
+
+    Examples
+    --------
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml")
+    >>> figure = rg.draw_pair(rg.plan(scene).path((0.5, 6.5)), scene)
     """
     space = path.space
     figure = new_figure(PAGE, 4.4 + caption_height(caption))

@@ -68,6 +68,20 @@ class Arm(Robot):
     ------
     InputError
         If a value is impossible; the message names it.
+
+    Examples
+    --------
+    >>> arm = rg.Arm(lengths=(1.0, 0.8))
+    >>> arm.tip((0.0, np.pi / 2)).round(3)
+    array([1. , 0.8])
+    >>> arm.inverse((1.0, 0.8)).round(3)
+    array([[ 0.   ,  1.571],
+           [ 1.349, -1.571]])
+    >>> arm.jacobian((0.0, np.pi / 2)).round(3)
+    array([[-0.8, -0.8],
+           [ 1. ,  0. ]])
+    >>> [axis.name for axis in arm.axes(64)]
+    ['theta_1', 'theta_2']
     """
 
     reference = "tip"

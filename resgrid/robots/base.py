@@ -34,6 +34,21 @@ class Robot(ABC):
     A robot must say where its parts are (`parts`) and how far they move (`travel`).  The rest has a default, right for
     bodies that move freely, with the place of their reference point as first coordinates: free cells follow from
     distances and travel.  What touches obstacles under `resgrid.simulation` needs a `pose` as well.
+
+    Examples
+    --------
+    >>> import shapely
+    >>> from resgrid.robots.base import Part
+    >>> class Rod(rg.Robot):
+    ...     def parts(self, configurations):
+    ...         return [Part(shapely.linestrings([[(x, y), (x + 1, y)] for x, y in configurations]), radius=0.1)]
+    ...     def travel(self, start, end):
+    ...         return np.linalg.norm(end - start, axis=1)
+    >>> axes = (rg.Axis("x", 0.0, 4.0, 8), rg.Axis("y", 0.0, 1.0, 2))
+    >>> ball, goal = rg.Ball((2.5, 0.25), 0.1), rg.GoalCell((7, 1))
+    >>> rg.sample(rg.Scene(axes, robot=Rod(), obstacles=(ball,), goals=(goal,))).cell.T
+    array([[0, 0, 1, 1, 1, 1, 0, 0],
+           [0, 0, 0, 1, 1, 0, 0, 2]], dtype=uint8)
     """
 
     moves_in_workspace: ClassVar[bool] = False

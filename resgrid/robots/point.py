@@ -36,6 +36,14 @@ class PointRobot(Robot):
     ------
     InputError
         If the radius is negative, not finite or above 1e60.
+
+    Examples
+    --------
+    >>> axes = tuple(rg.Axis(name, 0.0, 4.0, 4) for name in "xyz")
+    >>> ball, goal = rg.Ball((2.0, 2.0, 2.0), 0.5), rg.GoalCell((0, 0, 0))
+    >>> space = rg.sample(rg.Scene(axes, robot=rg.PointRobot(0.2), obstacles=(ball,), goals=(goal,)))
+    >>> space
+    <ConfigurationSpace of 4 x 4 x 4 cells, x 0 to 4 m, y 0 to 4 m, z 0 to 4 m: 8 obstacle, 1 goal>
     """
 
     moves_in_workspace = True
@@ -100,6 +108,18 @@ class DiscRobot(PointRobot):
     ------
     InputError
         If the radius is not above 0 and finite.
+
+    Examples
+    --------
+    >>> axes = (rg.Axis("x", 0.0, 5.0, 5), rg.Axis("y", 0.0, 4.0, 4))
+    >>> pillar, goal = rg.Box((2.1, 1.1), (2.9, 1.9)), rg.GoalCell((0, 0))
+    >>> scene = rg.Scene(axes, robot=rg.DiscRobot(0.5), obstacles=(pillar,), goals=(goal,))
+    >>> rg.sample(scene).cell
+    array([[2, 0, 0, 0],
+           [1, 1, 1, 0],
+           [1, 1, 1, 0],
+           [1, 1, 1, 0],
+           [0, 0, 0, 0]], dtype=uint8)
     """
 
     radius: float

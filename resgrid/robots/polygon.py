@@ -52,6 +52,17 @@ class PolygonRobot(Robot):
     ------
     InputError
         If the polygon crosses itself or has fewer than three corners, or the length is not above 0 and finite.
+
+    Examples
+    --------
+    >>> robot = rg.PolygonRobot(((-0.4, -0.2), (0.4, -0.2), (0.4, 0.2), (-0.4, 0.2)))
+    >>> robot.corners((1.0, 2.0, np.pi / 2)).round(3)
+    array([[1.2, 1.6],
+           [1.2, 2.4],
+           [0.8, 2.4],
+           [0.8, 1.6]])
+    >>> robot.turning_axis(36)
+    Axis(name='theta', lower=0.0, upper=6.283185307179586, cells=36, periodic=True, unit='m')
     """
 
     vertices: tuple[Point, ...]

@@ -35,6 +35,16 @@ class Box:
     ----------
     lower, upper : tuple of float
         Opposite corners, in axis units; ``lower <= upper`` in every coordinate.
+
+    Raises
+    ------
+    InputError
+        If a coordinate is not finite, or ``lower`` is above ``upper``.
+
+    Examples
+    --------
+    >>> rg.Box((0.0, 0.0), (2.0, 1.0)).shifted((1.0, 0.0)).bounds
+    ((1.0, 0.0), (3.0, 1.0))
     """
 
     lower: Point
@@ -73,6 +83,16 @@ class Ball:
         In axis units.
     radius : float
         At least 0, in axis units.
+
+    Raises
+    ------
+    InputError
+        If a number is not finite, or the radius is negative.
+
+    Examples
+    --------
+    >>> rg.Ball((1.0, 2.0), 0.5).shifted((1.0, 0.0)).bounds
+    ((1.5, 1.5), (2.5, 2.5))
     """
 
     centre: Point
@@ -114,6 +134,12 @@ class Polygon:
     ------
     InputError
         If a ring has fewer than three corners, crosses itself, or a hole sticks out.
+
+    Examples
+    --------
+    >>> yard = rg.Polygon(((0, 0), (4, 0), (4, 3), (0, 3)), holes=(((1, 1), (2, 1), (2, 2)),))
+    >>> yard.bounds
+    ((0, 0), (4, 3))
     """
 
     vertices: tuple[Point, ...]
@@ -163,6 +189,19 @@ class HalfSpace:
         Not zero; need not have length 1.
     offset : float
         In the units of ``normal @ x``.
+
+    Raises
+    ------
+    InputError
+        If a number is not finite, or the normal is zero.
+
+    Examples
+    --------
+    >>> floor = rg.HalfSpace(normal=(0.0, 1.0), offset=0.5)
+    >>> axes = (rg.Axis("x", 0.0, 2.0, 2), rg.Axis("y", 0.0, 2.0, 4))
+    >>> rg.sample(rg.Scene(axes, obstacles=(floor,), goals=(rg.GoalCell((0, 3)),))).cell
+    array([[1, 0, 0, 2],
+           [1, 0, 0, 0]], dtype=uint8)
     """
 
     normal: Point

@@ -43,6 +43,12 @@ class Readout:
     ------
     InputError
         If such a read-out cannot be.
+
+    Examples
+    --------
+    >>> readout = rg.Readout(bits=8, range=(0.0, 1.2))
+    >>> rg.study(rg.read_scene("examples/scenes/lesson.toml"), rg.Chip(readout=readout)).precision().sentence(8)
+    'an 8-bit read-out serves 58 % of the starts'
     """
 
     input_resistance: Ohms | None = None
@@ -72,6 +78,13 @@ class Defects:
     ------
     InputError
         If such faults cannot be.
+
+    Examples
+    --------
+    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
+    >>> broken = rg.build_chip(netlist, rg.Chip(defects=rg.Defects(open_density=0.05)))
+    >>> len(netlist.conductance), len(broken.conductance)
+    (140, 134)
     """
 
     open_density: Density = 0.0
@@ -144,6 +157,14 @@ class Chip:
     ------
     InputError
         If such a chip cannot be.
+
+    Examples
+    --------
+    >>> chip = rg.Chip(resistance="4k7", mismatch="1 %", readout=rg.Readout(bits=10))
+    >>> chip.resistance, chip.mismatch
+    (4700.0, 0.01)
+    >>> rg.study(rg.read_scene("examples/scenes/lesson.toml"), chip)
+    Study(Eight by eight: 8 x 8 cells, dirichlet, 66 nodes)
     """
 
     resistance: Ohms = 10e3

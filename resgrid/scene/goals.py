@@ -18,6 +18,17 @@ class GoalPoint:
     ----------
     point : tuple of float
         World coordinates; of a turning robot a place in the plane, or one with a heading.
+
+    Raises
+    ------
+    InputError
+        If a coordinate is not finite.
+
+    Examples
+    --------
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml").replace(goal=rg.GoalPoint((7.2, 0.4)))
+    >>> np.argwhere(rg.sample(scene).cell == rg.Cell.GOAL)
+    array([[7, 0]])
     """
 
     point: Point
@@ -32,6 +43,12 @@ class GoalCell:
     ----------
     cell : tuple of int
         Its index, counted from 0.
+
+    Examples
+    --------
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml").replace(goal=rg.GoalCell((7, 0)))
+    >>> np.argwhere(rg.sample(scene).cell == rg.Cell.GOAL)
+    array([[7, 0]])
     """
 
     cell: tuple[int, ...]
@@ -46,6 +63,18 @@ class GoalJoints:
     ----------
     lower, upper : tuple of float
         Corners, in world coordinates (of an arm its angles); equal for a single configuration.
+
+    Raises
+    ------
+    InputError
+        If a coordinate is not finite, or ``lower`` is above ``upper``.
+
+    Examples
+    --------
+    >>> arm = rg.Arm(lengths=(1.0, 1.0))
+    >>> scene = rg.Scene(arm.axes(8), robot=arm, goals=(rg.GoalJoints((0.1, 0.1), (0.7, 0.7)),))
+    >>> np.argwhere(rg.sample(scene).cell == rg.Cell.GOAL)
+    array([[4, 4]])
     """
 
     lower: Point
@@ -69,6 +98,15 @@ class CostArea:
         Of configuration space (for points and discs that is the world).
     conductivity : float
         Of its cells, above 0.
+
+    Examples
+    --------
+    >>> axes = (rg.Axis("x", 0.0, 3.0, 3), rg.Axis("y", 0.0, 2.0, 2))
+    >>> mud = rg.CostArea(rg.Box((1.0, 0.0), (2.0, 1.0)), conductivity=0.2)
+    >>> rg.sample(rg.Scene(axes, areas=(mud,), goals=(rg.GoalCell((2, 0)),))).conductivity
+    array([[1. , 1. ],
+           [0.2, 1. ],
+           [1. , 1. ]])
     """
 
     shape: Shape

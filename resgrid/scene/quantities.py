@@ -115,7 +115,7 @@ def parse_quantity(value: object) -> float:
 
     Examples
     --------
-    >>> parse_quantity("4k7"), parse_quantity("2.2meg"), parse_quantity("100n"), parse_quantity(3)
+    >>> rg.parse_quantity("4k7"), rg.parse_quantity("2.2meg"), rg.parse_quantity("100n"), rg.parse_quantity(3)
     (4700.0, 2200000.0, 1e-07, 3.0)
     """
     number = _parsed(value)

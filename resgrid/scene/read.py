@@ -25,12 +25,12 @@ MAP_OPTIONS = (*COMMON[1:], *dict.fromkeys(option for entry in FORMATS.values() 
 _LISTS = ("obstacle", "hidden", "goal", "start", "starts", "area")
 
 
-def read_scene(path: str | os.PathLike[str], **options: Any) -> Scene:
+def read_scene(file: str | os.PathLike[str], **options: Any) -> Scene:
     """Read a scene: a TOML file, or a map.
 
     Parameters
     ----------
-    path : path-like
+    file : path-like
         ``.toml`` is a scene; ``.yaml`` a ROS map, ``.map`` a MovingAI map, ``.npy`` an array, pictures are plain maps.
         Anything else is recognised by its first bytes.
     **options
@@ -48,18 +48,24 @@ def read_scene(path: str | os.PathLike[str], **options: Any) -> Scene:
         If anything is wrong; one message lists it all, with lines.
     BudgetError
         If a map would not fit in memory.
+
+    Examples
+    --------
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml", k=0.5)
+    >>> scene.title, scene.k, len(scene.obstacles)
+    ('Eight by eight', (0.5,), 3)
     """
-    file = Path(path)
+    path = Path(file)
     check_attributes(options, *MAP_OPTIONS)
     table = {key: options.pop(key) for key in MAP_OPTIONS if key in options}
-    if file.suffix.lower() == ".toml":
-        raw, lines = _toml(decode(read_bytes(file), file), str(file))
+    if path.suffix.lower() == ".toml":
+        raw, lines = _toml(decode(read_bytes(path), path), str(path))
         if table and isinstance(raw.get("map", {}), dict):
             raw["map"] = {**raw.get("map", {}), **table}
     else:
-        table |= {"file": file.name, "format": format_of(file, table)}
-        raw, lines = {"schema": 1, "title": file.stem, "map": table}, {}
-    scene = build_scene(raw, str(file), file.parent, lines)
+        table |= {"file": path.name, "format": format_of(path, table)}
+        raw, lines = {"schema": 1, "title": path.stem, "map": table}, {}
+    scene = build_scene(raw, str(path), path.parent, lines)
     return scene.replace(**options) if options else scene
 
 
@@ -85,6 +91,22 @@ def parse_scene(text: str, source: str = "scene", folder: str | os.PathLike[str]
         If anything is wrong; one message lists it all, with lines.
     BudgetError
         If a map would not fit in memory.
+
+    Examples
+    --------
+    >>> scene = rg.parse_scene('''
+    ... schema = 1
+    ... goal = [{ point = [1.8, 0.2] }]
+    ... grid.axes = [
+    ...   { name = "x", lower = 0, upper = 2, cells = 4, unit = "m" },
+    ...   { name = "y", lower = 0, upper = 1, cells = 2, unit = "m" },
+    ... ]
+    ... ''')
+    >>> rg.sample(scene).cell
+    array([[0, 0],
+           [0, 0],
+           [0, 0],
+           [2, 0]], dtype=uint8)
     """
     raw, lines = _toml(text, source)
     return build_scene(raw, source, Path(folder), lines)

@@ -50,6 +50,14 @@ def sample(scene: Scene, *, require_goal: bool = True, progress: Progress | None
         the grid; the message names the key.
     BudgetError
         If the grid would not fit in memory; raised before anything is allocated.
+
+    Examples
+    --------
+    >>> space = rg.sample(rg.read_scene("examples/scenes/lesson.toml"))
+    >>> space
+    <ConfigurationSpace of 8 x 8 cells, x 0 to 8 cell, y 0 to 8 cell: 7 obstacle, 1 goal>
+    >>> (space.cell == rg.Cell.OBSTACLE).sum(axis=0)
+    array([0, 1, 1, 0, 4, 0, 1, 0])
     """
     where = scene.source or "scene"
     require_grid_memory(tuple(axis.cells for axis in scene.axes), f"{where}: grid")

@@ -117,6 +117,24 @@ class Scene:
         Whether a cell is free when all of it is, or when its centre is.
     source : str or None
         The file it came from.
+
+    Raises
+    ------
+    InputError
+        If values are out of range or do not fit each other; one message lists it all, by key path.
+
+    Examples
+    --------
+    >>> axes = (rg.Axis("x", 0.0, 4.0, 4), rg.Axis("y", 0.0, 3.0, 3))
+    >>> wall, goal = rg.Box((1.0, 0.0), (2.0, 2.0)), rg.GoalPoint((3.5, 0.5))
+    >>> scene = rg.Scene(axes, obstacles=(wall,), goals=(goal,), starts=((0.5, 0.5),))
+    >>> rg.sample(scene).cell
+    array([[0, 0, 0],
+           [1, 1, 0],
+           [0, 0, 0],
+           [2, 0, 0]], dtype=uint8)
+    >>> str(rg.plan(scene).paths()[0].outcome)
+    'reached'
     """
 
     axes: tuple[Axis, ...]
@@ -191,8 +209,7 @@ class Scene:
 
         Examples
         --------
-        >>> from resgrid.space import Axis
-        >>> scene = Scene((Axis("x", 0.0, 4.0, 4), Axis("y", 0.0, 3.0, 3)))
+        >>> scene = rg.Scene((rg.Axis("x", 0.0, 4.0, 4), rg.Axis("y", 0.0, 3.0, 3)))
         >>> scene.replace(goal=(3.5, 0.5), boundary="neumann").goals
         (GoalPoint(point=(3.5, 0.5)),)
         """

@@ -332,5 +332,11 @@ def scene_schema() -> dict[str, Any]:
     -------
     dict
         JSON Schema, draft 2020-12.
+
+    Examples
+    --------
+    >>> schema = rg.scene_schema()
+    >>> schema["title"], "obstacle" in schema["properties"]
+    ('Scene', True)
     """
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **SceneFile.model_json_schema(by_alias=True)}

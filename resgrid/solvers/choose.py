@@ -1,23 +1,21 @@
-"""Which methods there are, which one suits a laplacian, and what it would take."""
+"""Which methods there are, and which one suits a laplacian."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from resgrid.budget import require_memory
 from resgrid.errors import InputError
+from resgrid.solvers import costs
 from resgrid.solvers.connections import count_connections
-from resgrid.solvers.decay import VOLUME, foresee_decades
-from resgrid.solvers.factors.direct import EXACT_ROWS, factor_direct
+from resgrid.solvers.decay import VOLUME, foresee_decades, h_transform_reaches
+from resgrid.solvers.factors.direct import factor_direct
 from resgrid.solvers.factors.factor import Factor
 from resgrid.solvers.factors.multigrid import factor_multigrid
 from resgrid.solvers.factors.reduced import ReducedFactor
 from resgrid.solvers.laplacian import Laplacian
-from resgrid.solvers.multigrid.grading import is_graded, may_be_graded
 from resgrid.solvers.star_mesh import may_shrink, shrink
-from resgrid.solvers.supernodal import ON_ROWS, Symbolic, order_by_degree, order_by_distance
+from resgrid.solvers.supernodal import Symbolic, order_by_degree, order_by_distance
 
 METHODS = ("direct", "multigrid")
 
@@ -29,20 +27,14 @@ class Choice(NamedTuple):
     order: Symbolic | None
 
 
-_ROOM = 20.0
-"""Cells across a corridor from which cycles converge as in the open."""
-
-_SMALL, _OVERHEAD = 2000, 4e-3
-"""Rows up to which the direct method is always quicker, and what levels take however small they are, in seconds."""
+_SMALL = 2000
+"""Rows up to which the direct method is always quicker."""
 
 _ROUGH, _ROUGH_VOLUME = 0.25, 0.5
 """Share of weak conductances above which cycles are too many; in a volume direct factors cost so much more."""
 
 _LEAST_DECADES, _MOST_DECADES = 30.0, 250.0
 """By how many decades any maze's potential falls, and from how many on refinement takes too long."""
-
-_ORDERING, _ENTRY = 2e-6, 6e-9
-"""Seconds that an order of minimum degree takes to be found, a row, and an entry of the factors, but for products."""
 
 _FAIR_SHARE = 0.2
 """Share of the rows that elimination must take to be worth its way back and forth."""
@@ -87,10 +79,10 @@ def _along_corridors(laplacian: Laplacian, method: str, accuracy: str) -> Choice
 
 def _factor_whole(laplacian: Laplacian, choice: Choice, accuracy: str) -> Factor:
     if choice.method == "multigrid":
-        _require(estimate_memory(laplacian, "multigrid", accuracy), laplacian, "multigrid")
+        _require(costs.estimate_memory(laplacian, "multigrid", accuracy), laplacian, "multigrid")
         return factor_multigrid(laplacian, accuracy)
     order = choice.order or order_by_distance(laplacian)
-    _require(order.memory if order is not None else _wide_memory(laplacian), laplacian, "direct")
+    _require(order.memory if order is not None else costs.wide_memory(laplacian), laplacian, "direct")
     return factor_direct(laplacian, order or order_by_degree(laplacian))
 
 
@@ -126,86 +118,20 @@ def _choose(laplacian: Laplacian, method: str, accuracy: str) -> Choice:
 
 def _direct_in_time(laplacian: Laplacian) -> Choice:
     """The direct method in the order by distance or by degree, if it takes less time than multigrid would."""
-    width, decades = _corridor_width(laplacian), _LEAST_DECADES
-    seconds = _multigrid_seconds(laplacian, width, decades)
-    along = _narrow_seconds(laplacian, width)
+    decades = _LEAST_DECADES
+    seconds = costs.multigrid_seconds(laplacian, decades)
+    along = costs.corridor_seconds(laplacian, costs.corridor_width(laplacian))
     if laplacian.rails is not None and not along < seconds:
         decades = foresee_decades(laplacian).most
-        seconds = _multigrid_seconds(laplacian, width, decades, graded=may_be_graded(laplacian))
+        seconds = costs.multigrid_seconds(laplacian, decades, scaled=h_transform_reaches(laplacian))
     if decades > _MOST_DECADES:
         return Choice("direct", None)
     if along < seconds:
         narrow = order_by_distance(laplacian)
-        if narrow is not None and _direct_seconds(narrow) < seconds:
+        if narrow is not None and costs.direct_seconds(narrow) < seconds:
             return Choice("direct", narrow)
-    left = seconds - _ORDERING * laplacian.size
-    most = (left - _on_rows(laplacian.size)) / _ENTRY
+    most = costs.most_entries(laplacian, seconds)
     wide = order_by_degree(laplacian, most) if most > 0.0 else None
-    return Choice("direct", wide) if wide is not None and _direct_seconds(wide) < left else Choice("multigrid", None)
-
-
-def _corridor_width(laplacian: Laplacian) -> float:
-    """Cells across the corridors of a maze whose nodes have as many neighbours on average; infinite in the open."""
-    dimensions = laplacian.dimensions
-    missing = 2.0 * dimensions - count_connections(laplacian).entries / laplacian.size
-    return 2.0 * (dimensions - 1) / missing if missing > 0.0 else np.inf
-
-
-def _narrow_seconds(laplacian: Laplacian, width: float) -> float:
-    """Rough time of a direct solution along corridors of one width, measured on mazes and maps."""
-    if laplacian.dimensions <= 2:
-        return (0.5e-6 + 0.0007e-6 * width**2) * laplacian.size
-    return (0.7e-6 + 0.009e-6 * width**2) * laplacian.size
-
-
-def _direct_seconds(order: Symbolic) -> float:
-    """Rough time of a direct solution in an order that has been found, measured on mazes and maps."""
-    return _on_rows(len(order.reduced.number)) + _ENTRY * order.entries + 0.065e-9 * order.products
-
-
-def _on_rows(rows: int) -> float:
-    """The part of it that goes by the rows."""
-    return (0.3e-6 if rows > EXACT_ROWS else 0.65e-6) * rows
-
-
-def _multigrid_seconds(laplacian: Laplacian, width: float, decades: float, *, graded: bool = True) -> float:
-    """Rough time of directions by multigrid, measured on the same: of all iterations between two rails, by decades.
-
-    Levels that may be graded take half as many.
-    """
-    on_grid, mazy = laplacian.grid is not None, width < _ROOM
-    if laplacian.rails is None:
-        a_row = (0.9e-6 if mazy else 0.5e-6) if on_grid else 1.6e-6
-    elif on_grid:
-        a_row = (0.7e-6 if mazy else 0.33e-6) + (0.012e-6 if graded else 0.025e-6) * decades
-    else:
-        a_row = 4e-6 + 0.04e-6 * decades
-    return _OVERHEAD + a_row * laplacian.size
-
-
-def estimate_memory(laplacian: Laplacian, method: str, accuracy: str = "direction") -> float:
-    """Estimate the peak memory of a method above the netlist, in bytes.
-
-    Entries of narrow circuits' factors are counted (`resgrid.solvers.supernodal`).  Those of multigrid are a tenth
-    above what was measured on grids, which do without compressed rows, and on other netlists; directions take rows and
-    scaled numbers besides, and where levels are graded, as in most planes, a second set of them.
-    """
-    if method == "multigrid":
-        on_nodes, on_entries = (100.0, 12.0) if laplacian.grid is not None else (230.0, 22.0)
-        if accuracy == "direction":
-            on_nodes, on_entries = on_nodes + (120.0 if is_graded(laplacian) else 60.0), on_entries + 18.0
-        return on_nodes * laplacian.size + on_entries * count_connections(laplacian).entries
-    narrow = order_by_distance(laplacian)
-    return narrow.memory if narrow is not None else _wide_memory(laplacian)
-
-
-def _wide_memory(laplacian: Laplacian) -> float:
-    """Memory of factors by minimum degree: about ``n log n`` entries on planes, ``n**(4/3)`` in three dimensions.
-
-    ``n**(3/2)`` in four (George & Liu 1981); the constants were measured on open grids, which fill most.
-    """
-    n = laplacian.size
-    fill = {2: 2.6 * n * np.log2(n + 2), 3: 10.0 * n ** (4 / 3), 4: 4.5 * n ** (3 / 2)}.get(
-        laplacian.dimensions, 3.0 * n
-    )
-    return float(9.0 * fill + ON_ROWS * n)
+    if wide is not None and costs.direct_seconds(wide) + costs.SECONDS.order * laplacian.size < seconds:
+        return Choice("direct", wide)
+    return Choice("multigrid", None)

@@ -1,7 +1,7 @@
 """Factors by differences (SuperLU; Li 2005), for what is not positive throughout, or needs a few digits alone.
 
 Admittances and quadratic forms are complex, or have entries of both signs; levels scaled by a potential have ground
-conductances of both signs; local corrections and preconditioners need few digits.  All other factors are made in
+conductances of both signs; preconditioners need few digits.  All other factors are made in
 positive numbers alone (`resgrid.solvers.supernodal`).
 """
 

@@ -15,7 +15,19 @@ from resgrid.netlist import Netlist
 
 @dataclass(frozen=True)
 class OperatingAnalysis:
-    """The operating point; what a deck is asked for when nothing else is."""
+    """The operating point; what a deck is asked for when nothing else is.
+
+    Examples
+    --------
+    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
+    >>> written = rg.write_spice(netlist, "lesson.cir", analyses=[rg.OperatingAnalysis()])
+    >>> print(written.commands.read_text(), end="")
+    * analyses of lesson.cir
+    * ngspice -n -b -r analyses.raw lesson.cir.ngspice
+    .include "lesson.cir"
+    .op
+    .end
+    """
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +43,19 @@ class TransientAnalysis:
     after : Netlist or None
         The scene that takes the deck's place at time 0: the same nodes and elements with other values (in tile form
         another scene of the same grid, otherwise another supply, drive or switch).
+
+    Raises
+    ------
+    InputError
+        If the step is not above 0 and at most ``stop``.
+
+    Examples
+    --------
+    >>> study = rg.study(rg.read_scene("examples/scenes/lesson.toml"), rg.Chip(capacitance="100f"))
+    >>> settle = rg.TransientAnalysis(stop=1e-8, step=1e-11)
+    >>> written = rg.write_spice(study.netlist, "lesson.cir", analyses=[settle])
+    >>> written.commands.read_text().splitlines()[-2]
+    '.tran 1e-11 1e-08 0.0 1e-11'
     """
 
     stop: float
@@ -54,6 +79,18 @@ class NoiseAnalysis:
         Band, in hertz.
     points : int
         Frequencies per decade.
+
+    Raises
+    ------
+    InputError
+        If these frequencies are no band.
+
+    Examples
+    --------
+    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
+    >>> written = rg.write_spice(netlist, "lesson.cir", analyses=[rg.NoiseAnalysis("n_6_2", stop=1e6)])
+    >>> written.commands.read_text().splitlines()[-2]
+    '.noise v(n_6_2) v_obstacle dec 10 1.0 1000000.0'
     """
 
     node: str
@@ -77,6 +114,18 @@ class TemperatureAnalysis:
     ----------
     celsius : tuple of float
         The nominal one, at which values hold, is 27 degrees Celsius.
+
+    Raises
+    ------
+    InputError
+        If there is no temperature, or one is not above absolute zero.
+
+    Examples
+    --------
+    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
+    >>> written = rg.write_spice(netlist, "lesson.cir", analyses=[rg.TemperatureAnalysis((27.0, 85.0))])
+    >>> written.commands.read_text().splitlines()[4]
+    'foreach celsius 27.0 85.0'
     """
 
     celsius: tuple[float, ...]
@@ -101,6 +150,21 @@ class MismatchAnalysis:
     runs : int
         How many chips the simulator draws by its own statistics, normal ones; 0 writes the values of one chip into the
         deck.
+
+    Raises
+    ------
+    InputError
+        If ``sigma`` is not between 0 and 1 (with ``runs``, 0.2), or a number is negative.
+
+    Examples
+    --------
+    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
+    >>> chip = rg.MismatchAnalysis(0.01, seed=3).apply(netlist)
+    >>> float((chip.conductance / netlist.conductance).std().round(3))
+    0.009
+    >>> written = rg.write_spice(netlist, "many.sp", "hspice", analyses=[rg.MismatchAnalysis(0.01, runs=10)])
+    >>> written.commands.read_text().splitlines()[4]
+    '.dc monte=10'
     """
 
     sigma: float
@@ -137,6 +201,19 @@ class Probe:
         Names of nodes in the deck, for their voltages.
     sources : tuple of str
         Names of voltage sources in the deck, for their currents.
+
+    Raises
+    ------
+    InputError
+        If nothing is named.
+
+    Examples
+    --------
+    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
+    >>> asked = [rg.OperatingAnalysis(), rg.Probe(("n_6_2",), sources=("v_obstacle",))]
+    >>> written = rg.write_spice(netlist, "lesson.cir", analyses=asked)
+    >>> written.commands.read_text().splitlines()[3]
+    '.save v(n_6_2) i(v_obstacle)'
     """
 
     nodes: tuple[str, ...]
@@ -161,6 +238,19 @@ class Measure:
         Extreme voltage, voltage at the time `at`, or time of the first crossing of the voltage `at`.
     at : float or None
         Seconds or volts.
+
+    Raises
+    ------
+    InputError
+        If the name holds other characters, or ``at`` is missing or does not belong to ``what``.
+
+    Examples
+    --------
+    >>> study = rg.study(rg.read_scene("examples/scenes/lesson.toml"), rg.Chip(capacitance="100f"))
+    >>> asked = [rg.TransientAnalysis(1e-8, 1e-11), rg.Measure("rise", "n_6_2", "crossing", at=0.5)]
+    >>> written = rg.write_spice(study.netlist, "lesson.cir", analyses=asked)
+    >>> written.commands.read_text().splitlines()[-3]
+    'meas tran rise when v(n_6_2)=0.5 cross=1'
     """
 
     name: str

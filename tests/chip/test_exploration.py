@@ -7,7 +7,7 @@ import pytest
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.chip.yields import Exploration, chip_with
+from resgrid.chip.exploration import Exploration, chip_with
 
 
 def cells() -> rg.ConfigurationSpace:

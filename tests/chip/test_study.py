@@ -12,6 +12,7 @@ from support.dynamics import small_scene
 import resgrid as rg
 from resgrid.chip import ANALYSES, sections
 from resgrid.chip.criticality import Criticality
+from resgrid.chip.exploration import Exploration
 from resgrid.chip.figures import Figure, Proportion
 from resgrid.chip.noise import Noise
 from resgrid.chip.power import Power
@@ -20,7 +21,7 @@ from resgrid.chip.report import report_section
 from resgrid.chip.sensitivity import Sensitivity
 from resgrid.chip.settling import Settling
 from resgrid.chip.studies import Study
-from resgrid.chip.yields import Exploration, Yield
+from resgrid.chip.yields import Yield
 
 QUESTIONS = ("settling", "noise", "power", "precision", "sensitivity", "yields", "criticality", "exploration")
 QUICK = {"yields": {"trials": 8, "batch": 8}, "criticality": {"seconds": 1e-9}, "exploration": {"trials": 2}}

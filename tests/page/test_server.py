@@ -4,20 +4,26 @@ from __future__ import annotations
 
 import base64
 import http.client
-from contextlib import closing
+import socket
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from urllib.parse import urlsplit
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from support.pages import PATIENCE, about, ask, dial, read, written
 from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import ClientConnection
 
 import resgrid as rg
 from resgrid.page import LivePage
-from resgrid.page.drawing import blank
-from resgrid.page.frames import solve_drawing
+from resgrid.page.drawing import Drawing, blank
+from resgrid.page.frames import describe, solve_drawing
 from resgrid.page.messages import LARGEST
+from resgrid.page.server import MOST_BROWSERS
 
 
 def files(name: str, content: bytes) -> dict[str, object]:
@@ -145,6 +151,97 @@ def test_no_other_file_is_reachable(served, path):
     assert status == 404 and b"import" not in content
 
 
+def test_one_that_listens_everywhere_answers_by_its_address_and_by_no_foreign_name():
+    with rg.live(host="0.0.0.0", browser=False) as page:
+        port = urlsplit(page.url).port
+        assert page.url == f"http://127.0.0.1:{port}/"
+        for name, status in (
+            ("127.0.0.1", 200),
+            ("localhost", 200),
+            ("evil.example", 400),
+            ("10.1.2.3", 400),
+            ("[", 400),
+        ):
+            assert fetch(page, "/", Host=f"{name}:{port}")[0] == status
+        elsewhere = f"http://127.0.0.2:{port}"
+        with closing(http.client.HTTPConnection(urlsplit(elsewhere).netloc, timeout=PATIENCE)) as connection:
+            connection.request("GET", "/")
+            assert connection.getresponse().status == 200
+
+
+def admitted(served: LivePage) -> ClientConnection:
+    """A connection, also where others have just left."""
+    until = time.monotonic() + 60.0
+    while True:
+        try:
+            return dial(served)
+        except InvalidStatus:
+            assert time.monotonic() < until, "browsers that left are still counted"
+            time.sleep(0.05)
+
+
+@pytest.mark.parametrize("way", [socket.SHUT_WR, socket.SHUT_RD, socket.SHUT_RDWR])
+@pytest.mark.parametrize("sent", [b"", b"\x82\xfe\x01", b"\x82\x84\0\0\0\0\xff\0\0\0"])
+def test_a_socket_that_is_half_closed_harms_nobody(served, way, sent):
+    address = urlsplit(served.url)
+    greeting = (
+        f"GET /ws HTTP/1.1\r\nHost: {address.netloc}\r\nOrigin: http://{address.netloc}\r\nUpgrade: websocket\r\n"
+        "Connection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+    )
+    for _ in range(MOST_BROWSERS + 4):
+        with socket.create_connection((address.hostname, address.port), timeout=PATIENCE) as broken:
+            broken.sendall(greeting.encode())
+            assert broken.recv(12).startswith(b"HTTP/1.1")
+            broken.sendall(sent)
+            broken.shutdown(way)
+    with admitted(served) as other:
+        other.recv(timeout=PATIENCE)
+        assert ask(other, *about("solve", blank(8)))[0]["exact"]
+
+
+def test_more_browsers_than_are_served_are_turned_away(served):
+    with ExitStack() as stack:
+        for _ in range(MOST_BROWSERS):
+            stack.enter_context(admitted(served)).recv(timeout=PATIENCE)
+        with pytest.raises(InvalidStatus, match="403"):
+            dial(served)
+    with admitted(served) as later:
+        assert "hello" in read(later.recv(timeout=PATIENCE))[0]
+
+
+def test_a_browser_that_does_not_read_or_asks_much_keeps_no_other_waiting(served):
+    """Each of many small requests is answered before one large grid is: browsers share the cores."""
+    large, small = about("solve", blank(768), exact=True), about("solve", blank(24), exact=True)
+    with dial(served) as deaf, dial(served) as busy, dial(served) as quick:
+        for each in (busy, quick):
+            each.recv(timeout=PATIENCE)
+        ask(quick, *small)
+        for _ in range(20):
+            deaf.send(written({"seq": 1, **about("solve", blank(96))[0]}, about("solve", blank(96))[1]))
+        busy.send(written({"seq": 1, **large[0]}, large[1]))
+        for _ in range(3):
+            assert ask(quick, *small)[0]["exact"]
+        with pytest.raises(TimeoutError):
+            busy.recv(timeout=0)
+        assert read(busy.recv(timeout=PATIENCE))[0]["exact"]
+
+
+def test_answers_do_not_depend_on_who_else_asks(served):
+    drawings = [replace(blank(cells), k=k) for cells in (96, 64) for k in (0.0, 1.0)]
+
+    def picture(drawing: Drawing) -> bytes:
+        with dial(served) as browser:
+            browser.recv(timeout=PATIENCE)
+            return [ask(browser, *about("solve", drawing))[1] for _ in range(4)][-1]
+
+    def expected(drawing: Drawing) -> bytes:
+        return b"".join(describe(solve_drawing(drawing, exact=True))[1])
+
+    with ThreadPoolExecutor(len(drawings)) as pool:
+        answers = list(pool.map(picture, drawings))
+    assert answers == [expected(drawing) for drawing in drawings]
+
+
 def test_browsers_do_not_disturb_each_other(served):
     with dial(served) as one, dial(served) as other:
         one.recv(timeout=PATIENCE)
@@ -159,7 +256,7 @@ def test_browsers_do_not_disturb_each_other(served):
 def test_readers_see_the_scene_and_no_other():
     space = rg.ConfigurationSpace([rg.Axis("x", 0, 8, 8), rg.Axis("y", 0, 8, 8)], np.eye(8, dtype=np.uint8) * 2)
     with rg.live(space, read_only=True, browser=False) as page, dial(page) as socket:
-        assert isinstance(page, rg.LivePage) and page.url in page._repr_html_()
+        assert isinstance(page, LivePage) and page.url in page._repr_html_()
         assert read(socket.recv(timeout=PATIENCE))[0]["hello"]["read_only"]
         assert "reading only" in ask(socket, {"type": "example", "name": "rooms"})[0]["error"]
         head, _ = ask(socket, *about("solve", replace(blank(8), k=0.5)))
@@ -175,6 +272,31 @@ def test_saved_files_are_what_they_say(served):
         assert content.startswith(b"path,") and head["name"] == "paths.csv"
         head, content = ask(socket, *about("save", blank(8), format="deck"))
         assert content.startswith(b"PK") and b"dirichlet.cir.json" in content
+
+
+def test_elements_of_a_small_circuit_obey_ohm_and_kirchhoff():
+    drawing = replace(blank(8), chip={"mismatch": 0.2, "seed": 3})
+    circuit = describe(solve_drawing(drawing, exact=True))[0]["circuit"]
+    into = np.zeros((10, 10))  # with a rim for the rails
+    for axis, i, j, ohms, volts, amperes in circuit["resistors"]:
+        assert volts == pytest.approx(ohms * amperes)
+        into[i + 1, j + 1] += amperes
+        into[(i, j + 1) if axis == 0 else (i + 1, j)] -= amperes
+    given = {supply["rail"]: supply["amperes"] for supply in circuit["supplies"]}
+    assert into[7, 7] == pytest.approx(-given["goal 0"]) and given["obstacles"] == pytest.approx(-given["goal 0"])
+    inside = into[1:-1, 1:-1].copy()
+    inside[6, 6] = 0.0
+    assert np.abs(inside).max() <= 1e-9 * given["obstacles"]
+    assert describe(solve_drawing(blank(11), exact=True))[0]["circuit"] is None
+
+
+def test_pictures_are_saved_as_svg(served):
+    with dial(served) as socket:
+        socket.recv(timeout=PATIENCE)
+        for kind in ("svg", "circuit"):
+            _, content = ask(socket, *about("save", blank(8), format=kind))
+            assert ElementTree.fromstring(content).tag.endswith("svg")
+        assert "up to 10" in ask(socket, *about("save", blank(12), format="circuit"))[0]["error"]
 
 
 def test_a_message_that_is_cut_short_says_so(served):

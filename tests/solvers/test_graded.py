@@ -16,10 +16,10 @@ from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
 from resgrid.netlist import Netlist
-from resgrid.solvers import choose as methods
+from resgrid.solvers import choose as methods, decay
 from resgrid.solvers.decay import foresee_decades
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.multigrid import grading, h_transform
+from resgrid.solvers.multigrid import h_transform
 from resgrid.solvers.multigrid.conjugate_gradients import iterate
 from resgrid.solvers.multigrid.h_transform import at_slots, nested_iteration
 from resgrid.solvers.multigrid.hierarchy import Hierarchy, build_hierarchy
@@ -32,9 +32,9 @@ def unreduced() -> Iterator[None]:
     """The whole circuit, graded however little its potential falls."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(methods, "may_shrink", lambda _: False)
-        patch.setattr(grading, "_FAR", 2.0)
-        patch.setattr(grading, "_FIXED", 0.0)
-        patch.setattr(grading, "_FAR_IN_VOLUMES", 2.0)
+        patch.setattr(decay, "_FAR", 2.0)
+        patch.setattr(decay, "_FIXED", 0.0)
+        patch.setattr(decay, "_FAR_IN_VOLUMES", 2.0)
         yield
 
 
@@ -178,7 +178,7 @@ def test_a_maze_in_a_volume_is_graded() -> None:
     found = {}
     for decades in (40.0, np.inf):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(grading, "_FAR_IN_VOLUMES", decades)
+            patch.setattr(decay, "_FAR_IN_VOLUMES", decades)
             found[decades] = solve(netlist, method="multigrid")
     graded_one, plain = found.values()
     assert_same(graded_one.log_drop, solve(netlist, method="direct").log_drop)
@@ -217,7 +217,7 @@ def test_potentials_whose_squares_are_no_doubles_are_not_graded(monkeypatch: pyt
         netlist = compile_space(space_of(cell), boundary="dirichlet")
         assert_same(solve(netlist, method="multigrid").log_drop, solve(netlist, method="direct").log_drop)
     assert len(tried) == 1
-    assert tried[0] < grading.MOST_DECADES < foresee_decades(assemble(netlist).laplacian).whole
+    assert tried[0] < decay.MOST_DECADES < foresee_decades(assemble(netlist).laplacian).whole
 
 
 @settings(max_examples=40)

@@ -12,10 +12,10 @@ from resgrid.compiler import compile_space
 from resgrid.errors import AccuracyError, BudgetError, CircuitError, InputError
 from resgrid.netlist import Netlist
 from resgrid.solvers import choose as methods, decay as fall
+from resgrid.solvers.decay import MOST_DECADES
 from resgrid.solvers.factors.multigrid import factor_multigrid
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid import graphs
-from resgrid.solvers.multigrid.grading import MOST_DECADES
 from resgrid.solvers.supernodal import order_by_distance
 
 BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 2.0}]

@@ -3,8 +3,6 @@
 A pass is a frozen value with ``apply(netlist) -> netlist``; `resgrid.build_chip` takes a list of them, or a chip's
 description.  A new one is a file with a dataclass that derives from `Pass`, and a line in `PASSES`.
 
->>> import numpy as np
->>> import resgrid as rg
 >>> netlist = rg.Netlist(2, [[1, 0]], [1e-3])
 >>> effects = (rg.passes.PreferredValues("E6"), rg.passes.Mismatch(0.01, seed=3))
 >>> rg.passes.from_json(rg.passes.to_json(effects)) == effects

@@ -17,5 +17,8 @@ export const inks = (dark) => ({
   back: dark ? "#14171c" : "#f4f5f7",
   blank: dark ? 0xff2b231d : 0xffe6e2de,
   wall: dark ? 0xff0f0b09 : 0xff33291f,
+  text: dark ? "#ffffff" : "#10151c",
+  veil: dark ? "rgb(20 23 28 / 55%)" : "rgb(244 245 247 / 55%)",
+  label: dark ? "#9aa4b2" : "#5b6472",
   edge: dark ? "#5b6575" : "#1f2933",
 });

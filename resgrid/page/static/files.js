@@ -1,6 +1,6 @@
 // Opening, saving and links.
 
-import { writeScene } from "./model.js";
+import { centreOf, writeScene } from "./model.js";
 import { get } from "./panel.js";
 
 /** @typedef {import("./model.js").Scene} Scene */
@@ -10,6 +10,8 @@ const LONG_LINK = 8192;
 const CHOICES = [
   ["toml", "Scene", "TOML, for resgrid run and you"],
   ["png", "Picture", "PNG, as it is on the screen"],
+  ["svg", "Drawing", "SVG, as rg.draw draws it"],
+  ["circuit", "Circuit", "SVG, up to 10 × 10 cells"],
   ["csv", "Paths", "CSV, certified, world coordinates"],
   ["deck", "SPICE deck", "with its sidecar and check, zipped"],
 ];
@@ -36,6 +38,32 @@ function dialogOf(id, title) {
   dialog.innerHTML = `<h2>${title}</h2><div class="body"></div><div class="actions"><button data-close>Close</button></div>`;
   dialog.querySelector("[data-close]")?.addEventListener("click", () => dialog.close());
   return { dialog, body: /** @type {HTMLElement} */ (dialog.querySelector(".body")), actions: /** @type {HTMLElement} */ (dialog.querySelector(".actions")) };
+}
+
+/** An empty grid like the one shown, or a square. @param {Scene} scene @param {number} [cells] @returns {Scene} */
+function emptied(scene, cells) {
+  const square = (/** @type {string} */ name) => ({ name, lower: 0, upper: Number(cells), cells: Number(cells), periodic: false, unit: "cell" });
+  const axes = cells ? [square("x"), square("y")] : scene.axes, edge = cells ? ["obstacle", "obstacle"] : scene.edge;
+  const [nx, ny] = axes.map((axis) => axis.cells), goal = Math.floor(0.75 * nx) * ny + Math.floor(0.75 * ny);
+  const starts = [centreOf({ ...scene, axes }, [Math.floor(0.2 * nx), Math.floor(0.2 * ny)])];
+  return { ...scene, title: "Drawing", axes, edge, cells: new Uint8Array(nx * ny), palette: [1], goals: [[goal]], starts, broken: [], world: null };
+}
+
+/** @param {import("./model.js").Model} model */
+export function openNew(model) {
+  const { dialog, body } = dialogOf("saving", "An empty grid");
+  body.className = "body choices";
+  for (const cells of [undefined, 10, 32, 64, 96, 128, 192, 256]) {
+    const button = document.createElement("button"), small = document.createElement("small");
+    button.append(cells ? `${cells} × ${cells}` : "As it is", small);
+    small.textContent = !cells ? "this grid without what is drawn" : cells === 10 ? "its circuit is drawn" : `${cells * cells} nodes`;
+    button.addEventListener("click", () => {
+      dialog.close();
+      model.replace(emptied(/** @type {Scene} */ (model.scene), cells));
+    });
+    body.append(button);
+  }
+  dialog.showModal();
 }
 
 /** @param {Wire} wire @param {() => Scene} scene @param {HTMLCanvasElement} canvas @param {(error: unknown) => void} complain */

@@ -3,6 +3,8 @@
 /**
  * @typedef {{outcome: string | null, points: number, goal?: number, cells?: number, length?: number,
  *   clearance?: number | null, message?: string}} Path
+ * @typedef {{resistors: number[][], supplies: {rail: string, volts: number, amperes: number}[], fed: number | null}} Circuit
+ *   resistors: axis, i, j, ohms, volts and amperes upwards, across the lower face of cell (i, j)
  * @typedef {object} Frame
  * @property {boolean} exact
  * @property {Path[]} paths
@@ -17,6 +19,7 @@
  * @property {string[]} methods
  * @property {number} cut_off
  * @property {string[]} flat
+ * @property {Circuit | null} [circuit] of a small grid
  * @property {number[][][][]} poses of an arm along every path
  */
 

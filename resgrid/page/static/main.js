@@ -1,10 +1,12 @@
 // The page: one scene, one wire, one view, and what ties them together.
 
-import { contentsOf, documentIn, openLinking, openSaving } from "./files.js";
+import { contentsOf, documentIn, openLinking, openNew, openSaving } from "./files.js";
+import { resistorAt, resistorRows } from "./circuit.js";
 import { readFrame } from "./frame.js";
 import { insideOf, keepScene, keptScene, Model, readScene, sizeOf, writeScene } from "./model.js";
 import { get, input, Panel, rowsOf } from "./panel.js";
 import { Settling } from "./settling.js";
+import { faceAt } from "./shapes.js";
 import { Tools } from "./tools.js";
 import { openTour } from "./tour.js";
 import { paintBar, View } from "./view.js";
@@ -29,7 +31,7 @@ let base = "", isReading = false, solvedOnce = false;
 /** @type {Scene | null} */ let solved = null;
 /** The last certified paths of a chip without flaws, and what they belong to. @type {{scene: Scene, lines: Float32Array[]} | null} */
 let ideal = null;
-/** @type {number[] | null} */ let hovered = null;
+/** The cell and the point under the pointer. @type {number[] | null} */ let hovered = null, /** @type {number[] | null} */ hoveredPoint = null;
 /** What tests and frames around the page may look at. */
 const live = { model, view, world, wire, tools, frames: /** @type {{at: number, took: number, exact: boolean}[]} */ ([]), get solved() { return solved; } };
 Object.assign(window, { live });
@@ -38,6 +40,7 @@ Object.assign(window, { live });
 function tell(state, text) {
   get("quality").dataset.state = state;
   get("quality").textContent = text;
+  get("legend").hidden = state === "error";
 }
 
 /** @param {unknown} error */
@@ -77,7 +80,9 @@ const solving = new Newest(async () => {
     if (!wire.isOpen) return;
     view.frame = scene === model.scene ? null : view.frame;
     view.refresh();
-    tell("error", /** @type {Error} */ (error).message);
+    const { message } = /** @type {Error} */ (error);
+    tell("error", message.split(/[;:]/, 1)[0]);
+    panel.showError(message);
   } finally {
     clearInterval(slow);
   }
@@ -117,21 +122,30 @@ const probing = new Newest(async () => {
     world.hovered = null;
     return;
   }
+  const resistor = view.circuit && hoveredPoint && resistorAt(view.circuit, faceAt(scene, hoveredPoint), hoveredPoint);
+  if (resistor) return showCard(resistorRows(resistor), cell, scene);
   try {
     const [{ probe }] = await wire.ask({ type: "probe", cell });
     world.hovered = hovered && probe.kind !== "obstacle" ? probe.pose : null;
-    const table = document.createElement("table");
-    for (const row of rowsOf(probe, scene)) {
-      const line = table.insertRow();
-      for (const text of row) line.insertCell().textContent = text;
-    }
-    card.replaceChildren(table);
-    card.hidden = hovered === null;
-    card.classList.toggle("aside", cell[0] > 0.55 * scene.axes[0].cells);
+    showCard(rowsOf(probe, scene), cell, scene);
   } catch {
     card.hidden = true;
   }
 });
+
+/** @param {string[][]} rows of one or two texts @param {number[]} cell that is hovered @param {Scene} scene */
+function showCard(rows, cell, scene) {
+  const card = get("card"), table = document.createElement("table");
+  for (const row of rows) {
+    const line = table.insertRow();
+    for (const text of row) line.insertCell().textContent = text;
+    if (row.length === 1) line.cells[0].colSpan = 2;
+  }
+  card.replaceChildren(table);
+  card.hidden = hovered === null;
+  card.classList.toggle("low", view.circuit !== null);
+  card.classList.toggle("aside", cell[0] > 0.55 * scene.axes[0].cells);
+}
 
 const resampling = new Newest(async () => {
   const scene = model.scene;
@@ -191,6 +205,7 @@ wire.addEventListener("hello", async (event) => {
   base = keepScene(first);
   isReading = head.hello.read_only;
   tools.canDraw = world.canDraw = !isReading && switches.get("edit") !== "0";
+  if (!tools.canDraw) tools.choose("look");
   document.body.classList.toggle("reading", !tools.canDraw);
   document.body.classList.toggle("bare", switches.get("panel") === "0");
   get("examples").replaceChildren(new Option("choose …", ""), ...head.hello.examples.map((/** @type {string} */ name) => new Option(name, name)));
@@ -236,12 +251,7 @@ get("examples").addEventListener("change", () => {
 });
 get("undo").addEventListener("click", () => model.undo());
 get("redo").addEventListener("click", () => model.redo());
-get("new").addEventListener("click", () => {
-  const scene = /** @type {Scene} */ (model.scene);
-  const [nx, ny] = sizeOf(scene), goal = Math.floor(0.75 * nx) * ny + Math.floor(0.75 * ny);
-  const start = scene.axes.map((axis) => axis.lower + 0.2 * (axis.upper - axis.lower));
-  model.replace({ ...scene, title: "Drawing", cells: new Uint8Array(scene.cells.length), palette: [1], goals: [[goal]], starts: [start], broken: [], world: null });
-});
+get("new").addEventListener("click", () => openNew(model));
 get("open").addEventListener("click", () => input("file").click());
 get("file").addEventListener("change", () => {
   openFiles(input("file").files ?? []);
@@ -250,6 +260,7 @@ get("file").addEventListener("change", () => {
 get("save").addEventListener("click", () => openSaving(wire, () => /** @type {Scene} */ (model.scene), view.canvas, complain));
 get("share").addEventListener("click", () => openLinking(wire, /** @type {Scene} */ (model.scene)).catch(complain));
 get("help").addEventListener("click", openTour);
+get("toast").addEventListener("click", () => { get("toast").hidden = true; });
 addEventListener("hashchange", followLink);
 addEventListener("dragover", (event) => event.preventDefault());
 addEventListener("drop", (event) => {
@@ -264,12 +275,19 @@ addEventListener("keydown", (event) => {
   else return;
   event.preventDefault();
 });
-view.canvas.addEventListener("pointermove", (event) => {
-  hovered = event.buttons ? null : view.scene && view.pointOf(event).map(Math.floor);
+for (const kind of /** @type {const} */ (["pointerdown", "pointermove"])) {
+  view.canvas.addEventListener(kind, (event) => {
+    hoveredPoint = event.buttons && tools.tool !== "look" ? null : view.scene && view.pointOf(event);
+    hovered = hoveredPoint && hoveredPoint.map(Math.floor);
+    probing.want();
+  });
+}
+view.canvas.addEventListener("pointerleave", (event) => {
+  if (event.pointerType === "touch" && tools.tool === "look") return;
+  hovered = null;
   probing.want();
 });
-view.canvas.addEventListener("pointerleave", () => { hovered = null; probing.want(); });
-view.canvas.addEventListener("walk", (event) => { hovered = /** @type {CustomEvent} */ (event).detail; probing.want(); });
+view.canvas.addEventListener("walk", (event) => { hovered = /** @type {CustomEvent} */ (event).detail; hoveredPoint = null; probing.want(); });
 
 /** @param {string} theme */
 function dress(theme) {

@@ -4,7 +4,7 @@
 /** @typedef {import("./frame.js").Frame} Frame */
 
 const WALL_STEPS = 60;
-const SHOWN = [["dots", "Current as moving dots"], ["equipotentials", "Equipotentials"], ["arrows", "Arrows"], ["paths", "Paths"]];
+const SHOWN = [["dots", "Current as moving dots"], ["equipotentials", "Equipotentials"], ["arrows", "Arrows"], ["paths", "Paths"], ["circuit", "Circuit, up to 10 × 10 cells"]];
 
 /** Fine near 1, where the Dirichlet field begins to count. @param {number} t */
 export const kOf = (t) => Number((1 - (1 - t / 1000) ** 4).toPrecision(6));
@@ -26,6 +26,7 @@ export function engineering(value, unit) {
 }
 
 const HTML = `
+  <section><h2>Paths</h2><ul class="paths" id="paths"></ul><span class="note" id="figures"></span></section>
   <section class="editing"><h2>Obstacles</h2>
     <label for="k" class="row"><span>k, share of repulsion</span><output id="k-out"></output></label>
     <input id="k" type="range" min="0" max="1000">
@@ -51,8 +52,7 @@ const HTML = `
     <div id="film" hidden><label for="moment" class="row"><span id="origin" class="note"></span><output id="time"></output></label>
     <input id="moment" type="range" min="0"></div>
   </section>
-  <section><h2>Show</h2>${SHOWN.map(([name, label]) => `<label class="check"><input type="checkbox" id="show-${name}">${label}</label>`).join("")}</section>
-  <section><h2>Paths</h2><ul class="paths" id="paths"></ul><span class="note" id="figures"></span></section>`;
+  <section><h2>Show</h2>${SHOWN.map(([name, label]) => `<label class="check"><input type="checkbox" id="show-${name}">${label}</label>`).join("")}</section>`;
 
 export class Panel {
   /** @param {HTMLElement} root @param {import("./model.js").Model} model @param {import("./tools.js").Tools} tools
@@ -137,6 +137,12 @@ export class Panel {
     get("wall-out").textContent = scene.wall ? engineering(scene.wall, "Ω") : "none";
   }
 
+  /** Why there is no field. @param {string} message */
+  showError(message) {
+    get("paths").textContent = message;
+    get("figures").textContent = "";
+  }
+
   /** @param {Frame} frame @param {Scene} scene */
   showFrame(frame, scene) {
     const unit = scene.axes[0].unit === scene.axes[1].unit ? ` ${scene.axes[0].unit}` : "";
@@ -158,10 +164,10 @@ export class Panel {
   }
 }
 
-/** What is known of a cell, as rows. @param {any} about @param {Scene} scene @returns {[string, string][]} */
+/** What is known of a cell, as rows. @param {any} about @param {Scene} scene @returns {string[][]} */
 export function rowsOf(about, scene) {
   const place = about.centre.map((/** @type {number} */ value, /** @type {number} */ a) => `${scene.axes[a].name} ${Number(value.toPrecision(5))}`);
-  /** @type {[string, string][]} */ const rows = [["cell", about.cell.join(", ")], ["centre", place.join(", ")]];
+  const rows = [["cell", about.cell.join(", ")], ["centre", place.join(", ")]];
   if (about.kind !== "free" || about.potential == null) return [...rows, ["", about.kind === "free" ? "cut off" : about.kind]];
   rows.push(["V", engineering(about.volts, "V")]);
   if (about.drop_decades != null) rows.push(["decades of the drop", about.drop_decades.toFixed(2)]);
@@ -171,7 +177,7 @@ export function rowsOf(about, scene) {
     rows.push([side, `${word} ${engineering(Math.abs(amperes), "A")}`]);
   });
   if (about.bits != null) rows.push(["converter bits", about.bits.toFixed(1)]);
-  return rows;
+  return [...rows, ...about.proved.map((/** @type {string} */ text) => [about.exact ? `✓ ${text}` : text])];
 }
 
 /** @param {string} id */

@@ -15,6 +15,7 @@ const ICONS = {
   cost: '<path d="M2 7q4-4 8 0t8 0M2 12q4-4 8 0t8 0M2 17q4-4 8 0t8 0"/>',
   goal: '<path d="M5 18V3h10l-3 4 3 4H5"/>',
   start: '<circle cx="10" cy="10" r="6"/>',
+  look: '<path d="M2 10q8-11 16 0q-8 11-16 0z"/><circle cx="10" cy="10" r="2"/>',
   snap: '<path d="M2 10h4l2-4 2 8 M18 10h-4l-2 4-2-8"/>',
 };
 export const TOOLS = [
@@ -26,8 +27,9 @@ export const TOOLS = [
   ["goal", "Goal", "Add a goal; on a goal, remove it (G)"],
   ["start", "Start", "Add a start; on a start, remove it (S)"],
   ["snap", "Break", "Break the resistor between two cells, or mend it (X)"],
+  ["look", "Look", "See what is known of a cell; nothing is drawn (L)"],
 ];
-const KEYS = { w: "draw", e: "erase", b: "box", f: "fill", m: "cost", g: "goal", s: "start", x: "snap" };
+const KEYS = { w: "draw", e: "erase", b: "box", f: "fill", m: "cost", g: "goal", s: "start", x: "snap", l: "look" };
 const REACH = 16;
 
 /** @typedef {{move: (cell: number[]) => void, end: () => void}} Gesture */
@@ -130,7 +132,7 @@ export class Tools {
   /** @param {number[]} cell @param {["goals" | "starts", number] | null} handle */
   #begin(cell, handle) {
     this.model.begin();
-    this.#gesture = handle ? this.#drag(cell, ...handle) : this.canDraw ? this.#stroke(cell) : null;
+    this.#gesture = handle ? this.#drag(cell, ...handle) : this.canDraw && this.tool !== "look" ? this.#stroke(cell) : null;
     if (!this.#gesture) this.model.commit();
   }
 

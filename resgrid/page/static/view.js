@@ -1,15 +1,17 @@
 // The canvas: where cells lie on it, and everything that is drawn there sixty times a second.
 
+import { paintCircuit, paintSupplies } from "./circuit.js";
 import { inks, RAMP } from "./colours.js";
 import { contours } from "./contours.js";
 import { Dots } from "./dots.js";
-import { cellOf, spacingOf } from "./model.js";
+import { cellOf, numberOf, spacingOf } from "./model.js";
 import { paintCells, paintField } from "./pictures.js";
+import { paintAxes, paintEdge } from "./rim.js";
 
 /** @typedef {import("./frame.js").Frame} Frame */
 /** @typedef {import("./model.js").Scene} Scene */
 
-const MARGIN = 10;
+const MARGIN = 10, LABELS = 22, SUPPLIES = 112;
 const GOAL = "#ff5d3b", START = "#ffffff", CASING = "#10151c";
 
 export class View {
@@ -22,7 +24,7 @@ export class View {
   /** @type {number[] | null} */ cursor = null;
   /** @type {number[][] | null} */ rectangle = null;
   /** Paths of the chip without flaws, where this one has some. @type {Float32Array[]} */ ideal = [];
-  shows = { dots: true, equipotentials: true, arrows: false, paths: true };
+  shows = { dots: true, equipotentials: true, arrows: false, paths: true, circuit: true };
   dark = false;
   repaints = 0;
   #dots = new Dots(900);
@@ -97,11 +99,20 @@ export class View {
   }
 
   #resize() {
-    const { clientWidth, clientHeight } = this.canvas;
-    const ratio = Math.min(2, window.devicePixelRatio || 1);
+    const { clientWidth, clientHeight } = this.canvas, { ratio } = this;
     this.canvas.width = Math.max(1, Math.round(clientWidth * ratio));
     this.canvas.height = Math.max(1, Math.round(clientHeight * ratio));
     if (this.scene) this.#paintLines();
+  }
+
+  /** Pixels of the canvas for each of the page. */
+  get ratio() {
+    return Math.min(2, window.devicePixelRatio || 1);
+  }
+
+  /** What is drawn of the circuit. */
+  get circuit() {
+    return (this.shows.circuit && this.frame?.circuit) || null;
   }
 
   /** Left, top, width and height of the grid and of a cell, in pixels of the canvas. */
@@ -110,9 +121,11 @@ export class View {
     const [nx, ny] = scene.axes.map((axis) => axis.cells);
     const [hx, hy] = scene.axes[0].unit === scene.axes[1].unit ? scene.axes.map(spacingOf) : [1, 1];
     const { width, height } = this.canvas;
-    const scale = Math.min((width - 2 * MARGIN) / (nx * hx), (height - 2 * MARGIN) / (ny * hy));
+    const rim = MARGIN * this.ratio, both = rim + LABELS * this.ratio;
+    const aside = this.circuit ? SUPPLIES * this.ratio : 0;
+    const scale = Math.min((width - both - aside) / (nx * hx), (height - both) / (ny * hy));
     const w = scale * hx, h = scale * hy;
-    return { x: (width - nx * w) / 2, y: (height - ny * h) / 2, w, h, nx, ny };
+    return { x: (width - nx * w + both - aside) / 2 - rim, y: (height - ny * h - both) / 2 + rim, w, h, nx, ny };
   }
 
   /** Pixels of a point in cells. @param {number[]} point */
@@ -156,13 +169,19 @@ export class View {
     context.imageSmoothingEnabled = false;
     if (this.#field) context.drawImage(this.#field, x, y, nx * w, ny * h);
     if (this.frame && this.shows.equipotentials) context.drawImage(this.#lines, 0, 0);
+    if (this.circuit) {
+      context.fillStyle = ink.veil;
+      context.fillRect(x, y, nx * w, ny * h);
+    }
     if (this.#cells) context.drawImage(this.#cells, x, y, nx * w, ny * h);
-    this.#paintEdge(ink.edge);
+    paintEdge(context, this.scene, this.box, ink.edge);
+    paintAxes(context, this.scene, this.box, this.ratio, ink.label);
     context.save();
     context.beginPath();
     context.rect(x, y, nx * w, ny * h);
     context.clip();
     this.#paintGoals();
+    if (this.circuit) this.#paintCircuit(this.circuit, ink.text);
     if (this.frame) {
       if (this.shows.arrows) this.#paintArrows(this.frame);
       if (this.shows.dots) this.#paintDots(this.frame, seconds);
@@ -172,27 +191,20 @@ export class View {
     this.#paintCursor();
     context.restore();
     this.#paintHandles();
+    const colour = (/** @type {string} */ rail) => (rail.startsWith("goal") ? GOAL : rail === "start" ? CASING : ink.edge);
+    if (this.circuit) paintSupplies(context, this.circuit, x + nx * w + 14 * this.ratio, y + 8 * this.ratio, this.ratio, ink.text, colour);
   }
 
-  /** The border: thick where it is an obstacle. @param {string} colour */
-  #paintEdge(colour) {
-    const { context } = this, { x, y, w, h, nx, ny } = this.box;
-    const scene = /** @type {Scene} */ (this.scene);
-    const right = x + nx * w, bottom = y + ny * h;
-    const sides = [[[x, y, x, bottom], [right, y, right, bottom]], [[x, y, right, y], [x, bottom, right, bottom]]];
-    sides.forEach((pair, a) => {
-      const rule = scene.axes[a].periodic ? "periodic" : scene.edge[a];
-      context.strokeStyle = colour;
-      context.lineWidth = rule === "obstacle" ? 4 : 1.5;
-      context.setLineDash(rule === "periodic" ? [6, 6] : []);
-      for (const [x0, y0, x1, y1] of pair) {
-        context.beginPath();
-        context.moveTo(x0, y0);
-        context.lineTo(x1, y1);
-        context.stroke();
-      }
+  /** @param {import("./frame.js").Circuit} circuit @param {string} ink */
+  #paintCircuit(circuit, ink) {
+    const scene = /** @type {Scene} */ (this.scene), { w, h, nx, ny } = this.box;
+    const goals = new Set(scene.goals.flat());
+    const isWall = (/** @type {number[]} */ cell) => Boolean(scene.cells[numberOf(scene, cell)] & 1);
+    const isRail = (/** @type {number[]} */ cell) => isWall(cell) || goals.has(numberOf(scene, cell));
+    paintCircuit(this.context, circuit, (point) => this.toPixels(point), Math.min(w, h), {
+      size: [nx, ny], periodic: scene.axes.map((axis) => axis.periodic), isRail, isFree: (cell) => !isRail(cell),
+      ratio: this.ratio, ink,
     });
-    context.setLineDash([]);
   }
 
   #paintGoals() {
@@ -316,7 +328,7 @@ export class View {
   }
 
   #paintHandles() {
-    const { context } = this, scene = /** @type {Scene} */ (this.scene), ratio = Math.min(2, window.devicePixelRatio || 1);
+    const { context } = this, scene = /** @type {Scene} */ (this.scene), { ratio } = this;
     scene.goals.forEach((goal) => this.#paintHandle(this.goalPoint(goal), GOAL, 9 * ratio, "flag"));
     scene.starts.forEach((start, number) => {
       const [px, py] = this.#paintHandle(this.startPoint(start), START, 8 * ratio, "");

@@ -98,10 +98,13 @@ export class Newest {
 
   async #ask() {
     this.#busy = true;
-    while (this.#wanted) {
-      this.#wanted = false;
-      await this.run();
+    try {
+      while (this.#wanted) {
+        this.#wanted = false;
+        await this.run();
+      }
+    } finally {
+      this.#busy = false;
     }
-    this.#busy = false;
   }
 }

@@ -111,6 +111,10 @@ export class World {
     context.arc(x, y, 0.46 * Math.min(this.canvas.width, this.canvas.height), 0, 2 * Math.PI);
     context.stroke();
     context.setLineDash([]);
+    context.fillStyle = ink.label;
+    context.font = `${11 * this.view.ratio}px system-ui, sans-serif`;
+    context.textAlign = "center";
+    context.fillText("the arm's workspace", this.canvas.width / 2, 16 * this.view.ratio);
     context.fillStyle = ink.edge;
     for (const shape of document_.obstacle ?? []) context.fill(this.#outline(shape));
     context.strokeStyle = GOAL;

@@ -72,12 +72,12 @@ def read_movingai(path: Path, passable: str = PASSABLE) -> MapData:
     return MapData(placed_axes((width, height)), Frame(), cell)
 
 
-def read_queries(path: str | os.PathLike[str]) -> list[Query]:
-    """Read the problems of a MovingAI scenario file, version 1.
+def read_queries(file: str | os.PathLike[str]) -> list[Query]:
+    r"""Read the problems of a MovingAI scenario file, version 1.
 
     Parameters
     ----------
-    path : path-like
+    file : path-like
         The ``.scen`` file.
 
     Returns
@@ -89,13 +89,21 @@ def read_queries(path: str | os.PathLike[str]) -> list[Query]:
     ------
     InputError
         If the version or a line is wrong; the message names the line.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> size = Path("a.scen").write_text("version 1\n0\ta.map\t4\t2\t0\t0\t1\t1\t1.41421356\n")
+    >>> (query,) = rg.read_queries("a.scen")
+    >>> query.start, query.goal, query.optimal_length
+    ((0, 1), (1, 0), 1.41421356)
     """
-    file = Path(path)
-    lines = read_text(file).split("\n")
+    path = Path(file)
+    lines = read_text(path).split("\n")
     version = lines[0].split()
     if len(version) != 2 or version[0] != "version" or version[1] not in ("1", "1.0"):
-        raise InputError(f"{file}: line 1: expected 'version 1', got {lines[0][:40]!r}; is this a scenario file?")
-    return [_query(line, file, number) for number, line in enumerate(lines[1:], 2) if line.strip()]
+        raise InputError(f"{path}: line 1: expected 'version 1', got {lines[0][:40]!r}; is this a scenario file?")
+    return [_query(line, path, number) for number, line in enumerate(lines[1:], 2) if line.strip()]
 
 
 def _header(lines: list[str], path: Path) -> tuple[int, int, int]:

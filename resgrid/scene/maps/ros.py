@@ -157,12 +157,12 @@ def _lethal(header: RosHeader, lethal: int | None) -> int:
     return max(1, int(np.ceil(100 * header.occupied_thresh))) if lethal is None else lethal
 
 
-def occupancy_grid(path: str | os.PathLike[str], dialect: str = "nav2") -> NDArray[np.int8]:
-    """Occupancies of a ROS map, as the reader of a dialect publishes them.
+def occupancy_grid(file: str | os.PathLike[str], dialect: str = "nav2") -> NDArray[np.int8]:
+    r"""Occupancies of a ROS map, as the reader of a dialect publishes them.
 
     Parameters
     ----------
-    path : path-like
+    file : path-like
         The ``map.yaml``.
     dialect : {"nav2", "ros1"}
         Whose reader is meant.
@@ -179,8 +179,19 @@ def occupancy_grid(path: str | os.PathLike[str], dialect: str = "nav2") -> NDArr
         If a file or key is wrong.
     BudgetError
         If the picture would not fit in memory.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from PIL import Image
+    >>> Image.fromarray(np.array([[254, 254, 254], [254, 0, 254]], np.uint8)).save("map.pgm")
+    >>> keys = "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\norigin: [0, 0, 0]\n"
+    >>> size = Path("map.yaml").write_text("image: map.pgm\nresolution: 0.1\n" + keys)
+    >>> rg.occupancy_grid("map.yaml")
+    array([[  0, 100,   0],
+           [  0,   0,   0]], dtype=int8)
     """
-    return _occupancy(Path(path), _read_header(Path(path), dialect), dialect)
+    return _occupancy(Path(file), _read_header(Path(file), dialect), dialect)
 
 
 def _read_header(path: Path, dialect: str) -> RosHeader:

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.solvers.decay import decades_in_slit, h_transform_pays
 from resgrid.solvers.extended import Scaled
 from resgrid.solvers.factors.factor import Factor
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.multigrid.grading import decades_in_slit, is_graded
 from resgrid.solvers.refine import Approximation, Refined, refine
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def factor_multigrid(laplacian: Laplacian, accuracy: str = "direction") -> Multi
     """Coarsen a matrix: for an h-transform where directions are asked for along many decades, plainly otherwise."""
     from resgrid.solvers.multigrid.h_transform import scalable
 
-    levels = scalable(laplacian) if accuracy == "direction" and is_graded(laplacian) else None
+    levels = scalable(laplacian) if accuracy == "direction" and h_transform_pays(laplacian) else None
     factors = MultigridFactor(laplacian, levels)
     if levels is None:
         _ = factors.hierarchy

@@ -32,7 +32,7 @@
    with exponents where doubles run out, every pass a solution to many digits of what is largest, until what all rows
    violate KCL by proves that no entry is off by more than 4e-9 of itself and the rounding of the sums. The last rows,
    mostly in slits, are solved directly with what surrounds them (`local`).
-9. *h-transform* (`grading`, `h_transform`). Where a potential ``u`` falls by many decades, levels are those of ``u /
+9. *h-transform* (`h_transform`). Where a potential ``u`` falls by many decades, levels are those of ``u /
    h``, with the conductances ``g_ij h_i h_j`` (Doob), and all decades gain digits alike. ``h`` comes from nested
    iteration: a small level solved directly, its answer spread, and made better on every level by a multiplicative
    cycle (Horton & Leutenegger 1994), in which all numbers stay positive.

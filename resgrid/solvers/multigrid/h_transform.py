@@ -29,12 +29,12 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.errors import AccuracyError
+from resgrid.solvers.decay import MOST_DECADES
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid.blocks import Coarsened, sum_up
 from resgrid.solvers.multigrid.conjugate_gradients import approximate
 from resgrid.solvers.multigrid.cycle import Finest
-from resgrid.solvers.multigrid.grading import MOST_DECADES
 from resgrid.solvers.multigrid.graphs import Graph
 from resgrid.solvers.multigrid.grid_level import Level, in_double, stencil_of, sum_degrees, to_graph
 from resgrid.solvers.multigrid.hierarchy import (

@@ -11,18 +11,14 @@ larger than the potential itself, it is found there from what flows in, all deca
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
-from resgrid.errors import AccuracyError
 from resgrid.solvers.extended import power
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.refine import Approximation, Numbers
-from resgrid.solvers.superlu import symmetric_factors
+from resgrid.solvers.supernodal import SupernodalFactors, factor_supernodes
 
 _FEW = 5_000
 """Rows left, at most, for which a direct pass is tried."""
@@ -84,57 +80,49 @@ class _Part:
     """The equations of some rows.
 
     `rows` (n,): in ascending order; `inside, outside` (edges,): conductances that lead out: from which of the rows,
-    counted, to which one; `conductance` (edges,); `coupling` (n, n): conductances among the rows.
+    counted, to which one; `conductance` (edges,).
     """
 
     rows: NDArray[np.int64]
     inside: NDArray[np.int64]
-    outside: NDArray[np.int64]
+    outside: NDArray[np.int32]
     conductance: NDArray[np.float64]
-    coupling: sparse.csr_array
-    factors: Any
+    factors: SupernodalFactors
 
     def correction(self, m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
         """Corrections of these rows, all others as they are."""
-        x, exponent, right = np.zeros_like(m), np.zeros_like(e), m[self.rows]
+        x, exponent = np.zeros_like(m), np.zeros_like(e)
         if e.size:
-            own = e[self.rows]
-            top = self._tops([(np.arange(len(right)), right, own)])
-            exponent[self.rows] = top
-            right = right * power(np.clip(own - top, -8, 0))
-        x[self.rows] = self.factors.solve(right)
+            x[self.rows], exponent[self.rows] = self.factors.substitute(m[self.rows], e[self.rows])
+        else:
+            x[self.rows] = self.factors.solve(m[self.rows])
         return x, exponent
 
     def fed(self, voltage: Numbers, current: Numbers) -> Numbers:
         """Voltages of these rows, fed by all others and by currents."""
         (x, e), (b, scale), n = voltage, current, len(self.rows)
         drawn, into = self.conductance * x[self.outside], b[self.rows]
-        top = np.zeros(0, dtype=np.int64)
-        if e.size:
-            there, own = e[self.outside], scale[self.rows]
-            top = self._tops([(self.inside, drawn, there), (np.arange(n), into, own)])
-            drawn = drawn * power(np.clip(there - top[self.inside], -8, 0))
-            into = into * power(np.clip(own - top, -8, 0))
-        return self.factors.solve(into + np.bincount(self.inside, drawn, n)), top
-
-    def _tops(self, terms: list[tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]]) -> NDArray[np.int64]:
-        """The largest exponent, in every row's patch, of terms ``(row, mantissa, exponent)``.
-
-        Patches do not know of each other: each has an exponent of its own.
-        """
-        count, patch = connected_components(self.coupling, directed=False)
-        none = np.iinfo(np.int64).min
-        top = np.full(count, none)
-        for row, mantissa, exponent in terms:
-            used = mantissa != 0.0
-            np.maximum.at(top, patch[row[used]], exponent[used])
-        return np.asarray(np.where(top == none, 0, top)[patch], dtype=np.int64)
+        if not e.size:
+            return self.factors.solve(into + np.bincount(self.inside, drawn, n)), e
+        there, own = e[self.outside], scale[self.rows]
+        top, flowing = np.where(into != 0.0, own, there.min(initial=0)), drawn != 0.0
+        np.maximum.at(top, self.inside[flowing], there[flowing])
+        drawn = drawn * power(np.clip(there - top[self.inside], -8, 0))
+        return self.factors.substitute(
+            into * power(np.clip(own - top, -8, 0)) + np.bincount(self.inside, drawn, n), top
+        )
 
 
 def _part_around(laplacian: Laplacian, left: NDArray[np.float64]) -> _Part | None:
-    """The equations of the rows left, and of those around; None for too many, or if rounding forbids."""
+    """The equations of the rows left, and of those around; None for too many."""
     region = _around(laplacian, np.flatnonzero(left))
-    return None if region is None else _part(laplacian, region)
+    if region is None:
+        return None
+    rows, kept = laplacian.edges[region], np.zeros(laplacian.size, dtype=np.bool_)
+    kept[region] = True
+    out = ~kept[rows.indices]
+    inside = np.repeat(np.arange(len(region)), np.diff(rows.indptr))[out]
+    return _Part(region, inside, rows.indices[out], rows.data[out], factor_supernodes(laplacian.within(kept)))
 
 
 def _around(laplacian: Laplacian, rows: NDArray[np.int64]) -> NDArray[np.int64] | None:
@@ -152,19 +140,3 @@ def _around(laplacian: Laplacian, rows: NDArray[np.int64]) -> NDArray[np.int64] 
         edge = np.unique(around)
         count += len(edge)
     return np.flatnonzero(seen) if count <= most else None
-
-
-def _part(laplacian: Laplacian, region: NDArray[np.int64]) -> _Part | None:
-    """The equations of some rows; None if rounding forbids."""
-    rows, n = laplacian.edges[region], len(region)
-    here, there, conductance = np.repeat(np.arange(n), np.diff(rows.indptr)), rows.indices, rows.data
-    degree = np.bincount(here, conductance, n) + laplacian.ground[region]
-    column = np.searchsorted(region, there)
-    inside = region[np.minimum(column, n - 1)] == there
-    coupling = sparse.csr_array((conductance[inside], (here[inside], column[inside])), shape=(n, n))
-    try:
-        factors = symmetric_factors(sparse.diags_array(degree) - coupling)
-    except AccuracyError:
-        return None
-    out = ~inside
-    return _Part(region, here[out], there[out].astype(np.int64), conductance[out], coupling, factors)

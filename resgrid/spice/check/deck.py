@@ -92,6 +92,14 @@ def check_deck(
         If the simulator is not installed.
     BudgetError
         If it does not end in time.
+
+    Examples
+    --------
+    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
+    >>> written = rg.write_spice(netlist, "lesson.cir")
+    >>> agreement = rg.check_deck("lesson.cir")
+    >>> agreement.agrees, agreement.nodes, agreement.max_abs_error < 1e-12
+    (True, 58, True)
     """
     limits = _Limits(engine, tolerance, timeout)
     if isinstance(deck, Netlist | OperatingPoint):

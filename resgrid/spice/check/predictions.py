@@ -96,6 +96,14 @@ def predict_simulators(
     -------
     tuple of Prediction
         One a simulator.  Errors are computed for up to 300,000 nodes; beyond, reasons are given without a number.
+
+    Examples
+    --------
+    >>> divider = rg.Netlist(3, [[1, 2], [2, 0]], [1e-3, 1e-3], source_nodes=[[1, 0]], source_volts=[2.0])
+    >>> for prediction in rg.predict_simulators(divider)[:2]:
+    ...     print(prediction)
+    ngspice: right
+    ltspice: right (from its documentation, not run)
     """
     circuit = Circuit.of(circuit)
     errors = [item for item in violations or check_rules(circuit) if item.severity == "error"]

@@ -28,8 +28,8 @@ def check_rules(circuit: Netlist | Circuit) -> tuple[Violation, ...]:
 
     Examples
     --------
-    >>> from resgrid.netlist import Netlist
-    >>> check_rules(Netlist(3, [[1, 0]], [1.0], source_nodes=[[1, 0]], source_volts=[1.0]))[0].message
+    >>> circuit = rg.Netlist(3, [[1, 0]], [1.0], source_nodes=[[1, 0]], source_volts=[1.0])
+    >>> rg.check_rules(circuit)[0].message
     '1 node has no path of resistors or voltage sources to ground'
     """
     subject = Circuit.of(circuit)

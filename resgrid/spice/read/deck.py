@@ -28,7 +28,7 @@ _STATED = re.compile(rb'"dialect": "([a-z]+)"')
 
 
 def read_spice(
-    path: str | os.PathLike[str] | IO[str] | IO[bytes],
+    file: str | os.PathLike[str] | IO[str] | IO[bytes],
     *,
     dialect: str = "auto",
     root: str | os.PathLike[str] | None = None,
@@ -49,7 +49,7 @@ def read_spice(
 
     Parameters
     ----------
-    path : path-like or text file
+    file : path-like or text file
         The circuit.
     dialect : {"auto", "ngspice", "ltspice", "xyce", "hspice", "spectre"}
         Whose rules to read a deck by; ``"auto"`` asks the deck's sidecar, then the end of its name and its text for
@@ -80,20 +80,22 @@ def read_spice(
     Examples
     --------
     >>> import io
-    >>> deck = read_spice(io.StringIO("divider\nV1 in 0 2\nR1 in out 1k\nR2 out gnd 1k\n"))
+    >>> deck = rg.read_spice(io.StringIO("divider\nV1 in 0 2\nR1 in out 1k\nR2 out gnd 1k\n"))
     >>> deck.title, deck.node_names, deck.resistance.tolist()
     ('divider', ('0', 'in', 'out'), [1000.0, 1000.0])
+    >>> rg.solve(deck).voltage
+    array([0., 2., 1.])
     """
     tables = measure is not None or sources is not None or grounds is not None
-    if not isinstance(path, str | os.PathLike) or not (tables or is_network(path)):
-        return read_with(path, dialect=dialect, root=root, max_elements=max_elements)
-    name = os.fspath(path)
-    suffix = Path(path).suffix.lower()
+    if not isinstance(file, str | os.PathLike) or not (tables or is_network(file)):
+        return read_with(file, dialect=dialect, root=root, max_elements=max_elements)
+    name = os.fspath(file)
+    suffix = Path(file).suffix.lower()
     if suffix not in (*GRAPH_SUFFIXES, ".ini"):
-        return Circuit.of(read_edges(path, sources, grounds, measure, measure).netlist(), name)
+        return Circuit.of(read_edges(file, sources, grounds, measure, measure).netlist(), name)
     if tables:
         raise InputError(f"{name} names its own sources, grounds and measure; leave those options out")
-    netlist = read_graph(path) if suffix != ".ini" else read_circuitscape(path, root=root)[0].netlist()
+    netlist = read_graph(file) if suffix != ".ini" else read_circuitscape(file, root=root)[0].netlist()
     return Circuit.of(netlist, name)
 
 

@@ -52,7 +52,7 @@ class WrittenDeck:
 
 def write_spice(
     circuit: Netlist | OperatingPoint,
-    path: str | os.PathLike[str],
+    file: str | os.PathLike[str],
     dialect: str = "ngspice",
     *,
     title: str | None = None,
@@ -69,9 +69,9 @@ def write_spice(
     ----------
     circuit : Netlist or OperatingPoint
         A solved circuit, or a netlist, which is then solved: the sidecar holds the expected voltages.
-    path : path-like
-        The deck; ``PATH.json``, ``PATH.ngspice`` (the dialect's name) and ``PATH.verify`` are written beside it, in
-        tile form also ``PATH.chip`` and ``PATH.pattern``.
+    file : path-like
+        The deck; ``FILE.json``, ``FILE.ngspice`` (the dialect's name) and ``FILE.verify`` are written beside it, in
+        tile form also ``FILE.chip`` and ``FILE.pattern``.
     dialect : {"ngspice", "ltspice", "xyce", "hspice", "spectre"}
     title : str, optional
         First line of the deck.
@@ -99,8 +99,22 @@ def write_spice(
         not fit the deck.
     CircuitError
         If the netlist has no operating point.
+
+    Examples
+    --------
+    >>> op = rg.solve(rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml"))))
+    >>> written = rg.write_spice(op, "lesson.cir")
+    >>> written.path.read_text().splitlines()[1]
+    '* ngspice dialect: 58 nodes besides ground, 2 voltage sources, 140 resistors'
+    >>> print(written.commands.read_text(), end="")
+    * operating point of lesson.cir
+    * ngspice -n -b -r operating_point.raw lesson.cir.ngspice
+    .include "lesson.cir"
+    .options klu
+    .op
+    .end
     """
-    target = _checked_target(Path(path))
+    target = _checked_target(Path(file))
     circuit, asked = _drawn(circuit, analyses)
     op = circuit if isinstance(circuit, OperatingPoint) else solve(circuit)
     added = additions(asked, op.netlist, dialect_named(dialect))

@@ -1,0 +1,23 @@
+"""What the examples in docstrings take for granted: `np`, `rg`, and the project's folder."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import resgrid as rg
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """A public function is tried where it stands, and not once more where the package shows it."""
+    items[:] = [item for item in items if not item.nodeid.startswith("resgrid/__init__.py::resgrid.")]
+
+
+@pytest.fixture(autouse=True)
+def _reader(request: pytest.FixtureRequest, doctest_namespace: dict[str, object]) -> None:
+    """Examples run as a reader types them; what they write goes elsewhere."""
+    if isinstance(request.node, pytest.DoctestItem):
+        folder = request.getfixturevalue("tmp_path")
+        (folder / "examples").symlink_to(Path(__file__).parent / "examples")
+        request.getfixturevalue("monkeypatch").chdir(folder)
+        doctest_namespace.update(np=np, rg=rg)

@@ -1,0 +1,236 @@
+"""Exploration: how the yield depends on two values of a chip."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import os
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import closing
+from dataclasses import dataclass
+from itertools import chain, islice
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.arguments import check_share, check_whole
+from resgrid.chip.build import chip_keys, ideal_netlist
+from resgrid.chip.figures import Figure, Result
+from resgrid.chip.trials import Experiment, differs, prepare, run_trials, unpacked
+from resgrid.chip.yields import Progress, overall_share
+from resgrid.errors import InputError
+from resgrid.executors import Part, in_order
+from resgrid.journal import Journal
+from resgrid.netlist import Netlist
+from resgrid.scene.chip import Chip, Readout
+from resgrid.scene.messages import suggestion
+
+Point = tuple[int, int]
+Sweep = tuple[str, Sequence[Any]]
+"""A key of a chip, and its values."""
+
+_BITS = (6, 8, 10, 12, 14, 16)
+_SHARES = (0.0, 0.01, 0.02, 0.05, 0.1)
+_MULTIPLES = (0.0, 0.3, 1.0, 3.0, 10.0)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Exploration(Result):
+    """Yield over two values of a chip.
+
+    Attributes
+    ----------
+    first, second : str
+        Keys of the chip, such as ``"mismatch"`` or ``"readout.bits"``.
+    first_values, second_values : tuple
+        Values of either.
+    share, low, high : ndarray of float64, shape (first, second)
+        Overall yield, and its Wilson interval (`Yield.overall`).
+    trials : int
+        Chips at every point; the same dies at all of them.
+    confidence : float
+        Of the intervals.
+    """
+
+    first: str
+    second: str
+    first_values: tuple[Any, ...]
+    second_values: tuple[Any, ...]
+    share: NDArray[np.float64]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    trials: int
+    confidence: float
+
+    def cheapest(self, share: float = 0.99) -> list[Any]:
+        """The first of the second values from which on the yield stays at or above a share, for each first value.
+
+        None where there is none.
+        """
+        check_share("share", share)
+        result: list[Any] = []
+        for row in self.share:
+            enough = np.logical_and.accumulate((row >= share)[::-1])[::-1]
+            result.append(self.second_values[int(np.argmax(enough))] if enough.any() else None)
+        return result
+
+    @property
+    def figures(self) -> Mapping[str, Figure]:
+        """The least second value for 99 % at every first value, with definitions."""
+        return {
+            f"least_{self.second.rpartition('.')[2]}_at_{value}": Figure(
+                least,
+                "",
+                f"smallest {self.second} tried from which on the yield is at least 99 %, at {self.first} = {value}; "
+                f"{self.trials} chips a point",
+            )
+            for value, least in zip(self.first_values, self.cheapest(), strict=True)
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        """All points, as plain values."""
+        plain = {**vars(self), "yield": self.share}
+        del plain["share"]
+        arrays = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in plain.items()}
+        return {**super().to_json(), **arrays}
+
+
+def explore_yield(
+    netlist: Netlist,
+    first: Sweep | None = None,
+    second: Sweep | None = None,
+    *,
+    chip: Chip | None = None,
+    trials: int = 64,
+    confidence: float = 0.95,
+    executor: Executor | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+    progress: Progress | None = None,
+) -> Exploration:
+    """How the yield depends on any two values of the chip, on the same dies throughout.
+
+    `first, second`: a key of the chip, with dots (``"readout.bits"``), and its values in ascending order of cost, the
+    second being what is paid for (`Exploration.cheapest`); by default the offset or the mismatch, and the bits of the
+    converter; `trials`: chips at every point; `confidence`: of the intervals; `executor, checkpoint`: as in `yields`;
+    `progress`: called after every group of points with the trials done, those in all, and the last point's yield.
+    """
+    cells, chip = netlist.cells, chip or Chip()
+    first, second = first or _usual_sweep(chip), second or ("readout.bits", _BITS)
+    check_whole("trials", trials, 1)
+    if not len(first[1]) or not len(second[1]):
+        raise InputError("both keys need at least one value")
+    points = {
+        (i, j): chip_with(chip, {first[0]: a, second[0]: b})
+        for i, a in enumerate(first[1])
+        for j, b in enumerate(second[1])
+    }
+    starts = int(cells.space.goal_connected.sum())
+    groups = [
+        _Group(kind, places, [points[place].readout for place in places], trials)
+        for kind, places in _groups(points).items()
+    ]
+    share, low, high = np.empty((3, len(first[1]), len(second[1])))
+    done = 0
+    with closing(_served(netlist, groups, executor, checkpoint)) as served:
+        for group in groups:
+            counts = np.array(list(islice(served, group.trials)))
+            for place, count in zip(group.places, counts.T, strict=True):
+                sums = int(count.sum()), int(count @ count), group.trials, starts
+                overall = overall_share(*sums, confidence, random=group.random)
+                share[place], low[place], high[place] = overall.value, overall.low, overall.high
+            done += len(group.places)
+            if progress is not None:
+                progress(done * trials, share.size * trials, overall)
+    return Exploration(first[0], second[0], tuple(first[1]), tuple(second[1]), share, low, high, trials, confidence)
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Points that differ in the read-out only: they share their chips, of one `kind`, which are solved once."""
+
+    kind: Chip
+    places: Sequence[Point]
+    readouts: Sequence[Readout]
+    most: int
+
+    @property
+    def random(self) -> bool:
+        """Whether chips, or what is seen of them, differ."""
+        return differs(self.kind) or any(item.offset or item.noise_bandwidth for item in self.readouts)
+
+    @property
+    def trials(self) -> int:
+        """Chips to try."""
+        return self.most if self.random else 1
+
+    def experiment(self, netlist: Netlist) -> Experiment:
+        """What the trials share."""
+        cells = netlist.cells
+        return prepare(ideal_netlist(cells.space, self.kind, cells.wiring), self.kind, self.readouts)
+
+
+def _served(
+    netlist: Netlist, groups: Sequence[_Group], executor: Executor | None, checkpoint: str | os.PathLike[str] | None
+) -> Generator[list[int], None, None]:
+    """How many starts every read-out of every chip serves, group by group: those in the checkpoint, then new ones."""
+    journal, done = None, 0
+    if checkpoint is not None:
+        digest = hashlib.sha256(f"{groups} {groups[0].experiment(netlist).fingerprint()}".encode())
+        journal = Journal(checkpoint, {"resgrid": "sweep", "fingerprint": digest.hexdigest()})
+        widths = chain.from_iterable([len(group.places)] * group.trials for group in groups)
+        for done, (record, width) in enumerate(zip(journal, widths, strict=False), 1):
+            counts = record.get("served")
+            if record.get("number") != done - 1 or not isinstance(counts, list) or len(counts) != width:
+                raise journal.damaged(f"line {done + 1} is not that of chip {done - 1}")
+            yield counts
+    with closing(in_order(_parts(netlist, groups, done), executor)) as results:
+        for number, counts in enumerate(results, done):
+            if journal is not None:
+                journal.append({"number": number, "served": counts})
+            yield counts
+
+
+def _parts(netlist: Netlist, groups: Sequence[_Group], done: int) -> Iterator[Part]:
+    """The trials of every group but the first ones, which are `done`; a group is prepared when it is its turn."""
+    for group in groups:
+        if done < group.trials:
+            yield Part(_run_counts, group.experiment(netlist), range(done, group.trials), f"chips of {group.kind},")
+        done = max(0, done - group.trials)
+
+
+def _run_counts(experiment: Experiment, numbers: Sequence[int]) -> list[list[int]]:
+    """How many starts every read-out serves, trial by trial."""
+    return [unpacked(experiment, bits).sum(axis=1).tolist() for bits in run_trials(experiment, numbers)]
+
+
+def _usual_sweep(chip: Chip) -> Sweep:
+    for key, value in (("readout.offset", chip.readout.offset), ("pelgrom", chip.pelgrom)):
+        if value:
+            return key, tuple(float(f"{value * multiple:.3g}") for multiple in _MULTIPLES)
+    return "mismatch", _SHARES
+
+
+def _groups(points: Mapping[Point, Chip]) -> dict[Chip, list[Point]]:
+    """Points by what their chips are without the read-out's own errors."""
+    groups: dict[Chip, list[Point]] = {}
+    for place, chip in points.items():
+        load = Readout(input_resistance=chip.readout.input_resistance)
+        groups.setdefault(dataclasses.replace(chip, readout=load), []).append(place)
+    return groups
+
+
+def chip_with(chip: Chip, values: Mapping[str, Any]) -> Chip:
+    """The same chip with other values by key, with dots: ``{"mismatch": 0.02, "readout.bits": 8}``."""
+    known = [key for key, _ in chip_keys(chip)]
+    tables: dict[str, dict[str, Any]] = {"": {}}
+    for key, value in values.items():
+        if key not in known:
+            hint = suggestion(key, known) or f"there are {', '.join(known)}"
+            raise InputError(f"a chip has no key {key!r}; {hint}")
+        table, _, name = key.rpartition(".")
+        tables.setdefault(table, {})[name] = value.item() if isinstance(value, np.generic) else value
+    changes = tables.pop("")
+    inner = {table: dataclasses.replace(getattr(chip, table), **parts) for table, parts in tables.items()}
+    return dataclasses.replace(chip, **changes, **inner)

@@ -1,0 +1,85 @@
+"""Files of results that grow line by line, and can be taken up again wherever their writer was killed."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from resgrid.errors import InputError
+from resgrid.files import write_text
+
+_REMEDY = "remove it or name another"
+
+
+class Journal:
+    """A file of JSON lines below a first one that says what they belong to.
+
+    A last line that was cut off is dropped, and written again in its turn: a run that was killed and one that was not
+    end in the same bytes.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], head: dict[str, Any]) -> None:
+        """Begin a file, or take one up; InputError if it is none of ours, or belongs to another run."""
+        self._path, line = Path(path), _line(head)
+        with contextlib.suppress(FileNotFoundError):
+            self._check(head)
+            self._repair()
+            return
+        write_text(self._path, line)
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        """The lines so far, without the first."""
+        with self._path.open(encoding="utf-8", errors="replace") as file:
+            next(file)
+            for number, text in enumerate(file, 2):
+                try:
+                    record = json.loads(text)
+                except ValueError as error:
+                    raise self.damaged(f"line {number}: {error}") from error
+                yield record
+
+    def append(self, record: dict[str, Any]) -> None:
+        """Write one more line; it is the system's at once, so that a process that is killed loses none."""
+        with self._path.open("a", encoding="utf-8") as file:
+            file.write(_line(record))
+
+    def _check(self, head: dict[str, Any]) -> None:
+        try:
+            with self._path.open(encoding="utf-8", errors="replace") as file:
+                found = json.loads(file.readline())
+        except FileNotFoundError:
+            raise
+        except (OSError, ValueError) as error:
+            raise self.damaged(error) from error
+        if not isinstance(found, dict) or found.keys() != head.keys():
+            raise self.damaged("it does not begin as one")
+        if found != head:
+            raise InputError(
+                f"the checkpoint {str(self._path)!r} belongs to another run: the scene, the chip or the seed differs; "
+                f"{_REMEDY}"
+            )
+
+    def _repair(self) -> None:
+        """Drop what follows the last whole line."""
+        with self._path.open("rb+") as file:
+            end = file.seek(0, os.SEEK_END)
+            while end:
+                begin = max(0, end - 65536)
+                file.seek(begin)
+                newline = file.read(end - begin).rfind(b"\n")
+                if newline >= 0:
+                    file.truncate(begin + newline + 1)
+                    return
+                end = begin
+
+    def damaged(self, why: object) -> InputError:
+        """What to raise of a file with a fault."""
+        return InputError(f"cannot read the checkpoint {str(self._path)!r}: {why}; {_REMEDY}")
+
+
+def _line(record: dict[str, Any]) -> str:
+    return json.dumps(record, separators=(",", ":")) + "\n"

@@ -1,0 +1,108 @@
+"""One browser's conversation: every request brings all that it is about, and gets an answer.
+
+Nothing is kept but the last frame and the one before, so that a page goes on from where it was when the server is back.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+from typing import Any
+
+from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.errors import InputError, ResgridError
+from resgrid.page.arms import pose, poses, resample
+from resgrid.page.drawing import Drawing, drawing_of
+from resgrid.page.frames import Frame, describe, probe, solve_drawing
+from resgrid.page.messages import Request, pack, read_drawing, read_request, write_drawing
+from resgrid.page.opening import examples, open_document, open_example, open_files
+
+PATIENCE = 0.035
+"""Seconds that a direction-safe frame may take to be made while somebody draws."""
+
+_log = logging.getLogger(__name__)
+Reply = tuple[dict[str, Any], list[bytes]]
+
+
+class Session:
+    """One browser: answers requests, and keeps its last frame for questions about it."""
+
+    def __init__(self, first: Drawing, read_only: bool) -> None:
+        self.first, self.read_only = first, read_only
+        self.frame: Frame | None = None
+        self.before: Frame | None = None
+        self.exact_seconds = float("inf")
+
+    def hello(self) -> bytes:
+        """What a page is told first."""
+        head, body = write_drawing(self.first)
+        about = {"examples": list(examples()), "read_only": self.read_only}
+        return pack({"hello": about, **head}, body)
+
+    def answer(self, message: bytes) -> bytes:
+        """The reply to a message, which says what was wrong with it if anything was."""
+        seq: int | None = None
+        try:
+            request, body = read_request(message)
+            seq = request.seq
+            head, parts = self._reply(request, body)
+        except ResgridError as error:
+            head, parts = {"error": str(error), "kind": type(error).__name__}, []
+        except MemoryError:
+            head, parts = {"error": "this does not fit in memory; use a coarser grid", "kind": "MemoryError"}, []
+        except Exception as error:  # a fault of resgrid, which must not end the conversation
+            _log.exception("a request could not be answered")
+            head, parts = {"error": f"this is a fault of resgrid ({error!r}); please report it", "kind": "fault"}, []
+        return pack({"seq": seq, **head}, *parts)
+
+    def _reply(self, request: Request, body: bytes) -> Reply:
+        match request.type:
+            case "solve":
+                return self._solve(self._drawing(request, body), request.exact)
+            case "probe":
+                if self.frame is None:
+                    raise InputError("nothing has been solved yet")
+                told = probe(self.frame, request.cell or ())
+                return {"probe": told | {"pose": pose(self.frame, told["centre"])}}, []
+            case "settle":
+                from resgrid.page.settle import settle
+
+                drawing = self._drawing(request, body)
+                return settle(drawing, self._origin(drawing))
+            case "save":
+                from resgrid.page.saving import save
+
+                name, content = save(self._drawing(request, body), request.format)
+                return {"name": name}, [content]
+        if self.read_only:
+            raise InputError("this page is for reading only")
+        opened = {
+            "world": lambda: resample(read_drawing(request.drawing, body)),
+            "example": lambda: drawing_of(open_example(request.name)),
+            "files": lambda: open_files(request.files),
+            "link": lambda: open_document(request.document),
+        }[request.type]()
+        head, cells = write_drawing(opened)
+        return head, [cells]
+
+    def _drawing(self, request: Request, body: bytes) -> Drawing:
+        """What a request is about; for readers the drawing shown, with their own k and starts."""
+        drawing = read_drawing(request.drawing, body)
+        return replace(self.first, k=drawing.k, starts=drawing.starts) if self.read_only else drawing
+
+    def _origin(self, drawing: Drawing) -> OperatingPoint | None:
+        """From where a drawing settles: the circuit before the last change, if it was one and of the same grid."""
+        if self.before is None or self.before.drawing.axes != drawing.axes:
+            return None
+        points = list(self.before.solution.operating_points.values())
+        return points[0] if len(points) == 1 else None
+
+    def _solve(self, drawing: Drawing, exact: bool) -> Reply:
+        """Solve as asked; in haste, direction-safe all the same where that was quick enough before."""
+        if self.frame is not None and self.frame.exact:
+            self.before = self.frame
+        self.frame = solve_drawing(drawing, exact=exact or self.exact_seconds < PATIENCE)
+        if self.frame.exact:
+            self.exact_seconds = self.frame.seconds
+        head, body = describe(self.frame)
+        return head | {"poses": poses(self.frame)}, body

@@ -1,0 +1,73 @@
+"""Random actions leave no error in either console, and memory as it was; `make fuzz` does ten thousand."""
+
+from __future__ import annotations
+
+import logging
+import os
+import random
+import subprocess
+from collections.abc import Iterator
+
+import psutil
+import pytest
+from playwright.sync_api import Browser, CDPSession, Page
+from support.cli import COMMAND
+from support.fuzzing import act, rest
+from support.pages import kept, settle
+
+ACTIONS = int(os.environ.get("RESGRID_PAGE_ACTIONS", "300"))
+SEED = int(os.environ.get("RESGRID_PAGE_SEED", "1"))
+PARTS = 5
+MOST_BYTES = 3e6, 8e6, 80e6
+"""By how much the page's objects and buffers and the server may have grown since the first part, which warms up."""
+_log = logging.getLogger(__name__)
+
+
+@pytest.fixture
+def server(tmp_path) -> Iterator[tuple[psutil.Process, str]]:
+    """A server of its own, that says nothing of faults."""
+    with (tmp_path / "errors").open("w+") as errors:
+        command = [*COMMAND, "live", "--no-browser", "--port", "0"]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True) as process:
+            assert process.stdout is not None
+            url = process.stdout.readline().split()[4].rstrip(";")
+            yield psutil.Process(process.pid), url
+            process.terminate()
+        errors.seek(0)
+        assert not errors.read()
+
+
+def measured(page: Page, developer: CDPSession, process: psutil.Process, first: str) -> tuple[float, float, float]:
+    """Bytes of the page's objects and buffers and of the server, with the first scene shown and nothing to undo."""
+    rest(page, first)
+    settle(page)
+    for _ in range(2):
+        developer.send("HeapProfiler.collectGarbage")
+        page.wait_for_timeout(100)
+    heap = developer.send("Runtime.getHeapUsage")
+    return heap["usedSize"], heap["backingStorageSize"], process.memory_info().rss
+
+
+def test_random_actions_leave_neither_errors_nor_memory(server: tuple[psutil.Process, str], chromium: Browser):
+    process, url = server
+    context = chromium.new_context(viewport={"width": 1280, "height": 720}, has_touch=True)
+    page = context.new_page()
+    wrong: list[str] = []
+    page.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
+    page.on("pageerror", lambda error: wrong.append(error.stack or str(error)))
+    page.on("filechooser", lambda _: None)
+    page.goto(f"{url}?tour=0")
+    settle(page)
+    first, developer, rng = kept(page), context.new_cdp_session(page), random.Random(SEED)
+    figures = []
+    for _ in range(PARTS):
+        act(page, rng, ACTIONS // PARTS)
+        figures.append(measured(page, developer, process, first))
+        _log.info(
+            "%.1f MB of objects, %.1f MB of buffers, %.1f MB at the server", *(part / 1e6 for part in figures[-1])
+        )
+        assert not wrong
+        assert kept(page) == first
+    for warm, last, most in zip(figures[0], figures[-1], MOST_BYTES, strict=True):
+        assert last - warm < most, figures
+    context.close()

@@ -1,0 +1,104 @@
+"""Executors that misbehave, and functions for the workers of real ones."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pickle
+import random
+import signal
+import threading
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+
+class Shuffled(Executor):
+    """Finishes tasks in any order; all that goes in and out is pickled, and counted in `sizes` by task.
+
+    `remote`: its worker does not see the files of this computer.
+    """
+
+    def __init__(self, seed: int, *, remote: bool = False) -> None:
+        self._draw, self._remote = random.Random(seed), remote
+        self._tasks: list[tuple[Future[Any], bytes]] = []
+        self._some = threading.Condition()
+        self._open = True
+        self.sizes: list[int] = []
+        self._thread = threading.Thread(target=self._work, daemon=True)
+        self._thread.start()
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        data = pickle.dumps((fn, args, kwargs))
+        self.sizes.append(len(data))
+        future: Future[Any] = Future()
+        with self._some:
+            self._tasks.append((future, data))
+            self._some.notify()
+        return future
+
+    def _work(self) -> None:
+        while True:
+            with self._some:
+                self._some.wait_for(lambda: self._tasks or not self._open)
+                if not self._tasks:
+                    return
+                future, data = self._tasks.pop(self._draw.randrange(len(self._tasks)))
+            if not future.set_running_or_notify_cancel():
+                continue
+            function, words, options = pickle.loads(data)
+            if self._remote:
+                words = [replace(word, path="/nowhere") if hasattr(word, "digest") else word for word in words]
+            try:
+                future.set_result(pickle.loads(pickle.dumps(function(*words, **options))))
+            except Exception as error:
+                future.set_exception(error)
+
+    def shutdown(self, wait: bool = True, **_options: Any) -> None:
+        with self._some:
+            self._open = False
+            self._some.notify()
+        if wait:
+            self._thread.join()
+
+
+def sums(shared: Any, items: Sequence[int]) -> list[int]:
+    """Every item and the shared number."""
+    return [shared["offset"] + item for item in items]
+
+
+def slow_sums(shared: Any, items: Sequence[int]) -> list[int]:
+    """As `sums`, a hundredth of a second each."""
+    time.sleep(0.01 * len(items))
+    return sums(shared, items)
+
+
+def dying_sums(shared: Any, items: Sequence[int]) -> list[int]:
+    """As `sums`, but the first worker that comes to item 7 dies."""
+    with contextlib.suppress(FileExistsError):
+        if 7 in items:
+            Path(shared["mark"]).touch(exist_ok=False)
+            os.kill(os.getpid(), signal.SIGKILL)
+    return sums(shared, items)
+
+
+def deadly_sums(shared: Any, items: Sequence[int]) -> list[int]:
+    """As `sums`, but every worker that comes to item 7 dies."""
+    if 7 in items:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return sums(shared, items)
+
+
+def failing_sums(shared: Any, items: Sequence[int]) -> list[int]:
+    """As `sums`, but item 7 cannot be done."""
+    if 7 in items:
+        raise ValueError("item 7 cannot be done")
+    return sums(shared, items)
+
+
+def squared(item: int, *more: int) -> int:
+    """A function of one item."""
+    return item * item + sum(more)

@@ -1,0 +1,164 @@
+"""Work over executors: the same results whoever does what, in which order, and whoever dies."""
+
+from __future__ import annotations
+
+import multiprocessing
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from support.executors import Shuffled, deadly_sums, dying_sums, failing_sums, slow_sums, squared, sums
+
+import resgrid as rg
+from resgrid.executors import Part, in_order
+
+
+@contextmanager
+def opened(kind: str) -> Iterator[Executor]:
+    """An executor whose workers are two processes."""
+    if kind == "loky":
+        from loky import get_reusable_executor
+
+        yield get_reusable_executor(2)
+    elif kind == "dask":
+        from distributed import LocalCluster
+
+        with (
+            LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+            rg.open_executor(cluster.scheduler_address.replace("tcp", "dask")) as executor,
+        ):
+            yield executor
+    elif kind == "fork":
+        with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("forkserver")) as executor:
+            yield executor
+    else:
+        with rg.open_executor(kind) as executor:
+            yield executor
+
+
+REAL = ["processes:2", "fork", "loky", "dask"]
+
+
+@settings(max_examples=40)
+@given(
+    st.lists(st.integers(0, 30), max_size=4), st.integers(0, 2**32), st.booleans(), st.sampled_from([sums, slow_sums])
+)
+def test_results_come_in_order_whatever_the_order_of_completion(
+    lengths: list[int], seed: int, remote: bool, function: Any
+) -> None:
+    shared = [{"offset": 100 * k, "ballast": bytes(200_000)} for k in range(len(lengths))]
+    parts = [Part(function, value, range(k, k + n)) for k, (value, n) in enumerate(zip(shared, lengths, strict=True))]
+    expected = list(in_order(parts))
+    with Shuffled(seed, remote=remote) as executor:
+        assert list(in_order(iter(parts), executor)) == expected
+    heavy = sum(size > 200_000 for size in executor.sizes)
+    assert heavy <= 4 * len(lengths) if remote else heavy == 0
+
+
+def test_what_items_share_goes_to_a_worker_without_its_file_about_once() -> None:
+    shared = {"offset": 1, "ballast": np.random.default_rng(0).bytes(100_000)}
+    with Shuffled(0, remote=True) as executor:
+        assert list(in_order([Part(slow_sums, shared, range(400))], executor)) == list(range(1, 401))
+    assert len(executor.sizes) > 10
+    assert sum(size > 100_000 for size in executor.sizes) <= 4
+
+
+@pytest.mark.parametrize("kind", REAL)
+def test_a_worker_that_dies_costs_its_tasks_only(kind: str, tmp_path: Path) -> None:
+    shared = {"offset": 5, "mark": str(tmp_path / "died")}
+    with opened(kind) as executor:
+        assert list(in_order([Part(dying_sums, shared, range(60))], executor)) == list(range(5, 65))
+    assert (tmp_path / "died").exists()
+
+
+@pytest.mark.parametrize("kind", REAL)
+def test_items_that_kill_every_worker_are_named(kind: str) -> None:
+    with (
+        opened(kind) as executor,
+        pytest.raises(rg.WorkerError, match=r"over chips (\d) to (\d+) .*memory") as caught,
+    ):
+        list(in_order([Part(deadly_sums, {"offset": 0}, range(12), "chips")], executor))
+    words = str(caught.value).split()
+    first, last = (int(words[words.index("chips") + k]) for k in (1, 3))
+    assert first <= 7 <= last
+
+
+def test_an_executor_that_cannot_be_made_anew_says_so() -> None:
+    def broken() -> None:
+        raise RuntimeError("no thread starts")
+
+    with (
+        ThreadPoolExecutor(1, initializer=broken) as executor,
+        pytest.raises(rg.WorkerError, match="ThreadPoolExecutor cannot be made anew"),
+    ):
+        list(in_order([Part(sums, {"offset": 0}, range(3))], executor))
+
+
+@pytest.mark.parametrize("threads", [True, False])
+def test_an_item_that_fails_fails_in_its_turn(threads: bool) -> None:
+    with ThreadPoolExecutor(2) if threads else Shuffled(0) as executor:
+        results = in_order([Part(failing_sums, {"offset": 0}, range(20))], executor)
+        seen = []
+        with pytest.raises(ValueError, match="item 7"):
+            for result in results:
+                seen.append(result)
+    assert seen == list(range(len(seen))) and len(seen) <= 7
+
+
+def test_what_has_not_begun_is_cancelled() -> None:
+    began = []
+
+    def work(_shared: None, items: Any) -> list[int]:
+        began.extend(items)
+        time.sleep(0.02)
+        return list(items)
+
+    with ThreadPoolExecutor(1) as executor:
+        results = in_order([Part(work, None, range(10_000))], executor)
+        assert next(results) == 0
+        results.close()
+    assert len(began) < 100
+
+
+def test_the_window_grows_until_all_workers_have_something_to_do() -> None:
+    running, most, lock = 0, 0, threading.Lock()
+
+    def work(_shared: None, items: Any) -> list[int]:
+        nonlocal running, most
+        with lock:
+            running += 1
+            most = max(most, running)
+        time.sleep(0.003)
+        with lock:
+            running -= 1
+        return list(items)
+
+    with ThreadPoolExecutor(24) as executor:
+        assert list(in_order([Part(work, None, range(30_000))], executor)) == list(range(30_000))
+    assert most >= 20
+
+
+def test_many_scenes_and_many_starts(scenes: Path) -> None:
+    maps = [rg.read_scene(scenes / name) for name in ("lesson.toml", "rooms.toml")]
+    planners = list(rg.spread(rg.plan, maps))
+    starts = planners[1].space.centre(np.argwhere(planners[1].space.goal_connected)[::500])
+    here = [planners[1].path(start).length for start in starts]
+    with rg.open_executor("processes:1") as executor:
+        shapes = [planner.space.shape for planner in rg.spread(rg.plan, maps, executor=executor)]
+        there = [path.length for path in rg.spread(_path, starts, planners[1], executor=executor)]
+        assert list(rg.spread(squared, [1, 2, 3], 10, executor=executor)) == [11, 14, 19]
+        with pytest.raises(rg.InputError, match="cannot be sent to workers"):
+            list(rg.spread(squared, [1], lambda: 0, executor=executor))
+    assert shapes == [planner.space.shape for planner in planners]
+    assert there == here
+
+
+def _path(start: Any, planner: Any) -> Any:
+    return planner.path(start)
