@@ -8,6 +8,7 @@
 # make fuzz    read 100,000 mutated decks, and do 10,000 random actions on the live page (COUNT, ACTIONS, SEED)
 # make golden  write the decks in netlists/ anew
 # make docs    build the site into docs/_build/html, offline; any warning is an error
+# make look     open every page of the site in Chromium, and tell what is too wide, broken or without a name
 # make reference  write docs/reference/scene.md anew
 # make clean   remove what was made here
 
@@ -33,7 +34,7 @@ KEEP_MEMORY := MALLOC_MMAP_THRESHOLD_=4294967296 MALLOC_TRIM_THRESHOLD_=17179869
 
 TARGETS := generic $(shell grep -qm1 avx512f /proc/cpuinfo 2>/dev/null && echo skylake-avx512)
 
-.PHONY: demo test warm targets check format bench fuzz golden docs reference clean
+.PHONY: demo test warm targets check format bench fuzz golden docs look reference clean
 .DELETE_ON_ERROR:
 
 demo: $(INSTALLED) warm
@@ -87,15 +88,19 @@ golden: $(INSTALLED)
 
 docs: $(INSTALLED_DOCS) warm
 	scripts/install_ngspice.sh
-	rm -rf docs/_build docs/gallery
+	rm -rf docs/_build docs/gallery docs/reference/api/names
 	$(BIN)/python -m sphinx -q -W --keep-going -d docs/_build/doctrees -b html docs docs/_build/html
 	@echo "the site is docs/_build/html/index.html"
+
+look: $(INSTALLED_DEV)
+	scripts/install_chromium.sh
+	$(BIN)/python docs/look.py
 
 reference: $(INSTALLED)
 	$(BIN)/python -c "from resgrid.scene.reference import scene_reference; print(scene_reference(), end='')" > docs/reference/scene.md
 
 clean:
-	rm -rf $(VENV) $(BENCH_VENV) docs/_build docs/gallery docs/jupyter_execute out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(BENCH_VENV) docs/_build docs/gallery docs/reference/api/names docs/jupyter_execute out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(CREATED):

@@ -30,8 +30,8 @@ UNITS = {
     "least clearance": "cells",
     "mean clearance": "cells",
     "collision": f"share, noise of {NOISE} cells",
-    "first query": "s",
-    "1,000 more": "s",
+    "first query": "s of a processor",
+    "1,000 more": "s of a processor",
 }
 
 
@@ -70,16 +70,16 @@ def _group(group: str, tasks: list[Task]) -> Iterator[Row]:
 
 def measure(task: Task, prepare: Contender, count: int) -> dict[str, float]:
     """The figures of a contender on one task; those of a path are absent where there is none."""
-    begin = time.perf_counter()
+    begin = time.process_time()
     query = prepare(task.free, task.goal)
     points = query(task.start)
-    figures = {"first query": time.perf_counter() - begin}
+    figures = {"first query": time.process_time() - begin}
     cells = np.argwhere(_component(task))
     starts = [tuple(cell) for cell in cells[:: max(1, len(cells) // count)][:count].tolist()]
-    begin = time.perf_counter()
+    begin = time.process_time()
     for start in starts:
         query(start)
-    figures["1,000 more"] = (time.perf_counter() - begin) / len(starts) * 1000
+    figures["1,000 more"] = (time.process_time() - begin) / len(starts) * 1000
     places = None if points is None else _places(points)
     figures["success"] = float(places is not None and _is_free(places, task.free).all())
     if points is None or places is None or not figures["success"]:

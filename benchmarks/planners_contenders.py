@@ -103,6 +103,7 @@ def ompl(planner: str, *, simplify: bool) -> Contender:
         from ompl import base, geometric, util
 
         util.setLogLevel(util.LOG_NONE)
+        util.RNG.setSeed(1)  # counts before the first random number alone
         space = base.RealVectorStateSpace(2)
         bounds = base.RealVectorBounds(2)
         for axis, n in enumerate(free.shape):

@@ -10,7 +10,7 @@ from pathlib import Path
 from benchmarks.problems import Problem
 from benchmarks.rows import RATIO, Row, Scale
 from benchmarks.simulators import Simulator, simulators
-from benchmarks.timing import spread, timed
+from benchmarks.timing import busy, spread
 from resgrid.circuit.solve import solve
 from resgrid.spice.write.flat import flatten
 
@@ -38,7 +38,7 @@ def _row(problem: Problem, simulator: Simulator, scale: Scale) -> Row:
         (folder / "deck.cir").write_text(simulator.with_cards(deck))
         theirs = partial(_run, simulator.program, folder, 60 * scale.limit)
         rounds = 1 if problem.size >= LARGE and not simulator.cards else min(scale.rounds, 3)
-        pairs = [(timed(theirs), spread([timed(ours) for _ in range(3)]).median) for _ in range(rounds)]
+        pairs = [(busy(theirs), spread([busy(ours) for _ in range(3)]).median) for _ in range(rounds)]
     ratios = spread([theirs / ours for theirs, ours in pairs])
     seconds = spread([theirs for theirs, _ in pairs]).median
     note = f"resgrid {1e3 * pairs[-1][1]:.1f} ms, {rounds} runs"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 import statistics
 import time
 from collections.abc import Callable, Sequence
@@ -21,6 +22,18 @@ def timed(job: Job) -> float:
     start = time.perf_counter()
     job()
     return time.perf_counter() - start
+
+
+def busy(job: Job) -> float:
+    """Seconds of processor time that a job takes, with the processes that it has waited for."""
+    start = _processor_time()
+    job()
+    return _processor_time() - start
+
+
+def _processor_time() -> float:
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(one.ru_utime + one.ru_stime for one in used)
 
 
 def alternating(first: Job, second: Job, rounds: int) -> tuple[Spread, Spread, Spread]:

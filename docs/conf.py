@@ -11,7 +11,7 @@ from figures import SECTIONS  # noqa: E402
 
 import resgrid  # noqa: E402
 
-# Pages call `resgrid` as a user does, and find the scenes that ship with it whatever folder they run in.
+# Pages call `resgrid` as a user does.
 os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
 os.environ["PROJECT"] = str(DOCS.parent)
 os.environ["SCENES"] = str(DOCS.parent / "examples" / "scenes")
@@ -24,7 +24,7 @@ project_copyright = author
 release = version = resgrid.__version__
 
 extensions = [
-    "api",
+    "cells",
     "links",
     "mathml",
     "myst_nb",
@@ -32,8 +32,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.doctest",
-    "streams",
-    "sphinx_click",
+    "verbs",
     "sphinx_copybutton",
     "sphinx_design",
     "sphinx_gallery.gen_gallery",
@@ -48,8 +47,12 @@ exclude_patterns = [
 ]
 nitpicky = False
 
+smartquotes_action = "qe"
+
 html_theme = "pydata_sphinx_theme"
 html_title = "resgrid"
+html_context = {"default_mode": "auto"}
+templates_path = ["_templates"]
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_math_renderer = "mathml"
@@ -58,7 +61,7 @@ html_theme_options = {
     "logo": {"text": "resgrid"},
     "show_prev_next": False,
     "navbar_end": ["theme-switcher"],
-    "secondary_sidebar_items": ["page-toc"],
+    "secondary_sidebar_items": {"**": ["page-toc"], "gallery/index": [], "explanation/planners": []},
     "footer_start": ["copyright"],
     "footer_end": [],
     "pygments_light_style": "tango",
@@ -77,7 +80,9 @@ nb_merge_streams = True
 nb_render_markdown_format = "myst"
 
 autodoc_typehints = "none"
-autosummary_generate = False
+autosummary_generate = True
+autosummary_ignore_module_all = False
+autosummary_filename_map = {f"resgrid.{name}": f"resgrid.{name}_" for name in resgrid.__all__ if not name.islower()}
 numpydoc_show_class_members = False
 copybutton_exclude = ".linenos, .gp, .go"
 

@@ -119,7 +119,7 @@ def _mpi() -> Iterator[Executor]:
     futures = _needed("mpi4py.futures", "mpi")
     world = importlib.import_module("mpi4py.MPI").COMM_WORLD
     if world.size < 2:
-        raise InputError("mpi: this is one process alone; start it with mpiexec -n N (one rank leads, the others work)")
+        raise InputError("mpi: this process is alone; start it with mpiexec -n N, of the MPI that mpi4py found")
     with futures.MPICommExecutor(world, root=0) as executor:
         if executor is not None:
             yield executor
@@ -136,7 +136,11 @@ def _parsl(file: str) -> Iterator[Executor]:
         raise InputError(f"{file}: cannot be read ({error.strerror}); name a Python file that sets config") from error
     except KeyError:
         raise InputError(f"{file}: sets no config; let it say config = parsl.Config(...)") from None
-    with concurrent.ParslPoolExecutor(config=config) as executor:
+    try:
+        executor = concurrent.ParslPoolExecutor(config=config)
+    except FileNotFoundError as error:
+        raise InputError(f"parsl does not find {error.filename}: activate the environment that holds it") from error
+    with executor:
         yield executor
 
 

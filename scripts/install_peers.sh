@@ -6,7 +6,8 @@ set -eu
 
 python=$1
 
-for peer in pyamg pypardiso kvxopt apxchol cholespy threadpoolctl spicelib InSpice PySpice ompl scikit-fmm pathfinding; do
+for peer in pyamg pypardiso kvxopt apxchol cholespy threadpoolctl spicelib InSpice PySpice ompl scikit-fmm pathfinding \
+    distributed loky mpi4py mpich parsl; do
     "$python" -m pip install --quiet --disable-pip-version-check --only-binary :all: --no-binary scikit-fmm "$peer" >/dev/null 2>&1 ||
         printf 'benchmarks: %s cannot be installed; the table will do without it\n' "$peer" >&2
 done

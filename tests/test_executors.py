@@ -2,48 +2,21 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import threading
 import time
-from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import contextmanager
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from support.executors import Shuffled, deadly_sums, dying_sums, failing_sums, slow_sums, squared, sums
+from support.executors import Shuffled, deadly_sums, dying_sums, failing_sums, slow_sums, squared, sums, two_workers
 
 import resgrid as rg
 from resgrid.executors import Part, in_order
 
-
-@contextmanager
-def opened(kind: str) -> Iterator[Executor]:
-    """An executor whose workers are two processes."""
-    if kind == "loky":
-        from loky import get_reusable_executor
-
-        yield get_reusable_executor(2)
-    elif kind == "dask":
-        from distributed import LocalCluster
-
-        with (
-            LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
-            rg.open_executor(cluster.scheduler_address.replace("tcp", "dask")) as executor,
-        ):
-            yield executor
-    elif kind == "fork":
-        with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("forkserver")) as executor:
-            yield executor
-    else:
-        with rg.open_executor(kind) as executor:
-            yield executor
-
-
-REAL = ["processes:2", "fork", "loky", "dask"]
+REAL = ["processes", "forkserver", "loky", "dask"]
 
 
 @settings(max_examples=40)
@@ -73,15 +46,15 @@ def test_what_items_share_goes_to_a_worker_without_its_file_about_once() -> None
 @pytest.mark.parametrize("kind", REAL)
 def test_a_worker_that_dies_costs_its_tasks_only(kind: str, tmp_path: Path) -> None:
     shared = {"offset": 5, "mark": str(tmp_path / "died")}
-    with opened(kind) as executor:
+    with two_workers(kind, tmp_path) as executor:
         assert list(in_order([Part(dying_sums, shared, range(60))], executor)) == list(range(5, 65))
     assert (tmp_path / "died").exists()
 
 
 @pytest.mark.parametrize("kind", REAL)
-def test_items_that_kill_every_worker_are_named(kind: str) -> None:
+def test_items_that_kill_every_worker_are_named(kind: str, tmp_path: Path) -> None:
     with (
-        opened(kind) as executor,
+        two_workers(kind, tmp_path) as executor,
         pytest.raises(rg.WorkerError, match=r"over chips (\d) to (\d+) .*memory") as caught,
     ):
         list(in_order([Part(deadly_sums, {"offset": 0}, range(12), "chips")], executor))
@@ -99,6 +72,18 @@ def test_an_executor_that_cannot_be_made_anew_says_so() -> None:
         pytest.raises(rg.WorkerError, match="ThreadPoolExecutor cannot be made anew"),
     ):
         list(in_order([Part(sums, {"offset": 0}, range(3))], executor))
+
+
+def test_an_executor_that_loses_its_scheduler_says_so() -> None:
+    class Closing(ThreadPoolExecutor):
+        def submit(self, *_work: Any) -> Future[Any]:
+            future: Future[Any] = Future()
+            future.cancel()
+            future.set_running_or_notify_cancel()
+            return future
+
+    with pytest.raises(rg.WorkerError, match="Closing cannot be made anew"):
+        list(in_order([Part(sums, {"offset": 0}, range(3))], Closing(1)))
 
 
 @pytest.mark.parametrize("threads", [True, False])

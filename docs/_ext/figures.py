@@ -31,7 +31,7 @@ def saved_pictures(_block, block_vars, gallery_conf):
     for file, place in zip(saved, block_vars["image_path_iterator"], strict=False):
         shown.append(str(Path(place).with_suffix(file.suffix)))
         shutil.move(file, shown[-1])
-    return figure_rst(shown, gallery_conf["src_dir"])
+    return "".join(figure_rst([file], gallery_conf["src_dir"]) for file in shown)
 
 
 def forget_output(gallery_conf, fname, when):

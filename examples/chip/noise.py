@@ -15,7 +15,7 @@ SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
 
 # %%
-# On a capacitor the noise of any network of resistors is :math:`\\sqrt{kT/C}`, whatever their values.
+# On a capacitor the noise of any network of resistors is :math:`\sqrt{kT/C}`, whatever their values.
 
 study = rg.study(rg.read_scene(SCENES / "chip.toml"))
 noise = study.noise()

@@ -14,7 +14,7 @@ import resgrid as rg
 
 SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
-PERIOD = 0.05  # seconds: 20 Hz; a command takes some 10 microseconds, so 10 kHz would do as well
+PERIOD = 0.05  # seconds: 20 Hz
 
 
 class ToyRobot:

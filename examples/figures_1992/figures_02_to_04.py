@@ -17,7 +17,7 @@ Path("out").mkdir(exist_ok=True)
 
 # %%
 # Two solves, one with obstacles on the rail and one with open obstacles; every blend k is made of them. Every connected
-# start reaches a goal, whatever k: a sum of harmonic functions is harmonic.
+# start reaches a goal, whatever k: neither half has a local minimum, and so no blend has.
 
 scene = rg.read_scene(SCENES / "problem_a.toml")
 planner = rg.plan(scene, k=1.0)

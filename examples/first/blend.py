@@ -22,7 +22,8 @@ dirichlet = rg.field(rg.solve(rg.compile_space(space, boundary="dirichlet")))
 neumann = rg.field(rg.solve(rg.compile_space(space, boundary="neumann")))
 
 # %%
-# k mixes them (Connolly & Grupen 1992). A sum of harmonic functions is harmonic: every blend keeps the promises.
+# k mixes them (Connolly & Grupen 1992). Neither half has a local minimum, nor has a sum of
+# superharmonic functions: every blend keeps the promises.
 
 blends = (0.0, 0.5, 1.0)
 paths = [rg.streamline(rg.blend(dirichlet, neumann, k), scene.starts[0]) for k in blends]

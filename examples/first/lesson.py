@@ -63,7 +63,7 @@ assert abs(above_goal - neighbours.mean()) < 1e-12
 # -----------------------------------
 # Let a drunkard stagger from cell to cell, each neighbour equally likely. 1 - V is the probability that he finds the
 # goal before he bumps into anything. So the current leads where staggering is least dangerous: it keeps clear of walls.
-# A million steps of many drunkards say so, too.
+# Many drunkards say so, too.
 
 rng = np.random.default_rng(1)
 rail = np.pad(space.cell, 1, constant_values=rg.Cell.OBSTACLE)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from statistics import NormalDist
@@ -47,10 +48,15 @@ def formatted(value: float | int | str | None, unit: str) -> str:
 
 
 def html_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table for notebooks."""
+    """A table for notebooks, in which what stands between double backquotes is code."""
     lines = ["".join(f"<th>{html.escape(word)}</th>" for word in head)]
-    lines += ["".join(f"<td>{html.escape(word)}</td>" for word in row) for row in rows]
+    lines += ["".join(f"<td>{_marked(word)}</td>" for word in row) for row in rows]
     return "<table>" + "".join(f"<tr>{line}</tr>" for line in lines) + "</table>"
+
+
+def _marked(text: str) -> str:
+    """Text in HTML."""
+    return re.sub("``(.+?)``", r"<code>\1</code>", html.escape(text))
 
 
 class Result:

@@ -145,7 +145,7 @@ def window_of(
     ground, drive = np.zeros(row.shape), np.where(row, amps, 0.0)
     edges = []
     for axis in range(space.ndim):
-        edge = _across(space, wiring, axis, cell, conductivity)
+        edge = across(space, wiring, axis, cell, conductivity)
         (row_below, row_above), (high_below, high_above) = neighbours(row, axis), neighbours(codes.high, axis)
         low_below, low_above = neighbours(codes.low, axis)
         ground_below, ground_above = neighbours(ground, axis)
@@ -176,7 +176,7 @@ def window_of(
     )
 
 
-def _across(
+def across(
     space: ConfigurationSpace,
     wiring: Wiring,
     axis: int,
@@ -202,16 +202,22 @@ def _to_edge(
 ) -> NDArray[np.float64]:
     """Conductances to the edge of the grid across an axis, where it is an obstacle; of the box's shape."""
     tie = np.zeros([ends.stop - ends.start for ends in box])
-    if wiring.boundary == "neumann" or wiring.edges(space)[axis] != "obstacle":
-        return tie
-    own = np.ones(tie.shape) if conductivity is None else conductivity
-    one = behind_wall(of_face(space.spacing, axis, wiring.resistance) * own, wiring.wall_resistance)
     size = tie.shape[axis]
-    if box[axis].start == 0:
-        slab(tie, axis, 0, 1)[...] += slab(one, axis, 0, 1)
-    if box[axis].stop == space.shape[axis]:
-        slab(tie, axis, size - 1, size)[...] += slab(one, axis, size - 1, size)
+    for at_edge, end in ((box[axis].start == 0, (0, 1)), (box[axis].stop == space.shape[axis], (size - 1, size))):
+        if at_edge:
+            cells = slab(tie, axis, *end)
+            cells += beyond(space, wiring, axis, None if conductivity is None else slab(conductivity, axis, *end))
     return tie
+
+
+def beyond(
+    space: ConfigurationSpace, wiring: Wiring, axis: int, conductivity: NDArray[np.float64] | None
+) -> NDArray[np.float64] | float:
+    """Conductances from cells at the edge of the grid to the rail beyond it, 0 where there is none; as the cells'."""
+    if wiring.boundary == "neumann" or wiring.edges(space)[axis] != "obstacle":
+        return 0.0
+    one = np.asarray(of_face(space.spacing, axis, wiring.resistance) * (1.0 if conductivity is None else conductivity))
+    return behind_wall(one, wiring.wall_resistance)
 
 
 def _beyond(space: ConfigurationSpace, wiring: Wiring, box: tuple[slice, ...]) -> NDArray[np.bool_]:

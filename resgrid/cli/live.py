@@ -22,10 +22,10 @@ def command(source: Source | None, host: str, port: int, read_only: bool, browse
 
     SCENE has two axes; without one the page begins with an empty square. Needs pip install 'resgrid[live]'.
     """
-    from resgrid.page.live import live
+    from resgrid.page.live import serve
 
     scene = None if source is None else open_job(source, require_goal=False).scene
-    page = live(scene, host=host, port=port, read_only=read_only, browser=browser)
+    page = serve(scene, host=host, port=port, read_only=read_only, browser=browser)
     with page, suppress(KeyboardInterrupt):
         finish({"url": page.url}, [f"the page is at {page.url}; Ctrl-C ends it"])
         page.wait()

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import partial, reduce
 from typing import Any
 
@@ -12,10 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.solve import solve
+<<<<<<< HEAD
 from resgrid.errors import AccuracyError, InputError
+=======
+from resgrid.errors import AccuracyError, CircuitError, InputError
+from resgrid.io.paths import ADVICE
+>>>>>>> trunk
 from resgrid.page.circuit import describe_circuit
 from resgrid.page.drawing import Drawing
-from resgrid.page.flaws import flawed
+from resgrid.page.flaws import flawed, flaws_of
+from resgrid.page.warm import TOLERANCE, WarmFields
 from resgrid.planning.certify import certify
 from resgrid.planning.fields import Field
 from resgrid.planning.road import Solution, Work, solve_problem
@@ -25,7 +32,8 @@ from resgrid.space import Cell
 
 _NONE = 65535
 _DECADES = 6.0
-_ROUGH = partial(solve, accuracy="normwise", rtol=1e-6)
+_ROUGH = partial(solve, accuracy="normwise", rtol=TOLERANCE)
+_LEAST_DROP = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,18 +55,27 @@ class Frame:
         return self.solution.fields[0]
 
 
-def solve_drawing(drawing: Drawing, *, exact: bool) -> Frame:
-    """Solve a drawing and follow the current from its starts; exact paths are certified."""
+def solve_drawing(drawing: Drawing, *, exact: bool, warm: WarmFields | None = None) -> Frame:
+    """Solve a drawing and follow the current from its starts; exact paths are certified.
+
+    `warm`: from where a chip without flaws is solved in haste.
+    """
     began = time.perf_counter()
     if not (drawing.cell == Cell.GOAL).any():
         raise InputError("there is no goal: set one with the goal tool")
     if drawing.driven and not len(drawing.starts):
         raise InputError("there is no start to drive the grid: set one, or choose the uniform drive")
-    solver = flawed(solve if exact else _ROUGH, drawing)
-    solution = solve_problem(drawing.problem, work=Work(solver))
+    solution = _solved(drawing, exact, warm)
     points = start_points(drawing.space, drawing.starts) if len(drawing.starts) else ()
     paths = tuple(_path(field, points[number], exact) for field, number in solution.tasks)
     return Frame(drawing, solution, paths, exact, time.perf_counter() - began)
+
+
+def _solved(drawing: Drawing, exact: bool, warm: WarmFields | None) -> Solution:
+    if warm is not None and not exact and not drawing.driven and not flaws_of(drawing):
+        with suppress(CircuitError, AccuracyError):  # where a half is flat, or a circuit is too stiff to be hurried
+            return warm.solve(drawing.problem)
+    return solve_problem(drawing.problem, work=Work(flawed(solve if exact else _ROUGH, drawing)))
 
 
 def _path(field: Field, point: NDArray[np.float64], exact: bool) -> Streamline | None:
@@ -86,7 +103,7 @@ def describe(frame: Frame) -> tuple[dict[str, Any], list[bytes]]:
         "exact": frame.exact,
         "paths": [_path_head(path, len(line)) for path, line in zip(frame.paths, lines, strict=True)],
         "seconds": frame.seconds,
-        "methods": sorted({op.method for op in frame.solution.operating_points.values()}),
+        "methods": sorted({op.method for op in frame.solution.operating_points.values()}) or ["warm start"],
         "cells": int((frame.drawing.cell == Cell.FREE).sum()),
         "cut_off": int(((frame.drawing.cell == Cell.FREE) & ~field.space.goal_connected).sum()),
         "flat": list(frame.solution.flat),
@@ -98,6 +115,16 @@ def describe(frame: Frame) -> tuple[dict[str, Any], list[bytes]]:
     currents, speed = _currents(field)
     body = [np.concatenate(lines or [np.empty((0, 2))]).astype("<f4"), picture, currents, speed]
     return head | {"scale": scale}, [part.tobytes() for part in body]
+
+
+def describe_ends(drawing: Drawing) -> tuple[dict[str, Any], list[bytes]]:
+    """Certified paths of a drawing for k = 0 and for k = 1, as lines like those of `describe`."""
+    if drawing.driven:
+        raise InputError("a grid that the start drives has no k: choose the uniform drive")
+    ends = [solve_drawing(replace(drawing, k=k), exact=True) for k in (0.0, 1.0)]
+    lines = [[_line(path) for path in frame.paths] for frame in ends]
+    body = [line.astype("<f4").tobytes() for end in lines for line in end]
+    return {"points": [[len(line) for line in end] for end in lines]}, body
 
 
 def _line(path: Streamline | None) -> NDArray[np.float64]:
@@ -138,13 +165,21 @@ def _log_drop(frame: Frame) -> NDArray[np.float64] | None:
     """Natural logarithm of the drop: of a blend ``k u_D + (1 - k) (1 - phi_N)``, shape of the space."""
     field = frame.field
     if not 0.0 < field.k < 1.0:
-        return field.log_drop
+        return _log_drop_of(field)
     obstacle, opened = frame.solution.halves
-    if obstacle.log_drop is None:
+    log_drop = _log_drop_of(obstacle)
+    if log_drop is None:
         return None
     with np.errstate(divide="ignore", invalid="ignore"):  # of cells without a way to a goal
         rest = np.log1p(-field.k) + np.log(np.maximum(1.0 - opened.potential, 0.0))
-        return np.asarray(np.logaddexp(np.log(field.k) + obstacle.log_drop, rest))
+        return np.asarray(np.logaddexp(np.log(field.k) + log_drop, rest))
+
+
+def _log_drop_of(field: Field) -> NDArray[np.float64] | None:
+    """The same of one circuit; of a hasty one down to its error; None without an obstacle rail."""
+    if field.log_drop is not None or field.wiring.is_driven:
+        return field.log_drop
+    return np.asarray(np.log(np.maximum(1.0 - field.potential, _LEAST_DROP)))
 
 
 def _currents(field: Field) -> tuple[NDArray[np.int8], NDArray[np.uint8]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import sys
 import threading
 import time
 import webbrowser
@@ -16,9 +17,11 @@ from resgrid.page.drawing import Drawing, blank, drawing_of, drawing_of_space
 from resgrid.space import ConfigurationSpace
 
 if TYPE_CHECKING:
+    from resgrid.page.notebook import LiveWidget
     from resgrid.scene import Scene
 
 _MISSING = "the live page needs starlette, uvicorn and websockets; type: pip install 'resgrid[live]'"
+_NO_WIDGETS = "a notebook shows the page as a widget; type: pip install 'resgrid[notebook]', or pass widget=False"
 _START_SECONDS = 20.0
 _STOP_SECONDS = 30.0
 _WORKERS = 8
@@ -67,9 +70,6 @@ class LivePage:
     def __repr__(self) -> str:
         return f"<LivePage at {self.url}>"
 
-    def _repr_html_(self) -> str:
-        return f'<iframe src="{self.url}" style="width: 100%; height: 640px; border: 0"></iframe>'
-
     def __enter__(self) -> LivePage:
         return self
 
@@ -102,7 +102,8 @@ def live(
     port: int = 0,
     read_only: bool = False,
     browser: bool = True,
-) -> LivePage:
+    widget: bool | None = None,
+) -> LivePage | LiveWidget:
     """Open a page in the browser in which walls are painted and goals dragged while the grid settles.
 
     The page is served from this process, by a thread of its own, and solved by this library alone.
@@ -119,18 +120,21 @@ def live(
         Whether visitors may change k and starts only.
     browser : bool
         Whether to open the page in a browser.
+    widget : bool, optional
+        Whether to return a widget for a notebook, which is solved in its kernel, without server and port; by default
+        in the kernel of a notebook.
 
     Returns
     -------
-    LivePage
-        With its ``url``; ``close()`` stops it.  In a notebook it shows itself.
+    LivePage or LiveWidget
+        With its ``url``, until ``close()`` stops it; or the widget, which shows itself.
 
     Raises
     ------
     InputError
         If this has not two axes, is too large to draw, or the port is taken.
     ToolMissingError
-        If the extra ``resgrid[live]`` is not installed.
+        If the extra ``resgrid[live]``, or in a notebook ``resgrid[notebook]``, is not installed.
 
     Examples
     --------
@@ -139,14 +143,35 @@ def live(
     True
     >>> page.close()
     """
-    if isinstance(where, ConfigurationSpace):
-        drawing = drawing_of_space(where)
-    else:
-        drawing = blank() if where is None else drawing_of(where)
-    page = LivePage(drawing, host, port, read_only)
+    if _in_notebook() if widget is None else widget:
+        try:
+            from resgrid.page.notebook import LiveWidget
+        except ImportError as error:
+            raise ToolMissingError(f"{_NO_WIDGETS} ({error})") from None
+        return LiveWidget(_drawing(where), read_only=read_only)
+    return serve(where, host=host, port=port, read_only=read_only, browser=browser)
+
+
+def serve(
+    where: Scene | ConfigurationSpace | None, *, host: str, port: int, read_only: bool, browser: bool
+) -> LivePage:
+    """Serve the page at an address."""
+    page = LivePage(_drawing(where), host, port, read_only)
     if browser:
         webbrowser.open(page.url)
     return page
+
+
+def _drawing(where: Scene | ConfigurationSpace | None) -> Drawing:
+    if isinstance(where, ConfigurationSpace):
+        return drawing_of_space(where)
+    return blank() if where is None else drawing_of(where)
+
+
+def _in_notebook() -> bool:
+    """Whether the kernel of a notebook runs this."""
+    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    return hasattr(shell, "kernel")
 
 
 def _load_engine(first: Drawing) -> None:

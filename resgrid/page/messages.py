@@ -63,7 +63,7 @@ class File(Table):
 class Request(Table):
     """What the page asks for."""
 
-    type: Literal["solve", "save", "probe", "settle", "world", "example", "files", "link"]
+    type: Literal["solve", "ends", "save", "probe", "settle", "world", "example", "files", "link"]
     seq: Annotated[int, Ge(0)]
     drawing: DrawingHead | None = None
     exact: bool = True

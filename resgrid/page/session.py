@@ -13,9 +13,10 @@ from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import InputError, ResgridError
 from resgrid.page.arms import pose, poses, resample
 from resgrid.page.drawing import Drawing, drawing_of
-from resgrid.page.frames import Frame, describe, probe, solve_drawing
+from resgrid.page.frames import Frame, describe, describe_ends, probe, solve_drawing
 from resgrid.page.messages import Request, pack, read_drawing, read_request, write_drawing
 from resgrid.page.opening import examples, open_document, open_example, open_files
+from resgrid.page.warm import WarmFields
 
 PATIENCE = 0.035
 """Seconds that a direction-safe frame may take to be made while somebody draws."""
@@ -32,6 +33,7 @@ class Session:
         self.frame: Frame | None = None
         self.before: Frame | None = None
         self.exact_seconds = float("inf")
+        self._warm = WarmFields()
 
     def hello(self) -> bytes:
         """What a page is told first."""
@@ -64,6 +66,8 @@ class Session:
                     raise InputError("nothing has been solved yet")
                 told = probe(self.frame, request.cell or ())
                 return {"probe": told | {"pose": pose(self.frame, told["centre"])}}, []
+            case "ends":
+                return describe_ends(self._drawing(request, body))
             case "settle":
                 from resgrid.page.settle import settle
 
@@ -101,7 +105,7 @@ class Session:
         """Solve as asked; in haste, direction-safe all the same where that was quick enough before."""
         if self.frame is not None and self.frame.exact:
             self.before = self.frame
-        self.frame = solve_drawing(drawing, exact=exact or self.exact_seconds < PATIENCE)
+        self.frame = solve_drawing(drawing, exact=exact or self.exact_seconds < PATIENCE, warm=self._warm)
         if self.frame.exact:
             self.exact_seconds = self.frame.seconds
         head, body = describe(self.frame)

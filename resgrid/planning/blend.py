@@ -16,8 +16,8 @@ _CANCELLED = 1e-12
 def blend(dirichlet: Field, neumann: Field, k: float, *, allow_start_drive: bool = False) -> Field:
     """Blend two fields of one space: ``phi = k phi_D + (1 - k) phi_N`` on free cells.
 
-    The sum of harmonic functions is harmonic, so its streamlines keep every promise.  Currents are blended face by face
-    and decide the order of neighbours; differences of the blended potential do not.
+    A sum of superharmonic functions is superharmonic: its streamlines keep every promise.  Currents are blended face by
+    face and decide the order of neighbours; differences of the blended potential do not.
 
     Parameters
     ----------

@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.circuit.update import WarmPoint
 from resgrid.errors import AccuracyError, CircuitError, InputError
 from resgrid.frozen import frozen, picture_html
 from resgrid.netlist import CellMap, face_shape
+from resgrid.planning.cell_currents import cell_volts, face_currents
 from resgrid.planning.clearance import obstacle_reach
 from resgrid.space import Cell, ConfigurationSpace
 from resgrid.wiring import Wiring
@@ -153,6 +155,7 @@ class Field:
         )
 
 
+<<<<<<< HEAD
 def _ends(space: ConfigurationSpace, safe: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
     """The cells' codes, flat, with goals where streamlines end: there, and where no direction can be told."""
     if safe is None:
@@ -171,12 +174,16 @@ def _joined(parts: tuple[NDArray[Any], ...]) -> NDArray[Any]:
 
 
 def field(op: OperatingPoint) -> Field:
+=======
+def field(op: OperatingPoint | WarmPoint) -> Field:
+>>>>>>> trunk
     """Read the field of a configuration space off the operating point of its netlist.
 
     Parameters
     ----------
-    op : OperatingPoint
-        Of a netlist with a map of cells.
+    op : OperatingPoint or WarmPoint
+        Of a netlist with a map of cells; or what a warm start found, whose netlist is not compiled for this, and whose
+        cells without a way to a goal may have no potential.
 
     Returns
     -------
@@ -200,6 +207,8 @@ def field(op: OperatingPoint) -> Field:
     >>> field.potential[6].round(3)
     array([0.652, 0.   , 0.574, 0.801, 0.908, 0.963, 1.   , 0.998])
     """
+    if isinstance(op, WarmPoint):
+        return read_cells(op.space, op.wiring, op.voltage)
     cells = op.netlist.cells
     if op.potential is None or op.method == "none":
         _check_driven(op, cells)
@@ -249,6 +258,27 @@ def read_field(
         face_direction=_per_axis(direction, space),
         face_log_current=_per_axis(log_current, space),
         k=0.0 if cells.wiring.is_driven else 1.0,
+    )
+
+
+def read_cells(space: ConfigurationSpace, wiring: Wiring, voltage: NDArray[np.float64]) -> Field:
+    """Spread voltages of cells, shape of the space, over cells and faces; as they are, with no bound of their error."""
+    volts = cell_volts(space, wiring, voltage)
+    height = (volts - wiring.goal_voltage) * np.sign(wiring.supply)
+    unit = np.nanmax(height) if wiring.drive == "uniform" else abs(wiring.supply)
+    currents = face_currents(space, wiring, volts)
+    if not unit > 0.0 or not any(current.any() for current in currents):
+        raise CircuitError("nothing is driven: no current flows between the goal and what is at another voltage")
+    with np.errstate(divide="ignore"):
+        log_current = tuple(np.log(np.abs(current) * (wiring.resistance / unit)) for current in currents)
+    return Field(
+        space=space,
+        wiring=wiring,
+        potential=height / unit,
+        log_drop=None,
+        face_direction=tuple(np.sign(current * np.sign(wiring.supply)).astype(np.int8) for current in currents),
+        face_log_current=log_current,
+        k=0.0 if wiring.is_driven else 1.0,
     )
 
 

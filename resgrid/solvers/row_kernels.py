@@ -154,13 +154,8 @@ def add_conductances(pairs: Indices, conductance: Floats, row: Indices, degree: 
 
 
 @njit(cache=True)
-def count_neighbours(
-    pairs: Indices, conductance: Floats, row: Indices, neighbours: NDArray[np.int8]
-) -> tuple[int, float, float, float]:
-    """Count the neighbours of every row up to three.
-
-    Returns how many conductances there are between rows, their smallest, their largest and their sum.
-    """
+def range_of_conductances(pairs: Indices, conductance: Floats, row: Indices) -> tuple[int, float, float, float]:
+    """How many conductances there are between rows, their smallest, their largest and their sum."""
     count, smallest, largest, total = 0, np.inf, 0.0, 0.0
     for k in range(len(pairs)):
         i, j = row[pairs[k, 0]], row[pairs[k, 1]]
@@ -169,7 +164,6 @@ def count_neighbours(
         count += 1
         g = conductance[k]
         smallest, largest, total = min(smallest, g), max(largest, g), total + g
-        neighbours[i], neighbours[j] = min(neighbours[i] + 1, 3), min(neighbours[j] + 1, 3)
     return count, smallest, largest, total
 
 

@@ -94,4 +94,5 @@ def test_sections_that_do_not_exist_are_refused(capsys: pytest.CaptureFixture[st
 
 def test_a_missing_simulator_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RESGRID_NGSPICE", "no-such-program")
+    monkeypatch.setattr("benchmarks.simulators.UNPACKED", Path("no-such-program"))
     assert simulator.simulator(Scale("tiny"))[0].note == "ngspice is not installed"

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 from support.spaces import space_of
@@ -41,6 +46,29 @@ def test_every_point_is_a_yield_of_its_own(first: tuple[str, list[float]], secon
         alone = rg.study(cells(), chip).yields(trials=12, batch=12)
         assert share == alone.overall.value
         assert (result.low[i, j], result.high[i, j]) == (alone.overall.low, alone.overall.high)
+
+
+def test_a_sweep_is_taken_up_where_it_was_killed(tmp_path: Path) -> None:
+    file = tmp_path / "sweep.jsonl"
+    axes = ("mismatch", [0.0, 0.1, 0.2]), ("readout.bits", [6, 10])
+    kind = dataclasses.replace(CHIP, readout=rg.Readout())
+
+    def explored(**options: Any) -> Exploration:
+        return rg.study(cells(), kind).exploration(*axes, trials=12, **options)
+
+    alone = explored(checkpoint=file)
+    data = file.read_bytes()
+    assert data.count(b"\n") == 1 + 1 + 12 + 12  # chips without mismatch are all the same
+    for size in (data.index(b"\n") + 1, len(data) // 3, len(data) - 3):
+        file.write_bytes(data[:size])
+        with ThreadPoolExecutor(2) as threads:
+            assert explored(checkpoint=file, executor=threads).to_json() == alone.to_json()
+        assert file.read_bytes() == data
+    with pytest.raises(rg.InputError, match="belongs to another run"):
+        rg.study(cells(), kind).exploration(*axes, trials=13, checkpoint=file)
+    file.write_bytes(data.replace(b'"number":3,', b'"number":4,'))
+    with pytest.raises(rg.InputError, match="is not that of chip 3"):
+        explored(checkpoint=file)
 
 
 def test_the_cheapest_value_is_the_first_from_which_the_yield_stays() -> None:

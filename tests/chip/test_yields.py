@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from support.executors import two_workers
 from support.spaces import space_of, spaces
 
 import resgrid as rg
@@ -283,6 +284,26 @@ def test_a_run_that_ended_within_a_batch_is_taken_up_at_its_end(tmp_path: Path) 
     assert numbers(made.yields(trials=200, checkpoint=checkpoint, batch=50)) == numbers(
         made.yields(trials=200, batch=50)
     )
+
+
+@pytest.mark.parametrize("kind", ["processes", "loky", "dask", "parsl"])
+def test_the_numbers_and_the_file_are_the_same_whoever_works_and_dies(kind: str, tmp_path: Path) -> None:
+    made = rg.study(room(), CHIP)
+    rule = {"trials": 300, "half_width": 1e-4}
+    alone = made.yields(**rule, checkpoint=tmp_path / "alone.jsonl")
+    died = []
+
+    def kill(*_done: object) -> None:
+        pools = getattr(executor, "_processes", None)
+        if pools and not died:
+            died.append(next(iter(pools)))
+            os.kill(died[0], signal.SIGKILL)
+
+    with two_workers(kind, tmp_path) as executor:
+        shared = made.yields(**rule, executor=executor, checkpoint=tmp_path / "shared.jsonl", progress=kill)
+    assert numbers(shared) == numbers(alone)
+    assert (tmp_path / "shared.jsonl").read_bytes() == (tmp_path / "alone.jsonl").read_bytes()
+    assert bool(died) == (kind in ("processes", "loky"))
 
 
 def test_checkpoints_of_other_runs_and_damaged_ones_are_refused(tmp_path: Path) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import random
 
 import numpy as np
 import pytest
+from PIL import Image
 from playwright.sync_api import Browser, Page
 from support.cli import answer
 from support.pages import drag, kept, lines, link_of, point_on, settle, until
@@ -79,6 +81,26 @@ def test_k_and_walls_and_borders_change_the_field(shown: Page):
     assert shown.locator("#k").is_disabled()
 
 
+def test_both_ends_of_k_are_shown(shown: Page):
+    shown.locator("#brush").fill("1")
+    drag(shown, [(30, 10), (30, 60)])
+    settle(shown)
+    repelled = lines(shown)[0]
+    shown.locator("#show-ends").check()
+    until(shown, "live.view.ends.length === 2")
+    ends = shown.evaluate("live.view.ends.map((lines) => Array.from(lines[0]))")
+    assert np.array_equal(np.reshape(ends[1], (-1, 2)), repelled)
+    shown.locator("#k").fill("0")
+    settle(shown)
+    assert np.array_equal(np.reshape(ends[0], (-1, 2)), lines(shown)[0])
+    assert shown.evaluate("live.view.ends.length") == 2
+    drag(shown, [(60, 10), (60, 20)])
+    settle(shown)
+    until(shown, "live.view.ends.length === 2")
+    shown.locator("#show-ends").uncheck()
+    until(shown, "live.view.ends.length === 0")
+
+
 def test_the_path_shown_is_that_of_the_shared_link(shown: Page):
     rng = random.Random(7)
     for _ in range(20):
@@ -143,12 +165,16 @@ def test_the_grid_settles(shown: Page):
 def test_a_link_is_the_same_page_in_another_browser(served: LivePage, chromium: Browser, shown: Page):
     shown.select_option("#examples", "ring")
     until(shown, "live.model.scene.title === 'Ring'")
+    flaws = "broken: [[3, 4, 0], [5, 5, 1]], wall: 2000, chip: { mismatch: 0.1, seed: 7 }"
+    shown.evaluate(f"live.model.replace({{ ...live.model.scene, {flaws} }})")
     settle(shown)
     other = chromium.new_context().new_page()
     other.goto(link_of(shown).replace("/#", "/?tour=0#"))
     until(other, "live.model.scene && live.model.scene.title === 'Ring'")
     settle(other)
     assert kept(other) == kept(shown)
+    for one, same in zip(lines(other), lines(shown), strict=True):
+        np.testing.assert_array_equal(one, same)
     other.context.close()
 
 
@@ -182,6 +208,27 @@ def test_a_map_that_is_dropped_is_opened(shown: Page):
     shown.locator("#file").set_input_files({"name": "m.toml", "mimeType": "text/plain", "buffer": b"schema = 2"})
     until(shown, "!document.getElementById('toast').hidden")
     assert "m.toml" in shown.inner_text("#toast")
+
+
+def test_pictures_and_ros_maps_that_are_dropped_are_opened(shown: Page):
+    image, content = np.full((20, 30), 255, np.uint8), io.BytesIO()
+    image[5:10, 5:10] = 0
+    Image.fromarray(image).save(content, "PNG")
+    pgm = b"P5 30 20 255\n" + image.tobytes()
+    yaml = b"image: m.pgm\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    for files in ({"m.png": content.getvalue()}, {"m.pgm": pgm}, {"m.yaml": yaml, "m.pgm": pgm}):
+        shown.get_by_role("button", name="New").click()
+        shown.locator("#saving").get_by_role("button", name="32 × 32").click()
+        shown.evaluate(
+            """(files) => {
+                const data = new DataTransfer();
+                for (const [name, bytes] of files) data.items.add(new File([Uint8Array.from(bytes)], name));
+                window.dispatchEvent(new DragEvent("drop", { dataTransfer: data, cancelable: true }));
+            }""",
+            [[name, list(content)] for name, content in files.items()],
+        )
+        until(shown, "live.model.scene.axes[0].cells === 30")
+        assert shown.evaluate(WALL) == 25
 
 
 def test_files_are_saved(shown: Page):
@@ -303,6 +350,20 @@ def test_what_stands_around_an_arm_is_dragged(shown: Page):
     shown.get_by_role("button", name="Undo").click()
     settle(shown)
     assert kept(shown) == first
+
+
+def test_what_stands_around_an_arm_is_moved_by_keys(shown: Page):
+    shown.select_option("#examples", "chair")
+    until(shown, "live.model.scene.world !== null && live.world.poses.length > 1")
+    settle(shown)
+    lower = "live.model.scene.world.obstacle[0].lower[1]"
+    before, past = shown.evaluate(lower), shown.evaluate("live.model.past.length")
+    shown.locator("#world").focus()
+    shown.keyboard.press(" ")  # from the goal to the first obstacle
+    shown.keyboard.press("ArrowUp")
+    until(shown, f"live.model.past.length === {past + 1} && live.model.before === null")
+    settle(shown)
+    assert shown.evaluate(lower) > before
 
 
 def test_a_stopped_server_is_said_and_the_page_goes_on(chromium: Browser):

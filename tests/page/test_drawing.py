@@ -13,10 +13,11 @@ from hypothesis.extra.numpy import arrays
 
 import resgrid as rg
 from resgrid.page.drawing import Drawing, blank, boxes, drawing_of, drawing_of_space
-from resgrid.page.frames import solve_drawing
+from resgrid.page.frames import describe, solve_drawing
 from resgrid.page.messages import DrawingHead, read_drawing, write_drawing
 from resgrid.page.opening import examples, open_example
 from resgrid.page.saving import save
+from resgrid.page.warm import WarmFields
 
 
 def same(one: Drawing, other: Drawing) -> None:
@@ -85,6 +86,29 @@ def test_a_hasty_frame_claims_nothing_that_was_not_certified():
     hasty = solve_drawing(drawing, exact=False)
     assert not hasty.exact
     assert hasty.field.space.shape == (48, 48)
+
+
+@pytest.mark.parametrize(("k", "wall"), [(0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (1.0, 1e4)])
+def test_while_somebody_draws_fields_are_those_of_the_circuit(k, wall):
+    drawing, warm = replace(blank(64), k=k, wall=wall), WarmFields()
+    cell = drawing.cell.copy()
+    for column in range(20, 40, 4):
+        cell[column : column + 4, 30] = 1
+        changed = replace(drawing, cell=cell.copy())
+        frame, plain = (solve_drawing(changed, exact=False, warm=start) for start in (warm, None))
+        assert not frame.exact and not frame.solution.operating_points
+        shown = changed.space.goal_connected
+        np.testing.assert_allclose(frame.field.potential[shown], plain.field.potential[shown], atol=1e-4)
+        head, body = describe(frame)
+        expected, _ = describe(plain)
+        assert [len(part) for part in body][1:] == [2 * cell.size, 4 * cell.size, cell.size]
+        assert head["scale"]["kind"] == expected["scale"]["kind"] == ("decades" if k else "height")
+
+
+def test_where_nothing_can_be_solved_in_haste_the_plain_way_is_taken():
+    drawing = replace(blank(8), edge=("open", "open"), k=0.5)  # whose Dirichlet half is flat
+    frame = solve_drawing(drawing, exact=False, warm=WarmFields())
+    assert frame.solution.flat == ("dirichlet",)
 
 
 @pytest.mark.parametrize("k", [0.0, 0.5, 1.0])

@@ -73,12 +73,14 @@ def tool(label: str) -> Callable[[Page], None]:
 
 
 def press(name: str) -> Callable[[Page], None]:
-    return lambda page: page.locator("header").get_by_role("button", name=name, exact=True).click()
+    def bring(page: Page) -> None:
+        page.locator("header").get_by_role("button", name=name, exact=True).click()
+        until(page, "document.querySelector('dialog[open]')")
+
+    return bring
 
 
 def hover(page: Page) -> None:
-    page.mouse.move(*point_on(page, (40.5, 50.5)))
-    page.wait_for_timeout(200)
     page.mouse.move(*point_on(page, (50.5, 50.5)))
     until(page, "!document.getElementById('card').hidden")
 
@@ -109,6 +111,13 @@ def flawed(page: Page) -> None:
     settle(page)
 
 
+def ends(page: Page) -> None:
+    drag(page, [(45, 30), (45, 90)])
+    page.locator("#k").fill("400")
+    page.locator("#show-ends").check()
+    until(page, "live.view.ends.length === 2")
+
+
 def keys(page: Page) -> None:
     page.locator("#canvas").focus()
     page.keyboard.press("ArrowUp")
@@ -120,6 +129,7 @@ STATES: dict[str, Callable[[Page], None]] = {
     "first": settle, "tour": press("What is this?"),
     "new": press("New"), "save": press("Save"), "link": press("Link"), "hover": hover,
     "film": film, "complaint": complaint, "scrolled": scrolled, "arrows": arrows, "flawed": flawed, "keys": keys,
+    "ends": ends,
     **{f"tool-{label.lower()}": tool(label) for label in TOOLS},
 }  # fmt: skip
 

@@ -256,7 +256,7 @@ def test_browsers_do_not_disturb_each_other(served):
 def test_readers_see_the_scene_and_no_other():
     space = rg.ConfigurationSpace([rg.Axis("x", 0, 8, 8), rg.Axis("y", 0, 8, 8)], np.eye(8, dtype=np.uint8) * 2)
     with rg.live(space, read_only=True, browser=False) as page, dial(page) as socket:
-        assert isinstance(page, LivePage) and page.url in page._repr_html_()
+        assert isinstance(page, LivePage)
         assert read(socket.recv(timeout=PATIENCE))[0]["hello"]["read_only"]
         assert "reading only" in ask(socket, {"type": "example", "name": "rooms"})[0]["error"]
         head, _ = ask(socket, *about("solve", replace(blank(8), k=0.5)))

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import contextlib
+import multiprocessing
 import os
 import pickle
 import random
 import signal
+import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, Future
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+import pytest
+
+from benchmarks.executors import opened
 
 
 class Shuffled(Executor):
@@ -63,6 +70,20 @@ class Shuffled(Executor):
             self._some.notify()
         if wait:
             self._thread.join()
+
+
+@contextmanager
+def two_workers(kind: str, folder: Path) -> Iterator[Executor]:
+    """An executor whose workers are two processes; `folder` for its files."""
+    with pytest.MonkeyPatch.context() as patch:  # as in an environment that is activated
+        patch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+        if kind == "forkserver":
+            with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("forkserver")) as executor:
+                yield executor
+        else:
+            with opened(kind, 2, folder) as executor:
+                assert executor is not None
+                yield executor
 
 
 def sums(shared: Any, items: Sequence[int]) -> list[int]:

@@ -1,9 +1,9 @@
 // Opening, saving and links.
 
 import { centreOf, writeScene } from "./model.js";
-import { get } from "./panel.js";
 
 /** @typedef {import("./model.js").Scene} Scene */
+/** @typedef {import("./parts.js").Parts} Parts */
 /** @typedef {import("./wire.js").Wire} Wire */
 
 const LONG_LINK = 8192;
@@ -32,8 +32,8 @@ async function saved(wire, scene, format) {
   return /** @type {[string, Uint8Array]} */ ([head.name, content.slice()]);
 }
 
-/** A dialog with buttons. @param {string} id @param {string} title */
-function dialogOf(id, title) {
+/** A dialog with buttons. @param {Parts} parts @param {string} id @param {string} title */
+function dialogOf({ get }, id, title) {
   const dialog = /** @type {HTMLDialogElement} */ (get(id));
   dialog.innerHTML = `<h2>${title}</h2><div class="body"></div><div class="actions"><button data-close>Close</button></div>`;
   dialog.querySelector("[data-close]")?.addEventListener("click", () => dialog.close());
@@ -49,9 +49,9 @@ function emptied(scene, cells) {
   return { ...scene, title: "Drawing", axes, edge, cells: new Uint8Array(nx * ny), palette: [1], goals: [[goal]], starts, broken: [], world: null };
 }
 
-/** @param {import("./model.js").Model} model */
-export function openNew(model) {
-  const { dialog, body } = dialogOf("saving", "An empty grid");
+/** @param {Parts} parts @param {import("./model.js").Model} model */
+export function openNew(parts, model) {
+  const { dialog, body } = dialogOf(parts, "saving", "An empty grid");
   body.className = "body choices";
   for (const cells of [undefined, 10, 32, 64, 96, 128, 192, 256]) {
     const button = document.createElement("button"), small = document.createElement("small");
@@ -66,9 +66,9 @@ export function openNew(model) {
   dialog.showModal();
 }
 
-/** @param {Wire} wire @param {() => Scene} scene @param {HTMLCanvasElement} canvas @param {(error: unknown) => void} complain */
-export function openSaving(wire, scene, canvas, complain) {
-  const { dialog, body } = dialogOf("saving", "Save");
+/** @param {Parts} parts @param {Wire} wire @param {() => Scene} scene @param {HTMLCanvasElement} canvas @param {(error: unknown) => void} complain */
+export function openSaving(parts, wire, scene, canvas, complain) {
+  const { dialog, body } = dialogOf(parts, "saving", "Save");
   body.className = "body choices";
   for (const [format, label, about] of CHOICES) {
     const button = document.createElement("button"), small = document.createElement("small");
@@ -88,14 +88,14 @@ export function openSaving(wire, scene, canvas, complain) {
   dialog.showModal();
 }
 
-/** The link that holds a scene. @param {Wire} wire @param {Scene} scene */
-export async function linkOf(wire, scene) {
+/** The link that holds a scene. @param {Wire} wire @param {Scene} scene @param {string} [address] of a page */
+export async function linkOf(wire, scene, address = `${location.origin}${location.pathname}`) {
   const [, content] = await saved(wire, scene, "json");
   const packed = await through(new CompressionStream("deflate-raw"), content);
   let text = "";
   for (const byte of packed) text += String.fromCharCode(byte);
   const code = btoa(text).replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "");
-  return `${location.origin}${location.pathname}#s=${code}`;
+  return `${address}#s=${code}`;
 }
 
 /** The document in a link's fragment; null if there is none. @param {string} fragment */
@@ -113,10 +113,10 @@ async function through(stream, bytes) {
   return new Uint8Array(await new Response(piped).arrayBuffer());
 }
 
-/** @param {Wire} wire @param {Scene} scene */
-export async function openLinking(wire, scene) {
-  const link = await linkOf(wire, scene);
-  const { dialog, body, actions } = dialogOf("linking", "A link that holds the whole scene");
+/** @param {Parts} parts @param {Wire} wire @param {Scene} scene @param {string} [address] */
+export async function openLinking(parts, wire, scene, address) {
+  const link = await linkOf(wire, scene, address);
+  const { dialog, body, actions } = dialogOf(parts, "linking", "A link that holds the whole scene");
   const field = document.createElement("input"), note = document.createElement("p"), copy = document.createElement("button");
   field.type = "text";
   field.readOnly = true;

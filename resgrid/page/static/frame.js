@@ -25,16 +25,21 @@
 
 export const NOTHING = 65535;
 
-/** @param {any} head @param {Uint8Array} body @param {number[]} size @returns {Frame} */
-export function readFrame(head, body, [nx, ny]) {
-  const { buffer, byteOffset } = body;
+/** Lines one after another. @param {Uint8Array} body @param {number[]} counts of their points */
+export function readLines({ buffer, byteOffset }, counts) {
   let at = byteOffset;
-  const lines = head.paths.map((/** @type {Path} */ path) => {
-    const line = new Float32Array(buffer, at, 2 * path.points);
-    at += 8 * path.points;
+  return counts.map((points) => {
+    const line = new Float32Array(buffer, at, 2 * points);
+    at += 8 * points;
     return line;
   });
-  const cells = nx * ny;
+}
+
+/** @param {any} head @param {Uint8Array} body @param {number[]} size @returns {Frame} */
+export function readFrame(head, body, [nx, ny]) {
+  const counts = head.paths.map((/** @type {Path} */ path) => path.points), { buffer } = body;
+  const lines = readLines(body, counts), cells = nx * ny;
+  const at = body.byteOffset + 8 * counts.reduce((/** @type {number} */ sum, /** @type {number} */ points) => sum + points, 0);
   const picture = new Uint16Array(buffer, at, cells);
   const currents = new Int8Array(buffer, at + 2 * cells, 4 * cells);
   const speed = new Uint8Array(buffer, at + 6 * cells, cells);

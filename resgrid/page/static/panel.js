@@ -31,6 +31,7 @@ const HTML = `
     <label for="k" class="row"><span>k, share of repulsion</span><output id="k-out"></output></label>
     <input id="k" type="range" min="0" max="1000">
     <div class="ends"><span>0 grazes</span><span>1 repels</span></div>
+    <label class="check"><input type="checkbox" id="show-ends">Paths of both ends</label>
     <label for="wall" class="row"><span>Wall resistance</span><output id="wall-out"></output></label>
     <input id="wall" type="range" min="0" max="${WALL_STEPS}">
     <label class="row">Border <select id="edge"><option value="obstacle">obstacle</option><option value="open">open</option></select></label>
@@ -55,38 +56,40 @@ const HTML = `
   <section><h2>Show</h2>${SHOWN.map(([name, label]) => `<label class="check"><input type="checkbox" id="show-${name}">${label}</label>`).join("")}</section>`;
 
 export class Panel {
-  /** @param {HTMLElement} root @param {import("./model.js").Model} model @param {import("./tools.js").Tools} tools
+  /** @param {import("./parts.js").Parts} parts @param {import("./model.js").Model} model @param {import("./tools.js").Tools} tools
    * @param {import("./view.js").View} view */
-  constructor(root, model, tools, view) {
-    root.innerHTML = HTML;
+  constructor(parts, model, tools, view) {
+    this.parts = parts;
+    parts.get("panel").innerHTML = HTML;
     this.model = model;
     this.#slider("k", (t) => ({ k: kOf(t) }));
     this.#slider("wall", (t) => ({ wall: wallOf(t, this.#ohms) }));
     this.#select("edge", (rule) => ({ edge: model.scene?.axes.map((axis) => (axis.periodic ? "periodic" : rule)) }));
     this.#select("driven", (drive) => ({ driven: drive === "start", ...(drive ? { k: 0 } : {}) }));
-    this.#slider("mismatch", (t) => ({ chip: this.#chip(t / 100, Number(input("seed").value)) }));
-    input("seed").addEventListener("change", () => {
-      const seed = Math.max(0, Math.min(999999, Math.round(Number(input("seed").value)))) || 0;
-      model.replace({ .../** @type {Scene} */ (model.scene), chip: this.#chip(Number(input("mismatch").value) / 100, seed) });
+    this.#slider("mismatch", (t) => ({ chip: this.#chip(t / 100, Number(this.parts.input("seed").value)) }));
+    this.parts.input("seed").addEventListener("change", () => {
+      const seed = Math.max(0, Math.min(999999, Math.round(Number(this.parts.input("seed").value)))) || 0;
+      model.replace({ .../** @type {Scene} */ (model.scene), chip: this.#chip(Number(this.parts.input("mismatch").value) / 100, seed) });
     });
-    const brush = input("brush");
+    const brush = this.parts.input("brush");
     brush.value = String(tools.brush);
     const brushed = () => {
       tools.brush = Number(brush.value);
-      get("brush-out").textContent = `${brush.value} ${tools.brush > 1 ? "cells" : "cell"}`;
+      this.parts.get("brush-out").textContent = `${brush.value} ${tools.brush > 1 ? "cells" : "cell"}`;
     };
     brush.addEventListener("input", brushed);
     brushed();
-    input("conductivity").addEventListener("change", () => {
-      tools.conductivity = Number(input("conductivity").value);
+    this.parts.input("conductivity").addEventListener("change", () => {
+      tools.conductivity = Number(this.parts.input("conductivity").value);
       tools.choose("cost");
     });
-    for (const [name] of SHOWN) {
-      const box = input(`show-${name}`), key = /** @type {keyof typeof view.shows} */ (name);
+    for (const name of ["ends", ...SHOWN.map(([name]) => name)]) {
+      const box = this.parts.input(`show-${name}`), key = /** @type {keyof typeof view.shows} */ (name);
       box.checked = view.shows[key];
       box.addEventListener("change", () => {
         view.shows[key] = box.checked;
         view.refresh();
+        box.dispatchEvent(new CustomEvent("shown", { bubbles: true }));
       });
     }
   }
@@ -103,7 +106,7 @@ export class Panel {
 
   /** @param {string} name @param {(t: number) => object} change */
   #slider(name, change) {
-    const slider = input(name);
+    const slider = this.parts.input(name);
     slider.addEventListener("input", () => {
       this.model.begin();
       this.model.show({ .../** @type {Scene} */ (this.model.scene), ...change(Number(slider.value)) });
@@ -113,7 +116,7 @@ export class Panel {
 
   /** @param {string} name @param {(value: string) => object} change */
   #select(name, change) {
-    const select = input(name);
+    const select = this.parts.input(name);
     select.addEventListener("change", () => {
       this.model.replace({ .../** @type {Scene} */ (this.model.scene), ...change(select.value) });
     });
@@ -122,32 +125,32 @@ export class Panel {
   /** @param {Scene} scene */
   showScene(scene) {
     const set = (/** @type {string} */ name, /** @type {string} */ value) => {
-      if (input(name).value !== value) input(name).value = value;
+      if (this.parts.input(name).value !== value) this.parts.input(name).value = value;
     };
-    if (kOf(Number(input("k").value)) !== scene.k) set("k", String(sliderOf(scene.k)));
+    if (kOf(Number(this.parts.input("k").value)) !== scene.k) set("k", String(sliderOf(scene.k)));
     set("wall", String(wallSlider(scene.wall, this.#ohms)));
     set("edge", scene.edge.find((rule) => rule !== "periodic") ?? "obstacle");
     set("driven", scene.driven ? "start" : "");
-    input("k").disabled = input("wall").disabled = scene.driven;
+    this.parts.input("k").disabled = this.parts.input("wall").disabled = scene.driven;
     const { mismatch = 0, seed = 0 } = /** @type {any} */ (scene.chip);
     set("mismatch", String(Math.round(100 * mismatch)));
     if (mismatch) set("seed", String(seed));
-    get("mismatch-out").textContent = mismatch ? `${Math.round(100 * mismatch)} %` : "none";
-    get("k-out").textContent = String(scene.k);
-    get("wall-out").textContent = scene.wall ? engineering(scene.wall, "Ω") : "none";
+    this.parts.get("mismatch-out").textContent = mismatch ? `${Math.round(100 * mismatch)} %` : "none";
+    this.parts.get("k-out").textContent = String(scene.k);
+    this.parts.get("wall-out").textContent = scene.wall ? engineering(scene.wall, "Ω") : "none";
   }
 
   /** Why there is no field. @param {string} message */
   showError(message) {
-    get("paths").textContent = message;
-    get("figures").textContent = "";
+    this.parts.get("paths").textContent = message;
+    this.parts.get("figures").textContent = "";
   }
 
   /** @param {Frame} frame @param {Scene} scene */
   showFrame(frame, scene) {
     const unit = scene.axes[0].unit === scene.axes[1].unit ? ` ${scene.axes[0].unit}` : "";
     const number = (/** @type {number | null | undefined} */ value) => (value == null ? "–" : `${Number(value.toPrecision(4))}${unit}`);
-    get("paths").replaceChildren(...frame.paths.map((path, n) => {
+    this.parts.get("paths").replaceChildren(...frame.paths.map((path, n) => {
       const item = document.createElement("li"), small = document.createElement("small");
       item.dataset.outcome = path.outcome ?? "";
       item.textContent = `${frame.paths.length > 1 ? `${n + 1}: ` : ""}${(path.outcome ?? "wait").replace("_", " ")}`;
@@ -157,10 +160,13 @@ export class Panel {
       item.append(small);
       return item;
     }));
-    if (!frame.paths.length) get("paths").textContent = "No start yet: set one with the start tool.";
+    const isHeight = frame.scale.kind === "height", { low } = frame.scale;
+    this.parts.get("legend-low").textContent = isHeight ? "goal 0" : "goal";
+    this.parts.get("legend-high").textContent = isHeight ? "1 potential" : `${(-low).toFixed(low > -10 ? 1 : 0)} decades below`;
+    if (!frame.paths.length) this.parts.get("paths").textContent = "No start yet: set one with the start tool.";
     const solved = `${frame.nx} × ${frame.ny}, ${frame.methods.join(" and ")}, ${Math.round(frame.seconds * 1000)} ms`;
     const flat = frame.flat.length ? `; the ${frame.flat.join(" and ")} half is flat` : "";
-    get("figures").textContent = solved + (frame.cut_off ? `; ${frame.cut_off} free cells are cut off` : "") + flat;
+    this.parts.get("figures").textContent = solved + (frame.cut_off ? `; ${frame.cut_off} free cells are cut off` : "") + flat;
   }
 }
 
@@ -179,8 +185,3 @@ export function rowsOf(about, scene) {
   if (about.bits != null) rows.push(["converter bits", about.bits.toFixed(1)]);
   return [...rows, ...about.proved.map((/** @type {string} */ text) => [about.exact ? `✓ ${text}` : text])];
 }
-
-/** @param {string} id */
-export const get = (id) => /** @type {HTMLElement} */ (document.getElementById(id));
-/** @param {string} id */
-export const input = (id) => /** @type {HTMLInputElement} */ (document.getElementById(id));

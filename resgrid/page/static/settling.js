@@ -1,7 +1,7 @@
 // How the potential came about: pictures of moments after the rails were switched on, or after the last change.
 
 import { writeScene } from "./model.js";
-import { engineering, get, input } from "./panel.js";
+import { engineering } from "./panel.js";
 
 /** @typedef {import("./model.js").Scene} Scene */
 
@@ -11,16 +11,17 @@ export class Settling {
   /** @type {{times: number[], pictures: Uint16Array[], scale: any} | null} */ #film = null;
   #playing = 0;
 
-  /** @param {import("./model.js").Model} model @param {import("./wire.js").Wire} wire @param {import("./view.js").View} view
+  /** @param {import("./parts.js").Parts} parts @param {import("./model.js").Model} model @param {import("./wire.js").Wire} wire @param {import("./view.js").View} view
    * @param {(error: unknown) => void} complain */
-  constructor(model, wire, view, complain) {
+  constructor(parts, model, wire, view, complain) {
+    this.parts = parts;
     this.model = model;
     this.wire = wire;
     this.view = view;
-    get("settle").addEventListener("click", () => this.#fetch().catch(complain));
-    input("moment").addEventListener("input", () => {
+    this.parts.get("settle").addEventListener("click", () => this.#fetch().catch(complain));
+    this.parts.input("moment").addEventListener("input", () => {
       cancelAnimationFrame(this.#playing);
-      this.#show(Number(input("moment").value));
+      this.#show(Number(this.parts.input("moment").value));
     });
   }
 
@@ -29,14 +30,14 @@ export class Settling {
     if (!this.#film) return;
     cancelAnimationFrame(this.#playing);
     this.#film = null;
-    get("film").hidden = true;
+    this.parts.get("film").hidden = true;
     this.view.setMoment(null);
   }
 
   async #fetch() {
     const scene = this.model.scene;
     if (!scene) return;
-    const button = input("settle");
+    const button = this.parts.input("settle");
     button.disabled = true;
     try {
       const [drawing, body] = writeScene(scene);
@@ -45,9 +46,9 @@ export class Settling {
       const cells = scene.cells.length, { buffer, byteOffset } = bytes;
       const pictures = head.times.map((/** @type {number} */ _, /** @type {number} */ n) => new Uint16Array(buffer, byteOffset + 2 * n * cells, cells));
       this.#film = { times: head.times, pictures, scale: head.scale };
-      get("film").hidden = false;
-      get("origin").textContent = head.from_rest ? "from rest, rails switched on" : "from the field before the last change";
-      input("moment").max = String(pictures.length - 1);
+      this.parts.get("film").hidden = false;
+      this.parts.get("origin").textContent = head.from_rest ? "from rest, rails switched on" : "from the field before the last change";
+      this.parts.input("moment").max = String(pictures.length - 1);
       this.#play(performance.now());
     } finally {
       button.disabled = false;
@@ -65,8 +66,8 @@ export class Settling {
   /** @param {number} number */
   #show(number) {
     if (!this.#film) return;
-    input("moment").value = String(number);
-    get("time").textContent = engineering(this.#film.times[number], "s");
+    this.parts.input("moment").value = String(number);
+    this.parts.get("time").textContent = engineering(this.#film.times[number], "s");
     this.view.setMoment({ picture: this.#film.pictures[number], scale: this.#film.scale });
   }
 }

@@ -1,7 +1,5 @@
 // Five sentences about what one sees.
 
-import { get } from "./panel.js";
-
 const SENTENCES = [
   "Every cell is a node of a grid of resistors: obstacles are tied to one rail, goals to the other, and current runs between them.",
   "The dots drift along that current, and a robot that follows it reaches a goal: the potential has no other place to rest.",
@@ -10,10 +8,11 @@ const SENTENCES = [
   "Let go, and the field is solved until every direction is safe; ✓ means that the path was then certified, step by step.",
 ];
 
-export function openTour() {
-  const dialog = /** @type {HTMLDialogElement} */ (get("tour"));
+/** @param {import("./parts.js").Parts} parts */
+export function openTour(parts) {
+  const dialog = /** @type {HTMLDialogElement} */ (parts.get("tour"));
   dialog.innerHTML = `<h2>A chip that plans paths</h2><ol>${SENTENCES.map((text) => `<li>${text}</li>`).join("")}</ol>
-    <p class="note">Keys: W E B F M G S choose tools, arrows move a cursor, space uses the tool, shift + arrows take a goal or start along, Ctrl+Z undoes.</p>
+    <p class="note">Keys: W E B F M G S X L choose tools, arrows move a cursor, space uses the tool, shift + arrows take a goal or start along, Ctrl+Z undoes.</p>
     <div class="actions"><button autofocus>Begin</button></div>`;
   dialog.querySelector("button")?.addEventListener("click", () => dialog.close());
   if (!dialog.open) dialog.showModal();

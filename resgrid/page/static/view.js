@@ -12,7 +12,7 @@ import { paintAxes, paintEdge } from "./rim.js";
 /** @typedef {import("./model.js").Scene} Scene */
 
 const MARGIN = 10, LABELS = 22, SUPPLIES = 112;
-const GOAL = "#ff5d3b", START = "#ffffff", CASING = "#10151c";
+const GOAL = "#ff5d3b", START = "#ffffff", CASING = "#10151c", ENDS = ["#7fd0ff", "#ffb000"];
 
 export class View {
   /** @type {Scene | null} */ scene = null;
@@ -24,8 +24,10 @@ export class View {
   /** @type {number[] | null} */ cursor = null;
   /** @type {number[][] | null} */ rectangle = null;
   /** Paths of the chip without flaws, where this one has some. @type {Float32Array[]} */ ideal = [];
-  shows = { dots: true, equipotentials: true, arrows: false, paths: true, circuit: true };
+  /** Paths of k = 0 and of k = 1. @type {Float32Array[][]} */ ends = [];
+  shows = { dots: true, equipotentials: true, arrows: false, paths: true, circuit: true, ends: false };
   dark = false;
+  isClosed = false;
   repaints = 0;
   #dots = new Dots(900);
   #then = 0;
@@ -36,6 +38,7 @@ export class View {
     this.context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d", { alpha: false }));
     new ResizeObserver(() => this.#resize()).observe(canvas);
     const loop = (/** @type {number} */ now) => {
+      if (this.isClosed) return;
       this.#paint(now);
       requestAnimationFrame(loop);
     };
@@ -267,6 +270,7 @@ export class View {
   #paintPaths(frame) {
     const { context } = this, scale = this.canvas.width / 900;
     context.lineJoin = context.lineCap = "round";
+    this.ends.forEach((lines, n) => lines.forEach((line) => this.#paintLine(line, [[CASING, 3.5 * scale], [ENDS[n], 2 * scale]])));
     for (const line of this.ideal) this.#paintLine(line, [["#ffb199", 1.5 * scale]]);
     context.setLineDash(frame.exact ? [] : [8 * scale, 6 * scale]);
     const fine = Math.max(0.8, scale);
@@ -321,7 +325,7 @@ export class View {
       const [left, top] = this.toPixels([low[0], high[1]]);
       context.strokeRect(left, top, (high[0] - low[0]) * w, (high[1] - low[1]) * h);
     }
-    if (this.cursor && document.activeElement === this.canvas) {
+    if (this.cursor && this.canvas.matches(":focus")) {
       const [left, top] = this.toPixels([this.cursor[0], this.cursor[1] + 1]);
       context.strokeRect(left - 2, top - 2, w + 4, h + 4);
     }

@@ -1,4 +1,4 @@
-// The one WebSocket: requests are answered in turn; of scenes to be solved only the newest is ever sent.
+// The one connection: requests are answered in turn; of scenes to be solved only the newest is ever sent.
 
 const RETRY_MS = [250, 500, 1000, 2000];
 
@@ -19,25 +19,28 @@ function unpack(message) {
   return [head, new Uint8Array(message, 4 + size)];
 }
 
+/** What of a WebSocket is used: a notebook's comm is no WebSocket, and does the same.
+ * @typedef {Pick<WebSocket, "send" | "readyState" | "binaryType" | "onmessage" | "onclose">} Socket */
+
 /** Events: "hello" (detail: head, body), "lost". */
 export class Wire extends EventTarget {
   #seq = 0;
   #attempt = 0;
-  /** @type {WebSocket | null} */ #socket = null;
+  /** @type {Socket | null} */ #socket = null;
   /** @type {Map<number, {resolve: Function, reject: Function}>} */ #waiting = new Map();
 
-  /** @param {string} url */
-  constructor(url) {
+  /** @param {() => Socket} dial */
+  constructor(dial) {
     super();
-    this.url = url;
+    this.dial = dial;
   }
 
   get isOpen() {
-    return this.#socket?.readyState === WebSocket.OPEN;
+    return this.#socket?.readyState === 1;
   }
 
   connect() {
-    const socket = new WebSocket(this.url);
+    const socket = this.dial();
     socket.binaryType = "arraybuffer";
     socket.onmessage = (event) => this.#receive(event.data);
     socket.onclose = (event) => this.#lose(event);
@@ -68,7 +71,7 @@ export class Wire extends EventTarget {
     else waiting?.resolve([head, body]);
   }
 
-  /** @param {CloseEvent} event */
+  /** @param {{code: number}} event */
   #lose(event) {
     const why = event.code === 1009 ? "this is too large for the server" : "the server does not answer";
     for (const { reject } of this.#waiting.values()) reject(new Error(why));

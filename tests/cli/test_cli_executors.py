@@ -1,0 +1,110 @@
+"""``resgrid chip --executor``: the same file from real engines, and after interrupts and deaths of all."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from importlib.metadata import files
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.cli import COMMAND
+from support.executors import two_workers
+
+WORDS = ["--only", "yield", "--most", "400", "--half-width", "0.001", "--no-check", "-q"]
+
+
+@pytest.fixture(scope="module")
+def alone(scenes: Path, tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """The file that one process writes."""
+    folder = tmp_path_factory.mktemp("alone") / "out"
+    subprocess.run([*COMMAND, "chip", scenes / "chip.toml", *WORDS, "-o", folder], check=True)
+    return (folder / "yield.jsonl").read_bytes()
+
+
+def test_mpi(scenes: Path, tmp_path: Path, alone: bytes) -> None:
+    """Under the wheel's own mpiexec and library, whatever else is installed."""
+    wheel = {file.name: str(file.locate()) for file in files("mpich") or []}
+    mpi = [wheel["mpiexec"], "-n", "3", *COMMAND, "chip", scenes / "chip.toml", "--executor", "mpi"]
+    subprocess.run(
+        [*mpi, *WORDS, "-o", tmp_path / "out"],
+        check=True,
+        timeout=300,
+        env={**os.environ, "MPI4PY_LIBMPI": wheel["libmpi.so.12"]},
+    )
+    assert (tmp_path / "out" / "yield.jsonl").read_bytes() == alone
+
+
+def test_dask(call: Any, scenes: Path, tmp_path: Path, alone: bytes) -> None:
+    with two_workers("dask", tmp_path) as executor:
+        address = executor._client.scheduler.address.replace("tcp", "dask")  # type: ignore[attr-defined]
+        result = call("chip", scenes / "chip.toml", *WORDS, "--executor", address, "-o", tmp_path / "out")
+    assert result.exit_code == 0, result.stderr
+    assert (tmp_path / "out" / "yield.jsonl").read_bytes() == alone
+
+
+@pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -9)])
+def test_what_is_interrupted_or_killed_is_taken_up(
+    scenes: Path, tmp_path: Path, alone: bytes, sent: signal.Signals, code: int
+) -> None:
+    words = [
+        *COMMAND,
+        "chip",
+        str(scenes / "chip.toml"),
+        *WORDS,
+        "--executor",
+        "processes:2",
+        "-o",
+        str(tmp_path / "out"),
+    ]
+    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
+        end = time.monotonic() + 120
+        while not any(file.stat().st_size > 1000 for file in tmp_path.glob(".out-*.yield.jsonl")):
+            assert process.poll() is None and time.monotonic() < end
+            time.sleep(0.01)
+        # An interrupt at the terminal goes to all processes; the worst death is the parent's alone.
+        os.killpg(process.pid, sent) if sent == signal.SIGINT else process.send_signal(sent)
+        assert process.wait(timeout=60) == code
+        assert process.stderr is not None
+        said = process.stderr.read()  # ends when the last worker has gone
+    assert "Traceback" not in said
+    assert not (tmp_path / "out").exists()
+    (kept,) = tmp_path.glob(".out-*.yield.jsonl")
+    assert alone.startswith(kept.read_bytes())
+    subprocess.run(words, check=True)
+    assert (tmp_path / "out" / "yield.jsonl").read_bytes() == alone
+
+
+@pytest.mark.parametrize(
+    ("name", "message", "code"),
+    [
+        ("threads", "there is no executor 'threads'; use processes", 2),
+        ("processes:0", "there is no executor", 2),
+        ("mpi", "start it with mpiexec -n N", 2),
+        ("dask://127.0.0.1:1", "no dask scheduler answers at 127.0.0.1:1", 2),
+        ("parsl:none.py", "none.py: cannot be read", 2),
+    ],
+)
+def test_wrong_names_have_one_message(
+    call: Any, scenes: Path, tmp_path: Path, name: str, message: str, code: int
+) -> None:
+    result = call("chip", scenes / "chip.toml", *WORDS, "--executor", name, "-o", tmp_path / "out")
+    assert (result.exit_code, message in result.stderr) == (code, True)
+
+
+@pytest.mark.parametrize(
+    ("name", "module", "extra"),
+    [("mpi", "mpi4py", "mpi"), ("dask://localhost:1", "distributed", "dask"), ("parsl:none.py", "parsl", "parsl")],
+)
+def test_what_is_not_installed_is_named(name: str, module: str, extra: str) -> None:
+    script = (
+        f"import sys; sys.modules[{module!r}] = None\n"
+        f"from resgrid.cli import main; main(['chip', 'no.toml', '--executor', {name!r}])"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 3
+    assert f"{module} is missing" in done.stderr and f"pip install 'resgrid[{extra}]'" in done.stderr
