@@ -13,12 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.solve import solve
-<<<<<<< HEAD
-from resgrid.errors import AccuracyError, InputError
-=======
 from resgrid.errors import AccuracyError, CircuitError, InputError
-from resgrid.io.paths import ADVICE
->>>>>>> trunk
 from resgrid.page.circuit import describe_circuit
 from resgrid.page.drawing import Drawing
 from resgrid.page.flaws import flawed, flaws_of

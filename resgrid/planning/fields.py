@@ -155,7 +155,6 @@ class Field:
         )
 
 
-<<<<<<< HEAD
 def _ends(space: ConfigurationSpace, safe: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
     """The cells' codes, flat, with goals where streamlines end: there, and where no direction can be told."""
     if safe is None:
@@ -173,10 +172,7 @@ def _joined(parts: tuple[NDArray[Any], ...]) -> NDArray[Any]:
     return np.concatenate([part.ravel() for part in parts])
 
 
-def field(op: OperatingPoint) -> Field:
-=======
 def field(op: OperatingPoint | WarmPoint) -> Field:
->>>>>>> trunk
     """Read the field of a configuration space off the operating point of its netlist.
 
     Parameters
