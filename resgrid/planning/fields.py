@@ -11,16 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.circuit.update import WarmPoint
 from resgrid.errors import AccuracyError, CircuitError, InputError
 from resgrid.frozen import frozen, picture_html
 from resgrid.netlist import CellMap, face_shape
-from resgrid.planning.cell_currents import cell_volts, face_currents
 from resgrid.planning.clearance import obstacle_reach
 from resgrid.space import Cell, ConfigurationSpace
 from resgrid.wiring import Wiring
 
 if TYPE_CHECKING:
+    from resgrid.circuit.update import WarmPoint
     from resgrid.planning.kernels import Flow
 
 
@@ -203,7 +202,7 @@ def field(op: OperatingPoint | WarmPoint) -> Field:
     >>> field.potential[6].round(3)
     array([0.652, 0.   , 0.574, 0.801, 0.908, 0.963, 1.   , 0.998])
     """
-    if isinstance(op, WarmPoint):
+    if not isinstance(op, OperatingPoint):
         return read_cells(op.space, op.wiring, op.voltage)
     cells = op.netlist.cells
     if op.potential is None or op.method == "none":
@@ -259,6 +258,8 @@ def read_field(
 
 def read_cells(space: ConfigurationSpace, wiring: Wiring, voltage: NDArray[np.float64]) -> Field:
     """Spread voltages of cells, shape of the space, over cells and faces; as they are, with no bound of their error."""
+    from resgrid.planning.cell_currents import cell_volts, face_currents
+
     volts = cell_volts(space, wiring, voltage)
     height = (volts - wiring.goal_voltage) * np.sign(wiring.supply)
     unit = np.nanmax(height) if wiring.drive == "uniform" else abs(wiring.supply)
