@@ -9,13 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
-from math import prod
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.budget import require_memory
+from resgrid.budget import require_grid_memory
 from resgrid.conductances import behind_wall, has_wall, in_series, of_face
 from resgrid.errors import CircuitError, InputError
 from resgrid.grids import before_and_behind, face_counts, faces_ahead, places_in_slab, slab, with_margin
@@ -116,10 +115,7 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
 
 def require_room(shape: tuple[int, ...]) -> None:
     """Refuse a grid whose netlist would not fit in memory."""
-    cells = prod(shape)
-    require_memory(
-        _PEAK * cells * len(shape), f"compiling {cells:,} cells", "use a coarser grid, or a machine with more memory"
-    )
+    require_grid_memory(shape, "compiling the grid", _PEAK * len(shape))
 
 
 def _number_nodes(space: ConfigurationSpace, wiring: Wiring) -> _Nodes:
