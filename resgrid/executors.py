@@ -13,7 +13,15 @@ import tempfile
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ThreadPoolExecutor,
+    wait,
+)
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -239,7 +247,7 @@ class _Crew:
 
     def _receive(self, future: Future[Any]) -> None:
         task = self._flying.pop(future)
-        error = future.exception()
+        error = CancelledError() if future.cancelled() else future.exception()
         if error is None and (answer := future.result()) is None:
             task.shared = replace(task.shared, data=Path(task.shared.path).read_bytes())
             self._again.append(task)
@@ -252,14 +260,15 @@ class _Crew:
             self._early[task.number] = results
         elif isinstance(error, BrokenExecutor):
             self._blame(task, error)
-            wait(self._flying)
             self._renew(error)
         elif type(error).__name__ in _LOST:
             self._blame(task, error)
         elif type(error).__name__ == "KilledWorker":  # dask has tried again by itself
             raise _guilty(task, error)
+        elif isinstance(error, CancelledError):
+            raise _given_up(self._executor, "it was closed, or lost its scheduler") from error
         else:
-            self._early[task.number] = error if isinstance(error, Exception) else WorkerError(f"{error!r}; start anew")
+            self._early[task.number] = error if isinstance(error, Exception) else WorkerError(repr(error))
 
     def _blame(self, task: _Task, error: BaseException) -> None:
         task.strikes += 1
@@ -270,15 +279,13 @@ class _Crew:
 
     def _renew(self, error: BaseException) -> None:
         """Make a broken pool anew; what it was at is to be done again."""
+        wait(self._flying)
         for future in list(self._flying):
             if future.done() and future.exception() is not None and isinstance(future.exception(), BrokenExecutor):
                 self._blame(self._flying.pop(future), error)
         fresh = renewed(self._executor)
         if fresh is None:
-            raise WorkerError(
-                f"the executor broke ({error}), and {type(self._executor).__name__} cannot be made anew; make another, "
-                "and take the run up from its checkpoint"
-            ) from error
+            raise _given_up(self._executor, error) from error
         self._shut()
         self._executor, self._own = fresh, True
 
@@ -291,6 +298,13 @@ class _Crew:
         for future in self._flying:
             future.cancel()
         self._shut()
+
+
+def _given_up(executor: Executor, why: object) -> WorkerError:
+    return WorkerError(
+        f"the executor broke ({why}), and {type(executor).__name__} cannot be made anew; make another, and take the "
+        "run up from its checkpoint"
+    )
 
 
 def _guilty(task: _Task, error: BaseException) -> WorkerError:

@@ -19,7 +19,7 @@ PAGES = sorted(page for page in API.glob("*.rst") if page.stem != "index")
 def listed(page: Path) -> list[str]:
     """Names of the page's first table; the second holds what is never made by hand."""
     table = page.read_text().split("\nAt work\n")[0].split(".. autosummary::\n")[1]
-    return re.findall(r"^   ~resgrid\.(\w+)$", table, re.MULTILINE)
+    return re.findall(r"^(?:   ~|\.\. py:data:: )resgrid\.(\w+)$", table, re.MULTILINE)
 
 
 def test_the_reference_lists_every_public_name_once_and_nothing_else() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from support.executors import Shuffled, deadly_sums, dying_sums, failing_sums, s
 import resgrid as rg
 from resgrid.executors import Part, in_order
 
-REAL = ["processes:2", "forkserver", "loky", "dask"]
+REAL = ["processes", "forkserver", "loky", "dask"]
 
 
 @settings(max_examples=40)
@@ -72,6 +72,18 @@ def test_an_executor_that_cannot_be_made_anew_says_so() -> None:
         pytest.raises(rg.WorkerError, match="ThreadPoolExecutor cannot be made anew"),
     ):
         list(in_order([Part(sums, {"offset": 0}, range(3))], executor))
+
+
+def test_an_executor_that_loses_its_scheduler_says_so() -> None:
+    class Closing(ThreadPoolExecutor):
+        def submit(self, *_work: Any) -> Future[Any]:
+            future: Future[Any] = Future()
+            future.cancel()
+            future.set_running_or_notify_cancel()
+            return future
+
+    with pytest.raises(rg.WorkerError, match="Closing cannot be made anew"):
+        list(in_order([Part(sums, {"offset": 0}, range(3))], Closing(1)))
 
 
 @pytest.mark.parametrize("threads", [True, False])

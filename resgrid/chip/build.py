@@ -92,7 +92,8 @@ def conductance_samples(netlist: Netlist, seeds: Iterable[Any], *, chip: Chip) -
     ``build_chip(study.ideal, study.chip, seed)``, shape (chips, resistors).  Refused where defects or saturation change
     the circuit.
     """
-    if chip.saturation_voltage is not None or chip.defects.open_density or chip.defects.short_density:
+    defects = chip.defects
+    if chip.saturation_voltage is not None or defects.open_density or defects.short_density or defects.open_at:
         raise InputError(
             "chips with defects or saturation differ in more than their conductances; build them one by one"
         )

@@ -185,7 +185,7 @@ def prepare(
     """Do once what all trials share.  Shapes: `starts` as the space."""
     cells = cells_with_nodes(netlist, "robots that see the read-out")
     mask = cells.space.goal_connected if starts is None else cells.space.goal_connected & starts
-    healthy = dataclasses.replace(chip.defects, open_density=0.0, short_density=0.0)
+    healthy = dataclasses.replace(chip.defects, open_density=0.0, short_density=0.0, open_at=())
     nominal = build_chip(netlist, dataclasses.replace(chip, mismatch=None, pelgrom=None, defects=healthy))
     op = solve(nominal)
     bands = {readout.noise_bandwidth for readout in readouts} - {None}

@@ -70,11 +70,13 @@ class Drawing:
         return Problem(self.space, wiring, () if self.driven else (self.k,), self.starts, self.driven)
 
     def document(self) -> dict[str, Any]:
-        """The scene that has exactly these cells, as the document of a file."""
+        """The scene that has exactly these cells, as the document of a file: of an arm if its workspace makes them."""
         chip = dict(self.chip or {})
         if self.wall:
             chip["wall_resistance"] = self.wall
-        document: dict[str, Any] = {"schema": 1, "title": self.title, "sampling": "centre"}
+        if self.broken:
+            chip["defects"] = {**chip.get("defects", {}), "open_at": [list(place) for place in self.broken]}
+        document: dict[str, Any] = {"schema": 1, "title": self.title}
         if self.driven:
             document |= {"boundary": "neumann", "drive": "start"}
         else:
@@ -83,6 +85,10 @@ class Drawing:
         document["edge"] = list(self.edge if len(set(rules)) > 1 else rules[:1] or ("obstacle",))
         document["starts"] = self.starts.tolist()
         document["chip"] = chip
+        if self._is_of_its_world():
+            kept = {key: value for key, value in (self.world or {}).items() if key not in ("boundary", "drive", "k")}
+            return {key: value for key, value in (kept | document).items() if value not in ([], {})}
+        document["sampling"] = "centre"
         document["grid"] = {"axes": [_axis_table(axis) for axis in self.axes]}
         document["obstacle"] = [self._rectangle(*box) for box in boxes(self.cell == Cell.OBSTACLE)]
         document["goal"] = [{"cell": cell} for cell in np.argwhere(self.cell == Cell.GOAL).tolist()]
@@ -93,6 +99,17 @@ class Drawing:
             for box in boxes(self.level == number)
         ]
         return {key: value for key, value in document.items() if value not in ([], {})}
+
+    def _is_of_its_world(self) -> bool:
+        """Whether the cells are those of the arm's workspace, with nothing painted over them."""
+        from pathlib import Path
+
+        from resgrid.scene.read import build_scene
+
+        if self.world is None:
+            return False
+        own = drawing_of(build_scene(self.world, "the workspace", Path()))
+        return own.axes == self.axes and np.array_equal(own.cell, self.cell) and np.array_equal(own.level, self.level)
 
     def scene(self) -> Scene:
         """The scene of `document`, checked."""
@@ -124,6 +141,8 @@ def drawing_of(scene: Scene) -> Drawing:
     document = document_of(scene)
     chip = dict(document["chip"])
     wall = chip.pop("wall_resistance", None) if scene.boundary == "wall" else None
+    broken = chip["defects"]["open_at"]
+    chip["defects"] |= {"open_at": []}
     return Drawing(
         title=scene.title,
         axes=tuple(scene.axes),
@@ -136,6 +155,7 @@ def drawing_of(scene: Scene) -> Drawing:
         wall=float(wall or 0.0),
         driven=scene.drive == "start" and scene.boundary == "neumann",
         chip=_changed(chip),
+        broken=tuple(tuple(place) for place in broken),
         world=None if scene.robot.base is None or scene.map is not None else document,
     )
 

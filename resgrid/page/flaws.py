@@ -3,51 +3,36 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
-from resgrid.chip.passes import Mismatch
-from resgrid.chip.passes.base import select_resistors, without_stranded_currents
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.netlist import Netlist, face_shape
+from resgrid.netlist import Netlist
 from resgrid.page.drawing import Drawing
 from resgrid.planning.road import Solver
 
+if TYPE_CHECKING:
+    from resgrid.chip.passes import Pass
 
-def is_flawed(drawing: Drawing) -> bool:
-    """Whether the page shows a chip that is not ideal."""
-    return bool(drawing.broken or (drawing.chip or {}).get("mismatch"))
+
+def flaws_of(drawing: Drawing) -> list[Pass]:
+    """Passes that make a drawing's chip of an ideal one; none where it has no flaws."""
+    chip = drawing.chip or {}
+    sigma = chip.get("mismatch", 0.0)
+    if not sigma and not drawing.broken:
+        return []
+    from resgrid.chip.passes import Faults, Mismatch
+
+    mismatch = [Mismatch(sigma=sigma, seed=chip.get("seed", 0))] if sigma else []
+    return [*mismatch, *([Faults(open_at=drawing.broken)] if drawing.broken else [])]
 
 
 def flawed(solver: Solver, drawing: Drawing) -> Solver:
     """A solver of netlists that have the flaws of a drawing; the same solver where there are none."""
-    chip = drawing.chip or {}
-    sigma, seed = chip.get("mismatch", 0.0), chip.get("seed", 0)
-    if not is_flawed(drawing):
-        return solver
-    mismatch = Mismatch(sigma=sigma, seed=seed) if sigma else None
-    return partial(_solve_flawed, solver, mismatch, _face_numbers(drawing))
+    flaws = flaws_of(drawing)
+    return partial(_solve_flawed, solver, flaws) if flaws else solver
 
 
-def _solve_flawed(
-    solver: Solver, mismatch: Mismatch | None, broken: NDArray[np.int64], netlist: Netlist, **options: object
-) -> OperatingPoint:
-    if mismatch is not None:
-        netlist = mismatch.apply(netlist)
-    if broken.size:
-        whole = ~np.isin(netlist.cells.resistor_face, broken)
-        netlist = without_stranded_currents(select_resistors(netlist, whole))
-    return solver(netlist, **options)
+def _solve_flawed(solver: Solver, flaws: list[Pass], netlist: Netlist, **options: object) -> OperatingPoint:
+    from resgrid.chip.build import build_chip
 
-
-def _face_numbers(drawing: Drawing) -> NDArray[np.int64]:
-    """Numbers of the faces that broken resistors cross, as in `CellMap`; on a seam both that stand for it."""
-    shape, numbers = drawing.cell.shape, list[int]()
-    first = [0, int(np.prod(face_shape(shape, 0)))]
-    for i, j, axis in drawing.broken:
-        seam = drawing.axes[axis].periodic and (i, j)[axis] in (0, shape[axis])
-        for along in (0, shape[axis]) if seam else ((i, j)[axis],):
-            cell = (along, j) if axis == 0 else (i, along)
-            numbers.append(first[axis] + int(np.ravel_multi_index(cell, face_shape(shape, axis))))
-    return np.array(numbers, dtype=np.int64)
+    return solver(build_chip(netlist, flaws), **options)

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from resgrid.circuit.solve import solve
 from resgrid.errors import AccuracyError, CircuitError, InputError
-from resgrid.io.paths import ADVICE
 from resgrid.page.circuit import describe_circuit
 from resgrid.page.drawing import Drawing
-from resgrid.page.flaws import flawed, is_flawed
+from resgrid.page.flaws import flawed, flaws_of
 from resgrid.page.warm import TOLERANCE, WarmFields
 from resgrid.planning.certify import certify
 from resgrid.planning.fields import Field
@@ -68,7 +67,7 @@ def solve_drawing(drawing: Drawing, *, exact: bool, warm: WarmFields | None = No
 
 
 def _solved(drawing: Drawing, exact: bool, warm: WarmFields | None) -> Solution:
-    if warm is not None and not exact and not drawing.driven and not is_flawed(drawing):
+    if warm is not None and not exact and not drawing.driven and not flaws_of(drawing):
         with suppress(CircuitError, AccuracyError):  # where a half is flat, or a circuit is too stiff to be hurried
             return warm.solve(drawing.problem)
     return solve_problem(drawing.problem, work=Work(flawed(solve if exact else _ROUGH, drawing)))
@@ -135,7 +134,7 @@ def _path_head(path: Streamline | None, points: int) -> dict[str, Any]:
     head = {"outcome": str(path.outcome), "points": points, "goal": path.goal, "cells": len(path.cells)}
     if path.outcome is Outcome.REACHED:
         return head | {"length": path.length, "clearance": path.clearance}
-    return head | {"message": ADVICE[path.outcome].replace("use --drive uniform", "choose the uniform drive")}
+    return head | {"message": (path.reason or "").replace("use --drive uniform", "choose the uniform drive")}
 
 
 def _picture(frame: Frame) -> tuple[dict[str, Any], NDArray[np.uint16]]:

@@ -35,7 +35,7 @@ def _module() -> str:
 class LiveWidget(anywidget.AnyWidget):
     """The live page as a widget; every view of it has a session of its own.
 
-    A message of a view names it and brings a request, as over a WebSocket; without one the view has just been opened.
+    A message of a view names it and brings a request, as over a WebSocket; without one the view was opened or closed.
     """
 
     def __init__(self, drawing: Drawing, *, read_only: bool = False) -> None:
@@ -46,6 +46,9 @@ class LiveWidget(anywidget.AnyWidget):
 
     def _answer(self, _widget: Any, content: dict[str, Any], buffers: Sequence[Any]) -> None:
         view = str(content.get("view"))
+        if content.get("end"):
+            self._sessions.pop(view, None)
+            return
         if not buffers:
             self._sessions[view] = Session(self._first, self._read_only)
             reply = self._sessions[view].hello()

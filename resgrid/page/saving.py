@@ -10,10 +10,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from resgrid.chip.build import build_chip
 from resgrid.errors import InputError
 from resgrid.io.paths import Route, write_routes
 from resgrid.page.circuit import MOST_CELLS_A_SIDE
 from resgrid.page.drawing import Drawing
+from resgrid.page.flaws import flaws_of
 from resgrid.page.frames import solve_drawing
 from resgrid.planning.road import compile_circuit
 from resgrid.spice.write.files import write_spice
@@ -109,12 +111,12 @@ def _circuit(drawing: Drawing) -> bytes:
 
 
 def _deck(drawing: Drawing) -> bytes:
-    """Decks of the circuits that the field is made of, with their sidecars."""
+    """Decks of the circuits that the field is made of, flaws and all, with their sidecars."""
     problem = drawing.problem
     content = io.BytesIO()
     with tempfile.TemporaryDirectory() as folder:
         for name, wiring in problem.wirings.items():
-            netlist = compile_circuit(problem.space, wiring)
+            netlist = build_chip(compile_circuit(problem.space, wiring), flaws_of(drawing))
             write_spice(netlist, Path(folder) / f"{name}.cir", title=drawing.title or name)
         with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
             for file in sorted(Path(folder).iterdir()):

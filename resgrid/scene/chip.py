@@ -21,6 +21,8 @@ Volts = Annotated[float, Quantity("V")]
 Share = Annotated[float, Ge(0), Quantity("", share=True)]
 Density = Annotated[float, Ge(0), Le(1), Quantity("", share=True)]
 
+Place = Annotated[tuple[Annotated[int, Ge(0)], ...], Len(2, 5)]
+
 
 @dataclass(frozen=True)
 class Readout:
@@ -73,6 +75,8 @@ class Defects:
         Share of the resistors that are shorted; with the open ones at most all.
     short_resistance : float
         Of a short.
+    open_at : tuple of tuple of int
+        Resistors that are open besides: a cell, and the axis across whose lower face each lies.
 
     Raises
     ------
@@ -90,6 +94,7 @@ class Defects:
     open_density: Density = 0.0
     short_density: Density = 0.0
     short_resistance: Ohms = 1.0
+    open_at: tuple[Place, ...] = ()
 
     def __post_init__(self) -> None:
         _check(self, _defect_problems)

@@ -39,7 +39,7 @@ class Scaled(NamedTuple):
     @property
     def plain(self) -> NDArray[np.float64]:
         """The values as doubles; 0 where they underflow."""
-        return self.hi * power(self.exponent) if self.exponent.any() else self.hi.copy()
+        return unscaled(self.hi, self.exponent)
 
     @property
     def log(self) -> NDArray[np.float64]:
@@ -50,6 +50,14 @@ class Scaled(NamedTuple):
 def power(exponent: NDArray[np.int64]) -> NDArray[np.float64]:
     """``2**(256 exponent)``: 0 or infinity beyond the range of a double."""
     return np.asarray(_POWERS[np.clip(exponent, _LEAST, _MOST) - _LEAST])
+
+
+def unscaled(m: NDArray[np.float64], e: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Scaled numbers as doubles: 0 or infinite beyond their range."""
+    if not e.any():
+        return m.copy()
+    with np.errstate(over="ignore", under="ignore"):
+        return np.asarray(np.ldexp(m, BITS * np.clip(e, 2 * _LEAST, 2 * _MOST)))
 
 
 def logarithm(m: NDArray[np.float64], e: NDArray[np.int64]) -> NDArray[np.float64]:

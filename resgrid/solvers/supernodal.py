@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
-from resgrid.solvers.extended import power
+from resgrid.solvers.extended import unscaled
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.odd_even import OddEven, reduce_odd_even
 from resgrid.solvers.refine import Numbers
@@ -103,7 +103,7 @@ class SupernodalFactors:
     def solve(self, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
         """Solve for doubles, shape (n,); entry by entry right where none of them is negative."""
         m, e = self.substitute(rhs, np.zeros(len(rhs), dtype=np.int64))
-        return m * power(e)
+        return unscaled(m, e)
 
 
 def factor_supernodes(laplacian: Laplacian, symbolic: Symbolic | None = None) -> SupernodalFactors:

@@ -60,3 +60,24 @@ def test_a_cell_that_opens_cut_off_is_still_fed_where_a_load_ties_it_to_ground()
     netlist = rg.study(space_of([2, 0, 0]), chip, boundary="neumann").netlist
     volts = rg.solve(netlist).voltage[netlist.cells.node]
     np.testing.assert_allclose(volts, [0.0, 5e5 * 1.0 / 10e3 / 3, 5e5 * 1.0 / 10e3 / 3], rtol=1e-12)
+
+
+def test_resistors_are_opened_one_by_one():
+    axes = [rg.Axis("a", 0.0, 5.0, 5, periodic=True), rg.Axis("b", 0.0, 4.0, 4)]
+    cell = np.zeros((5, 4), dtype=np.uint8)
+    cell[2, 2] = rg.Cell.GOAL
+    netlist = rg.compile_space(rg.ConfigurationSpace(axes, cell), rails="cells")
+    node = netlist.cells.node
+    for place, ends in {
+        (3, 1, 0): {node[2, 1], node[3, 1]},
+        (0, 1, 0): {node[4, 1], node[0, 1]},
+        (5, 1, 0): {node[4, 1], node[0, 1]},  # a ring's last face is its first
+        (1, 3, 1): {node[1, 2], node[1, 3]},
+        (1, 4, 1): {node[1, 3], netlist.cells.obstacle_node},
+    }.items():
+        cut = rg.build_chip(netlist, rg.Chip(defects=rg.Defects(open_at=[place])))
+        gone = set(map(frozenset, netlist.resistor_nodes.tolist())) - set(map(frozenset, cut.resistor_nodes.tolist()))
+        assert gone == {frozenset(ends)}
+    for place in ((5, 4, 0), (1, 5, 1), (1, 1, 2), (1, 1)):
+        with pytest.raises(rg.InputError, match="open_at"):
+            Faults(open_at=(place,)).apply(netlist)

@@ -34,7 +34,7 @@ ALL = (
     passes.Temperature(85.0),
     passes.InternodalSwitches(100.0, 1e9),
     passes.Saturation(0.3),
-    passes.Faults(0.02, 0.02, 1.0, (5, 1)),
+    passes.Faults(0.02, 0.02, 1.0, (5, 1), ((3, 2, 1),)),
     passes.RailSwitches(100.0, 1e9, 50.0, 1e9),
     passes.RailResistance(0.1),
     passes.Capacitance(1e-12),

@@ -286,7 +286,7 @@ def test_a_run_that_ended_within_a_batch_is_taken_up_at_its_end(tmp_path: Path) 
     )
 
 
-@pytest.mark.parametrize("kind", ["processes:2", "loky", "dask", "parsl"])
+@pytest.mark.parametrize("kind", ["processes", "loky", "dask", "parsl"])
 def test_the_numbers_and_the_file_are_the_same_whoever_works_and_dies(kind: str, tmp_path: Path) -> None:
     made = rg.study(room(), CHIP)
     rule = {"trials": 300, "half_width": 1e-4}
@@ -303,7 +303,7 @@ def test_the_numbers_and_the_file_are_the_same_whoever_works_and_dies(kind: str,
         shared = made.yields(**rule, executor=executor, checkpoint=tmp_path / "shared.jsonl", progress=kill)
     assert numbers(shared) == numbers(alone)
     assert (tmp_path / "shared.jsonl").read_bytes() == (tmp_path / "alone.jsonl").read_bytes()
-    assert bool(died) == (kind in ("processes:2", "loky"))
+    assert bool(died) == (kind in ("processes", "loky"))
 
 
 def test_checkpoints_of_other_runs_and_damaged_ones_are_refused(tmp_path: Path) -> None:

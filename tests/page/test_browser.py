@@ -165,12 +165,16 @@ def test_the_grid_settles(shown: Page):
 def test_a_link_is_the_same_page_in_another_browser(served: LivePage, chromium: Browser, shown: Page):
     shown.select_option("#examples", "ring")
     until(shown, "live.model.scene.title === 'Ring'")
+    flaws = "broken: [[3, 4, 0], [5, 5, 1]], wall: 2000, chip: { mismatch: 0.1, seed: 7 }"
+    shown.evaluate(f"live.model.replace({{ ...live.model.scene, {flaws} }})")
     settle(shown)
     other = chromium.new_context().new_page()
     other.goto(link_of(shown).replace("/#", "/?tour=0#"))
     until(other, "live.model.scene && live.model.scene.title === 'Ring'")
     settle(other)
     assert kept(other) == kept(shown)
+    for one, same in zip(lines(other), lines(shown), strict=True):
+        np.testing.assert_array_equal(one, same)
     other.context.close()
 
 
@@ -346,6 +350,20 @@ def test_what_stands_around_an_arm_is_dragged(shown: Page):
     shown.get_by_role("button", name="Undo").click()
     settle(shown)
     assert kept(shown) == first
+
+
+def test_what_stands_around_an_arm_is_moved_by_keys(shown: Page):
+    shown.select_option("#examples", "chair")
+    until(shown, "live.model.scene.world !== null && live.world.poses.length > 1")
+    settle(shown)
+    lower = "live.model.scene.world.obstacle[0].lower[1]"
+    before, past = shown.evaluate(lower), shown.evaluate("live.model.past.length")
+    shown.locator("#world").focus()
+    shown.keyboard.press(" ")  # from the goal to the first obstacle
+    shown.keyboard.press("ArrowUp")
+    until(shown, f"live.model.past.length === {past + 1} && live.model.before === null")
+    settle(shown)
+    assert shown.evaluate(lower) > before
 
 
 def test_a_stopped_server_is_said_and_the_page_goes_on(chromium: Browser):

@@ -5,13 +5,17 @@ from __future__ import annotations
 import base64
 import json
 import zlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from support.cli import answer, call
 
+import resgrid as rg
 from resgrid.errors import InputError
 from resgrid.page.drawing import blank, drawing_of
+from resgrid.page.frames import solve_drawing
+from resgrid.page.opening import open_example
 from resgrid.scene.links import is_link, read_link
 
 
@@ -44,3 +48,41 @@ def test_the_command_line_takes_links(tmp_path, monkeypatch):
 def test_a_damaged_link_says_so(address):
     with pytest.raises(InputError, match="link"):
         read_link(address)
+
+
+def test_a_link_holds_broken_resistors_mismatch_and_walls():
+    chip = {"mismatch": 0.1, "seed": 7, "defects": {"open_density": 0.01}}
+    drawing = replace(blank(12), broken=((3, 4, 0), (12, 4, 0)), wall=2e3, chip=chip)
+    again = drawing_of(read_link(link(drawing.document())))
+    assert again.broken == drawing.broken and again.wall == 2e3
+    assert {key: again.chip[key] for key in ("mismatch", "seed")} == {"mismatch": 0.1, "seed": 7}
+    assert again.chip["defects"]["open_density"] == 0.01
+    whole = drawing_of(read_link(link(replace(drawing, broken=()).document())))
+    assert whole.broken == ()
+
+
+def test_every_verb_takes_the_chip_with_the_resistors_broken_on_the_page(tmp_path):
+    """What the page solves is `resgrid.build_chip` of the link's own description."""
+    drawing = replace(blank(12), broken=((3, 4, 0), (5, 2, 1)), chip={"mismatch": 0.1, "seed": 7})
+    scene = read_link(link(drawing.document()))
+    ideal = rg.compile_space(rg.sample(scene))
+    chip = rg.build_chip(ideal, scene.chip)
+    assert len(chip.conductance) == len(ideal.conductance) - 2
+    frame = solve_drawing(drawing, exact=True)
+    np.testing.assert_array_equal(frame.field.potential, rg.field(rg.solve(chip)).potential)
+    assert "chip.defects.open_at" in answer("path", link(drawing.document()))["not_heeded"]
+
+
+def test_an_arm_stays_an_arm_until_its_cells_are_painted_over():
+    drawing = drawing_of(open_example("chair"))
+    moved = replace(drawing, k=0.5, starts=np.array([[1.0, -1.0]]), broken=((3, 4, 0),))
+    scene = read_link(link(moved.document()))
+    assert isinstance(scene.robot, rg.Arm) and scene.k == (0.5,) and scene.starts == ((1.0, -1.0),)
+    again = drawing_of(scene)
+    assert again.world is not None and again.broken == moved.broken
+    np.testing.assert_array_equal(again.cell, drawing.cell)
+    cell = drawing.cell.copy()
+    cell[:9, :9] = 1
+    painted = drawing_of(read_link(link(replace(moved, cell=cell).document())))
+    assert painted.world is None
+    np.testing.assert_array_equal(painted.cell, cell)

@@ -20,7 +20,7 @@ from typing import Any
 
 import pytest
 
-import resgrid as rg
+from benchmarks.executors import opened
 
 
 class Shuffled(Executor):
@@ -75,32 +75,15 @@ class Shuffled(Executor):
 @contextmanager
 def two_workers(kind: str, folder: Path) -> Iterator[Executor]:
     """An executor whose workers are two processes; `folder` for its files."""
-    if kind == "loky":
-        from loky import get_reusable_executor
-
-        yield get_reusable_executor(2)
-    elif kind == "dask":
-        from distributed import LocalCluster
-
-        with (
-            LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
-            rg.open_executor(cluster.scheduler_address.replace("tcp", "dask")) as executor,
-        ):
-            yield executor
-    elif kind == "forkserver":
-        with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("forkserver")) as executor:
-            yield executor
-    elif kind == "parsl":
-        words = "label='two', max_workers_per_node=2, address='127.0.0.1'"
-        config = f"parsl.Config(executors=[parsl.HighThroughputExecutor({words})], run_dir={str(folder / 'parsl')!r})"
-        (folder / "config.py").write_text(f"import parsl\nconfig = {config}\n")
-        with pytest.MonkeyPatch.context() as patch:  # as in an environment that is activated
-            patch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
-            with rg.open_executor(f"parsl:{folder / 'config.py'}") as executor:
+    with pytest.MonkeyPatch.context() as patch:  # as in an environment that is activated
+        patch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+        if kind == "forkserver":
+            with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("forkserver")) as executor:
                 yield executor
-    else:
-        with rg.open_executor(kind) as executor:
-            yield executor
+        else:
+            with opened(kind, 2, folder) as executor:
+                assert executor is not None
+                yield executor
 
 
 def sums(shared: Any, items: Sequence[int]) -> list[int]:

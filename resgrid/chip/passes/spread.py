@@ -13,10 +13,12 @@ from resgrid import die
 from resgrid.chip.passes.base import Pass, add_resistors, check_seeded, select_resistors, without_stranded_currents
 from resgrid.die import DEFECTS, Seed, generator, mismatch_factors
 from resgrid.errors import InputError
-from resgrid.netlist import CellMap, Netlist
-from resgrid.scene.chip import Chip, Density, Metres, Ohms
+from resgrid.grids import face_counts
+from resgrid.netlist import CellMap, Netlist, face_shape
+from resgrid.scene.chip import Chip, Density, Metres, Ohms, Place
 from resgrid.scene.quantities import Listed, Quantity
 from resgrid.scene.table import check_fields
+from resgrid.space import ConfigurationSpace
 
 
 @dataclass(frozen=True)
@@ -120,13 +122,15 @@ class Faults(Pass):
     only feeds nodes that opens cut off from the rest is left out: its current has nowhere to go.
 
     `open_density, short_density`: share of the resistors; together at most 1; `short_resistance`: of a short, in
-    ohms; `seed`: the chip.
+    ohms; `seed`: the chip; `open_at`: resistors that are open besides, each as a cell and the axis across whose lower
+    face it lies; one that is not there, beside an open obstacle say, is no less open.
     """
 
     open_density: Density = 0.0
     short_density: Density = 0.0
     short_resistance: Ohms = 1.0
     seed: Seed = 0
+    open_at: tuple[Place, ...] = ()
 
     def __post_init__(self) -> None:
         check_seeded(self)
@@ -140,14 +144,27 @@ class Faults(Pass):
     def of(cls, chip: Chip, seed: Seed) -> Faults | None:
         """Nothing where no resistor is open or shorted."""
         defects = chip.defects
-        if not (defects.open_density or defects.short_density):
+        if not (defects.open_density or defects.short_density or defects.open_at):
             return None
-        return cls(defects.open_density, defects.short_density, defects.short_resistance, seed)
+        return cls(defects.open_density, defects.short_density, defects.short_resistance, seed, defects.open_at)
 
     def places(self, netlist: Netlist) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Which places on the die are open, and which are shorted; each of shape (places,)."""
         draw = generator(self.seed, DEFECTS).random(die.place_count(netlist))
-        return draw < self.open_density, draw >= 1 - self.short_density
+        opened = draw < self.open_density
+        opened[[self._face(netlist.cells.space, place) for place in self.open_at]] = True
+        return opened, ~opened & (draw >= 1 - self.short_density)
+
+    def _face(self, space: ConfigurationSpace, place: tuple[int, ...]) -> int:
+        """The number of a face, as in `CellMap`: on a ring the last one is the first."""
+        *cell, axis = place
+        if len(cell) == space.ndim > axis:
+            if space.periodic[axis]:
+                cell[axis] %= space.shape[axis]
+            shape = face_shape(space.shape, axis)
+            if all(part < size for part, size in zip(cell, shape, strict=True)):
+                return sum(face_counts(space.shape)[:axis]) + int(np.ravel_multi_index(cell, shape))
+        raise InputError(f"defects.open_at: {list(place)} is no cell of {space.shape} and an axis of it")
 
     def apply(self, netlist: Netlist) -> Netlist:
         opened, shorted = (np.append(mask, False) for mask in self.places(netlist))

@@ -20,7 +20,7 @@ export const LAYOUT = `
   <div id="tools" role="toolbar" aria-label="Tools"></div>
   <div id="stage">
     <canvas id="canvas" tabindex="0" aria-label="The grid. Arrow keys move the cursor, space uses the tool."></canvas>
-    <canvas id="world" aria-label="The arm's workspace: drag what stands there."></canvas>
+    <canvas id="world" tabindex="0" aria-label="The arm's workspace: drag what stands there. Space chooses a thing, arrow keys move it."></canvas>
     <div id="card" hidden></div>
     <div id="below"><span id="quality" role="status"></span><span id="legend"><span id="legend-low"></span><canvas id="legend-bar" width="160" height="8"></canvas><span id="legend-high"></span></span></div>
   </div>

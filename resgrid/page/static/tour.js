@@ -12,7 +12,7 @@ const SENTENCES = [
 export function openTour(parts) {
   const dialog = /** @type {HTMLDialogElement} */ (parts.get("tour"));
   dialog.innerHTML = `<h2>A chip that plans paths</h2><ol>${SENTENCES.map((text) => `<li>${text}</li>`).join("")}</ol>
-    <p class="note">Keys: W E B F M G S choose tools, arrows move a cursor, space uses the tool, shift + arrows take a goal or start along, Ctrl+Z undoes.</p>
+    <p class="note">Keys: W E B F M G S X L choose tools, arrows move a cursor, space uses the tool, shift + arrows take a goal or start along, Ctrl+Z undoes.</p>
     <div class="actions"><button autofocus>Begin</button></div>`;
   dialog.querySelector("button")?.addEventListener("click", () => dialog.close());
   if (!dialog.open) dialog.showModal();

@@ -20,7 +20,10 @@ function dial(comm, view, signal) {
     send: (message) => comm.send({ view }, undefined, [/** @type {Uint8Array} */ (message)]),
   };
   comm.on("msg:custom", receive);
-  signal.addEventListener("abort", () => comm.off("msg:custom", receive));
+  signal.addEventListener("abort", () => {
+    comm.off("msg:custom", receive);
+    comm.send({ view, end: true });
+  });
   comm.send({ view });
   return socket;
 }

@@ -7,7 +7,7 @@ import { inks } from "./colours.js";
  *   vertices?: number[][], point?: number[]}} Shape */
 /** @typedef {number[][]} Pose the arm's joints, from its base to its tip */
 
-const GOAL = "#ff5d3b", ARM = "#2f6fdb", POSES_A_SECOND = 12, GHOSTS = 9;
+const GOAL = "#ff5d3b", ARM = "#2f6fdb", POSES_A_SECOND = 12, GHOSTS = 9, KEY_PIXELS = 8;
 
 /** A shape moved in the plane. @param {Shape} shape @param {number[]} by @returns {Shape} */
 function moved(shape, by) {
@@ -24,6 +24,7 @@ export class World {
   /** @type {Pose | null} */ hovered = null;
   /** @type {{list: "obstacle" | "goal", number: number, from: number[], first: Scene} | null} */ #drag = null;
   canDraw = true;
+  /** What arrow keys move. */ #chosen = 0;
 
   /** @param {HTMLCanvasElement} canvas @param {import("./model.js").Model} model @param {() => Promise<void>} resample
    * @param {import("./view.js").View} view */
@@ -37,6 +38,7 @@ export class World {
     canvas.addEventListener("pointerdown", (event) => this.#down(event));
     canvas.addEventListener("pointermove", (event) => this.#move(event));
     for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => this.#end());
+    canvas.addEventListener("keydown", (event) => this.#key(event));
     const loop = (/** @type {number} */ now) => {
       if (view.isClosed) return;
       if (this.scene) this.#paint(now);
@@ -121,6 +123,13 @@ export class World {
     context.strokeStyle = GOAL;
     context.lineWidth = 3 * fine;
     for (const shape of document_.goal ?? []) if (!shape.joints && !shape.cell && !shape.joints_lower) context.stroke(this.#outline(shape));
+    const chosen = this.canvas.matches(":focus-visible") ? this.#things[this.#chosen] : undefined;
+    if (chosen) {
+      context.setLineDash([6, 4]);
+      context.strokeStyle = ARM;
+      context.stroke(this.#outline(this.#document[chosen[0]][chosen[1]]));
+      context.setLineDash([]);
+    }
     const { poses } = this, last = poses.length - 1;
     if (last > 0) {
       const every = Math.max(1, Math.round(last / GHOSTS));
@@ -174,13 +183,38 @@ export class World {
     }
   }
 
+  /** All that can be moved: goals in the workspace, then obstacles. @returns {["goal" | "obstacle", number][]} */
+  get #things() {
+    const lists = /** @type {const} */ (["goal", "obstacle"]);
+    return lists.flatMap((list) => (this.#document[list] ?? []).map((/** @type {Shape} */ _, /** @type {number} */ n) => [list, n]));
+  }
+
+  /** Space chooses the next thing, arrows move it. @param {KeyboardEvent} event */
+  async #key(event) {
+    const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
+    if (!this.scene || !this.canDraw || (event.key !== " " && !step)) return;
+    event.preventDefault();
+    if (!step) this.#chosen = (this.#chosen + 1) % this.#things.length;
+    const thing = this.#things[this.#chosen];
+    if (!step || !thing || this.#drag) return;
+    this.model.begin();
+    this.#shift(this.scene, ...thing, step.map((part) => (part * KEY_PIXELS) / this.#frame.scale));
+    await this.resample();
+    this.model.commit();
+  }
+
+  /** Move one thing of a scene. @param {Scene} first @param {"goal" | "obstacle"} list @param {number} number @param {number[]} by metres */
+  #shift(first, list, number, by) {
+    const world = /** @type {any} */ (first.world);
+    const shapes = world[list].map((/** @type {Shape} */ shape, /** @type {number} */ n) => (n === number ? moved(shape, by) : shape));
+    this.model.show({ .../** @type {Scene} */ (this.model.scene), world: { ...world, [list]: shapes } });
+  }
+
   /** @param {PointerEvent} event */
   #move(event) {
     if (!this.#drag || !this.model.scene) return;
     const { list, number, from, first } = this.#drag, to = this.#place(event);
-    const world = /** @type {any} */ (first.world);
-    const shapes = world[list].map((/** @type {Shape} */ shape, /** @type {number} */ n) => (n === number ? moved(shape, [to[0] - from[0], to[1] - from[1]]) : shape));
-    this.model.show({ ...this.model.scene, world: { ...world, [list]: shapes } });
+    this.#shift(first, list, number, [to[0] - from[0], to[1] - from[1]]);
     this.resample();
   }
 
