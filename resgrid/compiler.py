@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -87,11 +88,7 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     array([5.e-05, 5.e-05])
     """
     wiring = wiring_of(wiring, options).on(space)
-    require_memory(
-        _PEAK * space.cell.size * space.ndim,
-        f"compiling {space.cell.size:,} cells",
-        "use a coarser grid, or a machine with more memory",
-    )
+    require_room(space.shape)
     if not space.goal_count:
         raise InputError("the space has no goal cell: add a goal, or make it at least one cell large")
     nodes = _number_nodes(space, wiring)
@@ -115,6 +112,14 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     for column in columns:
         column.flags.writeable = False  # or the netlist would copy it
     return Netlist(nodes.count, *columns, cell_map=cell_map)
+
+
+def require_room(shape: tuple[int, ...]) -> None:
+    """Refuse a grid whose netlist would not fit in memory."""
+    cells = prod(shape)
+    require_memory(
+        _PEAK * cells * len(shape), f"compiling {cells:,} cells", "use a coarser grid, or a machine with more memory"
+    )
 
 
 def _number_nodes(space: ConfigurationSpace, wiring: Wiring) -> _Nodes:
