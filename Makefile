@@ -1,5 +1,5 @@
 # make demo    install into .venv, compile the loops on all cores, and run the shipped example
-# make test    install what the tests need, ngspice and Chromium included, compile the loops, and run them all
+# make test    install what the tests need (ngspice, Chromium, PETSc), compile the loops, and run them all
 # make warm    compile the loops on all cores
 # make targets run the tests of the numbers as other processors would compute them (plain x86-64, AVX-512 where there is one)
 # make check   lint, formatting, types (of the page's modules as well), import order
@@ -43,6 +43,7 @@ demo: $(INSTALLED) warm
 test: $(INSTALLED_DEV) warm
 	scripts/install_ngspice.sh
 	scripts/install_chromium.sh
+	scripts/install_petsc.sh || true
 	$(BIN)/python -m pytest -n $(JOBS)
 
 warm: | $(INSTALLED)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sys
 from math import prod
 from pathlib import Path
@@ -27,6 +28,16 @@ def require_memory(needed: float, job: str, remedy: str) -> None:
     free = available_memory()
     if needed > free:
         raise BudgetError(f"{job} needs about {needed / 2**30:.3g} GiB, but {free / 2**30:.3g} GiB is free; {remedy}")
+
+
+def require_disk(needed: float, folder: Path, job: str) -> None:
+    """Refuse files that a folder has no room for."""
+    free = shutil.disk_usage(folder).free
+    if needed > free:
+        raise BudgetError(
+            f"{job} need about {needed / 2**30:.3g} GiB in {folder.parent}, but {free / 2**30:.3g} GiB is free "
+            "there; set TMPDIR to a folder on a larger disk"
+        )
 
 
 def require_grid_memory(shape: tuple[int, ...], what: str, bytes_per_cell: int = BYTES_PER_CELL) -> None:

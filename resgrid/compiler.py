@@ -8,18 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.budget import require_memory
+from resgrid.budget import require_grid_memory
 from resgrid.conductances import behind_wall, has_wall, in_series, of_face
 from resgrid.errors import CircuitError, InputError
-from resgrid.grids import face_counts, faces_ahead, places_in_slab, slab
+from resgrid.grids import before_and_behind, face_counts, faces_ahead, places_in_slab, slab, with_margin
 from resgrid.netlist import GROUND, MOST_NODES, CellMap, Netlist
 from resgrid.space import Cell, ConfigurationSpace
 from resgrid.wiring import Wiring, wiring_of
+
+_Codes = NDArray[np.uint8] | Cell
 
 _NO_NODE = -1
 _PEAK = 80
@@ -84,11 +87,7 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     array([5.e-05, 5.e-05])
     """
     wiring = wiring_of(wiring, options).on(space)
-    require_memory(
-        _PEAK * space.cell.size * space.ndim,
-        f"compiling {space.cell.size:,} cells",
-        "use a coarser grid, or a machine with more memory",
-    )
+    require_room(space.shape)
     if not space.goal_count:
         raise InputError("the space has no goal cell: add a goal, or make it at least one cell large")
     nodes = _number_nodes(space, wiring)
@@ -112,6 +111,11 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     for column in columns:
         column.flags.writeable = False  # or the netlist would copy it
     return Netlist(nodes.count, *columns, cell_map=cell_map)
+
+
+def require_room(shape: tuple[int, ...]) -> None:
+    """Refuse a grid whose netlist would not fit in memory."""
+    require_grid_memory(shape, "compiling the grid", _PEAK * len(shape))
 
 
 def _number_nodes(space: ConfigurationSpace, wiring: Wiring) -> _Nodes:
@@ -221,16 +225,100 @@ def _fill_piece(
     faces = faces_ahead(here.astype(part.face.dtype), space.shape, axis, group.faces[0] - group.lower[0])
     part.face[:] = faces + group.first_face
     part.upward[:] = there is not None or group.faces[0] > 0
-    part.conductance[:] = of_face(space.spacing, axis, wiring.resistance)
     cell = space.cell.reshape(-1)
     codes = cell[here], Cell.OBSTACLE if there is None else cell[there]
-    if space.conductivity is not None:
-        c = space.conductivity.reshape(-1)
-        free = (code == Cell.FREE for code in codes)
-        part.conductance[:] *= c[here] if there is None else in_series(c[here], c[there], *free)
+    c = None if space.conductivity is None else space.conductivity.reshape(-1)
+    conductivities = None if c is None else (c[here], c[here if there is None else there])
+    part.conductance[:] = _of_contacts(space, wiring, axis, codes, conductivities, here.shape)
+
+
+def _of_contacts(
+    space: ConfigurationSpace,
+    wiring: Wiring,
+    axis: int,
+    codes: tuple[_Codes, _Codes],
+    conductivities: tuple[NDArray[np.float64], NDArray[np.float64]] | None,
+    shape: tuple[int, ...],
+) -> NDArray[np.float64]:
+    """Conductances between cells before and behind faces across an axis, in siemens; all arrays of that shape."""
+    conductance = np.full(shape, of_face(space.spacing, axis, wiring.resistance))
+    if conductivities is not None:
+        conductance *= in_series(*conductivities, *(code == Cell.FREE for code in codes))
     if wiring.wall_resistance:
         walled = has_wall(*(code == Cell.OBSTACLE for code in codes))
-        part.conductance[walled] = behind_wall(part.conductance[walled], wiring.wall_resistance)
+        conductance[walled] = behind_wall(conductance[walled], wiring.wall_resistance)
+    return conductance
+
+
+class Kind(IntEnum):
+    """What a cell, or what lies beyond the border, is in the circuit of merged rails."""
+
+    NODE, HIGH, LOW, NONE = range(4)
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """All contacts of a slab of cells, rows of the first axis, without node numbers: the equations of grids too large.
+
+    `kind`: of every cell of the slab and of those around it, a margin of one cell along each axis, wrapped where the
+    axis is periodic; `conductance`: per axis, through the faces of the slab's cells, in siemens, one more along that
+    axis than cells; 0 where there is no contact.
+    """
+
+    kind: NDArray[np.uint8]
+    conductance: tuple[NDArray[np.float64], ...]
+
+
+def contacts_of_rows(space: ConfigurationSpace, wiring: Wiring, first: int, last: int) -> Contacts:
+    """The contacts of the rows from ``first`` to ``last``, as `compile_space` makes them with merged rails.
+
+    `wiring`: as ``wiring.on(space)`` returns it.
+    """
+    rows = (first, last)
+    code = with_margin(space.cell, space.periodic, rows)
+    kind = np.choose(code, (Kind.NODE, Kind.HIGH, Kind.LOW)).astype(np.uint8)
+    if wiring.boundary == "neumann":
+        connected = with_margin(space.goal_connected, space.periodic, rows)
+        kind[(code == Cell.OBSTACLE) | ((code == Cell.FREE) & ~connected)] = Kind.NONE
+    if wiring.start is not None:
+        at = (np.arange(size) == place for size, place in zip(space.shape, wiring.start, strict=True))
+        ranges = (rows, *[None] * (space.ndim - 1))
+        kind[np.ix_(*map(with_margin, at, space.periodic[:, np.newaxis], ranges))] = Kind.HIGH
+    for axis, size in enumerate(space.shape):
+        _set_beyond(code, kind, axis, wiring, size, (rows[0] == 0, rows[1] == size) if axis == 0 else (True, True))
+    c = None if space.conductivity is None else with_margin(space.conductivity, space.periodic, rows)
+    return Contacts(kind, tuple(_across(space, wiring, axis, code, kind, c) for axis in range(space.ndim)))
+
+
+def _set_beyond(
+    code: NDArray[np.uint8], kind: NDArray[np.uint8], axis: int, wiring: Wiring, size: int, ends: tuple[bool, bool]
+) -> None:
+    """Write what lies beyond those ends of an axis which the slab reaches: the obstacle rail, or nothing."""
+    edge = wiring.edge[axis]
+    if edge == "periodic" and size > 1:
+        return
+    tied = edge == "obstacle" and wiring.boundary != "neumann"
+    for reached, place in zip(ends, (0, -1), strict=True):
+        if reached:
+            np.moveaxis(code, axis, 0)[place] = Cell.OBSTACLE
+            np.moveaxis(kind, axis, 0)[place] = Kind.HIGH if tied else Kind.NONE
+
+
+def _across(
+    space: ConfigurationSpace,
+    wiring: Wiring,
+    axis: int,
+    code: NDArray[np.uint8],
+    kind: NDArray[np.uint8],
+    c: NDArray[np.float64] | None,
+) -> NDArray[np.float64]:
+    lower, upper = before_and_behind(kind, axis)
+    codes = before_and_behind(code, axis)
+    conductivities = None if c is None else before_and_behind(c, axis)
+    conductance = _of_contacts(space, wiring, axis, codes, conductivities, lower.shape)
+    none = (lower == Kind.NONE) | (upper == Kind.NONE) | ((lower != Kind.NODE) & (upper != Kind.NODE))
+    conductance[none] = 0.0
+    return conductance
 
 
 def _voltage_sources(

@@ -109,6 +109,28 @@ def slab(array: NDArray[Any], axis: int, start: int, stop: int) -> NDArray[Any]:
     return array[(slice(None),) * axis + (slice(start, stop),)]
 
 
+def with_margin(array: NDArray[Any], periodic: NDArray[np.bool_], rows: tuple[int, int] | None = None) -> NDArray[Any]:
+    """A copy of a range of rows (all by default) with one more cell on every side, wrapped or, at borders, repeated.
+
+    Shapes: `periodic` (ndim,).
+    """
+    size = len(array)
+    first, last = rows or (0, size)
+    row = np.arange(first - 1, last + 1)
+    wide = array[row % size if periodic[0] else row.clip(0, size - 1)]
+    for axis in range(1, array.ndim):
+        margins = [(int(other == axis),) * 2 for other in range(array.ndim)]
+        wide = np.pad(wide, margins, mode="wrap" if periodic[axis] else "edge")
+    return wide
+
+
+def before_and_behind(wide: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Views of what lies before and behind every face across an axis, of an array with a margin of one cell."""
+    inside = [slice(1, -1)] * wide.ndim
+    ends = [(*inside[:axis], part, *inside[axis + 1 :]) for part in (slice(0, -1), slice(1, None))]
+    return wide[ends[0]], wide[ends[1]]
+
+
 def places_in_slab(
     kept: NDArray[np.bool_], shape: tuple[int, ...], axis: int, ends: tuple[int, int]
 ) -> NDArray[np.int64]:

@@ -2,6 +2,7 @@
 # Installs Chromium, in which the tests draw on the live page, unless a browser is there; otherwise stops with the command
 # to type.  RESGRID_CHROMIUM names another.
 set -eu
+. "${0%/*}/by_apt.sh"
 
 stop() {
     printf 'Chromium is missing, and the tests of the live page need it. %s\n' "$1" >&2
@@ -17,18 +18,7 @@ for browser in chromium chromium-browser google-chrome google-chrome-stable; do
 done
 
 if command -v apt-get >/dev/null 2>&1; then
-    packages='chromium libatomic1 fonts-dejavu-core'
-    by_hand="Type: sudo apt-get update && sudo apt-get install -y $packages"
-    if [ "$(id -u)" = 0 ]; then
-        as_root=''
-    elif command -v sudo >/dev/null 2>&1 && sudo -n true 2>/dev/null; then
-        as_root='sudo -n'
-    else
-        stop "$by_hand"
-    fi
-    # Old package lists may do, so a failed update is no reason to stop.
-    $as_root apt-get update -qq || true
-    $as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $packages || stop "$by_hand"
+    by_apt chromium libatomic1 fonts-dejavu-core
 elif command -v brew >/dev/null 2>&1; then
     brew install --cask chromium || stop 'Type: brew install --cask chromium'
 else

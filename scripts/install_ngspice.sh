@@ -3,6 +3,7 @@
 # NGSPICE_VERSION=46 asks for a version: on Debian that of the backports, from a list of sources of its own, so that the
 # system's stay as they are.  resgrid is tried with 39 (Debian 12) and 46 (its backports).
 set -eu
+. "${0%/*}/by_apt.sh"
 
 program=${RESGRID_NGSPICE:-ngspice}
 version=${NGSPICE_VERSION:-}
@@ -24,17 +25,7 @@ if [ -n "${RESGRID_NGSPICE:-}" ]; then
 fi
 
 if command -v apt-get >/dev/null 2>&1; then
-    by_hand='Type: sudo apt-get update && sudo apt-get install -y ngspice'
-    if [ "$(id -u)" = 0 ]; then
-        as_root=''
-    elif command -v sudo >/dev/null 2>&1 && sudo -n true 2>/dev/null; then
-        as_root='sudo -n'
-    else
-        stop "$by_hand"
-    fi
-    # Old package lists may do, so a failed update is no reason to stop.
-    $as_root apt-get update -qq || true
-    $as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends ngspice || stop "$by_hand"
+    by_apt ngspice
     if ! is_there && [ -n "$version" ]; then
         release=$(. "${OS_RELEASE:-/etc/os-release}" && printf '%s' "${VERSION_CODENAME:-}")
         [ -n "$release" ] || stop "This system has no backports: install version $version by hand, and name it in RESGRID_NGSPICE."

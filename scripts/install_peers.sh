@@ -13,11 +13,4 @@ for peer in pyamg pypardiso kvxopt apxchol cholespy threadpoolctl spicelib InSpi
 done
 
 # PETSc brings hypre along as a Debian package for Debian's own Python; as source it would take half an hour to build.
-if ls /usr/lib/petscdir/*/*-real/lib/python3/dist-packages/petsc4py >/dev/null 2>&1; then
-    exit 0
-fi
-if command -v apt-get >/dev/null 2>&1 && [ "$(id -u)" = 0 ]; then
-    apt-get update -qq || true
-    DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends python3-petsc4py >/dev/null 2>&1 && exit 0
-fi
-printf 'benchmarks: PETSc is missing; for it type: sudo apt-get install -y python3-petsc4py\n' >&2
+"${0%/*}/install_petsc.sh" >/dev/null || true

@@ -17,6 +17,8 @@ from resgrid.solvers.factors.factor import check_rtol
 from resgrid.solvers.monitor import Progress
 
 ACCURACIES = ("direction", "normwise")
+PETSC = "petsc"
+"""The method of `resgrid.plan` that takes a space to other processes, without a netlist."""
 
 
 class Deck(Protocol):
@@ -89,7 +91,7 @@ def solve(
     >>> netlist.node_name(node), f"{op.voltage[node]:.6f} V"
     ('n_6_2', '0.573718 V')
     """
-    _check_options(accuracy, rtol, threads, progress)
+    _check_options(accuracy, method, rtol, threads, progress)
     netlist = _netlist_of(netlist)
     if netlist.nonlinear_nodes.size:
         from resgrid.circuit.nonlinear import solve_nonlinear
@@ -200,9 +202,11 @@ def _netlist_of(circuit: Netlist | Deck) -> Netlist:
     return netlist
 
 
-def _check_options(accuracy: str, rtol: float, threads: int, progress: Progress | None) -> None:
+def _check_options(accuracy: str, method: str, rtol: float, threads: int, progress: Progress | None) -> None:
     if accuracy not in ACCURACIES:
         raise InputError(f"accuracy = {accuracy!r} is unknown; it may be one of {', '.join(ACCURACIES)}")
+    if method == PETSC:
+        raise InputError("method = 'petsc' solves spaces, without a netlist: rg.plan(space, method='petsc', ranks=2)")
     check_rtol(rtol)
     check_whole("threads", threads, 1)
     if not (progress is None or callable(progress)):

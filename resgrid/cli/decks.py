@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -68,7 +69,7 @@ def _say_notes(deck: Circuit) -> None:
             detail(str(note))
 
 
-def solve_deck(deck: Circuit) -> OperatingPoint:
+def solve_deck(deck: Circuit, method: str = "auto") -> OperatingPoint:
     """Solve a deck; as `resgrid.solve`, but where there is no answer the message names the lines at fault."""
     from resgrid.circuit.solve import solve
     from resgrid.spice.check.rules import check_rules
@@ -77,7 +78,8 @@ def solve_deck(deck: Circuit) -> OperatingPoint:
         with stage("assemble it"):
             netlist = deck.netlist()
         seconds = 0.5 + _SOLVE_SECONDS * len(netlist.conductance)
-        return compute("solve the deck", solve, netlist, seconds=seconds)
+        op: OperatingPoint = compute("solve the deck", partial(solve, method=method), netlist, seconds=seconds)
+        return op
     except CircuitError as error:
         errors = [finding for finding in check_rules(deck) if finding.severity == "error"]
         lines = (f"{finding.place}: {finding.message}; {finding.remedy}" for finding in errors[:_NOTES])

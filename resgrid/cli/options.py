@@ -220,6 +220,16 @@ def _not_empty(_context: click.Context, _option: click.Parameter, value: str | N
     return value
 
 
+def with_method(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The options ``--method`` and ``--ranks``, of verbs that solve one circuit."""
+    options = (
+        click.option("--method", type=click.Choice(["auto", "direct", "multigrid", "petsc"]), default="auto",
+                     help="How to solve; petsc is for grids that do not fit otherwise."),
+        click.option("--ranks", metavar="N", type=click.IntRange(1), help="Processes of --method petsc.  [default: 2]"),
+    )  # fmt: skip
+    return _decorated(function, options)
+
+
 def folder_of(output: str | None, source: Source, end: str = "") -> Path:
     """The folder that many results go to: the one that is named, or one after the source."""
     if output == "-":

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from resgrid.cli.failures import NEGATIVE
-from resgrid.cli.options import NUMBERS, POSITIVE, Amount, Source, output_option, verb, with_source
+from resgrid.cli.options import NUMBERS, POSITIVE, Amount, Source, output_option, verb, with_method, with_source
 from resgrid.cli.paths import answer_queries, plan_routes, route_line
 from resgrid.cli.report import finish
 from resgrid.cli.scenes import open_job, require_starts, say_unheeded
@@ -90,10 +90,12 @@ class Motion:
     help="Time the paths: greatest speed (of an arm, of every joint), or one number for each coordinate.",
 )
 @click.option("--acceleration", metavar="A,...", type=NUMBERS, default=(), help="Greatest acceleration, likewise.")
+@with_method
 @click.option("--rate", metavar="HZ", type=POSITIVE, help="Write a timed path so often a second.")
 def command(
     source: Source, output: str | None, queries: str | None, limit: int | None, shorten: bool, keep_clearance: float,
     speed: tuple[float, ...], acceleration: tuple[float, ...], rate: float | None,
+    method: str, ranks: int | None,
 ) -> int:  # fmt: skip
     """Follow the current from every start of SCENE to a goal, for every k; every path is certified.
 
@@ -105,7 +107,7 @@ def command(
     motion = Motion(shorten, keep_clearance, speed, acceleration, rate)
     if output is not None and queries is None:
         check_routes_file(output)
-    job = open_job(source, require_goal=queries is None)
+    job = open_job(source, require_goal=queries is None, method=method, ranks=ranks)
     unheeded = say_unheeded(job, "grid")
     if queries is not None:
         if shorten or speed:

@@ -55,14 +55,12 @@ def plan_routes(job: Job) -> Plan:
 
 def route_line(route: Route) -> str:
     """A route in one line, for people."""
-    from resgrid.io.paths import ADVICE
-
     path = route.streamline
     units = {axis.unit for axis in path.space.axes}
     unit = f" {units.pop()}" if len(units) == 1 else ""
     head = f"start {place_of(route.start)}, k = {path.field.k:g}: "
     if not route.reached:
-        return f"{head}{path.outcome}: {ADVICE[path.outcome]}"
+        return f"{head}{path.outcome}: {path.reason}"
     clearance = f", clearance {path.clearance:.4g}{unit}" if path.clearance < float("inf") else ""
     shorter = f", shortened to {route.short.length:.6g}{unit}" if route.short is not None else ""
     time = f", {route.motion.duration:.4g} s" if route.motion is not None else ""

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from resgrid.chip.build import Form
     from resgrid.circuit.operating_point import OperatingPoint
     from resgrid.netlist import Netlist
+    from resgrid.planning.ranked import Ranked
     from resgrid.planning.road import Problem, Solution, Work
     from resgrid.scene import Chip, Scene
     from resgrid.space import ConfigurationSpace
@@ -30,11 +31,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """A scene, the space that was cut from it, and how many threads may solve it."""
+    """A scene, the space that was cut from it, and how it is solved: on how many threads, by which method and ranks."""
 
     scene: Scene
     space: ConfigurationSpace
     threads: int = 1
+    method: str = "auto"
+    ranks: int | None = None
 
     @cached_property
     def problem(self) -> Problem:
@@ -70,23 +73,33 @@ class Job:
         passes = partial(build_chip, chip=self.scene.chip)
         return compile_circuit(self.space, replace(wiring, rails="cells"), passes=passes, work=self._work)
 
+    def solve_ranked(self, wiring: Wiring) -> Ranked:
+        """One circuit of the scene by method "petsc"; its chip must be ideal."""
+        if not self.is_ideal:
+            raise InputError("method 'petsc' solves the ideal grid, and [chip] describes another: remove its keys")
+        return self._work.solve_ranked(self.space, wiring)
+
     @property
     def _work(self) -> Work:
-        from resgrid.planning.road import Work
+        from resgrid.planning.road import work_by
 
-        return Work(threads=self.threads, observe=_observe)
+        return work_by(self.method, self.ranks, threads=self.threads, observe=_observe)
 
 
-def open_job(source: Source, *, require_goal: bool = True) -> Job:
-    """Read a scene with its changes, and cut it into cells."""
+def open_job(source: Source, *, require_goal: bool = True, method: str | None = None, ranks: int | None = None) -> Job:
+    """Read a scene with its changes, and cut it into cells, if what its method takes fits in memory."""
     from resgrid.scene import sample
 
     with stage("read the scene"):
         scene = _load_scene(source)
+    if method not in (None, "petsc"):
+        from resgrid.compiler import require_room
+
+        require_room(tuple(axis.cells for axis in scene.axes))
     cells = math.prod(axis.cells for axis in scene.axes)
     with stage("cut it into cells", seconds=3e-7 * cells) as progress:
         space = sample(scene, require_goal=require_goal, progress=progress.count)
-    return Job(scene, space, source.threads)
+    return Job(scene, space, source.threads, method or "auto", ranks)
 
 
 def _load_scene(source: Source) -> Scene:
@@ -214,6 +227,23 @@ def solution_summary(name: str, op: OperatingPoint, space: ConfigurationSpace) -
         "backward_error": op.backward_error,
         "entry_error": op.entry_error if math.isfinite(op.entry_error) else None,
         "seconds": dict(op.seconds),
+    }
+
+
+def ranked_summary(name: str, ranked: Ranked) -> dict[str, Any]:
+    """The figures of a field that ranks solved, as ``--json`` gives them."""
+    field, report = ranked.field, ranked.report
+    assert field.safe is not None
+    return {
+        "chip": name,
+        **free_counts(field.space),
+        "direction_safe_cells": int(field.safe.sum()),
+        "solver": f"petsc, {report.preconditioner}",
+        "ranks": len(report.peaks),
+        "iterations": report.iterations,
+        "residual": report.error,
+        "peak_bytes": list(report.peaks),
+        "seconds": dict(report.seconds),
     }
 
 

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from resgrid.cli.decks import deck_data, is_deck, open_deck, solve_deck
-from resgrid.cli.options import Source, Suggested, output_option, verb, with_source
+from resgrid.cli.options import Source, Suggested, output_option, verb, with_method, with_source
 from resgrid.cli.report import finish, stage
-from resgrid.cli.scenes import open_job, say_unheeded, size_of, solution_summary
+from resgrid.cli.scenes import open_job, ranked_summary, say_unheeded, size_of, solution_summary
+
+if TYPE_CHECKING:
+    from resgrid.circuit.operating_point import OperatingPoint
+    from resgrid.planning.fields import Field
 
 
 @verb(
@@ -25,36 +29,47 @@ from resgrid.cli.scenes import open_job, say_unheeded, size_of, solution_summary
     "--raw", type=Suggested("form", "binary", "ascii"), default="binary",
     help="Deck: a .raw file is binary or ascii.",
 )  # fmt: skip
-def command(source: Source, output: str | None, worst: int, raw: str) -> int:
+@with_method
+def command(source: Source, output: str | None, worst: int, raw: str, method: str, ranks: int | None) -> int:
     """Solve the resistor grid of SCENE, or a resistive DECK, and print what its meters read.
 
     Of a SCENE, FILE.npz holds potential (1 on obstacles, 0 on goals; NaN where there is no node), log_drop (the
     natural logarithm of 1 - potential, right where float64 rounds; -inf where nothing arrives) and cell (0 free,
-    1 obstacle, 2 goal), one dimension per axis.
+    1 obstacle, 2 goal), one dimension per axis; with --method petsc also safe: the cells in which KCL holds to 1e-6 of
+    their own current.
 
     Of a DECK, the worst drops from the supply are listed, and FILE holds the voltage of every node and the current and
     power of every element, by their names; FILE.raw opens in a waveform viewer.
     """
     from resgrid.io.solutions import check_solution_file, solution_record, write_solution
 
+    answer: OperatingPoint | Field
+    about: dict[str, Any]
     given = is_deck(source)
     if output is not None:
         check_solution_file(output, of_space=not given)
     if given:
         deck = open_deck(source)
-        op, about, title = solve_deck(deck), deck_data(deck), deck.title or deck.path
+        answer = op = solve_deck(deck, method)
+        about, title = deck_data(deck), deck.title or deck.path
         data = {**about, **solution_record(op, worst)}
         lines = _deck_lines(data)
     else:
-        job = open_job(source)
+        job = open_job(source, method=method, ranks=ranks)
         unheeded = say_unheeded(job, "circuit")
         name, wiring = job.problem.only_wiring()
-        op, about, title = job.solve(wiring), {}, job.scene.title
-        data = solution_summary(name, op, job.space) | unheeded
-        lines = _scene_lines(data, job.space.shape)
+        about, title = {}, job.scene.title
+        if method == "petsc":
+            ranked = job.solve_ranked(wiring)
+            answer, data = ranked.field, ranked_summary(name, ranked) | unheeded
+            lines = _ranked_lines(data, job.space.shape)
+        else:
+            answer = op = job.solve(wiring)
+            data = solution_summary(name, op, job.space) | unheeded
+            lines = _scene_lines(data, job.space.shape)
     if output is not None:
         with stage("write the solution"):
-            write_solution(op, output, title=title, form=raw, about=about)
+            write_solution(answer, output, title=title, form=raw, about=about)
         data["file"] = output
     finish(data, lines, written=output, more=True)
     return 0
@@ -70,6 +85,17 @@ def _scene_lines(data: dict[str, Any], shape: tuple[int, ...]) -> Iterable[str]:
         yield f"  every entry right   to {data['entry_error']:.1e} of itself, as KCL proves"
     yield f"  power               {data['power']:.6g} W"
     yield f"  solver              {data['solver']}"
+
+
+def _ranked_lines(data: dict[str, Any], shape: tuple[int, ...]) -> Iterable[str]:
+    safe, free = data["direction_safe_cells"], data["free_cells"] - data["unreachable_cells"]
+    peaks = ", ".join(f"{peak / 2**30:.3g}" for peak in data["peak_bytes"])
+    yield f"{data['chip']} chip of {size_of(shape)} cells, {data['free_cells']:,} free"
+    yield f"  unreachable cells   {data['unreachable_cells']:,}"
+    yield f"  direction-safe      {safe:,} of {free:,} cells with a way to a goal ({safe / max(free, 1):.2%})"
+    yield f"  solver              {data['solver']}, {data['ranks']} ranks, {data['iterations']} iterations"
+    yield f"  residual            {data['residual']:.1e} of the right-hand side's norm"
+    yield f"  memory              {peaks} GiB at most, of every rank"
 
 
 def _deck_lines(data: dict[str, Any]) -> Iterable[str]:

@@ -115,15 +115,6 @@ class Route:
         return self.motion or self.short or self.streamline
 
 
-ADVICE = {
-    "no_path": "obstacles part it from every goal: open a way, make the robot smaller, or refine the grid",
-    "no_current": "the current here is too small to tell a direction: use --drive uniform",
-    "start_blocked": "the start lies in an obstacle: move it, make the robot smaller, or refine the grid",
-    "goal_blocked": "no free cell touches a goal: move the goal or open a way to it",
-}
-"""What to do about every outcome but success."""
-
-
 def write_routes(routes: Sequence[Route], target: str | os.PathLike[str]) -> Path:
     """Write routes, whole or not at all: a table or a record of all, arrays with numbers, a document for ROS each."""
     views: Views = {
@@ -157,7 +148,7 @@ def route_record(route: Route, *, points: bool = True) -> dict[str, Any]:
         "certified": True,
     }
     if not route.reached:
-        record["message"] = ADVICE[path.outcome]
+        record["message"] = path.reason
     if points:
         record |= {"points": path.points, "cells": path.cells}
     if route.short is not None:

@@ -14,6 +14,7 @@ from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import InputError
 from resgrid.io.tables import Views, suffix_of, write
 from resgrid.netlist import Netlist
+from resgrid.planning.fields import Field
 from resgrid.spice.power import ir_drop, power_balance
 from resgrid.spice.run.rawfile import format_raw, raw_of
 
@@ -29,7 +30,7 @@ class _Elements(NamedTuple):
 
 
 def write_solution(
-    op: OperatingPoint,
+    op: OperatingPoint | Field,
     file: str | os.PathLike[str],
     *,
     title: str = "resistor network",
@@ -40,12 +41,12 @@ def write_solution(
 
     Parameters
     ----------
-    op : OperatingPoint
+    op : OperatingPoint or Field
     file : path-like
-        Of a space's circuit ``.npz``: ``potential`` (NaN where there is no node), ``log_drop`` where it exists, and
-        ``cell``, one dimension per axis.  Of any other circuit ``.csv``: a table of nodes, then elements; ``.json``,
-        ``.npz``: the same by names; ``.raw``: for waveform viewers.  ``-`` is standard output (arrays of a space, the
-        table otherwise).
+        Of a field or a space's circuit ``.npz``: ``potential`` (NaN where there is no node), ``log_drop`` where it
+        exists, ``cell``, and of a field ``safe`` where there is such a mask, one dimension per axis.  Of any other
+        circuit ``.csv``: a table of nodes, then elements; ``.json``, ``.npz``: the same by names; ``.raw``: for
+        waveform viewers.  ``-`` is standard output (arrays of a space, the table otherwise).
     title : str
         First line of a raw file.
     form : {"binary", "ascii"}
@@ -106,7 +107,10 @@ def _supplies(op: OperatingPoint, count: int) -> list[dict[str, Any]]:
     return [{"name": names[i], "volts": op.netlist.source_volts[i], "amps": op.source_current[i]} for i in order]
 
 
-def _views(op: OperatingPoint, title: str, form: str, about: Mapping[str, Any]) -> Views:
+def _views(op: OperatingPoint | Field, title: str, form: str, about: Mapping[str, Any]) -> Views:
+    if isinstance(op, Field):
+        arrays = {"potential": op.potential, "log_drop": op.log_drop, "cell": op.space.cell, "safe": op.safe}
+        return {"arrays": lambda: {name: array for name, array in arrays.items() if array is not None}}
     if op.netlist.cell_map is not None:
         return {"arrays": lambda: _field_arrays(op)}
     return {

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,15 +13,17 @@ from numpy.typing import NDArray
 from resgrid.errors import InputError
 from resgrid.page.drawing import Drawing, drawing_of
 from resgrid.page.frames import Frame
-from resgrid.robots import Arm
-from resgrid.scene.read import build_scene
-from resgrid.scene.schema import robot_of
+
+if TYPE_CHECKING:
+    from resgrid.robots import Arm
 
 _POSES = 60
 
 
 def resample(drawing: Drawing) -> Drawing:
     """The drawing anew from its workspace, where something was moved; k, starts and wiring stay as they are."""
+    from resgrid.scene.read import build_scene
+
     if drawing.world is None:
         raise InputError("this drawing has no workspace")
     if "map" in drawing.world:
@@ -49,6 +51,9 @@ def pose(frame: Frame, configuration: list[float]) -> list[Any] | None:
 
 
 def _arm(world: Mapping[str, Any]) -> Arm:
+    from resgrid.robots import Arm
+    from resgrid.scene.schema import robot_of
+
     arm = robot_of(world.get("robot", {}))
     if not isinstance(arm, Arm) or arm.ndim != 2:
         raise InputError("the workspace of this drawing has no arm of two links")

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from resgrid.circuit.solve import solve
 from resgrid.errors import AccuracyError, CircuitError, InputError
-from resgrid.io.paths import ADVICE
 from resgrid.page.circuit import describe_circuit
 from resgrid.page.drawing import Drawing
 from resgrid.page.flaws import flawed, flaws_of
@@ -135,7 +134,7 @@ def _path_head(path: Streamline | None, points: int) -> dict[str, Any]:
     head = {"outcome": str(path.outcome), "points": points, "goal": path.goal, "cells": len(path.cells)}
     if path.outcome is Outcome.REACHED:
         return head | {"length": path.length, "clearance": path.clearance}
-    return head | {"message": ADVICE[path.outcome].replace("use --drive uniform", "choose the uniform drive")}
+    return head | {"message": (path.reason or "").replace("use --drive uniform", "choose the uniform drive")}
 
 
 def _picture(frame: Frame) -> tuple[dict[str, Any], NDArray[np.uint16]]:

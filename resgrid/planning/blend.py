@@ -75,7 +75,14 @@ def blend(dirichlet: Field, neumann: Field, k: float, *, allow_start_drive: bool
         face_direction=tuple(direction for direction, _ in parts),
         face_log_current=tuple(log_current for _, log_current in parts),
         k=float(k),
+        safe=_both_safe(dirichlet, neumann),
     )
+
+
+def _both_safe(*fields: Field) -> NDArray[np.bool_] | None:
+    """Cells in which all of them are direction-safe; None where all are as a whole."""
+    masks = [field.safe for field in fields if field.safe is not None]
+    return np.logical_and.reduce(masks) if masks else None
 
 
 def check_k(k: float) -> None:

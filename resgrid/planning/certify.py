@@ -126,6 +126,9 @@ def _check_failure(path: Streamline) -> None:
 
 
 def _flows_out(path: Streamline) -> bool:
+    safe = path.field.safe
+    if safe is not None and not safe[tuple(path.cells[-1])]:
+        return False  # nothing that can be told
     lower, upper = path.field.faces_of(path.cells[-1:])[0]
     return bool(np.any(lower < 0) or np.any(upper > 0))
 

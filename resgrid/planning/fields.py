@@ -11,16 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.circuit.update import WarmPoint
 from resgrid.errors import AccuracyError, CircuitError, InputError
 from resgrid.frozen import frozen, picture_html
 from resgrid.netlist import CellMap, face_shape
-from resgrid.planning.cell_currents import cell_volts, face_currents
 from resgrid.planning.clearance import obstacle_reach
 from resgrid.space import Cell, ConfigurationSpace
 from resgrid.wiring import Wiring
 
 if TYPE_CHECKING:
+    from resgrid.circuit.update import WarmPoint
     from resgrid.planning.kernels import Flow
 
 
@@ -51,6 +50,9 @@ class Field:
         -inf where none flows.
     k : float
         Share of the Dirichlet field: 1 for Dirichlet and walls, 0 for Neumann.
+    safe : ndarray of bool, shape of the space, or None
+        Free cells in which the field is direction-safe; streamlines end at all others with ``no_current``.  None where
+        the field is direction-safe as a whole, as all are but those of ``method="petsc"``.
 
     Examples
     --------
@@ -70,6 +72,7 @@ class Field:
     face_direction: tuple[NDArray[np.int8], ...]
     face_log_current: tuple[NDArray[np.float64], ...]
     k: float
+    safe: NDArray[np.bool_] | None = None
 
     def __repr__(self) -> str:
         cells = " x ".join(map(str, self.space.shape))
@@ -141,14 +144,31 @@ class Field:
         shapes = [face_shape(space.shape, axis) for axis in range(space.ndim)]
         first = np.cumsum([0, *(np.prod(shape) for shape in shapes[:-1])])
         return Flow(
-            code=space.cell.ravel(),
+            code=_ends(space, self.safe),
             shape=np.array(space.shape, dtype=np.int64),
             spacing=space.spacing,
             first_face=first.astype(np.int64),
             face_stride=np.array([np.cumprod([1, *shape[:0:-1]])[::-1] for shape in shapes], dtype=np.int64),
-            direction=np.concatenate([part.ravel() for part in self.face_direction]),
-            log_current=np.concatenate([part.ravel() for part in self.face_log_current]),
+            direction=_joined(self.face_direction),
+            log_current=_joined(self.face_log_current),
         )
+
+
+def _ends(space: ConfigurationSpace, safe: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
+    """The cells' codes, flat, with goals where streamlines end: there, and where no direction can be told."""
+    if safe is None:
+        return space.cell.ravel()
+    return np.where((space.cell == Cell.FREE) & ~safe, np.uint8(Cell.GOAL), space.cell).ravel()
+
+
+def _joined(parts: tuple[NDArray[Any], ...]) -> NDArray[Any]:
+    """All of them, flat, one behind the other: the array they are views of, if they are, or a copy."""
+    whole = parts[0].base
+    if isinstance(whole, np.ndarray) and whole.ndim == 1 and whole.size == sum(part.size for part in parts):
+        ends = np.cumsum([0, *(part.nbytes for part in parts)]) + whole.ctypes.data
+        if all(part.flags.c_contiguous and part.ctypes.data == at for part, at in zip(parts, ends, strict=False)):
+            return whole
+    return np.concatenate([part.ravel() for part in parts])
 
 
 def field(op: OperatingPoint | WarmPoint) -> Field:
@@ -182,7 +202,7 @@ def field(op: OperatingPoint | WarmPoint) -> Field:
     >>> field.potential[6].round(3)
     array([0.652, 0.   , 0.574, 0.801, 0.908, 0.963, 1.   , 0.998])
     """
-    if isinstance(op, WarmPoint):
+    if not isinstance(op, OperatingPoint):
         return read_cells(op.space, op.wiring, op.voltage)
     cells = op.netlist.cells
     if op.potential is None or op.method == "none":
@@ -238,6 +258,8 @@ def read_field(
 
 def read_cells(space: ConfigurationSpace, wiring: Wiring, voltage: NDArray[np.float64]) -> Field:
     """Spread voltages of cells, shape of the space, over cells and faces; as they are, with no bound of their error."""
+    from resgrid.planning.cell_currents import cell_volts, face_currents
+
     volts = cell_volts(space, wiring, voltage)
     height = (volts - wiring.goal_voltage) * np.sign(wiring.supply)
     unit = np.nanmax(height) if wiring.drive == "uniform" else abs(wiring.supply)

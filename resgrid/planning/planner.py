@@ -12,7 +12,7 @@ from resgrid.errors import InputError
 from resgrid.frozen import frozen, picture_html
 from resgrid.planning.blend import blend, dirichlet_share
 from resgrid.planning.fields import Field
-from resgrid.planning.road import Solution, problem_of, require_uniform, solve_field, solve_problem
+from resgrid.planning.road import Solution, problem_of, require_uniform, solve_field, solve_problem, work_by
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.planning.trace import Traces, follow, start_points, streamline, streamlines
 from resgrid.scene import Scene
@@ -106,6 +106,8 @@ def plan(
     edge: str | Sequence[str] | None = None,
     wall_resistance: float | None = None,
     resistance: float | None = None,
+    method: str = "auto",
+    ranks: int | None = None,
 ) -> Planner:
     """Solve a space once, for any number of starts.
 
@@ -125,6 +127,12 @@ def plan(
         For ``boundary="wall"``, in ohms.
     resistance : float, optional
         Resistance between neighbours, in ohms; 10 kohm unless the scene says otherwise.
+    method : {"auto", "direct", "multigrid", "petsc"}
+        As of `resgrid.solve`; ``"petsc"`` is for grids too large for these: processes of PETSc solve it from mapped
+        files, to a norm, and ``Planner.field.safe`` tells in which cells it is direction-safe.  Streamlines end at all
+        others with ``no_current`` and a `Streamline.reason`.
+    ranks : int, optional
+        For ``method="petsc"``: how many processes; 2 unless given.
 
     Returns
     -------
@@ -136,6 +144,12 @@ def plan(
         If an option is unknown or does not fit the others.
     CircuitError
         If nothing can be driven.
+    AccuracyError
+        If the answer is not as right as promised, or a process of PETSc dies.
+    ToolMissingError
+        If there is no PETSc; the message says how to get it.
+    BudgetError
+        If it would not fit in memory, or on the disk.
 
     Examples
     --------
@@ -144,15 +158,16 @@ def plan(
     >>> str(path.outcome), round(path.length, 3), round(path.clearance, 3)
     ('reached', 9.036, 0.347)
     """
+    work = work_by(method, ranks)
     if isinstance(where, Scene):
         require_uniform(where, "plan()")
     problem = problem_of(
         where, boundary=boundary, k=k, edge=edge, resistance=resistance, wall_resistance=wall_resistance
     )
     if not problem.ks:
-        solution = solve_problem(problem)
+        solution = solve_problem(problem, work=work)
         return Planner(solution.fields[0], solution)
-    solution = solve_problem(replace(problem, ks=(1.0, 0.0)))
+    solution = solve_problem(replace(problem, ks=(1.0, 0.0)), work=work)
     return Planner(blend(*solution.halves, problem.ks[0]), solution)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.circuit.solve import scale_drive, solve
+from resgrid.circuit.solve import PETSC, scale_drive, solve
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError, InputError
 from resgrid.frozen import frozen
@@ -23,6 +23,7 @@ from resgrid.netlist import Netlist
 from resgrid.planning import fields
 from resgrid.planning.blend import blend, check_k
 from resgrid.planning.fields import Field, undriven_field
+from resgrid.planning.ranked import Ranked, solve_ranked
 from resgrid.planning.trace import start_cell
 from resgrid.scene import Scene, sample
 from resgrid.space import ConfigurationSpace
@@ -48,11 +49,15 @@ def unobserved(_stage: str, function: Callable[..., Any], *arguments: Any, **_: 
 
 @dataclass(frozen=True)
 class Work:
-    """How circuits are solved: by what (`resgrid.solve`, perhaps with options), on how many threads, who looks on."""
+    """How circuits are solved: by what (`resgrid.solve`, perhaps with options), on how many threads, who looks on.
+
+    `ranks`: how many of PETSc's solve fields instead, without a netlist; 0 for none.
+    """
 
     solver: Solver = solve
     threads: int = 1
     observe: Observe = unobserved
+    ranks: int = 0
 
     def solve(self, netlist: Netlist, stage: str) -> OperatingPoint:
         """Solve a circuit, a stage of that name."""
@@ -60,8 +65,23 @@ class Work:
         op: OperatingPoint = self.observe(stage, run, netlist, seconds=seconds, iterates=True)
         return op
 
+    def solve_ranked(self, space: ConfigurationSpace, wiring: Wiring) -> Ranked:
+        """Solve a circuit of a space on the ranks."""
+        stage, seconds = f"solve the {wiring.boundary} chip on {self.ranks} ranks", 2.0 + 1e-5 * space.cell.size
+        ranked: Ranked = self.observe(stage, solve_ranked, space, wiring, self.ranks, seconds=seconds)
+        return ranked
+
 
 UNWATCHED = Work()
+
+
+def work_by(method: str, ranks: int | None = None, **options: Any) -> Work:
+    """How to solve by a method of that name; `ranks`: of method "petsc" only, 2 by default."""
+    if method == PETSC:
+        return Work(ranks=2 if ranks is None else ranks, **options)
+    if ranks is not None:
+        raise InputError(f"ranks = {ranks!r} belong to method = 'petsc', not to {method!r}")
+    return Work(partial(solve, method=method), **options)
 
 
 @frozen
@@ -249,6 +269,9 @@ def solve_problem(problem: Problem, *, scaled: bool = False, work: Work = UNWATC
             pure[name] = undriven_field(space, wiring)
             continue
         try:
+            if work.ranks:
+                pure[name] = work.solve_ranked(space, wiring).field
+                continue
             netlist = compile_circuit(space, wiring, scaled=scaled, work=work)
             points[name] = work.solve(netlist, f"solve the {wiring.boundary} chip")
             pure[name] = fields.field(points[name])

@@ -37,6 +37,18 @@ class Outcome(StrEnum):
     GOAL_BLOCKED = "goal_blocked"
 
 
+_REASONS = {
+    Outcome.NO_PATH: "obstacles part it from every goal: open a way, make the robot smaller, or refine the grid",
+    Outcome.NO_CURRENT: "the current here is too small to tell a direction: use --drive uniform",
+    Outcome.START_BLOCKED: "the start lies in an obstacle: move it, make the robot smaller, or refine the grid",
+    Outcome.GOAL_BLOCKED: "no free cell touches a goal: move the goal or open a way to it",
+}
+"""What to do about every outcome but success."""
+
+_UNSAFE = "the field is not direction-safe from cell {cell} on, as far as method 'petsc' solved it: use method 'auto', "
+_UNSAFE += "or open obstacles with --drive uniform"
+
+
 @frozen
 @dataclass(frozen=True, eq=False)
 class Streamline:
@@ -109,6 +121,15 @@ class Streamline:
     def points(self) -> NDArray[np.float64]:
         """The same points in the world, shape (n, ndim)."""
         return _in_world(self.axis_points, self.space)
+
+    @property
+    def reason(self) -> str | None:
+        """Why it reaches no goal, and what to do about it; None where it does."""
+        if self.outcome is Outcome.NO_CURRENT and self.field.safe is not None:
+            cell = tuple(self.cells[-1].tolist())
+            if not self.field.safe[cell]:
+                return _UNSAFE.format(cell=cell)
+        return _REASONS.get(self.outcome)
 
     @property
     def point_cells(self) -> NDArray[np.int64]:

@@ -111,7 +111,7 @@ def follow(field: Field, point: NDArray[np.float64]) -> Streamline:
     _check_ended(np.array([code]))
     cells, local = np.empty((steps + 1, space.ndim), dtype=np.int64), np.empty((steps + 1, space.ndim))
     kernels.trace(field.flow, first, position, cells, local)
-    reached = code == kernels.REACHED
+    reached = code == kernels.REACHED and space.cell[tuple(cells[-1])] == Cell.GOAL
     end, leg = _last_leg(space, cells[-1:], local[-1:])
     # A segment ends where the next one starts, seen from its own cell: a point that enters at 0 came upward.
     step = np.where(np.diff(cells, axis=0) != 0, np.where(local[1:] == 0.0, 1, -1), 0)
@@ -172,7 +172,7 @@ def follow_many(field: Field, points: NDArray[np.float64]) -> Traces:
     lengths, log_time = np.empty(len(free)), np.empty(len(free))
     kernels.trace_many(field.flow, last, position, code, crossed, lengths, log_time)
     _check_ended(code)
-    reached = code == kernels.REACHED
+    reached = (code == kernels.REACHED) & (field.space.cell[tuple(last.T)] == Cell.GOAL)
     outcome[free] = np.where(reached, Outcome.REACHED.value, Outcome.NO_CURRENT.value)
     goal, length, log_duration, steps = (np.full(len(points), rest) for rest in (-1, np.nan, np.nan, 0))
     arrived = free[reached]

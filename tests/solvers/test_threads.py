@@ -5,15 +5,14 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings, strategies as st
-from support.spaces import space_of, spaces
+from hypothesis import given, settings, strategies as st
+from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.errors import CircuitError
 from resgrid.solvers.multigrid import slabs, threaded
 from resgrid.solvers.team import Team
 
-SHAPES = [(420, 380), (56, 58, 60)]
+SHAPES = [(448, 384), (56, 64, 48)]
 WIRINGS = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 2e4}]
 
 
@@ -79,7 +78,7 @@ def test_digits_do_not_depend_on_threads(
     )
     for other in others:
         assert_same(one, other)
-    assert max(cuts) > 2
+    assert max(cuts, default=1) > 2
 
 
 @pytest.mark.parametrize("width", [3, 9])
@@ -90,22 +89,25 @@ def test_digits_do_not_depend_on_threads_where_blocks_fall_apart(width: int, cut
     )
     for other in others:
         assert_same(one, other)
-    assert max(cuts) > 2
+    assert max(cuts, default=1) > 2
 
 
 @settings(max_examples=25)
-@given(spaces(), st.sampled_from(WIRINGS), st.sampled_from([2, 3]))
+@given(
+    st.sampled_from([(96, 112), (160, 64), (16, 24, 32)]),
+    st.integers(0, 1000),
+    st.booleans(),
+    st.sampled_from(WIRINGS),
+    st.sampled_from([2, 3, 5]),
+)
 def test_thin_slabs_leave_the_same_digits(
-    space: rg.ConfigurationSpace, wiring: dict[str, object], threads: int
+    shape: tuple[int, ...], seed: int, rings: bool, wiring: dict[str, object], threads: int
 ) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(threaded, "_LEAST", 0)
         patch.setattr(threaded, "_THICK", 0.1)
-        patch.setattr("resgrid.solvers.multigrid.grid_level.BLOCK", 16)
-        try:
-            netlist = rg.compile_space(space, **wiring)
-        except CircuitError:
-            assume(False)
+        patch.setattr("resgrid.solvers.multigrid.grid_level.BLOCK", 64)
+        netlist = rg.compile_space(room(shape, seed, rings=rings), **wiring)
         one, other = (rg.solve(netlist, method="multigrid", threads=count) for count in (1, threads))
         assert_same(one, other)
 

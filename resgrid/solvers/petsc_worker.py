@@ -1,0 +1,167 @@
+"""A program of its own that PETSc's ranks run: a Laplacian from mapped files, each rank its rows; imports no resgrid.
+
+``mpiexec -n N python3 petsc_worker.py FOLDER`` reads ``system.json``, ``ahead_0.npy`` ... (conductance from every cell
+to the next along an axis), ``ground.npy`` (its ties to nodes of known potential) and ``drive.npy``, and leaves
+``answer.npy`` and ``report.json``.  Cells are numbered in C order; a cell without any conductance is not solved for.
+It needs numpy and petsc4py alone, and runs in the Python that has them.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import sys
+import time
+import traceback
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+GAMG = {"pc_type": "gamg", "pc_gamg_agg_nsmooths": "1", "pc_gamg_threshold": "0.02", "mg_levels_pc_type": "jacobi"}
+BOOMERAMG = {"pc_type": "hypre", "pc_hypre_type": "boomeramg"}
+BOOMERAMG_3D = {
+    **BOOMERAMG,
+    "pc_hypre_boomeramg_coarsen_type": "HMIS",
+    "pc_hypre_boomeramg_interp_type": "ext+i",
+    "pc_hypre_boomeramg_strong_threshold": "0.5",
+}
+"""Algebraic multigrid: interpolation along the grid's lines would blend across walls.
+
+BoomerAMG takes longer than GAMG and less memory, and keeps far more of a potential that falls by many decades right.
+"""
+
+PASS, MOST_PASSES, MOST_STEPS = 1e-8, 5, 1000
+"""What a pass is to gain: conjugate gradients lose sight of the true residual, which the next pass begins with."""
+
+
+def rows_of(rank: int, ranks: int, cells: int) -> tuple[int, int]:
+    """First row of a rank, and that of the next."""
+    return cells * rank // ranks, cells * (rank + 1) // ranks
+
+
+def mapped(folder: Path, name: str, mode: Any = "r") -> Any:
+    """An array of the folder, flat, in C order of cells."""
+    return np.load(folder / f"{name}.npy", mmap_mode=mode).reshape(-1)
+
+
+def neighbours(cell: Any, axis: int, shape: list[int]) -> tuple[Any, Any]:
+    """Numbers of the next and the previous cell along an axis, wrapped.  Shapes: (n,), int64."""
+    stride = int(np.prod(shape[axis + 1 :], dtype=np.int64))
+    place, turn = cell // stride % shape[axis], stride * shape[axis]
+    after = cell + stride - turn * (place == shape[axis] - 1)
+    before = cell - stride + turn * (place == 0)
+    return after, before
+
+
+def local_rows(folder: Path, shape: list[int], first: int, last: int, index: Any) -> tuple[Any, Any, Any]:
+    """Rows `first` to `last` of the matrix: where each begins, columns, values; 1 on the diagonal of what is no row."""
+    count, axes = last - first, len(shape)
+    cell = np.arange(first, last, dtype=np.int64)
+    column = np.empty((count, 2 * axes + 1), dtype=index)
+    value = np.empty((count, 2 * axes + 1))
+    value[:, 0] = mapped(folder, "ground")[first:last]
+    column[:, 0] = cell
+    for axis in range(axes):
+        ahead = mapped(folder, f"ahead_{axis}")
+        after, before = neighbours(cell, axis, shape)
+        column[:, 2 * axis + 1], value[:, 2 * axis + 1] = after, ahead[first:last]
+        column[:, 2 * axis + 2], value[:, 2 * axis + 2] = before, ahead[before]
+        if shape[axis] == 2:  # both are one cell, and an entry may come once
+            value[:, 2 * axis + 1] += value[:, 2 * axis + 2]
+            value[:, 2 * axis + 2] = 0.0
+    np.sum(value, axis=1, out=value[:, 0])
+    np.negative(value[:, 1:], out=value[:, 1:])
+    value[:, 0] += value[:, 0] == 0.0
+    kept = value != 0.0
+    begins = np.zeros(count + 1, dtype=np.int64)
+    np.cumsum(np.count_nonzero(kept, axis=1), out=begins[1:])
+    if begins[-1] > np.iinfo(index).max:
+        raise OverflowError(f"{begins[-1]:,} entries in one rank exceed PETSc's {np.dtype(index).name}: use more ranks")
+    return begins.astype(index), column[kept], value[kept]
+
+
+def configured(petsc: Any, matrix: Any, axes: int) -> Any:
+    """Conjugate gradients with algebraic multigrid; PETSC_OPTIONS says what else."""
+    options = petsc.Options()
+    if not options.hasName("pc_type"):
+        boomeramg = BOOMERAMG if axes < 3 else BOOMERAMG_3D
+        for key, text in (boomeramg if petsc.Sys.hasExternalPackage("hypre") else GAMG).items():
+            options.setValue(key, text)
+    solver = petsc.KSP().create(matrix.comm)
+    solver.setOperators(matrix)
+    solver.setType("cg")
+    solver.setNormType(petsc.KSP.NormType.UNPRECONDITIONED)
+    solver.setFromOptions()
+    return solver
+
+
+def solve(petsc: Any, solver: Any, matrix: Any, b: Any, rtol: float) -> tuple[Any, int, float]:
+    """The solution, steps, and the residual relative to `b`: as small as asked for, or as rounding lets it."""
+    x, correction, r = b.duplicate(), b.duplicate(), b.copy()
+    x.set(0.0)
+    grain = np.finfo(np.float64).eps * matrix.norm(petsc.NormType.INFINITY)
+    size = b.norm() or 1.0
+    error, steps = 1.0, 0
+    for _ in range(MOST_PASSES):
+        solver.setTolerances(rtol=max(PASS, 0.5 * rtol / error), max_it=MOST_STEPS)
+        solver.solve(r, correction)
+        steps += solver.getIterationNumber()
+        x.axpy(1.0, correction)
+        matrix.mult(x, r)
+        r.aypx(-1.0, b)
+        before, error = error, float(r.norm() / size)
+        if not error < 1.0:
+            raise ArithmeticError(f"PETSc does not converge: KSPConvergedReason {solver.getConvergedReason()}")
+        if error <= max(rtol, grain * x.norm() / size) or error > 0.5 * before:
+            break
+    return x, steps, error
+
+
+def main(folder: Path) -> None:
+    """Solve what the folder holds."""
+    from petsc4py import PETSc
+
+    started = time.perf_counter()
+    system = json.loads((folder / "system.json").read_text())
+    shape, comm = system["shape"], PETSc.COMM_WORLD
+    cells = int(np.prod(shape, dtype=np.int64))
+    if cells > np.iinfo(PETSc.IntType).max:
+        raise OverflowError(f"{cells:,} cells exceed this PETSc's {np.dtype(PETSc.IntType).name}: use its 64-bit build")
+    first, last = rows_of(comm.rank, comm.size, cells)
+    rows = local_rows(folder, shape, first, last, PETSc.IntType)
+    size = (last - first, cells)
+    matrix = PETSc.Mat().createAIJ((size, size), csr=rows, comm=comm)
+    del rows
+    matrix.setOption(PETSc.Mat.Option.SPD, True)
+    b = PETSc.Vec().createMPI(size, comm=comm)
+    b.setArray(mapped(folder, "drive")[first:last])
+    assembled = time.perf_counter()
+    solver = configured(PETSc, matrix, len(shape))
+    solver.setUp()
+    ready = time.perf_counter()
+    x, iterations, error = solve(PETSc, solver, matrix, b, system["rtol"])
+    answer = mapped(folder, "answer", "r+")
+    answer[first:last] = x.getArray(readonly=True)
+    solved = time.perf_counter()
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    (folder / f"peak_{comm.rank}.json").write_text(json.dumps(peak))
+    if comm.rank == 0:
+        seconds = {"load": assembled - started, "factor": ready - assembled, "substitute": solved - ready}
+        report = {
+            "iterations": iterations,
+            "error": error,
+            "preconditioner": solver.getPC().getType(),
+            "seconds": seconds,
+        }
+        (folder / "report.json").write_text(json.dumps(report))
+
+
+if __name__ == "__main__":
+    try:
+        main(Path(sys.argv[1]))
+    except BaseException:
+        traceback.print_exc()
+        sys.stderr.flush()
+        os._exit(1)  # the other ranks wait for this one: mpiexec ends them when it sees that it is gone

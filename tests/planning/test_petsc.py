@@ -1,0 +1,176 @@
+"""Method petsc against the engine: same fields, direction-safe where it says so, and no process or file left behind."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.cli import ROOM, call
+
+import resgrid as rg
+from resgrid.errors import AccuracyError, ToolMissingError
+from resgrid.solvers import petsc
+
+try:
+    petsc.find_petsc()
+except ToolMissingError as error:
+    pytest.skip(f"{error}", allow_module_level=True)
+
+CASES: list[tuple[tuple[int, ...], tuple[int, ...], dict[str, Any]]] = [
+    ((30, 40), (), {}),
+    ((30, 40), (0,), {"boundary": "neumann"}),
+    ((2, 30), (0, 1), {"boundary": "wall", "wall_resistance": 1e5}),
+    ((9, 10, 11), (1,), {"boundary": "wall", "wall_resistance": 3e4, "edge": ["open", "obstacle", "obstacle"]}),
+    ((6, 7, 5, 6), (1, 3), {"boundary": "dirichlet"}),
+    ((6, 2, 5, 6), (1, 3), {"boundary": "neumann", "edge": "open"}),
+]
+
+
+def scatter(shape: tuple[int, ...], rings: tuple[int, ...], seed: int) -> rg.ConfigurationSpace:
+    """A grid with scattered obstacles, two goals, a conductivity, and cells that are not square."""
+    rng = np.random.default_rng(seed)
+    cell = (rng.random(shape) < 0.2).astype(np.uint8)
+    for _ in range(2):
+        cell[tuple(rng.integers(0, size) for size in shape)] = rg.Cell.GOAL
+    widths = rng.uniform(1, 2, len(shape))
+    axes = [rg.Axis("xyzw"[a], 0.0, widths[a] * n, n, periodic=a in rings) for a, n in enumerate(shape)]
+    return rg.ConfigurationSpace(axes, cell, conductivity=rng.lognormal(size=shape))
+
+
+def processes() -> str:
+    return subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True, check=True).stdout
+
+
+@pytest.mark.parametrize("number", range(len(CASES)))
+def test_it_agrees_with_the_engine_and_is_safe_where_it_says_so(number: int) -> None:
+    shape, rings, options = CASES[number]
+    space = scatter(shape, rings, number)
+    ours, theirs = (
+        rg.plan(space, **options).field,
+        rg.plan(space, method="petsc", ranks=number % 3 + 1, **options).field,
+    )
+    assert theirs.safe is not None
+    assert theirs.safe.sum() > 0.9 * space.goal_connected.sum()
+    assert not np.any(theirs.safe & ~space.goal_connected)
+    np.testing.assert_allclose(theirs.potential, ours.potential, rtol=0, atol=1e-10)
+    assert (theirs.log_drop is None) == (ours.log_drop is None)
+    for axis in range(space.ndim):
+        largest = np.abs(ours.face_current(axis)).max()
+        np.testing.assert_allclose(theirs.face_current(axis), ours.face_current(axis), rtol=0, atol=1e-9 * largest)
+    for cell in np.argwhere(theirs.safe)[:: max(1, int(theirs.safe.sum()) // 20)]:
+        path = rg.streamline(theirs, cell=cell.tolist())
+        rg.certify(path)
+        assert (path.reason is None) == (path.outcome is rg.Outcome.REACHED)
+
+
+def test_safe_cells_obey_kirchhoff_by_the_fields_own_currents() -> None:
+    space = scatter((40, 30), (0,), 7)
+    field = rg.plan(space, method="petsc", boundary="dirichlet", ranks=2).field
+    net, through = np.zeros(space.shape), np.zeros(space.shape)
+    for axis in range(2):
+        current = np.moveaxis(field.face_current(axis), axis, 0)
+        net += np.moveaxis(current[:-1] - current[1:], 0, axis)
+        through += np.moveaxis(np.abs(current[:-1]) + np.abs(current[1:]), 0, axis) / 2
+    assert field.safe is not None and field.safe.any()
+    assert np.all(np.abs(net)[field.safe] <= 1.01e-6 * through[field.safe])
+
+
+def test_streamlines_end_where_the_field_is_not_safe() -> None:
+    cell = np.zeros((200, 3), dtype=np.uint8)  # a corridor in which the drop falls below any norm
+    cell[0, 1] = rg.Cell.GOAL
+    space = rg.ConfigurationSpace([rg.Axis("x", 0, 200, 200), rg.Axis("y", 0, 3, 3)], cell)
+    field = rg.plan(space, method="petsc", ranks=1).field
+    assert field.safe is not None and field.safe[5, 1]
+    beyond = np.argwhere(space.goal_connected & ~field.safe)[-1].tolist()
+    near, far = rg.streamline(field, cell=(5, 1)), rg.streamline(field, cell=beyond)
+    assert near.outcome is rg.Outcome.REACHED
+    assert far.outcome is rg.Outcome.NO_CURRENT and f"not direction-safe from cell {tuple(beyond)}" in str(far.reason)
+    rg.certify(near)
+    rg.certify(far)
+    assert rg.streamlines(field, space.centre([[5, 1], beyond])).outcome.tolist() == ["reached", "no_current"]
+    assert rg.basins(field)[tuple(beyond)] == -1
+
+
+def test_a_start_that_drives_is_served() -> None:
+    space = scatter((20, 20), (), 3)
+    start = tuple(np.argwhere(space.goal_connected)[100].tolist())
+    from resgrid.planning.ranked import solve_ranked
+    from resgrid.wiring import Wiring
+
+    wiring = Wiring("neumann", "start", start=start)
+    theirs = solve_ranked(space, wiring, 2).field
+    ours = rg.field(rg.solve(rg.compile_space(space, wiring)))
+    np.testing.assert_allclose(theirs.potential, ours.potential, rtol=0, atol=1e-9)
+    path = rg.streamline(theirs, cell=start)
+    assert path.outcome is rg.Outcome.REACHED
+    rg.certify(path)
+
+
+def test_the_command_line_solves_and_plans(tmp_path: Path) -> None:
+    scene = tmp_path / "room.toml"
+    scene.write_text(ROOM)
+    result = call("solve", scene, "--method", "petsc", "--ranks", 2, "-o", tmp_path / "field.npz")
+    assert result.exit_code == 0 and "direction-safe" in result.stdout and "2 ranks" in result.stdout
+    with np.load(tmp_path / "field.npz") as arrays:
+        assert arrays["safe"].shape == arrays["potential"].shape == (6, 5)
+    paths = [call("path", scene, "--boundary", "neumann", *words).stdout for words in ((), ("--method", "petsc"))]
+    assert paths[0] == paths[1]
+    assert call("solve", scene, "--ranks", 2).exit_code == 2
+
+
+def test_where_it_is_missing_one_sentence_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = tmp_path / "room.toml"
+    scene.write_text(ROOM)
+    monkeypatch.setenv("RESGRID_PETSC_PYTHON", str(tmp_path / "python3"))
+    result = call("solve", scene, "--method", "petsc")
+    assert result.exit_code == 3
+    assert "apt-get install python3-petsc4py" in result.stderr
+
+
+def test_a_netlist_is_sent_to_plan() -> None:
+    netlist = rg.compile_space(scatter((5, 5), (), 0))
+    with pytest.raises(rg.InputError, match=r"rg\.plan\(space, method='petsc'"):
+        rg.solve(netlist, method="petsc")
+
+
+def test_a_rank_that_dies_is_reported_and_ends_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    dying = "import os, signal, sys, time\n"
+    dying += "os.environ['OMPI_COMM_WORLD_RANK'] == '1' and os.kill(os.getpid(), signal.SIGKILL)\ntime.sleep(600)\n"
+    worker = tmp_path / "dying_worker.py"
+    worker.write_text(dying)
+    monkeypatch.setattr(petsc, "_WORKER", worker)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with pytest.raises(AccuracyError, match="signal 9"):
+        rg.plan(scatter((9, 9), (), 1), method="petsc", ranks=2)
+    assert str(worker) not in processes()
+    assert not list(tmp_path.glob("resgrid-*"))
+
+
+def test_an_interrupt_ends_the_ranks_and_removes_the_files(tmp_path: Path) -> None:
+    worker = tmp_path / "sleeping_worker.py"
+    worker.write_text("import pathlib, sys, time\npathlib.Path(sys.argv[1] + '/../began').touch()\ntime.sleep(600)\n")
+    program = tmp_path / "program.py"
+    program.write_text(
+        "import pathlib\nimport resgrid as rg\nfrom resgrid.solvers import petsc\n"
+        f"petsc._WORKER = pathlib.Path({str(worker)!r})\n"
+        "space = rg.ConfigurationSpace([rg.Axis('x', 0, 4, 4)], [2, 0, 0, 1])\n"
+        "rg.plan(space, method='petsc', ranks=2)\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, program], env={**os.environ, "TMPDIR": str(tmp_path)}, stderr=subprocess.DEVNULL
+    )
+    for _ in range(1200):
+        if (tmp_path / "began").exists():
+            break
+        time.sleep(0.05)
+    process.send_signal(2)
+    process.wait(60)
+    assert str(worker) not in processes()
+    assert not list(tmp_path.glob("resgrid-*"))
