@@ -1,4 +1,4 @@
-"""Sections: cells that change after a solve, and two right-hand sides at the same time."""
+"""Sections: cells that change after a solve, and threads that share one."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.layouts import boxes
+from benchmarks.problems import Problem
 from benchmarks.rows import Row, Scale
 from benchmarks.timing import alternating
 from resgrid.circuit.solve import factor, solve
@@ -33,7 +34,7 @@ def update(scale: Scale) -> list[Row]:
 
 
 def threads(scale: Scale) -> list[Row]:
-    """A field behind stiff walls, whose drop and height are both needed, on one thread and on two."""
+    """Fields on one thread and on two: behind stiff walls, where drop and height are both needed, and in the open."""
     size = {"tiny": 32, "quick": 512, "full": 1024}[scale.name]
     netlist = compile_space(boxes(size, 2, scale.seed + size), boundary="wall", wall_resistance=1e15)
     rows = []
@@ -43,7 +44,25 @@ def threads(scale: Scale) -> list[Row]:
         seconds, _, ratio = alternating(one, two, scale.rounds)
         note = f"{method}, {'same digits' if same else 'DIGITS DIFFER'}"
         rows.append(Row(f"{size}^2 stiff walls: two threads", seconds.median, ratio, "x faster", note=note))
+    plane, volume = {"tiny": (32, 8), "quick": (1024, 64), "full": (2048, 128)}[scale.name]
+    for kind, size in (("rectangles", plane), ("boxes", volume)):
+        for boundary, accuracy in (("neumann", "normwise"), ("dirichlet", "direction")):
+            rows.append(_threads_row(Problem(kind, size, boundary, scale.seed + size), accuracy, scale))
     return rows
+
+
+def _threads_row(problem: Problem, accuracy: str, scale: Scale) -> Row:
+    """One solve on one thread and on two, with the seconds of its stages on either."""
+    netlist = problem.netlist()
+    jobs = [partial(solve, netlist, accuracy=accuracy, method="multigrid", rtol=RTOL, threads=n) for n in (1, 2)]
+    points = [job() for job in jobs]
+    same = np.array_equal(points[0].voltage, points[1].voltage, equal_nan=True)
+    seconds, _, ratio = alternating(*jobs, scale.rounds)
+    stages = ", ".join(
+        f"{name} {' -> '.join(f'{job().seconds[name]:.2f}' for job in jobs)}" for name in points[0].seconds
+    )
+    note = f"{accuracy}, {'same digits' if same else 'DIGITS DIFFER'}; {stages} s"
+    return Row(f"{problem.name}: two threads", seconds.median, ratio, "x faster", note=note)
 
 
 def goal_in(place: str, size: int, seed: int) -> ConfigurationSpace:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.budget import require_memory
+from resgrid.budget import require_grid_memory
 from resgrid.conductances import behind_wall, has_wall, in_series, of_face
 from resgrid.errors import CircuitError, InputError
 from resgrid.grids import before_and_behind, face_counts, faces_ahead, places_in_slab, slab, with_margin
@@ -87,11 +87,7 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     array([5.e-05, 5.e-05])
     """
     wiring = wiring_of(wiring, options).on(space)
-    require_memory(
-        _PEAK * space.cell.size * space.ndim,
-        f"compiling {space.cell.size:,} cells",
-        "use a coarser grid, or a machine with more memory",
-    )
+    require_room(space.shape)
     if not space.goal_count:
         raise InputError("the space has no goal cell: add a goal, or make it at least one cell large")
     nodes = _number_nodes(space, wiring)
@@ -115,6 +111,11 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     for column in columns:
         column.flags.writeable = False  # or the netlist would copy it
     return Netlist(nodes.count, *columns, cell_map=cell_map)
+
+
+def require_room(shape: tuple[int, ...]) -> None:
+    """Refuse a grid whose netlist would not fit in memory."""
+    require_grid_memory(shape, "compiling the grid", _PEAK * len(shape))
 
 
 def _number_nodes(space: ConfigurationSpace, wiring: Wiring) -> _Nodes:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.cli import ROOM, call
 
 import resgrid as rg
 from resgrid import budget
@@ -35,5 +36,18 @@ def test_a_space_that_will_not_fit_is_refused_with_the_estimate(monkeypatch: pyt
     monkeypatch.setattr(budget, "available_memory", lambda: 2**30)
     cells = np.broadcast_to(np.uint8(0), (400, 400, 400))
     space = rg.ConfigurationSpace([rg.Axis(name, 0, 400, 400) for name in "zyx"], cells)
-    with pytest.raises(rg.BudgetError, match=r"compiling 64,000,000 cells needs about 14\.3 GiB, but 1 GiB is free"):
+    with pytest.raises(rg.BudgetError, match=r"= 6.4e\+07 cells needs about 14\.3 GiB, but 1 GiB is free"):
         rg.compile_space(space)
+
+
+@pytest.mark.parametrize("verb", ["solve", "path"])
+def test_a_grid_is_refused_before_it_is_cut_into_cells(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, verb: str
+) -> None:
+    scene = tmp_path / "room.toml"
+    scene.write_text(ROOM)
+    monkeypatch.setattr(budget, "available_memory", lambda: 4000)  # enough for 30 cells, but not for their netlist
+    monkeypatch.setattr("resgrid.scene.sample", lambda *_, **__: pytest.fail("it was cut into cells"))
+    result = call(verb, scene)
+    assert result.exit_code == 4
+    assert "compiling the grid: 6 x 5 = 30 cells needs about" in result.stderr

@@ -136,7 +136,7 @@ def analyse_yield(
     ``(seed, k)``, by default the chip's own; `executor`: trials are shared among its workers, and the numbers do not
     depend on it; `checkpoint`: file with a line of JSON for every chip as soon as it and those before it are known,
     from which a run that was killed at any moment is taken up, and ends in the same numbers and the same file;
-    `progress`: called after every batch with the trials done, those expected in all, and the overall yield so far.
+    `progress`: called after every new batch with the trials done, those expected in all, and the overall yield so far.
 
     A checkpoint of another kind of chip is refused; one of more trials than are needed counts as far as they are.  A
     chip that a defect leaves without an operating point serves no start; a flawless chip without one is a CircuitError.
@@ -213,11 +213,11 @@ def _count(
 ) -> _Tally:
     tally = _Tally(0, np.zeros(int(experiment.starts.sum()), dtype=np.int64), 0, 0)
     with closing(_trials(experiment, rule.trials, executor, checkpoint)) as trials:
-        for served in trials:
+        for served, new in trials:
             tally = tally.plus(served)
             if tally.trials % rule.batch == 0:
                 share = tally.overall(rule.confidence, random=experiment.random)
-                if progress is not None:
+                if progress is not None and new:
                     progress(tally.trials, rule.expected(tally.trials, share.half_width), share)
                 if share.half_width <= rule.half_width:
                     break
@@ -226,13 +226,13 @@ def _count(
 
 def _trials(
     experiment: Experiment, most: int, executor: Executor | None, checkpoint: str | os.PathLike[str] | None
-) -> Generator[NDArray[np.bool_], None, None]:
-    """Which starts every chip serves, shape (starts,): those in the checkpoint first, then new ones, written to it."""
+) -> Generator[tuple[NDArray[np.bool_], bool], None, None]:
+    """Which starts every chip serves, shape (starts,), and whether it is new; those in the checkpoint come first."""
     journal, done = None, 0
     if checkpoint is not None:
         journal = Journal(checkpoint, {"resgrid": "chips", "fingerprint": experiment.fingerprint()})
         for done, record in enumerate(journal, 1):
-            yield unpacked(experiment, _bits_of(record, done - 1, experiment, journal))[0]
+            yield unpacked(experiment, _bits_of(record, done - 1, experiment, journal))[0], False
             if done == most:
                 return
     part = Part(run_trials, experiment, range(done, most), "chips")
@@ -242,7 +242,7 @@ def _trials(
             if journal is not None:
                 text = base64.b64encode(zlib.compress(bits.tobytes())).decode()
                 journal.append({"chip": number, "served": int(served.sum()), "starts": text})
-            yield served
+            yield served, True
 
 
 def _bits_of(record: Mapping[str, Any], number: int, experiment: Experiment, journal: Journal) -> NDArray[np.uint8]:

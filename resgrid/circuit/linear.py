@@ -19,18 +19,23 @@ from resgrid.netlist import Netlist
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.monitor import Progress, Watch
 from resgrid.solvers.refine import is_answer
+from resgrid.solvers.team import Team
 
 
 def solve_linear(
     netlist: Netlist, *, accuracy: str, method: str, rtol: float, threads: int = 1, progress: Progress | None = None
 ) -> OperatingPoint:
     """Find the operating point of a netlist without nonlinear resistors; options and errors are `resgrid.solve`'s."""
-    watch = Watch(progress)
+    with Team(threads) as team:
+        return _solved(netlist, accuracy, method, rtol, team, Watch(progress))
+
+
+def _solved(netlist: Netlist, accuracy: str, method: str, rtol: float, team: Team, watch: Watch) -> OperatingPoint:
     seconds: dict[str, float] = {}
     with _timed(seconds, "assemble"):
         system = assemble(netlist)
     with _timed(seconds, "factor"):
-        factors = factor_laplacian(system.laplacian, method, accuracy=accuracy) if system.size else None
+        factors = factor_laplacian(system.laplacian, method, accuracy=accuracy, team=team) if system.size else None
     name = factors.name if factors else "none"
     if accuracy == "normwise":
         with _timed(seconds, "substitute"):
@@ -48,7 +53,7 @@ def solve_linear(
             point = read_normwise(system, x, name, seconds)
         return replace(point, iterations=watch.iterations, backward_error=watch.error, levels=watch.levels)
     with _timed(seconds, "substitute"):
-        values = node_values(system, factors, watch, threads)
+        values = node_values(system, factors, watch, team.size)
         del factors
     with _timed(seconds, "read"):
         point, residual = read_entrywise(system, values, name, seconds)

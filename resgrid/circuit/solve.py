@@ -57,9 +57,11 @@ def solve(
     rtol : float
         Backward error for ``"normwise"``.
     threads : int
-        How many right-hand sides may be solved at the same time.  A field whose ties to the high rail are weak takes
-        two (the drop from that rail, and the height above the other), and so do current sources of both signs; the
-        digits are the same.  Circuits with nonlinear resistors are solved on one.
+        How many threads share the solve; the digits are the same for any number.  Iterations of ``"multigrid"`` on
+        grids of more than some 120,000 cells share the sweeps over the finest levels; right-hand sides are solved at
+        the same time where there are two: where ties to the high rail are weak (the drop from that rail, and the height
+        above the other), and where current sources have both signs.  All else, and circuits with nonlinear resistors,
+        take one.
     progress : callable, optional
         Called after every step of an iterative method with the steps so far, the residual relative to where the
         present pass began, and about how many seconds that pass still takes (None where nothing is gained).  With

@@ -101,6 +101,7 @@ class Stage:
         self._seconds, self._steps, self._done = seconds, steps, 0
         self._note = ""
         self._left: float | None = None
+        self._counted: tuple[float, int] | None = None
         self._begin = time.perf_counter()
 
     def advance(self) -> None:
@@ -110,6 +111,7 @@ class Stage:
     def count(self, done: int, total: int, note: object = "") -> None:
         """Steps as the library counts them, and what is known so far, for people."""
         self._done, self._steps = done, total
+        self._counted = self._counted or (time.perf_counter(), done)  # what a run before had done took no time
         self._note = f"{note}  " if note else self._note
 
     def follow(self, _steps: int, residual: float, seconds_left: float | None) -> None:
@@ -132,6 +134,9 @@ class Stage:
         if not fraction:
             return f"{self._note}{elapsed:.0f} s so far"
         left = elapsed * (1 - fraction) / fraction
+        if self._counted and self._steps and self._done > self._counted[1]:
+            seconds = time.perf_counter() - self._counted[0]
+            left = seconds * (self._steps - self._done) / (self._done - self._counted[1])
         late = self._seconds is not None and not self._steps and elapsed > self._seconds
         return (
             f"{self._note}{elapsed:.0f} s so far, longer than expected"

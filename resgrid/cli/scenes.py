@@ -86,16 +86,20 @@ class Job:
         return work_by(self.method, self.ranks, threads=self.threads, observe=_observe)
 
 
-def open_job(source: Source, *, require_goal: bool = True, method: str = "auto", ranks: int | None = None) -> Job:
-    """Read a scene with its changes, and cut it into cells."""
+def open_job(source: Source, *, require_goal: bool = True, method: str | None = None, ranks: int | None = None) -> Job:
+    """Read a scene with its changes, and cut it into cells, if what its method takes fits in memory."""
     from resgrid.scene import sample
 
     with stage("read the scene"):
         scene = _load_scene(source)
+    if method not in (None, "petsc"):
+        from resgrid.compiler import require_room
+
+        require_room(tuple(axis.cells for axis in scene.axes))
     cells = math.prod(axis.cells for axis in scene.axes)
     with stage("cut it into cells", seconds=3e-7 * cells) as progress:
         space = sample(scene, require_goal=require_goal, progress=progress.count)
-    return Job(scene, space, source.threads, method, ranks)
+    return Job(scene, space, source.threads, method or "auto", ranks)
 
 
 def _load_scene(source: Source) -> Scene:

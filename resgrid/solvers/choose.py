@@ -14,6 +14,7 @@ from resgrid.solvers.factors.factor import Factor
 from resgrid.solvers.factors.multigrid import factor_multigrid
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.supernodal import Symbolic, order_by_degree, order_by_distance
+from resgrid.solvers.team import ALONE, Team
 
 METHODS = ("direct", "multigrid")
 
@@ -38,14 +39,14 @@ _CORRIDOR = 3.1
 """Neighbours a row in corridors two cells wide, trees and chains, which take less time directly than by cycles."""
 
 
-def factor_laplacian(laplacian: Laplacian, method: str, *, accuracy: str = "direction") -> Factor:
-    """Make a system ready to be solved, unless it would not fit in memory."""
+def factor_laplacian(laplacian: Laplacian, method: str, *, accuracy: str = "direction", team: Team = ALONE) -> Factor:
+    """Make a system ready to be solved, on a team's threads, unless it would not fit in memory."""
     if method != "auto" and method not in METHODS:
         raise InputError(f"method = {method!r} is unknown; it may be one of auto, {', '.join(METHODS)}")
     choice = _choose(laplacian, method, accuracy)
     if choice.method == "multigrid":
         _require(costs.estimate_memory(laplacian, "multigrid", accuracy), laplacian, "multigrid")
-        return factor_multigrid(laplacian, accuracy)
+        return factor_multigrid(laplacian, accuracy, team)
     order = choice.order or order_by_distance(laplacian)
     _require(order.memory if order is not None else costs.wide_memory(laplacian), laplacian, "direct")
     return factor_direct(laplacian, order or order_by_degree(laplacian))

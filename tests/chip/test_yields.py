@@ -278,7 +278,9 @@ def test_a_run_that_ended_within_a_batch_is_taken_up_at_its_end(tmp_path: Path) 
     assert 10 < once.trials < 200
     for trials in (3, 10):
         assert made.yields(trials=trials, checkpoint=checkpoint, **rule).trials == trials
-    resumed = made.yields(trials=200, checkpoint=checkpoint, **rule)
+    told: list[int] = []
+    resumed = made.yields(trials=200, checkpoint=checkpoint, **rule, progress=lambda done, *_: told.append(done))
+    assert told == list(range(14, once.trials + 1, 7))
     assert numbers(resumed) == numbers(once)
     assert numbers(made.yields(trials=5, checkpoint=checkpoint, **rule)) == numbers(made.yields(trials=5, **rule))
     assert numbers(made.yields(trials=200, checkpoint=checkpoint, batch=50)) == numbers(

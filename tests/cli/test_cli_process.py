@@ -10,11 +10,13 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from support.cli import COMMAND
 
 import resgrid
+from resgrid.cli import report
 from resgrid.cli.scenes import is_first_run
 
 LIGHT = {"resgrid", "click", "lazy_loader", *sys.stdlib_module_names}
@@ -99,6 +101,16 @@ def test_errors_are_coloured_on_a_terminal_only(tmp_path, colourless):
     assert ("\x1b[" in said) is not colourless
     done = subprocess.run([*COMMAND, "path", "no.toml"], capture_output=True, text=True, check=False, env=environment)
     assert "\x1b[" not in done.stderr
+
+
+def test_what_an_earlier_run_had_counted_does_not_shorten_the_time_left(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(report, "time", SimpleNamespace(perf_counter=lambda: now[0]))
+    stage = report.Stage()
+    for seconds, done in ((1.0, 900), (2.0, 910)):
+        now[0] = seconds
+        stage.count(done, 1000)
+    assert stage.outlook() == "about 9 s left"
 
 
 def test_a_bar_tells_the_time_left_on_a_terminal(tmp_path):

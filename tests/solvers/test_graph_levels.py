@@ -127,7 +127,7 @@ def test_levels_are_packed_in_an_order_of_their_own(seed: int) -> None:
 
 @njit
 def _cycle_without_steps(levels: cycle.Levels) -> None:
-    cycle._cycle(levels, np.inf, 0)
+    cycle.run_cycle(levels, np.inf, 0)
 
 
 @pytest.mark.parametrize("seed", range(3))

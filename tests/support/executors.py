@@ -20,8 +20,6 @@ from typing import Any
 
 import pytest
 
-from benchmarks.executors import opened
-
 
 class Shuffled(Executor):
     """Finishes tasks in any order; all that goes in and out is pickled, and counted in `sizes` by task.
@@ -75,6 +73,8 @@ class Shuffled(Executor):
 @contextmanager
 def two_workers(kind: str, folder: Path) -> Iterator[Executor]:
     """An executor whose workers are two processes; `folder` for its files."""
+    from benchmarks.executors import opened  # not in workers, which find their functions in this file
+
     with pytest.MonkeyPatch.context() as patch:  # as in an environment that is activated
         patch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
         if kind == "forkserver":

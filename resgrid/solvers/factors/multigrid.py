@@ -18,6 +18,7 @@ from resgrid.solvers.factors.factor import Factor
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.refine import Approximation, Refined, refine
+from resgrid.solvers.team import ALONE, Team
 
 if TYPE_CHECKING:
     from resgrid.solvers.multigrid.h_transform import Scalable
@@ -32,10 +33,11 @@ class MultigridFactor(Factor):
     """A matrix and the hierarchy that preconditions it.
 
     `laplacian`: as of every `Factor`; `scalable`: levels to be scaled by the solution's h-transform, where the
-    potential falls by so many decades that plain ones would take longer.
+    potential falls by so many decades that plain ones would take longer; `team`: whose threads take the steps.
     """
 
     scalable: Scalable | None = None
+    team: Team = ALONE
     name = "multigrid"
 
     @cached_property
@@ -58,7 +60,7 @@ class MultigridFactor(Factor):
         from resgrid.solvers.multigrid.krylov import norm
 
         _tell(watch, "plain")
-        x, residual = iterate(self.laplacian, self.hierarchy, rhs, rtol, guess, watch)
+        x, residual = iterate(self.laplacian, self.hierarchy, rhs, rtol, guess, watch, self.team)
         error = residual / (2.0 * self.hierarchy.largest_degree * norm(x) + norm(rhs) or 1.0)
         return self._judged(x, error, rtol, watch)
 
@@ -76,7 +78,7 @@ class MultigridFactor(Factor):
             found = self._refined(rhs, scaled)
         if found is None or not found.converged:
             _tell(watch, "plain")
-            found = self._refined(rhs, partial(approximate, self.laplacian, self.hierarchy, watch))
+            found = self._refined(rhs, partial(approximate, self.laplacian, self.hierarchy, watch, team=self.team))
         if watch is not None:
             watch.done(found.error, found.bound)
         return found.solution, found.error
@@ -94,7 +96,7 @@ class MultigridFactor(Factor):
             return None
         from resgrid.solvers.multigrid.h_transform import scaled_approximation
 
-        return scaled_approximation(self.laplacian, self.scalable, rhs, watch)
+        return scaled_approximation(self.laplacian, self.scalable, rhs, watch, self.team)
 
 
 def _tell(watch: Watch | None, levels: str) -> None:
@@ -102,12 +104,12 @@ def _tell(watch: Watch | None, levels: str) -> None:
         watch.uses(levels)
 
 
-def factor_multigrid(laplacian: Laplacian, accuracy: str = "direction") -> MultigridFactor:
+def factor_multigrid(laplacian: Laplacian, accuracy: str = "direction", team: Team = ALONE) -> MultigridFactor:
     """Coarsen a matrix: for an h-transform where directions are asked for along many decades, plainly otherwise."""
     from resgrid.solvers.multigrid.h_transform import scalable
 
     levels = scalable(laplacian) if accuracy == "direction" and h_transform_pays(laplacian) else None
-    factors = MultigridFactor(laplacian, levels)
+    factors = MultigridFactor(laplacian, levels, team)
     if levels is None:
         _ = factors.hierarchy
     return factors

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,10 @@ from resgrid.solvers.multigrid.krylov import Vectors
 from resgrid.solvers.multigrid.packing import with_work
 from resgrid.solvers.multigrid.red_black import Stencil
 from resgrid.solvers.refine import Numbers
+from resgrid.solvers.team import ALONE, Team
+
+if TYPE_CHECKING:
+    from resgrid.solvers.multigrid.threaded import SlabSolver
 
 MOST_ITERATIONS = 200
 LEAST_GAIN = 0.5
@@ -63,12 +67,14 @@ _PASS, _LEAST_PASS = 1e-12, 1e-2
 class Problem(Protocol):
     """Equations in units of the hierarchy's conductance, over vectors of slots.
 
-    `finest, levels`: what preconditions them, with work space of their own; `vectors`: of the iteration.
+    `finest, levels`: what preconditions them, with work space of their own; `vectors`: of the iteration; `slabs`: who
+    takes its steps on several threads.
     """
 
     finest: Finest
     levels: Levels
     vectors: Vectors
+    slabs: SlabSolver | None
 
     def residual(self, x: NDArray[np.float64], r: NDArray[np.float64], at_rest: bool) -> float:
         """``r = b - A x``, and its norm; ``at_rest``: ``x`` is 0.  Shapes: `x` (colours, slots), `r` (slots,)."""
@@ -87,12 +93,15 @@ class GridProblem:
     levels: Levels
     currents: NDArray[np.float64]
     depth: int = _DEPTH
+    slabs: SlabSolver | None = None
 
     def __post_init__(self) -> None:
         self.vectors = _vectors(self.finest.stencil.black_inverse, self.depth)
 
     def residual(self, x: NDArray[np.float64], r: NDArray[np.float64], at_rest: bool) -> float:
         """As of `Problem`; relaxes the red cells."""
+        if self.slabs is not None and not at_rest:
+            return self.slabs.residual(self.currents, x, r)
         formed = sweeps.residual_at_rest if at_rest else sweeps.black_residual
         return float(formed(self.true, self.currents, x, r))
 
@@ -107,6 +116,7 @@ class _GraphProblem:
     slot: NDArray[np.int32]
     b: NDArray[np.float64]
     unit: float
+    slabs: SlabSolver | None = None
 
     def __post_init__(self) -> None:
         self.vectors = _vectors(self.levels.graphs.inverse[: len(self.b)], _DEPTH)
@@ -133,6 +143,7 @@ def iterate(
     rtol: float,
     guess: NDArray[np.float64] | None = None,
     watch: Watch | None = None,
+    team: Team = ALONE,
 ) -> tuple[NDArray[np.float64], float]:
     """Solve until the residual norm is ``rtol |b|``, or rounding forbids more; returns `x` (n,) and that norm.
 
@@ -146,7 +157,7 @@ def iterate(
     binades = math.frexp(largest)[1] - math.frexp(unit)[1] if largest else 0
     if abs(binades) > _RANGE:
         small = np.ldexp(b, -binades), None if guess is None else np.ldexp(guess, -binades)
-        x, size = iterate(laplacian, hierarchy, small[0], rtol, small[1], watch)
+        x, size = iterate(laplacian, hierarchy, small[0], rtol, small[1], watch, team)
         with np.errstate(over="ignore"):
             return np.ldexp(x, binades), float(np.ldexp(size, binades))
     levels = with_work(hierarchy.levels)
@@ -157,6 +168,10 @@ def iterate(
         x, currents = np.zeros((2, 2, len(hierarchy.finest.aggregate)))
         krylov.scatter_rows(slot, b, 1.0 / unit, currents.ravel())
         problem = GridProblem(hierarchy.true, hierarchy.finest, levels, currents)
+        if team.size > 1:
+            from resgrid.solvers.multigrid.threaded import slab_solver
+
+            problem.slabs = slab_solver(team, hierarchy.true, hierarchy.finest, levels, problem.vectors)
     if guess is not None:
         krylov.scatter_rows(slot, guess, 1.0, x.ravel())
     fed = krylov.norm(b / unit if hierarchy.true is None else currents.ravel())
@@ -172,6 +187,7 @@ def approximate(
     m: NDArray[np.float64],
     e: NDArray[np.int64],
     accuracy: float,
+    team: Team = ALONE,
 ) -> Numbers:
     """Up to twelve digits of ``A^-1`` times scaled numbers, relative to the largest: an inverse for refinement."""
     top = 0
@@ -181,7 +197,7 @@ def approximate(
     largest = _largest(m)
     if not largest:
         return np.zeros_like(m), np.zeros_like(e)
-    x, _ = iterate(laplacian, hierarchy, m / largest, min(max(accuracy, _PASS), _LEAST_PASS), None, watch)
+    x, _ = iterate(laplacian, hierarchy, m / largest, min(max(accuracy, _PASS), _LEAST_PASS), None, watch, team)
     with np.errstate(over="ignore"):
         x *= largest
     return x, np.full_like(e, top)
@@ -283,20 +299,34 @@ class _Burst:
         if watch is None:
             steps = self._step(x, self.residual, (one, lift), gain, most)
         else:
-            krylov.begin_burst(v, one, self.residual)
+            self._begin(one)
             while steps < most and not stop.small and self._step(x, _GO_ON, (one, lift), gain, 1):
                 steps += 1
                 alpha, work = v.scalars[4:].tolist()
                 stop.moved(work * one * one, partial(_move, v, abs(alpha) * one))
                 watch.step(float(v.scalars[2]) * size * stop.unit)
-            krylov.gather_steps(v, x, one)
+            self._gather(x, one)
         self.left = float(v.scalars[2])
         return steps
+
+    def _begin(self, one: float) -> None:
+        if self._problem.slabs is not None:
+            self._problem.slabs.begin(one, self.residual)
+        else:
+            krylov.begin_burst(self._v, one, self.residual)
+
+    def _gather(self, x: NDArray[np.float64], one: float) -> None:
+        if self._problem.slabs is not None:
+            self._problem.slabs.gather(x, one)
+        else:
+            krylov.gather_steps(self._v, x, one)
 
     def _step(
         self, x: NDArray[np.float64], residual: NDArray[np.float64], unit: tuple[float, float], gain: float, most: int
     ) -> int:
         of = self._problem
+        if of.slabs is not None and most == 1:
+            return int(of.slabs.step(x, unit, gain))
         return int(krylov.step(of.finest, of.levels, self._v, x, residual, unit, gain, most))
 
 

@@ -25,7 +25,8 @@ from resgrid.solvers.multigrid.red_black import (
 from resgrid.solvers.multigrid.subnormals import flush_subnormals, restore_subnormals
 from resgrid.solvers.multigrid.sweeps import prolong_and_multiply, restrict
 
-_ONE, _TWO, _THREE, _FOUR, _FIVE = (np.uint32(k) for k in range(1, 6))
+CHUNK = 2048
+"""Slots over which sums are taken before they are added to others: the same whoever takes them."""
 
 
 class Grids(NamedTuple):
@@ -120,7 +121,7 @@ def precondition(
         grids, graphs, work = levels
         size = 2 * grids.slots[1] if len(grids.margin) > 0 else 1 + graphs.first[1]
         restrict(finest.stencil, finest.aggregate, finest.weight, z, work.b[:size])
-        _cycle(levels, stop, ZERO)
+        run_cycle(levels, stop, ZERO)
         products = prolong_and_multiply(
             finest.stencil, finest.exact, finest.aggregate, finest.weight, work.x[:size], r, s, z, w
         )
@@ -140,7 +141,7 @@ def _precondition_graph(
         solve_coarsest(graphs, b, x)
     else:
         descend_graph(graphs, ZERO, b, x)
-        _cycle(levels, stop, ZERO + 1)
+        run_cycle(levels, stop, ZERO + 1)
         ascend_graph(graphs, ZERO, b, x, levels.work.w)
     for i in range(n):
         z[i] = x[i]
@@ -167,7 +168,7 @@ def _multiply_graph(
 
 
 @inner
-def _cycle(levels: Levels, stop: float, top: int) -> None:
+def run_cycle(levels: Levels, stop: float, top: int) -> None:
     """Approximate ``x = A^-1 b`` on level ``top`` by K-cycles.
 
     The second step is spared where the first has brought the residual under ``stop`` times the right-hand side, twice
@@ -258,8 +259,7 @@ def _end_below(levels: Levels, level: int) -> int:
     return int(2 * grids.slots[count] + 1 + graphs.first[1])
 
 
-@inner
-def _stencil(grids: Grids, level: int) -> Stencil:
+def stencil_at(grids: Grids, level: int) -> Stencil:
     """One of the grids."""
     sides = grids.distance.shape[1]
     a, e = grids.slots[level], grids.slots[level + 1]
@@ -276,6 +276,9 @@ def _stencil(grids: Grids, level: int) -> Stencil:
         grids.black_inverse[a:e],
         grids.black_degree[a:e],
     )
+
+
+_stencil = inner(stencil_at)
 
 
 @inner
@@ -303,39 +306,67 @@ def _times(a: Singles, b: Singles, product: Singles) -> None:
         product[k] = a[k] * b[k]
 
 
-@inner_fast
+@inner
 def _first_step(of: _Vectors, stop: float, alpha: float, energy: float) -> bool:
     """First step of the K-cycle along ``z``, whose product is ``v``; returns whether it suffices.
 
     Leaves the answer in ``z``, or else the direction in ``c`` and the residual in ``r``.
     """
-    r, z, c, v = of.r, of.z, of.c, of.v
     if not energy > 0.0:
         return True
     step, before, after = np.float32(alpha / energy), 0.0, 0.0
-    for k in range(len(r)):
+    for begin in range(0, len(of.r), CHUNK):
+        old, new = take_step(of.r, of.v, step, begin, min(begin + CHUNK, len(of.r)))
+        before, after = before + old, after + new
+    enough = not after > stop * stop * before
+    keep_step(of.z, of.c, step, enough, ZERO, len(of.z))
+    return enough
+
+
+@inner_fast
+def take_step(r: Singles, v: Singles, step: np.float32, begin: int, end: int) -> tuple[float, float]:
+    """``r -= step v`` on some slots; returns the squares before and after, summed."""
+    before, after = 0.0, 0.0
+    for k in range(begin, end):
         old = r[k]
         new = old - step * v[k]
         r[k] = new
         before += np.float64(old) * np.float64(old)
         after += np.float64(new) * np.float64(new)
-    enough = not after > stop * stop * before
-    for k in range(len(z)):
+    return before, after
+
+
+@inner_fast
+def keep_step(z: Singles, c: Singles, step: np.float32, enough: bool, begin: int, end: int) -> None:
+    """Where the first step is enough, ``z = step z``, the answer; else ``c = z``, its direction; on some slots."""
+    for k in range(begin, end):
         if enough:
             z[k] = step * z[k]
         else:
             c[k] = z[k]
-    return enough
+
+
+@inner
+def _second_step(of: _Vectors, alpha: float, energy: float, rest: float, product: float, gamma: float) -> None:
+    """Second step, along ``z`` made conjugate to the first direction ``c``; leaves the answer in ``z``."""
+    on_c, on_z = _shares_of_both(alpha, energy, rest, product, gamma)
+    combine(of.z, of.c, np.float32(on_c), np.float32(on_z), ZERO, len(of.z))
+
+
+def second_step(alpha: float, energy: float, rest: float, product: float, gamma: float) -> tuple[float, float]:
+    """Shares of both directions in the answer."""
+    second = product - gamma * gamma / energy
+    step = rest / second if second > 0.0 else 0.0
+    return (alpha - gamma * step) / energy, step
+
+
+_shares_of_both = inner(second_step)
 
 
 @inner_fast
-def _second_step(of: _Vectors, alpha: float, energy: float, rest: float, product: float, gamma: float) -> None:
-    """Second step, along ``z`` made conjugate to the first direction ``c``; leaves the answer in ``z``."""
-    second = product - gamma * gamma / energy
-    step = rest / second if second > 0.0 else 0.0
-    on_c, on_z = np.float32((alpha - gamma * step) / energy), np.float32(step)
-    z, c = of.z, of.c
-    for k in range(len(z)):
+def combine(z: Singles, c: Singles, on_c: np.float32, on_z: np.float32, begin: int, end: int) -> None:
+    """``z = on_c c + on_z z`` on some slots."""
+    for k in range(begin, end):
         z[k] = on_c * c[k] + on_z * z[k]
 
 

@@ -51,6 +51,7 @@ from resgrid.solvers.multigrid.packing import pack_graphs, pack_grids, pack_leve
 from resgrid.solvers.multigrid.red_black import Edges, Floats, Stencil, add_into_black, relax_red
 from resgrid.solvers.refine import Approximation, Numbers
 from resgrid.solvers.superlu import symmetric_factors
+from resgrid.solvers.team import ALONE, Team
 
 _MOST_LEFT = 500
 """Nodes that may be left where grids end: their matrix is inverted."""
@@ -68,7 +69,7 @@ _SWEEPS = 3
 
 
 def scaled_approximation(
-    laplacian: Laplacian, levels: Scalable, currents: NDArray[np.float64], watch: Watch | None
+    laplacian: Laplacian, levels: Scalable, currents: NDArray[np.float64], watch: Watch | None, team: Team = ALONE
 ) -> Approximation | None:
     """What refines a solution on levels scaled by its h-transform; None where nested iteration fails.
 
@@ -83,7 +84,7 @@ def scaled_approximation(
     hierarchy = levels.scaled(height)
 
     def passes(m: NDArray[np.float64], e: NDArray[np.int64], accuracy: float) -> Numbers:
-        return approximate(laplacian, hierarchy, watch, m, e, _LOW * accuracy)
+        return approximate(laplacian, hierarchy, watch, m, e, _LOW * accuracy, team)
 
     return passes
 

@@ -12,18 +12,18 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inner, inner_fast
-from resgrid.solvers.multigrid.cycle import Finest, Levels, precondition
+from resgrid.jit import ZERO, inner, inner_fast
+from resgrid.solvers.multigrid.cycle import CHUNK, Finest, Levels, precondition
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Indices = NDArray[np.int32]
 Unsigned = NDArray[np.uint32]
 
-_BURST = 1e-5
+BURST = 1e-5
 """Gain of a burst from its largest residual on: vectors in single precision allow no more."""
 
-_ENOUGH = 0.07
+ENOUGH = 0.07
 """Residual after the first step of a K-cycle on the first coarse level that spares the second."""
 
 
@@ -116,38 +116,69 @@ def step(
     one, lift = unit
     if len(residual) > 0:
         _begin(v, one, residual)
-    energy, peak, steps = v.scalars[1], v.scalars[3], 0
-    while v.scalars[2] > max(gain, _BURST * peak) and steps < most:
-        count = int(v.scalars[0])
-        zr, zw, zs = precondition(finest, levels, _ENOUGH, v.r, v.s, v.z[count], v.w)
-        beta = -zs / energy if energy > 0.0 else 0.0
-        energy = zw + beta * zs
-        v.scalars[1] = energy
-        if not energy > 0.0:
+    steps = 0
+    while v.scalars[2] > max(gain, BURST * v.scalars[3]) and steps < most:
+        zr, zw, zs = precondition(finest, levels, ENOUGH, v.r, v.s, v.z[int(v.scalars[0])], v.w)
+        beta, alpha = _turn(v, zr, zw, zs)
+        if not v.scalars[1] > 0.0:
             break
-        alpha = zr / energy
-        for k in range(len(v.on_p)):
-            v.on_p[k] *= beta
-        v.on_p[count] = 1.0
-        for k in range(len(v.on_p)):
-            v.on_x[k] += alpha * v.on_p[k]
-        v.scalars[0] = count + 1
-        if count + 1 == len(v.z):
+        if int(v.scalars[0]) == len(v.z):
             _gather(v, x, one)
-        v.scalars[2] = math.sqrt(_advance(v.inverse, v.w, v.s, v.r, v.z[int(v.scalars[0])], beta, alpha)) / lift
-        peak = max(peak, v.scalars[2])
-        v.scalars[3], v.scalars[4], v.scalars[5] = peak, alpha, alpha * zr
+        squares, z = 0.0, v.z[int(v.scalars[0])]
+        for begin in range(0, len(v.r), CHUNK):
+            squares += advance(v.inverse, v.w, v.s, v.r, z, beta, alpha, begin, min(begin + CHUNK, len(v.r)))
+        _arrive(v, math.sqrt(squares) / lift, alpha, zr)
         steps += 1
     if len(residual) > 0:
         _gather(v, x, one)
     return steps
 
 
+def turn(v: Vectors, zr: float, zw: float, zs: float) -> tuple[float, float]:
+    """Note the next direction, ``p = z + beta p``, and the step along it; returns ``beta, alpha``.
+
+    Where the direction has no energy, nothing is noted but that.
+    """
+    energy, count = v.scalars[1], int(v.scalars[0])
+    beta = -zs / energy if energy > 0.0 else 0.0
+    energy = zw + beta * zs
+    v.scalars[1] = energy
+    if not energy > 0.0:
+        return beta, 0.0
+    alpha = zr / energy
+    for k in range(len(v.on_p)):
+        v.on_p[k] *= beta
+    v.on_p[count] = 1.0
+    for k in range(len(v.on_p)):
+        v.on_x[k] += alpha * v.on_p[k]
+    v.scalars[0] = count + 1
+    return beta, alpha
+
+
+def arrive(v: Vectors, norm: float, alpha: float, zr: float) -> None:
+    """Note the residual's norm after a step, and how far it went."""
+    v.scalars[2] = norm
+    v.scalars[3] = max(v.scalars[3], norm)
+    v.scalars[4], v.scalars[5] = alpha, alpha * zr
+
+
+def restart(v: Vectors) -> None:
+    """Note that no step is kept."""
+    v.on_x[:], v.on_p[:] = 0.0, 0.0
+    v.on_p[-1] = 1.0
+    v.scalars[0] = 0.0
+
+
+_turn, _arrive, _restart = inner(turn), inner(arrive), inner(restart)
+
+
 @inner_fast
-def _advance(inverse: Singles, w: Singles, s: Singles, r: Singles, z: Singles, beta: float, alpha: float) -> float:
-    """``s = w + beta s``, ``r -= alpha s``, ``z = inverse r``; returns ``|r|^2``."""
+def advance(
+    inverse: Singles, w: Singles, s: Singles, r: Singles, z: Singles, beta: float, alpha: float, begin: int, end: int
+) -> float:
+    """``s = w + beta s``, ``r -= alpha s``, ``z = inverse r`` on some slots; returns the squares of ``r``, summed."""
     total = 0.0
-    for k in range(len(r)):
+    for k in range(begin, end):
         product = w[k] + beta * s[k]
         s[k] = product
         new = np.float32(r[k] - alpha * product)
@@ -165,19 +196,23 @@ def gather_steps(v: Vectors, x: Floats, one: float) -> None:
 
 @inner
 def _gather(v: Vectors, x: Floats, one: float) -> None:
-    count = int(v.scalars[0])
-    _add_steps(v.z[:count], v.on_x, v.on_x[-1], v.on_p, v.on_p[-1], one, v.p, x)
-    v.on_x[:], v.on_p[:] = 0.0, 0.0
-    v.on_p[-1] = 1.0
-    v.scalars[0] = 0.0
+    add_steps(v, x, one, ZERO, len(x))
+    _restart(v)
+
+
+@inner
+def add_steps(v: Vectors, x: Floats, one: float, begin: int, end: int) -> None:
+    """``x += one (on_x_p p + sum_j on_x_j z_j)``, then ``p = on_p_p p + sum_j on_p_j z_j``, on some slots."""
+    _add_steps(v.z[: int(v.scalars[0])], v.on_x, v.on_x[-1], v.on_p, v.on_p[-1], one, v.p, x, (begin, end))
 
 
 @inner_fast
 def _add_steps(
-    z: Singles, on_x: Floats, before_x: float, on_p: Floats, before_p: float, one: float, p: Floats, x: Floats
-) -> None:
-    """``x += one (before_x p + sum_j on_x_j z_j)``, then ``p = before_p p + sum_j on_p_j z_j``; ``z`` (steps, n)."""
-    for k in range(len(x)):
+    z: Singles, on_x: Floats, before_x: float, on_p: Floats, before_p: float, one: float, p: Floats, x: Floats,
+    slots: tuple[int, int],
+) -> None:  # fmt: skip
+    """The same; ``z`` (steps, n)."""
+    for k in range(*slots):
         ahead, far = before_p * p[k], before_x * p[k]
         for j in range(len(z)):
             value = np.float64(z[j, k])

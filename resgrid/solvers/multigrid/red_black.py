@@ -166,10 +166,18 @@ def draw(stencil: Stencil, x: Reals, drawn: Reals) -> None:
 @inner
 def relax_red(stencil: Stencil, fed: Reals, black: Reals, red: Reals) -> None:
     """``red = (fed + G black) / degree``."""
+    relax_red_blocks(stencil, fed, black, ZERO, blocks_of(stencil), red)
+
+
+@inner
+def relax_red_blocks(stencil: Stencil, fed: Reals, black: Reals, first: int, last: int, red: Reals) -> None:
+    """The same on the blocks ``first ... last``, the last one left out."""
     total = np.empty(stencil.block, stencil.faces.dtype)
     drawn, coupling = np.empty(len(stencil.couplings), total.dtype), ZERO
     draw(stencil, black, drawn)
-    for block in range(blocks_of(stencil)):
+    while coupling < len(drawn) and stencil.off_red[coupling] < stencil.margin + first * stencil.block:
+        coupling += 1
+    for block in range(first, last):
         begin, count = extent(stencil, block)
         into_red(stencil, black, block, total, ZERO)
         while coupling < len(drawn) and stencil.off_red[coupling] < begin + count:

@@ -33,13 +33,12 @@ _ROOM = 4
 """Of a window, in units of what is kept and a block; so seldom it is moved."""
 
 
-class _Window(NamedTuple):
+class Window(NamedTuple):
     """The red values around the slots that a window has come to.
 
     `coupled`: what couplings draw into red cells; behind the window, the red values where they begin; `at` (3,): slot
     of the first of the red values, the next coupling to draw, and the next to note a red value of; `kept`: how many
-    values behind a block may still be asked for; `ahead`: how many blocks red cells go ahead of black ones, so that all
-    neighbours of these are there.
+    values behind a block may still be asked for; `ahead`: as of `blocks_ahead`.
     """
 
     red: Reals
@@ -49,18 +48,44 @@ class _Window(NamedTuple):
     ahead: int
 
 
+class Slab(NamedTuple):
+    """A part of a stencil that one thread sweeps over.
+
+    `first, last`: its blocks, the last one left out; `begin, end`: black slots that share their nodes on the next level
+    with no other slab's.
+    """
+
+    first: int
+    last: int
+    begin: int
+    end: int
+
+
 @inner
-def _open_window(stencil: Stencil) -> _Window:
-    ahead = -(-stencil.margin // stencil.block)
+def _whole(stencil: Stencil) -> Slab:
+    return Slab(ZERO, blocks_of(stencil), stencil.margin, stencil.faces.shape[1] - stencil.margin)
+
+
+@inner
+def blocks_ahead(stencil: Stencil) -> int:
+    """How many blocks red cells go ahead of black ones, so that all neighbours of these are there."""
+    return int(-(-stencil.margin // stencil.block))
+
+
+@inner
+def open_window(stencil: Stencil, block: int) -> Window:
+    """A window that comes to a block first."""
+    ahead, begin, coupling = blocks_ahead(stencil), stencil.margin + block * stencil.block, 0
     kept = ahead * stencil.block + stencil.margin
     red = np.zeros(_ROOM * (kept + stencil.block), stencil.black_degree.dtype)
-    return _Window(
-        red, np.empty(len(stencil.couplings), red.dtype), np.array([stencil.margin - kept, 0, 0]), kept, ahead
-    )
+    while coupling < len(stencil.couplings) and stencil.off_red[coupling] < begin:
+        coupling += 1
+    at = np.array([begin - kept, coupling, coupling])
+    return Window(red, np.empty(len(stencil.couplings), red.dtype), at, kept, ahead)
 
 
 @inner
-def _make_room(stencil: Stencil, window: _Window, block: int) -> int:
+def make_room(stencil: Stencil, window: Window, block: int) -> int:
     """Make room for a block of red values; returns where among them it begins."""
     begin = stencil.margin + block * stencil.block
     if begin + stencil.block - window.at[0] > len(window.red):
@@ -72,7 +97,7 @@ def _make_room(stencil: Stencil, window: _Window, block: int) -> int:
 
 
 @inner
-def _lead(stencil: Stencil, window: _Window, x: Reals, block: int) -> None:
+def lead(stencil: Stencil, window: Window, x: Reals, block: int) -> None:
     """``red = G x / degree`` on a block, zero behind the last one."""
     to = _draw_into_red(stencil, window, x, block)
     if block < blocks_of(stencil):
@@ -82,9 +107,9 @@ def _lead(stencil: Stencil, window: _Window, x: Reals, block: int) -> None:
 
 
 @inner
-def _draw_into_red(stencil: Stencil, window: _Window, x: Reals, block: int) -> int:
+def _draw_into_red(stencil: Stencil, window: Window, x: Reals, block: int) -> int:
     """``red = G x`` on a block, zero behind the last one; returns where among the red values it begins."""
-    to = _make_room(stencil, window, block)
+    to = make_room(stencil, window, block)
     if block >= blocks_of(stencil):
         for k in range(to, to + stencil.block):
             window.red[k] = 0.0
@@ -98,7 +123,7 @@ def _draw_into_red(stencil: Stencil, window: _Window, x: Reals, block: int) -> i
 
 
 @inner
-def _note(stencil: Stencil, window: _Window, begin: int, to: int) -> None:
+def _note(stencil: Stencil, window: Window, begin: int, to: int) -> None:
     """Note the red values of a block where couplings begin."""
     while window.at[2] < window.at[1]:
         window.coupled[window.at[2]] = window.red[to + stencil.off_red[window.at[2]] - begin]
@@ -121,20 +146,43 @@ def restrict(stencil: Stencil, aggregate: Indices, weight: Singles, z: Singles, 
     ``aggregate`` leads from a black slot to its node there; from unused slots to node 0, which nothing belongs to.
     ``weight`` is what a black slot counts for, and takes from its node; where it is empty, it is 1.
     """
-    total = np.empty(stencil.block, stencil.red_inverse.dtype)
     for node in range(len(coarse)):
         coarse[node] = 0.0
-    window = _open_window(stencil)
+    coupled = restrict_slab(stencil, aggregate, weight, z, _whole(stencil), coarse)
+    restrict_couplings(stencil, aggregate, weight, coupled, coarse)
+
+
+@inner
+def restrict_slab(
+    stencil: Stencil, aggregate: Indices, weight: Singles, z: Singles, slab: Slab, coarse: Singles
+) -> Singles:
+    """`restrict` on a slab but for its couplings; returns the red values where these begin."""
+    total = np.empty(stencil.block, stencil.red_inverse.dtype)
+    ahead = blocks_ahead(stencil)
+    begin, last = max(slab.first - ahead, 0), -(-(slab.end - stencil.margin) // stencil.block)
+    window = open_window(stencil, begin)
     draw(stencil, z, window.coupled)
-    for step in range(blocks_of(stencil) + window.ahead):
-        _lead(stencil, window, z, step)
-        if step >= window.ahead:
-            begin, count = extent(stencil, step - window.ahead)
-            into_black(stencil, window.red, window.at[0], step - window.ahead, total, ZERO)
-            _add_to_nodes(aggregate, weight, begin, count, total, coarse)
+    for step in range(begin, max(last, slab.last) + ahead):
+        lead(stencil, window, z, step)
+        block = step - ahead
+        if slab.first <= block < last:
+            into_black(stencil, window.red, window.at[0], block, total, ZERO)
+            at, count = extent(stencil, block)
+            behind = max(slab.begin - at, 0)
+            if behind < count:
+                count = min(count, slab.end - at) - behind
+                _add_to_nodes(aggregate, weight, at + behind, count, total[behind:], coarse)
+    return window.coupled
+
+
+@inner
+def restrict_couplings(
+    stencil: Stencil, aggregate: Indices, weight: Singles, coupled: Singles, coarse: Singles
+) -> None:
+    """The rest of `restrict`, behind all slabs."""
     for m in range(len(stencil.couplings)):
         share = weight[stencil.off_black[m]] if len(weight) > 0 else np.float32(1.0)
-        coarse[aggregate[stencil.off_black[m]]] += share * stencil.couplings[m] * window.coupled[m]
+        coarse[aggregate[stencil.off_black[m]]] += share * stencil.couplings[m] * coupled[m]
     coarse[0] = 0.0
 
 
@@ -152,16 +200,19 @@ def _add_to_nodes(aggregate: Indices, weight: Singles, begin: int, count: int, t
 
 
 @inner
-def _add_from_nodes(aggregate: Indices, weight: Singles, begin: int, count: int, coarse: Singles, z: Singles) -> None:
+def add_from_nodes(
+    aggregate: Indices, weight: Singles, begin: int, count: int, coarse: Singles, z: Singles, total: Singles
+) -> None:
+    """``total = z +`` what the slots of a block take from their nodes."""
     at = np.uint64(begin)
     if len(weight) > 0:
         for i in range(count):
             k = at + np.uint64(i)
-            z[k] += weight[k] * coarse[np.uint32(aggregate[k])]
+            total[k] = z[k] + weight[k] * coarse[np.uint32(aggregate[k])]
         return
     for i in range(count):
         k = at + np.uint64(i)
-        z[k] += coarse[np.uint32(aggregate[k])]
+        total[k] = z[k] + coarse[np.uint32(aggregate[k])]
 
 
 @njit(cache=True, nogil=True)
@@ -176,7 +227,7 @@ def prolong_and_multiply(
 
     The sweeps of both follow as close upon each other as neighbours allow, but where there are couplings.
     """
-    first, second = _open_window(stencil), _open_window(exact)
+    first, second = open_window(stencil, ZERO), open_window(exact, ZERO)
     blocks, ahead = blocks_of(stencil), first.ahead
     before, between = (ahead, 3 * ahead) if len(stencil.couplings) == 0 else (blocks, 2 * blocks + ahead)
     total = np.empty(stencil.block, stencil.red_inverse.dtype)
@@ -185,37 +236,38 @@ def prolong_and_multiply(
     for step in range(between + blocks + ahead):
         if step < blocks:
             begin, count = extent(stencil, step)
-            _add_from_nodes(aggregate, weight, begin, count, coarse, z)
+            add_from_nodes(aggregate, weight, begin, count, coarse, z, z)
         if step == before:
             draw(stencil, z, first.coupled)
         if step == between:
-            _relax_couplings(stencil, first.coupled, z)
+            relax_couplings(stencil, first.coupled, z)
             draw(exact, z, second.coupled)
         if before <= step < before + blocks + ahead:
-            _lead(stencil, first, z, step - before)
+            lead(stencil, first, z, step - before)
         if before + ahead <= step < before + blocks + ahead:
             begin, count = extent(stencil, step - before - ahead)
             into_black(stencil, first.red, first.at[0], step - before - ahead, total, ZERO)
             relax(stencil.black_inverse, r, begin, count, total, z)
         if between <= step:
-            _lead(exact, second, z, step - between)
+            lead(exact, second, z, step - between)
         if between + ahead <= step:
             begin, count = extent(exact, step - between - ahead)
             into_black(exact, second.red, second.at[0], step - between - ahead, product, ZERO)
-            a, b, c = _products(exact.black_degree, z, r, s, begin, count, product, w)
+            a, b, c = products(exact.black_degree, z, r, s, begin, count, product, w)
             zr, zw, zs = zr + a, zw + b, zs + c
-    return zr, zw - _multiply_couplings(exact, second.coupled, z, w), zs
+    return zr, zw - multiply_couplings(exact, second.coupled, z, w), zs
 
 
 @inner
-def _relax_couplings(stencil: Stencil, coupled: Singles, z: Singles) -> None:
+def relax_couplings(stencil: Stencil, coupled: Singles, z: Singles) -> None:
+    """Add what couplings feed into black cells that have been relaxed."""
     for m in range(len(stencil.couplings)):
         black = stencil.off_black[m]
         z[black] += stencil.black_inverse[black] * stencil.couplings[m] * coupled[m]
 
 
 @inner
-def _multiply_couplings(stencil: Stencil, coupled: Reals, z: Singles, w: Singles) -> float:
+def multiply_couplings(stencil: Stencil, coupled: Reals, z: Singles, w: Singles) -> float:
     """Take what couplings draw off the product; returns by how much ``z.w`` becomes less."""
     less = 0.0
     for m in range(len(stencil.couplings)):
@@ -226,7 +278,7 @@ def _multiply_couplings(stencil: Stencil, coupled: Reals, z: Singles, w: Singles
 
 
 @inner_fast
-def _products(
+def products(
     degree: Reals, z: Singles, r: Singles, s: Singles, begin: int, count: int, total: Reals, w: Singles
 ) -> tuple[float, float, float]:
     """``w = degree z - total`` on a block, and its share of ``z.r``, ``z.w`` and ``z.s``."""
@@ -249,27 +301,48 @@ def black_residual(stencil: Stencil, b: Floats, x: Floats, r: Floats) -> float:
 
     Returns its norm.
     """
-    blocks, squares = blocks_of(stencil), 0.0
+    squares = np.empty(blocks_of(stencil))
+    coupled = residual_slab(stencil, b, x, r, _whole(stencil), squares)
+    return finish_residual(stencil, coupled, squares, r)
+
+
+@inner
+def residual_slab(stencil: Stencil, b: Floats, x: Floats, r: Floats, slab: Slab, squares: Floats) -> Reals:
+    """`black_residual` on a slab but for its couplings; returns the red values where these begin.
+
+    ``squares`` (blocks,) receives the squares of every block, summed.
+    """
+    total, ahead = np.empty(stencil.block), blocks_ahead(stencil)
+    begin = max(slab.first - ahead, 0)
+    window = open_window(stencil, begin)
+    draw(stencil, x[1], window.coupled)
+    for step in range(begin, slab.last + ahead):
+        to = _draw_into_red(stencil, window, x[1], step)
+        if step < blocks_of(stencil):
+            at, count = extent(stencil, step)
+            _relax_both(stencil.red_inverse, b[0], at, count, window.red, to, x[0])
+            _note(stencil, window, at, to)
+        block = step - ahead
+        if block >= slab.first:
+            at, count = extent(stencil, block)
+            into_black(stencil, window.red, window.at[0], block, total, ZERO)
+            squares[block] = _subtract(stencil.black_degree, b[1], x[1], at, count, total, r)
+    return window.coupled
+
+
+@inner
+def finish_residual(stencil: Stencil, coupled: Reals, squares: Floats, r: Floats) -> float:
+    """The rest of `black_residual`, behind all slabs; returns the norm."""
     r[: stencil.margin] = 0.0
     r[len(r) - stencil.margin :] = 0.0
-    total = np.empty(stencil.block)
-    window = _open_window(stencil)
-    draw(stencil, x[1], window.coupled)
-    for step in range(blocks + window.ahead):
-        to = _draw_into_red(stencil, window, x[1], step)
-        if step < blocks:
-            begin, count = extent(stencil, step)
-            _relax_both(stencil.red_inverse, b[0], begin, count, window.red, to, x[0])
-            _note(stencil, window, begin, to)
-        if step >= window.ahead:
-            begin, count = extent(stencil, step - window.ahead)
-            into_black(stencil, window.red, window.at[0], step - window.ahead, total, ZERO)
-            squares += _subtract(stencil.black_degree, b[1], x[1], begin, count, total, r)
-    if len(stencil.couplings) == 0:
-        return math.sqrt(squares)
-    for m in range(len(stencil.couplings)):
-        r[stencil.off_black[m]] += stencil.couplings[m] * window.coupled[m]
-    return math.sqrt(_squares(r))
+    if len(stencil.couplings) > 0:
+        for m in range(len(stencil.couplings)):
+            r[stencil.off_black[m]] += stencil.couplings[m] * coupled[m]
+        return math.sqrt(_squares(r))
+    total = 0.0
+    for block in range(len(squares)):
+        total += squares[block]
+    return math.sqrt(total)
 
 
 @njit(cache=True, nogil=True)

@@ -1,0 +1,75 @@
+"""Threads that share the parts of a loop, and wait without spinning."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from types import TracebackType
+from typing import TypeVar
+
+_Result = TypeVar("_Result")
+
+
+class Team:
+    """A caller's thread and its helpers, which do the parts of a job side by side.
+
+    Whoever is free takes the next part, so that nobody waits for a helper that the computer gives no core: its part is
+    done by the caller then.  Several threads may call one team.
+
+    `size`: threads, the caller's included.  It is a context, behind which the helpers end.
+    """
+
+    def __init__(self, size: int = 1) -> None:
+        self.size = size
+        self._pool = ThreadPoolExecutor(size - 1, thread_name_prefix="resgrid") if size > 1 else None
+
+    def __enter__(self) -> Team:
+        """Return it."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End the helpers, as soon as they are done with the part in their hands."""
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+
+    def share(self, part: Callable[[int], object], parts: int) -> None:
+        """Do ``part(0) ... part(parts - 1)``, in any order; an error in one of them is raised, the rest left out."""
+        if self._pool is None or parts < 2:
+            for number in range(parts):
+                part(number)
+            return
+        left = deque(range(parts))
+
+        def work() -> None:
+            while left:
+                try:
+                    number = left.popleft()
+                except IndexError:  # another thread has taken the last one
+                    return
+                part(number)
+
+        helpers = [self._pool.submit(work) for _ in range(min(self.size, parts) - 1)]
+        try:
+            work()
+        except BaseException:
+            left.clear()
+            raise
+        finally:
+            wait([helper for helper in helpers if not helper.cancel()])
+        for helper in helpers:
+            if not helper.cancelled():
+                helper.result()
+
+    def start(self, job: Callable[[], _Result]) -> Callable[[], _Result]:
+        """Begin a job beside what the caller does; what is returned waits for its result, or does it if nobody has."""
+        if self._pool is None:
+            return job
+        begun: Future[_Result] = self._pool.submit(job)
+        return lambda: job() if begun.cancel() else begun.result()
+
+
+ALONE = Team()
+"""The caller's thread."""

@@ -1,0 +1,157 @@
+"""Threads inside one solve: the same digits, whatever their number, and nothing left behind when it ends early."""
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from support.spaces import space_of
+
+import resgrid as rg
+from resgrid.solvers.multigrid import slabs, threaded
+from resgrid.solvers.team import Team
+
+SHAPES = [(448, 384), (56, 64, 48)]
+WIRINGS = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 2e4}]
+
+
+def room(shape: tuple[int, ...], seed: int, *, rings: bool = False) -> rg.ConfigurationSpace:
+    """Random boxes, a goal in the first corner."""
+    rng = np.random.default_rng(seed)
+    cell = np.zeros(shape, dtype=np.uint8)
+    while np.mean(cell) < 0.2:
+        low = rng.integers(0, shape)
+        size = rng.integers(1, np.array(shape) // 6 + 2)
+        cell[tuple(slice(a, a + b) for a, b in zip(low, size, strict=True))] = 1
+    cell[(slice(0, 3),) * len(shape)] = 0
+    cell[(1,) * len(shape)] = 2
+    return space_of(cell, periodic=(rings,) * len(shape))
+
+
+def maze(width: int, size: int) -> rg.ConfigurationSpace:
+    """Walls with random gaps, corridors between them: coarse grids have nodes beside the lattice."""
+    rng = np.random.default_rng(width)
+    cell = np.zeros((size, size), dtype=np.uint8)
+    cell[width :: width + 1] = 1
+    for row in range(width, size, width + 1):
+        for gap in rng.integers(0, size - width, 8):
+            cell[row, gap : gap + width] = 0
+    cell[0, 0] = 2
+    return space_of(cell)
+
+
+def assert_same(one: rg.OperatingPoint, other: rg.OperatingPoint) -> None:
+    """The same bits everywhere."""
+    assert one.iterations == other.iterations
+    np.testing.assert_array_equal(one.voltage, other.voltage)
+    np.testing.assert_array_equal(one.resistor_current, other.resistor_current)
+    if one.log_drop is not None:
+        np.testing.assert_array_equal(one.log_drop, other.log_drop)
+
+
+@pytest.fixture
+def cuts(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Slabs of every level that is cut, solve by solve."""
+    noted: list[int] = []
+    cut = threaded._cut
+
+    def noting(*arguments: object) -> list[object]:
+        grids = cut(*arguments)
+        noted.extend(len(grid.parts) for grid in grids)
+        return grids
+
+    monkeypatch.setattr(threaded, "_cut", noting)
+    return noted
+
+
+@pytest.mark.parametrize("accuracy", ["normwise", "direction"])
+@pytest.mark.parametrize("rings", [False, True])
+@pytest.mark.parametrize("wiring", WIRINGS)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_digits_do_not_depend_on_threads(
+    shape: tuple[int, ...], wiring: dict[str, object], rings: bool, accuracy: str, cuts: list[int]
+) -> None:
+    netlist = rg.compile_space(room(shape, 11, rings=rings), **wiring)
+    one, *others = (
+        rg.solve(netlist, accuracy=accuracy, method="multigrid", rtol=1e-8, threads=threads) for threads in (1, 2, 3, 8)
+    )
+    for other in others:
+        assert_same(one, other)
+    assert max(cuts, default=1) > 2
+
+
+@pytest.mark.parametrize("width", [3, 9])
+def test_digits_do_not_depend_on_threads_where_blocks_fall_apart(width: int, cuts: list[int]) -> None:
+    netlist = rg.compile_space(maze(width, 501), boundary="neumann")
+    one, *others = (
+        rg.solve(netlist, accuracy="normwise", method="multigrid", rtol=1e-8, threads=threads) for threads in (1, 2, 5)
+    )
+    for other in others:
+        assert_same(one, other)
+    assert max(cuts, default=1) > 2
+
+
+@settings(max_examples=25)
+@given(
+    st.sampled_from([(96, 112), (160, 64), (16, 24, 32)]),
+    st.integers(0, 1000),
+    st.booleans(),
+    st.sampled_from(WIRINGS),
+    st.sampled_from([2, 3, 5]),
+)
+def test_thin_slabs_leave_the_same_digits(
+    shape: tuple[int, ...], seed: int, rings: bool, wiring: dict[str, object], threads: int
+) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(threaded, "_LEAST", 0)
+        patch.setattr(threaded, "_THICK", 0.1)
+        patch.setattr("resgrid.solvers.multigrid.grid_level.BLOCK", 64)
+        netlist = rg.compile_space(room(shape, seed, rings=rings), **wiring)
+        one, other = (rg.solve(netlist, method="multigrid", threads=count) for count in (1, threads))
+        assert_same(one, other)
+
+
+def test_many_solves_at_a_time_share_one_computer() -> None:
+    netlist = rg.compile_space(room((420, 380), 3), boundary="neumann")
+    alone = rg.solve(netlist, accuracy="normwise", method="multigrid")
+    with ThreadPoolExecutor(4) as pool:
+        jobs = [
+            pool.submit(rg.solve, netlist, accuracy="normwise", method="multigrid", threads=1 + k % 3) for k in range(8)
+        ]
+        for job in jobs:
+            assert_same(alone, job.result())
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
+def test_what_is_raised_in_a_slab_ends_the_solve(error: type[BaseException], monkeypatch: pytest.MonkeyPatch) -> None:
+    netlist = rg.compile_space(room((420, 380), 3), boundary="neumann")
+    calls, part = iter(range(10**6)), slabs.multiply_part
+
+    def failing(*arguments: object) -> None:
+        if next(calls) == 5:
+            raise error("slab")
+        part(*arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(slabs, "multiply_part", failing)
+        with pytest.raises(error, match="slab"):
+            rg.solve(netlist, accuracy="normwise", method="multigrid", threads=3)
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("resgrid")]
+    one, two = (rg.solve(netlist, accuracy="normwise", method="multigrid", threads=threads) for threads in (1, 2))
+    assert_same(one, two)
+
+
+def test_a_helper_without_a_core_is_not_waited_for() -> None:
+    with Team(2) as team:
+        release, done = threading.Event(), []
+        blocked = team.start(release.wait)
+        team.share(done.append, 5)
+        assert sorted(done) == [0, 1, 2, 3, 4]
+        release.set()
+        assert blocked()
+
+
+def test_threads_help_nothing_small() -> None:
+    netlist = rg.compile_space(room((40, 40), 3))
+    assert_same(rg.solve(netlist), rg.solve(netlist, threads=4))
