@@ -238,7 +238,7 @@ export class Page {
     const exact = this.model.before === null, began = performance.now();
     const slow = setInterval(() => {
       const seconds = Math.round((performance.now() - began) / 1000);
-      const why = this.frames.length ? "solving" : "compiling loops, once, a minute at most";
+      const why = this.frames.length ? "solving" : "compiling loops, once";
       if (performance.now() - began > SLOW_MS) this.#tell("busy", `${why} … ${seconds} s`);
     }, 200);
     try {
