@@ -12,7 +12,9 @@ from resgrid.solvers.decay import VOLUME, foresee_decades, h_transform_reaches
 from resgrid.solvers.factors.direct import factor_direct
 from resgrid.solvers.factors.factor import Factor
 from resgrid.solvers.factors.multigrid import factor_multigrid
+from resgrid.solvers.factors.reduced import ReducedFactor
 from resgrid.solvers.laplacian import Laplacian
+from resgrid.solvers.star_mesh import may_shrink, shrink
 from resgrid.solvers.supernodal import Symbolic, order_by_degree, order_by_distance
 from resgrid.solvers.team import ALONE, Team
 
@@ -35,15 +37,51 @@ _ROUGH, _ROUGH_VOLUME = 0.25, 0.5
 _LEAST_DECADES, _MOST_DECADES = 30.0, 250.0
 """By how many decades any maze's potential falls, and from how many on refinement takes too long."""
 
-_CORRIDOR = 3.1
-"""Neighbours a row in corridors two cells wide, trees and chains, which take less time directly than by cycles."""
+_FAIR_SHARE = 0.2
+"""Share of the rows that elimination must take to be worth its way back and forth."""
+
+_LONG = 20_000
+"""Rows from which factors along corridors take half of the time of elimination."""
+
+_REDUCING = 220.0
+"""Peak memory of elimination, in bytes a row."""
 
 
-def factor_laplacian(laplacian: Laplacian, method: str, *, accuracy: str = "direction", team: Team = ALONE) -> Factor:
-    """Make a system ready to be solved, on a team's threads, unless it would not fit in memory."""
+def factor_laplacian(
+    laplacian: Laplacian, method: str, *, reduce: bool = True, accuracy: str = "direction", team: Team = ALONE
+) -> Factor:
+    """Make a system ready to be solved, on a team's threads, unless it would not fit in memory.
+
+    Nodes with at most two neighbours are eliminated first where that pays (`resgrid.solvers.star_mesh`), which it does
+    not for directions along large mazes (`resgrid.solvers.supernodal`); the method then solves what is left.  Where
+    nothing is left, the factor's name is ``"elimination"`` whatever was asked for.
+    """
     if method != "auto" and method not in METHODS:
         raise InputError(f"method = {method!r} is unknown; it may be one of auto, {', '.join(METHODS)}")
-    choice = _choose(laplacian, method, accuracy)
+    if reduce and may_shrink(laplacian):
+        long = _along_corridors(laplacian, method, accuracy) if laplacian.size >= _LONG else None
+        if long is not None:
+            return _factor_whole(laplacian, long, accuracy, team)
+        _require(_REDUCING * laplacian.size, laplacian, "elimination")
+        mesh, core = shrink(laplacian)
+        if core is None:
+            return ReducedFactor(laplacian, mesh, None)
+        if mesh.count >= _FAIR_SHARE * laplacian.size:
+            inner = _factor_whole(core, _choose(core, method, accuracy), accuracy, team)
+            return ReducedFactor(laplacian, mesh, inner)
+    return _factor_whole(laplacian, _choose(laplacian, method, accuracy), accuracy, team)
+
+
+def _along_corridors(laplacian: Laplacian, method: str, accuracy: str) -> Choice | None:
+    """The direct method, where that takes less time than rows are eliminated and put back."""
+    if accuracy != "direction" or method == "multigrid":
+        return None
+    name, order = _choose(laplacian, method, accuracy)
+    order = order_by_distance(laplacian) if order is None and name == "direct" else order
+    return None if order is None else Choice("direct", order)
+
+
+def _factor_whole(laplacian: Laplacian, choice: Choice, accuracy: str, team: Team) -> Factor:
     if choice.method == "multigrid":
         _require(costs.estimate_memory(laplacian, "multigrid", accuracy), laplacian, "multigrid")
         return factor_multigrid(laplacian, accuracy, team)
@@ -79,10 +117,7 @@ def _choose(laplacian: Laplacian, method: str, accuracy: str) -> Choice:
         return Choice("direct", None)
     if found.weak > (_ROUGH_VOLUME if found.entries > VOLUME * laplacian.size else _ROUGH):
         return Choice("direct", None)
-    if accuracy == "direction":
-        return _direct_in_time(laplacian)
-    narrow = order_by_distance(laplacian) if found.entries <= _CORRIDOR * laplacian.size else None
-    return Choice("multigrid" if narrow is None else "direct", narrow)
+    return _direct_in_time(laplacian) if accuracy == "direction" else Choice("multigrid", None)
 
 
 def _direct_in_time(laplacian: Laplacian) -> Choice:

@@ -90,7 +90,7 @@ class Laplacian:
 
     `ground` (n,): conductance from every row to nodes of known voltage, in siemens; `listed, compressed`: its edges,
     as a list or as rows, whichever there was; `grid`: where the vertices of the list lie (without one, the rows), if
-    they are a grid's; `dimensions`: those that the graph fills: of its grid;
+    they are a grid's; `dimensions`: those that the graph fills: of its grid, also of what elimination leaves of one;
     2 for others; `rails`: how `ground` divides between two rails, where there are just two and nothing else drives.
     """
 

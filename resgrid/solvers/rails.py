@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,3 +37,11 @@ class Rails:
     def to_low(self) -> NDArray[np.float64]:
         """The same for the low rail."""
         return self._tied[1]
+
+    def tied(self, to_high: NDArray[np.float64], to_low: NDArray[np.float64]) -> Rails:
+        """Return the same rails, with other ties of the rows to them."""
+        return Rails(self.high, self.low, partial(_pair, to_high, to_low))
+
+
+def _pair(to_high: NDArray[np.float64], to_low: NDArray[np.float64]) -> Ties:
+    return to_high, to_low

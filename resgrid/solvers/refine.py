@@ -51,9 +51,6 @@ _PROVED = 1e-6
 _DIFFERENCE = 4.0
 """Errors that two values may be off by where hardly any current flows, in units of the floor: less is noise."""
 
-_LEAST_NOISE = 2.0**-96
-"""Relative difference below which two values are alike whatever the residual in double-double says."""
-
 _FLAT = 1e-14
 """Share of currents in ``(b + |A| |x|)_i`` below which they may be what rounding leaves of none."""
 
@@ -167,8 +164,7 @@ def refine(
         x, best = new, worth
         if best.left <= 1.0:
             break
-    noise = max(_LEAST_NOISE, _DIFFERENCE * laplacian.size * best.error) if exact else NOISE
-    answer = _with_exponents(x)._replace(noise=max(noise, _DIFFERENCE * floor))
+    answer = _with_exponents(x)._replace(noise=max(NOISE, _DIFFERENCE * floor))
     return Refined(answer, float(best.error), best.bound)
 
 

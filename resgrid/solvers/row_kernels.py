@@ -154,8 +154,13 @@ def add_conductances(pairs: Indices, conductance: Floats, row: Indices, degree: 
 
 
 @njit(cache=True)
-def range_of_conductances(pairs: Indices, conductance: Floats, row: Indices) -> tuple[int, float, float, float]:
-    """How many conductances there are between rows, their smallest, their largest and their sum."""
+def count_neighbours(
+    pairs: Indices, conductance: Floats, row: Indices, neighbours: NDArray[np.int8]
+) -> tuple[int, float, float, float]:
+    """Count the neighbours of every row up to three.
+
+    Returns how many conductances there are between rows, their smallest, their largest and their sum.
+    """
     count, smallest, largest, total = 0, np.inf, 0.0, 0.0
     for k in range(len(pairs)):
         i, j = row[pairs[k, 0]], row[pairs[k, 1]]
@@ -164,6 +169,7 @@ def range_of_conductances(pairs: Indices, conductance: Floats, row: Indices) -> 
         count += 1
         g = conductance[k]
         smallest, largest, total = min(smallest, g), max(largest, g), total + g
+        neighbours[i], neighbours[j] = min(neighbours[i] + 1, 3), min(neighbours[j] + 1, 3)
     return count, smallest, largest, total
 
 

@@ -9,7 +9,7 @@ from benchmarks.rows import Scale
 def test_a_first_solution_tells_its_time_and_method() -> None:
     seconds, method = start._python(start.FIRST.format(kind="maze", size=24, seed=3, accuracy="direction")).split()
     assert float(seconds) > 0.0
-    assert method in {"direct", "multigrid"}
+    assert method in {"direct", "elimination", "multigrid"}
 
 
 def test_caches_are_empty_for_every_first_solution(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,7 +20,7 @@ from resgrid.solvers.monitor import Watch
 from resgrid.solvers.refine import Numbers, refine
 from resgrid.solvers.supernodal import SupernodalFactors, Symbolic, factor_supernodes
 
-REFINED = 1e-31
+REFINED = 1e-28
 """Componentwise backward error that is enough where no current flows: the noise of double-double arithmetic."""
 
 EXACT_ROWS = 20_000

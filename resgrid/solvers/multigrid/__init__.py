@@ -1,7 +1,7 @@
 """Conjugate gradients preconditioned by multigrid: the algorithm on one page.
 
 `MultigridFactor` solves ``A x = b`` for the Laplacian of a grid or a netlist, in this order:
-1. *Before*: corridors, chains and trees are solved directly (`resgrid.solvers.supernodal`).
+1. *Before*: corridors, chains and trees have been eliminated (`resgrid.solvers.star_mesh`).
 2. *Red-black grids* (`lattice`, `grid_level.lay_out`, `red_black.Stencil`). A grid has two colours, and every edge
    joins a red cell to a black one: ``A = [[D_r, -G], [-G^T, D_b]]``. Conductances are kept face by face over the red
    cells, in flat arrays without indices, in double precision and in single. Cells are numbered with odd strides, so

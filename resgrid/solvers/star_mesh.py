@@ -1,0 +1,146 @@
+"""Star-mesh elimination of rows with at most two neighbours: series resistors, dead ends, rings and what they leave.
+
+Corridors one or two cells wide, trees and chains vanish altogether; of other circuits a core is left, a matrix of its
+own.  Everything is a sum, product or quotient of positive numbers in double-double, so that no accuracy depends on how
+the conductances differ: a chain of 1e12 S grounded through 1e-12 S keeps all its digits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.solvers.connections import count_connections
+from resgrid.solvers.laplacian import Laplacian, Rows
+from resgrid.solvers.rails import Rails, Ties
+
+if TYPE_CHECKING:
+    from resgrid.solvers.star_mesh_kernels import Log, QuotientGraph
+
+_CORRIDOR = 3.1
+"""Neighbours a row in corridors two cells wide."""
+
+_FEW = 0.12
+"""Share of rows with at most two neighbours from which elimination may pay anywhere."""
+
+_SMALL = 100
+"""Rows up to which it always may."""
+
+_LARGEST, _SMALLEST = 2.0**300, 2.0**-300
+"""Range of conductances that products of them can bear, in siemens."""
+
+_MOST_ROUNDS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class StarMesh:
+    """What star-mesh elimination leaves of a matrix.
+
+    `log`: how rows were eliminated, one entry each; `kept` (core rows,): rows that are left; `number` (n,): their
+    number among these, -1 for the others; `edges` (core rows, core rows): edge conductances, in siemens, in double
+    precision; `ground` (core rows,): ground conductances, in siemens.
+    """
+
+    log: Log
+    kept: NDArray[np.int64]
+    number: NDArray[np.int32]
+    edges: Rows
+    ground: NDArray[np.float64]
+
+    @property
+    def count(self) -> int:
+        """Number of rows that were eliminated."""
+        return len(self.log.rows)
+
+    def feed_kept(self, currents: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What is fed into the rows that are left, (core rows,), of what is fed into all, (n,)."""
+        from resgrid.solvers.star_mesh_kernels import forward
+
+        carried = currents.copy()
+        forward(self.log, carried)
+        return carried[self.kept]
+
+
+def may_shrink(laplacian: Laplacian) -> bool:
+    """Tell cheaply whether elimination may take a fair share of the rows.
+
+    It may where one row in eight has at most two neighbours, or where there are about three neighbours a row as in
+    corridors two cells wide; and only within the range of conductances that products of them can bear.
+    """
+    n = laplacian.size
+    found = count_connections(laplacian)
+    if not n or found.entries >= 2**31:
+        return False
+    if found.entries > _CORRIDOR * n and n > _SMALL and found.few < _FEW * n:
+        return False
+    return found.largest < _LARGEST and found.smallest > _SMALLEST
+
+
+def shrink(laplacian: Laplacian) -> tuple[StarMesh, Laplacian | None]:
+    """Eliminate every row that has, or comes to have, at most two neighbours; no core where nothing is left."""
+    mesh = eliminate_rows(laplacian.sorted_rows, laplacian.ground)
+    if not len(mesh.kept):
+        return mesh, None
+    rails = laplacian.rails
+    ties = rails and replace(rails, ties=partial(_ties, rails, mesh.feed_kept))
+    return mesh, Laplacian(mesh.ground, compressed=mesh.edges, dimensions=laplacian.dimensions, rails=ties)
+
+
+def _ties(rails: Rails, feed_kept: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Ties:
+    return feed_kept(rails.to_high), feed_kept(rails.to_low)
+
+
+def eliminate_rows(edges: Rows, ground: NDArray[np.float64]) -> StarMesh:
+    """Eliminate rows of at most two neighbours until there are none.
+
+    Time and memory are linear in the number of conductances.  Conductances that come to join the same two rows are
+    merged at once where one of the rows is short; between two hubs they wait for a pass over all rows.
+
+    Shapes: `edges` (n, n), sorted; `ground` (n,).
+    """
+    from resgrid.solvers import star_mesh_kernels as kernels
+
+    n, count, doubled = len(ground), 0, 1
+    graph = _quotient_graph(edges, ground)
+    log = kernels.Log(np.empty((n, 3), dtype=np.int32), np.empty((n, 6)))
+    for round_ in range(_MOST_ROUNDS):
+        if round_:
+            kernels.merge_parallel(graph)
+        count, doubled = kernels.eliminate(graph, log, count)
+        if not doubled or count == n:
+            break
+    if doubled:
+        kernels.merge_parallel(graph)
+    kept = np.flatnonzero(~graph.gone)
+    number = np.full(n, -1, dtype=np.int32)
+    number[kept] = np.arange(len(kept), dtype=np.int32)
+    indptr = np.concatenate([np.zeros(1, dtype=np.int32), np.cumsum(graph.length[kept], dtype=np.int32)])
+    indices, conductance = np.empty(indptr[-1], dtype=np.int32), np.empty(indptr[-1])
+    kernels.pack(graph, number, indptr, indices, conductance)
+    order = np.argsort(np.repeat(np.arange(len(kept)), np.diff(indptr)) * len(kept) + indices)
+    core = Rows(indptr, indices[order], conductance[order], ordered=True)
+    return StarMesh(kernels.Log(log.rows[:count], log.weights[:count]), kept, number, core, graph.ground[kept])
+
+
+def _quotient_graph(edges: Rows, ground: NDArray[np.float64]) -> QuotientGraph:
+    from resgrid.solvers import star_mesh_kernels as kernels
+
+    indptr, indices = edges.indptr.astype(np.int32), edges.indices.astype(np.int32)
+    twin = np.empty_like(indices)
+    kernels.find_twins(indptr, indices, twin)
+    return kernels.QuotientGraph(
+        start=indptr[:-1].copy(),
+        length=np.diff(indptr),
+        neighbour=indices,
+        twin=twin,
+        g=edges.data.astype(np.float64),
+        g_low=np.zeros(len(indices)),
+        ground=ground.astype(np.float64),
+        ground_low=np.zeros(len(ground)),
+        gone=np.zeros(len(ground), dtype=np.bool_),
+    )
