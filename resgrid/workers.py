@@ -51,6 +51,8 @@ def open_executor(name: str) -> Iterator[Executor]:
     ...     list(rg.spread(abs, [-2, 3], executor=executor))
     [2, 3]
     """
+    if not isinstance(name, str):
+        raise InputError(f"there is no executor {name!r}; use {FORMS}")
     kind, colon, rest = name.partition(":")
     if name == "mpi":
         opened = _mpi()
@@ -134,8 +136,8 @@ def _parsl(file: str) -> Iterator[Executor]:
         config = runpy.run_path(file)["config"]
     except OSError as error:
         raise InputError(f"{file}: cannot be read ({error.strerror}); name a Python file that sets config") from error
-    except KeyError:
-        raise InputError(f"{file}: sets no config; let it say config = parsl.Config(...)") from None
+    except Exception as error:
+        raise InputError(f"{file}: {error!r}; let it say config = parsl.Config(...)") from error
     try:
         executor = concurrent.ParslPoolExecutor(config=config)
     except FileNotFoundError as error:

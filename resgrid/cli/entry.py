@@ -11,6 +11,7 @@ import sys
 import threading
 import traceback
 import warnings
+import weakref
 from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from typing import Any
@@ -90,6 +91,7 @@ class Verbs(click.Group):
             click.echo("resgrid: interrupted; nothing half-written is left", err=True)
             code = TERMINATED if interrupt.args == (signal.SIGTERM,) else INTERRUPTED
             if is_computing():  # the interpreter cannot shut down beside a thread that is busy in compiled code
+                weakref.finalize._exitfunc()  # noqa: B009; other processes and temporary folders end
                 os._exit(code)
             ctx.exit(code)
         return result
@@ -111,19 +113,25 @@ class Verbs(click.Group):
 
 @contextlib.contextmanager
 def _terminable() -> Iterator[None]:
-    """Let a request to terminate clean up as an interrupt does."""
+    """Let a request to terminate clean up as an interrupt does; what comes while one cleans up is not heard."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
 
     def interrupt(number: int, _frame: object) -> None:
+        for each in before:
+            signal.signal(each, signal.SIG_IGN)
         raise KeyboardInterrupt(signal.Signals(number))
 
-    before = signal.signal(signal.SIGTERM, interrupt)
+    heard = [signal.SIGTERM]
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        heard.append(signal.SIGINT)
+    before = {each: signal.signal(each, interrupt) for each in heard}
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for each, handler in before.items():
+            signal.signal(each, handler)
 
 
 @contextlib.contextmanager

@@ -10,6 +10,7 @@ import json
 import os
 import signal
 import subprocess
+import weakref
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -84,9 +85,11 @@ def run_ranks(petsc: Petsc, folder: Path, ranks: int) -> Report:
             env=petsc.environment, stdin=subprocess.DEVNULL, stdout=out, stderr=subprocess.STDOUT,
             start_new_session=True,
         )  # fmt: skip
+        ending = weakref.finalize(process, _end, process)  # also where the thread that waits is left behind
         try:
             status = process.wait()
         finally:  # Ctrl-C leaves no rank behind
+            ending.detach()
             if process.poll() is None:
                 _end(process)
     report = folder / "report.json"

@@ -49,6 +49,7 @@ KEYS: dict[str, tuple[dict[str, Any], Any]] = {
     "readout.bits": ({}, 8),
     "readout.range": ({}, [0.0, 2.0]),
     "defects.open_density": ({}, 0.1),
+    "defects.open_at": ({}, [[4, 2, 0], [4, 3, 1]]),
     "defects.short_density": ({}, 0.1),
     "defects.short_resistance": ({"defects.short_density": 0.1}, 10.0),
 }
