@@ -91,7 +91,7 @@ class Verbs(click.Group):
             click.echo("resgrid: interrupted; nothing half-written is left", err=True)
             code = TERMINATED if interrupt.args == (signal.SIGTERM,) else INTERRUPTED
             if is_computing():  # the interpreter cannot shut down beside a thread that is busy in compiled code
-                weakref.finalize._exitfunc()  # noqa: B009; other processes and temporary folders end
+                weakref.finalize._exitfunc()  # type: ignore[attr-defined]  # other processes and folders end
                 os._exit(code)
             ctx.exit(code)
         return result
