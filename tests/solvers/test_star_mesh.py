@@ -284,3 +284,20 @@ def test_no_memory_for_elimination_is_an_error(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr("resgrid.budget.available_memory", lambda: 1000)
     with pytest.raises(BudgetError, match="elimination"):
         factor_laplacian(system.laplacian, "auto")
+
+
+@pytest.mark.parametrize("decades", [16, 20, 24])
+def test_a_triangle_of_strong_resistors_on_a_weak_one_keeps_its_currents(decades: int) -> None:
+    """Equal resistors, fed at two corners, and tied to ground at one of them: divided by symmetry, whatever the tie."""
+    strong, weak = 10.0 ** (decades / 2), 10.0 ** (-decades / 2)
+    amps = np.array([3.386e-4, 1.898e-5])
+    netlist = Netlist(
+        4,
+        np.array([[2, 3], [3, 1], [3, 2], [1, 0]]),
+        np.array([strong, strong, strong, weak]),
+        current_nodes=np.array([[0, 1], [0, 2]]),
+        current_amps=amps,
+    )
+    # All of it leaves at corner 1; what is fed at 2 comes through the two parallel resistors, and on through one.
+    expected = [amps[1] / 2, amps[1], -amps[1] / 2, amps.sum()]
+    np.testing.assert_allclose(solve(netlist).resistor_current, expected, rtol=1e-6)
