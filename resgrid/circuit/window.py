@@ -145,7 +145,7 @@ def window_of(
     ground, drive = np.zeros(row.shape), np.where(row, amps, 0.0)
     edges = []
     for axis in range(space.ndim):
-        edge = across(space, wiring, axis, cell, conductivity)
+        edge = _across(space, wiring, axis, cell, conductivity)
         (row_below, row_above), (high_below, high_above) = neighbours(row, axis), neighbours(codes.high, axis)
         low_below, low_above = neighbours(codes.low, axis)
         ground_below, ground_above = neighbours(ground, axis)
@@ -176,7 +176,7 @@ def window_of(
     )
 
 
-def across(
+def _across(
     space: ConfigurationSpace,
     wiring: Wiring,
     axis: int,
@@ -206,11 +206,11 @@ def _to_edge(
     for at_edge, end in ((box[axis].start == 0, (0, 1)), (box[axis].stop == space.shape[axis], (size - 1, size))):
         if at_edge:
             cells = slab(tie, axis, *end)
-            cells += beyond(space, wiring, axis, None if conductivity is None else slab(conductivity, axis, *end))
+            cells += _edge_tie(space, wiring, axis, None if conductivity is None else slab(conductivity, axis, *end))
     return tie
 
 
-def beyond(
+def _edge_tie(
     space: ConfigurationSpace, wiring: Wiring, axis: int, conductivity: NDArray[np.float64] | None
 ) -> NDArray[np.float64] | float:
     """Conductances from cells at the edge of the grid to the rail beyond it, 0 where there is none; as the cells'."""
