@@ -58,9 +58,8 @@ class LivePage:
                 timeout_graceful_shutdown=1,
             )
         )  # fmt: skip
-        self._ended = (
-            threading.Event()
-        )  # an interrupted Thread.join takes a living thread for an ended one (CPython 3.11)
+        # An interrupted Thread.join takes a living thread for an ended one (CPython 3.11).
+        self._ended = threading.Event()
         threading.Thread(target=self._serve, daemon=True).start()
         until = time.monotonic() + _START_SECONDS
         while not self._server.started and not self._ended.wait(0.01) and time.monotonic() < until:

@@ -31,7 +31,7 @@ _ENTRY = re.compile(r"^(\w[\w, ]*?)(?: : .*)?$")
 class Table(BaseModel):
     """Base of every table: unknown keys are errors, and nothing is converted silently."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, defer_build=True)
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
 def meanings(value: type) -> dict[str, str]:

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor, wait
 from types import TracebackType
-from typing import TypeVar
-
-_Result = TypeVar("_Result")
 
 
 class Team:
@@ -62,13 +59,6 @@ class Team:
         for helper in helpers:
             if not helper.cancelled():
                 helper.result()
-
-    def start(self, job: Callable[[], _Result]) -> Callable[[], _Result]:
-        """Begin a job beside what the caller does; what is returned waits for its result, or does it if nobody has."""
-        if self._pool is None:
-            return job
-        begun: Future[_Result] = self._pool.submit(job)
-        return lambda: job() if begun.cancel() else begun.result()
 
 
 ALONE = Team()

@@ -145,11 +145,12 @@ def test_what_is_raised_in_a_slab_ends_the_solve(error: type[BaseException], mon
 def test_a_helper_without_a_core_is_not_waited_for() -> None:
     with Team(2) as team:
         release, done = threading.Event(), []
-        blocked = team.start(release.wait)
+        assert team._pool is not None
+        blocked = team._pool.submit(release.wait)
         team.share(done.append, 5)
         assert sorted(done) == [0, 1, 2, 3, 4]
         release.set()
-        assert blocked()
+        assert blocked.result()
 
 
 def test_threads_help_nothing_small() -> None:
