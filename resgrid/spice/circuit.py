@@ -18,6 +18,9 @@ from resgrid.spice.dialects import DIALECTS
 
 Severity = Literal["error", "warning", "info"]
 
+SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
+"""Worst first."""
+
 KINDS = tuple(ELEMENTS)
 """The kinds of element, as in `Netlist`."""
 
@@ -64,6 +67,38 @@ class Note:
 
     def __str__(self) -> str:
         return f"{self.place}: {self.text}"
+
+
+@dataclass(frozen=True)
+class Violation:
+    """One violation of an electrical rule.
+
+    Attributes
+    ----------
+    severity : {"error", "warning", "info"}
+        An error keeps the circuit from having an operating point, or a deck from being simulated rightly.
+    rule : str
+        Short name of the rule.
+    place : str
+        ``file:line`` in a deck, the cell of a scene, otherwise the nodes or elements concerned.
+    message : str
+        What is wrong.
+    remedy : str
+        What to do.
+    nodes : tuple of str
+        The nodes concerned, at most the first thousand.
+    """
+
+    severity: Severity
+    rule: str
+    place: str
+    message: str
+    remedy: str
+    nodes: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        where = f"{self.place}: " if self.place else ""
+        return f"{self.severity} [{self.rule}] {where}{self.message}; {self.remedy}"
 
 
 @dataclass(frozen=True, eq=False)

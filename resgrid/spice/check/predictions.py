@@ -20,8 +20,7 @@ from resgrid.graphs import ELEMENTS
 from resgrid.netlist import GROUND, Netlist
 from resgrid.spice.check.connection import Loops, loops_of
 from resgrid.spice.check.rules import check_rules
-from resgrid.spice.check.violation import Violation
-from resgrid.spice.circuit import Circuit, connected_parts, rebase
+from resgrid.spice.circuit import Circuit, Violation, connected_parts, rebase
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.dialects.record import Basis, Quirks
 from resgrid.spice.read.numerals import Numeral, parse_numeral

@@ -118,7 +118,7 @@ class Collector:
         end: Card | None = None
         for card in stream:
             try:
-                if contents.rules.instances:
+                if card.rules.instances:
                     word = spectre.statement_of(card)
                 else:
                     word = card.first_word if card.text[0] == "." else ""

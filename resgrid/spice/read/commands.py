@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from resgrid.spice.dialects import DIALECTS
-from resgrid.spice.dialects.reading import ReadingRules
+from resgrid.spice.dialects.record import ReadingRules
 from resgrid.spice.read.cards import Card, Token, settings, split_call, tokenise
 from resgrid.spice.read.diagnostics import CardError, Diagnostics
 from resgrid.spice.read.models import RESISTOR_KINDS, SWITCH_KINDS

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from resgrid.spice.dialects.reading import ReadingRules
+from resgrid.spice.dialects.record import ReadingRules
 from resgrid.spice.read.cards import Card, Setting
 from resgrid.spice.read.scopes import Block, Scope
 
