@@ -15,10 +15,10 @@ from resgrid.files import decode, read_bytes
 from resgrid.frame import Frame
 from resgrid.robots import ROBOTS, Robot
 from resgrid.scene.consistency import Parts, Problem, inconsistencies
-from resgrid.scene.maps.arrays import MapData
+from resgrid.scene.maps.arrays import MapCells
 from resgrid.scene.maps.formats import COMMON, FORMATS, format_of, read_map
 from resgrid.scene.messages import report
-from resgrid.scene.scene import IN_FILES, MapCells, Scene, check_attributes, start_point
+from resgrid.scene.scene import IN_FILES, Scene, check_attributes, start_point
 from resgrid.scene.toml_lines import Path as KeyPath, key_lines
 
 MAP_OPTIONS = (*COMMON[1:], *dict.fromkeys(option for entry in FORMATS.values() for option in entry.options))
@@ -129,7 +129,7 @@ def build_scene(
     source: str,
     folder: Path,
     lines: dict[KeyPath, int] | None = None,
-    known: MapData | None = None,
+    known: MapCells | None = None,
 ) -> Scene:
     """Check a document and make the scene it describes; `known`: its map, if it has been read already."""
     from resgrid.scene.schema import robot_of
@@ -167,7 +167,7 @@ def build_scene(
 
 
 def _ground(
-    document: Any, robot: Robot | None, folder: Path, known: MapData | None
+    document: Any, robot: Robot | None, folder: Path, known: MapCells | None
 ) -> tuple[tuple[Axis, ...] | None, Frame, MapCells | None]:
     """Axes and frame of the space of a robot, and the cells of the map; of a document with errors, axes at most."""
     grid = None if document.grid is None else tuple(table.axis() for table in document.grid.axes)
@@ -175,11 +175,10 @@ def _ground(
         return grid, Frame(), None
     table = {key: value for key, value in document.map.model_dump().items() if value is not None}
     table["file"] = str(folder.resolve() / document.map.file)
-    data = known or read_map(Path(table["file"]), table)
-    cells = MapCells(data.axes, data.cell, table, data.conductivity)
+    cells = read_map(table) if known is None else known
     if grid is None:
-        return (*cells.space_of(robot, data.frame), cells)
-    if not data.frame.is_world:
+        return (*cells.space_of(robot), cells)
+    if not cells.frame.is_world:
         raise InputError(f"{table['file']}: a robot with a grid of its own needs a map that is not turned")
     return grid, Frame(), cells
 
