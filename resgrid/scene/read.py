@@ -1,9 +1,14 @@
-"""Scenes read from files: TOML scenes, and maps of every known format."""
+"""Scenes read from files (TOML, and maps of every known format) and from links of the live page."""
 
 from __future__ import annotations
 
+import base64
+import binascii
+import json
 import os
+import re
 import tomllib
+import zlib
 from collections.abc import Mapping
 from math import isclose
 from pathlib import Path
@@ -23,6 +28,12 @@ from resgrid.scene.toml_lines import Path as KeyPath, key_lines
 
 MAP_OPTIONS = (*COMMON[1:], *dict.fromkeys(option for entry in FORMATS.values() for option in entry.options))
 _LISTS = ("obstacle", "hidden", "goal", "start", "starts", "area")
+
+_LINK = re.compile(r"https?://\S*#(?:\S*&)?s=(?P<code>[^&\s]+)")
+"""A link of the live page: a scene's document, deflated and in base64url, in the fragment."""
+
+_LONGEST = 1 << 26
+"""Bytes of the longest document that a link may hold."""
 
 
 def read_scene(file: str | os.PathLike[str], **options: Any) -> Scene:
@@ -110,6 +121,28 @@ def parse_scene(text: str, source: str = "scene", folder: str | os.PathLike[str]
     """
     raw, lines = _toml(text, source)
     return build_scene(raw, source, Path(folder), lines)
+
+
+def is_link(text: str) -> bool:
+    """Whether a text is a link that holds a scene."""
+    return _LINK.match(text) is not None
+
+
+def read_link(text: str) -> Scene:
+    """The scene that a link holds; nothing is fetched, and no map file is read."""
+    match = _LINK.match(text)
+    code = "" if match is None else match["code"]
+    unpacking = zlib.decompressobj(-zlib.MAX_WBITS)
+    try:
+        content = unpacking.decompress(base64.urlsafe_b64decode(code + "=" * (-len(code) % 4)), _LONGEST)
+        document = json.loads(content) if unpacking.eof else None
+    except (zlib.error, binascii.Error, ValueError, RecursionError):
+        document = None
+    if not isinstance(document, dict):
+        raise InputError("this link holds no whole scene: part of it may be missing; copy it again")
+    if "map" in document:
+        raise InputError("the scene of this link names a map file, which a link cannot bring along")
+    return build_scene(document, "the link", Path())
 
 
 def _toml(text: str, source: str) -> tuple[dict[str, Any], dict[KeyPath, int]]:
