@@ -282,7 +282,8 @@ def _with_axes(raw: Mapping[str, Any], robot: Robot | None) -> Mapping[str, Any]
         axes = [{} for _ in implied]
     if not isinstance(axes, list):
         return raw
-    each = cells if isinstance(cells, list) else [cells] * len(axes)
+    given = cells if isinstance(cells, list) else [cells]
+    each = given * len(axes) if len(given) == 1 else given
     full = [
         _with_implied(axis, dict(enumerate(implied)).get(number, {}), dict(enumerate(each)).get(number))
         for number, axis in enumerate(axes)
