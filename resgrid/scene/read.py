@@ -19,7 +19,7 @@ from resgrid.errors import InputError
 from resgrid.files import decode, read_bytes
 from resgrid.frame import Frame
 from resgrid.robots import ROBOTS, Robot
-from resgrid.scene.consistency import Parts, Problem, inconsistencies
+from resgrid.scene.consistency import Problem, inconsistencies
 from resgrid.scene.maps.arrays import MapCells
 from resgrid.scene.maps.formats import COMMON, FORMATS, format_of, read_map
 from resgrid.scene.messages import report
@@ -27,8 +27,6 @@ from resgrid.scene.scene import IN_FILES, Scene, check_attributes, start_point
 from resgrid.scene.toml_lines import Path as KeyPath, key_lines
 
 MAP_OPTIONS = (*COMMON[1:], *dict.fromkeys(option for entry in FORMATS.values() for option in entry.options))
-_LISTS = ("obstacle", "hidden", "goal", "start", "starts", "area")
-
 _LINK = re.compile(r"https?://\S*#(?:\S*&)?s=(?P<code>[^&\s]+)")
 """A link of the live page: a scene's document, deflated and in base64url, in the fragment."""
 
@@ -171,13 +169,16 @@ def build_scene(
     raw = _with_footprint(raw)
     robot = robot_of(raw.get("robot", {}))
     raw = _with_axes(raw, robot)
-    document, problems, numbers = validate(raw)
+    document, problems, values = validate(raw)
     if robot is None:  # what its axes lack, it might have said
         problems = [problem for problem in problems if problem[0][:1] != ("grid",) or "is missing" not in problem[1]]
     problems += _one_ground(raw, robot)
     axes, frame, cells = _ground(document, None if problems else robot, folder, known)
-    parts = _parts(raw, document, robot, numbers, axes)
-    problems += [problem for problem in inconsistencies(parts) if problem[0] not in {path for path, _ in problems}]
+    names = _axis_names(raw) if axes is None else [axis.name for axis in axes]
+    chip = raw.get("chip", {})
+    has_wall = not isinstance(chip, Mapping) or "wall_resistance" in chip
+    misfits = inconsistencies(document, robot or _robot_class(raw), axes, names, values, has_wall=has_wall)
+    problems += [problem for problem in misfits if problem[0] not in {path for path, _ in problems}]
     if problems or robot is None or axes is None:
         raise InputError(report(problems, source, lines))
     starts = (
@@ -229,37 +230,18 @@ def _one_ground(raw: Mapping[str, Any], robot: Robot | None) -> list[Problem]:
     return []
 
 
-def _parts(
-    raw: Mapping[str, Any],
-    document: Any,
-    robot: Robot | None,
-    numbers: Mapping[str, list[int]],
-    axes: tuple[Axis, ...] | None,
-) -> Parts:
-    """What a document says, as far as it is right, for what must hold between its parts."""
+def _axis_names(raw: Mapping[str, Any]) -> list[str | None]:
+    """Names of the axes of a document, as far as it says them."""
     grid = raw.get("grid")
     tables = grid.get("axes") if isinstance(grid, Mapping) else None
-    tables = tables if isinstance(tables, list) else []
-    names = [table.get("name") if isinstance(table, Mapping) else None for table in tables]
-    kind = raw.get("robot", {}).get("type", "point") if isinstance(raw.get("robot", {}), Mapping) else None
-    chip = raw.get("chip", {})
-    return Parts(
-        robot=robot or ROBOTS.get(str(kind)),
-        axes=axes,
-        ndim=(len(tables) if axes is None else len(axes)) or None,
-        names=[name if isinstance(name, str) else None for name in names],
-        boundary=document.boundary,
-        drive=document.drive,
-        edge=document.edge,
-        k=document.k,
-        has_wall=not isinstance(chip, Mapping) or "wall_resistance" in chip,
-        values={
-            (key, number): value
-            for key in _LISTS
-            for number, value in zip(numbers.get(key, ()), getattr(document, key), strict=False)
-        },
-        control=document.control,
-    )
+    names = [table.get("name") if isinstance(table, Mapping) else None for table in tables or ()]
+    return [name if isinstance(name, str) else None for name in names]
+
+
+def _robot_class(raw: Mapping[str, Any]) -> type[Robot] | None:
+    """The class of a robot whose table has errors."""
+    table = raw.get("robot")
+    return ROBOTS.get(str(table.get("type", "point"))) if isinstance(table, Mapping) else None
 
 
 def _with_footprint(raw: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -15,11 +15,12 @@ from resgrid.frozen import picture_html
 from resgrid.robots import Ball, Box, HalfSpace, PointRobot, Polygon, Robot, Sampling, Shape
 from resgrid.robots.shapes import Point
 from resgrid.scene.chip import Chip
-from resgrid.scene.consistency import Parts, inconsistencies
+from resgrid.scene.consistency import inconsistencies
 from resgrid.scene.control import Control
 from resgrid.scene.goals import CostArea, Goal, GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.maps.arrays import MapCells
 from resgrid.scene.messages import report, suggestion
+from resgrid.scene.toml_lines import Path
 from resgrid.scene.world import cell_centre
 
 Boundary = Literal["dirichlet", "neumann", "wall"]
@@ -122,7 +123,15 @@ class Scene:
             each = rules * len(self.axes) if len(rules) == 1 else rules
             edge = ("periodic" if axis.periodic else rule for axis, rule in zip(self.axes, each, strict=True))
             object.__setattr__(self, "edge", tuple(edge))
-        problems = inconsistencies(self._parts())
+        lists = {
+            "obstacle": self.obstacles, "hidden": self.hidden, "goal": self.goals, "starts": self.starts,
+            "area": self.areas,
+        }  # fmt: skip
+        values: dict[Path, Any] = {
+            (key, number): value for key, entries in lists.items() for number, value in enumerate(entries)
+        }
+        names, has_wall = [axis.name for axis in self.axes], self.chip.wall_resistance is not None
+        problems = inconsistencies(self, self.robot, self.axes, names, values, has_wall=has_wall)
         if problems:
             raise InputError(report(problems, self.source or "scene"))
 
@@ -190,28 +199,6 @@ class Scene:
     def _keeps_grid(self, robot: Robot) -> bool:
         """Whether axes that are not those of the map suit another robot: an arm's, for an arm."""
         return robot.base is not None and self.map is not None and self.axes[: len(self.map.axes)] != self.map.axes
-
-    def _parts(self) -> Parts:
-        lists: dict[str, tuple[Any, ...]] = {
-            "obstacle": self.obstacles,
-            "hidden": self.hidden,
-            "goal": self.goals,
-            "starts": self.starts,
-            "area": self.areas,
-        }
-        return Parts(
-            robot=self.robot,
-            axes=self.axes,
-            ndim=self.ndim,
-            names=[axis.name for axis in self.axes],
-            boundary=self.boundary,
-            drive=self.drive,
-            edge=self.edge,
-            k=self.k,
-            has_wall=self.chip.wall_resistance is not None,
-            values={(key, number): value for key, values in lists.items() for number, value in enumerate(values)},
-            control=self.control,
-        )
 
 
 def check_attributes(names: Iterable[str], *also: str) -> None:

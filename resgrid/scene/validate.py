@@ -18,29 +18,24 @@ if TYPE_CHECKING:
 Problem = tuple[Path, str]
 
 
-def validate(raw: Mapping[str, Any]) -> tuple[Any, list[Problem], dict[str, list[int]]]:
-    """The typed document, what is wrong with it, and the numbers of the list entries that are in it.
+def validate(raw: Mapping[str, Any]) -> tuple[Any, list[Problem], dict[Path, Any]]:
+    """The typed document, what is wrong with it, and the entries of its lists by their key paths.
 
     What is wrong is left out of the document, so that what is right can still be checked for consistency.
     """
+    numbers = {key: [*range(len(raw[key]))] for key in (*KINDS, "starts") if isinstance(raw.get(key), list)}
+    problems: list[Problem] = []
     try:
-        return SceneFile.model_validate(dict(raw)), [], _numbers(raw)
+        document = SceneFile.model_validate(dict(raw))
     except ValidationError as error:
         problems = [_problem(detail, raw) for detail in problems_of(error)]
-    wrong = {path[: 2 if path[0] in KINDS or path[0] == "starts" else 1] for path, _ in problems if path}
-    sound = {key: value for key, value in raw.items() if (key,) not in wrong} | {"schema": 1}
-    numbers = _numbers(sound)
-    for key in numbers:
-        numbers[key] = [number for number in numbers[key] if (key, number) not in wrong]
-        sound[key] = [sound[key][number] for number in numbers[key]]
-    if any(path[:1] == ("robot",) for path in wrong):
-        sound.pop("robot", None)
-    return SceneFile.model_validate(sound), problems, numbers
-
-
-def _numbers(raw: Mapping[str, Any]) -> dict[str, list[int]]:
-    lists = (*KINDS, "starts")
-    return {key: list(range(len(raw[key]))) for key in lists if isinstance(raw.get(key), list)}
+        wrong = {path[: 2 if path[0] in numbers else 1] for path, _ in problems if path}
+        sound = {key: value for key, value in raw.items() if (key,) not in wrong} | {"schema": 1}
+        numbers = {key: [n for n in every if (key, n) not in wrong] for key, every in numbers.items() if key in sound}
+        sound |= {key: [raw[key][n] for n in some] for key, some in numbers.items()}
+        document = SceneFile.model_validate(sound)
+    entries = ((key, zip(some, getattr(document, key), strict=True)) for key, some in numbers.items())
+    return document, problems, {(key, number): value for key, pairs in entries for number, value in pairs}
 
 
 def _problem(detail: ErrorDetails, raw: Mapping[str, Any]) -> Problem:
