@@ -25,8 +25,7 @@ from resgrid.circuit.slabs import read_rows, slabs, write_equations
 from resgrid.compiler import WALLED_IN
 from resgrid.errors import CircuitError, InputError
 from resgrid.frozen import frozen
-from resgrid.grids import face_counts
-from resgrid.netlist import face_shape
+from resgrid.grids import by_axis, face_counts
 from resgrid.planning.fields import Field
 from resgrid.solvers.petsc import Report, find_petsc, run_ranks
 from resgrid.space import ConfigurationSpace
@@ -112,16 +111,9 @@ def _read(space: ConfigurationSpace, wiring: Wiring, answer: NDArray[np.float64]
     def mapped(name: str, dtype: DTypeLike, shape: tuple[int, ...]) -> Any:
         return open_memmap(folder / f"{name}.npy", mode="w+", dtype=dtype, shape=shape)
 
-    faces = [face_shape(space.shape, axis) for axis in range(space.ndim)]
-    flat = {
-        "direction": mapped("direction", np.int8, (sum(map(prod, faces)),)),
-        "log_current": mapped("log_current", np.float64, (sum(map(prod, faces)),)),
-    }
-    ends = np.cumsum([0, *map(prod, faces)]).tolist()
-    directions, logs = (
-        tuple(part[first:last].reshape(shape) for first, last, shape in zip(ends, ends[1:], faces, strict=False))
-        for part in flat.values()
-    )
+    faces = (sum(face_counts(space.shape)),)
+    directions = by_axis(mapped("direction", np.int8, faces), space.shape)
+    logs = by_axis(mapped("log_current", np.float64, faces), space.shape)
     potential = mapped("potential", np.float64, space.shape)
     safe = mapped("safe", np.bool_, space.shape)
     uniform = wiring.drive == "uniform"
