@@ -16,7 +16,7 @@ from resgrid.frame import Frame
 from resgrid.robots import Ball, Box, CellSet, Part, Pose, Robot, Shape
 from resgrid.robots.geometry import TOUCH, Obstacle, ObstacleArrays, obstacle_arrays, obstacles_of
 from resgrid.scene.scene import Scene
-from resgrid.scene.world import along_axes
+from resgrid.scene.world import to_space
 from resgrid.space import Cell, ConfigurationSpace
 
 INSIDE = 1e-6
@@ -177,7 +177,8 @@ def make_plant(
 ) -> Plant:
     """A plant from its parts."""
     place = Frame() if frame is None else frame
-    return Plant(robot, tuple(axes), along_axes((*known, *hidden), place), len(known), place)
+    obstacles = tuple(to_space(shape, place) for shape in (*known, *hidden))
+    return Plant(robot, tuple(axes), obstacles, len(known), place)
 
 
 def depth_at(robot: Robot, obstacles: Sequence[Obstacle], points: NDArray[np.float64]) -> NDArray[np.float64]:
