@@ -58,7 +58,13 @@ class _PartCompiler(CompilerBase):
         return [passes]
 
 
+_KERNEL: dict[str, Any] = {"cache": True, "nogil": True, "no_cfunc_wrapper": True}
 _INNER: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": _PartCompiler}
+
+
+def kernel(function: _Loop) -> _Loop:
+    """Compile a loop that Python calls, and keep it on disk; it lets other threads run, and C has no way in."""
+    return cast(_Loop, njit(**_KERNEL)(function))
 
 
 def inner(function: _Loop) -> _Loop:

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inner
+from resgrid.jit import inner, kernel
 from resgrid.robots.geometry import TOUCH, ObstacleArrays, Pose
 from resgrid.robots.kernels import share
 
@@ -64,7 +64,7 @@ def _pivot(table: Floats, row: int, column: int) -> None:
             table[other] -= table[other, column] * table[row]
 
 
-@njit(cache=True)
+@kernel
 def complementary(matrix: Floats, offset: Floats, inverse: Floats, basis: Integers) -> bool:
     """Basis of ``z >= 0, w = M z + q >= 0, z . w = 0`` by Lemke's method, for small copositive M; False without one.
 
@@ -170,7 +170,7 @@ def _unknowns(
     return used
 
 
-@njit(cache=True)
+@kernel
 def resolve_contacts(
     normal: Floats, tangent: Floats, target: Floats, admittance: Floats, friction: float, velocity: Floats,
     force: Floats,
@@ -282,7 +282,7 @@ def _add_end(
     return _add(pairs, count, px, py, ax, ay, (lx, ly), (-lx, -ly), owner, reach)
 
 
-@njit(cache=True)
+@kernel
 def near_points(pose: Pose, solid: ObstacleArrays, reach: float, pairs: Floats) -> int:
     """Pairs of near points of a robot (segments with a radius) and obstacles, within a reach.
 
@@ -341,7 +341,7 @@ def near_points(pose: Pose, solid: ObstacleArrays, reach: float, pairs: Floats) 
     return count
 
 
-@njit(cache=True)
+@kernel
 def contact_rows(pairs: Floats, count: int, pose: Pose, normal: Floats, tangent: Floats) -> None:
     """Rows ``n . J`` and ``t . J`` of every pair, J the Jacobian of the robot's surface point; t is n turned left."""
     shift, spin, pivot = pose.shift, pose.spin, pose.pivot

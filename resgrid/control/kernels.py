@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inner
+from resgrid.jit import inner, kernel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -191,7 +191,7 @@ def _beside_served(grid: FlowGrid, cell: Integers, local: Floats) -> bool:
     return False
 
 
-@njit(cache=True)
+@kernel
 def nominal(grid: FlowGrid, point: Floats, velocity: Floats) -> tuple[int, float]:
     """Unit velocity along the current at a point, as Pollock interpolates it within the point's cell.
 
@@ -228,7 +228,7 @@ def nominal(grid: FlowGrid, point: Floats, velocity: Floats) -> tuple[int, float
     return OFF, 0.0
 
 
-@njit(cache=True)
+@kernel
 def relax(
     first: NDArray[np.int32], column: NDArray[np.int32], coupling: Floats, diagonal: Floats, drive: Floats,
     omega: float, count: int, value: Floats, spare: Floats,
