@@ -17,19 +17,16 @@ from numpy.typing import NDArray
 from resgrid.budget import require_grid_memory
 from resgrid.conductances import behind_wall, has_wall, in_series, of_face
 from resgrid.errors import CircuitError, InputError
-from resgrid.grids import before_and_behind, face_counts, faces_ahead, places_in_slab, slab, with_margin
+from resgrid.grids import before_and_behind, by_axis, face_counts, slab, with_margin
 from resgrid.netlist import GROUND, MOST_NODES, CellMap, Netlist
 from resgrid.space import Cell, ConfigurationSpace
 from resgrid.wiring import Wiring, wiring_of
 
-_Codes = NDArray[np.uint8] | Cell
+WALLED_IN = "nothing is driven: no free cell is connected to a goal; move the goal or open a way to it"
 
 _NO_NODE = -1
 _PEAK = 80
 """Peak memory of compiling, in bytes per cell and axis, measured on open grids."""
-
-_PIECE = 2**16
-"""Resistors filled in at a time: what they are made from stays in the cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,14 +38,6 @@ class _Nodes:
     obstacle: int
     goals: tuple[int, ...]
     count: int
-
-
-@dataclass(frozen=True, eq=False)
-class _Resistors:
-    nodes: NDArray[np.int32]
-    conductance: NDArray[np.float64]
-    face: NDArray[np.integer[Any]]
-    upward: NDArray[np.bool_]
 
 
 def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **options: Any) -> Netlist:
@@ -91,20 +80,20 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     if not space.goal_count:
         raise InputError("the space has no goal cell: add a goal, or make it at least one cell large")
     nodes = _number_nodes(space, wiring)
-    resistors = _join(space, wiring, nodes)
+    pairs, conductance, face, upward = _join(space, wiring, nodes)
     cell_map = CellMap(
         space=space,
         wiring=wiring,
         node=nodes.cell,
-        resistor_face=resistors.face,
-        resistor_upward=resistors.upward,
+        resistor_face=face,
+        resistor_upward=upward,
         free_node=nodes.free,
         obstacle_node=nodes.obstacle,
         goal_nodes=nodes.goals,
     )
     columns = (
-        resistors.nodes,
-        resistors.conductance,
+        pairs,
+        conductance,
         *_voltage_sources(space, wiring, nodes),
         *_uniform_drive(wiring, nodes),
     )
@@ -152,113 +141,37 @@ def _cells_with_node(space: ConfigurationSpace, wiring: Wiring) -> NDArray[np.bo
     return np.asarray(free | tied)
 
 
-def _join(space: ConfigurationSpace, wiring: Wiring, nodes: _Nodes) -> _Resistors:
-    groups = list(_groups(space, wiring, nodes))
-    ends = [0, *np.cumsum([np.count_nonzero(group.kept) for group in groups]).tolist()]
-    count = ends[-1]
-    pairs = np.empty((count, 2), dtype=np.int32)
-    face = np.empty(count, dtype=np.int32 if sum(face_counts(space.shape)) < 2**31 else np.int64)
-    joined = _Resistors(pairs, np.empty(count), face, np.empty(count, dtype=np.bool_))
-    for group, first, last in zip(groups, ends, ends[1:], strict=False):
-        part = _Resistors(*(column[first:last] for column in vars(joined).values()))
-        _fill(space, wiring, nodes, group, part)
-    return joined
-
-
-@dataclass(frozen=True, eq=False)
-class _Group:
-    """Resistors that cross a slab of faces across one axis.
-
-    ``kept`` tells which faces of the slab have one; ``faces`` is the slab, of those along the axis, which are numbered
-    from ``first_face`` on; ``lower`` and ``upper`` are the slabs of cells before and behind them, the latter None where
-    the obstacle rail lies beyond.
-    """
-
-    axis: int
-    kept: NDArray[np.bool_]
-    faces: tuple[int, int]
-    first_face: int
-    lower: tuple[int, int]
-    upper: tuple[int, int] | None
-
-
-def _groups(space: ConfigurationSpace, wiring: Wiring, nodes: _Nodes) -> Iterator[_Group]:
-    first_face = 0
-    present, free = nodes.cell >= 0, space.cell == Cell.FREE
-
-    def pairs(axis: int, lower: tuple[int, int], upper: tuple[int, int]) -> NDArray[np.bool_]:
-        kept = np.asarray(slab(present, axis, *lower) & slab(present, axis, *upper))
-        if wiring.rails == "merged":
-            kept &= slab(free, axis, *lower) | slab(free, axis, *upper)
-        return kept
-
-    for axis, size in enumerate(space.shape):
-        lower, upper, first, last = (0, size - 1), (1, size), (0, 1), (size - 1, size)
-        yield _Group(axis, pairs(axis, lower, upper), (1, size), first_face, lower, upper)
-        if space.axes[axis].periodic and size > 1:
-            yield _Group(axis, pairs(axis, last, first), first, first_face, last, first)
-        elif wiring.edge[axis] == "obstacle" and nodes.obstacle >= 0:
-            on_edge = free if wiring.rails == "merged" else present
-            yield _Group(axis, slab(on_edge, axis, *first), first, first_face, first, None)
-            yield _Group(axis, slab(on_edge, axis, *last), (size, size + 1), first_face, last, None)
-        first_face += face_counts(space.shape)[axis]
-
-
-def _fill(space: ConfigurationSpace, wiring: Wiring, nodes: _Nodes, group: _Group, part: _Resistors) -> None:
-    """Resistors from the cells before the faces to those behind them, or to the obstacle rail."""
-    here = places_in_slab(group.kept, space.shape, group.axis, group.lower)
-    for first in range(0, len(here), _PIECE):
-        piece = slice(first, first + _PIECE)
-        _fill_piece(
-            space, wiring, nodes, group, here[piece], _Resistors(*(column[piece] for column in vars(part).values()))
-        )
-
-
-def _fill_piece(
-    space: ConfigurationSpace, wiring: Wiring, nodes: _Nodes, group: _Group, here: NDArray[np.int64], part: _Resistors
-) -> None:
-    axis, node, there = group.axis, nodes.cell.reshape(-1), None
-    if group.upper is not None:
-        there = here + (group.upper[0] - group.lower[0]) * int(np.prod(space.shape[axis + 1 :]))
-    part.nodes[:, 0] = node[here]
-    part.nodes[:, 1] = nodes.obstacle if there is None else node[there]
-    faces = faces_ahead(here.astype(part.face.dtype), space.shape, axis, group.faces[0] - group.lower[0])
-    part.face[:] = faces + group.first_face
-    part.upward[:] = there is not None or group.faces[0] > 0
-    cell = space.cell.reshape(-1)
-    codes = cell[here], Cell.OBSTACLE if there is None else cell[there]
-    c = None if space.conductivity is None else space.conductivity.reshape(-1)
-    conductivities = None if c is None else (c[here], c[here if there is None else there])
-    part.conductance[:] = _of_contacts(space, wiring, axis, codes, conductivities, here.shape)
-
-
-def _of_contacts(
-    space: ConfigurationSpace,
-    wiring: Wiring,
-    axis: int,
-    codes: tuple[_Codes, _Codes],
-    conductivities: tuple[NDArray[np.float64], NDArray[np.float64]] | None,
-    shape: tuple[int, ...],
-) -> NDArray[np.float64]:
-    """Conductances between cells before and behind faces across an axis, in siemens; all arrays of that shape."""
-    conductance = np.full(shape, of_face(space.spacing, axis, wiring.resistance))
-    if conductivities is not None:
-        conductance *= in_series(*conductivities, *(code == Cell.FREE for code in codes))
-    if wiring.wall_resistance:
-        walled = has_wall(*(code == Cell.OBSTACLE for code in codes))
-        conductance[walled] = behind_wall(conductance[walled], wiring.wall_resistance)
-    return conductance
+def _join(space: ConfigurationSpace, wiring: Wiring, nodes: _Nodes) -> Iterator[NDArray[Any]]:
+    """Nodes (m, 2), siemens, faces and directions (m,) of a resistor for every contact; on an axis border ones last."""
+    contacts = contacts_of_rows(space, wiring, 0, space.shape[0])
+    wide = with_margin(nodes.cell, space.periodic)
+    for axis in np.flatnonzero(~space.periodic).tolist():
+        np.moveaxis(wide, axis, 0)[[0, -1]] = nodes.obstacle
+    count = sum(face_counts(space.shape))
+    numbers = by_axis(np.arange(count, dtype=np.int32 if count < 2**31 else np.int64), space.shape)
+    parts: list[tuple[NDArray[Any], ...]] = []
+    for axis, (conductance, number) in enumerate(zip(contacts.conductance, numbers, strict=True)):
+        before, behind = before_and_behind(wide, axis)
+        size, ring = space.shape[axis], space.axes[axis].periodic
+        for first, last in ((1, size), (0, 1), *([] if ring else [(size, size + 1)])):
+            kept = slab(conductance, axis, first, last) > 0.0
+            columns = (before, behind, conductance, number)
+            here, there, siemens, face = (slab(column, axis, first, last)[kept] for column in columns)
+            upward = ring or first > 0  # else the rail lies below the cell, and counts as its second node
+            pair = (here, there) if upward else (there, here)
+            parts.append((np.stack(pair, axis=1), siemens, face, np.full(len(face), upward)))
+    return map(np.concatenate, zip(*parts, strict=True))
 
 
 class Kind(IntEnum):
-    """What a cell, or what lies beyond the border, is in the circuit of merged rails."""
+    """What a cell, or what lies beyond the border, is in the circuit: the least is a node, the greatest nothing."""
 
     NODE, HIGH, LOW, NONE = range(4)
 
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """All contacts of a slab of cells, rows of the first axis, without node numbers: the equations of grids too large.
+    """All contacts of a slab of cells, rows of the first axis, without node numbers.
 
     `kind`: of every cell of the slab and of those around it, a margin of one cell along each axis, wrapped where the
     axis is periodic; `conductance`: per axis, through the faces of the slab's cells, in siemens, one more along that
@@ -270,24 +183,23 @@ class Contacts:
 
 
 def contacts_of_rows(space: ConfigurationSpace, wiring: Wiring, first: int, last: int) -> Contacts:
-    """The contacts of the rows from ``first`` to ``last``, as `compile_space` makes them with merged rails.
-
-    `wiring`: as ``wiring.on(space)`` returns it.
-    """
+    """The contacts of the rows from ``first`` to ``last``; `wiring` as ``wiring.on(space)`` returns it."""
     rows = (first, last)
     code = with_margin(space.cell, space.periodic, rows)
-    kind = np.choose(code, (Kind.NODE, Kind.HIGH, Kind.LOW)).astype(np.uint8)
+    rails = (Kind.NODE, Kind.HIGH, Kind.LOW) if wiring.rails == "merged" else (Kind.NODE,) * 3
+    kind = np.array(rails, dtype=np.uint8)[code]
     if wiring.boundary == "neumann":
         connected = with_margin(space.goal_connected, space.periodic, rows)
         kind[(code == Cell.OBSTACLE) | ((code == Cell.FREE) & ~connected)] = Kind.NONE
+    for axis, size in enumerate(space.shape):
+        _set_beyond(code, kind, axis, wiring, size, (first == 0, last == size) if axis == 0 else (True, True))
+    c = None if space.conductivity is None else with_margin(space.conductivity, space.periodic, rows)
+    contacts = Contacts(kind, tuple(_across(space, wiring, axis, code, kind, c) for axis in range(space.ndim)))
     if wiring.start is not None:
         at = (np.arange(size) == place for size, place in zip(space.shape, wiring.start, strict=True))
         ranges = (rows, *[None] * (space.ndim - 1))
         kind[np.ix_(*map(with_margin, at, space.periodic[:, np.newaxis], ranges))] = Kind.HIGH
-    for axis, size in enumerate(space.shape):
-        _set_beyond(code, kind, axis, wiring, size, (rows[0] == 0, rows[1] == size) if axis == 0 else (True, True))
-    c = None if space.conductivity is None else with_margin(space.conductivity, space.periodic, rows)
-    return Contacts(kind, tuple(_across(space, wiring, axis, code, kind, c) for axis in range(space.ndim)))
+    return contacts
 
 
 def _set_beyond(
@@ -312,12 +224,16 @@ def _across(
     kind: NDArray[np.uint8],
     c: NDArray[np.float64] | None,
 ) -> NDArray[np.float64]:
+    """Conductances through the faces across an axis, in siemens, 0 where there is no contact."""
     lower, upper = before_and_behind(kind, axis)
     codes = before_and_behind(code, axis)
-    conductivities = None if c is None else before_and_behind(c, axis)
-    conductance = _of_contacts(space, wiring, axis, codes, conductivities, lower.shape)
-    none = (lower == Kind.NONE) | (upper == Kind.NONE) | ((lower != Kind.NODE) & (upper != Kind.NODE))
-    conductance[none] = 0.0
+    joined = (np.minimum(lower, upper) == Kind.NODE) & (np.maximum(lower, upper) != Kind.NONE)
+    conductance = np.where(joined, of_face(space.spacing, axis, wiring.resistance), 0.0)
+    if c is not None:
+        conductance *= in_series(*before_and_behind(c, axis), *(part == Cell.FREE for part in codes))
+    if wiring.wall_resistance:
+        walled = joined & has_wall(*(part == Cell.OBSTACLE for part in codes))
+        conductance[walled] = behind_wall(conductance[walled], wiring.wall_resistance)
     return conductance
 
 
@@ -350,7 +266,7 @@ def _uniform_drive(wiring: Wiring, nodes: _Nodes) -> tuple[NDArray[np.int32], ND
         return np.empty((0, 2), dtype=np.int32), np.empty(0)
     fed = nodes.free
     if not fed.size:
-        raise CircuitError("nothing is driven: no free cell is connected to a goal; move the goal or open a way to it")
+        raise CircuitError(WALLED_IN)
     pairs = np.empty((fed.size, 2), dtype=np.int32)
     pairs[:, 0], pairs[:, 1] = GROUND, fed
     return pairs, np.full(fed.size, wiring.supply / (wiring.resistance * fed.size))

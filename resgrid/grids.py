@@ -131,29 +131,29 @@ def before_and_behind(wide: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDAr
     return wide[ends[0]], wide[ends[1]]
 
 
-def places_in_slab(
-    kept: NDArray[np.bool_], shape: tuple[int, ...], axis: int, ends: tuple[int, int]
-) -> NDArray[np.int64]:
-    """Flat indices (C order) of what is kept in a slab of an array of that shape."""
-    whole = np.zeros(shape, dtype=np.bool_)
-    slab(whole, axis, *ends)[...] = kept
-    return np.flatnonzero(whole)
-
-
-def faces_ahead(
-    here: NDArray[np.integer[Any]], shape: tuple[int, ...], axis: int, ahead: int
-) -> NDArray[np.integer[Any]]:
-    """Flat indices of the faces ``ahead`` faces behind the first one of every cell, among those across the axis.
-
-    Of the same type as the cells' own indices, which must have room for them.
-    """
-    inner = int(np.prod(shape[axis + 1 :]))
-    faces = here + ahead * inner
-    if axis > 0:
-        faces += here // (shape[axis] * inner) * inner
-    return faces
+def face_shape(shape: tuple[int, ...], axis: int) -> tuple[int, ...]:
+    """Shape of the array of faces across an axis: one more than the cells along it."""
+    return (*shape[:axis], shape[axis] + 1, *shape[axis + 1 :])
 
 
 def face_counts(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Number of faces across every axis, one more than the cells along it."""
-    return tuple(math.prod(shape) // cells * (cells + 1) for cells in shape)
+    """Number of faces across every axis."""
+    return tuple(math.prod(face_shape(shape, axis)) for axis in range(len(shape)))
+
+
+def by_axis(faces: NDArray[Any], shape: tuple[int, ...]) -> tuple[NDArray[Any], ...]:
+    """Values of all faces, flat, as views of one array an axis."""
+    parts = np.split(faces, np.cumsum(face_counts(shape))[:-1])
+    return tuple(part.reshape(face_shape(shape, axis)) for axis, part in enumerate(parts))
+
+
+def crossed_faces(
+    face: NDArray[np.integer[Any]], shape: tuple[int, ...]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The axis (n,) across which faces (n,) lie, -1 for a face of -1, and their index (n, ndim) in the axis' array."""
+    across = np.where(face >= 0, np.searchsorted(np.cumsum(face_counts(shape)), face, side="right"), -1)
+    index = np.zeros((len(face), len(shape)), dtype=np.int64)
+    for axis, number in enumerate(by_axis(np.arange(sum(face_counts(shape))), shape)):
+        own = across == axis
+        index[own] = np.stack(np.unravel_index(face[own] - number.flat[0], number.shape), axis=1)
+    return across, index

@@ -40,8 +40,8 @@ class CellMap:
     resistor_face : ndarray of int32 or int64, shape (resistors,)
         The cell face each resistor crosses, -1 for one that crosses none (a switch, a stretch of rail, the load of the
         read-out).  Faces are numbered axis by axis: along axis ``a`` there are ``cells + 1`` of them (C order,
-        `face_shape`); face ``i`` is the lower face of cell ``i``; the last one repeats the first on a periodic axis
-        and is not used there.
+        `resgrid.grids.face_shape`); face ``i`` is the lower face of cell ``i``; the last one repeats the first on a
+        periodic axis and is not used there.
     resistor_upward : ndarray of bool, shape (resistors,)
         Whether the resistor's first node is on the lower side of the face.
     free_node : ndarray of int32, shape (free nodes,)
@@ -70,15 +70,6 @@ class CellMap:
     def __post_init__(self) -> None:
         for name in ("node", "free_node"):
             object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), dtype=np.int32))
-        for array in (self.node, self.resistor_face, self.resistor_upward, self.free_node):
-            array.flags.writeable = False
-        for array in (self.nonlinear_face, self.nonlinear_upward):
-            array.flags.writeable = False
-
-
-def face_shape(shape: tuple[int, ...], axis: int) -> tuple[int, ...]:
-    """Shape of the array of faces across ``axis``: one more than the cells along it."""
-    return (*shape[:axis], shape[axis] + 1, *shape[axis + 1 :])
 
 
 _KINDS = {kind: (nodes, *columns.values()) for kind, (nodes, columns) in ELEMENTS.items()}

@@ -1,4 +1,4 @@
-"""Slabs against indices counted one by one."""
+"""Faces against indices counted one by one; regions found in two ways."""
 
 from unittest import mock
 
@@ -6,37 +6,22 @@ import numpy as np
 from hypothesis import given, strategies as st
 
 from resgrid import grids
-from resgrid.grids import face_counts, faces_ahead, label_regions, places_in_slab
-from resgrid.netlist import face_shape
+from resgrid.grids import by_axis, crossed_faces, face_counts, face_shape, label_regions
 
 SHAPES = st.lists(st.integers(1, 5), min_size=1, max_size=4).map(tuple)
 
 
-@given(SHAPES, st.data())
-def test_faces_are_numbered_as_in_an_array_of_faces(shape: tuple[int, ...], data: st.DataObject) -> None:
-    axis, ahead = data.draw(st.integers(0, len(shape) - 1)), data.draw(st.integers(0, 1))
-    here = np.arange(np.prod(shape))
-    index = list(np.unravel_index(here, shape))
-    index[axis] = index[axis] + ahead
-    expected = np.ravel_multi_index(tuple(index), face_shape(shape, axis))
-    np.testing.assert_array_equal(faces_ahead(here, shape, axis, ahead), expected)
-
-
 @given(SHAPES)
-def test_all_faces_are_counted(shape: tuple[int, ...]) -> None:
-    assert face_counts(shape) == tuple(np.zeros(face_shape(shape, axis)).size for axis in range(len(shape)))
-
-
-@given(SHAPES, st.data())
-def test_places_are_those_kept(shape: tuple[int, ...], data: st.DataObject) -> None:
-    axis = data.draw(st.integers(0, len(shape) - 1))
-    start = data.draw(st.integers(0, shape[axis] - 1))
-    stop = data.draw(st.integers(start + 1, shape[axis]))
-    kept = np.random.default_rng(data.draw(st.integers(0, 99))).random(shape) < 0.5
-    inside = np.zeros(shape, dtype=bool)
-    cut = (slice(None),) * axis + (slice(start, stop),)
-    inside[cut] = kept[cut]
-    np.testing.assert_array_equal(places_in_slab(kept[cut], shape, axis, (start, stop)), np.flatnonzero(inside))
+def test_faces_are_numbered_axis_by_axis(shape: tuple[int, ...]) -> None:
+    shapes = [(*shape[:axis], cells + 1, *shape[axis + 1 :]) for axis, cells in enumerate(shape)]
+    assert [face_shape(shape, axis) for axis in range(len(shape))] == shapes
+    expected = [(axis, index) for axis, faces in enumerate(shapes) for index in np.ndindex(faces)]
+    assert sum(face_counts(shape)) == len(expected)
+    across, index = crossed_faces(np.arange(-1, len(expected)), shape)
+    assert across[0] == -1
+    assert list(zip(across[1:].tolist(), map(tuple, index[1:].tolist()), strict=True)) == expected
+    for axis, part in enumerate(by_axis(np.arange(len(expected)), shape)):
+        assert [(axis, at) for at in np.ndindex(part.shape)] == [expected[number] for number in part.ravel()]
 
 
 @given(SHAPES, st.data(), st.booleans())

@@ -104,15 +104,15 @@ def open_job(source: Source, *, require_goal: bool = True, method: str | None = 
 
 def _load_scene(source: Source) -> Scene:
     from resgrid.scene import read_scene
-    from resgrid.scene.links import is_link, read_link
     from resgrid.scene.overrides import apply_overrides
+    from resgrid.scene.read import is_link, read_link
 
     if is_link(source.file):
         scene = read_link(source.file)
-        return apply_overrides(scene, source.changes) if source.changes else scene
-    if Path(source.file).suffix.lower() in DECK_SUFFIXES:
+    elif Path(source.file).suffix.lower() in DECK_SUFFIXES:
         raise InputError(f"{source.file}: this is a deck, and a scene or a map is needed; decks go to 'resgrid check'")
-    scene = _piped_scene(source) if source.file == "-" else read_scene(source.file, **source.map_options)
+    else:
+        scene = _piped_scene(source) if source.file == "-" else read_scene(source.file, **source.map_options)
     return apply_overrides(scene, source.changes) if source.changes else scene
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.netlist import face_shape
+from resgrid.grids import crossed_faces
 
 MOST_CELLS_A_SIDE = 10
 """As `rg.draw` draws circuits symbol by symbol."""
@@ -26,12 +26,9 @@ def describe_circuit(op: OperatingPoint) -> dict[str, Any] | None:
         return None
     ohms = 1.0 / netlist.conductance
     amperes = np.where(cells.resistor_upward, 1.0, -1.0) * op.resistor_current
-    ends, resistors = np.cumsum([0, *(np.prod(face_shape(shape, axis)) for axis in (0, 1))]), []
-    for axis in (0, 1):
-        own = np.flatnonzero((cells.resistor_face >= ends[axis]) & (cells.resistor_face < ends[axis + 1]))
-        i, j = np.unravel_index(cells.resistor_face[own] - ends[axis], face_shape(shape, axis))
-        columns = (i, j, ohms[own], (ohms * amperes)[own], amperes[own])
-        resistors += [[axis, *row] for row in zip(*(column.tolist() for column in columns), strict=True)]
+    across, index = crossed_faces(cells.resistor_face, shape)
+    columns = [column[across >= 0] for column in (across, *index.T, ohms, ohms * amperes, amperes)]
+    resistors = [list(row) for row in zip(*(column.tolist() for column in columns), strict=True)]
     supplies = [
         {"rail": _rail(op, int(plus)), "volts": volts, "amperes": -amps}
         for plus, volts, amps in zip(

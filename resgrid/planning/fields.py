@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.compiler import Kind, contacts_of_rows
 from resgrid.errors import AccuracyError, CircuitError, InputError
 from resgrid.frozen import frozen, picture_html
-from resgrid.netlist import CellMap, face_shape
+from resgrid.grids import before_and_behind, by_axis, face_counts, face_shape, with_margin
+from resgrid.netlist import CellMap
 from resgrid.planning.clearance import obstacle_reach
 from resgrid.space import Cell, ConfigurationSpace
 from resgrid.wiring import Wiring
@@ -142,12 +144,11 @@ class Field:
 
         space = self.space
         shapes = [face_shape(space.shape, axis) for axis in range(space.ndim)]
-        first = np.cumsum([0, *(np.prod(shape) for shape in shapes[:-1])])
         return Flow(
             code=_ends(space, self.safe),
             shape=np.array(space.shape, dtype=np.int64),
             spacing=space.spacing,
-            first_face=first.astype(np.int64),
+            first_face=np.cumsum([0, *face_counts(space.shape)[:-1]], dtype=np.int64),
             face_stride=np.array([np.cumprod([1, *shape[:0:-1]])[::-1] for shape in shapes], dtype=np.int64),
             direction=_joined(self.face_direction),
             log_current=_joined(self.face_log_current),
@@ -238,8 +239,8 @@ def read_field(
     Shapes: `potential, log_drop` (nodes,).
     """
     space = cells.space
-    sizes = [int(np.prod(face_shape(space.shape, axis))) for axis in range(space.ndim)]
-    direction, log_current = np.zeros(sum(sizes), dtype=np.int8), np.full(sum(sizes), -np.inf)
+    faces = sum(face_counts(space.shape))
+    direction, log_current = np.zeros(faces, dtype=np.int8), np.full(faces, -np.inf)
     for face, upward, sign, log_amps in elements:
         crosses = face >= 0
         along = np.where(upward, 1, -1) * int(np.sign(volts))
@@ -250,20 +251,26 @@ def read_field(
         wiring=cells.wiring,
         potential=_per_cell(cells, potential),
         log_drop=None if log_drop is None else _per_cell(cells, log_drop),
-        face_direction=_per_axis(direction, space),
-        face_log_current=_per_axis(log_current, space),
+        face_direction=_closed(by_axis(direction, space.shape), space),
+        face_log_current=_closed(by_axis(log_current, space.shape), space),
         k=0.0 if cells.wiring.is_driven else 1.0,
     )
 
 
 def read_cells(space: ConfigurationSpace, wiring: Wiring, voltage: NDArray[np.float64]) -> Field:
     """Spread voltages of cells, shape of the space, over cells and faces; as they are, with no bound of their error."""
-    from resgrid.planning.cell_currents import cell_volts, face_currents
-
-    volts = cell_volts(space, wiring, voltage)
+    at_goal = (space.cell == Cell.GOAL) | (space.goal_connected & np.isnan(voltage))
+    volts = np.where(at_goal, wiring.goal_voltage, voltage)
+    volts[space.cell == Cell.OBSTACLE] = np.nan if wiring.is_driven else wiring.high
+    if wiring.start is not None:
+        volts[wiring.start] = wiring.high
     height = (volts - wiring.goal_voltage) * np.sign(wiring.supply)
     unit = np.nanmax(height) if wiring.drive == "uniform" else abs(wiring.supply)
-    currents = face_currents(space, wiring, volts)
+    contacts = contacts_of_rows(space, wiring.on(space), 0, space.shape[0])
+    wide = with_margin(volts, space.periodic)
+    wide[contacts.kind == Kind.HIGH] = wiring.high
+    drops = (np.subtract(*before_and_behind(wide, axis)) for axis in range(space.ndim))
+    currents = [np.nan_to_num(g * drop) for g, drop in zip(contacts.conductance, drops, strict=True)]
     if not unit > 0.0 or not any(current.any() for current in currents):
         raise CircuitError("nothing is driven: no current flows between the goal and what is at another voltage")
     with np.errstate(divide="ignore"):
@@ -279,30 +286,24 @@ def read_cells(space: ConfigurationSpace, wiring: Wiring, voltage: NDArray[np.fl
     )
 
 
-def _per_axis(faces: NDArray[Any], space: ConfigurationSpace) -> tuple[NDArray[Any], ...]:
-    """Values of all faces, axis by axis; on a periodic axis the last face repeats the first."""
-    parts, first = [], 0
-    for axis, ring in enumerate(space.periodic):
-        shape = face_shape(space.shape, axis)
-        part = faces[first : first + int(np.prod(shape))].reshape(shape)
-        first += part.size
-        if ring:
-            along = np.moveaxis(part, axis, 0)
-            along[-1] = along[0]
-        parts.append(part)
-    return tuple(parts)
+def _closed(faces: tuple[NDArray[Any], ...], space: ConfigurationSpace) -> tuple[NDArray[Any], ...]:
+    """The same arrays of faces; on a periodic axis the last face now repeats the first."""
+    for axis in np.flatnonzero(space.periodic).tolist():
+        along = np.moveaxis(faces[axis], axis, 0)
+        along[-1] = along[0]
+    return faces
 
 
 def undriven_field(space: ConfigurationSpace, wiring: Wiring) -> Field:
     """The field of a circuit in which nothing flows: every cell that has a way to a goal is at the goal's voltage."""
-    shapes = [face_shape(space.shape, axis) for axis in range(space.ndim)]
+    faces = sum(face_counts(space.shape))
     return Field(
         space=space,
         wiring=wiring,
         potential=np.where(space.goal_connected | (space.cell == Cell.GOAL), 0.0, np.nan),
         log_drop=None,
-        face_direction=tuple(np.zeros(shape, dtype=np.int8) for shape in shapes),
-        face_log_current=tuple(np.full(shape, -np.inf) for shape in shapes),
+        face_direction=by_axis(np.zeros(faces, dtype=np.int8), space.shape),
+        face_log_current=by_axis(np.full(faces, -np.inf), space.shape),
         k=0.0 if wiring.is_driven else 1.0,
     )
 

@@ -6,8 +6,10 @@ the answer no longer tells a direction; far from the goals of a Dirichlet field 
 
 from __future__ import annotations
 
+import os
 import tempfile
 import time
+import warnings
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
@@ -20,10 +22,10 @@ from numpy.typing import DTypeLike, NDArray
 from resgrid.arguments import check_whole
 from resgrid.budget import require_disk, require_memory
 from resgrid.circuit.slabs import read_rows, slabs, write_equations
-from resgrid.errors import InputError
+from resgrid.compiler import WALLED_IN
+from resgrid.errors import CircuitError, InputError
 from resgrid.frozen import frozen
-from resgrid.grids import face_counts
-from resgrid.netlist import face_shape
+from resgrid.grids import by_axis, face_counts
 from resgrid.planning.fields import Field
 from resgrid.solvers.petsc import Report, find_petsc, run_ranks
 from resgrid.space import ConfigurationSpace
@@ -34,6 +36,9 @@ RTOL = 1e-14
 
 _BYTES = {1: 400, 2: 500, 3: 1200, 4: 2500}
 """Peak memory of all ranks together, in bytes a cell, by dimension; measured on open grids."""
+
+_BYTES_OF_RANK = 8e7
+"""What a rank takes without any cell."""
 
 
 @frozen
@@ -56,13 +61,13 @@ def solve_ranked(space: ConfigurationSpace, wiring: Wiring, ranks: int) -> Ranke
     Raises
     ------
     InputError
-        If the number of ranks is none, or the wiring does not fit.
+        If the number of ranks is none, the wiring does not fit, or PETSc refuses an option of ``PETSC_OPTIONS``.
     ToolMissingError
         If there is no PETSc.
     BudgetError
         If memory or the disk has no room.
     CircuitError
-        If nothing is driven.
+        If nothing is driven, or every goal is walled in.
     AccuracyError
         If a rank fails or dies.
     """
@@ -72,10 +77,15 @@ def solve_ranked(space: ConfigurationSpace, wiring: Wiring, ranks: int) -> Ranke
         raise InputError("method 'petsc' solves the ideal grid, whose rails are merged: choose rails = 'merged'")
     if not space.goal_count:
         raise InputError("the space has no goal cell: add a goal, or make it at least one cell large")
+    if not space.goal_connected.any():
+        raise CircuitError(WALLED_IN)
+    cores = os.cpu_count() or 1
+    if ranks > cores:
+        warnings.warn(f"more ranks ({ranks}) than cores ({cores}): they wait for one another", stacklevel=2)
     petsc = find_petsc()
     cells = space.cell.size
-    remedy = "take fewer, larger cells, or a computer with more memory"
-    require_memory(_BYTES[space.ndim] * cells, f"solving {cells:,} cells by method 'petsc'", remedy)
+    job, remedy = f"solving {cells:,} cells by method 'petsc' on {ranks} ranks", "take fewer ranks, or larger cells"
+    require_memory(_BYTES[space.ndim] * cells + _BYTES_OF_RANK * ranks, job, remedy)
     with tempfile.TemporaryDirectory(prefix="resgrid-") as name:
         folder = Path(name)
         require_disk(_disk(space), folder, f"{cells:,} cells in mapped files")
@@ -101,16 +111,9 @@ def _read(space: ConfigurationSpace, wiring: Wiring, answer: NDArray[np.float64]
     def mapped(name: str, dtype: DTypeLike, shape: tuple[int, ...]) -> Any:
         return open_memmap(folder / f"{name}.npy", mode="w+", dtype=dtype, shape=shape)
 
-    faces = [face_shape(space.shape, axis) for axis in range(space.ndim)]
-    flat = {
-        "direction": mapped("direction", np.int8, (sum(map(prod, faces)),)),
-        "log_current": mapped("log_current", np.float64, (sum(map(prod, faces)),)),
-    }
-    ends = np.cumsum([0, *map(prod, faces)]).tolist()
-    directions, logs = (
-        tuple(part[first:last].reshape(shape) for first, last, shape in zip(ends, ends[1:], faces, strict=False))
-        for part in flat.values()
-    )
+    faces = (sum(face_counts(space.shape)),)
+    directions = by_axis(mapped("direction", np.int8, faces), space.shape)
+    logs = by_axis(mapped("log_current", np.float64, faces), space.shape)
     potential = mapped("potential", np.float64, space.shape)
     safe = mapped("safe", np.bool_, space.shape)
     uniform = wiring.drive == "uniform"

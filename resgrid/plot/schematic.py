@@ -9,7 +9,8 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from resgrid.netlist import CellMap, face_shape
+from resgrid.grids import crossed_faces
+from resgrid.netlist import CellMap
 from resgrid.space import Cell
 
 HALF = 0.3
@@ -60,25 +61,6 @@ def resistor_ends(
     lower[seam] = last + 0.5 + (0.5 + HALF) * along[seam]
     upper[seam] = _end(cell, last, along[seam], 1)
     return number, lower, upper, seam
-
-
-def crossed_faces(
-    face: NDArray[np.integer[Any]], shape: tuple[int, ...]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The axis across which faces lie, -1 for a face of -1, and their index among those of that axis.
-
-    Shapes: `face` (n,); returns (n,), (n, ndim).
-    """
-    across, index = np.full(len(face), -1), np.zeros((len(face), len(shape)), dtype=np.int64)
-    first = 0
-    for axis in range(len(shape)):
-        faces = face_shape(shape, axis)
-        size = int(np.prod(faces))
-        own = (face >= first) & (face < first + size)
-        across[own] = axis
-        index[own] = np.stack(np.unravel_index(face[own] - first, faces), axis=1)
-        first += size
-    return across, index
 
 
 def _end(cell: NDArray[np.uint8], at: NDArray[np.int64], along: NDArray[np.int64], side: int) -> NDArray[np.float64]:

@@ -10,7 +10,6 @@ from typing import Any
 from resgrid.errors import InputError
 from resgrid.robots import ROBOTS, Ball, Box, HalfSpace, Polygon, Robot
 from resgrid.scene.goals import CostArea, GoalJoints
-from resgrid.scene.maps.arrays import MapData
 from resgrid.scene.read import build_scene
 from resgrid.scene.scene import IN_FILES, Scene
 from resgrid.scene.table import plain
@@ -91,10 +90,8 @@ def apply_overrides(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     if "grid.cells" in changes_by_key and isinstance(document.get("grid"), dict):
         for axis in document["grid"].get("axes", []):
             axis.pop("cells", None)
-    known = None
-    if scene.map is not None and document.get("map") == plain(scene.map.table):
-        known = MapData(scene.map.axes, scene.map_frame, scene.map.cell, scene.map.conductivity)
-    return build_scene(document, scene.source or "scene", Path(), known=known)
+    is_same_map = scene.map is not None and document.get("map") == plain(scene.map.table)
+    return build_scene(document, scene.source or "scene", Path(), known=scene.map if is_same_map else None)
 
 
 def parse_value(text: str) -> Any:

@@ -30,11 +30,10 @@ EXPONENTS = {
     "f": -15,
 }
 PREFIXES = dict(zip(range(-24, 13, 3), ("y", "z", "a", "f", "p", "n", "µ", "m", "", "k", "M", "G", "T"), strict=True))
-PATTERN = r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+|meg|[TGMkmuµμnpf])?|[+-]?\d+[TGMkmuµμnpf]\d+"
+PATTERN = r"([+-]?(?:\d+(?:\.\d*)?|\.\d+))([eE][+-]?\d+|meg|[TGMkmuµμnpf])?|([+-]?\d+)([TGMkmuµμnpf])(\d+)"
+"""A number, perhaps with an exponent or a suffix; or one with a suffix in place of its point."""
 
-_NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
-_SCALED = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+))(meg|[TGMkmuµμnpf])", re.ASCII)
-_INFIX = re.compile(r"([+-]?\d+)([TGMkmuµμnpf])(\d+)", re.ASCII)
+_VALUE = re.compile(PATTERN, re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -169,17 +168,13 @@ def _parsed(value: object) -> float | None:
             return float(value)
         except OverflowError:
             return None
-    return _parsed_text(value) if isinstance(value, str) and len(value) <= 64 else None
-
-
-def _parsed_text(text: str) -> float | None:
-    if _NUMBER.fullmatch(text):
-        return float(text)
-    if match := _SCALED.fullmatch(text):
-        return float(f"{match[1]}e{EXPONENTS[match[2]]}")
-    if match := _INFIX.fullmatch(text):
-        return float(f"{match[1]}.{match[3]}e{EXPONENTS[match[2]]}")
-    return None
+    match = _VALUE.fullmatch(value) if isinstance(value, str) and len(value) <= 64 else None
+    if match is None:
+        return None
+    number, end, before, suffix, after = match.groups()
+    if number is None:
+        return float(f"{before}.{after}e{EXPONENTS[suffix]}")
+    return float(f"{number}e{EXPONENTS[end]}" if end in EXPONENTS else match[0])
 
 
 def _short(value: object) -> str:

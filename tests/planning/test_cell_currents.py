@@ -39,13 +39,14 @@ def test_currents_of_cells_are_those_of_the_circuit(wiring, data, shape):
         np.testing.assert_allclose(field.face_current(axis), expected.face_current(axis), rtol=0.0, atol=1e-9 * scale)
 
 
-def test_a_start_that_drives_is_at_the_high_rail():
+@pytest.mark.parametrize("start", [(0, 3), (7, 3)], ids=["far from the goal", "beside it"])
+def test_a_start_that_drives_is_at_the_high_rail(start: tuple[int, int]):
     cell = np.zeros((9, 7), dtype=np.uint8)
     cell[8, 3] = rg.Cell.GOAL
     space = rg.ConfigurationSpace([rg.Axis("x", 0.0, 9.0, 9), rg.Axis("y", 0.0, 7.0, 7)], cell)
-    wiring = {"boundary": "neumann", "drive": "start", "start": (0, 3)}
+    wiring = {"boundary": "neumann", "drive": "start", "start": start}
     field = rg.field(rg.WarmStart(rtol=1e-12, **wiring).solve(space))
     expected = rg.field(rg.solve(rg.compile_space(space, **wiring)))
-    assert field.potential[0, 3] == 1.0
+    assert field.potential[start] == 1.0
     for axis in range(2):
         np.testing.assert_allclose(field.face_current(axis), expected.face_current(axis), atol=1e-9)

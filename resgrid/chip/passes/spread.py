@@ -13,8 +13,8 @@ from resgrid import die
 from resgrid.chip.passes.base import Pass, add_resistors, check_seeded, select_resistors, without_stranded_currents
 from resgrid.die import DEFECTS, Seed, generator, mismatch_factors
 from resgrid.errors import InputError
-from resgrid.grids import face_counts
-from resgrid.netlist import CellMap, Netlist, face_shape
+from resgrid.grids import face_counts, face_shape
+from resgrid.netlist import CellMap, Netlist
 from resgrid.scene.chip import Chip, Density, Metres, Ohms, Place
 from resgrid.scene.quantities import Listed, Quantity
 from resgrid.scene.table import check_fields
