@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import dist, hypot, inf, pi
+from math import inf, pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.robots.cells import Progress, Sampling
-from resgrid.robots.geometry import Links, obstacle_arrays
+from resgrid.robots.geometry import Links, Part, obstacle_arrays, obstacles_of
 from resgrid.robots.goals import GoalCells
-from resgrid.robots.shapes import Ball, Box, HalfSpace, Point, Shape, require_plane, to_shapely
+from resgrid.robots.shapes import Box, Point, Shape, require_plane
 
 CHUNK = 1 << 17
 """Cells looked at between two words of progress."""
@@ -118,12 +118,8 @@ def _distances(place: Shape, base: Point) -> tuple[float, float]:
     """How near to the base a region comes, and how far from it."""
     import shapely
 
-    match place:
-        case HalfSpace(normal, offset):
-            return max(0.0, (float(np.dot(normal, base)) - offset) / hypot(*normal)), inf
-        case Ball(centre, radius):
-            away = dist(centre, base)
-            return max(0.0, away - radius), away + radius
-    geometry = to_shapely(place)
-    corners = shapely.get_coordinates(geometry).tolist()
-    return float(shapely.distance(geometry, shapely.Point(base))), max(dist(corner, base) for corner in corners)
+    obstacle = obstacles_of([place])[0]
+    nearest = float(obstacle.distance(Part(np.array([shapely.Point(base)]), 0.0))[0])
+    if obstacle.core is None:
+        return nearest, inf
+    return nearest, float(shapely.hausdorff_distance(shapely.Point(base), obstacle.core)) + obstacle.radius
