@@ -198,12 +198,11 @@ class _Solid:
         return cls(np.empty((0, 4)), np.empty((0, 2)), 0.0, shape)
 
     def mark(self, layer: NDArray[np.bool_], plane: Plane, mirrored: NDArray[np.float64], reach: float) -> None:
-        """Mark, in place, the cells of a slice, shape (columns, rows): the polygon, mirrored, has corners (v, 2).
+        """Mark the cells, shape (columns, rows), near the sum of the area and a polygon with mirrored corners (v, 2).
 
-        They come within a distance of the Minkowski sum of the area and the mirrored polygon.  The sum of the outlines
-        (a parallelogram for every pair of edges) covers all but places where a piece of one lies wholly inside the
-        other, and those lie in a copy of either, moved by one point of the other, whose own outline the parallelograms
-        cover.  Every piece is marked as it is: a union of nearly coinciding ones would lose some.
+        The Minkowski sum of the outlines (a parallelogram for every pair of edges) covers all but places where a piece
+        of one lies wholly inside the other, and those lie in a copy of either, moved by one point of the other.  Every
+        piece is marked as it is: a union of nearly coinciding ones would lose some.
         """
         from resgrid.robots.kernels import mark_enclosed, mark_parallelograms
 
