@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from resgrid.netlist import Netlist
     from resgrid.spice.check.agreement import Agreement
     from resgrid.spice.check.predictions import Prediction
-    from resgrid.spice.check.violation import Violation
-    from resgrid.spice.circuit import Circuit, Severity
+    from resgrid.spice.circuit import Circuit, Severity, Violation
 
 _WORDS = {"sidecar": "the sidecar", "scene": "the scene's solution", "solve": "our solution"}
 _LONG = 10.0
@@ -232,7 +231,7 @@ def _rules_lines(violations: Sequence[Violation], predictions: Sequence[Predicti
 
 def _violation_lines(violations: Iterable[Violation], least: Severity = "info") -> Iterable[str]:
     """One line a violation, down to a severity."""
-    from resgrid.spice.check.violation import SEVERITIES
+    from resgrid.spice.circuit import SEVERITIES
 
     worst = SEVERITIES[: SEVERITIES.index(least) + 1]
     return (f"  {violation}" for violation in violations if violation.severity in worst)

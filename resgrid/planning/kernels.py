@@ -48,7 +48,8 @@ def _unravel(flat: int, shape: Integers, cell: Integers) -> None:
 
 
 @inlined
-def _ravel(cell: Integers, shape: Integers) -> int:
+def ravel(cell: Integers, shape: Integers) -> int:
+    """Number of a cell in C order."""
     flat = 0
     for axis in range(len(shape)):
         flat = flat * shape[axis] + cell[axis]
@@ -74,7 +75,7 @@ def _face(flow: Flow, cell: Integers, axis: int) -> int:
 
 
 @inner
-def _velocities(flow: Flow, cell: Integers, lower: Floats, upper: Floats) -> float:
+def face_velocities(flow: Flow, cell: Integers, lower: Floats, upper: Floats) -> float:
     """Velocities on the lower and upper faces of a cell, scaled to a maximum of 1; returns the log of the scale."""
     scale = -np.inf
     for axis in range(len(cell)):
@@ -190,9 +191,9 @@ def trace(flow: Flow, cell: Integers, local: Floats, cells: Integers, locals_: F
         if step < len(cells):
             for axis in range(ndim):
                 cells[step, axis], locals_[step, axis] = cell[axis], local[axis]
-        if flow.code[_ravel(cell, flow.shape)] == _GOAL:
+        if flow.code[ravel(cell, flow.shape)] == _GOAL:
             return REACHED, step, length, log_time
-        scale = _velocities(flow, cell, lower, upper)
+        scale = face_velocities(flow, cell, lower, upper)
         if scale == -np.inf:
             return NO_CURRENT, step, length, log_time
         time, distance, across, side = _cross(local, lower, upper, flow.spacing)
@@ -240,7 +241,7 @@ def only_goal(flow: Flow, goal: Integers, periodic: NDArray[np.bool_]) -> Intege
                 if not periodic[axis] and not 0 <= home + side < flow.shape[axis]:
                     continue
                 cell[axis] = (home + side) % flow.shape[axis]
-                above = _ravel(cell, flow.shape)
+                above = ravel(cell, flow.shape)
                 cell[axis] = home
                 if flow.code[above] != _FREE:
                     continue
