@@ -146,9 +146,7 @@ def mark_link(
     out: Flags, first: int, last: int, link: int, counts: Integers, centres: Floats, widths: Floats, links: Links,
     self_collision: bool, parts: int, slack: float, solids: ObstacleArrays,
 ) -> None:  # fmt: skip
-    """Mark the cells of joints ``0 .. link`` in which a link may touch something; cells marked already are skipped.
-
-    A cell that its centre does not decide is cut into ``parts`` along every joint, and each part is judged alone.
+    """Mark the cells of joints ``0 .. link`` in which a link may touch something, whole or cut into ``parts`` a joint.
 
     Shapes: `out` (product of counts[:link + 1],), `counts` (n,), `centres` (n, max(counts), `widths` (n,).
     """
@@ -231,12 +229,10 @@ def _ends_of_segment(ax: float, ay: float, bx: float, by: float, low: float, hig
 
 @kernel
 def mark_parallelograms(out: Flags, pieces: Floats, reach: float, plane: Plane) -> None:
-    """Mark the cells that come within a distance of a parallelogram.
+    """Mark the cells, shape (columns, rows), that come within a distance of parallelograms, shape (p, 6).
 
-    What lies within a distance of a convex set is convex, and so is what a row of cells cuts from it: an interval of
-    x decides a whole row.  It ends on the circles around the corners, or on the edges moved outwards.
-
-    Shapes: `out` (columns, rows), `pieces` (p, 6).
+    What lies so near is convex: an interval of x decides a whole row.  It ends on the circles around the corners, or on
+    the edges moved outwards.
     """
     columns, rows = out.shape
     for piece in range(len(pieces)):
@@ -276,9 +272,9 @@ def mark_parallelograms(out: Flags, pieces: Floats, reach: float, plane: Plane) 
 
 @kernel
 def mark_enclosed(out: Flags, edges: Floats, plane: Plane) -> None:
-    """Mark the cells whose centre closed rings enclose: in every row an edge flips all that lies to its right.
+    """Mark the cells, shape (columns, rows), whose centre closed rings of edges, shape (e, 4), enclose.
 
-    Shapes: `out` (columns, rows), `edges` (e, 4).
+    In every row an edge flips all that lies to its right.
     """
     columns, rows = out.shape
     flips = np.zeros(columns + 1, dtype=np.bool_)
