@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from resgrid.errors import InputError
 from resgrid.page.drawing import Drawing, drawing_of
-from resgrid.page.frames import Frame
+from resgrid.page.solving import Frame
 
 if TYPE_CHECKING:
     from resgrid.robots import Arm

@@ -1,89 +1,31 @@
-"""Frames: a drawing solved, and what the page shows of it."""
+"""What the page shows of a solved drawing: its field, its paths, its cells and, of a small grid, its circuit."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
-from contextlib import suppress
-from dataclasses import dataclass, replace
-from functools import partial, reduce
+from dataclasses import replace
+from functools import reduce
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.solve import solve
-from resgrid.errors import AccuracyError, CircuitError, InputError
-from resgrid.page.circuit import describe_circuit
+from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.errors import InputError
+from resgrid.grids import crossed_faces
 from resgrid.page.drawing import Drawing
-from resgrid.page.flaws import flawed, flaws_of
 from resgrid.page.messages import in_page_words
-from resgrid.page.warm import TOLERANCE, WarmFields
-from resgrid.planning.certify import certify
+from resgrid.page.solving import Frame, solve_drawing
 from resgrid.planning.fields import Field
-from resgrid.planning.road import Solution, Work, solve_problem
 from resgrid.planning.streamline import Outcome, Streamline
-from resgrid.planning.trace import follow, start_points
 from resgrid.space import Cell
+
+MOST_CELLS_A_SIDE = 10
+"""As `rg.draw` draws circuits symbol by symbol."""
 
 _NONE = 65535
 _DECADES = 6.0
-_ROUGH = partial(solve, accuracy="normwise", rtol=TOLERANCE)
 _LEAST_DROP = 1e-7
-
-
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """A drawing that was solved: direction-safe with certified paths, or while somebody draws in haste.
-
-    `paths`: one for each start, None where a hasty field shows no way; `seconds`: that it took.
-    """
-
-    drawing: Drawing
-    solution: Solution
-    paths: tuple[Streamline | None, ...]
-    exact: bool
-    seconds: float
-
-    @property
-    def field(self) -> Field:
-        """The field that is shown."""
-        return self.solution.fields[0]
-
-
-def solve_drawing(drawing: Drawing, *, exact: bool, warm: WarmFields | None = None) -> Frame:
-    """Solve a drawing and follow the current from its starts; exact paths are certified.
-
-    `warm`: from where a chip without flaws is solved in haste.
-    """
-    began = time.perf_counter()
-    if not (drawing.cell == Cell.GOAL).any():
-        raise InputError("there is no goal: set one with the goal tool")
-    if drawing.driven and not len(drawing.starts):
-        raise InputError("there is no start to drive the grid: set one, or choose the uniform drive")
-    solution = _solved(drawing, exact, warm)
-    points = start_points(drawing.space, drawing.starts) if len(drawing.starts) else ()
-    paths = tuple(_path(field, points[number], exact) for field, number in solution.tasks)
-    return Frame(drawing, solution, paths, exact, time.perf_counter() - began)
-
-
-def _solved(drawing: Drawing, exact: bool, warm: WarmFields | None) -> Solution:
-    if warm is not None and not exact and not drawing.driven and not flaws_of(drawing):
-        with suppress(CircuitError, AccuracyError):  # where a half is flat, or a circuit is too stiff to be hurried
-            return warm.solve(drawing.problem)
-    return solve_problem(drawing.problem, work=Work(flawed(solve if exact else _ROUGH, drawing)))
-
-
-def _path(field: Field, point: NDArray[np.float64], exact: bool) -> Streamline | None:
-    try:
-        path = follow(field, point)
-    except AccuracyError:
-        if exact:
-            raise
-        return None
-    if exact:
-        certify(path)
-    return path
 
 
 def describe(frame: Frame) -> tuple[dict[str, Any], list[bytes]]:
@@ -106,7 +48,7 @@ def describe(frame: Frame) -> tuple[dict[str, Any], list[bytes]]:
     }
     points = list(frame.solution.operating_points.values())
     if len(points) == 1:
-        head["circuit"] = describe_circuit(points[0])
+        head["circuit"] = _circuit(points[0])
     scale, picture = _picture(frame)
     currents, speed = _currents(field)
     body = [np.concatenate(lines or [np.empty((0, 2))]).astype("<f4"), picture, currents, speed]
@@ -251,3 +193,36 @@ def _bits(frame: Frame, index: tuple[int, ...]) -> float | None:
     if len(points) != 1 or frame.drawing.cell[index] != Cell.FREE:
         return None
     return float(analyse_precision(next(iter(points.values()))).cell_bits[index])
+
+
+def _circuit(op: OperatingPoint) -> dict[str, Any] | None:
+    """Resistors, supplies and currents fed; None of a grid that is too large for symbols.
+
+    `resistors`: lists of axis, i, j (across whose lower face of cell (i, j)), ohms, and volts and amperes from the
+    lower side to the upper one; `supplies`: every rail's name, volts and amperes that it gives; `fed`: amperes that
+    every driven node is fed.
+    """
+    netlist, cells = op.netlist, op.netlist.cells
+    shape = cells.space.shape
+    if max(shape) > MOST_CELLS_A_SIDE:
+        return None
+    ohms = 1.0 / netlist.conductance
+    amperes = np.where(cells.resistor_upward, 1.0, -1.0) * op.resistor_current
+    across, index = crossed_faces(cells.resistor_face, shape)
+    columns = [column[across >= 0] for column in (across, *index.T, ohms, ohms * amperes, amperes)]
+    resistors = [list(row) for row in zip(*(column.tolist() for column in columns), strict=True)]
+    supplies = [
+        {"rail": _rail(op, int(plus)), "volts": volts, "amperes": -amps}
+        for plus, volts, amps in zip(
+            netlist.source_nodes[:, 0], netlist.source_volts.tolist(), op.source_current.tolist(), strict=True
+        )
+    ]
+    fed = float(netlist.current_amps.max()) if len(netlist.current_amps) else None
+    return {"resistors": resistors, "supplies": supplies, "fed": fed}
+
+
+def _rail(op: OperatingPoint, node: int) -> str:
+    cells = op.netlist.cells
+    if node == cells.obstacle_node:
+        return "obstacles"
+    return f"goal {cells.goal_nodes.index(node)}" if node in cells.goal_nodes else "start"

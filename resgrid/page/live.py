@@ -175,7 +175,7 @@ def _in_notebook() -> bool:
 
 def _load_engine(first: Drawing) -> None:
     """Load the engine and its loops while the browser is still opening: solve the first drawing, or a smaller one."""
-    from resgrid.page.frames import solve_drawing
+    from resgrid.page.solving import solve_drawing
 
     cells = max(first.cell.shape)
     with suppress(ResgridError):

@@ -13,10 +13,9 @@ from typing import Any
 from resgrid.chip.build import build_chip
 from resgrid.errors import InputError
 from resgrid.io.paths import Route, write_routes
-from resgrid.page.circuit import MOST_CELLS_A_SIDE
 from resgrid.page.drawing import Drawing
-from resgrid.page.flaws import flaws_of
-from resgrid.page.frames import solve_drawing
+from resgrid.page.frames import MOST_CELLS_A_SIDE
+from resgrid.page.solving import flaws_of, solve_drawing
 from resgrid.planning.road import compile_circuit
 from resgrid.spice.write.files import write_spice
 

@@ -13,10 +13,10 @@ from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import InputError, ResgridError
 from resgrid.page.arms import pose, poses, resample
 from resgrid.page.drawing import Drawing, drawing_of
-from resgrid.page.frames import Frame, describe, describe_ends, probe, solve_drawing
+from resgrid.page.frames import describe, describe_ends, probe
 from resgrid.page.messages import Request, in_page_words, pack, read_drawing, read_request, write_drawing
 from resgrid.page.opening import examples, open_document, open_example, open_files
-from resgrid.page.warm import WarmFields
+from resgrid.page.solving import Frame, WarmFields, solve_drawing
 
 PATIENCE = 0.035
 """Seconds that a direction-safe frame may take to be made while somebody draws."""

@@ -12,7 +12,8 @@ from resgrid.circuit.transient import transient
 from resgrid.errors import BudgetError, InputError
 from resgrid.netlist import GROUND, Netlist
 from resgrid.page.drawing import Drawing
-from resgrid.page.frames import Frame, quantised, solve_drawing
+from resgrid.page.frames import quantised
+from resgrid.page.solving import Frame, solve_drawing
 
 MOST_CELLS = 1 << 15
 _MOMENTS = 30

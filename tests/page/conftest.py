@@ -9,7 +9,7 @@ from support.pages import OPTIONS, browser_program, settle
 
 from resgrid.page import LivePage, live
 from resgrid.page.drawing import blank
-from resgrid.page.frames import solve_drawing
+from resgrid.page.solving import solve_drawing
 
 
 @pytest.fixture(scope="module")

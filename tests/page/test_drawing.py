@@ -13,11 +13,11 @@ from hypothesis.extra.numpy import arrays
 
 import resgrid as rg
 from resgrid.page.drawing import Drawing, blank, boxes, drawing_of, drawing_of_space
-from resgrid.page.frames import describe, solve_drawing
+from resgrid.page.frames import describe
 from resgrid.page.messages import DrawingHead, read_drawing, write_drawing
 from resgrid.page.opening import examples, open_example
 from resgrid.page.saving import save
-from resgrid.page.warm import WarmFields
+from resgrid.page.solving import WarmFields, solve_drawing
 
 
 def same(one: Drawing, other: Drawing) -> None:

@@ -14,8 +14,8 @@ from support.cli import answer, call
 import resgrid as rg
 from resgrid.errors import InputError
 from resgrid.page.drawing import blank, drawing_of
-from resgrid.page.frames import solve_drawing
 from resgrid.page.opening import open_example
+from resgrid.page.solving import solve_drawing
 from resgrid.scene.read import is_link, read_link
 
 

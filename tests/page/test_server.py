@@ -21,9 +21,10 @@ from websockets.sync.client import ClientConnection
 import resgrid as rg
 from resgrid.page import LivePage
 from resgrid.page.drawing import Drawing, blank
-from resgrid.page.frames import describe, solve_drawing
+from resgrid.page.frames import describe
 from resgrid.page.messages import LARGEST
 from resgrid.page.server import MOST_BROWSERS
+from resgrid.page.solving import solve_drawing
 
 
 def files(name: str, content: bytes) -> dict[str, object]:

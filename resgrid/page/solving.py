@@ -1,0 +1,129 @@
+"""Drawings solved: in haste while somebody draws, each field from the one before, or direction-safe and certified."""
+
+from __future__ import annotations
+
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.circuit.solve import solve
+from resgrid.circuit.update import WarmStart
+from resgrid.errors import AccuracyError, CircuitError, InputError
+from resgrid.netlist import Netlist
+from resgrid.page.drawing import Drawing
+from resgrid.planning.certify import certify
+from resgrid.planning.fields import Field, field
+from resgrid.planning.road import Problem, Solution, Solver, Work, solve_problem
+from resgrid.planning.streamline import Streamline
+from resgrid.planning.trace import follow, start_points
+from resgrid.space import Cell
+
+if TYPE_CHECKING:
+    from resgrid.chip.passes import Pass
+
+TOLERANCE = 1e-6
+"""Normwise backward error of what is shown while somebody draws."""
+
+
+class WarmFields:
+    """Fields of ideal circuits, normwise, without their netlists."""
+
+    def __init__(self) -> None:
+        self._starts: dict[str, WarmStart] = {}
+
+    def solve(self, problem: Problem) -> Solution:
+        """The fields of a problem; errors as of `WarmStart.solve` and `resgrid.field`."""
+        pure = dict[str, Field]()
+        for name, wiring in problem.wirings.items():
+            start = self._starts.pop(name, None)  # one that fails is begun anew
+            if start is None or start.wiring != wiring:
+                start = WarmStart(wiring, rtol=TOLERANCE)
+            pure[name] = field(start.solve(problem.space))
+            self._starts[name] = start
+        return Solution(problem, {}, pure)
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A drawing that was solved: direction-safe with certified paths, or while somebody draws in haste.
+
+    `paths`: one for each start, None where a hasty field shows no way; `seconds`: that it took.
+    """
+
+    drawing: Drawing
+    solution: Solution
+    paths: tuple[Streamline | None, ...]
+    exact: bool
+    seconds: float
+
+    @property
+    def field(self) -> Field:
+        """The field that is shown."""
+        return self.solution.fields[0]
+
+
+def solve_drawing(drawing: Drawing, *, exact: bool, warm: WarmFields | None = None) -> Frame:
+    """Solve a drawing and follow the current from its starts; exact paths are certified.
+
+    `warm`: from where a chip without flaws is solved in haste.
+    """
+    began = time.perf_counter()
+    if not (drawing.cell == Cell.GOAL).any():
+        raise InputError("there is no goal: set one with the goal tool")
+    if drawing.driven and not len(drawing.starts):
+        raise InputError("there is no start to drive the grid: set one, or choose the uniform drive")
+    solution = _solved(drawing, exact, warm)
+    points = start_points(drawing.space, drawing.starts) if len(drawing.starts) else ()
+    paths = tuple(_path(field, points[number], exact) for field, number in solution.tasks)
+    return Frame(drawing, solution, paths, exact, time.perf_counter() - began)
+
+
+def _solved(drawing: Drawing, exact: bool, warm: WarmFields | None) -> Solution:
+    if warm is not None and not exact and not drawing.driven and not flaws_of(drawing):
+        with suppress(CircuitError, AccuracyError):  # where a half is flat, or a circuit is too stiff to be hurried
+            return warm.solve(drawing.problem)
+    solver = solve if exact else partial(solve, accuracy="normwise", rtol=TOLERANCE)
+    return solve_problem(drawing.problem, work=Work(_flawed(solver, drawing)))
+
+
+def _path(field: Field, point: NDArray[np.float64], exact: bool) -> Streamline | None:
+    try:
+        path = follow(field, point)
+    except AccuracyError:
+        if exact:
+            raise
+        return None
+    if exact:
+        certify(path)
+    return path
+
+
+def flaws_of(drawing: Drawing) -> list[Pass]:
+    """Passes that make a drawing's chip of an ideal one; none where it has no flaws."""
+    chip = drawing.chip or {}
+    sigma = chip.get("mismatch", 0.0)
+    if not sigma and not drawing.broken:
+        return []
+    from resgrid.chip.passes import Faults, Mismatch
+
+    mismatch = [Mismatch(sigma=sigma, seed=chip.get("seed", 0))] if sigma else []
+    return [*mismatch, *([Faults(open_at=drawing.broken)] if drawing.broken else [])]
+
+
+def _flawed(solver: Solver, drawing: Drawing) -> Solver:
+    """A solver of netlists that have the flaws of a drawing; the same solver where there are none."""
+    flaws = flaws_of(drawing)
+    if not flaws:
+        return solver
+    from resgrid.chip.build import build_chip
+
+    def solve_flawed(netlist: Netlist, **options: object) -> OperatingPoint:
+        return solver(build_chip(netlist, flaws), **options)
+
+    return solve_flawed
