@@ -322,19 +322,16 @@ def _check_driven(op: OperatingPoint, cell_map: CellMap) -> None:
 def _check_walls(field: Field) -> None:
     """Refuse a chip that is not ideal, and where a streamline from a start with a path would enter an obstacle."""
     space = field.space
-    starts = (space.cell == Cell.FREE) & space.goal_connected
+    free, solid = (with_margin(mask, space.periodic) for mask in (space.goal_connected, space.cell == Cell.OBSTACLE))
+    for axis in np.flatnonzero(~space.periodic).tolist():
+        np.moveaxis(free, axis, 0)[[0, -1]], np.moveaxis(solid, axis, 0)[[0, -1]] = False, True
     for axis, direction in enumerate(field.face_direction):
-        margin = [(int(a == axis), int(a == axis)) for a in range(space.ndim)]
-        mode: Any = {"mode": "wrap"} if space.periodic[axis] else {"constant_values": False}
-        free = np.moveaxis(np.pad(starts, margin, **mode), axis, 0)
-        blocked = np.moveaxis(np.pad(space.cell != Cell.OBSTACLE, margin, **mode), axis, 0) == 0
-        along = np.moveaxis(direction, axis, 0)
-        enters = (free[:-1] & blocked[1:] & (along > 0)) | (blocked[:-1] & free[1:] & (along < 0))
+        (here, there), (before, behind) = before_and_behind(free, axis), before_and_behind(solid, axis)
+        enters = (here & behind & (direction > 0)) | (before & there & (direction < 0))
         if enters.any():
             face = np.argwhere(enters)[0]
-            face[0] -= free[:-1][tuple(face)]
-            beside = face[1:].tolist()
-            cell = (*beside[:axis], int(face[0]) % space.shape[axis], *beside[axis:])
+            face[axis] -= here[tuple(face)]
+            cell = tuple(np.mod(face, space.shape).tolist())
             raise AccuracyError(
                 f"{int(enters.sum())} walls of this chip draw current out of free cells (such as {cell}), so that "
                 "streamlines would enter obstacles: its switches or rails sag too much; give them less resistance",

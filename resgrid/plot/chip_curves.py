@@ -17,10 +17,19 @@ from resgrid.chip.precision import Precision
 from resgrid.chip.settling import Settling
 from resgrid.errors import InputError
 from resgrid.plot.chip_maps import draw_precision, draw_settling
-from resgrid.plot.fields import add_colour_bar
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, new_figure, panel_height
 from resgrid.plot.plane import plane_of
-from resgrid.plot.style import FAILURE, LINE_STYLES, PATHS, SMALL, TEXT, dress, refresh_legend, strength_map
+from resgrid.plot.style import (
+    FAILURE,
+    LINE_STYLES,
+    PATHS,
+    SMALL,
+    TEXT,
+    add_colour_bar,
+    dress,
+    refresh_legend,
+    strength_map,
+)
 from resgrid.scene.chip import Chip
 from resgrid.scene.table import described_keys
 

@@ -21,10 +21,9 @@ from resgrid.chip.yields import Yield
 from resgrid.errors import InputError
 from resgrid.grids import crossed_faces
 from resgrid.netlist import CellMap, Netlist
-from resgrid.plot.fields import add_colour_bar
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.plane import draw_cells, draw_image, finish, paint_cells, plane_of
-from resgrid.plot.style import FAILURE, TEXT, add_swatch, plain_decades, refresh_legend, strength_map
+from resgrid.plot.style import FAILURE, TEXT, add_colour_bar, add_swatch, plain_decades, refresh_legend, strength_map
 from resgrid.scene.quantities import format_quantity, prefix_of
 from resgrid.space import Cell, ConfigurationSpace
 

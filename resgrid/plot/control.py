@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from resgrid.control.log import ContactLog, Ending, Mode, Run
 from resgrid.control.plant import plant_of
 from resgrid.errors import InputError
-from resgrid.plot.fields import draw_plane_space
 from resgrid.plot.figures import PAGE, add_title, caption_height, new_figure, panel_height
+from resgrid.plot.panels import draw_space
 from resgrid.plot.plane import paint_cells, plane_of, seam_shifts, wrapped
 from resgrid.plot.style import FAILURE, PATHS, TEXT, mark, refresh_legend
 from resgrid.plot.workspace import draw_robot
@@ -127,7 +127,7 @@ def draw_configurations(run: Run, axes: Axes, *, path: bool = True) -> None:
     if (bare := scene.robot.bare()) != scene.robot:
         touched = bare.occupancy(scene.axes, plant.obstacles[: plant.known], "conservative")
         virtual = plant.itself & obstacle & ~touched
-    draw_plane_space(known, axes, virtual=virtual)
+    draw_space(known, axes, virtual=virtual)
     hidden = (plant.true_space(known).cell == Cell.OBSTACLE) & ~obstacle
     paint_cells(plane_of(known), hidden, _HIDDEN_CELLS, "hidden obstacle", axes)
     if path:

@@ -17,11 +17,11 @@ from resgrid.errors import InputError
 from resgrid.planning.blend import dirichlet_share
 from resgrid.planning.fields import Field
 from resgrid.planning.trace import streamline
-from resgrid.plot.fields import add_colour_bar, draw_shading
+from resgrid.plot.fields import draw_shading
 from resgrid.plot.figures import PAGE, axes_or_new, new_figure
 from resgrid.plot.plane import draw_cells, draw_image, finish, paint_cells, plane_of
 from resgrid.plot.shading import shading_of
-from resgrid.plot.style import FAILURE, HIDDEN, PATHS, SMALL, dress, plain_decades, refresh_legend
+from resgrid.plot.style import FAILURE, HIDDEN, PATHS, SMALL, add_colour_bar, dress, plain_decades, refresh_legend
 from resgrid.space import Cell
 
 _FAINT = 1e-4

@@ -19,12 +19,12 @@ from shapely.geometry.polygon import orient
 
 from resgrid.errors import InputError
 from resgrid.planning.separation import Separation
-from resgrid.planning.streamline import AnyPath, Polyline, ShortPath, Streamline, unwrap
+from resgrid.planning.streamline import AnyPath, Polyline, Streamline
 from resgrid.planning.workspace import dense
-from resgrid.plot.fields import draw_plane_space
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, caption_height, new_figure
-from resgrid.plot.paths import draw_plane_paths, draw_plane_separation
-from resgrid.plot.plane import paint_cells, plane_of, seam_shifts
+from resgrid.plot.panels import draw_space
+from resgrid.plot.paths import draw_line, draw_separation, draw_streamlines
+from resgrid.plot.plane import paint_cells, plane_of
 from resgrid.plot.style import (
     FAILURE,
     GOAL,
@@ -197,35 +197,24 @@ def draw_pair(
     >>> scene = rg.read_scene("examples/scenes/lesson.toml")
     >>> figure = rg.draw_pair(rg.plan(scene).path((0.5, 6.5)), scene)
     """
-    space = path.space
+    plane_of((path if verdict is None else verdict).space)
     figure = new_figure(PAGE, 4.4 + caption_height(caption))
     left, right = figure.subplots(1, 2)
     draw_robot(path, scene, left)
     mark_shapes(separating, left, FAILURE, "keeps it from the goals")
     refresh_legend(left)
     if verdict is not None:
-        draw_plane_separation(verdict, right, virtual=virtual)
+        draw_separation(verdict, right, virtual=virtual)
     else:
-        draw_plane_space(space, right, virtual=virtual)
+        draw_space(path.space, right, virtual=virtual)
         lines = [path, *others] if isinstance(path, Streamline) else list(others)
         if lines:
-            draw_plane_paths(lines, right)
+            draw_streamlines(lines, right)
         if not isinstance(path, Streamline):
-            draw_plane_line(path, right)
+            draw_line(path, right)
     right.set_title("Configuration space", fontsize=TEXT)
     add_title(figure, title, caption)
     return figure
-
-
-def draw_plane_line(path: Polyline | ShortPath, ax: Axes | None = None) -> Axes:
-    """Draw a path of straight lines in a space of two axes; see `resgrid.plot.pages.draw_line`."""
-    axes = draw_plane_space(path.space) if ax is None else ax
-    points = unwrap(path)
-    for shift in seam_shifts(path.space) if len(points) > 1 else ():
-        axes.plot(*(points + shift).T, color=PATHS[0], linewidth=1.5, zorder=4, label="path")
-    mark(points[:1], axes, "start")
-    refresh_legend(axes)
-    return axes
 
 
 def empty_space(scene: Scene) -> ConfigurationSpace:
