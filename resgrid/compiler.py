@@ -77,8 +77,9 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     require_room(space.shape)
     if not space.goal_count:
         raise InputError("the space has no goal cell: add a goal, or make it at least one cell large")
-    nodes = _number_nodes(space, wiring)
-    pairs, conductance, face, upward = _join(space, wiring, nodes)
+    contacts = contacts_of_rows(space, wiring, 0, space.shape[0])
+    nodes = _number_nodes(space, wiring, contacts.kind)
+    pairs, conductance, face, upward = _join(space, contacts, nodes)
     cell_map = CellMap(
         space=space,
         wiring=wiring,
@@ -105,12 +106,14 @@ def require_room(shape: tuple[int, ...]) -> None:
     require_grid_memory(shape, "compiling the grid", _PEAK * len(shape))
 
 
-def _number_nodes(space: ConfigurationSpace, wiring: Wiring) -> _Nodes:
-    obstacle = GROUND + 1 if _has_obstacle_rail(space, wiring) else _NO_NODE
+def _number_nodes(space: ConfigurationSpace, wiring: Wiring, kind: NDArray[np.uint8]) -> _Nodes:
+    own = kind[(slice(1, -1),) * space.ndim] == Kind.NODE
+    if wiring.start is not None:
+        own[wiring.start] = True
+    obstacle = GROUND + 1 if not wiring.is_driven and np.any(kind == Kind.HIGH) else _NO_NODE
     first = GROUND + 1 + (obstacle >= 0)
     goals = tuple(range(first, first + space.goal_count)) if wiring.rails == "merged" else ()
     first += len(goals)
-    own = _cells_with_node(space, wiring)
     node = np.full(space.shape, _NO_NODE, dtype=np.int32)
     count = int(np.count_nonzero(own))
     if first + count > MOST_NODES:
@@ -125,23 +128,8 @@ def _number_nodes(space: ConfigurationSpace, wiring: Wiring) -> _Nodes:
     return _Nodes(node, free, obstacle, goals, first + count)
 
 
-def _has_obstacle_rail(space: ConfigurationSpace, wiring: Wiring) -> bool:
-    if wiring.boundary == "neumann":
-        return False
-    return "obstacle" in wiring.edge or (wiring.rails == "merged" and bool(np.any(space.cell == Cell.OBSTACLE)))
-
-
-def _cells_with_node(space: ConfigurationSpace, wiring: Wiring) -> NDArray[np.bool_]:
-    free = space.goal_connected if wiring.boundary == "neumann" else space.cell == Cell.FREE
-    if wiring.rails == "merged":
-        return free
-    tied = space.cell != Cell.FREE if wiring.boundary != "neumann" else space.cell == Cell.GOAL
-    return np.asarray(free | tied)
-
-
-def _join(space: ConfigurationSpace, wiring: Wiring, nodes: _Nodes) -> Iterator[NDArray[Any]]:
+def _join(space: ConfigurationSpace, contacts: Contacts, nodes: _Nodes) -> Iterator[NDArray[Any]]:
     """Nodes (m, 2), siemens, faces and directions (m,) of a resistor for every contact; on an axis border ones last."""
-    contacts = contacts_of_rows(space, wiring, 0, space.shape[0])
     wide = with_margin(nodes.cell, space.periodic)
     for axis in np.flatnonzero(~space.periodic).tolist():
         np.moveaxis(wide, axis, 0)[[0, -1]] = nodes.obstacle

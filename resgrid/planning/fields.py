@@ -210,9 +210,12 @@ def field(op: OperatingPoint | WarmPoint) -> Field:
         _check_driven(op, cells)
     if op.potential is None:
         raise InputError("this circuit has more rails or drives than a field is defined for")
+    volts = cells.wiring.supply
+    if cells.wiring.drive == "uniform":
+        volts = float(op.voltage[np.nanargmax(op.potential)] - cells.wiring.goal_voltage)
     result = read_field(
         cells,
-        _unit_volts(op, cells),
+        volts,
         op.potential,
         op.log_drop,
         (cells.resistor_face, cells.resistor_upward, op.resistor_direction, op.resistor_log_current),
@@ -234,10 +237,7 @@ def read_field(
     log_drop: NDArray[np.float64] | None,
     *elements: Elements,
 ) -> Field:
-    """Spread what nodes and elements show over cells and faces; ``volts`` lie between potential 0 and 1.
-
-    Shapes: `potential, log_drop` (nodes,).
-    """
+    """Spread what nodes (n,) and elements show over cells and faces; ``volts`` lie between potential 0 and 1."""
     space = cells.space
     faces = sum(face_counts(space.shape))
     direction, log_current = np.zeros(faces, dtype=np.int8), np.full(faces, -np.inf)
@@ -337,15 +337,6 @@ def _check_walls(field: Field) -> None:
                 "streamlines would enter obstacles: its switches or rails sag too much; give them less resistance",
                 field,
             )
-
-
-def _unit_volts(op: OperatingPoint, cell_map: CellMap) -> float:
-    """Volts between potential 0 and potential 1, with their sign."""
-    if cell_map.wiring.drive != "uniform":
-        return cell_map.wiring.supply
-    assert op.potential is not None
-    top = int(np.nanargmax(op.potential))
-    return float(op.voltage[top] - cell_map.wiring.goal_voltage)
 
 
 def _per_cell(cell_map: CellMap, value: NDArray[np.float64]) -> NDArray[np.float64]:

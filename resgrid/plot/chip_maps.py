@@ -236,10 +236,7 @@ def _plain_ticks(mappable: ScalarMappable) -> None:
 def draw_resistors(
     netlist: Netlist, which: NDArray[np.int64], axes: Axes, faces: NDArray[np.integer[Any]] | None = None
 ) -> LineCollection:
-    """Draw resistors as segments between the centres of their cells, to the border where they lead to the edge.
-
-    ``faces`` are those that the numbers stand for, by default the resistors'.
-    """
+    """Draw resistors by their numbers, or those of some faces, between cells' centres, or to the edge."""
     space = netlist.cells.space
     across, index = crossed_faces((netlist.cells.resistor_face if faces is None else faces)[which], space.shape)
     along = np.eye(space.ndim)[across]

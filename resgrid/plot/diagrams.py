@@ -191,7 +191,9 @@ def draw_moment(front: Wavefront, row: int, axes: Axes) -> AxesImage:
 
 def draw_change(front: Wavefront, row: int, axes: Axes) -> AxesImage:
     """What moves in a wavefront: the change of the potential since the map changed, and the title."""
-    limit = _largest_change(front)
+    changes = np.abs(front.potential - front.first)
+    finite = changes[np.isfinite(changes)]
+    limit = max(float(np.quantile(finite, 0.995)), 1e-12) if len(finite) else 1.0
     scale = SymLogNorm(limit * _FAINT, vmin=-limit, vmax=limit)
     change = front.potential[row] - front.first
     when, left = f"{front.cells[row]:.3g} cells crossed since the map changed", f"{front.distance[row]:.2g}"
@@ -206,10 +208,3 @@ def add_change_bar(image: AxesImage, axes: Axes) -> None:
     decades = 10.0 ** np.arange(largest - 3, largest + 1)
     assert image.colorbar is not None
     image.colorbar.set_ticks([*-decades[::-1], 0.0, *decades])
-
-
-def _largest_change(front: Wavefront) -> float:
-    """Largest change of the potential worth a colour."""
-    change = np.abs(front.potential - front.first)
-    finite = change[np.isfinite(change)]
-    return max(float(np.quantile(finite, 0.995)), 1e-12) if len(finite) else 1.0

@@ -121,10 +121,7 @@ class Arrows(NamedTuple):
 
 
 def current_arrows(field: Field, block: int) -> Arrows:
-    """One arrow in each block of cells, by the velocity at a cell's centre, the mean of opposite faces (Pollock 1988).
-
-    It is computed from logarithms, so that currents of 1e-400 still have a direction.
-    """
+    """One arrow in each block of cells, by the mean velocity of opposite faces; in logarithms, for faint currents."""
     cells = nearest_to_middles(field.space.goal_connected, block)
     log_face, sign = _both_faces(field.face_log_current, cells), _both_faces(field.face_direction, cells)
     largest = log_face.max(axis=(1, 2))

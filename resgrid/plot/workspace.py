@@ -95,7 +95,8 @@ def draw_robot(
     robot = scene.robot
     poses = _dense(path, scene)
     axes = _draw_surroundings(scene, ax)
-    shown = poses[_evenly(poses, robot, ghosts)]
+    along = np.concatenate([[0.0], np.cumsum(robot.travel(poses[:-1], poses[1:]))])
+    shown = poses[np.unique(np.searchsorted(along, np.linspace(0.0, along[-1], ghosts)).clip(0, len(poses) - 1))]
     for number, pose in enumerate(shown):
         _draw_pose(robot, pose, axes, number, len(shown))
     tip = robot.reference_point(poses)
@@ -107,7 +108,8 @@ def draw_robot(
         mark(tip[-1:], axes, "goal", "")
     if robot.base is not None:
         axes.scatter([robot.base[0]], [robot.base[1]], s=30, marker="s", facecolor="black", zorder=7, label="base")
-    _frame(axes, scene, [tip, *_outlines(robot, shown)])
+    outlines = (shapely.get_coordinates(shape) for pose in shown for shape in robot.shapes_at(pose))
+    _frame(axes, scene, [tip, *outlines])
     refresh_legend(axes)
     return axes
 
@@ -295,12 +297,6 @@ def _dense(path: Way, scene: Scene) -> NDArray[np.float64]:
     return own.space.to_world(dense(own, travel / 400)[0] if travel else own.line)
 
 
-def _evenly(poses: NDArray[np.float64], robot: Robot, count: int) -> NDArray[np.int64]:
-    """Numbers of poses that are evenly spaced along what the robot's points travel."""
-    along = np.concatenate([[0.0], np.cumsum(robot.travel(poses[:-1], poses[1:]))])
-    return np.unique(np.searchsorted(along, np.linspace(0.0, along[-1], count)).clip(0, len(poses) - 1))
-
-
 def _draw_pose(robot: Robot, pose: NDArray[np.float64], axes: Axes, number: int, count: int) -> None:
     """One pose of several: strong at both ends."""
     label = {0: "robot at the start", count - 1: "robot at the end"}.get(number) if number else "robot at the start"
@@ -331,10 +327,6 @@ def skeleton(robot: Robot, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.empty((0, 2))
     points = shapely.get_coordinates(cores)
     return np.asarray(points[np.append(True, np.any(np.diff(points, axis=0) != 0, axis=1))])
-
-
-def _outlines(robot: Robot, poses: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    return [shapely.get_coordinates(shape) for pose in poses for shape in robot.shapes_at(pose)]
 
 
 def _frame(axes: Axes, scene: Scene, lines: list[NDArray[np.float64]]) -> None:
