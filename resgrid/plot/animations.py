@@ -140,16 +140,52 @@ class _GifWriter(PillowWriter):
         self._frames.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy()))  # type: ignore[no-untyped-call]
 
     def finish(self) -> None:
-        """Write all frames, each in the colours that come nearest to all that are seen."""
+        """Write all frames: first their colours decide the palette, then each is drawn in it."""
         if not self._frames:
             return
-        counts = (frame.getcolors(frame.width * frame.height) or [] for frame in self._frames)
-        seen = {colour for frame in counts for _, colour in frame}
-        swatches = Image.fromarray(np.array([sorted(seen)], dtype=np.uint8))
-        palette = swatches.quantize(_COLOURS, method=Image.Quantize.MAXCOVERAGE)
-        first, *rest = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in self._frames)
+        colours, number_of = _palette(map(_packed, self._frames))
+
+        def in_palette(frame: Image.Image) -> Image.Image:
+            picture = Image.fromarray(number_of[_packed(frame)])
+            picture.putpalette(colours.tobytes())
+            return picture
+
+        first, *rest = map(in_palette, self._frames)
         duration = max(round(100 / self.fps), 1) * 10
         first.save(self.outfile, format="GIF", save_all=True, append_images=rest, duration=duration, loop=0)
+
+
+def _packed(frame: Image.Image) -> NDArray[np.uint32]:
+    """Colours as one number each, shape (height, width)."""
+    red, green, blue = np.moveaxis(np.asarray(frame, dtype=np.uint32), -1, 0)
+    return np.asarray(red << 16 | green << 8 | blue)
+
+
+def _palette(frames: Iterator[NDArray[np.uint32]]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """At most 255 colours, and the number of the nearest for every colour seen, by the colour's own number.
+
+    Half of them are the most frequent, counting pixels that a frame changes, half those farthest from all others.
+    Shapes: returns (n, 3), (2**24,).
+    """
+    from scipy.spatial import KDTree
+
+    counts = dict[int, int]()
+    last: NDArray[np.uint32] | None = None
+    for frame in frames:
+        values, number = np.unique(frame if last is None else frame[frame != last], return_counts=True)
+        for colour, more in zip(values.tolist(), number.tolist(), strict=True):
+            counts[colour] = counts.get(colour, 0) + more
+        last = frame
+    seen = np.array(sorted(counts, key=lambda colour: -counts[colour]), dtype=np.uint32)
+    points = np.stack([seen >> 16, seen >> 8 & 255, seen & 255], axis=1).astype(np.float64)
+    chosen = list(range(min(len(seen), _COLOURS // 2)))
+    distance = np.asarray(KDTree(points[chosen]).query(points)[0])
+    while len(chosen) < _COLOURS and distance.max() > 0:
+        chosen.append(int(distance.argmax()))
+        distance = np.minimum(distance, np.linalg.norm(points - points[chosen[-1]], axis=1))
+    number_of = np.zeros(1 << 24, dtype=np.uint8)
+    number_of[seen] = KDTree(points[chosen]).query(points)[1]
+    return points[chosen].astype(np.uint8), number_of
 
 
 def _run_frames(run: Run, count: int) -> Iterator[Figure]:
