@@ -186,7 +186,7 @@ def spread(row: Indices, x: Floats, reference: float, volts: Floats) -> None:
         volts[node] = x[row[node]] if row[node] >= 0 else volts[node] - reference
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def from_one_rail(row: Indices, known: Floats, zero: float, volts: float, x: Scaled, out: Scaled) -> None:
     """Spread the values of rows over nodes; known voltages are converted to ``volts`` above ``zero``, NaN to 0."""
     hi, lo, e = x.hi, x.lo, x.exponent
@@ -199,7 +199,7 @@ def from_one_rail(row: Indices, known: Floats, zero: float, volts: float, x: Sca
             out_hi[node] = (known[node] - zero) / volts
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def from_nearer_rail(
     row: Indices, known: Floats, low: float, high: float, drop: Scaled, height: Scaled, out: Scaled, down: Bools
 ) -> None:
@@ -243,7 +243,7 @@ def _fall(
     return -d if a_down else d
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def currents(
     pairs: Indices, conductance: Floats, value: Scaled, down: Bools, volts: float, noise: float, amps: Floats,
     exponent: Integers,

@@ -15,7 +15,7 @@ _FEW, _MANY = 5, 16
 """Entries of a row between which comparing all with all sorts them quickest."""
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def conductances_by_row(
     pairs: Indices, conductance: Floats, row: Indices, size: int
 ) -> tuple[Indices, Indices, Floats, bool]:

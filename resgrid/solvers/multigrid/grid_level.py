@@ -268,7 +268,7 @@ def sum_degrees(edges: Edges, degree: Floats) -> tuple[Floats, Floats]:
     return total / np.maximum(count, 1.0), extremes
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def compensate(stencil: Stencil, leak: Floats, degree: Reals) -> None:
     """Diagonal at black slots that makes up for the rounding of conductances and of the red diagonal's reciprocals.
 
@@ -342,7 +342,7 @@ def _compare(conductance: Floats, extremes: Floats) -> tuple[float, float]:
     return total, count
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def invert(degree: Floats, inverse: Reals) -> None:
     """Reciprocals; 0 where there is no unknown."""
     for k in range(len(degree)):
