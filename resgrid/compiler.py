@@ -23,6 +23,8 @@ from resgrid.netlist import GROUND, MOST_NODES, CellMap, Netlist
 from resgrid.space import Cell, ConfigurationSpace
 from resgrid.wiring import Wiring, wiring_of
 
+WALLED_IN = "nothing is driven: no free cell is connected to a goal; move the goal or open a way to it"
+
 _NO_NODE = -1
 _PEAK = 80
 """Peak memory of compiling, in bytes per cell and axis, measured on open grids."""
@@ -267,7 +269,7 @@ def _uniform_drive(wiring: Wiring, nodes: _Nodes) -> tuple[NDArray[np.int32], ND
         return np.empty((0, 2), dtype=np.int32), np.empty(0)
     fed = nodes.free
     if not fed.size:
-        raise CircuitError("nothing is driven: no free cell is connected to a goal; move the goal or open a way to it")
+        raise CircuitError(WALLED_IN)
     pairs = np.empty((fed.size, 2), dtype=np.int32)
     pairs[:, 0], pairs[:, 1] = GROUND, fed
     return pairs, np.full(fed.size, wiring.supply / (wiring.resistance * fed.size))

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from resgrid.errors import InputError
-from resgrid.files import write_text
 
 _REMEDY = "remove it or name another"
+
+_LONGEST = 65536
+"""Bytes of a first line at most: nobody else's file is read further."""
 
 
 class Journal:
@@ -24,12 +25,19 @@ class Journal:
 
     def __init__(self, path: str | os.PathLike[str], head: dict[str, Any]) -> None:
         """Begin a file, or take one up; InputError if it is none of ours, or belongs to another run."""
-        self._path, line = Path(path), _line(head)
-        with contextlib.suppress(FileNotFoundError):
-            self._check(head)
-            self._repair()
-            return
-        write_text(self._path, line)
+        self._path, line = Path(path), _line(head).encode()
+        try:
+            with self._path.open("ab+") as file:
+                file.seek(0)
+                first = file.readline(_LONGEST)
+                if line.startswith(first) and first != line:  # new, or cut off within its first line
+                    file.truncate(0)
+                    file.write(line)
+                else:
+                    self._check(first, head)
+                    _drop_torn_line(file)
+        except OSError as error:
+            raise self._unusable(error) from error
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         """The lines so far, without the first."""
@@ -44,16 +52,16 @@ class Journal:
 
     def append(self, record: dict[str, Any]) -> None:
         """Write one more line; it is the system's at once, so that a process that is killed loses none."""
-        with self._path.open("a", encoding="utf-8") as file:
-            file.write(_line(record))
-
-    def _check(self, head: dict[str, Any]) -> None:
         try:
-            with self._path.open(encoding="utf-8", errors="replace") as file:
-                found = json.loads(file.readline())
-        except FileNotFoundError:
-            raise
-        except (OSError, ValueError) as error:
+            with self._path.open("a", encoding="utf-8") as file:
+                file.write(_line(record))
+        except OSError as error:
+            raise self._unusable(error) from error
+
+    def _check(self, first: bytes, head: dict[str, Any]) -> None:
+        try:
+            found = json.loads(first)
+        except ValueError as error:
             raise self.damaged(error) from error
         if not isinstance(found, dict) or found.keys() != head.keys():
             raise self.damaged("it does not begin as one")
@@ -63,22 +71,28 @@ class Journal:
                 f"{_REMEDY}"
             )
 
-    def _repair(self) -> None:
-        """Drop what follows the last whole line."""
-        with self._path.open("rb+") as file:
-            end = file.seek(0, os.SEEK_END)
-            while end:
-                begin = max(0, end - 65536)
-                file.seek(begin)
-                newline = file.read(end - begin).rfind(b"\n")
-                if newline >= 0:
-                    file.truncate(begin + newline + 1)
-                    return
-                end = begin
+    def _unusable(self, error: OSError) -> InputError:
+        return InputError(
+            f"cannot write the checkpoint {str(self._path)!r}: {error.strerror}; check the path, its permissions and "
+            "the free space, then run again: what it holds is taken up"
+        )
 
     def damaged(self, why: object) -> InputError:
         """What to raise of a file with a fault."""
         return InputError(f"cannot read the checkpoint {str(self._path)!r}: {why}; {_REMEDY}")
+
+
+def _drop_torn_line(file: BinaryIO) -> None:
+    """Cut off what follows the last whole line."""
+    end = file.seek(0, os.SEEK_END)
+    while end:
+        begin = max(0, end - 65536)
+        file.seek(begin)
+        newline = file.read(end - begin).rfind(b"\n")
+        if newline >= 0:
+            file.truncate(begin + newline + 1)
+            return
+        end = begin
 
 
 def _line(record: dict[str, Any]) -> str:

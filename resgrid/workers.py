@@ -12,6 +12,7 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from resgrid.errors import InputError, ToolMissingError
@@ -119,9 +120,15 @@ def _dask(address: str) -> Iterator[Executor]:
 @contextmanager
 def _mpi() -> Iterator[Executor]:
     futures = _needed("mpi4py.futures", "mpi")
-    world = importlib.import_module("mpi4py.MPI").COMM_WORLD
+    mpi = importlib.import_module("mpi4py.MPI")
+    world = mpi.COMM_WORLD
     if world.size < 2:
-        raise InputError("mpi: this process is alone; start it with mpiexec -n N, of the MPI that mpi4py found")
+        library, beside = mpi.get_vendor()[0], Path(sys.executable).with_name("mpiexec")
+        launcher = beside if library == "MPICH" and beside.exists() else "mpiexec"
+        raise InputError(
+            f"mpi: this process is alone: start it with {launcher} -n N, the one that belongs to {library}, which "
+            "mpi4py found, or name the library of another MPI in MPI4PY_LIBMPI"
+        )
     with futures.MPICommExecutor(world, root=0) as executor:
         if executor is not None:
             yield executor

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import resource
 import tempfile
 from pathlib import Path
 
@@ -29,8 +31,7 @@ def test_a_file_cut_off_anywhere_is_taken_up_to_the_same_bytes(
         path = Path(folder) / "file.jsonl"
         write(path, records)
         whole = path.read_bytes()
-        head = whole.index(b"\n") + 1  # written whole or not at all
-        path.write_bytes(whole[: data.draw(st.integers(head, len(whole)))])
+        path.write_bytes(whole[: data.draw(st.integers(0, len(whole)))])
         found = list(Journal(path, HEAD))
         assert found == records[: len(found)]
         write(path, records)
@@ -52,10 +53,40 @@ def test_files_of_others_are_left_alone(tmp_path: Path) -> None:
         (b'{"resgrid":"test","fingerprint":"xyz"}\n{}\ntorn', "belongs to another run"),
         (b"x,y\n1,2\n", "cannot read the checkpoint"),
         (b"\x00\xff" * 100, "cannot read the checkpoint"),
-        (b"", "cannot read the checkpoint"),
+        (b'{"resgrid":"tes\n', "cannot read the checkpoint"),
+        (b'{"resgrid":"other', "cannot read the checkpoint"),
         (b'{"resgrid":"test"}\n', "does not begin as one"),
     ):
         file.write_bytes(data)
         with pytest.raises(rg.InputError, match=message):
             Journal(file, HEAD)
         assert file.read_bytes() == data
+
+
+def test_a_file_that_cannot_be_written_is_named_and_taken_up_later(tmp_path: Path) -> None:
+    file, limits = tmp_path / "file", resource.getrlimit(resource.RLIMIT_FSIZE)
+    journal = Journal(file, HEAD)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (file.stat().st_size + 3, limits[1]))  # the disk is full
+    try:
+        with pytest.raises(rg.InputError, match=r"cannot write the checkpoint .*file.*: File too large; check"):
+            journal.append({"a": 1})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    write(file, [{"a": 1}])
+    assert list(Journal(file, HEAD)) == [{"a": 1}]
+
+
+def test_a_file_without_permission_is_named() -> None:
+    """As a user who is not root, whom no permission stops."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "chips.jsonl"
+        file.touch(0o444)
+        Path(folder).chmod(0o555)
+        user = os.geteuid()
+        os.seteuid(user or 65534)
+        try:
+            for path in (file, Path(folder) / "new", Path(folder) / "missing" / "new", Path(folder)):
+                with pytest.raises(rg.InputError, match="cannot write the checkpoint"):
+                    Journal(path, HEAD)
+        finally:
+            os.seteuid(user)

@@ -9,7 +9,8 @@ from collections.abc import Generator, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass
-from itertools import chain, islice
+from functools import partial
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,10 @@ from numpy.typing import NDArray
 from resgrid.arguments import check_share, check_whole
 from resgrid.chip.build import chip_keys, ideal_netlist
 from resgrid.chip.figures import Figure, Result
-from resgrid.chip.trials import Experiment, differs, prepare, run_trials, unpacked
+from resgrid.chip.trials import Experiment, differs, prepare, run_trials, taken_up, unpacked
 from resgrid.chip.yields import Progress, overall_share
 from resgrid.errors import InputError
-from resgrid.executors import Part, in_order
+from resgrid.executors import Part
 from resgrid.journal import Journal
 from resgrid.netlist import Netlist
 from resgrid.scene.chip import Chip, Readout
@@ -135,10 +136,9 @@ def explore_yield(
     done = 0
     with closing(_served(netlist, groups, executor, checkpoint)) as served:
         for group in groups:
-            counts = np.array(list(islice(served, group.trials)))
+            counts = np.array([count for count, _ in islice(served, group.trials)])
             for place, count in zip(group.places, counts.T, strict=True):
-                sums = int(count.sum()), int(count @ count), group.trials, starts
-                overall = overall_share(*sums, confidence, random=group.random)
+                overall = overall_share(count, starts, confidence, random=group.random)
                 share[place], low[place], high[place] = overall.value, overall.low, overall.high
             done += len(group.places)
             if progress is not None:
@@ -173,23 +173,24 @@ class _Group:
 
 def _served(
     netlist: Netlist, groups: Sequence[_Group], executor: Executor | None, checkpoint: str | os.PathLike[str] | None
-) -> Generator[list[int], None, None]:
-    """How many starts every read-out of every chip serves, group by group: those in the checkpoint, then new ones."""
-    journal, done = None, 0
+) -> Generator[tuple[list[int], bool], None, None]:
+    """How many starts every read-out of every chip serves, group by group, and whether the chip is new."""
+    widths = [len(group.places) for group in groups for _ in range(group.trials)]
+
+    def read(number: int, record: Mapping[str, Any]) -> list[int]:
+        counts: list[int] = record["served"]
+        if record["number"] != number or len(counts) != widths[number]:
+            raise ValueError(f"it is not that of chip {number}")
+        return counts
+
+    def write(number: int, counts: list[int]) -> dict[str, Any]:
+        return {"number": number, "served": counts}
+
+    journal = None
     if checkpoint is not None:
         digest = hashlib.sha256(f"{groups} {groups[0].experiment(netlist).fingerprint()}".encode())
         journal = Journal(checkpoint, {"resgrid": "sweep", "fingerprint": digest.hexdigest()})
-        widths = chain.from_iterable([len(group.places)] * group.trials for group in groups)
-        for done, (record, width) in enumerate(zip(journal, widths, strict=False), 1):
-            counts = record.get("served")
-            if record.get("number") != done - 1 or not isinstance(counts, list) or len(counts) != width:
-                raise journal.damaged(f"line {done + 1} is not that of chip {done - 1}")
-            yield counts
-    with closing(in_order(_parts(netlist, groups, done), executor)) as results:
-        for number, counts in enumerate(results, done):
-            if journal is not None:
-                journal.append({"number": number, "served": counts})
-            yield counts
+    return taken_up(journal, read, write, partial(_parts, netlist, groups), executor)
 
 
 def _parts(netlist: Netlist, groups: Sequence[_Group], done: int) -> Iterator[Part]:

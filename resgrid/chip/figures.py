@@ -116,8 +116,15 @@ class Proportion:
         return f"{100 * self.value:.1f} % ({100 * self.low:.1f} to {100 * self.high:.1f} %)"
 
 
-def proportion(share: float, trials: int, confidence: float, effective: float | None = None) -> Proportion:
-    """A share of trials with its score interval, for an effective number of trials where it is another."""
+def proportion(
+    share: float, trials: int, confidence: float, effective: float | None = None, *, random: bool
+) -> Proportion:
+    """A share of trials with its score interval, for an effective number of trials where it is another.
+
+    Where nothing is random one trial says it all.
+    """
+    if not random:
+        return Proportion(share, share, share, 1, confidence)
     low, high = wilson(share, trials if effective is None else effective, confidence)
     return Proportion(share, min(float(low), share), max(float(high), share), trials, confidence)
 
@@ -131,12 +138,13 @@ def wilson(share: NDArray[np.float64] | float, trials: float, confidence: float)
     return np.maximum(middle - half, 0.0), np.minimum(middle + half, 1.0)
 
 
-def effective_trials(total: int, squares: int, trials: int, members: int) -> float:
+def effective_trials(counts: NDArray[np.int64], members: int) -> float:
     """How many independent trials tell as much as trials of clusters, whose members are not independent (Kish 1965).
 
     It is ``p (1 - p)`` over the variance of the mean, which is estimated from the spread between clusters; at least
-    the number of clusters, at most that of all members.
+    the number of clusters, at most that of all members.  Shapes: `counts` (trials,): in every cluster.
     """
+    total, squares, trials = int(counts.sum()), int(counts @ counts), len(counts)
     share = total / (trials * members)
     if trials < 2:
         return float(trials)

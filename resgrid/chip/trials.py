@@ -11,8 +11,12 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Iterator, Sequence
+import zlib
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import closing
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,9 +33,13 @@ from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
 from resgrid.die import NOISE, OFFSET, Seed, generator, seed_of
 from resgrid.errors import CircuitError
+from resgrid.executors import Part, in_order
+from resgrid.journal import Journal
 from resgrid.netlist import CellMap, Netlist
 from resgrid.scene.chip import Chip, Readout
 from resgrid.space import Cell
+
+Result = TypeVar("Result")
 
 _SCHEMA = 2
 
@@ -220,6 +228,30 @@ def run_trials(experiment: Experiment, numbers: Sequence[int]) -> list[NDArray[n
             served[trial, readout] = cells[experiment.starts]
         results += list(np.packbits(served, axis=-1))
     return results
+
+
+def taken_up(
+    journal: Journal | None,
+    read: Callable[[int, Mapping[str, Any]], Result],
+    write: Callable[[int, Result], dict[str, Any]],
+    parts: Callable[[int], Iterable[Part]],
+    executor: Executor | None,
+) -> Generator[tuple[Result, bool], None, None]:
+    """Results of trials, and whether each is new: those in a journal, then those of the parts that begin after them."""
+    done = 0
+    for record in journal or ():
+        try:
+            result = read(done, record)
+        except (KeyError, TypeError, ValueError, zlib.error) as error:
+            assert journal is not None
+            raise journal.damaged(f"line {done + 2}: {error}") from error
+        done += 1
+        yield result, False
+    with closing(in_order(parts(done), executor)) as results:
+        for number, result in enumerate(results, done):
+            if journal is not None:
+                journal.append(write(number, result))
+            yield result, True
 
 
 def unpacked(experiment: Experiment, bits: NDArray[np.uint8]) -> NDArray[np.bool_]:

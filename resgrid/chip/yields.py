@@ -9,6 +9,7 @@ from collections.abc import Callable, Generator, Mapping
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -16,10 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import check_number, check_whole
 from resgrid.chip.figures import Figure, Proportion, Result, defined, effective_trials, proportion, quantile, wilson
-from resgrid.chip.trials import Experiment, prepare, run_trials, unpacked
+from resgrid.chip.trials import Experiment, prepare, run_trials, taken_up, unpacked
 from resgrid.die import seed_of
 from resgrid.errors import InputError
-from resgrid.executors import Part, in_order
+from resgrid.executors import Part
 from resgrid.journal import Journal
 from resgrid.netlist import Netlist
 from resgrid.scene.chip import Chip
@@ -38,14 +39,10 @@ class Yield(Result):
     space : ConfigurationSpace
     starts : ndarray of bool, shape of the space
         Cells that robots start from: free ones with a way to a goal.
-    trials : int
-        Chips that were tried.
     reached : ndarray of int64, shape of the space
-        On how many of them a robot from there reached a goal; 0 where none starts.
-    complete : int
-        Chips on which all did.
-    squares : int
-        Sum over the chips of the square of the number of starts they serve.
+        On how many of the chips a robot from there reached a goal; 0 where none starts.
+    served : ndarray of int64, shape (trials,)
+        How many starts every chip serves.
     random : bool
         Whether chips differ at all; if not, one was tried, and the numbers are exact.
     confidence : float
@@ -54,12 +51,15 @@ class Yield(Result):
 
     space: ConfigurationSpace
     starts: NDArray[np.bool_]
-    trials: int
     reached: NDArray[np.int64]
-    complete: int
-    squares: int
+    served: NDArray[np.int64]
     random: bool
     confidence: float
+
+    @property
+    def trials(self) -> int:
+        """Chips that were tried."""
+        return len(self.served)
 
     @property
     def probability(self) -> NDArray[np.float64]:
@@ -75,14 +75,13 @@ class Yield(Result):
     @property
     def overall(self) -> Proportion:
         """Share of all starts on all chips; its interval allows for starts of a chip not being independent."""
-        counts = int(self.reached.sum()), self.squares, self.trials, int(self.starts.sum())
-        return overall_share(*counts, self.confidence, random=self.random)
+        return overall_share(self.served, int(self.starts.sum()), self.confidence, random=self.random)
 
     @property
     def perfect(self) -> Proportion:
         """Share of the chips that serve every start."""
-        share = self.complete / self.trials
-        return proportion(share, self.trials, self.confidence) if self.random else _exact(share, self.confidence)
+        share = float(np.mean(self.served == self.starts.sum()))
+        return proportion(share, self.trials, self.confidence, random=self.random)
 
     @property
     def figures(self) -> Mapping[str, Figure]:
@@ -151,125 +150,58 @@ def analyse_yield(
     experiment = prepare(netlist, chip, [chip.readout], None if seed is None else seed_of(seed), starts)
     if not experiment.starts.any():
         raise InputError("there is no start: no free cell has a way to a goal")
-    rule = _Rule(half_width, confidence, trials if experiment.random else 1, batch)
-    tally = _count(experiment, rule, executor, checkpoint if experiment.random else None, progress)
-    space = netlist.cells.space
+    space, random = netlist.cells.space, experiment.random
+    most = trials if random else 1
     reached = np.zeros(space.cell.size, dtype=np.int64)
-    reached[experiment.starts] = tally.reached
-    return Yield(
-        space=space,
-        starts=experiment.starts.reshape(space.shape),
-        trials=tally.trials,
-        reached=reached.reshape(space.shape),
-        complete=tally.complete,
-        squares=tally.squares,
-        random=experiment.random,
-        confidence=confidence,
-    )
-
-
-@dataclass(frozen=True)
-class _Rule:
-    """When trials stop: `half_width` of the interval at a `confidence`, or `trials`; looked at after every batch."""
-
-    half_width: float
-    confidence: float
-    trials: int
-    batch: int
-
-    def expected(self, done: int, half_width: float) -> int:
-        """Trials in all, since intervals shrink as their square root."""
-        needed = int(done * max(half_width / self.half_width, 1.0) ** 2)
-        return min(-(-needed // self.batch) * self.batch, self.trials)
-
-
-@dataclass(frozen=True, eq=False)
-class _Tally:
-    """Counts of trials: `reached` (starts,), how many serve a start; `complete` and `squares` as those of `Yield`."""
-
-    trials: int
-    reached: NDArray[np.int64]
-    complete: int
-    squares: int
-
-    def plus(self, served: NDArray[np.bool_]) -> _Tally:
-        """The counts with one trial more; `served` (starts,)."""
-        count = int(served.sum())
-        complete = self.complete + (count == len(served))
-        return _Tally(self.trials + 1, self.reached + served, complete, self.squares + count * count)
-
-    def overall(self, confidence: float, *, random: bool) -> Proportion:
-        """The overall yield so far."""
-        total, starts = int(self.reached.sum()), len(self.reached)
-        return overall_share(total, self.squares, self.trials, starts, confidence, random=random)
-
-
-def _count(
-    experiment: Experiment,
-    rule: _Rule,
-    executor: Executor | None,
-    checkpoint: str | os.PathLike[str] | None,
-    progress: Progress | None,
-) -> _Tally:
-    tally = _Tally(0, np.zeros(int(experiment.starts.sum()), dtype=np.int64), 0, 0)
-    with closing(_trials(experiment, rule.trials, executor, checkpoint)) as trials:
-        for served, new in trials:
-            tally = tally.plus(served)
-            if tally.trials % rule.batch == 0:
-                share = tally.overall(rule.confidence, random=experiment.random)
-                if progress is not None and new:
-                    progress(tally.trials, rule.expected(tally.trials, share.half_width), share)
-                if share.half_width <= rule.half_width:
-                    break
-    return tally
+    served: list[int] = []
+    with closing(_trials(experiment, most, executor, checkpoint if random else None)) as results:
+        for bits, new in islice(results, most):
+            starts_served = unpacked(experiment, bits)[0]
+            reached[experiment.starts] += starts_served
+            served.append(int(starts_served.sum()))
+            if len(served) % batch:
+                continue
+            share = overall_share(np.array(served), len(starts_served), confidence, random=random)
+            if progress is not None and new:
+                # Intervals shrink as the square root of the trials.
+                needed = int(len(served) * max(share.half_width / half_width, 1.0) ** 2)
+                progress(len(served), min(-(-needed // batch) * batch, most), share)
+            if share.half_width <= half_width:
+                break
+    shape, counts = space.shape, np.array(served, dtype=np.int64)
+    return Yield(space, experiment.starts.reshape(shape), reached.reshape(shape), counts, random, confidence)
 
 
 def _trials(
     experiment: Experiment, most: int, executor: Executor | None, checkpoint: str | os.PathLike[str] | None
-) -> Generator[tuple[NDArray[np.bool_], bool], None, None]:
-    """Which starts every chip serves, shape (starts,), and whether it is new; those in the checkpoint come first."""
-    journal, done = None, 0
-    if checkpoint is not None:
-        journal = Journal(checkpoint, {"resgrid": "chips", "fingerprint": experiment.fingerprint()})
-        for done, record in enumerate(journal, 1):
-            yield unpacked(experiment, _bits_of(record, done - 1, experiment, journal))[0], False
-            if done == most:
-                return
-    part = Part(run_trials, experiment, range(done, most), "chips")
-    with closing(in_order([part], executor)) as results:
-        for number, bits in enumerate(results, done):
-            served = unpacked(experiment, bits)[0]
-            if journal is not None:
-                text = base64.b64encode(zlib.compress(bits.tobytes())).decode()
-                journal.append({"chip": number, "served": int(served.sum()), "starts": text})
-            yield served, True
+) -> Generator[tuple[NDArray[np.uint8], bool], None, None]:
+    """Which starts every chip serves, as bits, shape (1, bytes), and whether it is new."""
 
-
-def _bits_of(record: Mapping[str, Any], number: int, experiment: Experiment, journal: Journal) -> NDArray[np.uint8]:
-    """The bits of a chip in a line of a checkpoint, shape (1, bytes)."""
-    try:
+    def read(number: int, record: Mapping[str, Any]) -> NDArray[np.uint8]:
         data = zlib.decompress(base64.b64decode(record["starts"], validate=True))
         served = int(np.unpackbits(np.frombuffer(data, dtype=np.uint8)).sum())
         whole = (record["chip"], record["served"]) == (number, served)
         if not whole or len(data) != -(-int(experiment.starts.sum()) // 8):
             raise ValueError("its parts do not agree")
-    except (KeyError, TypeError, ValueError, zlib.error) as error:
-        raise journal.damaged(f"line {number + 2}: {error}") from error
-    return np.frombuffer(data, dtype=np.uint8)[np.newaxis]
+        return np.frombuffer(data, dtype=np.uint8)[np.newaxis]
+
+    def write(number: int, bits: NDArray[np.uint8]) -> dict[str, Any]:
+        text = base64.b64encode(zlib.compress(bits.tobytes())).decode()
+        return {"chip": number, "served": int(unpacked(experiment, bits).sum()), "starts": text}
+
+    def parts(done: int) -> list[Part]:
+        return [Part(run_trials, experiment, range(done, most), "chips")]
+
+    journal = None
+    if checkpoint is not None:
+        journal = Journal(checkpoint, {"resgrid": "chips", "fingerprint": experiment.fingerprint()})
+    return taken_up(journal, read, write, parts, executor)
 
 
-def overall_share(
-    reached: int, squares: int, trials: int, starts: int, confidence: float, *, random: bool
-) -> Proportion:
-    """Share of all starts that are served: `reached` in all trials, `squares` the sum of their squares by trial."""
-    share = reached / (trials * starts)
-    if not random:
-        return _exact(share, confidence)
-    return proportion(share, trials, confidence, effective_trials(reached, squares, trials, starts))
-
-
-def _exact(share: float, confidence: float) -> Proportion:
-    return Proportion(share, share, share, 1, confidence)
+def overall_share(served: NDArray[np.int64], starts: int, confidence: float, *, random: bool) -> Proportion:
+    """Share of all starts that are served, from how many every chip serves: clusters.  Shapes: `served` (trials,)."""
+    share = int(served.sum()) / (len(served) * starts)
+    return proportion(share, len(served), confidence, effective_trials(served, starts), random=random)
 
 
 def checked_starts(space: ConfigurationSpace, starts: ArrayLike) -> NDArray[np.bool_]:

@@ -67,8 +67,8 @@ def write_equations(space: ConfigurationSpace, wiring: Wiring, folder: Path, rto
         drive[first:last] = inner if wiring.drive == "uniform" else np.where(inner, fed, 0.0)
     if not driven:
         raise CircuitError(
-            "nothing is driven: no free cell touches an obstacle, or an edge that counts as one, or with open "
-            "obstacles is connected to a goal; add what drives the grid, or choose boundary = 'neumann'"
+            "nothing is driven: no free cell touches an obstacle, or an edge that counts as one; add what drives the "
+            "grid, or choose boundary = 'neumann'"
         )
     (folder / "system.json").write_text(json.dumps({"shape": space.shape, "rtol": rtol}))
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from resgrid.netlist import Netlist
     from resgrid.planning.ranked import Ranked
     from resgrid.planning.road import Problem, Solution, Work
-    from resgrid.scene import Chip, Scene
+    from resgrid.scene import Scene
     from resgrid.space import ConfigurationSpace
     from resgrid.wiring import Wiring
 
@@ -104,15 +104,15 @@ def open_job(source: Source, *, require_goal: bool = True, method: str | None = 
 
 def _load_scene(source: Source) -> Scene:
     from resgrid.scene import read_scene
-    from resgrid.scene.links import is_link, read_link
     from resgrid.scene.overrides import apply_overrides
+    from resgrid.scene.read import is_link, read_link
 
     if is_link(source.file):
         scene = read_link(source.file)
-        return apply_overrides(scene, source.changes) if source.changes else scene
-    if Path(source.file).suffix.lower() in DECK_SUFFIXES:
+    elif Path(source.file).suffix.lower() in DECK_SUFFIXES:
         raise InputError(f"{source.file}: this is a deck, and a scene or a map is needed; decks go to 'resgrid check'")
-    scene = _piped_scene(source) if source.file == "-" else read_scene(source.file, **source.map_options)
+    else:
+        scene = _piped_scene(source) if source.file == "-" else read_scene(source.file, **source.map_options)
     return apply_overrides(scene, source.changes) if source.changes else scene
 
 
@@ -285,26 +285,3 @@ def say_unheeded(job: Job, form: Form | Literal["chip"], *, k: Sequence[float] =
 def several_k(scene: Scene) -> tuple[float, ...]:
     """The blends of a scene that asks for several."""
     return scene.k if len(scene.k) > 1 else ()
-
-
-def require_tiles(chip: Chip) -> None:
-    """Refuse a chip that an array of tiles cannot be."""
-    from resgrid.chip.build import READING, keys_not_held
-
-    keys = [f"chip.{key}" for key in keys_not_held(chip, "tiles") if key not in READING]
-    if keys:
-        raise InputError(
-            f"tiles cannot hold {', '.join(keys)}: write the flat form, which does, or remove them from [chip]"
-        )
-
-
-def assume_switches(job: Job, boundary: str) -> tuple[Job, dict[str, float]]:
-    """A scene whose chip has all the switches of its tiles; those that it does not describe are named, in ohms."""
-    from resgrid.spice.write.tiles import with_tile_switches
-
-    chip = with_tile_switches(job.scene.chip, boundary)
-    assumed = {f"chip.{key}": ohms for key, ohms in vars(chip).items() if ohms != getattr(job.scene.chip, key)}
-    if assumed:
-        values = ", ".join(f"{key} = {ohms:g}" for key, ohms in assumed.items())
-        say(f"tiles have switches, and [chip] does not describe all; assumed, in ohms: {values}")
-    return Job(replace(job.scene, chip=chip), job.space, job.threads), assumed

@@ -10,11 +10,12 @@ of the same problem.  Velocities keep gaps to first order; that no gap closes in
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.control.plant import Plant
+from resgrid.control.plant import PAIR, Plant
 from resgrid.robots import Pose
 from resgrid.robots.geometry import TOUCH
 
@@ -35,24 +36,15 @@ KEEP = 0.2
 class Contacts:
     """Everything that touches the robot at one moment, and what it does.
 
-    `point` (m, 2): on the obstacle, in metres; `on_robot` (m, 2): the robot's surface point that faces it; `normal`
-    (m, 2): unit normal, out of the obstacle; `inward` (m, 2): direction into the obstacle from its point; `gap` (m,):
-    in metres; `part, body` (m,): rigid part of the robot (of an arm, the link), number of the obstacle; `force` (m,
-    2): on the robot; ``tau = J^T force``; `sticking` (m,): the force is inside the friction cone, and the point does
-    not move; `torque` (ndim,): generalised force of all contacts together, mechanical stops included; `normal_torque`
-    (ndim,): that of the obstacles' normal forces alone: it points away from them in configuration space, while a
-    force that sticks just holds against the streamline; `velocity` (ndim,): of the robot, with the contacts;
-    `solved`: whether forces could be solved for. If not (rounding may lose them where axes differ by many powers of
-    ten), the robot stands still, and no force is known.
+    `pairs` (m,): the points that touch, as `PAIR`; `force` (m, 2): on the robot; ``tau = J^T force``; `sticking` (m,):
+    the force is inside the friction cone, and the point does not move; `torque` (ndim,): generalised force of all
+    contacts together, mechanical stops included; `normal_torque` (ndim,): that of the obstacles' normal forces alone:
+    it points away from them in configuration space, while a force that sticks just holds against the streamline;
+    `velocity` (ndim,): of the robot, with the contacts; `solved`: whether forces could be solved for. If not (rounding
+    may lose them where axes differ by many powers of ten), the robot stands still, and no force is known.
     """
 
-    point: NDArray[np.float64]
-    on_robot: NDArray[np.float64]
-    normal: NDArray[np.float64]
-    inward: NDArray[np.float64]
-    gap: NDArray[np.float64]
-    part: NDArray[np.int64]
-    body: NDArray[np.int64]
+    pairs: NDArray[Any]
     force: NDArray[np.float64]
     sticking: NDArray[np.bool_]
     torque: NDArray[np.float64]
@@ -80,28 +72,27 @@ class Contacts:
 class Surroundings:
     """Pairs of near points, and how fast their gaps close for unit velocities of the axes.
 
-    `pairs` (n, 11): as `resgrid.control.contact_kernels.near_points` gives them; `normal_rows, tangent_rows` (n, ndim):
-    ``n . J`` and ``t . J``.
+    `pairs` (n,): as `PAIR`; `normal_rows, tangent_rows` (n, ndim): ``n . J`` and ``t . J``.
     """
 
-    pairs: NDArray[np.float64]
+    pairs: NDArray[Any]
     normal_rows: NDArray[np.float64]
     tangent_rows: NDArray[np.float64]
 
     @property
     def gap(self) -> NDArray[np.float64]:
         """In metres, shape (n,)."""
-        return self.pairs[:, 6]
+        return np.asarray(self.pairs["gap"])
 
 
-def surroundings(pose: Pose, pairs: NDArray[np.float64]) -> Surroundings:
-    """Rows of the contact Jacobians of near points.  Shapes: `pairs` (n, 11)."""
+def surroundings(pose: Pose, pairs: NDArray[Any]) -> Surroundings:
+    """Rows of the contact Jacobians of near points.  Shapes: `pairs` (n,)."""
     from resgrid.control import contact_kernels
 
     ndim = pose.spin.shape[1]
     normal, tangent = np.empty((len(pairs), ndim)), np.empty((len(pairs), ndim))
     if len(pairs):
-        contact_kernels.contact_rows(pairs, len(pairs), pose, normal, tangent)
+        contact_kernels.contact_rows(pairs, pose, normal, tangent)
     return Surroundings(pairs, normal, tangent)
 
 
@@ -127,18 +118,12 @@ def solve_contacts(
     after, forces, solved = _solution(*rows, target, velocity, admittance, friction)
     target[:count] = opening[touching]
     pushed = _solution(*rows, target, velocity, admittance, friction) if solved and target.any() else None
-    normal = pairs[:, 4:6]
+    normal = pairs["normal"]
     tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
     own = forces[:count]
     at_rest = np.abs(rows[1][:count] @ after) <= 1e-6 * np.abs(rows[1][:count]) @ np.abs(velocity)
     return Contacts(
-        point=pairs[:, 2:4].copy(),
-        on_robot=pairs[:, 0:2].copy(),
-        normal=normal.copy(),
-        inward=pairs[:, 9:11].copy(),
-        gap=pairs[:, 6].copy(),
-        part=pairs[:, 7].astype(np.int64),
-        body=pairs[:, 8].astype(np.int64),
+        pairs=pairs,
         force=own[:, :1] * normal + own[:, 1:] * tangent,
         sticking=np.asarray((own[:, 0] > 0.0) & at_rest & (np.abs(own[:, 1]) < friction * own[:, 0])),
         torque=forces[:, 0] @ rows[0] + forces[:, 1] @ rows[1],
@@ -185,7 +170,7 @@ class Body:
         self._reach = step * plant.cell_motion
         self._clear, self._pose = 0.0, plant.pose(start)
         ndim = len(start)
-        self._nothing = Surroundings(np.empty((0, 11)), np.empty((0, ndim)), np.empty((0, ndim)))
+        self._nothing = Surroundings(np.empty(0, PAIR), np.empty((0, ndim)), np.empty((0, ndim)))
         size = max([0.0, *self._pose.radius.tolist(), *plant.arrays.discs[:, 2].tolist()])
         self._lift = _LIFT * (1.0 + size)
         self.configuration = self._lifted()
@@ -209,7 +194,7 @@ class Body:
     def _survey(self) -> Surroundings:
         pose = self._pose = self.plant.pose(self.configuration)
         pairs = self.plant.near(pose, _LOOK * self._reach)
-        self._clear = float(pairs[:, 6].min()) if len(pairs) else _LOOK * self._reach
+        self._clear = float(pairs["gap"].min()) if len(pairs) else _LOOK * self._reach
         return surroundings(pose, pairs)
 
     def contacts(

@@ -8,6 +8,7 @@ Numba takes seconds to import: only functions that are about to run import this 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -19,6 +20,8 @@ from resgrid.robots.kernels import share
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Pairs = Any
+"""An array of `resgrid.control.plant.PAIR`."""
 
 _LEAST_MOBILITY = 1e-12
 _LEAST_PIVOT = 1e-13
@@ -207,7 +210,7 @@ def resolve_contacts(
 
 @inner
 def _add(
-    pairs: Floats, count: int, px: float, py: float, ox: float, oy: float, inward: tuple[float, float],
+    pairs: Pairs, count: int, px: float, py: float, ox: float, oy: float, inward: tuple[float, float],
     outward: tuple[float, float], owner: tuple[float, int, int], reach: float,
 ) -> int:  # fmt: skip
     """Keep a pair of near points: the robot's core at p, the obstacle's surface at o; where they touch, its normal."""
@@ -220,12 +223,13 @@ def _add(
     nx, ny = (dx / apart, dy / apart) if apart > TOUCH else outward
     rx, ry = px - radius * nx, py - radius * ny
     for k in range(count):
-        same = abs(pairs[k, 0] - rx) + abs(pairs[k, 1] - ry) + abs(pairs[k, 2] - ox) + abs(pairs[k, 3] - oy)
-        if same <= 1e-12 * (1.0 + abs(ox) + abs(oy)):
+        (x, y), (u, v) = pairs[k].on_robot, pairs[k].point
+        if abs(x - rx) + abs(y - ry) + abs(u - ox) + abs(v - oy) <= 1e-12 * (1.0 + abs(ox) + abs(oy)):
             return count
-    row = pairs[count]
-    row[0], row[1], row[2], row[3], row[4], row[5] = rx, ry, ox, oy, nx, ny
-    row[6], row[7], row[8], row[9], row[10] = gap, part, body, inward[0], inward[1]
+    pair = pairs[count]
+    pair.on_robot[0], pair.on_robot[1], pair.point[0], pair.point[1] = rx, ry, ox, oy
+    pair.normal[0], pair.normal[1], pair.inward[0], pair.inward[1] = nx, ny, inward[0], inward[1]
+    pair.gap, pair.part, pair.body = gap, part, body
     return count + 1
 
 
@@ -264,7 +268,7 @@ def _off_side(ax: float, ay: float, bx: float, by: float, inward: tuple[float, f
 
 @inner
 def _add_end(
-    pairs: Floats, count: int, px: float, py: float, edge: Floats, before: Floats, owner: tuple[float, int, int],
+    pairs: Pairs, count: int, px: float, py: float, edge: Floats, before: Floats, owner: tuple[float, int, int],
     reach: float,
 ) -> int:  # fmt: skip
     """A point of the robot before an edge, or before the corner where the edge starts."""
@@ -283,16 +287,15 @@ def _add_end(
 
 
 @njit(cache=True)
-def near_points(pose: Pose, solid: ObstacleArrays, reach: float, pairs: Floats) -> int:
+def near_points(pose: Pose, solid: ObstacleArrays, reach: float, pairs: Pairs) -> int:
     """Pairs of near points of a robot (segments with a radius) and obstacles, within a reach.
 
     Two segments that do not cross are nearest where one of them ends, so the ends of both are looked at: two parallel
     ones give both ends of their overlap.  A disc or half-plane entered by no more than `TOUCH` is touched: no gap.
     Edges have the solid on their left, and `edge_before` is the edge that ends where one starts.  Ends of the robot
     count before the side of an edge that is free (or on it), and before a corner only where it is nearer than its
-    edges: others have no part in a contact, being through a solid, or across a corner from an edge's end.  Rows of
-    `pairs`: the robot's surface point, the obstacle's, the unit normal between them, the gap, the part, the obstacle,
-    and the direction into it.  Returns how many there are.
+    edges: others have no part in a contact, being through a solid, or across a corner from an edge's end.  `pairs` are
+    of the type `PAIR`.  Returns how many there are.
     """
     count, segments, radius, part = 0, pose.segments, pose.radius, pose.part
     edges, edge_before, discs, planes = solid.edges, solid.edge_before, solid.discs, solid.half_planes
@@ -342,11 +345,11 @@ def near_points(pose: Pose, solid: ObstacleArrays, reach: float, pairs: Floats) 
 
 
 @njit(cache=True)
-def contact_rows(pairs: Floats, count: int, pose: Pose, normal: Floats, tangent: Floats) -> None:
+def contact_rows(pairs: Pairs, pose: Pose, normal: Floats, tangent: Floats) -> None:
     """Rows ``n . J`` and ``t . J`` of every pair, J the Jacobian of the robot's surface point; t is n turned left."""
     shift, spin, pivot = pose.shift, pose.spin, pose.pivot
-    for k in range(count):
-        x, y, nx, ny, part = pairs[k, 0], pairs[k, 1], pairs[k, 4], pairs[k, 5], int(pairs[k, 7])
+    for k in range(len(pairs)):
+        (x, y), (nx, ny), part = pairs[k].on_robot, pairs[k].normal, pairs[k].part
         for axis in range(spin.shape[1]):
             vx = shift[part, axis, 0] - spin[part, axis] * (y - pivot[part, axis, 1])
             vy = shift[part, axis, 1] + spin[part, axis] * (x - pivot[part, axis, 0])

@@ -199,10 +199,7 @@ class Controller:
         from resgrid.control.kernels import FlowGrid, nominal
 
         space, flow = self.field.space, self.field.flow
-        return partial(nominal, FlowGrid(
-            flow.code, np.ascontiguousarray(self._served).ravel(), flow.shape, space.lower, flow.spacing,
-            space.periodic, flow.first_face, flow.face_stride, flow.direction, flow.log_current,
-        ))  # fmt: skip
+        return partial(nominal, FlowGrid(flow, self._served.ravel(), space.lower, space.periodic))
 
     @cached_property
     def _served(self) -> NDArray[np.bool_]:

@@ -13,6 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from resgrid.jit import inner
+from resgrid.planning.kernels import Flow, face_velocities, ravel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -29,31 +30,23 @@ _LITTLE = 1e-3
 
 
 class FlowGrid(NamedTuple):
-    """A grid and the currents through its faces.
+    """A field's flow, and where its cells lie.
 
-    `code, served` (cells,): what each cell is, and whether it is a goal or has a path to one; `shape, corner, spacing,
-    periodic` (n,): of the axes; `first_face` (n,), `face_stride` (n, n): where faces of each axis lie in `direction,
-    log_current` (faces,).
+    `served` (cells,): whether each is a goal or has a path to one; `corner, periodic` (n,): of the axes.
     """
 
-    code: NDArray[np.uint8]
+    flow: Flow
     served: NDArray[np.bool_]
-    shape: Integers
     corner: Floats
-    spacing: Floats
     periodic: NDArray[np.bool_]
-    first_face: Integers
-    face_stride: Integers
-    direction: NDArray[np.int8]
-    log_current: Floats
 
 
 @inner
 def _cell_at(grid: FlowGrid, point: Floats, cell: Integers, local: Floats) -> int:
     """Cell of a point, and where in it the point is, each coordinate in [0, 1]; returns a status."""
     for axis in range(len(cell)):
-        count = grid.shape[axis]
-        x = (point[axis] - grid.corner[axis]) / grid.spacing[axis]
+        count = grid.flow.shape[axis]
+        x = (point[axis] - grid.corner[axis]) / grid.flow.spacing[axis]
         if not math.isfinite(x):
             return NOT_FINITE
         if grid.periodic[axis]:
@@ -63,25 +56,6 @@ def _cell_at(grid: FlowGrid, point: Floats, cell: Integers, local: Floats) -> in
         cell[axis] = min(max(math.floor(x), 0), count - 1)
         local[axis] = min(max(x - cell[axis], 0.0), 1.0)
     return MOVES
-
-
-@inner
-def _face_velocities(grid: FlowGrid, cell: Integers, lower: Floats, upper: Floats) -> bool:
-    """Velocities on the lower and upper faces of a cell, scaled to a maximum of 1; False where none flows."""
-    ndim, face_stride, log_current = len(cell), grid.face_stride, grid.log_current
-    face, scale = np.empty(ndim, np.int64), -np.inf
-    for axis in range(ndim):
-        face[axis] = grid.first_face[axis]
-        for other in range(ndim):
-            face[axis] += cell[other] * face_stride[axis, other]
-        scale = max(scale, log_current[face[axis]], log_current[face[axis] + face_stride[axis, axis]])
-    if scale == -np.inf:
-        return False
-    for axis in range(ndim):
-        above = face[axis] + face_stride[axis, axis]
-        lower[axis] = grid.direction[face[axis]] * math.exp(log_current[face[axis]] - scale)
-        upper[axis] = grid.direction[above] * math.exp(log_current[above] - scale)
-    return True
 
 
 @njit(cache=True, inline="always")
@@ -159,21 +133,12 @@ def _step(grid: FlowGrid, cell: Integers, local: Floats, axis: int, step: int) -
     """To the same place on a border as it belongs to the next cell; whether there is one."""
     other = cell[axis] + step
     if grid.periodic[axis]:
-        other %= grid.shape[axis]
-    if other < 0 or other >= grid.shape[axis]:
+        other %= grid.flow.shape[axis]
+    if other < 0 or other >= grid.flow.shape[axis]:
         return False
     cell[axis] = other
     local[axis] = 0.0 if step > 0 else 1.0
     return True
-
-
-@inner
-def _flat(grid: FlowGrid, cell: Integers) -> int:
-    """Number of a cell in C order."""
-    flat = 0
-    for axis in range(len(cell)):
-        flat = flat * grid.shape[axis] + cell[axis]
-    return flat
 
 
 @inner
@@ -185,7 +150,7 @@ def _beside_served(grid: FlowGrid, cell: Integers, local: Floats) -> bool:
             continue
         own, at = cell[axis], local[axis]
         if _step(grid, cell, local, axis, step):
-            if grid.served[_flat(grid, cell)]:
+            if grid.served[ravel(cell, grid.flow.shape)]:
                 return True
             cell[axis], local[axis] = own, at
     return False
@@ -207,21 +172,21 @@ def nominal(grid: FlowGrid, point: Floats, velocity: Floats) -> tuple[int, float
     status = _cell_at(grid, point, cell, local)
     if status != MOVES:
         return status, 0.0
-    flat = _flat(grid, cell)
-    if grid.code[flat] == _GOAL:
+    flat = ravel(cell, grid.flow.shape)
+    if grid.flow.code[flat] == _GOAL:
         return GOAL, 0.0
     if not grid.served[flat] and not _beside_served(grid, cell, local):
         return OFF, 0.0
-    if not _face_velocities(grid, cell, lower, upper):
+    if face_velocities(grid.flow, cell, lower, upper) == -np.inf:
         return OFF, 0.0
     for _ in range(2**ndim):
-        farthest = _along_current(local, lower, upper, grid.spacing, velocity)
+        farthest = _along_current(local, lower, upper, grid.flow.spacing, velocity)
         if not _cross(grid, cell, local, lower, upper):
-            _keep_off(local, grid.spacing, farthest, velocity)
+            _keep_off(local, grid.flow.spacing, farthest, velocity)
             break
-        if grid.code[_flat(grid, cell)] == _GOAL:
+        if grid.flow.code[ravel(cell, grid.flow.shape)] == _GOAL:
             break
-        _face_velocities(grid, cell, lower, upper)
+        face_velocities(grid.flow, cell, lower, upper)
     if farthest >= 0.0:
         return MOVES, farthest
     velocity[:] = 0.0

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.control.contact import Contacts
-from resgrid.control.plant import Plant
+from resgrid.control.plant import PAIR, Plant
 from resgrid.frame import Frame
 from resgrid.frozen import frozen, picture_html
 from resgrid.planning.fields import Field
@@ -266,14 +266,14 @@ class Recorder:
             return np.concatenate([empty, *(getattr(each, name)[each.pressing] for _, each in self._contacts)])
 
         steps = [np.full(int(contacts.pressing.sum()), step) for step, contacts in self._contacts]
-        pairs, numbers = np.empty((0, 2)), np.empty(0, dtype=np.int64)
+        pairs = column("pairs", np.empty(0, PAIR))
         return ContactLog(
-            step=np.concatenate([numbers, *steps]),
-            point=frame.to_world(column("point", pairs)),
-            normal=frame.turned_to_world(column("normal", pairs)),
-            force=frame.turned_to_world(column("force", pairs)),
-            gap=column("gap", np.empty(0)),
-            part=column("part", numbers),
-            body=column("body", numbers),
+            step=np.concatenate([np.empty(0, dtype=np.int64), *steps]),
+            point=frame.to_world(pairs["point"]),
+            normal=frame.turned_to_world(pairs["normal"]),
+            force=frame.turned_to_world(column("force", np.empty((0, 2)))),
+            gap=pairs["gap"],
+            part=pairs["part"],
+            body=pairs["body"],
             sticking=column("sticking", np.empty(0, dtype=np.bool_)),
         )

@@ -169,12 +169,11 @@ class Loop:
 
     def _proven(self, contacts: Contacts, believed: Vector) -> tuple[NDArray[np.bool_], Vector] | None:
         """Cells that the contacts prove to be obstacle and the map does not show, and where; None if there are none."""
-        pressing = contacts.pressing
-        points = (contacts.point + INSIDE * self.plant.cell_motion * contacts.inward)[pressing]
+        pairs = contacts.pairs[contacts.pressing]
+        points = pairs["point"] + INSIDE * self.plant.cell_motion * pairs["inward"]
         if not self.sensor.exact:
             true, thought = self.plant.pose(self.body.configuration), self.plant.pose(believed)
-            parts = contacts.part[pressing]
-            points = np.array([true.carried(p, int(m), thought) for p, m in zip(points, parts, strict=True)])
+            points = np.array([true.carried(p, int(m), thought) for p, m in zip(points, pairs["part"], strict=True)])
         if self._barren is not None and np.array_equal(points, self._barren):
             return None
         proven = np.zeros(self.live.space.shape, dtype=np.bool_)

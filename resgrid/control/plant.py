@@ -16,11 +16,20 @@ from resgrid.frame import Frame
 from resgrid.robots import Ball, Box, CellSet, Part, Pose, Robot, Shape
 from resgrid.robots.geometry import TOUCH, Obstacle, ObstacleArrays, obstacle_arrays, obstacles_of
 from resgrid.scene.scene import Scene
-from resgrid.scene.world import along_axes
+from resgrid.scene.world import to_space
 from resgrid.space import Cell, ConfigurationSpace
 
 INSIDE = 1e-6
 """How far behind a touched surface the obstacle is taken to reach at least, in cells (of motion)."""
+
+PAIR = np.dtype(
+    [
+        ("on_robot", np.float64, 2), ("point", np.float64, 2), ("normal", np.float64, 2), ("inward", np.float64, 2),
+        ("gap", np.float64), ("part", np.int64), ("body", np.int64),
+    ]
+)  # fmt: skip
+"""A pair of near points: on the robot's surface, and on the obstacle's; the unit normal out of the obstacle, and the
+direction into it; the gap, in metres; the rigid part of the robot (of an arm, the link); number of the obstacle."""
 
 _ROOM = 64
 _SPLIT = 4
@@ -61,16 +70,13 @@ class Plant:
         spacing = np.array([[axis.spacing for axis in self.axes]])
         return float(self.robot.travel(np.zeros_like(spacing), spacing)[0])
 
-    def near(self, pose: Pose, reach: float) -> NDArray[np.float64]:
-        """Pairs of near points of the robot and the obstacles within a reach, in metres, shape (n, 11).
-
-        See `resgrid.control.contact_kernels.near_points`.
-        """
+    def near(self, pose: Pose, reach: float) -> NDArray[Any]:
+        """Pairs of near points of the robot and the obstacles within a reach, in metres, as `PAIR`, shape (n,)."""
         from resgrid.control import contact_kernels
 
         room = _ROOM
         while True:
-            pairs = np.empty((room, 11))
+            pairs = np.empty(room, PAIR)
             count = contact_kernels.near_points(pose, self.arrays, reach, pairs)
             if count < room:
                 return pairs[:count]
@@ -171,7 +177,8 @@ def make_plant(
 ) -> Plant:
     """A plant from its parts."""
     place = Frame() if frame is None else frame
-    return Plant(robot, tuple(axes), along_axes((*known, *hidden), place), len(known), place)
+    obstacles = tuple(to_space(shape, place) for shape in (*known, *hidden))
+    return Plant(robot, tuple(axes), obstacles, len(known), place)
 
 
 def depth_at(robot: Robot, obstacles: Sequence[Obstacle], points: NDArray[np.float64]) -> NDArray[np.float64]:

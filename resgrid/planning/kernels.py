@@ -9,10 +9,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inlined, inner
+from resgrid.jit import inlined, inner, kernel
 
 REACHED, NO_CURRENT, ENDLESS = 0, 1, 2
 MIXED = -2
@@ -48,7 +47,8 @@ def _unravel(flat: int, shape: Integers, cell: Integers) -> None:
 
 
 @inlined
-def _ravel(cell: Integers, shape: Integers) -> int:
+def ravel(cell: Integers, shape: Integers) -> int:
+    """Number of a cell in C order."""
     flat = 0
     for axis in range(len(shape)):
         flat = flat * shape[axis] + cell[axis]
@@ -74,7 +74,7 @@ def _face(flow: Flow, cell: Integers, axis: int) -> int:
 
 
 @inner
-def _velocities(flow: Flow, cell: Integers, lower: Floats, upper: Floats) -> float:
+def face_velocities(flow: Flow, cell: Integers, lower: Floats, upper: Floats) -> float:
     """Velocities on the lower and upper faces of a cell, scaled to a maximum of 1; returns the log of the scale."""
     scale = -np.inf
     for axis in range(len(cell)):
@@ -173,7 +173,7 @@ def _log_add(a: float, b: float) -> float:
     return a if b == -np.inf else a + math.log1p(math.exp(b - a))
 
 
-@njit(cache=True)
+@kernel
 def trace(flow: Flow, cell: Integers, local: Floats, cells: Integers, locals_: Floats) -> tuple[int, int, float, float]:
     """Follow the current from one point until it enters a goal cell.
 
@@ -190,9 +190,9 @@ def trace(flow: Flow, cell: Integers, local: Floats, cells: Integers, locals_: F
         if step < len(cells):
             for axis in range(ndim):
                 cells[step, axis], locals_[step, axis] = cell[axis], local[axis]
-        if flow.code[_ravel(cell, flow.shape)] == _GOAL:
+        if flow.code[ravel(cell, flow.shape)] == _GOAL:
             return REACHED, step, length, log_time
-        scale = _velocities(flow, cell, lower, upper)
+        scale = face_velocities(flow, cell, lower, upper)
         if scale == -np.inf:
             return NO_CURRENT, step, length, log_time
         time, distance, across, side = _cross(local, lower, upper, flow.spacing)
@@ -206,7 +206,7 @@ def trace(flow: Flow, cell: Integers, local: Floats, cells: Integers, locals_: F
     return ENDLESS, limit, length, log_time
 
 
-@njit(cache=True)
+@kernel
 def only_goal(flow: Flow, goal: Integers, periodic: NDArray[np.bool_]) -> Integers:
     """The goal to which the current leads from every cell, whichever face it takes.
 
@@ -240,7 +240,7 @@ def only_goal(flow: Flow, goal: Integers, periodic: NDArray[np.bool_]) -> Intege
                 if not periodic[axis] and not 0 <= home + side < flow.shape[axis]:
                     continue
                 cell[axis] = (home + side) % flow.shape[axis]
-                above = _ravel(cell, flow.shape)
+                above = ravel(cell, flow.shape)
                 cell[axis] = home
                 if flow.code[above] != _FREE:
                     continue
@@ -256,7 +256,7 @@ def only_goal(flow: Flow, goal: Integers, periodic: NDArray[np.bool_]) -> Intege
     return label
 
 
-@njit(cache=True)
+@kernel
 def trace_many(
     flow: Flow, starts: Integers, locals_: Floats, outcome: Integers, steps: Integers, length: Floats, log_time: Floats
 ) -> None:
@@ -292,7 +292,7 @@ def segment_to_box(start: Floats, end: Floats, lower: Floats, upper: Floats) -> 
     return math.sqrt(squares)
 
 
-@njit(cache=True)
+@kernel
 def clearance(
     cells: Integers,
     starts: Floats,
@@ -344,7 +344,7 @@ def clearance(
     return best
 
 
-@njit(cache=True)
+@kernel
 def segment_is_free(
     start: Floats, end: Floats, free: NDArray[np.bool_], shape: Integers, periodic: NDArray[np.bool_], rim: float
 ) -> bool:

@@ -6,8 +6,10 @@ the answer no longer tells a direction; far from the goals of a Dirichlet field 
 
 from __future__ import annotations
 
+import os
 import tempfile
 import time
+import warnings
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
@@ -20,7 +22,8 @@ from numpy.typing import DTypeLike, NDArray
 from resgrid.arguments import check_whole
 from resgrid.budget import require_disk, require_memory
 from resgrid.circuit.slabs import read_rows, slabs, write_equations
-from resgrid.errors import InputError
+from resgrid.compiler import WALLED_IN
+from resgrid.errors import CircuitError, InputError
 from resgrid.frozen import frozen
 from resgrid.grids import by_axis, face_counts
 from resgrid.planning.fields import Field
@@ -33,6 +36,9 @@ RTOL = 1e-14
 
 _BYTES = {1: 400, 2: 500, 3: 1200, 4: 2500}
 """Peak memory of all ranks together, in bytes a cell, by dimension; measured on open grids."""
+
+_BYTES_OF_RANK = 8e7
+"""What a rank takes without any cell."""
 
 
 @frozen
@@ -55,13 +61,13 @@ def solve_ranked(space: ConfigurationSpace, wiring: Wiring, ranks: int) -> Ranke
     Raises
     ------
     InputError
-        If the number of ranks is none, or the wiring does not fit.
+        If the number of ranks is none, the wiring does not fit, or PETSc refuses an option of ``PETSC_OPTIONS``.
     ToolMissingError
         If there is no PETSc.
     BudgetError
         If memory or the disk has no room.
     CircuitError
-        If nothing is driven.
+        If nothing is driven, or every goal is walled in.
     AccuracyError
         If a rank fails or dies.
     """
@@ -71,10 +77,15 @@ def solve_ranked(space: ConfigurationSpace, wiring: Wiring, ranks: int) -> Ranke
         raise InputError("method 'petsc' solves the ideal grid, whose rails are merged: choose rails = 'merged'")
     if not space.goal_count:
         raise InputError("the space has no goal cell: add a goal, or make it at least one cell large")
+    if not space.goal_connected.any():
+        raise CircuitError(WALLED_IN)
+    cores = os.cpu_count() or 1
+    if ranks > cores:
+        warnings.warn(f"more ranks ({ranks}) than cores ({cores}): they wait for one another", stacklevel=2)
     petsc = find_petsc()
     cells = space.cell.size
-    remedy = "take fewer, larger cells, or a computer with more memory"
-    require_memory(_BYTES[space.ndim] * cells, f"solving {cells:,} cells by method 'petsc'", remedy)
+    job, remedy = f"solving {cells:,} cells by method 'petsc' on {ranks} ranks", "take fewer ranks, or larger cells"
+    require_memory(_BYTES[space.ndim] * cells + _BYTES_OF_RANK * ranks, job, remedy)
     with tempfile.TemporaryDirectory(prefix="resgrid-") as name:
         folder = Path(name)
         require_disk(_disk(space), folder, f"{cells:,} cells in mapped files")

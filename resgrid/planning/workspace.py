@@ -14,7 +14,7 @@ from resgrid.frozen import frozen
 from resgrid.planning.streamline import AnyPath, robot_of, unwrap
 from resgrid.robots import Part, Shape
 from resgrid.robots.geometry import Obstacle, obstacles_of
-from resgrid.scene.world import along_axes
+from resgrid.scene.world import to_space
 
 _MOST = 5_000_000
 _BATCH = 4096
@@ -144,7 +144,7 @@ def _poses(
 ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.int64], list[Part], list[Obstacle]]]:
     """A few thousand configurations at a time, the segments they lie on, the robot's parts there, and the obstacles."""
     robot, space = robot_of(path), path.space
-    solids = obstacles_of(along_axes(obstacles, space.frame), robot.workspace_axes(space.axes))
+    solids = obstacles_of((to_space(shape, space.frame) for shape in obstacles), robot.workspace_axes(space.axes))
     configurations, segment = dense(path, step)
     own = robot.within_seams(space.axes, configurations)
     for first in range(0, len(own), _BATCH):

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.control.announced import RelaxationSweep, Wavefront
+from resgrid.control.announced import Wavefront
 from resgrid.control.controller import following_velocity, make_controller
 from resgrid.errors import InputError
 from resgrid.planning.blend import dirichlet_share
@@ -21,13 +21,11 @@ from resgrid.plot.fields import draw_shading
 from resgrid.plot.figures import PAGE, axes_or_new, new_figure
 from resgrid.plot.plane import draw_cells, draw_image, finish, paint_cells, plane_of
 from resgrid.plot.shading import shading_of
-from resgrid.plot.style import FAILURE, HIDDEN, PATHS, SMALL, add_colour_bar, dress, plain_decades, refresh_legend
+from resgrid.plot.style import FAILURE, HIDDEN, PATHS, SMALL, add_colour_bar
 from resgrid.space import Cell
 
 _FAINT = 1e-4
 """Change of the potential at which its colours begin, as a share of the largest one."""
-
-_UNITS = {"jacobi": "Jacobi sweeps", "sor": "SOR sweeps", "chip": "chip, units of $RC$"}
 
 
 def draw_velocities(
@@ -131,28 +129,6 @@ def draw_dirichlet_share(dirichlet: Field, neumann: Field, k: float, ax: Axes | 
     draw_cells(plane, axes)
     finish(plane, axes)
     add_colour_bar(image, axes, rf"share of the Dirichlet gradient, $k$ = {k:g}")
-    return axes
-
-
-def draw_sweeps(sweeps: Sequence[RelaxationSweep], ax: Axes | None = None) -> Axes:
-    """Draw how long a robot takes while its grid settles, over the ratio of both speeds; a cross where it fails."""
-    axes = new_figure(5.4, 3.8).add_subplot() if ax is None else ax
-    for sweep, colour, marker in zip(sweeps, (PATHS[3], PATHS[0], PATHS[4]), "osD", strict=False):
-        came = sweep.arrived
-        label = f"{_UNITS[sweep.relaxation.method]}: settles in {sweep.settle:,.0f}"
-        axes.plot(sweep.ratio, sweep.time, color=colour, linewidth=0.8, alpha=0.6, zorder=2)
-        axes.plot(sweep.ratio[came], sweep.time[came], marker, color=colour, markersize=4.5, label=label, zorder=3)
-        axes.plot(sweep.ratio[~came], sweep.time[~came], "x", color=colour, markersize=7, markeredgewidth=1.8, zorder=3)
-    if not all(sweep.arrived.all() for sweep in sweeps):
-        axes.plot([], [], "x", color="black", markersize=7, markeredgewidth=1.8, label="did not arrive")
-    instant = sweeps[0].instant
-    axes.axhline(instant, color="black", linewidth=0.8, linestyle=(0, (4, 2)), label="grid settled before the start")
-    axes.set(xscale="log", yscale="log")
-    plain_decades(axes.yaxis)
-    axes.set_xlabel("robot's speed against settling: cells crossed while the grid settles")
-    axes.set_ylabel("time of the run (cells at full speed)")
-    dress(axes)
-    refresh_legend(axes, columns=2)
     return axes
 
 

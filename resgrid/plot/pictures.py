@@ -22,7 +22,7 @@ from resgrid.chip.settling import Settling
 from resgrid.chip.studies import Study
 from resgrid.chip.yields import Yield
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.control.announced import RelaxationSweep, Wavefront
+from resgrid.control.announced import Wavefront
 from resgrid.control.log import Run
 from resgrid.errors import InputError, ResgridError
 from resgrid.netlist import Netlist
@@ -41,7 +41,7 @@ from resgrid.plot.chip_maps import (
 )  # fmt: skip
 from resgrid.plot.circuits import MOST_CELLS_A_SIDE
 from resgrid.plot.control import draw_run, draw_runs
-from resgrid.plot.diagrams import draw_sweeps, draw_wavefront
+from resgrid.plot.diagrams import draw_wavefront
 from resgrid.plot.figures import render_figure
 from resgrid.plot.graphs import draw_circuit
 from resgrid.plot.pages import draw_field
@@ -92,7 +92,6 @@ PICTURES: dict[type, Picture] = {
 PICTURES_OF_MANY: dict[type, Picture] = {
     Precision: draw_precisions,
     Run: draw_runs,
-    RelaxationSweep: draw_sweeps,
     Streamline: draw_streamlines,
 }
 """The picture of several values together: of a sequence, of precisions a mapping from their names."""
@@ -138,7 +137,6 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
     criticality         resistors that cost starts                   ``fault`` ("open", "short")
     yield               share of chips that serve each start
     exploration         yield over two values                        ``share``
-    sweeps              time to arrive while the grid settles
     wavefront           how a new obstacle spreads                   ``shown`` (numbers of its times)
     ==================  ===========================================  =================================================
 

@@ -251,7 +251,7 @@ def _draw_surroundings(scene: Scene, ax: Axes | None) -> Axes:
         raise InputError(f"the workspace of a scene with {scene.ndim} axes is not a plane: sample it, and draw fields")
     axes = axes_or_new(ax)
     if scene.map is not None:
-        known = ConfigurationSpace(scene.map.axes, scene.map.cell, frame=scene.map_frame)
+        known = ConfigurationSpace(scene.map.axes, scene.map.cell, frame=scene.map.frame)
         for code, colour, label in ((Cell.OBSTACLE, OBSTACLE, "obstacle"), (Cell.GOAL, GOAL, "goal")):
             paint_cells(plane_of(known), known.cell == code, colour, label, axes)
     mark_shapes(scene.obstacles, axes, OBSTACLE, "obstacle", 2.0)

@@ -10,7 +10,6 @@ from typing import Any
 from resgrid.errors import InputError
 from resgrid.robots import ROBOTS, Ball, Box, HalfSpace, Polygon, Robot
 from resgrid.scene.goals import CostArea, GoalJoints
-from resgrid.scene.maps.arrays import MapData
 from resgrid.scene.read import build_scene
 from resgrid.scene.scene import IN_FILES, Scene
 from resgrid.scene.table import plain
@@ -91,20 +90,12 @@ def apply_overrides(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     if "grid.cells" in changes_by_key and isinstance(document.get("grid"), dict):
         for axis in document["grid"].get("axes", []):
             axis.pop("cells", None)
-    known = None
-    if scene.map is not None and document.get("map") == plain(scene.map.table):
-        known = MapData(scene.map.axes, scene.map_frame, scene.map.cell, scene.map.conductivity)
-    return build_scene(document, scene.source or "scene", Path(), known=known)
+    is_same_map = scene.map is not None and document.get("map") == plain(scene.map.table)
+    return build_scene(document, scene.source or "scene", Path(), known=scene.map if is_same_map else None)
 
 
 def parse_value(text: str) -> Any:
-    """The value that a text from a command line stands for.
-
-    Examples
-    --------
-    >>> parse_value("0.5, 2"), parse_value("4k7"), parse_value("false")
-    ([0.5, 2], '4k7', False)
-    """
+    """The value that a text from a command line stands for: ``0.5, 2`` a list, ``4k7`` text, ``false`` False."""
     for attempt in (text, f"[{text}]") if "," in text else (text,):
         try:
             table = tomllib.loads(f"value = {attempt}")

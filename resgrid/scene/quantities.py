@@ -30,19 +30,15 @@ EXPONENTS = {
     "f": -15,
 }
 PREFIXES = dict(zip(range(-24, 13, 3), ("y", "z", "a", "f", "p", "n", "µ", "m", "", "k", "M", "G", "T"), strict=True))
-PATTERN = r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+|meg|[TGMkmuµμnpf])?|[+-]?\d+[TGMkmuµμnpf]\d+"
+PATTERN = r"([+-]?(?:\d+(?:\.\d*)?|\.\d+))([eE][+-]?\d+|meg|[TGMkmuµμnpf])?|([+-]?\d+)([TGMkmuµμnpf])(\d+)"
+"""A number, perhaps with an exponent or a suffix; or one with a suffix in place of its point."""
 
-_NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
-_SCALED = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+))(meg|[TGMkmuµμnpf])", re.ASCII)
-_INFIX = re.compile(r"([+-]?\d+)([TGMkmuµμnpf])(\d+)", re.ASCII)
+_VALUE = re.compile(PATTERN, re.ASCII)
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """Annotation of a number of a chip: its unit, and that it may be written as an engineering value.
-
-    A `share` may be written as a percentage, too.
-    """
+    """Annotation of a number that may be written as an engineering value, and a `share` as a percentage: its unit."""
 
     unit: str
     share: bool = False
@@ -128,13 +124,7 @@ def parse_quantity(value: object) -> float:
 
 
 def parse_share(value: object) -> float:
-    """Read a share of a whole: a percentage such as ``"10 %"``, or a plain number or quantity such as 0.1.
-
-    Examples
-    --------
-    >>> parse_share("10 %"), parse_share("2.5%"), parse_share(0.1)
-    (0.1, 0.025, 0.1)
-    """
+    """Read a share of a whole: a percentage such as ``"10 %"``, or a plain number or quantity such as 0.1."""
     if isinstance(value, str) and value.endswith("%"):
         number = _parsed(value[:-1].rstrip(" "))
         if number is not None and isfinite(number):
@@ -151,13 +141,7 @@ def prefix_of(value: float) -> tuple[int, str]:
 
 
 def format_quantity(value: float, unit: str = "", digits: int = 4) -> str:
-    """A value for people, to some digits, with a prefix.
-
-    Examples
-    --------
-    >>> format_quantity(38.123e-6, "A", 3), format_quantity(10e3, "Ω"), format_quantity(4700.0)
-    ('38.1 µA', '10 kΩ', '4.7k')
-    """
+    """A value for people, to some digits, with a prefix: ``38.1 µA``, ``10 kΩ``."""
     power, prefix = prefix_of(float(f"{value:.{digits}g}"))
     gap = " " if unit else ""
     return f"{value / 10.0**power:.{digits}g}{gap}{prefix}{unit}"
@@ -169,17 +153,13 @@ def _parsed(value: object) -> float | None:
             return float(value)
         except OverflowError:
             return None
-    return _parsed_text(value) if isinstance(value, str) and len(value) <= 64 else None
-
-
-def _parsed_text(text: str) -> float | None:
-    if _NUMBER.fullmatch(text):
-        return float(text)
-    if match := _SCALED.fullmatch(text):
-        return float(f"{match[1]}e{EXPONENTS[match[2]]}")
-    if match := _INFIX.fullmatch(text):
-        return float(f"{match[1]}.{match[3]}e{EXPONENTS[match[2]]}")
-    return None
+    match = _VALUE.fullmatch(value) if isinstance(value, str) and len(value) <= 64 else None
+    if match is None:
+        return None
+    number, end, before, suffix, after = match.groups()
+    if number is None:
+        return float(f"{before}.{after}e{EXPONENTS[suffix]}")
+    return float(f"{number}e{EXPONENTS[end]}" if end in EXPONENTS else match[0])
 
 
 def _short(value: object) -> str:

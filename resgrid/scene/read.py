@@ -1,9 +1,14 @@
-"""Scenes read from files: TOML scenes, and maps of every known format."""
+"""Scenes read from files (TOML, and maps of every known format) and from links of the live page."""
 
 from __future__ import annotations
 
+import base64
+import binascii
+import json
 import os
+import re
 import tomllib
+import zlib
 from collections.abc import Mapping
 from math import isclose
 from pathlib import Path
@@ -14,15 +19,19 @@ from resgrid.errors import InputError
 from resgrid.files import decode, read_bytes
 from resgrid.frame import Frame
 from resgrid.robots import ROBOTS, Robot
-from resgrid.scene.consistency import Parts, Problem, inconsistencies
-from resgrid.scene.maps.arrays import MapData
+from resgrid.scene.consistency import Problem, inconsistencies
+from resgrid.scene.maps.arrays import MapCells
 from resgrid.scene.maps.formats import COMMON, FORMATS, format_of, read_map
 from resgrid.scene.messages import report
-from resgrid.scene.scene import IN_FILES, MapCells, Scene, check_attributes, start_point
+from resgrid.scene.scene import IN_FILES, Scene, check_attributes, start_point
 from resgrid.scene.toml_lines import Path as KeyPath, key_lines
 
 MAP_OPTIONS = (*COMMON[1:], *dict.fromkeys(option for entry in FORMATS.values() for option in entry.options))
-_LISTS = ("obstacle", "hidden", "goal", "start", "starts", "area")
+_LINK = re.compile(r"https?://\S*#(?:\S*&)?s=(?P<code>[^&\s]+)")
+"""A link of the live page: a scene's document, deflated and in base64url, in the fragment."""
+
+_LONGEST = 1 << 26
+"""Bytes of the longest document that a link may hold."""
 
 
 def read_scene(file: str | os.PathLike[str], **options: Any) -> Scene:
@@ -112,6 +121,28 @@ def parse_scene(text: str, source: str = "scene", folder: str | os.PathLike[str]
     return build_scene(raw, source, Path(folder), lines)
 
 
+def is_link(text: str) -> bool:
+    """Whether a text is a link that holds a scene."""
+    return _LINK.match(text) is not None
+
+
+def read_link(text: str) -> Scene:
+    """The scene that a link holds; nothing is fetched, and no map file is read."""
+    match = _LINK.match(text)
+    code = "" if match is None else match["code"]
+    unpacking = zlib.decompressobj(-zlib.MAX_WBITS)
+    try:
+        content = unpacking.decompress(base64.urlsafe_b64decode(code + "=" * (-len(code) % 4)), _LONGEST)
+        document = json.loads(content) if unpacking.eof else None
+    except (zlib.error, binascii.Error, ValueError, RecursionError):
+        document = None
+    if not isinstance(document, dict):
+        raise InputError("this link holds no whole scene: part of it may be missing; copy it again")
+    if "map" in document:
+        raise InputError("the scene of this link names a map file, which a link cannot bring along")
+    return build_scene(document, "the link", Path())
+
+
 def _toml(text: str, source: str) -> tuple[dict[str, Any], dict[KeyPath, int]]:
     text = text.replace("\r\n", "\n")
     try:
@@ -129,7 +160,7 @@ def build_scene(
     source: str,
     folder: Path,
     lines: dict[KeyPath, int] | None = None,
-    known: MapData | None = None,
+    known: MapCells | None = None,
 ) -> Scene:
     """Check a document and make the scene it describes; `known`: its map, if it has been read already."""
     from resgrid.scene.schema import robot_of
@@ -138,13 +169,16 @@ def build_scene(
     raw = _with_footprint(raw)
     robot = robot_of(raw.get("robot", {}))
     raw = _with_axes(raw, robot)
-    document, problems, numbers = validate(raw)
+    document, problems, values = validate(raw)
     if robot is None:  # what its axes lack, it might have said
         problems = [problem for problem in problems if problem[0][:1] != ("grid",) or "is missing" not in problem[1]]
     problems += _one_ground(raw, robot)
     axes, frame, cells = _ground(document, None if problems else robot, folder, known)
-    parts = _parts(raw, document, robot, numbers, axes)
-    problems += [problem for problem in inconsistencies(parts) if problem[0] not in {path for path, _ in problems}]
+    names = _axis_names(raw) if axes is None else [axis.name for axis in axes]
+    chip = raw.get("chip", {})
+    has_wall = not isinstance(chip, Mapping) or "wall_resistance" in chip
+    misfits = inconsistencies(document, robot or _robot_class(raw), axes, names, values, has_wall=has_wall)
+    problems += [problem for problem in misfits if problem[0] not in {path for path, _ in problems}]
     if problems or robot is None or axes is None:
         raise InputError(report(problems, source, lines))
     starts = (
@@ -167,7 +201,7 @@ def build_scene(
 
 
 def _ground(
-    document: Any, robot: Robot | None, folder: Path, known: MapData | None
+    document: Any, robot: Robot | None, folder: Path, known: MapCells | None
 ) -> tuple[tuple[Axis, ...] | None, Frame, MapCells | None]:
     """Axes and frame of the space of a robot, and the cells of the map; of a document with errors, axes at most."""
     grid = None if document.grid is None else tuple(table.axis() for table in document.grid.axes)
@@ -175,11 +209,10 @@ def _ground(
         return grid, Frame(), None
     table = {key: value for key, value in document.map.model_dump().items() if value is not None}
     table["file"] = str(folder.resolve() / document.map.file)
-    data = known or read_map(Path(table["file"]), table)
-    cells = MapCells(data.axes, data.cell, table, data.conductivity)
+    cells = read_map(table) if known is None else known
     if grid is None:
-        return (*cells.space_of(robot, data.frame), cells)
-    if not data.frame.is_world:
+        return (*cells.space_of(robot), cells)
+    if not cells.frame.is_world:
         raise InputError(f"{table['file']}: a robot with a grid of its own needs a map that is not turned")
     return grid, Frame(), cells
 
@@ -197,37 +230,18 @@ def _one_ground(raw: Mapping[str, Any], robot: Robot | None) -> list[Problem]:
     return []
 
 
-def _parts(
-    raw: Mapping[str, Any],
-    document: Any,
-    robot: Robot | None,
-    numbers: Mapping[str, list[int]],
-    axes: tuple[Axis, ...] | None,
-) -> Parts:
-    """What a document says, as far as it is right, for what must hold between its parts."""
+def _axis_names(raw: Mapping[str, Any]) -> list[str | None]:
+    """Names of the axes of a document, as far as it says them."""
     grid = raw.get("grid")
     tables = grid.get("axes") if isinstance(grid, Mapping) else None
-    tables = tables if isinstance(tables, list) else []
-    names = [table.get("name") if isinstance(table, Mapping) else None for table in tables]
-    kind = raw.get("robot", {}).get("type", "point") if isinstance(raw.get("robot", {}), Mapping) else None
-    chip = raw.get("chip", {})
-    return Parts(
-        robot=robot or ROBOTS.get(str(kind)),
-        axes=axes,
-        ndim=(len(tables) if axes is None else len(axes)) or None,
-        names=[name if isinstance(name, str) else None for name in names],
-        boundary=document.boundary,
-        drive=document.drive,
-        edge=document.edge,
-        k=document.k,
-        has_wall=not isinstance(chip, Mapping) or "wall_resistance" in chip,
-        values={
-            (key, number): value
-            for key in _LISTS
-            for number, value in zip(numbers.get(key, ()), getattr(document, key), strict=False)
-        },
-        control=document.control,
-    )
+    names = [table.get("name") if isinstance(table, Mapping) else None for table in tables or ()]
+    return [name if isinstance(name, str) else None for name in names]
+
+
+def _robot_class(raw: Mapping[str, Any]) -> type[Robot] | None:
+    """The class of a robot whose table has errors."""
+    table = raw.get("robot")
+    return ROBOTS.get(str(table.get("type", "point"))) if isinstance(table, Mapping) else None
 
 
 def _with_footprint(raw: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -250,7 +264,8 @@ def _with_axes(raw: Mapping[str, Any], robot: Robot | None) -> Mapping[str, Any]
         axes = [{} for _ in implied]
     if not isinstance(axes, list):
         return raw
-    each = cells if isinstance(cells, list) else [cells] * len(axes)
+    given = cells if isinstance(cells, list) else [cells]
+    each = given * len(axes) if len(given) == 1 else given
     full = [
         _with_implied(axis, dict(enumerate(implied)).get(number, {}), dict(enumerate(each)).get(number))
         for number, axis in enumerate(axes)

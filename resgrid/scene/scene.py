@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any, Literal
-
-import numpy as np
-from numpy.typing import NDArray
 
 from resgrid.arguments import checked
 from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.frame import Frame
-from resgrid.frozen import frozen, picture_html
-from resgrid.robots import Ball, Box, CellSet, HalfSpace, PointRobot, Polygon, Robot, Sampling, Shape
+from resgrid.frozen import picture_html
+from resgrid.robots import Ball, Box, HalfSpace, PointRobot, Polygon, Robot, Sampling, Shape
 from resgrid.robots.shapes import Point
 from resgrid.scene.chip import Chip
-from resgrid.scene.consistency import Parts, inconsistencies
+from resgrid.scene.consistency import inconsistencies
 from resgrid.scene.control import Control
 from resgrid.scene.goals import CostArea, Goal, GoalCell, GoalJoints, GoalPoint
+from resgrid.scene.maps.arrays import MapCells
 from resgrid.scene.messages import report, suggestion
+from resgrid.scene.toml_lines import Path
 from resgrid.scene.world import cell_centre
-from resgrid.space import Cell
 
 Boundary = Literal["dirichlet", "neumann", "wall"]
 Drive = Literal["uniform", "start"]
@@ -31,46 +29,6 @@ EdgeRule = Literal["obstacle", "open", "periodic"]
 
 IN_FILES = ("title", "boundary", "drive", "sampling", "k", "chip", "control")
 """Attributes of a scene that are keys of its file as they are."""
-
-HEADINGS = 36
-"""Cells of the third axis of a turning robot on a map that does not say."""
-
-
-@frozen
-@dataclass(frozen=True, eq=False)
-class MapCells:
-    """What was read from a map file.
-
-    Attributes
-    ----------
-    axes : tuple of Axis
-        Of the map; those of the scene, unless its robot turns or is an arm.
-    cell : ndarray of uint8
-        `resgrid.space.Cell` codes on these axes, before obstacles grow by the robot's radius.
-    table : mapping
-        The ``[map]`` table it came from; ``file`` is an absolute path.
-    conductivity : ndarray of float64 or None
-        Of its cells; None where the map says nothing of costs.
-    """
-
-    axes: tuple[Axis, ...]
-    cell: NDArray[np.uint8]
-    table: Mapping[str, Any]
-    conductivity: NDArray[np.float64] | None = None
-
-    @property
-    def obstacles(self) -> CellSet:
-        """The cells that are obstacles, as a shape of the map's own frame."""
-        return CellSet(self.axes, self.cell == Cell.OBSTACLE)
-
-    def space_of(self, robot: Robot, frame: Frame) -> tuple[tuple[Axis, ...], Frame]:
-        """Axes and frame of the configuration space of a robot on this map."""
-        axes = robot.axes_on_map(self.axes, self.table.get("headings", HEADINGS))
-        return tuple(axes), dataclasses.replace(frame, turning_length=robot.turning_length)
-
-    def without_obstacles(self) -> MapCells:
-        """The same map, free where obstacles were."""
-        return dataclasses.replace(self, cell=np.where(self.cell == Cell.OBSTACLE, np.uint8(Cell.FREE), self.cell))
 
 
 @checked
@@ -165,7 +123,15 @@ class Scene:
             each = rules * len(self.axes) if len(rules) == 1 else rules
             edge = ("periodic" if axis.periodic else rule for axis, rule in zip(self.axes, each, strict=True))
             object.__setattr__(self, "edge", tuple(edge))
-        problems = inconsistencies(self._parts())
+        lists = {
+            "obstacle": self.obstacles, "hidden": self.hidden, "goal": self.goals, "starts": self.starts,
+            "area": self.areas,
+        }  # fmt: skip
+        values: dict[Path, Any] = {
+            (key, number): value for key, entries in lists.items() for number, value in enumerate(entries)
+        }
+        names, has_wall = [axis.name for axis in self.axes], self.chip.wall_resistance is not None
+        problems = inconsistencies(self, self.robot, self.axes, names, values, has_wall=has_wall)
         if problems:
             raise InputError(report(problems, self.source or "scene"))
 
@@ -183,11 +149,6 @@ class Scene:
     def ndim(self) -> int:
         """Number of axes."""
         return len(self.axes)
-
-    @property
-    def map_frame(self) -> Frame:
-        """Where the cells of the map lie in the world."""
-        return dataclasses.replace(self.frame, turning_length=None)
 
     def replace(self, **changes: Any) -> Scene:
         """The same scene with other values.
@@ -216,7 +177,7 @@ class Scene:
         check_attributes(changes)
         robot = changes.get("robot")
         if isinstance(robot, Robot) and self.map is not None and "axes" not in changes and not self._keeps_grid(robot):
-            changes["axes"], changes["frame"] = self.map.space_of(robot, self.map_frame)
+            changes["axes"], changes["frame"] = self.map.space_of(robot)
         axes, frame = changes.get("axes", self.axes), changes.get("frame", self.frame)
         if not (isinstance(axes, list | tuple) and all(isinstance(axis, Axis) for axis in axes)):
             return dataclasses.replace(self, axes=axes)  # which says what axes are
@@ -238,28 +199,6 @@ class Scene:
     def _keeps_grid(self, robot: Robot) -> bool:
         """Whether axes that are not those of the map suit another robot: an arm's, for an arm."""
         return robot.base is not None and self.map is not None and self.axes[: len(self.map.axes)] != self.map.axes
-
-    def _parts(self) -> Parts:
-        lists: dict[str, tuple[Any, ...]] = {
-            "obstacle": self.obstacles,
-            "hidden": self.hidden,
-            "goal": self.goals,
-            "starts": self.starts,
-            "area": self.areas,
-        }
-        return Parts(
-            robot=self.robot,
-            axes=self.axes,
-            ndim=self.ndim,
-            names=[axis.name for axis in self.axes],
-            boundary=self.boundary,
-            drive=self.drive,
-            edge=self.edge,
-            k=self.k,
-            has_wall=self.chip.wall_resistance is not None,
-            values={(key, number): value for key, values in lists.items() for number, value in enumerate(values)},
-            control=self.control,
-        )
 
 
 def check_attributes(names: Iterable[str], *also: str) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterable, Mapping
+from functools import partial
 from math import ulp
 from typing import Annotated, Any, Literal
 
@@ -10,10 +11,9 @@ from annotated_types import Ge, Gt, Le, Len
 from pydantic import (
     AfterValidator,
     ConfigDict,
-    Discriminator,
     Field,
+    PlainValidator,
     Strict,
-    Tag,
     TypeAdapter,
     ValidationInfo,
     create_model,
@@ -121,23 +121,58 @@ KINDS: dict[str, dict[str, Any]] = {
 """Tables that come in several kinds, by the kind."""
 
 
-def _kind_of(places: tuple[str, ...]) -> Callable[[Any], str | None]:
-    def kind(table: Any) -> str | None:
-        shape = table.get("shape") if isinstance(table, dict) else None
-        if isinstance(shape, str):
-            return shape if shape not in places else None  # a place has no shape
-        return next((key for key in places if isinstance(table, dict) and key in table), None)
-
+def _known(key: str, kind: str, kinds: Iterable[str]) -> str:
+    """A kind, if there is such a one."""
+    options = list(kinds)
+    if kind not in options:
+        near = suggestion(kind, options)
+        raise ValueError(f"{key} = {kind!r} is unknown: it may be one of {', '.join(options)}{near and f'; {near}'}")
     return kind
 
 
-def _robot_kind(table: Any) -> str | None:
-    kind = table.get("type", "point") if isinstance(table, dict) else None
-    return kind if isinstance(kind, str) else None
+def _robot_kind(table: Any) -> str:
+    kind = table.get("type", "point") if isinstance(table, Mapping) else None
+    if not isinstance(kind, str):
+        *kinds, last = (f'"{name}"' for name in ROBOTS)
+        raise ValueError(f"the robot needs type = {', '.join(kinds)} or {last}")
+    return _known("type", kind, KINDS["robot"])
 
 
-def _one_of(kinds: Mapping[str, Any], kind_of: Callable[[Any], str | None]) -> Any:
-    return Annotated[either(Annotated[kind, Tag(name)] for name, kind in kinds.items()), Discriminator(kind_of)]
+def _kind_of(name: str, given: Any) -> str:
+    """What kind of shape or place a table describes."""
+    places = [kind for kind in KINDS[name] if kind not in SHAPES]
+    table = given if isinstance(given, Mapping) else {}
+    shape = table.get("shape")
+    if isinstance(shape, str) and shape in places:
+        remedy = "remove this key" if shape in table else f"write {shape} = [...] instead"
+        raise ValueError(f"shape = {shape!r} is no shape, for a place needs none; {remedy}")
+    if isinstance(shape, str) and name != "start":
+        return _known("shape", shape, SHAPES)
+    place = next((key for key in places if key in table), None)
+    if place is not None:
+        return place
+    for key in table:
+        near = suggestion(str(key), ("shape", *places))
+        if near and not any(f"{other!r}" in near for other in table):
+            raise ValueError(f"{key!r} is unknown; {near}")
+    if name == "start":
+        raise ValueError("a start needs point = [...] or cell = [...]")
+    extra = ", or point = [...], or cell = [...], or joints = [...]" if places else ""
+    raise ValueError(f"this needs shape = one of rectangle, circle, polygon, box, sphere or half_plane{extra}")
+
+
+KIND_OF = {name: partial(_kind_of, name) for name in KINDS} | {"robot": _robot_kind}
+"""Which kind a table is of, by its keys; a `ValueError` says what it lacks."""
+
+
+def _one_of(name: str) -> Any:
+    """The annotation of a table that comes in several kinds."""
+    kinds = {kind: TypeAdapter(table) for kind, table in KINDS[name].items()}
+
+    def read(table: Any) -> Any:
+        return kinds[KIND_OF[name](table)].validate_python(table)
+
+    return Annotated[Any, PlainValidator(read, json_schema_input_type=either(KINDS[name].values()))]
 
 
 def _nothing_required(schema: dict[str, Any]) -> None:
@@ -193,15 +228,15 @@ class Grid(Table):
 
     axes: Annotated[list[AxisTable], Len(1, 4), Field(description="One to four.")]
     cells: Annotated[
-        Count | Annotated[list[Count], Len(1, 4)] | None,
+        Annotated[tuple[Count, ...], Strict(False), Len(1, 4), Listed()] | None,
         Field(description="Numbers of cells of axes that do not say: one for all, or one each."),
     ] = None
 
     @field_validator("cells")
     @classmethod
-    def _is_one_each(cls, cells: Any, info: ValidationInfo) -> Any:
+    def _is_one_each(cls, cells: tuple[int, ...] | None, info: ValidationInfo) -> tuple[int, ...] | None:
         axes = info.data.get("axes")
-        if isinstance(cells, list) and axes and len(cells) != len(axes):
+        if cells and axes and len(cells) not in (1, len(axes)):
             raise ValueError(f"needs one number for each of the {len(axes)} axes (or one for all), got {len(cells)}")
         return cells
 
@@ -267,8 +302,8 @@ def _key(name: str, kind: Any, default: Any, *marks: Any, about: str = "") -> tu
     return (hint, Field(default, description=text))
 
 
-def _list_of(name: str, kind_of: Callable[[Any], str | None]) -> tuple[Any, Any]:
-    return _key(name, list[_one_of(KINDS[name], kind_of)], [])  # type: ignore[misc]
+def _list_of(name: str) -> tuple[Any, Any]:
+    return _key(name, list[_one_of(name)], [])  # type: ignore[misc]
 
 
 _EDGES = Annotated[tuple[EdgeRule, ...], Strict(False), Listed()]
@@ -284,19 +319,19 @@ SceneFile: Any = create_model(
     edge=_key("edge", _EDGES, ("obstacle",)),
     sampling=_key("sampling", Literal["conservative", "centre"], "conservative"),
     k=_key("k", _BLENDS, ()),
-    robot=_key("robot", _one_of(KINDS["robot"], _robot_kind), PointRobot()),
+    robot=_key("robot", _one_of("robot"), PointRobot()),
     grid=_key("grid", Grid | None, None, about="The cells; this or a map."),
     map=_key("map", Map | None, None),
-    obstacle=_list_of("obstacle", _kind_of(())),
-    hidden=_list_of("hidden", _kind_of(())),
-    goal=_list_of("goal", _kind_of(("point", "cell", "joints", "joints_lower"))),
-    start=_list_of("start", _kind_of(("point", "cell"))),
+    obstacle=_list_of("obstacle"),
+    hidden=_list_of("hidden"),
+    goal=_list_of("goal"),
+    start=_list_of("start"),
     starts=_key("starts", list[Coordinates], []),
-    area=_list_of("area", _kind_of(())),
+    area=_list_of("area"),
     chip=_key("chip", value_of(Chip), Chip()),
     control=_key("control", value_of(Control), Control()),
 )
-_ROBOT: TypeAdapter[Robot] = TypeAdapter(_one_of(KINDS["robot"], _robot_kind))
+_ROBOT: TypeAdapter[Robot] = TypeAdapter(_one_of("robot"))
 TABLES: dict[str, Any] = {
     "": SceneFile,
     "links": Link,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import NamedTuple
 
 Path = tuple[str | int, ...]
 
@@ -19,70 +18,52 @@ _TOKEN = re.compile(
 )
 
 
-class _Token(NamedTuple):
-    text: str
-    line: int
-
-
 def key_lines(text: str) -> dict[Path, int]:
     """Line of every table, key and array element of a TOML document that is known to be valid."""
-    return _Scanner(text).run()
+    scanner = _Scanner(text)
+    prefix: Path = ()
+    while scanner.skip():
+        if scanner.peek() == "[":
+            prefix = scanner.header()
+        else:
+            scanner.pair(prefix)
+    return scanner.lines
 
 
 def line_of(lines: Mapping[Path, int], path: Path) -> int | None:
     """Line of a key path, or of the nearest thing around it."""
-    for length in range(len(path), 0, -1):
-        if path[:length] in lines:
-            return lines[path[:length]]
-    return None
-
-
-def _tokens(text: str) -> list[_Token]:
-    tokens, line = [], 1
-    for match in _TOKEN.finditer(text):
-        if match.lastgroup != "blank":
-            tokens.append(_Token(match[0], line))
-        line += match[0].count("\n")
-    return tokens
+    return next((lines[path[:size]] for size in range(len(path), 0, -1) if path[:size] in lines), None)
 
 
 class _Scanner:
     """Walks once through the tokens of a document."""
 
     def __init__(self, text: str) -> None:
-        self.tokens = [*_tokens(text), _Token("", 0)]
-        self.at = 0
+        tokens, line = [], 1
+        for match in _TOKEN.finditer(text):
+            if match.lastgroup != "blank":
+                tokens.append((match[0], line))
+            line += match[0].count("\n")
+        self.tokens = [("", 0), *reversed(tokens)]  # the next one last
         self.lines: dict[Path, int] = {}
         self.tables: dict[Path, int] = {}
 
-    def run(self) -> dict[Path, int]:
-        prefix: Path = ()
-        while self.skip_lines():
-            if self.peek() == "[":
-                prefix = self.header()
-            else:
-                self.pair(prefix)
-        return self.lines
-
     def peek(self) -> str:
-        return self.tokens[self.at].text
+        return self.tokens[-1][0]
 
-    def take(self) -> _Token:
-        self.at += 1
-        return self.tokens[self.at - 1]
-
-    def skip_lines(self) -> str:
-        """The next token that is no end of a line."""
-        while self.peek() == "\n":
-            self.at += 1
+    def skip(self) -> str:
+        """The next token that is no end of a line, and no comma."""
+        while self.peek() in ("\n", ","):
+            self.tokens.pop()
         return self.peek()
 
     def header(self) -> Path:
-        line = self.take().line
+        _, line = self.tokens.pop()
         is_array = self.peek() == "["
-        self.at += is_array
+        if is_array:
+            self.tokens.pop()
         parts = self.key()
-        self.at += 1 + is_array
+        del self.tokens[-1 - is_array :]
         if is_array:
             path = (*self.resolved(parts[:-1]), parts[-1])
             self.lines.setdefault(path, line)
@@ -101,39 +82,32 @@ class _Scanner:
         return path
 
     def key(self) -> list[str]:
-        parts = [self.take().text.strip("'\"")]
+        parts = [self.tokens.pop()[0].strip("'\"")]
         while self.peek() == ".":
-            self.at += 1
-            parts.append(self.take().text.strip("'\""))
+            self.tokens.pop()
+            parts.append(self.tokens.pop()[0].strip("'\""))
         return parts
 
     def pair(self, path: Path) -> None:
-        line = self.tokens[self.at].line
+        line = self.tokens[-1][1]
         for part in self.key():
             path = (*path, part)
             self.lines.setdefault(path, line)
-        self.at += 1
+        self.tokens.pop()
         self.value(path)
 
     def value(self, path: Path) -> None:
-        opening = self.take().text
-        if opening == "[":
-            number = 0
-            while self.skip_lines() != "]":
-                if self.peek() != ",":
-                    self.lines.setdefault((*path, number), self.tokens[self.at].line)
-                    self.value((*path, number))
-                    number += 1
-                else:
-                    self.at += 1
-            self.at += 1
-        elif opening == "{":
-            while self.skip_lines() != "}":
-                if self.peek() != ",":
+        opening, _ = self.tokens.pop()
+        number = 0
+        if opening in ("[", "{"):
+            while self.skip() not in ("]", "}"):
+                if opening == "{":
                     self.pair(path)
                 else:
-                    self.at += 1
-            self.at += 1
+                    self.lines.setdefault((*path, number), self.tokens[-1][1])
+                    self.value((*path, number))
+                    number += 1
+            self.tokens.pop()
         else:  # a number with a point or a date with a blank is several
             while self.peek() not in (",", "]", "}", "\n", ""):
-                self.at += 1
+                self.tokens.pop()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationError
 
 from resgrid.scene.messages import complaint, suggestion
-from resgrid.scene.schema import KINDS, SceneFile, keys_of
+from resgrid.scene.schema import KIND_OF, KINDS, SceneFile, keys_of
 from resgrid.scene.table import problems_of
 from resgrid.scene.toml_lines import Path
 
@@ -16,76 +16,45 @@ if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
 
 Problem = tuple[Path, str]
-_PLACES = {"goal": ("point", "cell", "joints", "joints_lower"), "start": ("point", "cell")}
 
 
-def validate(raw: Mapping[str, Any]) -> tuple[Any, list[Problem], dict[str, list[int]]]:
-    """The typed document, what is wrong with it, and the numbers of the list entries that are in it.
+def validate(raw: Mapping[str, Any]) -> tuple[Any, list[Problem], dict[Path, Any]]:
+    """The typed document, what is wrong with it, and the entries of its lists by their key paths.
 
     What is wrong is left out of the document, so that what is right can still be checked for consistency.
     """
+    numbers = {key: [*range(len(raw[key]))] for key in (*KINDS, "starts") if isinstance(raw.get(key), list)}
+    problems: list[Problem] = []
     try:
-        return SceneFile.model_validate(dict(raw)), [], _numbers(raw)
+        document = SceneFile.model_validate(dict(raw))
     except ValidationError as error:
         problems = [_problem(detail, raw) for detail in problems_of(error)]
-    wrong = {path[: 2 if path[0] in KINDS or path[0] == "starts" else 1] for path, _ in problems if path}
-    sound = {key: value for key, value in raw.items() if (key,) not in wrong} | {"schema": 1}
-    numbers = _numbers(sound)
-    for key in numbers:
-        numbers[key] = [number for number in numbers[key] if (key, number) not in wrong]
-        sound[key] = [sound[key][number] for number in numbers[key]]
-    if any(path[:1] == ("robot",) for path in wrong):
-        sound.pop("robot", None)
-    return SceneFile.model_validate(sound), problems, numbers
-
-
-def _numbers(raw: Mapping[str, Any]) -> dict[str, list[int]]:
-    lists = (*KINDS, "starts")
-    return {key: list(range(len(raw[key]))) for key in lists if isinstance(raw.get(key), list)}
+        wrong = {path[: 2 if path[0] in numbers else 1] for path, _ in problems if path}
+        sound = {key: value for key, value in raw.items() if (key,) not in wrong} | {"schema": 1}
+        numbers = {key: [n for n in every if (key, n) not in wrong] for key, every in numbers.items() if key in sound}
+        sound |= {key: [raw[key][n] for n in some] for key, some in numbers.items()}
+        document = SceneFile.model_validate(sound)
+    entries = ((key, zip(some, getattr(document, key), strict=True)) for key, some in numbers.items())
+    return document, problems, {(key, number): value for key, pairs in entries for number, value in pairs}
 
 
 def _problem(detail: ErrorDetails, raw: Mapping[str, Any]) -> Problem:
-    location = detail["loc"]
-    tag = _tag_at(location)
-    path = _without_tags(location, raw, detail["type"], tag)
-    kind = None if tag is None else str(location[tag])
-    match detail["type"]:
-        case "extra_forbidden":
-            return path, _unknown_key(path, kind)
-        case "union_tag_invalid":
-            return path, _unknown_kind(detail, path)
-        case "union_tag_not_found":
-            return path, _no_kind(detail, path)
-    return path, complaint(detail)
+    path = _path_in(raw, detail["loc"])
+    return path, _unknown_key(path, raw) if detail["type"] == "extra_forbidden" else complaint(detail)
 
 
-def _tag_at(location: tuple[int | str, ...]) -> int | None:
-    """Where pydantic's location names the kind of a table instead of a key, such as 1 in ("robot", "arm", ...)."""
-    if not location or location[0] not in KINDS:
-        return None
-    at = 1 if location[0] == "robot" else 2
-    return at if at < len(location) else None
-
-
-def _without_tags(location: tuple[int | str, ...], raw: Any, error: str, tag: int | None) -> Path:
-    """Pydantic's location without what is no key of the document: names of unions' members."""
-    path: list[str | int] = []
+def _path_in(raw: Any, location: Path) -> Path:
+    """Pydantic's location as the document has it, where the only entry of a list may stand without one."""
     node = raw
-    for position, part in enumerate(location):
-        if position == tag:
-            continue
-        last = position == len(location) - 1
-        if isinstance(node, Mapping) and part in node:
-            node = node[str(part)]
-        elif isinstance(node, list) and isinstance(part, int) and part < len(node):
-            node = node[part]
-        elif not (last and error == "missing"):
-            continue
-        path.append(part)
-    return tuple(path)
+    for depth, part in enumerate(location):
+        if not isinstance(node, Mapping | list):
+            return location[:depth]
+        node = node.get(str(part)) if isinstance(node, Mapping) else node[int(part)]
+    return location
 
 
-def _unknown_key(path: Path, kind: str | None) -> str:
+def _unknown_key(path: Path, raw: Any) -> str:
+    kind = _kind_at(path[:-1], raw)
     name, known = str(path[-1]), keys_of(path[:-1], kind)
     near = suggestion(name, known)
     if near:
@@ -98,30 +67,9 @@ def _unknown_key(path: Path, kind: str | None) -> str:
     return f"unknown key{whose}; there are {', '.join(known)}" if known else "unknown key; remove it"
 
 
-def _unknown_kind(detail: ErrorDetails, path: Path) -> str:
-    kind = str(detail["ctx"]["tag"])
-    places = _PLACES.get(str(path[0]), ())
-    options = [option for option in KINDS[str(path[0])] if option not in places]
-    near = suggestion(kind, options)
-    key = "type" if path == ("robot",) else "shape"
-    return f"{key} = {kind!r} is unknown: it may be one of {', '.join(options)}{near and f'; {near}'}"
-
-
-def _no_kind(detail: ErrorDetails, path: Path) -> str:
-    if path[:1] == ("robot",):
-        *kinds, last = (f'"{kind}"' for kind in KINDS["robot"])
-        return f"the robot needs type = {', '.join(kinds)} or {last}"
-    places = _PLACES.get(str(path[0]), ())
-    table = detail["input"] if isinstance(detail["input"], Mapping) else {}
-    shape = table.get("shape")
-    if shape in places:
-        remedy = "remove this key" if shape in table else f"write {shape} = [...] instead"
-        return f"shape = {shape!r} is no shape, for a place needs none; {remedy}"
-    for name in table:
-        near = suggestion(str(name), ("shape", *places))
-        if near and not any(f"{key!r}" in near for key in table):
-            return f"{name!r} is unknown; {near}"
-    if path[:1] == ("start",):
-        return "a start needs point = [...] or cell = [...]"
-    extra = ", or point = [...], or cell = [...], or joints = [...]" if places else ""
-    return f"this needs shape = one of rectangle, circle, polygon, box, sphere or half_plane{extra}"
+def _kind_at(path: Path, raw: Any) -> str | None:
+    """The kind of a table that comes in several."""
+    if path == ("robot",):
+        return KIND_OF["robot"](raw["robot"])
+    is_listed = len(path) == 2 and path[0] in KIND_OF
+    return KIND_OF[str(path[0])](raw[path[0]][path[1]]) if is_listed else None

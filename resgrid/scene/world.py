@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from resgrid.axis import Axis, split_points
@@ -48,7 +46,7 @@ def check_cell(axes: tuple[Axis, ...], cell: tuple[int, ...], key: str) -> None:
 
 def to_space(shape: Shape, frame: Frame) -> Shape:
     """A shape of the world in the coordinates of the space."""
-    if frame.is_world:
+    if frame.is_world or isinstance(shape, CellSet):  # the cells of a map lie there already
         return shape
     if shape.ndim != 2:
         raise InputError("a region with headings does not fit a turned map; give a point (x, y, heading), or a place")
@@ -66,12 +64,6 @@ def to_space(shape: Shape, frame: Frame) -> Shape:
         case HalfSpace(normal, offset):
             turned = np.asarray(Frame(yaw=frame.yaw).from_world(normal)).tolist() if frame.yaw else list(normal)
             return HalfSpace(tuple(turned), offset - normal[0] * frame.x - normal[1] * frame.y)
-    raise InputError("the cells of a map cannot be moved to another frame")
-
-
-def along_axes(obstacles: Sequence[Shape], frame: Frame) -> tuple[Shape, ...]:
-    """Obstacles of the world in the coordinates of the space, where the cells of a map lie already; see `to_space`."""
-    return tuple(shape if isinstance(shape, CellSet) else to_space(shape, frame) for shape in obstacles)
 
 
 def _ring(points: tuple[Point, ...], frame: Frame) -> tuple[Point, ...]:

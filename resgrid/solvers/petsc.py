@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
+import warnings
 import weakref
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from resgrid.errors import AccuracyError, ToolMissingError
+from resgrid.errors import AccuracyError, InputError, ToolMissingError
 
 PYTHON_VARIABLE = "RESGRID_PETSC_PYTHON"
 _DEBIAN = "/usr/lib/petscdir"
@@ -63,7 +65,8 @@ def find_petsc() -> Petsc:
         environment = _environment(petsc)
         probe = subprocess.run(
             [python, "-s", "-c", "import numpy, petsc4py.PETSc"],
-            env=environment, stdin=subprocess.DEVNULL, capture_output=True, check=False, timeout=60,
+            env={**environment, "PETSC_OPTIONS": ""}, stdin=subprocess.DEVNULL, capture_output=True, check=False,
+            timeout=60,
         )  # fmt: skip
         if probe.returncode == 0:
             return Petsc(str(mpiexec), python, environment)
@@ -75,6 +78,8 @@ def run_ranks(petsc: Petsc, folder: Path, ranks: int) -> Report:
 
     Raises
     ------
+    InputError
+        If PETSc refuses an option of ``PETSC_OPTIONS``.
     AccuracyError
         If a rank fails or dies; the others are ended.
     """
@@ -92,9 +97,14 @@ def run_ranks(petsc: Petsc, folder: Path, ranks: int) -> Report:
             ending.detach()
             if process.poll() is None:
                 _end(process)
-    report = folder / "report.json"
+    report, refused = folder / "report.json", folder / "refused"
+    if refused.exists():
+        raise InputError(f"PETSc refuses an option of PETSC_OPTIONS: {refused.read_text()}; correct or unset it")
     if status != 0 or not report.exists():
         raise AccuracyError(f"PETSc ended without an answer (mpiexec's exit status {status}): {_last_words(log)}")
+    unused = re.findall(r"^Option left: name:(-\S+)", log.read_text("utf-8", "replace"), re.MULTILINE)
+    if unused:
+        warnings.warn(f"PETSc has no use for {', '.join(unused)} of PETSC_OPTIONS", stacklevel=2)
     peaks = tuple(int((folder / f"peak_{rank}.json").read_text()) for rank in range(ranks))
     return Report(**json.loads(report.read_text()), peaks=peaks)
 

@@ -85,6 +85,8 @@ def local_rows(folder: Path, shape: list[int], first: int, last: int, index: Any
 def configured(petsc: Any, matrix: Any, axes: int) -> Any:
     """Conjugate gradients with algebraic multigrid; PETSC_OPTIONS says what else."""
     options = petsc.Options()
+    options.setValue("options_left", "")
+    given = options.getAll()
     if not options.hasName("pc_type"):
         boomeramg = BOOMERAMG if axes < 3 else BOOMERAMG_3D
         for key, text in (boomeramg if petsc.Sys.hasExternalPackage("hypre") else GAMG).items():
@@ -93,7 +95,12 @@ def configured(petsc: Any, matrix: Any, axes: int) -> Any:
     solver.setOperators(matrix)
     solver.setType("cg")
     solver.setNormType(petsc.KSP.NormType.UNPRECONDITIONED)
-    solver.setFromOptions()
+    try:
+        solver.setFromOptions()
+    except petsc.Error as error:
+        why = str(error).splitlines()[-1]
+        name, value = max(given.items(), key=lambda item: (item[0] in why, bool(item[1]) and item[1] in why))
+        raise SystemExit(f"-{name} {value}: {why.partition('] ')[2]}") from error
     return solver
 
 
@@ -120,9 +127,11 @@ def solve(petsc: Any, solver: Any, matrix: Any, b: Any, rtol: float) -> tuple[An
 
 
 def main(folder: Path) -> None:
-    """Solve what the folder holds."""
-    from petsc4py import PETSc
-
+    """Solve what the folder holds; SystemExit says which option PETSc refuses."""
+    try:
+        from petsc4py import PETSc
+    except Exception as fault:
+        raise SystemExit(f"{os.environ.get('PETSC_OPTIONS')}: {fault}") from fault
     started = time.perf_counter()
     system = json.loads((folder / "system.json").read_text())
     shape, comm = system["shape"], PETSc.COMM_WORLD
@@ -161,7 +170,9 @@ def main(folder: Path) -> None:
 if __name__ == "__main__":
     try:
         main(Path(sys.argv[1]))
-    except BaseException:
+    except BaseException as failure:
+        if isinstance(failure, SystemExit):
+            Path(sys.argv[1], "refused").write_text(str(failure))
         traceback.print_exc()
         sys.stderr.flush()
         os._exit(1)  # the other ranks wait for this one: mpiexec ends them when it sees that it is gone

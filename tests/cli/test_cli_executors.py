@@ -87,7 +87,7 @@ def test_what_is_interrupted_or_killed_is_taken_up(
     [
         ("threads", "there is no executor 'threads'; use processes", 2),
         ("processes:0", "there is no executor", 2),
-        ("mpi", "start it with mpiexec -n N", 2),
+        ("mpi", "mpiexec -n N, the one that belongs to", 2),
         ("dask://127.0.0.1:1", "no dask scheduler answers at 127.0.0.1:1", 2),
         ("parsl:none.py", "none.py: cannot be read", 2),
     ],

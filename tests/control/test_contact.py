@@ -11,7 +11,7 @@ from support.robots import BAR
 
 from resgrid.axis import Axis
 from resgrid.control.contact import Surroundings, solve_contacts, surroundings
-from resgrid.control.plant import make_plant, plant_of
+from resgrid.control.plant import PAIR, make_plant, plant_of
 from resgrid.errors import InputError
 from resgrid.robots import (
     Arm,
@@ -76,8 +76,8 @@ def test_what_is_touched_but_for_rounding_is_near(height: float, angle: float, r
         pairs = plant.near(plant.pose(centre), 1e-6)
         assert plant.penetration(centre)[0] == 0
         assert len(pairs) == 1
-        assert pairs[0, 6] == pytest.approx(0, abs=2e-9)
-        np.testing.assert_allclose(pairs[0, 4:6], toward, atol=1e-6)
+        assert pairs["gap"][0] == pytest.approx(0, abs=2e-9)
+        np.testing.assert_allclose(pairs["normal"][0], toward, atol=1e-6)
 
 
 @settings(max_examples=150)
@@ -90,14 +90,14 @@ def test_the_nearest_pair_is_as_near_as_shapely_says(robot: Robot, seed: int) ->
     pairs = plant.near(plant.pose(q), 9.0)
     for obstacle in obstacles_of(SOLIDS):
         apart = [float(obstacle.distance(part)[0]) for part in robot.parts(q[np.newaxis])]
-        own = pairs[pairs[:, 8] == obstacle.number]
-        assert own[:, 6].min() == pytest.approx(min(apart), abs=1e-9)
-        assert apart[int(own[np.argmin(own[:, 6]), 7])] == pytest.approx(min(apart), abs=1e-9)
-    behind = shapely.points(pairs[:, 2:4] + 1e-6 * pairs[:, 9:11])
-    solids = np.array([to_shapely(solid) for solid in SOLIDS])[pairs[:, 8].astype(int)]
-    assert np.all(shapely.distance(solids, behind) <= (pairs[:, 8] == 1) * 1e-3)
-    np.testing.assert_allclose(np.linalg.norm(pairs[:, 4:6], axis=1), 1.0)
-    np.testing.assert_allclose(pairs[:, 0:2] - pairs[:, 2:4], pairs[:, 6:7] * pairs[:, 4:6], atol=1e-12)
+        own = pairs[pairs["body"] == obstacle.number]
+        assert own["gap"].min() == pytest.approx(min(apart), abs=1e-9)
+        assert apart[int(own["part"][np.argmin(own["gap"])])] == pytest.approx(min(apart), abs=1e-9)
+    behind = shapely.points(pairs["point"] + 1e-6 * pairs["inward"])
+    solids = np.array([to_shapely(solid) for solid in SOLIDS])[pairs["body"]]
+    assert np.all(shapely.distance(solids, behind) <= (pairs["body"] == 1) * 1e-3)
+    np.testing.assert_allclose(np.linalg.norm(pairs["normal"], axis=1), 1.0)
+    np.testing.assert_allclose(pairs["on_robot"] - pairs["point"], pairs["gap"][:, None] * pairs["normal"], atol=1e-12)
 
 
 @settings(max_examples=150)
@@ -133,14 +133,15 @@ def test_contact_forces_obey_coulomb_and_power_balances(robot: Robot, seed: int,
     felt = solve_contacts(around, np.ones(len(around.gap), bool), free, give, mu, np.zeros(len(around.gap)))
     np.testing.assert_allclose(felt.velocity, free + give @ felt.torque, atol=1e-9)
     power = 0.0
-    for k in range(len(felt.gap)):
-        speed = jacobian(pose, felt.on_robot[k], int(felt.part[k])) @ felt.velocity
-        normal, tangent = felt.normal[k], np.array([-felt.normal[k, 1], felt.normal[k, 0]])
+    for k in range(len(felt.pairs)):
+        speed = jacobian(pose, felt.pairs["on_robot"][k], int(felt.pairs["part"][k])) @ felt.velocity
+        normal = felt.pairs["normal"][k]
+        tangent = np.array([-normal[1], normal[0]])
         pull, rub = felt.force[k] @ normal, felt.force[k] @ tangent
         power += float(felt.force[k] @ speed)
         assert pull >= 0
         assert abs(rub) <= mu * pull + 1e-9
-        if len(felt.gap) == 1 and pull > 1e-6:
+        if len(felt.pairs) == 1 and pull > 1e-6:
             assert normal @ speed == pytest.approx(0.0, abs=1e-8)
             if abs(rub) < mu * pull * (1 - 1e-6) - 1e-9:
                 assert tangent @ speed == pytest.approx(0.0, abs=1e-7)
@@ -173,7 +174,7 @@ def test_without_friction_the_velocity_is_projected_onto_what_gaps_allow(ndim, c
         rows[2] = rows[0]
     root = rng.normal(size=(ndim, ndim))
     give, free = root @ root.T + 0.1 * np.eye(ndim), rng.normal(size=ndim)
-    around = Surroundings(np.zeros((count, 11)), rows, rng.normal(size=(count, ndim)))
+    around = Surroundings(np.zeros(count, PAIR), rows, rng.normal(size=(count, ndim)))
     felt = solve_contacts(around, np.ones(count, bool), free, give, 0.0, np.zeros(count))
     factor = np.linalg.cholesky(give)
     force, _ = nnls((rows @ factor).T, -np.linalg.solve(factor, free))
@@ -224,7 +225,7 @@ def test_a_bar_laid_flat_on_a_box_touches_with_both_ends() -> None:
     plant = make_plant(BAR, (*PLANE, BAR.turning_axis(8)), [Box((-2.0, -1.0), (2.0, 0.0))])
     pose = plant.pose(np.array([0.3, 0.101, 0.0]))
     around = surroundings(pose, plant.near(pose, 0.01))
-    assert sorted(around.pairs[:, 0].tolist()) == pytest.approx([-0.2, 0.8])
+    assert sorted(around.pairs["on_robot"][:, 0].tolist()) == pytest.approx([-0.2, 0.8])
     felt = solve_contacts(around, np.array([True, True]), np.array([0.0, -1.0, 0.0]), np.eye(3), 0.3, np.zeros(2))
     np.testing.assert_allclose(felt.velocity, 0.0, atol=1e-9)
     assert felt.force[:, 1].sum() == pytest.approx(1.0)
@@ -236,8 +237,8 @@ def test_a_map_and_its_copies_across_the_seam_are_bodies() -> None:
     mask[0, 1:3] = True
     plant = make_plant(PointRobot(), axes, [CellSet(axes, mask)])
     near = plant.near(plant.pose(np.array([3.9, 1.5])), 0.2)
-    assert near[:, 6].min() == pytest.approx(0.1)
-    np.testing.assert_allclose(plant.near(plant.pose(np.array([7.9, 1.5])), 0.2)[:, 6], near[:, 6])
+    assert near["gap"].min() == pytest.approx(0.1)
+    np.testing.assert_allclose(plant.near(plant.pose(np.array([7.9, 1.5])), 0.2)["gap"], near["gap"])
 
 
 def test_a_body_described_some_turns_away_is_touched_where_it_is() -> None:
@@ -248,7 +249,7 @@ def test_a_body_described_some_turns_away_is_touched_where_it_is() -> None:
     near = make_plant(DiscRobot(0.3), axes, [Ball((1.0, 1.0), 0.5), Box((3.0, 2.0), (3.5, 3.0))])
     rng = np.random.default_rng(0)
     for place in rng.uniform(-6, 10, (40, 2)):
-        gaps = [np.sort(plant.near(plant.pose(place), 1.0)[:, 6]) for plant in (far, near)]
+        gaps = [np.sort(plant.near(plant.pose(place), 1.0)["gap"]) for plant in (far, near)]
         np.testing.assert_allclose(*gaps, atol=1e-12)
         np.testing.assert_allclose(*(plant.axis_penetration(place[np.newaxis]) for plant in (far, near)), atol=1e-12)
 

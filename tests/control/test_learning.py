@@ -49,8 +49,8 @@ def test_a_contact_proves_the_cell_it_is_made_in_and_no_free_cell(case, seed: in
         met = plant.penetration(middle)[0] > 0 or len(plant.near(plant.pose(middle), 1e-7))
         low, high = (low, middle) if met else (middle, high)
     pairs = plant.near(plant.pose(low), 1e-3)
-    near = pairs[np.argmin(pairs[:, 6])]
-    proven = plant.proven_cells(near[2:4] + INSIDE * plant.cell_motion * near[9:11])
+    near = pairs[np.argmin(pairs["gap"])]
+    proven = plant.proven_cells(near["point"] + INSIDE * plant.cell_motion * near["inward"])
     space = ConfigurationSpace(axes, np.zeros(tuple(axis.cells for axis in axes), np.uint8))
     itself = robot.occupancy(axes, [], "conservative")
     true = robot.occupancy(axes, SOLIDS, "conservative")

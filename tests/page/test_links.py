@@ -16,7 +16,7 @@ from resgrid.errors import InputError
 from resgrid.page.drawing import blank, drawing_of
 from resgrid.page.frames import solve_drawing
 from resgrid.page.opening import open_example
-from resgrid.scene.links import is_link, read_link
+from resgrid.scene.read import is_link, read_link
 
 
 def link(document: object) -> str:

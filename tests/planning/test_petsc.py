@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.cli import ROOM, call
+from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.errors import AccuracyError, ToolMissingError
@@ -48,6 +49,7 @@ def processes() -> str:
     return subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True, check=True).stdout
 
 
+@pytest.mark.filterwarnings("ignore:more ranks")
 @pytest.mark.parametrize("number", range(len(CASES)))
 def test_it_agrees_with_the_engine_and_is_safe_where_it_says_so(number: int) -> None:
     shape, rings, options = CASES[number]
@@ -132,6 +134,50 @@ def test_where_it_is_missing_one_sentence_says_how_to_get_it(tmp_path: Path, mon
     result = call("solve", scene, "--method", "petsc")
     assert result.exit_code == 3
     assert "apt-get install python3-petsc4py" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ("-pc_type nonsense", "-pc_type nonsense: Unable to find requested PC type nonsense"),
+        ("-pc_type gamg -ksp_max_it abc", "-ksp_max_it abc: Input string abc has no integer value"),
+        ("-options_file /nowhere", "-options_file /nowhere: "),
+    ],
+)
+def test_an_option_that_petsc_refuses_is_named(
+    options: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = tmp_path / "room.toml"
+    scene.write_text(ROOM)
+    monkeypatch.setenv("PETSC_OPTIONS", options)
+    result = call("solve", scene, "--method", "petsc")
+    assert result.exit_code == 2
+    assert f"PETSc refuses an option of PETSC_OPTIONS: {said}" in result.stderr
+
+
+def test_what_does_not_help_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.cpu_count", lambda: 1)
+    monkeypatch.setenv("PETSC_OPTIONS", "-pc_typ gamg")
+    with pytest.warns(UserWarning) as caught:
+        rg.plan(scatter((9, 9), (), 1), method="petsc", ranks=2)
+    said = " ".join(str(warning.message) for warning in caught)
+    assert "more ranks (2) than cores (1)" in said and "no use for -pc_typ of PETSC_OPTIONS" in said
+
+
+@pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
+def test_a_walled_in_goal_is_refused(boundary: str) -> None:
+    cell = np.zeros((9, 9), dtype=np.uint8)
+    cell[3:6, 3:6], cell[4, 4] = rg.Cell.OBSTACLE, rg.Cell.GOAL
+    with pytest.raises(rg.CircuitError, match="no free cell is connected to a goal; move the goal"):
+        rg.plan(space_of(cell), method="petsc", boundary=boundary)
+
+
+def test_ranks_that_memory_has_no_room_for_are_refused() -> None:
+    with (
+        pytest.warns(UserWarning, match="wait for one another"),
+        pytest.raises(rg.BudgetError, match=r"on 100000 ranks needs about .* take fewer ranks"),
+    ):
+        rg.plan(scatter((9, 9), (), 1), method="petsc", ranks=100_000)
 
 
 def test_a_netlist_is_sent_to_plan() -> None:

@@ -13,9 +13,8 @@ from matplotlib.quiver import Quiver
 from PIL import Image
 
 import resgrid as rg
-from resgrid.control.announced import RelaxationSweep, Wavefront, wavefront
+from resgrid.control.announced import Wavefront, wavefront
 from resgrid.control.log import Mode
-from resgrid.control.relaxation import Relaxation
 from resgrid.errors import InputError, ToolMissingError
 from resgrid.plot.animations import check_animation, frame_rows
 
@@ -64,17 +63,6 @@ def test_the_share_of_dirichlet_lies_between_none_and_all(space, field, neumann)
         planner.at(2.0).dirichlet_share()
     axes = rg.draw_dirichlet_share(field, neumann, 0.98)
     assert axes.images
-
-
-def test_a_sweep_marks_what_did_not_arrive() -> None:
-    ratio = np.array([100.0, 10.0])
-    sweep = RelaxationSweep(
-        Relaxation("sor"), 50.0, 50 / ratio, ratio, (rg.Ending.STALLED, rg.Ending.ARRIVED), np.array([80.0, 20.0]),
-        np.array([40.0, 0.0]), 19.0,
-    )  # fmt: skip
-    assert (sweep.safe_ratio, sweep.failing_ratio) == (10.0, 100.0)
-    axes = rg.draw([sweep])
-    assert {"did not arrive", "SOR sweeps: settles in 50"} <= labels(axes)
 
 
 @pytest.fixture(scope="module")

@@ -1,9 +1,9 @@
-"""What a map file says, in the package's own terms, as every reader of maps returns it; maps that are NumPy arrays."""
+"""What a map file says, as every reader of maps returns it, and maps that are NumPy arrays."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from io import BytesIO
 from math import prod
 from pathlib import Path
@@ -17,31 +17,64 @@ from resgrid.budget import require_grid_memory
 from resgrid.errors import InputError
 from resgrid.files import read_bytes
 from resgrid.frame import Frame
+from resgrid.frozen import frozen
+from resgrid.robots import CellSet, Robot
 from resgrid.space import MAX_DIMENSIONS, Cell
 
 HEADER_READERS = {(1, 0): "read_array_header_1_0", (2, 0): "read_array_header_2_0"}
 
 
-@dataclass(frozen=True, eq=False)
-class MapData:
-    """What a map file says.
+HEADINGS = 36
+"""Cells of the third axis of a turning robot on a map that does not say."""
 
-    `axes`: the grid, in the map's own coordinates; `frame`: from those to the world's; `cell`: `resgrid.space.Cell`
-    codes on the grid; `conductivity`: of free cells, on the grid, or None.
+
+@frozen
+@dataclass(frozen=True, eq=False)
+class MapCells:
+    """What was read from a map file.
+
+    Attributes
+    ----------
+    axes : tuple of Axis
+        Of the map, in its own coordinates; those of the scene, unless its robot turns or is an arm.
+    cell : ndarray of uint8
+        `resgrid.space.Cell` codes on these axes, before obstacles grow by the robot's radius.
+    frame : Frame
+        From the map's coordinates to the world's.
+    conductivity : ndarray of float64 or None
+        Of its cells; None where the map says nothing of costs.
+    table : mapping
+        The ``[map]`` table it came from; ``file`` is an absolute path.
     """
 
     axes: tuple[Axis, ...]
-    frame: Frame
     cell: NDArray[np.uint8]
+    frame: Frame = field(default_factory=Frame)
     conductivity: NDArray[np.float64] | None = None
+    table: Mapping[str, Any] = field(default_factory=dict)
 
-    def around(self, periodic: Sequence[str]) -> MapData:
-        """The same map, its named axes closed to rings."""
-        names = [axis.name for axis in self.axes]
+    def read_by(self, table: Mapping[str, Any]) -> MapCells:
+        """The same map as its table says, of which no reader knows: its named axes closed to rings."""
+        names, periodic = [axis.name for axis in self.axes], table.get("periodic", ())
         for name in periodic:
             if name not in names:
                 raise InputError(f"map.periodic: there is no axis {name!r}; the map has {', '.join(names)}")
-        return replace(self, axes=tuple(replace(axis, periodic=axis.name in periodic) for axis in self.axes))
+        axes = tuple(replace(axis, periodic=axis.name in periodic) for axis in self.axes)
+        return replace(self, axes=axes, table=table)
+
+    @property
+    def obstacles(self) -> CellSet:
+        """The cells that are obstacles, as a shape of the map's own frame."""
+        return CellSet(self.axes, self.cell == Cell.OBSTACLE)
+
+    def space_of(self, robot: Robot) -> tuple[tuple[Axis, ...], Frame]:
+        """Axes and frame of the configuration space of a robot on this map."""
+        axes = robot.axes_on_map(self.axes, self.table.get("headings", HEADINGS))
+        return tuple(axes), replace(self.frame, turning_length=robot.turning_length)
+
+    def without_obstacles(self) -> MapCells:
+        """The same map, free where obstacles were."""
+        return replace(self, cell=np.where(self.cell == Cell.OBSTACLE, np.uint8(Cell.FREE), self.cell))
 
 
 def cells_from_rows(rows: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -66,7 +99,7 @@ def placed_axes(
     )
 
 
-def read_npy(path: Path, **placing: Any) -> MapData:
+def read_npy(path: Path, **placing: Any) -> MapCells:
     """Read a NumPy array of cell codes (0 free, 1 obstacle, 2 goal) or truth values (true is an obstacle)."""
     data = read_bytes(path)
     _check_npy(data, path)
@@ -78,7 +111,7 @@ def read_npy(path: Path, **placing: Any) -> MapData:
     if wrong.any():
         where = tuple(int(i) for i in np.argwhere(wrong)[0])
         raise InputError(f"{path}: cell {where} is {array[where]}; it may be 0 (free), 1 (obstacle) or 2 (goal)")
-    return MapData(placed_axes(array.shape, **placing), Frame(), np.ascontiguousarray(array, dtype=np.uint8))
+    return MapCells(placed_axes(array.shape, **placing), np.ascontiguousarray(array, dtype=np.uint8))
 
 
 def _check_npy(data: bytes, path: Path) -> None:

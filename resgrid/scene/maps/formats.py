@@ -4,24 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 from resgrid.errors import InputError
 from resgrid.files import read_bytes
-from resgrid.scene.maps.arrays import MapData, read_npy
+from resgrid.scene.maps.arrays import MapCells, read_npy
 from resgrid.scene.maps.movingai import PASSABLE, read_movingai
 from resgrid.scene.maps.pictures import THRESHOLD, read_epic, read_grey
 from resgrid.scene.maps.ros import UNKNOWN, occupancy_grid, read_ros, ros_greys
+from resgrid.scene.messages import suggestion
 
 
 @dataclass(frozen=True)
 class MapFormat:
     """A kind of map file: its reader, how its files end, how they begin, and the options its reader takes."""
 
-    read: Callable[..., MapData]
+    read: Callable[..., MapCells]
     suffixes: tuple[str, ...]
     magic: tuple[bytes, ...]
     options: tuple[str, ...]
@@ -45,17 +45,17 @@ COMMON = ("file", "format", "periodic", "headings")
 """Keys of a ``[map]`` table that no reader sees."""
 
 
-def read_map(path: Path, table: Mapping[str, Any]) -> MapData:
-    """Read a map file as its ``[map]`` table says."""
+def read_map(table: Mapping[str, Any]) -> MapCells:
+    """Read a map file as its ``[map]`` table says; ``file`` is an absolute path."""
+    path = Path(table["file"])
     name = format_of(path, table)
     options = {key: value for key, value in table.items() if key not in COMMON}
     known = FORMATS[name].options
     for key in options:
         if key not in known:
-            near = get_close_matches(key, known, 1)
-            hint = f"did you mean {near[0]!r}?" if near else f"it takes {', '.join(known)}"
+            hint = suggestion(key, known) or f"it takes {', '.join(known)}"
             raise InputError(f"{path}: map.{key}: a map of format {name!r} takes no such option; {hint}")
-    return FORMATS[name].read(path, **options).around(table.get("periodic", ()))
+    return FORMATS[name].read(path, **options).read_by(table)
 
 
 def format_of(path: Path, table: Mapping[str, Any]) -> str:

@@ -16,8 +16,7 @@ import numpy as np
 from resgrid.budget import require_grid_memory
 from resgrid.errors import InputError
 from resgrid.files import read_text
-from resgrid.frame import Frame
-from resgrid.scene.maps.arrays import MapData, cells_from_rows, placed_axes
+from resgrid.scene.maps.arrays import MapCells, cells_from_rows, placed_axes
 from resgrid.space import Cell
 
 TERRAIN = ".G@OTSW"
@@ -53,7 +52,7 @@ class Query:
     optimal_length: float
 
 
-def read_movingai(path: Path, passable: str = PASSABLE) -> MapData:
+def read_movingai(path: Path, passable: str = PASSABLE) -> MapCells:
     """Read a MovingAI map; a cell is 1 x 1, in units of ``cell``."""
     unknown = sorted(set(passable) - set(TERRAIN))
     if unknown:
@@ -69,7 +68,7 @@ def read_movingai(path: Path, passable: str = PASSABLE) -> MapData:
     free = np.zeros(256, dtype=bool)
     free[[ord(letter) for letter in passable]] = True
     cell = cells_from_rows(np.where(free[letters], Cell.FREE, Cell.OBSTACLE).astype(np.uint8))
-    return MapData(placed_axes((width, height)), Frame(), cell)
+    return MapCells(placed_axes((width, height)), cell)
 
 
 def read_queries(file: str | os.PathLike[str]) -> list[Query]:

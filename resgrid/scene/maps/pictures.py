@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from resgrid.budget import BYTES_PER_CELL, require_grid_memory
 from resgrid.errors import BudgetError, InputError, ResgridError
 from resgrid.files import read_bytes
-from resgrid.frame import Frame
-from resgrid.scene.maps.arrays import MapData, cells_from_rows, placed_axes
+from resgrid.scene.maps.arrays import MapCells, cells_from_rows, placed_axes
 from resgrid.space import Cell
 
 if TYPE_CHECKING:
@@ -73,14 +72,14 @@ class Raster:
         return values if self.maxval == 255 else values * 255 // self.maxval
 
 
-def read_grey(path: Path, threshold: int = THRESHOLD, **placing: Any) -> MapData:
+def read_grey(path: Path, threshold: int = THRESHOLD, **placing: Any) -> MapCells:
     """Read a picture in which dark is an obstacle."""
     grey = read_raster(path).grey
     rows = np.where(grey < threshold, Cell.OBSTACLE, Cell.FREE).astype(np.uint8)
     return _placed(rows, placing)
 
 
-def read_epic(path: Path, **placing: Any) -> MapData:
+def read_epic(path: Path, **placing: Any) -> MapCells:
     """Read a picture by the convention of epic: 0 is an obstacle, 255 a goal, everything between is free.
 
     Colours are turned to grey by their rounded luma, opacity is ignored (K. Wray, D. Ruiken, R. Grupen and
@@ -91,9 +90,9 @@ def read_epic(path: Path, **placing: Any) -> MapData:
     return _placed(rows, placing)
 
 
-def _placed(rows: NDArray[np.uint8], placing: dict[str, Any]) -> MapData:
+def _placed(rows: NDArray[np.uint8], placing: dict[str, Any]) -> MapCells:
     cell = cells_from_rows(rows)
-    return MapData(placed_axes(cell.shape, **placing), Frame(), cell)
+    return MapCells(placed_axes(cell.shape, **placing), cell)
 
 
 def read_raster(path: Path, bytes_per_pixel: int = BYTES_PER_PIXEL) -> Raster:

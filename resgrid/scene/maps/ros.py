@@ -45,7 +45,7 @@ from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.files import read_text
 from resgrid.frame import Frame
-from resgrid.scene.maps.arrays import MapData
+from resgrid.scene.maps.arrays import MapCells
 from resgrid.scene.maps.pictures import Raster, read_raster
 from resgrid.scene.messages import complaint, report
 from resgrid.scene.table import problems_of
@@ -120,7 +120,7 @@ def read_ros(
     unknown: str = "obstacle",
     lethal: int | None = None,
     least_conductivity: float | None = None,
-) -> MapData:
+) -> MapCells:
     """Read a ROS map.
 
     A cell is an obstacle if its occupancy is at least `lethal`, and free below; negative occupancies follow `unknown`.
@@ -137,7 +137,7 @@ def read_ros(
         share = np.clip(occupancy, 0, None) / _lethal(header, lethal)
         conductivity = np.ascontiguousarray(np.where(occupied, 1.0, least_conductivity**share).T)
     axes, frame = _place(header, cell.shape)
-    return MapData(axes, frame, np.ascontiguousarray(cell.T), conductivity)
+    return MapCells(axes, np.ascontiguousarray(cell.T), frame, conductivity)
 
 
 def ros_greys(path: Path, dialect: str = "nav2", lethal: int | None = None) -> list[str]:
