@@ -12,12 +12,12 @@ from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.frame import Frame
 from resgrid.frozen import picture_html
-from resgrid.robots import Ball, Box, HalfSpace, PointRobot, Polygon, Robot, Sampling, Shape
+from resgrid.robots import PointRobot, Robot, Sampling, Shape
 from resgrid.robots.shapes import Point
 from resgrid.scene.chip import Chip
 from resgrid.scene.consistency import inconsistencies
 from resgrid.scene.control import Control
-from resgrid.scene.goals import CostArea, Goal, GoalCell, GoalJoints, GoalPoint
+from resgrid.scene.goals import CostArea, Goal, GoalCell, GoalPoint
 from resgrid.scene.maps.arrays import MapCells
 from resgrid.scene.messages import report, suggestion
 from resgrid.scene.toml_lines import Path
@@ -217,7 +217,7 @@ def start_point(start: GoalPoint | GoalCell | Point, axes: tuple[Axis, ...], fra
 
 def _places(key: str, given: Any) -> list[Any]:
     """One place or several, as a list of places: points as tuples, everything else as it is."""
-    if isinstance(given, GoalPoint | GoalCell | GoalJoints | Box | Ball | Polygon | HalfSpace):
+    if isinstance(given, Goal):
         return [given]
     entries = given.tolist() if hasattr(given, "tolist") else given
     if not isinstance(entries, list | tuple) or not entries:
