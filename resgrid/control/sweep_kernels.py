@@ -18,7 +18,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from resgrid.control.contact_kernels import misses
-from resgrid.jit import inner
+from resgrid.jit import inner, kernel
 from resgrid.robots.geometry import ObstacleArrays, Pose
 from resgrid.robots.kernels import share
 
@@ -138,7 +138,7 @@ def _moves(
     moves[6] = turn[part]
 
 
-@njit(cache=True)
+@kernel
 def free_share(pose: Pose, solid: ObstacleArrays, motion: Floats, least: float) -> float:
     """Share of a straight motion in configuration space for which every gap is known to stay at ``least`` or above.
 

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inner
+from resgrid.jit import inner, kernel
 from resgrid.robots.geometry import Links, ObstacleArrays
 
 Floats = NDArray[np.float64]
@@ -86,7 +86,7 @@ def near_solids(ax: float, ay: float, bx: float, by: float, reach: float, solids
     return False
 
 
-@njit(cache=True)
+@kernel
 def place_joints(joints: Floats, link: int, angles: Floats, lengths: Floats, base: Floats, relative: bool) -> None:
     """Joint positions up to the end of a link."""
     direction = base[2]
@@ -97,7 +97,7 @@ def place_joints(joints: Floats, link: int, angles: Floats, lengths: Floats, bas
         joints[j + 1, 1] = joints[j, 1] + lengths[j] * math.sin(direction)
 
 
-@njit(cache=True)
+@kernel
 def _travel(joints: Floats, first: int, link: int, chords: Floats, lengths: Floats, relative: bool) -> float:
     """How far any point of a link can move while joints ``first .. link`` turn within a cell, the others held.
 
@@ -141,7 +141,7 @@ def _hits(
     return False
 
 
-@njit(cache=True)
+@kernel
 def mark_link(
     out: Flags, first: int, last: int, link: int, counts: Integers, centres: Floats, widths: Floats, links: Links,
     self_collision: bool, parts: int, slack: float, solids: ObstacleArrays,
@@ -227,7 +227,7 @@ def _ends_of_segment(ax: float, ay: float, bx: float, by: float, low: float, hig
     return min(first, last), max(first, last)
 
 
-@njit(cache=True)
+@kernel
 def mark_parallelograms(out: Flags, pieces: Floats, reach: float, plane: Plane) -> None:
     """Mark the cells, shape (columns, rows), that come within a distance of parallelograms, shape (p, 6).
 
@@ -270,7 +270,7 @@ def mark_parallelograms(out: Flags, pieces: Floats, reach: float, plane: Plane) 
                 out[start:stop, row] = True
 
 
-@njit(cache=True)
+@kernel
 def mark_enclosed(out: Flags, edges: Floats, plane: Plane) -> None:
     """Mark the cells, shape (columns, rows), whose centre closed rings of edges, shape (e, 4), enclose.
 

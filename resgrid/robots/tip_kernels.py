@@ -9,9 +9,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from resgrid.jit import inner
+from resgrid.jit import inner, kernel
 from resgrid.robots.geometry import Links, ObstacleArrays
 from resgrid.robots.kernels import Flags, Floats, Integers, near_solids, place_joints, share
 
@@ -211,7 +210,7 @@ def _find(work: _Work, links: Links, goal: ObstacleArrays, tolerance: float) -> 
     return False
 
 
-@njit(cache=True)
+@kernel
 def find_tips(
     out: Flags, points: Floats, first: int, counts: Integers, lower: Floats, widths: Floats,
     links: Links, goal: ObstacleArrays, bounds: Floats, tolerance: float,
