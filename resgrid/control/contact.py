@@ -9,7 +9,7 @@ of the same problem.  Velocities keep gaps to first order; that no gap closes in
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -51,16 +51,6 @@ class Contacts:
     normal_torque: NDArray[np.float64]
     velocity: NDArray[np.float64]
     solved: bool
-
-    def scaled(self, factor: float) -> Contacts:
-        """The same for a command, and so velocity and forces, that many times as large."""
-        return replace(
-            self,
-            force=factor * self.force,
-            torque=factor * self.torque,
-            normal_torque=factor * self.normal_torque,
-            velocity=factor * self.velocity,
-        )
 
     @property
     def pressing(self) -> NDArray[np.bool_]:
