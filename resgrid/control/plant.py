@@ -83,10 +83,10 @@ class Plant:
             room *= 4
 
     def free_share(self, pose: Pose, motion: NDArray[np.float64], least: float) -> float:
-        """Share of a straight motion that surely keeps all gaps; see `resgrid.control.sweep_kernels`."""
-        from resgrid.control import sweep_kernels
+        """Share of a straight motion that surely keeps all gaps."""
+        from resgrid.control import contact_kernels
 
-        return sweep_kernels.free_share(pose, self.arrays, motion, least)
+        return contact_kernels.free_share(pose, self.arrays, motion, least)
 
     def within_stops(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
         """Configurations in axis units, shape (..., ndim), held between the mechanical stops."""
