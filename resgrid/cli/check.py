@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from resgrid.cli.decks import is_deck, open_deck, refuse_scene_options, solve_deck
-from resgrid.cli.failures import NEGATIVE, NOT_VERIFIED
 from resgrid.cli.options import POSITIVE, Source, Suggested, share, verb, with_source
-from resgrid.cli.report import detail, finish, say, stage
+from resgrid.cli.report import NEGATIVE, NOT_VERIFIED, detail, finish, say, stage
 from resgrid.cli.scenes import open_job, say_unheeded
 from resgrid.errors import InputError, ResgridError, ToolMissingError
 
@@ -21,8 +20,7 @@ if TYPE_CHECKING:
     from resgrid.netlist import Netlist
     from resgrid.spice.check.agreement import Agreement
     from resgrid.spice.check.predictions import Prediction
-    from resgrid.spice.check.violation import Violation
-    from resgrid.spice.circuit import Circuit, Severity
+    from resgrid.spice.circuit import Circuit, Severity, Violation
 
 _WORDS = {"sidecar": "the sidecar", "scene": "the scene's solution", "solve": "our solution"}
 _LONG = 10.0
@@ -233,7 +231,7 @@ def _rules_lines(violations: Sequence[Violation], predictions: Sequence[Predicti
 
 def _violation_lines(violations: Iterable[Violation], least: Severity = "info") -> Iterable[str]:
     """One line a violation, down to a severity."""
-    from resgrid.spice.check.violation import SEVERITIES
+    from resgrid.spice.circuit import SEVERITIES
 
     worst = SEVERITIES[: SEVERITIES.index(least) + 1]
     return (f"  {violation}" for violation in violations if violation.severity in worst)

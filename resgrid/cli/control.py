@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin, get_type_h
 
 import click
 
-from resgrid.cli.failures import NEGATIVE
 from resgrid.cli.options import NUMBERS, Source, output_option, verb, with_source
 from resgrid.cli.plot import check_picture
-from resgrid.cli.report import finish, say, stage
+from resgrid.cli.report import NEGATIVE, finish, say, stage
 from resgrid.cli.scenes import open_job, place_of, require_starts, say_unheeded
 from resgrid.errors import InputError
 from resgrid.scene import Control

@@ -15,10 +15,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inner
+from resgrid.jit import inlined, inner, kernel
 from resgrid.robots.geometry import TOUCH, ObstacleArrays, Pose
 from resgrid.robots.kernels import share
 
@@ -55,14 +54,14 @@ def _add(
     return count + 1
 
 
-@njit(cache=True, inline="always")
+@inlined
 def misses(edge: Floats, x0: float, x1: float, y0: float, y1: float) -> bool:
     """Whether an edge lies beside a box."""
     ax, ay, bx, by = edge
     return bool(max(ax, bx) < x0 or min(ax, bx) > x1 or max(ay, by) < y0 or min(ay, by) > y1)
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _left_of(edge: Floats) -> tuple[float, float]:
     """Unit normal of an edge into the solid, which lies on its left."""
     dx, dy = edge[2] - edge[0], edge[3] - edge[1]
@@ -108,7 +107,7 @@ def _add_end(
     return _add(pairs, count, px, py, ax, ay, (lx, ly), (-lx, -ly), owner, reach)
 
 
-@njit(cache=True)
+@kernel
 def near_points(pose: Pose, solid: ObstacleArrays, reach: float, pairs: Pairs) -> int:
     """Pairs of near points of a robot (segments with a radius) and obstacles, within a reach.
 
@@ -166,7 +165,7 @@ def near_points(pose: Pose, solid: ObstacleArrays, reach: float, pairs: Pairs) -
     return count
 
 
-@njit(cache=True)
+@kernel
 def contact_rows(pairs: Pairs, pose: Pose, normal: Floats, tangent: Floats) -> None:
     """Rows ``n . J`` and ``t . J`` of every pair, J the Jacobian of the robot's surface point; t is n turned left."""
     shift, spin, pivot = pose.shift, pose.spin, pose.pivot
@@ -179,7 +178,7 @@ def contact_rows(pairs: Pairs, pose: Pose, normal: Floats, tangent: Floats) -> N
             tangent[k, axis] = -ny * vx + nx * vy
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _until(height: float, rate: float, bend: float) -> float:
     """Until when ``height + rate u - bend u^2 / 2`` is not negative; 0 where it is from the start."""
     if height < 0.0:
@@ -289,7 +288,7 @@ def _moves(
     moves[6] = turn[part]
 
 
-@njit(cache=True)
+@kernel
 def free_share(pose: Pose, solid: ObstacleArrays, motion: Floats, least: float) -> float:
     """Share of a straight motion in configuration space for which every gap is known to stay at ``least`` or above.
 

@@ -9,10 +9,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inner
+from resgrid.jit import inner, kernel
 from resgrid.robots.geometry import Links, ObstacleArrays
 from resgrid.robots.kernels import near_solids, place_joints, share
 
@@ -216,7 +215,7 @@ def _find(work: _Work, links: Links, goal: ObstacleArrays, tolerance: float) -> 
     return False
 
 
-@njit(cache=True)
+@kernel
 def find_tips(
     out: Flags, points: Floats, first: int, counts: Integers, lower: Floats, widths: Floats,
     links: Links, goal: ObstacleArrays, bounds: Floats, tolerance: float,

@@ -95,13 +95,7 @@ def apply_overrides(scene: Scene, changes: Mapping[str, Any]) -> Scene:
 
 
 def parse_value(text: str) -> Any:
-    """The value that a text from a command line stands for.
-
-    Examples
-    --------
-    >>> parse_value("0.5, 2"), parse_value("4k7"), parse_value("false")
-    ([0.5, 2], '4k7', False)
-    """
+    """The value that a text from a command line stands for: ``0.5, 2`` a list, ``4k7`` text, ``false`` False."""
     for attempt in (text, f"[{text}]") if "," in text else (text,):
         try:
             table = tomllib.loads(f"value = {attempt}")

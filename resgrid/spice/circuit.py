@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import compress
@@ -18,6 +18,9 @@ from resgrid.spice.dialects import DIALECTS
 
 Severity = Literal["error", "warning", "info"]
 
+SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
+"""Worst first."""
+
 KINDS = tuple(ELEMENTS)
 """The kinds of element, as in `Netlist`."""
 
@@ -29,19 +32,8 @@ CONDUCTING = ("resistor", "voltage source", "nonlinear resistor")
 """Kinds that carry current at direct current whatever drives them."""
 
 _NOMINAL_TEMPERATURE = 27.0
-_SHARED = (
-    "resistor_nodes",
-    "source_nodes",
-    "source_volts",
-    "current_nodes",
-    "current_amps",
-    "capacitor_nodes",
-    "capacitance",
-    "nonlinear_nodes",
-    "nonlinear_current",
-    "nonlinear_voltage",
-    "tc1",
-    "tc2",
+_SHARED = tuple(
+    name for nodes, columns in ELEMENTS.values() for name in (nodes, *columns.values()) if name != "conductance"
 )
 """Arrays that a circuit has in common with a netlist."""
 
@@ -77,6 +69,38 @@ class Note:
         return f"{self.place}: {self.text}"
 
 
+@dataclass(frozen=True)
+class Violation:
+    """One violation of an electrical rule.
+
+    Attributes
+    ----------
+    severity : {"error", "warning", "info"}
+        An error keeps the circuit from having an operating point, or a deck from being simulated rightly.
+    rule : str
+        Short name of the rule.
+    place : str
+        ``file:line`` in a deck, the cell of a scene, otherwise the nodes or elements concerned.
+    message : str
+        What is wrong.
+    remedy : str
+        What to do.
+    nodes : tuple of str
+        The nodes concerned, at most the first thousand.
+    """
+
+    severity: Severity
+    rule: str
+    place: str
+    message: str
+    remedy: str
+    nodes: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        where = f"{self.place}: " if self.place else ""
+        return f"{self.severity} [{self.rule}] {where}{self.message}; {self.remedy}"
+
+
 @dataclass(frozen=True, eq=False)
 class Circuit:
     """A resistive circuit as it was written: subcircuits expanded, values evaluated, nothing repaired.
@@ -93,7 +117,7 @@ class Circuit:
     dialect : str
         Whose rules it was read by; ``"network"`` for what is no deck.
     node_names : sequence of str
-        Ground, ``"0"``, first; then the nodes in the order of their first use.
+        Ground, ``"0"``, first; then the nodes in the order of their first use; none where a netlist has none.
     resistor_nodes : ndarray of int32, shape (m, 2)
     resistance : ndarray of float64, shape (m,)
         At the nominal temperature, in ohms; zero and negative values as written, multipliers ``m=`` applied.
@@ -159,7 +183,7 @@ class Circuit:
 
     def __repr__(self) -> str:
         counts = [f"{len(ends)} {kind}s" for kind, ends in self.ends.items() if len(ends)]
-        return f"Circuit({self.path or 'netlist'!r}, {self.dialect}: {len(self.node_names)} nodes, {', '.join(counts)})"
+        return f"Circuit({self.path or 'netlist'!r}, {self.dialect}: {self.node_count} nodes, {', '.join(counts)})"
 
     @staticmethod
     def of(circuit: Circuit | Netlist, path: str = "") -> Circuit:
@@ -172,7 +196,7 @@ class Circuit:
             title=None,
             path=path,
             dialect="network",
-            node_names=_LateNodeNames(circuit) if circuit.node_names is None else circuit.node_names,
+            node_names=circuit.node_names or (),
             resistance=resistance,
             element_names=circuit.element_names or {},
             place={},
@@ -186,6 +210,11 @@ class Circuit:
         """Whether it has lines; what has none is written without what simulators stumble over."""
         return self.given is None
 
+    @property
+    def node_count(self) -> int:
+        """Number of nodes, ground among them."""
+        return len(self.node_names) if self.given is None else self.given.node_count
+
     @cached_property
     def ends(self) -> Mapping[str, NDArray[np.int32]]:
         """Nodes of every element, per kind; shapes (elements, 2)."""
@@ -194,13 +223,12 @@ class Circuit:
     @cached_property
     def part(self) -> NDArray[np.int64]:
         """Number of the part each node belongs to: nodes that elements which conduct join; shape (nodes,)."""
-        return connected_parts(np.concatenate([self.ends[kind] for kind in CONDUCTING]), len(self.node_names))
+        return connected_parts(np.concatenate([self.ends[kind] for kind in CONDUCTING]), self.node_count)
 
     @cached_property
     def degree(self) -> NDArray[np.int64]:
         """Number of element ends at every node, shape (nodes,)."""
-        count = len(self.node_names)
-        return np.asarray(sum(np.bincount(ends.ravel(), minlength=count) for ends in self.ends.values()))
+        return np.asarray(sum(np.bincount(ends.ravel(), minlength=self.node_count) for ends in self.ends.values()))
 
     @cached_property
     def is_inductor(self) -> NDArray[np.bool_]:
@@ -255,7 +283,7 @@ class Circuit:
         return f"cell{'s' if len(cells) > 1 else ''} {some(places, len(cells))}"
 
     def _line_of_nodes(self, nodes: NDArray[np.integer[Any]]) -> str:
-        touched = np.zeros(len(self.node_names), dtype=np.bool_)
+        touched = np.zeros(self.node_count, dtype=np.bool_)
         touched[nodes] = True
         firsts = []
         for kind, place in self.place.items():
@@ -307,7 +335,7 @@ class Circuit:
             "tc2": None if tc2 is None else tc2[keeps],
         }
         return Netlist(
-            node_count=len(self.node_names),
+            node_count=self.node_count,
             conductance=1.0 / resistance[keeps],
             node_names=tuple(self.node_names),
             element_names=names,
@@ -325,26 +353,6 @@ class Circuit:
                 f"{float(resistance[worst])!r} ohm{more}; only zero (a short) and positive finite resistances can be "
                 "solved: correct the value"
             )
-
-
-class _LateNodeNames(Sequence[str]):
-    """Names of a netlist's nodes, made when they are asked for."""
-
-    def __init__(self, netlist: Netlist) -> None:
-        self._netlist = netlist
-
-    def __getitem__(self, node: Any) -> Any:
-        """Name of a node, or a list of names."""
-        names = self._netlist.names_of(np.atleast_1d(np.arange(len(self))[node]))
-        return names if isinstance(node, slice) else names[0]
-
-    def __iter__(self) -> Iterator[str]:
-        """All names."""
-        return iter(self._netlist.names_of(np.arange(len(self))))
-
-    def __len__(self) -> int:
-        """Number of nodes."""
-        return self._netlist.node_count
 
 
 def connected_parts(joined: NDArray[np.int32], node_count: int) -> NDArray[np.int64]:
@@ -375,16 +383,9 @@ def rebase(
     """
     if np.all(heating == 0) or (tc1 is None and tc2 is None):
         return resistance, tc1, tc2
-    zero: Any = 0.0
-    first, second = zero if tc1 is None else tc1, zero if tc2 is None else tc2
+    first, second = (np.zeros(len(resistance)) if tc is None else tc for tc in (tc1, tc2))
     factor = 1.0 + (first + second * heating) * heating
     with np.errstate(divide="ignore", invalid="ignore"):
-        new_first = (first + 2.0 * second * heating) / factor
-        new_second = second / factor
-    bad = factor == 0
-    shape = resistance.shape
-    return (
-        resistance * factor,
-        np.broadcast_to(np.where(bad, 0.0, new_first), shape).copy(),
-        None if tc2 is None else np.broadcast_to(np.where(bad, 0.0, new_second), shape).copy(),
-    )
+        moved = (first + 2.0 * second * heating) / factor, second / factor
+    first, second = (np.where(factor == 0, 0.0, tc) for tc in moved)
+    return resistance * factor, first, None if tc2 is None else second

@@ -13,8 +13,7 @@ from support.tiles import tiled
 
 import resgrid as rg
 from resgrid.spice.dialects import DIALECTS
-from resgrid.spice.dialects.reading import ReadingRules
-from resgrid.spice.dialects.record import Dialect, Quirks, Statements
+from resgrid.spice.dialects.record import Dialect, Quirks, ReadingRules, Statements
 
 SPARROW = Dialect(
     name="sparrow",

@@ -24,11 +24,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.errors import AccuracyError
+from resgrid.jit import kernel
 from resgrid.solvers.decay import MOST_DECADES
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
@@ -288,7 +288,7 @@ def _solved(level: Level, currents: NDArray[np.float64]) -> NDArray[np.float64]:
     return potential.reshape(currents.shape)
 
 
-@njit(cache=True)
+@kernel
 def transform(stencil: Stencil, height: Floats, leak: Floats) -> None:
     """Fill ``leak``, shape (2, slots), with ``h_i (A h)_i``."""
     margin, slots = stencil.margin, stencil.faces.shape[1]
@@ -312,7 +312,7 @@ def transform(stencil: Stencil, height: Floats, leak: Floats) -> None:
         leak[1, k] = black[k] * (stencil.black_degree[k] * black[k] - leak[1, k])
 
 
-@njit(cache=True)
+@kernel
 def scale_faces(edges: Edges, t: Floats, scaled: Floats) -> None:
     """``scaled = t_i g_ij t_j`` over all faces."""
     faces, margin = edges.faces, edges.margin
@@ -322,7 +322,7 @@ def scale_faces(edges: Edges, t: Floats, scaled: Floats) -> None:
             scaled[q, k] = faces[q, k] * t[0, k] * t[1, k + away]
 
 
-@njit(cache=True)
+@kernel
 def smooth(stencil: Stencil, currents: Floats, x: Floats, sweeps: int) -> None:
     """Gauss-Seidel by colour, in place: positive numbers stay positive; ``currents`` and ``x`` of shape (2, slots)."""
     for _ in range(sweeps):

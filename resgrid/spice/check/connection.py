@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.netlist import GROUND
-from resgrid.spice.check.violation import Violation
-from resgrid.spice.circuit import CONDUCTING, SHOWN, Circuit, Severity, some
+from resgrid.spice.circuit import CONDUCTING, SHOWN, Circuit, Severity, Violation, some
 
 _MOST = 10
 _TOLERANCE = 1e-9

@@ -8,19 +8,19 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.solve import solve
 from resgrid.errors import ResgridError
+from resgrid.graphs import ELEMENTS
 from resgrid.netlist import GROUND, Netlist
 from resgrid.spice.check.connection import Loops, loops_of
 from resgrid.spice.check.rules import check_rules
-from resgrid.spice.check.violation import Violation
-from resgrid.spice.circuit import Circuit, connected_parts, rebase
+from resgrid.spice.circuit import Circuit, Violation, connected_parts, rebase
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.dialects.record import Basis, Quirks
 from resgrid.spice.read.numerals import Numeral, parse_numeral
@@ -110,7 +110,7 @@ def predict_simulators(
     if circuit.is_deck:
         duplicates = tuple(error.place for error in errors if error.rule == "names")
         floating = np.flatnonzero(circuit.part != circuit.part[GROUND])
-        right = _voltages(circuit.netlist) if len(circuit.node_names) <= _LARGEST else None
+        right = _voltages(circuit.netlist) if circuit.node_count <= _LARGEST else None
         case = _Case(circuit, duplicates, loops_of(circuit), floating, right)
         outcomes = [_of_deck(dialect.quirks, case) for dialect in DIALECTS.values()]
     else:
@@ -172,7 +172,7 @@ def _failing_loops(quirks: Quirks, case: _Case) -> list[int]:
     inductive = case.deck.is_inductor
     closing += [i for kind, i, _ in case.loops.contradictions if kind == "voltage source" and not inductive[i]]
     if quirks.loops == "fail at ground":
-        tree = connected_parts(ends, len(case.deck.node_names))
+        tree = connected_parts(ends, case.deck.node_count)
         closing = [i for i in closing if tree[ends[i, 0]] == tree[GROUND] or ends[i, 0] == ends[i, 1]]
     return closing
 
@@ -211,10 +211,10 @@ def _drowned(deck: Circuit, size: NDArray[np.float64]) -> tuple[str, ...]:
     worst = 0.0
     for decade in np.unique(np.ceil(np.log10(size))).tolist()[:-1]:
         firm = size <= 10.0**decade
-        group = connected_parts(np.concatenate([ends[firm], deck.source_nodes]), len(deck.node_names))
+        group = connected_parts(np.concatenate([ends[firm], deck.source_nodes]), deck.node_count)
         leaves = ~firm & (group[ends[:, 0]] != group[ends[:, 1]])
-        leaving = np.bincount(group[ends[leaves]].ravel(), np.repeat(1 / size[leaves], 2), len(deck.node_names))
-        within = np.zeros(len(deck.node_names))
+        leaving = np.bincount(group[ends[leaves]].ravel(), np.repeat(1 / size[leaves], 2), deck.node_count)
+        within = np.zeros(deck.node_count)
         np.maximum.at(within, group[ends[firm, 0]], 1 / size[firm])
         held = leaving > 0
         held[group[GROUND]] = False
@@ -282,25 +282,18 @@ def _option(deck: Circuit, name: str) -> float:
 
 def _simulated(deck: Circuit, lost: list[str], resistance: NDArray[np.float64], siemens: float) -> Netlist:
     """What a simulator solves: these resistances, a shunt at every node, and not the elements that it lost."""
-    keeps = {
-        kind: ~np.isin(deck.element_names[kind], lost) if lost else np.ones(len(ends), dtype=np.bool_)
-        for kind, ends in deck.ends.items()
-    }
-    own = keeps["resistor"] & (resistance != 0)
-    short = keeps["resistor"] & (resistance == 0)
-    shunted = np.arange(1, len(deck.node_names) if siemens else 1)
-    sources, currents = keeps["voltage source"], keeps["current source"]
-    return Netlist(
-        len(deck.node_names),
-        np.concatenate([deck.resistor_nodes[own], np.stack([shunted, np.zeros_like(shunted)], axis=1)]),
-        np.concatenate([1 / resistance[own], np.full(len(shunted), siemens)]),
-        source_nodes=np.concatenate([deck.source_nodes[sources], deck.resistor_nodes[short]]),
-        source_volts=np.concatenate([deck.source_volts[sources], np.zeros(int(short.sum()))]),
-        current_nodes=deck.current_nodes[currents],
-        current_amps=deck.current_amps[currents],
-        nonlinear_nodes=deck.nonlinear_nodes,
-        nonlinear_current=deck.nonlinear_current,
-        nonlinear_voltage=deck.nonlinear_voltage,
+    netlist = replace(deck, resistance=resistance, tc1=None, tc2=None).netlist()
+    kept: dict[str, NDArray[Any]] = {}
+    for kind, names in netlist.element_names.items() if lost and netlist.element_names else ():
+        nodes, columns = ELEMENTS[kind]
+        arrays = {name: getattr(netlist, name) for name in (nodes, *columns.values())}
+        kept |= {name: array[~np.isin(names, lost)] for name, array in arrays.items() if array is not None}
+    netlist = netlist.replace(**kept, element_names=None)
+    shunted = np.arange(1, netlist.node_count if siemens else 1)
+    shunts = np.stack([shunted, np.zeros_like(shunted)], axis=1)
+    return netlist.replace(
+        resistor_nodes=np.concatenate([netlist.resistor_nodes, shunts]),
+        conductance=np.append(netlist.conductance, np.full(len(shunts), siemens)),
     )
 
 

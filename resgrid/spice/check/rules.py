@@ -1,16 +1,30 @@
 """The electrical rule check: what makes a circuit unfit for a deck, or a simulator stumble.
 
-Each rule is a function from a `Circuit` to violations, in time proportional to the number of elements.
+Each rule is a function from a `Circuit` to violations, in time proportional to the number of elements: those about what
+is joined to what stand in `connection`, those about values and names here.
 """
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from resgrid.netlist import Netlist
-from resgrid.spice.check import connection, names, values
-from resgrid.spice.check.violation import SEVERITIES, Violation
-from resgrid.spice.circuit import Circuit
+from resgrid.spice.check import connection
+from resgrid.spice.circuit import LISTED, SEVERITIES, SHOWN, Circuit, Severity, Violation, some
+from resgrid.spice.dialects import DIALECTS
+from resgrid.spice.dialects.record import ReadingRules
+
+WIDEST_SPREAD = 1e15
+"""Ratio of resistances beyond which double precision loses the small currents beside the large ones."""
+
+SMALLEST_SAFE, LARGEST_SAFE = 1e-5, 1e12
+"""In ohms: HSPICE raises what lies below (RESMIN); what lies above competes with the 1e-12 S a simulator may add."""
 
 
 def check_rules(circuit: Netlist | Circuit) -> tuple[Violation, ...]:
@@ -37,6 +51,204 @@ def check_rules(circuit: Netlist | Circuit) -> tuple[Violation, ...]:
     return tuple(sorted(violations, key=lambda violation: SEVERITIES.index(violation.severity)))
 
 
+class _Limit(NamedTuple):
+    """What resistances may not be; fields of the message are ``count`` and ``shown``."""
+
+    severity: Severity
+    rule: str
+    is_beyond: Callable[[NDArray[np.float64]], NDArray[np.bool_]]
+    message: str
+    remedy: str
+
+
+def _overflows(ohms: NDArray[np.float64]) -> NDArray[np.bool_]:
+    with np.errstate(over="ignore", divide="ignore"):
+        return np.asarray(np.isinf(ohms) | (np.isinf(1 / ohms) & (ohms != 0)))
+
+
+_LIMITS = (
+    _Limit(
+        "error",
+        "negative resistance",
+        lambda ohms: ohms < 0,
+        "{count} resistances are negative ({shown}): the circuit is active and cannot be solved as a resistor network",
+        "correct the values",
+    ),
+    _Limit(
+        "warning",
+        "zero resistance",
+        lambda ohms: ohms == 0,
+        "{count} resistances are 0 ohm ({shown}): resgrid takes them for shorts, ngspice silently for 1 milliohm, "
+        "HSPICE for its RESMIN",
+        "write voltage sources of 0 V, or the resistance that is meant",
+    ),
+    _Limit(
+        "error",
+        "value",
+        _overflows,
+        "{count} resistances or their reciprocals are beyond the largest number ({shown})",
+        "leave a resistor that large out: it is open; write one that small as a voltage source of 0 V",
+    ),
+    _Limit(
+        "info",
+        "extreme value",
+        lambda ohms: (ohms != 0) & (np.abs(ohms) < SMALLEST_SAFE),
+        f"{{count}} resistances are below {SMALLEST_SAFE:g} ohm, which HSPICE raises to its RESMIN ({{shown}})",
+        "set .option resmin there, or write voltage sources of 0 V",
+    ),
+    _Limit(
+        "info",
+        "extreme value",
+        lambda ohms: (np.abs(ohms) > LARGEST_SAFE) & np.isfinite(ohms),
+        f"{{count}} resistances are above {LARGEST_SAFE:g} ohm: weaker than the 1e-12 S (gmin, rshunt) that a "
+        "simulator may add to a node ({shown})",
+        "switch gmin and rshunt off, or leave the resistors out",
+    ),
+)
+
+
+def limits(circuit: Circuit) -> Iterator[Violation]:
+    """Resistances that some simulator, or none, can take as they are."""
+    for limit in _LIMITS:
+        beyond = np.flatnonzero(limit.is_beyond(circuit.resistance))
+        if beyond.size:
+            named = [
+                f"{circuit.element_name('resistor', number)} = {circuit.resistance[number]:g}"
+                for number in beyond[:SHOWN].tolist()
+            ]
+            message = limit.message.format(count=f"{beyond.size:,}", shown=some(named, beyond.size))
+            place = circuit.place_of("resistor", int(beyond[0]))
+            yield Violation(limit.severity, limit.rule, place, message, limit.remedy)
+
+
+def spread(circuit: Circuit) -> Iterator[Violation]:
+    """Resistances that lie too many decades apart."""
+    size = np.where(circuit.resistance > 0, circuit.resistance, np.nan)
+    if np.isnan(size).all():
+        return
+    low, high = int(np.nanargmin(size)), int(np.nanargmax(size))
+    if size[high] / WIDEST_SPREAD > size[low]:
+        yield Violation(
+            "warning",
+            "value range",
+            circuit.place_of("resistor", high),
+            f"resistances run from {size[low]:g} ({circuit.element_name('resistor', low)}) to {size[high]:g} ohm "
+            f"({circuit.element_name('resistor', high)}); a simulator loses the weak ones beside the strong ones",
+            "replace the smallest by voltage sources of 0 V, or leave the largest out",
+        )
+
+
+class _Trap(NamedTuple):
+    """Names of nodes that a simulator misreads.
+
+    `pattern`: matches the whole of such a name, case ignored; `severity`: names that are written are mapped, so nothing
+    worse than a warning; `message, remedy`: what happens, and what to do; ``simulators`` are those that fall for it.
+    """
+
+    pattern: str
+    severity: Severity
+    message: str
+    remedy: str
+    misreads: Callable[[ReadingRules], bool] = lambda _: True
+
+
+_TRAPS = (
+    _Trap(
+        r"gnd!?",
+        "warning",
+        "are other names of ground in {simulators}",
+        "call the node otherwise",
+        lambda rules: "gnd" in rules.grounds,
+    ),
+    _Trap(
+        r".*[ \t(),=;'\"{}].*|",
+        "warning",
+        "hold characters that separate words in every dialect",
+        "use letters, digits and underscores",
+    ),
+    _Trap(
+        r".*\$.*",
+        "warning",
+        "hold a $, which begins a comment in {simulators}",
+        "leave it out",
+        lambda rules: rules.dollar_comments,
+    ),
+    _Trap(r".*[^ -~\t\n].*", "warning", "hold characters beyond ASCII, which few simulators read", "write ASCII"),
+    _Trap(
+        r".*[-+*/^%!&|<>~?@\[\]:].*",
+        "info",
+        "hold operators, so that v(...) of them is misread in expressions and measurements",
+        "use letters, digits and underscores where you measure",
+    ),
+    _Trap(
+        r"[0-9]+[A-Za-z_].*",
+        "info",
+        "begin with a digit but are no numbers, which {simulators} reads only escaped",
+        "put a letter in front",
+        lambda rules: rules.instances,
+    ),
+    _Trap(
+        r"time|temper|temp|hertz", "info", "are variables of the simulator in expressions", "call the node otherwise"
+    ),
+)
+
+
+def alike(circuit: Circuit) -> Iterator[Violation]:
+    """Names that two elements bear, or two nodes of a netlist, or that differ in case only."""
+    given = circuit.given
+    nodes = {} if given is None else {"node": given.node_names or ()}
+    for kind, names in {**nodes, **circuit.element_names}.items():
+        folded = [name.lower() for name in names]
+        if len(set(folded)) == len(folded):
+            continue
+        twice = [name for name, number in Counter(folded).items() if number > 1]
+        if circuit.is_deck:
+            second = folded.index(twice[0], folded.index(twice[0]) + 1)
+            yield Violation(
+                "error",
+                "names",
+                circuit.place_of(kind, second),
+                f"{len(twice):,} {kind} names are given twice ({some(twice, len(twice))}); ngspice does not run such a "
+                "deck, others keep one of the two",
+                "rename the second",
+            )
+        else:
+            yield Violation(
+                "warning",
+                "names",
+                some(twice, len(twice)),
+                f"{len(twice):,} {kind} names are shared or differ in case only, which simulators do not see",
+                "decks number them apart (the sidecar holds the map); rename them to keep their names",
+                tuple(twice[:LISTED]) if kind == "node" else (),
+            )
+
+
+def misread(circuit: Circuit) -> Iterator[Violation]:
+    """Node names that some simulator takes for something else."""
+    names = circuit.node_names if circuit.given is None else circuit.given.node_names
+    if names is None or len(names) < 2:
+        return
+    text = "\n".join(name.replace("\n", " ") for name in names[1:])
+    for trap in _TRAPS:
+        pattern = re.compile(rf"^(?:{trap.pattern})$", re.MULTILINE | re.IGNORECASE)
+        matches = [match.group() for match in pattern.finditer(text)]
+        if matches:
+            shown = some([repr(name) for name in matches[:SHOWN]], len(matches))
+            yield Violation(
+                trap.severity,
+                "names",
+                circuit.path,
+                f"{len(matches):,} node names ({shown}) {trap.message.format(simulators=_simulators(trap))}",
+                trap.remedy,
+                tuple(matches[:LISTED]),
+            )
+
+
+def _simulators(trap: _Trap) -> str:
+    labels = [item.label for item in DIALECTS.values() if item.reading is not None and trap.misreads(item.reading)]
+    return " and ".join(filter(None, (", ".join(labels[:-1]), labels[-1])))
+
+
 def _notes(circuit: Circuit) -> Iterator[Violation]:
     """What the reader of a deck noted."""
     for note in circuit.notes:
@@ -49,11 +261,11 @@ RULES: tuple[Callable[[Circuit], Iterator[Violation]], ...] = (
     connection.islands,
     connection.trapped_currents,
     connection.source_loops,
-    values.limits,
-    values.spread,
+    limits,
+    spread,
     connection.shorted,
-    names.alike,
-    names.misread,
+    alike,
+    misread,
     connection.dangling,
     _notes,
 )

@@ -10,8 +10,7 @@
 
 from __future__ import annotations
 
-from resgrid.spice.dialects.reading import FUNCTIONS, SUFFIXES, ReadingRules
-from resgrid.spice.dialects.record import Dialect, Quirks, Statements
+from resgrid.spice.dialects.record import FUNCTIONS, SUFFIXES, Dialect, Quirks, ReadingRules, Statements
 
 HSPICE = Dialect(
     name="hspice",

@@ -11,8 +11,7 @@
 
 from __future__ import annotations
 
-from resgrid.spice.dialects.reading import ARCS, FUNCTIONS, ReadingRules
-from resgrid.spice.dialects.record import Dialect, Quirks, Statements
+from resgrid.spice.dialects.record import ARCS, FUNCTIONS, Dialect, Quirks, ReadingRules, Statements
 
 LTSPICE = Dialect(
     name="ltspice",

@@ -37,8 +37,7 @@ as has ``eecircuit``, its WebAssembly.
 
 from __future__ import annotations
 
-from resgrid.spice.dialects.reading import FUNCTIONS, ReadingRules
-from resgrid.spice.dialects.record import Costs, Dialect, Quirks, Statements
+from resgrid.spice.dialects.record import FUNCTIONS, Costs, Dialect, Quirks, ReadingRules, Statements
 
 _STATEMENTS = Statements(
     first=("* ngspice -n -b -r analyses.raw {deck}.ngspice",),

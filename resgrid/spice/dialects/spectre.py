@@ -10,8 +10,7 @@
 
 from __future__ import annotations
 
-from resgrid.spice.dialects.reading import ReadingRules
-from resgrid.spice.dialects.record import Dialect, Quirks, Statements
+from resgrid.spice.dialects.record import Dialect, Quirks, ReadingRules, Statements
 
 _RESERVED = frozenset(
     """

@@ -8,8 +8,7 @@
 
 from __future__ import annotations
 
-from resgrid.spice.dialects.reading import ARCS, FUNCTIONS, SUFFIXES, ReadingRules
-from resgrid.spice.dialects.record import Dialect, Quirks, Statements
+from resgrid.spice.dialects.record import ARCS, FUNCTIONS, SUFFIXES, Dialect, Quirks, ReadingRules, Statements
 
 _SWEEP = ".dc {source} {volts} {volts} 1.0"
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import CircuitError
+from resgrid.graphs import ELEMENTS
 from resgrid.netlist import Netlist
 from resgrid.spice.circuit import KINDS, Circuit, rebase
 from resgrid.spice.dialects import DIALECTS
@@ -20,8 +22,6 @@ from resgrid.spice.read.plain import Bulk
 from resgrid.spice.read.scopes import Scope
 from resgrid.spice.read.subcircuits import Expander
 from resgrid.spice.read.tables import WIDTHS, Elements, LateNames, NodeTable, Part, joined_parts
-
-_BULK_KINDS = ("resistor", "voltage source", "current source", "capacitor")
 
 
 def assemble_deck(collector: Collector, source: Source, limit: int | None) -> Circuit:
@@ -38,7 +38,7 @@ def assemble_deck(collector: Collector, source: Source, limit: int | None) -> Ci
     expander.fill(scope, elements, contents.top.cards)
     diagnostics.raise_errors()
     _settle_title(contents, scope, elements, expander)
-    temperatures = _temperatures(contents, scope)
+    temperature, nominal = (contents.temperature(key, scope) for key in ("temp", "tnom"))
     diagnostics.raise_errors()
     parts = {kind: elements.joined(kind) for kind in WIDTHS}
     files = tuple(source.name for source in collector.library.sources)
@@ -46,60 +46,38 @@ def assemble_deck(collector: Collector, source: Source, limit: int | None) -> Ci
     diagnostics.raise_errors()
     _note_oddities(parts, elements.nodes, files, contents)
     numbers, names = _by_first_use([parts[kind].nodes for kind in KINDS], elements.nodes.names)
-    temperature, nominal = temperatures
     usual = DIALECTS[contents.rules.name].nominal_temperature
     ohms, tc1, tc2 = _at_nominal(parts["resistor"], usual if nominal is None else nominal)
-    nodes = {kind: numbers[parts[kind].nodes] for kind in KINDS}
-    value = {kind: parts[kind].values[:, 0].copy() for kind in KINDS}
+    columns: dict[str, Any] = {"resistance": ohms, "tc1": tc1, "tc2": tc2}
+    for kind, (ends, values) in ELEMENTS.items():
+        columns[ends] = numbers[parts[kind].nodes]
+        if kind != "resistor":
+            columns |= {name: parts[kind].values[:, i].copy() for i, name in enumerate(values.values())}
     return Circuit(
         title=contents.title,
         path=source.name,
         dialect=contents.rules.name,
         node_names=names,
-        resistor_nodes=nodes["resistor"],
-        resistance=ohms,
-        source_nodes=nodes["voltage source"],
-        source_volts=value["voltage source"],
-        current_nodes=nodes["current source"],
-        current_amps=value["current source"],
-        capacitor_nodes=nodes["capacitor"],
-        capacitance=value["capacitor"],
-        nonlinear_nodes=nodes["nonlinear resistor"],
-        nonlinear_current=value["nonlinear resistor"],
-        nonlinear_voltage=parts["nonlinear resistor"].values[:, 1].copy(),
         element_names=LateNames({kind: parts[kind].names for kind in KINDS}),
         place={kind: parts[kind].place for kind in KINDS},
         files=files,
         notes=diagnostics.notes(),
-        tc1=tc1,
-        tc2=tc2,
         temperature=temperature,
         nominal_temperature=nominal,
         options=dict(contents.options),
         subcircuits=tuple(sorted(expander.used)),
+        **columns,
     )
-
-
-def _temperatures(contents: Contents, scope: Scope) -> tuple[float | None, float | None]:
-    stated: list[float | None] = []
-    for key in ("temp", "tnom"):
-        try:
-            stated.append(contents.temperature(key, scope))
-        except CardError as error:
-            contents.diagnostics.error(error)
-            stated.append(None)
-    return stated[0], stated[1]
 
 
 def _add_bulk(bulk: Bulk, source: Source, elements: Elements) -> None:
     numbers = elements.nodes.of_all(bulk.node_names, source.number << 40 | bulk.node_line, bulk.short)
-    for code, kind in enumerate(_BULK_KINDS):
+    for code, kind in enumerate(KINDS[:4]):
         chosen = bulk.kind == code
         if not chosen.any():
             continue
         line = bulk.line[chosen]
-        place = np.empty((len(line), 2), dtype=np.int64)
-        place[:, 0], place[:, 1] = source.number, line
+        place = np.stack([np.full(len(line), source.number), line], axis=1)
         values = bulk.value[chosen][:, np.newaxis]
         elements.parts[kind].append(Part(partial(bulk.names, chosen), numbers[bulk.nodes[chosen]], values, place, None))
 
@@ -158,10 +136,8 @@ def _with_switches(parts: dict[str, Part], node_count: int, files: tuple[str, ..
     values = np.zeros((len(on), 6))
     values[:, 0] = np.where(is_on, on, off)
     values[:, 4:] = math.nan
-    return joined_parts(
-        "resistor",
-        [resistors, Part(switches.names, switches.nodes[:, :2], values, switches.place, switches.order)],
-    )
+    settled = Part(switches.names, switches.nodes[:, :2], values, switches.place, switches.order)
+    return joined_parts("resistor", [resistors, settled])
 
 
 def _held_voltages(parts: dict[str, Part], node_count: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -10,9 +10,10 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal, NamedTuple
+from itertools import accumulate
+from typing import NamedTuple
 
-from resgrid.spice.dialects.reading import ReadingRules
+from resgrid.spice.dialects.record import ReadingRules
 from resgrid.spice.read.diagnostics import CardError, Diagnostics, Spot
 from resgrid.spice.read.files import Source
 
@@ -58,27 +59,9 @@ class Card:
         return CardError(self.spot(offset), text)
 
 
-@dataclass
-class _Pieces:
-    """Lines of a card while they come: their texts, lines and columns."""
-
-    source: Source
-    rules: ReadingRules
-    texts: list[str]
-    places: list[tuple[int, int]]
-
-    def card(self) -> Card:
-        joins: list[tuple[int, int, int]] = []
-        offset = 0
-        for text, (line, column) in zip(self.texts, self.places, strict=True):
-            joins.append((offset, line, column))
-            offset += len(text) + 1
-        return Card(" ".join(self.texts), self.source.number, self.source.name, self.rules, tuple(joins))
-
-
 def cards(lines: Iterable[Line], source: Source, rules: ReadingRules, diagnostics: Diagnostics) -> Iterator[Card]:
     """Join and strip lines into cards; blank lines and comments vanish, and so do changes of the language."""
-    pieces: _Pieces | None = None
+    pieces: list[tuple[int, int, str]] = []
     language, glued = rules, False
     for number, line in lines:
         text = strip_comment(line, language)
@@ -89,36 +72,36 @@ def cards(lines: Iterable[Line], source: Source, rules: ReadingRules, diagnostic
         column = len(text) - len(text.lstrip()) + 1
         change = _LANGUAGE.fullmatch(text) if rules.spice is not None else None
         continues = bare[0] == "+"
-        if (continues or glued) and pieces is None:
+        if (continues or glued) and not pieces:
             diagnostics.error(CardError(Spot(source.name, number, column), "this line continues (+) nothing"))
             continue
-        if pieces is not None and not (continues or glued):
-            yield pieces.card()
-            pieces = None
+        if pieces and not (continues or glued):
+            yield _joined(pieces, source, language)
+            pieces = []
         if change is not None:
-            language = _language(change, rules, Spot(source.name, number, column))
+            if change[1] not in ("spectre", "spice"):
+                text = f"the language {change[1]!r} is not read; spectre and spice are"
+                raise CardError(Spot(source.name, number, column), text)
+            language = rules if change[1] == "spectre" else rules.spice or rules
             continue
         if continues and not glued:
             bare, column = bare[1:], column + 1
         mark = "\\" if language.instances else "\\\\"
         glued = bare.endswith(mark)
         bare = bare.removesuffix(mark).rstrip() if glued else bare
-        if pieces is None and not bare.strip():
+        if pieces or bare.strip():
+            pieces.append((number, column, bare))
+        else:
             glued = False
-            continue
-        if pieces is None:
-            pieces = _Pieces(source, language, [], [])
-        pieces.texts.append(bare)
-        pieces.places.append((number, column))
-    if pieces is not None:
-        yield pieces.card()
+    if pieces:
+        yield _joined(pieces, source, language)
 
 
-def _language(change: re.Match[str], rules: ReadingRules, spot: Spot) -> ReadingRules:
-    assert rules.spice is not None
-    if change[1] not in ("spectre", "spice"):
-        raise CardError(spot, f"the language {change[1]!r} is not read; spectre and spice are")
-    return rules if change[1] == "spectre" else rules.spice
+def _joined(pieces: list[tuple[int, int, str]], source: Source, rules: ReadingRules) -> Card:
+    """The card of some pieces: their lines, columns and texts."""
+    lines, columns, texts = zip(*pieces, strict=True)
+    offsets = accumulate((len(text) + 1 for text in texts[:-1]), initial=0)
+    return Card(" ".join(texts), source.number, source.name, rules, tuple(zip(offsets, lines, columns, strict=True)))
 
 
 _DOLLAR = re.compile(r"(?:^|[\s,])\$")
@@ -141,26 +124,16 @@ def strip_comment(line: str, rules: ReadingRules) -> str:
     return line[: min(ends)] if ends else line
 
 
-Kind = Literal["word", "mark", "expression", "string"]
-
 _TOKEN = re.compile(
-    r"[\s,]*(?:\{(?P<braces>[^{}]*)\}|'(?P<quotes>[^']*)'|\"(?P<string>[^\"]*)\"|(?P<mark>[=()])"
-    r"|(?P<word>[^\s=(),{}'\"]+))"
+    r"[\s,]*(?:\{(?P<expression>[^{}]*)\}|'(?P<quoted>[^']*)'|\"(?P<string>[^\"]*)\"|(?P<mark>[=()])"
+    r"|(?P<word>[^\s=(),{}'\"]+)|(?P<wrong>[{}'\"]))"
 )
-_GAP = re.compile(r"[\s,]*")
-_KINDS: dict[str | None, Kind] = {
-    "braces": "expression",
-    "quotes": "expression",
-    "string": "string",
-    "mark": "mark",
-    "word": "word",
-}
 
 
 class Token(NamedTuple):
-    """A piece of a card: its text without quotes or braces, and the offset of its first character in the card's."""
+    """A word, mark, expression or string: its text without quotes or braces, and its offset in the card's."""
 
-    kind: Kind
+    kind: str
     text: str
     offset: int
 
@@ -171,34 +144,24 @@ class Token(NamedTuple):
 
 def tokenise(card: Card) -> list[Token]:
     """Cut a card into tokens; blanks and commas separate."""
-    tokens, wrong = _cut(card.text)
-    if wrong >= 0:
-        raise card.error(wrong, f"{card.text[wrong]!r} is not closed, or closes nothing")
+    tokens = _cut(card.text)
+    for token in tokens:
+        if token.kind == "wrong":
+            raise card.error(token.offset, f"{token.text!r} is not closed, or closes nothing")
     return list(tokens)
+
+
+@lru_cache(maxsize=8192)
+def _cut(text: str) -> tuple[Token, ...]:
+    found = ((match.lastgroup or "", match) for match in _TOKEN.finditer(text))
+    return tuple(
+        [Token("expression" if kind == "quoted" else kind, match[kind], match.start(kind)) for kind, match in found]
+    )
 
 
 def without_parentheses(tokens: Iterable[Token]) -> list[Token]:
     """Tokens, parentheses left out."""
     return [token for token in tokens if not token.is_mark("()")]
-
-
-@lru_cache(maxsize=8192)
-def _cut(text: str) -> tuple[tuple[Token, ...], int]:
-    """Tokens of a text, and the offset of what is none, or -1."""
-    tokens: list[Token] = []
-    position = 0
-    end = len(text.rstrip())
-    while position < end:
-        match = _TOKEN.match(text, position)
-        if match is None:
-            gap = _GAP.match(text, position)
-            position = gap.end() if gap is not None else position
-            return tuple(tokens), position if position < end else -1
-        group = match.lastgroup
-        assert group is not None
-        tokens.append(Token(_KINDS[group], match.group(group), match.start(group)))
-        position = match.end()
-    return tuple(tokens), -1
 
 
 class Setting(NamedTuple):
@@ -249,13 +212,8 @@ def _unquoted_settings(card: Card, tokens: list[Token]) -> list[Setting]:
         value = card.text[key.end() : stop].strip()
         if not value:
             raise card.error(key.start(), f"{key[1]!r} has no value")
-        pairs.append(
-            Setting(
-                key[1].lower(),
-                key.start(),
-                (Token("word" if _WORD.fullmatch(value) else "expression", value, key.end()),),
-            )
-        )
+        token = Token("word" if _WORD.fullmatch(value) else "expression", value, key.end())
+        pairs.append(Setting(key[1].lower(), key.start(), (token,)))
     return pairs
 
 

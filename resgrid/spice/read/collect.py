@@ -118,7 +118,10 @@ class Collector:
         end: Card | None = None
         for card in stream:
             try:
-                word = _command_word(card)
+                if card.rules.instances:
+                    word = spectre.statement_of(card)
+                else:
+                    word = card.first_word if card.text[0] == "." else ""
                 if end is not None and word not in _HARMLESS:
                     self._note_text_after(end)
                 if not word:
@@ -203,11 +206,8 @@ class Collector:
     def _include(self, card: Card, word: str, source: Source, stream: Iterable[Card]) -> None:
         words, section, place = _file_and_section(card, word)
         if len(words) != 1:
-            raise card.error(
-                0,
-                f"{spectre.command_of(card, word)} needs the name of one file"
-                + (" and perhaps a section" if word == ".lib" else ""),
-            )
+            more = " and perhaps a section" if word == ".lib" else ""
+            raise card.error(0, f"{spectre.command_of(card, word)} needs the name of one file{more}")
         if word == ".lib" and section is None and b".endl" in source.data.lower():
             self._skip(card, stream, ".endl")  # a section that was not asked for
             return
@@ -251,13 +251,6 @@ class Collector:
             self.contents.diagnostics.error(CardError(asked, f"{source.name} has no section {section!r}"))
 
 
-def _command_word(card: Card) -> str:
-    """The dot command that a card is; empty for an element."""
-    if card.rules.instances:
-        return spectre.statement_of(card)
-    return card.first_word if card.text[0] == "." else ""
-
-
 def _file_and_section(card: Card, word: str) -> tuple[list[Token], str | None, int]:
     """Words that an inclusion names a file by, the section of it that is meant, and where that stands."""
     if card.rules.instances:
@@ -268,11 +261,8 @@ def _file_and_section(card: Card, word: str) -> tuple[list[Token], str | None, i
             raise card.error(next(iter(pairs.values())).offset, "only section= is understood here")
         return (words, None, 0) if section is None else (words, section.values[0].text.lower(), section.offset)
     quoted = any(mark in card.text for mark in "\"'")
-    words = tokenise(card)[1:] if quoted else _bare_words(card)
+    bare = [Token("word", match.group(), match.start()) for match in re.finditer(r"\S+", card.text)]
+    words = (tokenise(card) if quoted else bare)[1:]
     if len(words) == 2 and word == ".lib":
         return words[:1], words[1].text.lower(), words[1].offset
     return words, None, 0
-
-
-def _bare_words(card: Card) -> list[Token]:
-    return [Token("word", match.group(), match.start()) for match in re.finditer(r"\S+", card.text)][1:]

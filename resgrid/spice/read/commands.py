@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from resgrid.spice.dialects import DIALECTS
-from resgrid.spice.dialects.reading import ReadingRules
+from resgrid.spice.dialects.record import ReadingRules
 from resgrid.spice.read.cards import Card, Token, settings, split_call, tokenise
 from resgrid.spice.read.diagnostics import CardError, Diagnostics
 from resgrid.spice.read.models import RESISTOR_KINDS, SWITCH_KINDS
@@ -50,7 +50,11 @@ class Contents:
     def temperature(self, key: str, scope: Scope) -> float | None:
         """The deck's temperature (``temp``) or nominal temperature (``tnom``), in degrees Celsius, if it says one."""
         stated = self._temperatures.get(f".{key}") or self._temperatures.get(key)
-        return None if stated is None else scope.number(*stated)
+        try:
+            return None if stated is None else scope.number(*stated)
+        except CardError as error:
+            self.diagnostics.error(error)
+            return None
 
     def _spell(self, card: Card, name: str, offset: int) -> None:
         """Refuse names that differ by case alone, where they differ."""
@@ -71,9 +75,8 @@ class Contents:
         if len(set(folded)) != len(folded):
             raise card.error(name.offset, f"the subcircuit {name.text} has two terminals of one name")
         if not self.rules.grounds.isdisjoint(folded):
-            raise card.error(
-                name.offset, f"the subcircuit {name.text} has ground among its terminals; ground is global"
-            )
+            text = f"the subcircuit {name.text} has ground among its terminals; ground is global"
+            raise card.error(name.offset, text)
         if name.text.lower() in outer.blocks:
             raise card.error(name.offset, f"the subcircuit {name.text} is defined twice")
         outer.blocks[name.text.lower()] = block
@@ -162,9 +165,8 @@ class Contents:
         if key in self.rules.refused_options:
             raise card.error(token.offset, f"{option} {key} adds elements, which is not done here: write them out")
         if key in DIALECTS[self.rules.name].quirks.shunt_options:
-            self.diagnostics.warn(
-                card.spot(token.offset), f"{option} {key} ties every node to ground, which is not done here"
-            )
+            text = f"{option} {key} ties every node to ground, which is not done here"
+            self.diagnostics.warn(card.spot(token.offset), text)
         self.options[key] = "" if value is None else value.text
         if key in ("temp", "tnom") and value is not None:
             self._set_temperature(key, card, value)
@@ -175,17 +177,15 @@ class Contents:
             raise card.error(0, ".temp needs a temperature")
         if len(tokens) > 1:
             if self.rules.braced_temperatures:
-                raise card.error(
-                    tokens[1].offset, f"{self.rules.name} ignores a .temp of several temperatures: name one"
-                )
+                text = f"{self.rules.name} ignores a .temp of several temperatures: name one"
+                raise card.error(tokens[1].offset, text)
             self.diagnostics.warn(card.spot(), ".temp asks for several runs; the first temperature counts")
         self._set_temperature(".temp" if self.rules.temp_command_first else "temp", card, tokens[0])
 
     def _set_temperature(self, key: str, card: Card, token: Token) -> None:
         if token.kind == "word" and self.rules.braced_temperatures and _PLAIN_NUMBER.fullmatch(token.text) is None:
-            raise card.error(
-                token.offset, f"{self.rules.name} ignores a temperature that is no plain number: use braces"
-            )
+            text = f"{self.rules.name} ignores a temperature that is no plain number: use braces"
+            raise card.error(token.offset, text)
         self._temperatures[key] = (card, token)
 
     def _preprocess(self, card: Card) -> None:

@@ -11,7 +11,7 @@ from typing import IO
 from resgrid.errors import InputError
 from resgrid.spice.circuit import Circuit
 from resgrid.spice.dialects import DIALECTS
-from resgrid.spice.dialects.reading import ReadingRules
+from resgrid.spice.dialects.record import ReadingRules
 from resgrid.spice.networks.circuitscape import read_circuitscape
 from resgrid.spice.networks.edges import is_edge_list, read_edges
 from resgrid.spice.networks.graphs import GRAPH_SUFFIXES, read_graph

@@ -63,11 +63,6 @@ class Element:
         """First value of a key."""
         return self.keys[key][0] if key in self.keys else default
 
-    @property
-    def multiplier(self) -> float:
-        """How many elements lie in parallel."""
-        return multiplier(self.card, self.value("m", 1.0))
-
 
 def letter_of(card: Card, block: Block) -> str:
     """Letter of an element, in lower case."""
@@ -88,11 +83,13 @@ def read_element(card: Card, letter: str, scope: Scope, elements: Elements) -> N
         name = card.text.split()[0][:60]
         if letter not in REFUSED:
             raise card.error(0, f"{name!r} is no element and no command that is known")
-        form = f" and {_form(card.rules.name)}" if letter in "bg" else ""
         kinds = "R, V, I, C, L, S and X"
         if card.rules.instances:
             kinds = f"{', '.join(master for master in spectre.PRIMITIVES if master != 'bsource')} and subcircuits"
-        raise card.error(0, f"{name} is {REFUSED[letter]}; only {kinds}{form} can be read")
+        if letter in "bg":
+            form = DIALECTS[card.rules.name].nonlinear_resistor
+            kinds += f" and {form.format(name='B1', a='a', b='b', current='I0', voltage='V0')}"
+        raise card.error(0, f"{name} is {REFUSED[letter]}; only {kinds} can be read")
 
 
 def read_nodes(card: Card, tokens: list[Token], count: int) -> tuple[list[str], list[Token]]:
@@ -178,7 +175,7 @@ def _read_resistor(card: Card, scope: Scope, elements: Elements) -> None:
     first, second = _coefficients(element, first, second)
     if "scale" in element.keys and not card.rules.scale_key:
         raise card.error(None, f"scale= is not understood for {card.rules.name}; put it into the value")
-    ohms *= element.value("scale", 1.0) / element.multiplier
+    ohms *= element.value("scale", 1.0) / multiplier(card, element.value("m", 1.0))
     if not math.isfinite(ohms):
         raise card.error(None, f"{element.name} has {ohms} ohm")
     own = (element.value("dtemp", 0.0), element.value("temp", math.nan), nominal)
@@ -267,13 +264,12 @@ def _read_capacitor(card: Card, scope: Scope, elements: Elements) -> None:
     stated += element.keys.get("c", [])
     if len(stated) > 1:
         raise card.error(None, "more than one capacitance is given")
-    if not stated and model is None:
-        raise card.error(None, f"{element.name} has no value")
     if not stated:
-        scope.diagnostics.inform(
-            card.spot(), "the capacitance of a model is not computed: it is open at direct current"
-        )
-    farads = stated[0] * element.multiplier if stated else 0.0
+        if model is None:
+            raise card.error(None, f"{element.name} has no value")
+        text = "the capacitance of a model is not computed: it is open at direct current"
+        scope.diagnostics.inform(card.spot(), text)
+    farads = stated[0] * multiplier(card, element.value("m", 1.0)) if stated else 0.0
     if not 0 <= farads < math.inf:
         raise card.error(None, f"{element.name} has {farads:g} F; a capacitance must not be negative")
     elements.add("capacitor", element.name, element.nodes, (farads,), card)
@@ -341,10 +337,6 @@ def _nonlinear_form(dialect: str) -> re.Pattern[str]:
             pattern += f"(?P={key})" if key in seen else f"(?P<{key}>{groups.get(key, r'[^*/()]+')})"
             seen.add(key)
     return re.compile(pattern, re.IGNORECASE)
-
-
-def _form(dialect: str) -> str:
-    return DIALECTS[dialect].nonlinear_resistor.format(name="B1", a="a", b="b", current="I0", voltage="V0")
 
 
 _READERS: dict[str, Callable[[Card, Scope, Elements], None]] = {

@@ -17,7 +17,7 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
-from resgrid.spice.dialects.reading import ReadingRules
+from resgrid.spice.dialects.record import ReadingRules
 from resgrid.spice.read.numerals import parse_numeral
 
 _PARENS = "write parentheses"
@@ -217,13 +217,20 @@ class _Reader:
         exponent = self._atom()
         if self._now.text in _POWERS:
             raise ExpressionError(self._now.offset, "a power of a power: simulators disagree, write parentheses")
-        return _raise(sign, base, -exponent if negative.text == "-" else exponent)
+        exponent = -exponent if negative.text == "-" else exponent
+        if base < 0 and exponent % 2:
+            text = f"{base!r} to the power {exponent!r}: simulators disagree about that"
+            raise ExpressionError(sign.offset, text)
+        return float(base**exponent)
 
     def _atom(self) -> float:
         token = self._now
         self.position += token.kind != "end"
         if token.kind == "number":
-            return self._number(token)
+            numeral = parse_numeral(token.text, self.rules, computed=True)
+            if numeral is None or isinstance(numeral, str):
+                raise ExpressionError(token.offset, numeral or f"{token.text!r} is no number")
+            return numeral.value
         if token.kind == "name":
             return self._call_function(token) if self._now.text == "(" else self._parameter(token)
         if token.text == "(":
@@ -231,12 +238,6 @@ class _Reader:
             self._expect(")")
             return value
         raise ExpressionError(token.offset, f"a number or a name was expected, found {token.shown}")
-
-    def _number(self, token: _Token) -> float:
-        numeral = parse_numeral(token.text, self.rules, computed=True)
-        if numeral is None or isinstance(numeral, str):
-            raise ExpressionError(token.offset, numeral or f"{token.text!r} is no number")
-        return numeral.value
 
     def _parameter(self, token: _Token) -> float:
         value = self.lookup(token.text.lower())
@@ -252,8 +253,7 @@ class _Reader:
             self.position += 1
             values.append(self.choice())
         self._expect(")")
-        name = token.text.lower()
-        value = self.call(name, values, self.lookup)
+        value = self.call(token.text.lower(), values, self.lookup)
         return _built_in(token, values, self.rules) if value is None else value
 
 
@@ -279,19 +279,12 @@ _BINARY: dict[str, tuple[int, Callable[[float, float], float | bool]]] = {
 """How tightly operators bind, and what they do; `ReadingRules.operators` says where a dialect's differ."""
 
 
-def _raise(token: _Token, base: float, exponent: float) -> float:
-    if base < 0 and exponent % 2:
-        raise ExpressionError(token.offset, f"{base!r} to the power {exponent!r}: simulators disagree about that")
-    return float(base**exponent)
-
-
 def _built_in(token: _Token, values: list[float], rules: ReadingRules) -> float:
     name = token.text.lower()
     own = rules.functions.get(name)
     if own is None:
-        why = (
-            "is statistical, or depends on the solution, and is not evaluated" if name in _STATISTICS else "is unknown"
-        )
+        statistical = "is statistical, or depends on the solution, and is not evaluated"
+        why = statistical if name in _STATISTICS else "is unknown"
         raise ExpressionError(token.offset, f"the function {token.text!r} {why} ({rules.name})")
     count, function = FUNCTIONS[own]
     if len(values) != count:
@@ -303,10 +296,9 @@ def _built_in(token: _Token, values: list[float], rules: ReadingRules) -> float:
         raise ExpressionError(token.offset, f"{token.text}({shown}) has no value") from None
 
 
+_OF_MATH = "sqrt exp log10 floor ceil sin cos tan asin acos atan sinh cosh tanh asinh acosh atanh"
 _ONE_ARGUMENT: dict[str, Callable[[float], float]] = {
-    **{name: getattr(math, name) for name in ("sqrt", "exp", "log10", "floor", "ceil")},
-    **{name: getattr(math, name) for name in ("sin", "cos", "tan", "asin", "acos", "atan")},
-    **{name: getattr(math, name) for name in ("sinh", "cosh", "tanh", "asinh", "acosh", "atanh")},
+    **{name: getattr(math, name) for name in _OF_MATH.split()},
     "ln": math.log,
     "abs": abs,
     "int": math.trunc,

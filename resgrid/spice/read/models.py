@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 
-from resgrid.spice.dialects.reading import ReadingRules
 from resgrid.spice.read.cards import Card
 from resgrid.spice.read.scopes import Model, Scope
 
@@ -46,9 +45,8 @@ def model_values(model: Model, scope: Scope, known: frozenset[str]) -> dict[str,
         if key in _IGNORED_KEYS:
             continue
         if key not in known:
-            raise model.card.error(
-                setting.offset, f"{setting.key} is no parameter that a model of kind {model.kind} can have here"
-            )
+            text = f"{setting.key} is no parameter that a model of kind {model.kind} can have here"
+            raise model.card.error(setting.offset, text)
         values[key] = home.number(model.card, setting.values[0])
     return values
 
@@ -69,26 +67,21 @@ def _from_model(values: dict[str, float], length: float | None, width: float | N
     rules = card.rules
     span = values.get("l", _DEFAULT_LENGTH) if length is None else length
     broad = values.get("w", _DEFAULT_LENGTH) if width is None else width
-    if _is_sheet(values, rules, span, broad, sized=length is not None or width is not None):
+    is_sheet = "rsh" in values and (length is not None or width is not None or "r" not in values)
+    if rules.sheet_first:
+        is_sheet = values.get("rsh", 0.0) * span * broad > 0
+    if is_sheet:
         narrow, short = values.get("narrow", 0.0), values.get("short", 0.0)
         twice = 2.0 if rules.lengths_twice else 1.0
         if broad - twice * narrow <= 0 or span - twice * short <= 0:
             raise card.error(None, f"the model {model.name} leaves no length or width ({span:g} m, {broad:g} m)")
         if not rules.lengths_twice and (narrow or short):
-            raise card.error(
-                None, f"how {rules.name} uses narrow and short of the model {model.name} is not known here"
-            )
+            text = f"how {rules.name} uses narrow and short of the model {model.name} is not known here"
+            raise card.error(None, text)
         return values["rsh"] * (span - twice * short) / (broad - twice * narrow)
     if "r" in values and not rules.model_factor:
         return values["r"]
     raise card.error(None, f"neither this line nor the model {model.name} says how many ohms (r, or rsh with l and w)")
-
-
-def _is_sheet(values: dict[str, float], rules: ReadingRules, span: float, broad: float, *, sized: bool) -> bool:
-    """Whether the resistance is that of a sheet, and not the model's ``r``."""
-    if rules.sheet_first:
-        return values.get("rsh", 0.0) * span * broad > 0
-    return "rsh" in values and (sized or "r" not in values)
 
 
 def modelled_switch(model: Model, scope: Scope, state: float, card: Card) -> tuple[float, float, float, float, float]:

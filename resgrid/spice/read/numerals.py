@@ -6,7 +6,7 @@ import math
 import re
 from typing import NamedTuple
 
-from resgrid.spice.dialects.reading import ReadingRules
+from resgrid.spice.dialects.record import ReadingRules
 
 _NUMBER = re.compile(r"([+-]?)(\d++(?:\.\d*+)?|\.\d++)(?:[eE]([+-]?\d{1,9}))?([^\W\d_]*+)")
 _D_NUMBER = re.compile(r"([+-]?)(\d++(?:\.\d*+)?|\.\d++)(?:[eEdD]([+-]?\d{1,9}))?([^\W\d_]*+)")

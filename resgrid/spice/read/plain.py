@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.spice.dialects.reading import ReadingRules
+from resgrid.spice.dialects.record import ReadingRules
 from resgrid.spice.read.files import decode
 from resgrid.spice.read.numerals import Numeral, parse_numeral
 
@@ -50,7 +50,7 @@ class Bulk:
 
     def names(self, which: NDArray[np.bool_]) -> list[str]:
         """Names of some elements."""
-        return _texts(self.text, self.span[which])
+        return _words_at(self.text, self.span[which])
 
     def others(self, data: bytes) -> Iterator[tuple[int, str]]:
         """Lines that were not plain."""
@@ -85,9 +85,10 @@ def scan(data: bytes, start: int, rules: ReadingRules) -> Bulk | None:
     )
     other = np.empty((rows + 1, 3), dtype=np.int64)
     first_line = data.count(b"\n", 0, start) + 1
-    ended, count, others, node_count = cut(
-        text, start, first_line, b"//" in data, _comment_starts(rules), _words(rules), known, cards, other
-    )
+    comments = np.zeros(256, dtype=np.bool_)  # bytes that make a line a comment when they stand first
+    comments[[ord(mark[0]) for mark in (*rules.comments, *("$" * rules.dollar_comments))]] = True
+    words = (_NO_WORD, *_WORDS[1:]) if rules.end_is_comment else _WORDS
+    ended, count, others, node_count = cut(text, start, first_line, b"//" in data, comments, words, known, cards, other)
     if ended == TOO_HARD:
         return None
     cards = CardTable._make(column[:count] for column in cards)
@@ -98,7 +99,7 @@ def scan(data: bytes, start: int, rules: ReadingRules) -> Bulk | None:
     spans = known.spans[:node_count]
     longest = max(map(len, rules.grounds))
     return Bulk(
-        node_names=_texts(text, spans[:, :2]),
+        node_names=_words_at(text, spans[:, :2]),
         node_line=spans[:, 2],
         short=np.flatnonzero(spans[:, 1] - spans[:, 0] <= longest).tolist(),
         kind=cards.kind[keep],
@@ -111,30 +112,18 @@ def scan(data: bytes, start: int, rules: ReadingRules) -> Bulk | None:
     )
 
 
-def _words(rules: ReadingRules) -> tuple[NDArray[np.uint8], ...]:
-    """Words that the compiled loop heeds: ``.end`` is not among them where it ends nothing."""
-    return (_NO_WORD, *_WORDS[1:]) if rules.end_is_comment else _WORDS
-
-
-def _comment_starts(rules: ReadingRules) -> NDArray[np.bool_]:
-    """Bytes that make a line a comment when they stand first."""
-    starts = np.zeros(256, dtype=np.bool_)
-    starts[[ord(mark[0]) for mark in (*rules.comments, *("$" * rules.dollar_comments))]] = True
-    return starts
-
-
 def _values(text: NDArray[np.uint8], cards: CardTable, rules: ReadingRules) -> NDArray[np.float64]:
     """Values of cards, NaN or infinite where there is any doubt about one; shape (n,)."""
     value = np.full(len(cards.kind), np.nan)
     decimal = cards.decimal
     value[decimal] = np.fromiter(map(float, _words_at(text, cards.value[decimal])), np.float64)
     zero = np.flatnonzero(value == 0)
-    underflows = [word.lower().partition(b"e")[0].strip(b"+-0.") != b"" for word in _words_at(text, cards.value[zero])]
+    underflows = [word.lower().partition("e")[0].strip("+-0.") != "" for word in _words_at(text, cards.value[zero])]
     value[zero[underflows]] = np.nan
-    read: dict[bytes, float] = {}
+    read: dict[str, float] = {}
     for card, word in zip(np.flatnonzero(~decimal).tolist(), _words_at(text, cards.value[~decimal]), strict=True):
         if word not in read:
-            numeral = parse_numeral(word.decode("ascii"), rules)
+            numeral = parse_numeral(word, rules)
             read[word] = numeral.value if isinstance(numeral, Numeral) and not numeral.warning else np.nan
         value[card] = read[word]
     return value
@@ -144,20 +133,12 @@ def _with_demoted(other: NDArray[np.int64], lines: NDArray[np.int32], data: byte
     """Other lines, with some whose card turned out not to be plain."""
     if not lines.size:
         return other.copy()
-    ends = np.flatnonzero(np.frombuffer(data, dtype=np.uint8) == ord("\n"))
-    stops = ends[lines.astype(np.int64) - 1]
-    starts = np.where(lines > 1, ends[np.maximum(lines.astype(np.int64) - 2, 0)] + 1, 0)
-    rows = np.concatenate([other, np.stack([starts, stops, lines.astype(np.int64)], axis=1)])
+    ends = np.append(-1, np.flatnonzero(np.frombuffer(data, dtype=np.uint8) == ord("\n")))  # of line 0, 1, ...
+    rows = np.concatenate([other, np.stack([ends[lines - 1] + 1, ends[lines], lines], axis=1)])
     return rows[np.argsort(rows[:, 2], kind="stable")]
 
 
-def _words_at(text: NDArray[np.uint8], spans: NDArray[np.integer[Any]]) -> list[bytes]:
-    from resgrid.spice.read.kernels import gather
-
-    return gather(text, spans.astype(np.int64)).tobytes().split(b"\n")[:-1]
-
-
-def _texts(text: NDArray[np.uint8], spans: NDArray[np.integer[Any]]) -> list[str]:
+def _words_at(text: NDArray[np.uint8], spans: NDArray[np.integer[Any]]) -> list[str]:
     from resgrid.spice.read.kernels import gather
 
     return gather(text, spans.astype(np.int64)).tobytes().decode("ascii").split("\n")[:-1]

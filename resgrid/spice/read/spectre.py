@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from resgrid.spice.dialects.reading import ReadingRules
+from resgrid.spice.dialects.record import ReadingRules
 from resgrid.spice.read.cards import Card, Setting
 from resgrid.spice.read.scopes import Block, Scope
 
@@ -36,25 +36,19 @@ STATEMENTS = {
 """What statements begin with, and the dot command of SPICE that says the same."""
 
 _ANALYSES = (
-    *("dc", "ac", "tran", "noise", "xf", "sp", "stb", "sens", "pz", "hb", "pss", "pac", "pnoise", "pxf", "psp", "pstb"),
-    *("qpss", "qpac", "qpnoise", "envlp", "dcmatch", "info", "check", "checklimit", "set", "shell"),
+    "dc ac tran noise xf sp stb sens pz hb pss pac pnoise pxf psp pstb qpss qpac qpnoise envlp dcmatch info check "
+    "checklimit set shell"
 )
 _MASTERS = {
     "options": ".options",
-    **dict.fromkeys(_ANALYSES, ".op"),
+    **dict.fromkeys(_ANALYSES.split(), ".op"),
     **dict.fromkeys(("sweep", "montecarlo", "alter", "altergroup"), ".step"),
 }
 _REFUSED = frozenset(
-    (
-        *("ahdl_include", "else", "endsection", "export", "function", "if", "inline", "library", "local", "paramset"),
-        *("real", "section", "veriloga"),
-    )
+    "ahdl_include else endsection export function if inline library local paramset real section veriloga".split()  # noqa: SIM905
 )
 _WAVEFORMS = frozenset(
-    (
-        *("wave", "file", "val0", "val1", "period", "delay", "rise", "fall", "width", "sinedc", "ampl", "freq"),
-        *("sinephase", "edgetype", "td1", "tau1", "td2", "tau2"),
-    )
+    "wave file val0 val1 period delay rise fall width sinedc ampl freq sinephase edgetype td1 tau1 td2 tau2".split()  # noqa: SIM905
 )
 _SMALL_SIGNAL = frozenset(("mag", "phase", "pacmag", "pacphase", "xfmag", "isnoisy"))
 

@@ -38,18 +38,6 @@ class Call:
     given: tuple[Setting, ...]
 
 
-@dataclass(frozen=True)
-class _Recorder:
-    """Looks parameters up in a scope, and remembers their names."""
-
-    scope: Scope
-    names: set[str]
-
-    def __call__(self, name: str) -> float | None:
-        self.names.add(name)
-        return self.scope.parameter(name)
-
-
 @dataclass(frozen=True, eq=False)
 class Flat:
     """A subcircuit with given parameters, flattened: its nodes (ports first) and its elements."""
@@ -146,15 +134,12 @@ class Expander:
         target = block.block(name.text.lower())
         if target is None:
             known_masters = f", or write {', '.join(PRIMITIVES)}" if card.rules.instances else ""
-            raise card.error(
-                name.offset,
-                f"there is no subcircuit {name.text!r}; define it, or include its file{known_masters}",
-            )
+            text = f"there is no subcircuit {name.text!r}; define it, or include its file{known_masters}"
+            raise card.error(name.offset, text)
         nodes = tuple(token.text for token in terminals)
         if len(nodes) != len(target.ports):
-            raise card.error(
-                name.offset, f"{instance.text} has {len(nodes)} node(s), but {target.name} has {len(target.ports)}"
-            )
+            text = f"{instance.text} has {len(nodes)} node(s), but {target.name} has {len(target.ports)}"
+            raise card.error(name.offset, text)
         call = Call(card, instance.text, nodes, target, tuple(settings(card, tail)))
         self._calls[id(card)] = call
         return call
@@ -166,7 +151,12 @@ class Expander:
         named: dict[str, set[str]] = {}
         for setting in call.given:
             names = named.setdefault(setting.key, set())
-            value = scope.number(call.card, setting.values[0], _Recorder(scope, names))
+
+            def looked_up(name: str, names: set[str] = names) -> float | None:
+                names.add(name)
+                return scope.parameter(name)
+
+            value = scope.number(call.card, setting.values[0], looked_up)
             if setting.key == "m" and "m" not in block.defaults:
                 factor = multiplier(call.card, value)
                 if rules.replaces_multipliers:
@@ -174,9 +164,8 @@ class Expander:
             elif setting.key in block.parameters:
                 given[setting.key] = value
             else:
-                raise call.card.error(
-                    setting.offset, f"{block.name} has no parameter {setting.key!r}; only {sorted(block.parameters)}"
-                )
+                text = f"{block.name} has no parameter {setting.key!r}; only {sorted(block.parameters)}"
+                raise call.card.error(setting.offset, text)
         if rules.puts_in_text:
             self._refuse_captured(call, scope, given, named)
         return given, factor
@@ -198,29 +187,23 @@ class Expander:
     def _refuse_multiplier(self, call: Call, setting: Setting, scope: Scope, factor: float) -> None:
         """Refuse ``m=`` of a call where it is not the number of subcircuits in parallel."""
         dialect = call.card.rules.name
-        own = [card.text for card in call.block.cards if _OWN_MULTIPLIER.search(card.text)]
-        deep = [
-            card.text for card in call.block.cards if card.text[0] in "xX" or (card.text[0] in "sS" and factor != 1)
-        ]
+        texts = [card.text for card in call.block.cards]
+        own = [text for text in texts if _OWN_MULTIPLIER.search(text)]
+        deep = [text for text in texts if text[0] in "xX" or (text[0] in "sS" and factor != 1)]
         if own or deep:
             what = f"takes the place of that of {own[0].split()[0]}" if own else f"does not reach {deep[0].split()[0]}"
-            raise call.card.error(
-                setting.offset, f"in {dialect} this m= {what}: call {call.block.name} several times instead"
-            )
+            text = f"in {dialect} this m= {what}: call {call.block.name} several times instead"
+            raise call.card.error(setting.offset, text)
         if "m" in call.block.parameters or scope.parameter("m") is not None:
-            raise call.card.error(
-                setting.offset, f"in {dialect} this m= changes the parameter m, too: rename the parameter"
-            )
+            text = f"in {dialect} this m= changes the parameter m, too: rename the parameter"
+            raise call.card.error(setting.offset, text)
 
     def _flat(self, call: Call, given: dict[str, float], outer: Scope) -> Flat:
         block = call.block
         key = (id(block), tuple(sorted(given.items())), id(outer))
-        if key not in self._flats:
-            self.used.add(block.name)
-            self._flats[key] = self._flatten(block, given, outer)
-        return self._flats[key]
-
-    def _flatten(self, block: Block, given: dict[str, float], outer: Scope) -> Flat:
+        if key in self._flats:
+            return self._flats[key]
+        self.used.add(block.name)
         contents = self.contents
         shared = next((port for port in block.ports if port.lower() in contents.common), None)
         if shared is not None:
@@ -237,12 +220,9 @@ class Expander:
         self.fill(scope, elements, block.cards)
         everywhere = contents.common | contents.grounds
         common = tuple(i >= len(block.ports) and name.lower() in everywhere for i, name in enumerate(table.names))
-        return Flat(
-            tuple(table.names),
-            len(block.ports),
-            common,
-            {kind: part for kind in WIDTHS if len(part := elements.joined(kind))},
-        )
+        parts = {kind: part for kind in WIDTHS if len(part := elements.joined(kind))}
+        self._flats[key] = Flat(tuple(table.names), len(block.ports), common, parts)
+        return self._flats[key]
 
 
 def _stamp(flat: Flat, calls: list[tuple[Call, float]], elements: Elements) -> None:

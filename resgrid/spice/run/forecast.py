@@ -21,6 +21,7 @@ from resgrid.spice.circuit import CONDUCTING, Circuit, connected_parts
 from resgrid.spice.dialects import DIALECTS
 
 _FIRST_WITH_KLU = 42
+"""From this version on ngspice is another engine."""
 _RANDOM_WIDTH = 0.117
 """Random networks have few levels: their width counts as at most this times the neighbours and ``size**(2/3)``."""
 
@@ -54,7 +55,9 @@ class Forecast:
 
 def forecast(circuit: Netlist | Circuit, engine: str = "ngspice", version: str = "") -> Forecast:
     """Time and memory of a simulator's operating point, in time proportional to the elements."""
-    engine = _engine_of(engine, version)
+    major = version.partition(".")[0].rstrip("+")
+    if engine == "ngspice" and major.isdecimal() and int(major) >= _FIRST_WITH_KLU:
+        engine = "ngspice-klu"
     if engine not in COSTS:
         raise InputError(f"nothing is known of the engine {engine!r}; it may be one of {', '.join(COSTS)}")
     circuit = Circuit.of(circuit)
@@ -64,13 +67,6 @@ def forecast(circuit: Netlist | Circuit, engine: str = "ngspice", version: str =
     seconds = costs.start + costs.element * elements + costs.core * width**costs.width_power * size**costs.size_power
     memory = costs.start_bytes + costs.element_bytes * elements + costs.fill_bytes * size * width
     return Forecast(engine, seconds, memory, size, width)
-
-
-def _engine_of(engine: str, version: str) -> str:
-    """Ngspice is another engine from version 42 on, the first with KLU."""
-    major = version.partition(".")[0].rstrip("+")
-    has_klu = engine == "ngspice" and major.isdecimal() and int(major) >= _FIRST_WITH_KLU
-    return "ngspice-klu" if has_klu else engine
 
 
 def require_time(expected: Forecast, timeout: float) -> None:
@@ -85,15 +81,15 @@ def core_of(circuit: Circuit) -> tuple[int, float]:
     """Size and width of what remains of a network without its loose ends and its nodes of known voltage."""
     from scipy.sparse import coo_array
 
-    tree = connected_parts(circuit.source_nodes, len(circuit.node_names))
+    tree = connected_parts(circuit.source_nodes, circuit.node_count)
     known = tree == tree[GROUND]
     pairs = np.concatenate([circuit.ends[kind] for kind in CONDUCTING])
     pairs = pairs[~known[pairs].any(axis=1) & (pairs[:, 0] != pairs[:, 1])].astype(np.int32)
     if not len(pairs):
         return 0, 0.0
     both = np.concatenate([pairs, pairs[:, ::-1]])
-    shape = (len(circuit.node_names), len(circuit.node_names))
-    graph = coo_array((np.ones(len(both), dtype=np.int8), (both[:, 0], both[:, 1])), shape=shape).tocsr()
+    shape = (circuit.node_count, circuit.node_count)
+    graph = coo_array((np.ones(len(both), dtype=np.int8), tuple(both.T)), shape=shape).tocsr()
     degree = np.diff(graph.indptr).astype(np.int64)
     _strip_leaves(graph, degree)
     alive = np.flatnonzero(degree)

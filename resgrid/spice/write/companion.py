@@ -7,8 +7,7 @@ counts as right only if it is compared and found small: what is missing, not a n
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 from resgrid.spice.write.flat import Deck, plain
 from resgrid.spice.write.sidecar import Expected
@@ -20,18 +19,16 @@ LARGEST = 400_000
 _PER_LINE = 40
 
 
-@dataclass(frozen=True, eq=False)
-class _Group:
-    """Errors of one kind: what they are errors of, and expressions for them."""
-
-    what: str
-    unit: str
-    errors: list[str]
-
-
 def format_companion(name: str, deck: Deck, expected: Expected, sha256: str) -> str:
     """Write the companion of a deck in a file of this name."""
-    groups = [group for group in _groups(deck, expected) if group.errors]
+    amps = {source: value for source, value in expected.source_current.items() if value is not None}
+    values = zip(deck.resistors, plain(deck.resistor_value), strict=True)
+    groups = {
+        ("voltages", "of the supply"): _errors("op1.v", expected.voltage, expected.supply),
+        ("currents", "of the largest"): _errors("op1.i", amps, expected.current_scale),
+        ("resistances", "relative"): [f" abs(@{name}[resistance]/{ohms}-1)" for name, ohms in values],
+    }
+    groups = {kind: errors for kind, errors in groups.items() if errors}
     lines = [
         f"* verify {name}: prints PASS or FAIL",
         f"* ngspice -n -b {name}.verify",
@@ -46,20 +43,18 @@ def format_companion(name: str, deck: Deck, expected: Expected, sha256: str) -> 
         "let worst = 0",
         "let place = 0",
     ]
-    for group in groups:
-        lines += [f"let worst_{group.what} = 0", *_comparisons(group, len(lines) + 1)]
-    lines += _summary(groups)
-    return "\n".join([*lines, ".endc", ".end"]) + "\n"
-
-
-def _groups(deck: Deck, expected: Expected) -> list[_Group]:
-    amps = {source: value for source, value in expected.source_current.items() if value is not None}
-    values = zip(deck.resistors, plain(deck.resistor_value), strict=True)
-    return [
-        _Group("voltages", "of the supply", _errors("op1.v", expected.voltage, expected.supply)),
-        _Group("currents", "of the largest", _errors("op1.i", amps, expected.current_scale)),
-        _Group("resistances", "relative", [f" abs(@{name}[resistance]/{ohms}-1)" for name, ohms in values]),
-    ]
+    for (what, _), errors in groups.items():
+        lines.append(f"let worst_{what} = 0")
+        for first in range(0, len(errors), _PER_LINE):
+            lines += [
+                "compose error values" + "".join(errors[first : first + _PER_LINE]),
+                f"let place = vecmax(error) gt worst ? {len(lines) + 1} : place",
+                "let worst = vecmax(error) gt worst ? vecmax(error) : worst",
+                f"let worst_{what} = vecmax(error) gt worst_{what} ? vecmax(error) : worst_{what}",
+                f"let right = right + length(error)*mean(error le {TOLERANCE!r})",
+                "unlet error",
+            ]
+    return "\n".join([*lines, *_summary(groups), ".endc", ".end"]) + "\n"
 
 
 def _errors(function: str, values: Mapping[str, float], scale: float) -> list[str]:
@@ -69,24 +64,9 @@ def _errors(function: str, values: Mapping[str, float], scale: float) -> list[st
     ]
 
 
-def _comparisons(group: _Group, before: int) -> list[str]:
-    """Lines that compare; ``before`` is the number of the line in front of them."""
-    lines: list[str] = []
-    for first in range(0, len(group.errors), _PER_LINE):
-        lines += [
-            "compose error values" + "".join(group.errors[first : first + _PER_LINE]),
-            f"let place = vecmax(error) gt worst ? {before + len(lines) + 1} : place",
-            "let worst = vecmax(error) gt worst ? vecmax(error) : worst",
-            f"let worst_{group.what} = vecmax(error) gt worst_{group.what} ? vecmax(error) : worst_{group.what}",
-            f"let right = right + length(error)*mean(error le {TOLERANCE!r})",
-            "unlet error",
-        ]
-    return lines
-
-
-def _summary(groups: Sequence[_Group]) -> list[str]:
-    total = sum(len(group.errors) for group in groups)
-    counts = ", ".join(f"{len(group.errors)} {group.what} ($&worst_{group.what} {group.unit})" for group in groups)
+def _summary(groups: Mapping[tuple[str, str], list[str]]) -> list[str]:
+    total = sum(map(len, groups.values()))
+    counts = ", ".join(f"{len(errors)} {what} ($&worst_{what} {unit})" for (what, unit), errors in groups.items())
     return [
         f"if right gt {total - 0.5}",
         f"  echo PASS: the largest error is $&worst where {TOLERANCE!r} is allowed: {counts}",

@@ -127,7 +127,10 @@ def write_spice(
     else:
         deck = flatten(op.netlist, dialect=dialect, title=title, additions=added)
     answers = expect(deck, op)
-    beside = {**deck.parts, deck.dialect.name: _commands(target.name, deck, asked)}
+    commands = deck.dialect.commands.format(deck=target.name, **first_source(deck))
+    if asked:
+        commands = format_analyses(target.name, deck, asked)
+    beside = {**deck.parts, deck.dialect.name: commands}
     checks = len(answers.voltage) + len(answers.source_current) + len(deck.resistors)
     if verify and deck.dialect.checks_itself and not added.spread and checks <= LARGEST:
         beside["verify"] = format_companion(target.name, deck, answers, _hash(deck.text))
@@ -143,7 +146,9 @@ def write_spice(
         more["difference_from_flat"] = difference_from_ideal(op)
     beside["json"] = format_sidecar(target.name, deck, answers, more)
     files = {key: target.with_name(f"{target.name}.{key}") for key in beside}
-    _write_all({**{files[key]: text for key, text in beside.items()}, target: deck.text})
+    with ExitStack() as stack:  # all aside, then renamed, the deck last: an interrupted set contradicts its hashes
+        for path, text in ((target, deck.text), *((files[key], text) for key, text in reversed(beside.items()))):
+            stack.enter_context(atomic_path(path)).write_bytes(text.encode("utf-8"))
     return WrittenDeck(
         path=target,
         commands=files[deck.dialect.name],
@@ -185,12 +190,6 @@ def _checked_target(target: Path) -> Path:
     return target
 
 
-def _commands(name: str, deck: Deck, analyses: Sequence[Analysis]) -> str:
-    if analyses:
-        return format_analyses(name, deck, analyses)
-    return deck.dialect.commands.format(deck=name, **first_source(deck))
-
-
 def _described(analysis: Analysis) -> dict[str, Any]:
     if isinstance(analysis, TransientAnalysis):
         changed = analysis.after is not None
@@ -204,13 +203,6 @@ def _checked_json(expected: Mapping[str, Any]) -> Mapping[str, Any]:
     except (TypeError, ValueError) as error:
         raise InputError(f"expected answers must be JSON without NaN: {error}") from error
     return expected
-
-
-def _write_all(texts: Mapping[Path, str]) -> None:
-    """Write every file aside, then rename them, the deck last: a set that was interrupted contradicts its hashes."""
-    with ExitStack() as stack:
-        for path, text in reversed(list(texts.items())):
-            stack.enter_context(atomic_path(path)).write_bytes(text.encode("utf-8"))
 
 
 def _hash(text: str) -> str:

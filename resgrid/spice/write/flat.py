@@ -79,28 +79,23 @@ def flatten(
     elements = _choose_elements(netlist, held)
     element_names = {kind: name_elements(netlist, kind, chosen, names) for kind, chosen in elements.items()}
     ohms = resistances(netlist.conductance[elements["resistor"]])
-    heading = tidy_title(_default_title(netlist) if title is None else title)
+    heading = _heading(netlist, title)
     nodes = np.flatnonzero(held)[1:]  # without ground
     node_names = [names[node] for node in nodes.tolist()]
     left_out = netlist.names_of(np.flatnonzero(~held))
     dropped = {kind: len(getattr(netlist, ELEMENTS[kind][0])) - len(kept) for kind, kept in elements.items()}
-    census = _census(rules, len(nodes), elements, left_out, sum(dropped.values()))
-    lines = [f"{rules.comment}{line}" for line in (heading, *census)]
-    lines += _preamble(netlist, rules, additions)
+    counts = [f"{len(chosen)} {kind}s" for kind, chosen in elements.items() if chosen.size]
+    remarks = [heading, f"{rules.name} dialect: " + ", ".join([f"{len(nodes)} nodes besides ground", *counts])]
+    if left_out or any(dropped.values()):
+        remarks.append(
+            f"left out: {len(left_out)} floating nodes (listed in the sidecar), "
+            f"{sum(dropped.values())} elements that touch them or close a loop of voltage sources"
+        )
+    lines = [*(f"{rules.comment}{remark}" for remark in remarks), *_preamble(netlist, rules, additions)]
     for kind, chosen in elements.items():
         if chosen.size:
-            template = _template(netlist, rules, kind, additions)
-            first, second = getattr(netlist, ELEMENTS[kind][0])[chosen].T.tolist()
-            columns = {
-                "name": element_names[kind],
-                "a": [names[node] for node in first],
-                "b": [names[node] for node in second],
-                "suffix": [additions.suffix.get(number, "") for number in chosen.tolist()],
-                **_values(netlist, kind, chosen, template),
-            }
-            if kind == "resistor":
-                columns["value"] = plain(ohms)
-            lines += [f"{rules.comment}{kind}s", *fill(template, columns)]
+            columns = {"name": element_names[kind], **({"value": plain(ohms)} if kind == "resistor" else {})}
+            lines += [f"{rules.comment}{kind}s", *_lines_of(netlist, rules, kind, chosen, names, columns, additions)]
     return Deck(
         netlist=netlist,
         text="\n".join([*lines, *([rules.end] if rules.end else []), ""]),
@@ -203,36 +198,44 @@ def _choose_elements(netlist: Netlist, held: NDArray[np.bool_]) -> dict[str, NDA
     return chosen
 
 
-def _values(netlist: Netlist, kind: str, chosen: NDArray[np.int64], template: str) -> dict[str, list[str]]:
-    """Columns of numbers, by the names that a dialect's template has for them."""
-    names = {"volts": "value", "amps": "value", "capacitance": "value"}
-    columns = {names.get(key, key): getattr(netlist, column) for key, column in ELEMENTS[kind][1].items()}
-    none = np.zeros(len(netlist.conductance))
-    return {
-        key: plain((none if values is None else values)[chosen])
-        for key, values in columns.items()
-        if f"{{{key}}}" in template
+def _lines_of(
+    netlist: Netlist,
+    rules: Dialect,
+    kind: str,
+    chosen: NDArray[np.int64],
+    names: Sequence[str],
+    columns: Mapping[str, list[str]],
+    additions: Additions,
+) -> list[str]:
+    """Lines of elements of a kind; ``columns`` holds their names, and the values of resistors."""
+    template: str = getattr(rules, kind.replace(" ", "_"))
+    if kind == "resistor":
+        spread = rules.spread_resistor.replace("{sigma}", repr(additions.spread))
+        template = spread if additions.spread else template
+        template += rules.temperature_coefficients if _has_coefficients(netlist) else ""
+    first, second = getattr(netlist, ELEMENTS[kind][0])[chosen].T.tolist()
+    columns = {
+        **columns,
+        "a": [names[node] for node in first],
+        "b": [names[node] for node in second],
+        "suffix": [additions.suffix.get(number, "") for number in chosen.tolist()],
     }
+    for key, column in ELEMENTS[kind][1].items():
+        field_name = "value" if key in ("volts", "amps", "capacitance") else key
+        if f"{{{field_name}}}" in template:
+            values = getattr(netlist, column)
+            columns[field_name] = plain(np.zeros(len(chosen)) if values is None else values[chosen])
+    return fill(template + ("{suffix}" if kind == "voltage source" else ""), columns)
 
 
 def _has_coefficients(netlist: Netlist) -> bool:
     return any(tc is not None and tc.any() for tc in (netlist.tc1, netlist.tc2))
 
 
-def _template(netlist: Netlist, rules: Dialect, kind: str, additions: Additions) -> str:
-    template: str = getattr(rules, kind.replace(" ", "_"))
-    if kind == "resistor":
-        if additions.spread:
-            template = rules.spread_resistor.replace("{sigma}", repr(additions.spread))
-        if _has_coefficients(netlist):
-            template += rules.temperature_coefficients
-    return template + ("{suffix}" if kind == "voltage source" else "")
-
-
 def _preamble(netlist: Netlist, rules: Dialect, additions: Additions) -> list[str]:
     precise = [rules.precise] if netlist.nonlinear_nodes.size else []
-    return [*rules.preamble, *precise,
-            *spread_preamble(rules, additions.spread, temperature=_has_coefficients(netlist))]  # fmt: skip
+    spread = spread_preamble(rules, additions.spread, temperature=_has_coefficients(netlist))
+    return [*rules.preamble, *precise, *spread]
 
 
 def spread_preamble(rules: Dialect, sigma: float, *, temperature: bool = False) -> list[str]:
@@ -243,19 +246,6 @@ def spread_preamble(rules: Dialect, sigma: float, *, temperature: bool = False) 
     return [line.format(sigma=repr(sigma), defaults=defaults, passed=passed) for line in rules.spread_preamble]
 
 
-def _census(
-    rules: Dialect, nodes: int, elements: Mapping[str, NDArray[np.int64]], left_out: Sequence[str], dropped: int
-) -> list[str]:
-    counts = [f"{len(numbers)} {kind}s" for kind, numbers in elements.items() if numbers.size]
-    lines = [f"{rules.name} dialect: " + ", ".join([f"{nodes} nodes besides ground", *counts])]
-    if left_out or dropped:
-        lines.append(
-            f"left out: {len(left_out)} floating nodes (listed in the sidecar), "
-            f"{dropped} elements that touch them or close a loop of voltage sources"
-        )
-    return lines
-
-
 def _renamed(names: Sequence[str], given: Sequence[str] | None, numbers: NDArray[np.int64]) -> dict[str, str]:
     """Name in the deck to name in the netlist, where they differ; ``names`` has one entry a number."""
     if given is None:
@@ -264,15 +254,10 @@ def _renamed(names: Sequence[str], given: Sequence[str] | None, numbers: NDArray
     return {name: original for name, original in pairs if name != original}
 
 
-def _default_title(netlist: Netlist) -> str:
-    if netlist.cell_map is None:
-        return "resistor netlist"
-    cells = " x ".join(str(cells) for cells in netlist.cell_map.space.shape)
-    return f"resistor grid of {cells} cells, {netlist.cell_map.wiring.boundary} boundary"
-
-
-def tidy_title(title: str) -> str:
-    """Make one line of printable ASCII, for old simulators; the scene keeps the title as it was written."""
-    tidy = " ".join(title.split()).encode("ascii", "replace").decode("ascii")
-    printable = "".join(character if character.isprintable() else "?" for character in tidy)
-    return printable[:_MAX_TITLE] or "resistor netlist"
+def _heading(netlist: Netlist, title: str | None) -> str:
+    """A title as one line of printable ASCII, for old simulators."""
+    if title is None and netlist.cell_map is not None:
+        cells = " x ".join(str(cells) for cells in netlist.cell_map.space.shape)
+        title = f"resistor grid of {cells} cells, {netlist.cell_map.wiring.boundary} boundary"
+    words = " ".join((title or "").split())
+    return "".join(letter if " " <= letter <= "~" else "?" for letter in words)[:_MAX_TITLE] or "resistor netlist"

@@ -22,6 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveInt, Val
 
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import InputError
+from resgrid.files import read_bytes
 from resgrid.spice.dialects import dialect_named
 from resgrid.spice.write.flat import Deck
 
@@ -31,6 +32,13 @@ _BLOCK_DIGITS = 16
 _MAX_BYTES = 2**31
 _SHOWN = 5
 _BLANK = "0" * 64
+_SHARE_OF_CONDUCTANCE = 1e-3
+"""What currents are held to at least, as a share of what the largest conductance would carry at the supply.
+
+Beside a conductance much larger than what the circuit draws, rounding leaves some 1e-13 of that (measured with ngspice
+39 and 46); the tolerance of 1e-9 stays ten times above it.
+"""
+
 _OWN = re.compile(rb'(?<="own_sha256": ")[0-9a-f]{64}(?=")')
 """The hash of the sidecar's own text, in which zeros stand in its place."""
 
@@ -41,10 +49,9 @@ class Expected:
 
     `voltage`: per node of the deck, ground excluded, in volts; `source_current`: into the plus terminal of every
     voltage source of the deck, in amperes; None where it is undetermined; `supply`: largest voltage difference in the
-    circuit, in volts: what tolerances are relative to; with two rails it is the difference of the rails, by the
-    maximum principle; `current_scale`: what tolerances of currents are relative to, in amperes; `kcl_residual`: what
-    the voltages are worth: largest violation of Kirchhoff's current law, relative to the current through the same
-    node.
+    circuit, in volts (with two rails theirs, by the maximum principle; 1 where there is none): what tolerances are
+    relative to; `current_scale`: what those of currents are relative to, in amperes; `kcl_residual`: largest violation
+    of Kirchhoff's current law, relative to the current through the same node.
     """
 
     voltage: Mapping[str, float]
@@ -56,12 +63,18 @@ class Expected:
     @staticmethod
     def of(op: OperatingPoint, voltage: Mapping[str, float], source_current: Mapping[str, float]) -> Expected:
         """What an operating point says of these voltages and currents."""
-        supply = _supply_of(op)
+        netlist = op.netlist
+        ends = np.concatenate([netlist.resistor_nodes, netlist.nonlinear_nodes])
+        volts = op.voltage[ends if ends.size else netlist.source_nodes]
+        volts = volts[np.isfinite(volts)]
+        supply = (np.ptp(volts) if volts.size else 0.0) or np.max(np.abs(volts), initial=0.0) or 1.0
+        drawn = np.nanmax(np.abs(op.source_current), initial=0.0)
+        scale = max(drawn, _SHARE_OF_CONDUCTANCE * supply * np.max(netlist.conductance, initial=0.0)) or 1.0
         return Expected(
             voltage=voltage,
             source_current={name: amps if np.isfinite(amps) else None for name, amps in source_current.items()},
-            supply=supply,
-            current_scale=_current_scale_of(op, supply),
+            supply=float(supply),
+            current_scale=float(scale),
             kcl_residual=op.kcl_residual if np.isfinite(op.kcl_residual) else 0.0,
         )
 
@@ -80,28 +93,6 @@ def expect(deck: Deck, op: OperatingPoint) -> Expected:
         dict(zip(deck.node_names, voltage.tolist(), strict=True)),
         dict(zip(deck.source_names, current, strict=True)),
     )
-
-
-def _supply_of(op: OperatingPoint) -> float:
-    """Largest voltage difference in a circuit, in volts; 1 where there is none."""
-    netlist = op.netlist
-    ends = np.concatenate([netlist.resistor_nodes, netlist.nonlinear_nodes])
-    ends = ends if ends.size else netlist.source_nodes
-    voltage = op.voltage[ends]
-    voltage = voltage[np.isfinite(voltage)]
-    span = float(np.ptp(voltage)) if voltage.size else 0.0
-    return span or float(np.max(np.abs(voltage), initial=0.0)) or 1.0
-
-
-def _current_scale_of(op: OperatingPoint, supply: float) -> float:
-    """What currents are held to, in amperes: those that are drawn, where rounding lets a simulator find them.
-
-    Beside a conductance much larger than what the circuit draws, rounding leaves some 1e-13 of what it would carry at
-    the supply (measured with ngspice 39 and 46); the tolerance of 1e-9 stays ten times above that.
-    """
-    drawn = op.source_current[np.isfinite(op.source_current)]
-    largest = float(np.max(np.abs(drawn), initial=0.0))
-    return max(largest, 1e-3 * supply * float(np.max(op.netlist.conductance, initial=0.0))) or 1.0
 
 
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -125,8 +116,8 @@ class Sidecar(BaseModel):
     """
 
     model_config = ConfigDict(strict=True, frozen=True)
-    path: Path
-    intact: bool
+    path: Path = Path()
+    intact: bool = False
     schema_: Literal[1] = Field(alias="schema")
     sha256: str
     dialect: str
@@ -166,7 +157,7 @@ def format_sidecar(deck_name: str, deck: Deck, expected: Expected, more: Mapping
         "supply": expected.supply,
         "current_scale": expected.current_scale,
         "kcl_residual": expected.kcl_residual,
-        "versions": _versions(),
+        "versions": {"numpy": np.__version__, "python": platform.python_version(), "resgrid": _own_version()},
         "left_out": deck.left_out,
         "renamed": {"elements": dict(deck.renamed_elements), "nodes": dict(deck.renamed_nodes)},
         "blocks": {"lines": _BLOCK_LINES, "sha256": block_hashes(data, _BLOCK_LINES)},
@@ -191,46 +182,27 @@ def _node_lines(deck: Deck, expected: Expected) -> Iterator[str]:
         yield f'"{name}": {{"cell": {cell}, "voltage": {expected.voltage[name]!r}}}'
 
 
-def _versions() -> dict[str, str]:
+def _own_version() -> str:
     try:
-        own = version("resgrid")
+        return version("resgrid")
     except PackageNotFoundError:
-        own = "unknown"
-    return {"numpy": np.__version__, "python": platform.python_version(), "resgrid": own}
+        return "unknown"
 
 
 def read_sidecar(deck: Path) -> Sidecar:
     """Read the sidecar of a deck."""
     path = sidecar_path(deck)
-    data = _read(path)
-    try:
-        content = json.loads(data)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"the sidecar {path} is not JSON ({error}); write the deck again") from error
-    if not isinstance(content, dict):
-        raise InputError(f"the sidecar {path} is damaged: it must hold one object; write the deck again")
+    data = read_bytes(path, _MAX_BYTES)
     own = _OWN.search(data)
     blank = _OWN.sub(_BLANK.encode(), data, count=1)
     intact = own is not None and hashlib.sha256(blank).hexdigest().encode() == own[0]
     try:
-        return Sidecar.model_validate({**content, "path": path, "intact": intact})
+        return Sidecar.model_validate_json(data).model_copy(update={"path": path, "intact": intact})
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         key, what = ".".join(map(str, first["loc"])), first["msg"].partition(" or instance")[0]
-        raise InputError(f"the sidecar {path} is damaged at {key}: {what}; write the deck again") from error
-
-
-def _read(path: Path) -> bytes:
-    try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise InputError(f"{path} is larger than {_MAX_BYTES} bytes, which no sidecar is")
-        return path.read_bytes()
-    except FileNotFoundError as error:
-        raise InputError(
-            f"there is no sidecar {path}: write the deck with resgrid, or compare it with a scene instead"
-        ) from error
-    except OSError as error:
-        raise InputError(f"cannot read the sidecar {path}: {error.strerror}") from error
+        where = f" at {key}" if key else ""
+        raise InputError(f"the sidecar {path} is damaged{where}: {what}; write the deck again") from error
 
 
 def block_hashes(data: bytes, lines: int) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -100,13 +100,15 @@ def format_analyses(name: str, deck: Deck, analyses: Sequence[Analysis]) -> str:
         raise InputError(f"{rules.name} runs one analysis per file, not {' and '.join(runs)}; write a deck for each")
     include = [rules.include.format(file=name)]
     statements = [line for analysis in analyses for line in _statement(words, name, deck, analysis)]
+    if ".control" in statements and any(line.startswith(".o") for line in statements):
+        statements += words.run  # with a control block ngspice runs nothing by itself: the others are started in one
     lines = [
         f"{rules.comment}analyses of {name}",
         *(line.format(deck=name) for line in words.first),
         *(include if words.deck_first else []),
         *_change(deck, only_one(analyses, TransientAnalysis)),
         *_probes(words, analyses),
-        *_started(words, name, statements),
+        *statements,
         *_measures(words, analyses),
         *([] if words.deck_first else include),
         *words.last,
@@ -119,12 +121,11 @@ def _check_names(deck: Deck, analyses: Sequence[Analysis]) -> None:
         raise InputError("measure: it measures a transient, and none is asked for; add a TransientAnalysis")
     nodes, sources = set(deck.node_names), set(deck.source_names)
     for analysis in analyses:
-        missing: list[str] = []
+        asked = analysis.nodes if isinstance(analysis, Probe) else ()
         if isinstance(analysis, NoiseAnalysis | Measure):
-            missing = [] if analysis.node in nodes else [analysis.node]
-        elif isinstance(analysis, Probe):
-            missing = [node for node in analysis.nodes if node not in nodes]
-            missing += [name for name in analysis.sources if name not in sources]
+            asked = (analysis.node,)
+        missing = [name for name in asked if name not in nodes]
+        missing += [name for name in getattr(analysis, "sources", ()) if name not in sources]
         if missing:
             raise InputError(
                 f"{kind_of(analysis)}: the deck has no node or voltage source {missing[0]!r}; "
@@ -133,9 +134,12 @@ def _check_names(deck: Deck, analyses: Sequence[Analysis]) -> None:
 
 
 def _statement(words: Statements, name: str, deck: Deck, analysis: Analysis) -> list[str]:
-    if isinstance(analysis, Probe | Measure):
+    if type(analysis) not in _KINDS:
         return []
-    values: dict[str, Any] = {"deck": name, **_plain(analysis), **first_source(deck)}
+    values: dict[str, Any] = {"deck": name, **first_source(deck)}
+    for key in fields(analysis):
+        value = getattr(analysis, key.name)
+        values[key.name] = repr(float(value)) if key.type == "float" else value  # by its annotation
     if isinstance(analysis, TemperatureAnalysis):
         values["temperatures"] = " ".join(repr(float(value)) for value in analysis.celsius)
         values["count"] = len(analysis.celsius)
@@ -143,12 +147,6 @@ def _statement(words: Statements, name: str, deck: Deck, analysis: Analysis) -> 
         values["numbers"] = " ".join(map(str, range(1, analysis.runs + 1)))
     templates: tuple[str, ...] = getattr(words, kind_of(analysis))
     return [template.format(**values) for template in templates]
-
-
-def _plain(analysis: Analysis) -> dict[str, Any]:
-    if isinstance(analysis, TransientAnalysis):
-        return {"stop": repr(float(analysis.stop)), "step": repr(float(analysis.step))}
-    return {key: repr(value) if isinstance(value, float) else value for key, value in asdict(analysis).items()}
 
 
 def first_source(deck: Deck) -> dict[str, str]:
@@ -160,26 +158,16 @@ def first_source(deck: Deck) -> dict[str, str]:
     return {"source": deck.source_names[number], "volts": repr(volts)}
 
 
-def _started(words: Statements, name: str, statements: list[str]) -> list[str]:
-    """With a control block ngspice runs nothing by itself: the other analyses are started in one, too."""
-    if ".control" not in statements or not words.run or not any(line.startswith(".o") for line in statements):
-        return statements
-    return [*statements, *(line.format(deck=name) for line in words.run)]
-
-
 def _probes(words: Statements, analyses: Sequence[Analysis]) -> list[str]:
     kinds = list(dict.fromkeys(kind for item in analyses if (kind := _KINDS.get(type(item), ""))))
-    what = [
-        template.format(name=name)
-        for probe in analyses
-        if isinstance(probe, Probe)
-        for template, names in ((words.probe_voltage, probe.nodes), (words.probe_current, probe.sources))
-        for name in names
-    ]
+    what: list[str] = []
+    for probe in analyses:
+        if isinstance(probe, Probe):
+            what += [words.probe_voltage.format(name=name) for name in probe.nodes]
+            what += [words.probe_current.format(name=name) for name in probe.sources]
     if not what:
         return [words.print_all.format(kind=kind) for kind in kinds if words.print_all]
-    statements = dict.fromkeys(words.probe.format(kind=kind, what=" ".join(what)) for kind in kinds or ["dc"])
-    return list(statements)
+    return list(dict.fromkeys(words.probe.format(kind=kind, what=" ".join(what)) for kind in kinds or ["dc"]))
 
 
 def _measures(words: Statements, analyses: Sequence[Analysis]) -> list[str]:

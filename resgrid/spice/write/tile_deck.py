@@ -76,11 +76,14 @@ def _chip_lines(tiles: Tiles, rules: Dialect, labels: Sequence[str], spread: flo
     link = np.full((len(tiles.state), dimensions), -1)
     link[tiles.cell[links], tiles.axis[links]] = links
     kinds = (link >= 0) @ (1 << np.arange(dimensions))
-    masters = {kind: _master(kind, dimensions) for kind in np.unique(kinds).tolist()}
+    whole = (1 << dimensions) - 1
+    axes = {kind: [axis for axis in range(dimensions) if kind >> axis & 1] for kind in np.unique(kinds).tolist()}
+    suffix = {kind: "_".join(map(str, own)) or "end" for kind, own in axes.items()}
+    masters = {kind: "tile" if kind == whole else f"tile_{suffix[kind]}" for kind in axes}
     yield f"{rules.comment}chip: array of {' x '.join(map(str, tiles.shape))} tiles"
     yield from spread_preamble(rules, spread)
     for kind, master in masters.items():
-        yield from _subcircuit(rules, tiles, master, [axis for axis in range(dimensions) if kind >> axis & 1], spread)
+        yield from _subcircuit(rules, tiles, master, axes[kind], spread)
     yield f"{rules.comment}the array"
     yield from _instances(rules, tiles, link, [masters[kind] for kind in kinds.tolist()], labels)
     yield from fill(rules.resistor, {
@@ -89,13 +92,6 @@ def _chip_lines(tiles: Tiles, rules: Dialect, labels: Sequence[str], spread: flo
         "b": ["obstacle"] * len(tiles.edges),
         "value": _edge_values(rules, tiles, labels),
     })  # fmt: skip
-
-
-def _master(kind: int, dimensions: int) -> str:
-    """Name of a tile: ``tile`` has a link along every axis, ``tile_0_2`` along the axes 0 and 2."""
-    if kind == (1 << dimensions) - 1:
-        return "tile"
-    return "tile_" + ("_".join(str(axis) for axis in range(dimensions) if kind >> axis & 1) or "end")
 
 
 def _parameters(tiles: Tiles, axis: int) -> dict[str, tuple[NDArray[np.float64], float]]:
@@ -150,14 +146,15 @@ def _elements(rules: Dialect, tiles: Tiles, axes: Sequence[int], spread: float) 
     def expression(value: str) -> str:
         return rules.expression.format(value=value)
 
+    switched = _has_switched_links(tiles)
     for axis in axes:
-        far = f"m_{axis}" if _has_switched_links(tiles) else f"next_{axis}"
+        far = f"m_{axis}" if switched else f"next_{axis}"
         link = {"name": f"r_link_{axis}", "a": "n", "b": far}
         if spread:
             yield rules.spread_resistor.format(**link, value=f"resistance_{axis}", sigma=repr(spread))
         else:
             yield rules.resistor.format(**link, value=expression(f"resistance_{axis}"))
-        if _has_switched_links(tiles):
+        if switched:
             series = expression(_internodal(tiles, axis))
             yield rules.resistor.format(name=f"r_internodal_{axis}", a=far, b=f"next_{axis}", value=series)
     tied = _DRIVEN if tiles.wiring.is_driven else _BLOCKED

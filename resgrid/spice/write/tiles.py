@@ -141,6 +141,9 @@ def tiles_of(netlist: Netlist, chip: Chip) -> Tiles:
     missing = [f"chip.{key}" for key, value in ohms.items() if not value]
     if missing:
         raise InputError(f"a tile has switches of some resistance: give {', '.join(missing)}, or write it flat")
+    amps = netlist.current_amps
+    if amps.size and not np.allclose(amps, amps[0], rtol=1e-12, atol=0):
+        raise InputError("tiles are fed the same current each, and this netlist is fed unevenly; write it flat")
     edge = ["open" if wiring.is_driven and rule == "obstacle" else rule for rule in wiring.edge]
     full = compile_space(space, edge=edge, rails="cells", resistance=wiring.resistance)
     face, nominal = full.cells.resistor_face, resistances(full.conductance)
@@ -148,7 +151,10 @@ def tiles_of(netlist: Netlist, chip: Chip) -> Tiles:
     state = _states(netlist)
     blocked = np.append(state == State.BLOCKED, True)  # the last one lies behind the edge
     walled = has_wall(blocked[cell], blocked[beyond])
-    total = _ohms_of_faces(netlist)[face]
+    crossing = netlist.cells.resistor_face >= 0
+    total = np.full(sum(face_counts(space.shape)), np.nan)
+    total[netlist.cells.resistor_face[crossing]] = resistances(netlist.conductance[crossing])
+    total = total[face]
     closed = np.where(beyond < 0, 0.0, ohms.get("internodal_switch_on", 0.0))
     wall = np.full(len(face), wiring.wall_resistance or 0.0)
     factor = (total - closed) / (nominal + np.where(walled, wall, 0.0))
@@ -161,7 +167,7 @@ def tiles_of(netlist: Netlist, chip: Chip) -> Tiles:
         netlist=netlist,
         ohms=ohms,
         capacitance=chip.capacitance or 0.0,
-        amps=_even_amps(netlist),
+        amps=float(amps[0]) if amps.size else 0.0,
         state=state,
         cell=cell,
         beyond=beyond,
@@ -173,15 +179,6 @@ def tiles_of(netlist: Netlist, chip: Chip) -> Tiles:
     )
     _check_whole(tiles)
     return tiles
-
-
-def _ohms_of_faces(netlist: Netlist) -> NDArray[np.float64]:
-    """Resistance across every face of the grid, NaN where there is none."""
-    cells = netlist.cells
-    ohms = np.full(sum(face_counts(cells.space.shape)), np.nan)
-    own = cells.resistor_face >= 0
-    ohms[cells.resistor_face[own]] = resistances(netlist.conductance[own])
-    return ohms
 
 
 def _tidy(ohms: NDArray[np.float64], total: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -200,13 +197,6 @@ def _states(netlist: Netlist) -> NDArray[np.uint8]:
     if wiring.start is not None:
         state[tuple(wiring.start)] = State.DRIVEN
     return state.ravel()
-
-
-def _even_amps(netlist: Netlist) -> float:
-    amps = netlist.current_amps
-    if amps.size and not np.allclose(amps, amps[0], rtol=1e-12, atol=0):
-        raise InputError("tiles are fed the same current each, and this netlist is fed unevenly; write it flat")
-    return float(amps[0]) if amps.size else 0.0
 
 
 def _check_whole(tiles: Tiles) -> None:
