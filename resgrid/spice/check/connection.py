@@ -32,7 +32,8 @@ def islands(circuit: Circuit) -> Iterator[Violation]:
     floating = np.flatnonzero(circuit.part != circuit.part[GROUND])
     if not floating.size:
         return
-    held = _parts_at(circuit, "capacitor")
+    held = np.zeros(int(circuit.part.max()) + 1, dtype=np.bool_)  # parts that capacitors touch
+    held[circuit.part[circuit.ends["capacitor"].ravel()]] = True
     order = floating[np.argsort(circuit.part[floating], kind="stable")]
     groups = np.split(order, np.flatnonzero(np.diff(circuit.part[order])) + 1)
     if not circuit.is_deck:
@@ -66,25 +67,14 @@ def _island(circuit: Circuit, nodes: NDArray[np.int64], *, by_capacitor: bool, w
 
 
 def _of_elements(
-    circuit: Circuit,
-    severity: Severity,
-    rule: str,
-    kind: str,
-    numbers: NDArray[np.int64],
-    message: str,
-    remedy: str,
+    circuit: Circuit, severity: Severity, rule: str, kind: str, numbers: NDArray[np.int64], message: str, remedy: str
 ) -> Violation:
     """What is wrong with elements of a kind; fields of the message are ``count``, ``s`` (of a plural) and ``names``."""
     nodes = np.unique(circuit.ends[kind][numbers])
     names = some([circuit.element_name(kind, number) for number in numbers[:SHOWN].tolist()], numbers.size)
-    return Violation(
-        severity,
-        rule,
-        circuit.place_of(kind, int(numbers[0])) if circuit.is_deck else circuit.shown(nodes),
-        message.format(count=f"{numbers.size:,}", s="" if numbers.size == 1 else "s", names=names),
-        remedy,
-        circuit.listed(nodes),
-    )
+    place = circuit.place_of(kind, int(numbers[0])) if circuit.is_deck else circuit.shown(nodes)
+    message = message.format(count=f"{numbers.size:,}", s="" if numbers.size == 1 else "s", names=names)
+    return Violation(severity, rule, place, message, remedy, circuit.listed(nodes))
 
 
 def trapped_currents(circuit: Circuit) -> Iterator[Violation]:
@@ -210,15 +200,8 @@ def dangling(circuit: Circuit) -> Iterator[Violation]:
         yield Violation(
             "info",
             "dangling",
-            circuit.place_of_nodes(nodes[:1]) if circuit.is_deck else circuit.place_of_nodes(nodes),
+            circuit.place_of_nodes(nodes[:1] if circuit.is_deck else nodes),
             f"{nodes.size:,} nodes ({circuit.shown(nodes)}) have one element only, which carries no current",
             "nothing to do if they are probes or dead ends",
             circuit.listed(nodes),
         )
-
-
-def _parts_at(circuit: Circuit, kind: str) -> NDArray[np.bool_]:
-    """Which parts an element of a kind touches, shape (parts,)."""
-    touched = np.zeros(int(circuit.part.max()) + 1, dtype=np.bool_)
-    touched[circuit.part[circuit.ends[kind].ravel()]] = True
-    return touched
