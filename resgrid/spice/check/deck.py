@@ -109,7 +109,8 @@ def check_deck(
         simulation = limits.run(written.text.encode("ascii"), "deck", direct=False)
         return compare(expect(written, op), simulation, tolerance=tolerance)
     if isinstance(deck, Circuit):
-        return _check_external(deck, read_bytes(Path(deck.path)), reference, limits, root)
+        data = read_bytes(Path(deck.path)) if Path(deck.path).is_file() else None
+        return _check_external(deck, data, reference, limits, root)
     path = Path(deck)
     data = read_bytes(path)
     sidecar = read_sidecar(path) if sidecar_path(path).exists() else None
@@ -152,12 +153,12 @@ def _check_own(
 
 def _check_external(
     deck: Circuit,
-    data: bytes,
+    data: bytes | None,
     op: OperatingPoint | None,
     limits: _Limits,
     root: str | os.PathLike[str] | None,
 ) -> Agreement:
-    """Somebody's deck, against our solution of it; the places of the worst nodes are told."""
+    """Somebody's deck (None where it has no file), against our solution of it; the worst nodes' places are told."""
     op = solve(deck.netlist()) if op is None else op
     job = runnable(deck, data, root=None if root is None else Path(root), engine=limits.engine)
     options = {"files": job.files, "place": job.place} if job.files else {}
