@@ -97,7 +97,7 @@ look: $(INSTALLED_DEV)
 	$(BIN)/python docs/look.py
 
 reference: $(INSTALLED)
-	$(BIN)/python -c "from resgrid.scene.reference import scene_reference; print(scene_reference(), end='')" > docs/reference/scene.md
+	$(BIN)/python docs/_ext/scene_page.py > docs/reference/scene.md
 
 clean:
 	rm -rf $(VENV) $(BENCH_VENV) docs/_build docs/gallery docs/reference/api/names docs/jupyter_execute out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

@@ -1,4 +1,4 @@
-"""How loops are compiled that others call."""
+"""How loops are compiled: those that Python calls, and those that only they call."""
 
 from __future__ import annotations
 
@@ -7,6 +7,11 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 from numba import njit
+from numba._dynfunc import make_function
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import register_pass
+from numba.core.typed_passes import NativeLowering
 
 FAST = {"contract", "reassoc", "nsz", "arcp"}
 """Liberties with the order of sums, so that they fill the vector registers; infinities and NaN keep their meaning."""
@@ -15,11 +20,55 @@ ZERO = cast(int, np.int64(0))
 """A number that is no literal, for which functions would be compiled once more."""
 
 _Loop = TypeVar("_Loop", bound=Callable[..., Any])
-_INNER: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+
+
+class _Part(JITCodeLibrary):
+    """Code that is optimized and translated as a part of its callers alone, not once more by itself."""
+
+    def _optimize_final_module(self) -> None:
+        """Left to the callers."""
+
+    def _finalize_final_module(self) -> None:
+        """Ready to be linked, not to be run."""
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _PartLowering(NativeLowering):
+    _name = "part_lowering"
+
+    def run_pass(self, state: Any) -> bool:
+        """Lower to a `_Part`; what stands for it among numba's functions has no address, for nothing calls it."""
+        state.library = _Part(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.flags.no_compile = True
+        super().run_pass(state)
+        of = state.cr.fndesc
+        name = make_function(of.lookup_module(), of.qualname, "", 0, state.cr.env, (state.library,))
+        state.targetctx.insert_user_function(name, of, [state.library])
+        state.cr = state.cr._replace(cfunc=name)
+        return True
+
+
+class _PartCompiler(CompilerBase):
+    def define_pipelines(self) -> list[Any]:
+        passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        passes.passes = [(_PartLowering if one is NativeLowering else one, why) for one, why in passes.passes]
+        passes.finalize()
+        return [passes]
+
+
+_KERNEL: dict[str, Any] = {"cache": True, "nogil": True, "no_cfunc_wrapper": True}
+_INNER: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": _PartCompiler}
+
+
+def kernel(function: _Loop) -> _Loop:
+    """Compile a loop that Python calls, and keep it on disk; it lets other threads run, and C has no way in."""
+    return cast(_Loop, njit(**_KERNEL)(function))
 
 
 def inner(function: _Loop) -> _Loop:
-    """Compile a loop that only compiled ones call: sooner, since it has no way in from Python and is not kept alone."""
+    """Compile a loop that only compiled ones call: sooner, for it has no way in from Python and no code of its own."""
     return cast(_Loop, njit(**_INNER)(function))
 
 

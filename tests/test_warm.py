@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from resgrid import loops
-from resgrid.cli.warm import command
+from resgrid.warm import command
 
 COMPILED = """
 import sys

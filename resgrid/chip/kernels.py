@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inner
+from resgrid.jit import inner, kernel
 
 Floats = NDArray[np.float64]
 
@@ -75,7 +74,7 @@ def _last_between(
     return first
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def last_outside(
     shape: Floats, weight: Floats, rate: Floats, times: Floats, band: float, rows: NDArray[np.int64], result: Floats
 ) -> None:  # fmt: skip
@@ -125,7 +124,7 @@ def _reading(height: float, steps: float) -> float:
     return float(math.floor(min(max(height * steps, 0.0), steps - 1.0)))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def step_down(
     height: Floats, noise: Floats, draw: Floats, steps: float, falling: float, around: Integers, following: Integers
 ) -> None:
@@ -151,7 +150,7 @@ def step_down(
                 lowest, following[cell] = reading, there
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def follow(following: Integers, goal: NDArray[np.bool_], reached: NDArray[np.bool_]) -> None:
     """Which cells lead to a goal; one that leads to a dead end, or back to a cell passed before, does not."""
     count = len(following)

@@ -278,7 +278,7 @@ def _between_rails(netlist: Netlist, volts: NDArray[np.float64], parts: Parts) -
         raise CircuitError(
             "nothing is driven: no part of the circuit touches two rails or is fed a current, so that nothing flows; "
             "add a second rail (an obstacle, an edge that counts as one), open a way to the goal, or feed every free "
-            "cell the same current (--boundary neumann)"
+            "cell the same current (boundary = 'neumann')"
         )
     if parts.floating.all() and np.count_nonzero(parts.of_node < 0) == 1:
         raise CircuitError("no element touches ground, node 0, so that no voltage is known; tie the circuit to it")

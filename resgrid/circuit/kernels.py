@@ -9,10 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inlined
+from resgrid.jit import inlined, kernel
 from resgrid.solvers.extended import Scaled
 from resgrid.solvers.extended_kernels import Floats, Indices, Integers, _canonical, _shift, _sum, _two_sum
 from resgrid.solvers.row_kernels import find
@@ -20,7 +19,7 @@ from resgrid.solvers.row_kernels import find
 Bools = NDArray[np.bool_]
 
 
-@njit(cache=True)
+@kernel
 def join_parts(pairs: Indices, part: Indices, contacts: Indices) -> int:
     """Join the nodes that resistors or floating sources connect, in place; nodes marked -1 join nothing.
 
@@ -41,7 +40,7 @@ def join_parts(pairs: Indices, part: Indices, contacts: Indices) -> int:
     return count
 
 
-@njit(cache=True)
+@kernel
 def number_parts(part: Indices) -> int:
     """Turn a union-find into the number of every node's part, in place; returns how many parts there are.
 
@@ -57,7 +56,7 @@ def number_parts(part: Indices) -> int:
     return number
 
 
-@njit(cache=True)
+@kernel
 def known_range(pairs: Indices, known: Floats, part: Indices, lowest: Floats, highest: Floats) -> None:
     """Widen every part's range of known voltages that its resistors reach, in place; contacts alone do."""
     for k in range(len(pairs)):
@@ -70,7 +69,7 @@ def known_range(pairs: Indices, known: Floats, part: Indices, lowest: Floats, hi
         highest[part[a]] = max(highest[part[a]], known[b])
 
 
-@njit(cache=True)
+@kernel
 def mark_fed(pairs: Indices, amps: Floats, part: Indices, fed: NDArray[np.bool_]) -> None:
     """Mark the parts that current sources feed, in place."""
     for k in range(len(pairs)):
@@ -82,7 +81,7 @@ def mark_fed(pairs: Indices, amps: Floats, part: Indices, fed: NDArray[np.bool_]
                 fed[b] = True
 
 
-@njit(cache=True)
+@kernel
 def number_rows(
     part: Indices, driven: NDArray[np.bool_], lowest: Floats, root: Integers
 ) -> tuple[int, Integers, Floats, Integers]:
@@ -122,7 +121,7 @@ def number_rows(
     return rows, undriven, volts, loose
 
 
-@njit(cache=True)
+@kernel
 def add_contacts(
     pairs: Indices, conductance: Floats, row: Indices, offset: Floats, low: float, high: float, ground: Floats,
     feed: Floats,
@@ -150,7 +149,7 @@ def add_contacts(
     return two
 
 
-@njit(cache=True)
+@kernel
 def rail_contacts(
     pairs: Indices, conductance: Floats, row: Indices, known: Floats, high: float, to_high: Floats, to_low: Floats
 ) -> None:
@@ -168,7 +167,7 @@ def rail_contacts(
             to_low[i] += conductance[k]
 
 
-@njit(cache=True)
+@kernel
 def add_injected(pairs: Indices, amps: Floats, row: Indices, injected: Floats) -> None:
     """Add the currents of current sources to the rows they lead to, and take them from those they come from."""
     for k in range(len(pairs)):
@@ -179,14 +178,14 @@ def add_injected(pairs: Indices, amps: Floats, row: Indices, injected: Floats) -
             injected[j] += amps[k]
 
 
-@njit(cache=True)
+@kernel
 def spread(row: Indices, x: Floats, reference: float, volts: Floats) -> None:
     """Turn known voltages into heights of all nodes above the reference, with those of the rows, in place."""
     for node in range(len(row)):
         volts[node] = x[row[node]] if row[node] >= 0 else volts[node] - reference
 
 
-@njit(cache=True)
+@kernel
 def from_one_rail(row: Indices, known: Floats, zero: float, volts: float, x: Scaled, out: Scaled) -> None:
     """Spread the values of rows over nodes; known voltages are converted to ``volts`` above ``zero``, NaN to 0."""
     hi, lo, e = x.hi, x.lo, x.exponent
@@ -199,7 +198,7 @@ def from_one_rail(row: Indices, known: Floats, zero: float, volts: float, x: Sca
             out_hi[node] = (known[node] - zero) / volts
 
 
-@njit(cache=True)
+@kernel
 def from_nearer_rail(
     row: Indices, known: Floats, low: float, high: float, drop: Scaled, height: Scaled, out: Scaled, down: Bools
 ) -> None:
@@ -243,7 +242,7 @@ def _fall(
     return -d if a_down else d
 
 
-@njit(cache=True)
+@kernel
 def currents(
     pairs: Indices, conductance: Floats, value: Scaled, down: Bools, volts: float, noise: float, amps: Floats,
     exponent: Integers,
@@ -274,7 +273,7 @@ def _pair_exponent(a: float, a_e: int, b: float, b_e: int) -> int:
     return a_e if b == 0.0 else max(a_e, b_e)
 
 
-@njit(cache=True)
+@kernel
 def frames(pairs: Indices, amps: Floats, exponent: Integers, frame: Integers) -> None:
     """Raise every node's exponent to that of the largest current there, in place."""
     for k in range(len(pairs)):
@@ -284,7 +283,7 @@ def frames(pairs: Indices, amps: Floats, exponent: Integers, frame: Integers) ->
                 frame[node] = max(frame[node], exponent[k])
 
 
-@njit(cache=True)
+@kernel
 def add_currents(pairs: Indices, amps: Floats, exponent: Integers, frame: Integers, net: Floats, total: Floats) -> None:
     """Add resistors' currents to the net current into every node, and their magnitudes to the total, in place."""
     plain = len(exponent) == 0
@@ -298,7 +297,7 @@ def add_currents(pairs: Indices, amps: Floats, exponent: Integers, frame: Intege
         total[b] += abs(into)
 
 
-@njit(cache=True)
+@kernel
 def drop_unresolved(
     pairs: Indices, amps: Floats, exponent: Integers, frame: Integers, net: Floats, through: Floats,
     stored: Floats, sign: float, harmless: float,

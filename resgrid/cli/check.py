@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from resgrid.cli.decks import is_deck, open_deck, refuse_scene_options, solve_deck
-from resgrid.cli.failures import NEGATIVE, NOT_VERIFIED
 from resgrid.cli.options import POSITIVE, Source, Suggested, share, verb, with_source
-from resgrid.cli.report import detail, finish, say, stage
+from resgrid.cli.report import NEGATIVE, NOT_VERIFIED, detail, finish, say, stage
 from resgrid.cli.scenes import open_job, say_unheeded
 from resgrid.errors import InputError, ResgridError, ToolMissingError
 

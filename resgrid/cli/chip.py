@@ -11,7 +11,6 @@ import click
 
 from resgrid.chip import ANALYSES
 from resgrid.cli.check import check_written
-from resgrid.cli.failures import NEGATIVE, NOT_VERIFIED
 from resgrid.cli.options import (
     POSITIVE,
     Source,
@@ -23,7 +22,7 @@ from resgrid.cli.options import (
     verb,
     with_source,
 )
-from resgrid.cli.report import compute, finish, stage
+from resgrid.cli.report import NEGATIVE, NOT_VERIFIED, compute, finish, stage
 from resgrid.cli.scenes import Job, open_job, say_unheeded
 from resgrid.errors import InputError
 from resgrid.files import SUMMARY, whole_folder

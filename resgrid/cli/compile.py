@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,18 +11,12 @@ import click
 
 from resgrid.cli.options import Source, dialect_option, output_option, verb, with_source
 from resgrid.cli.report import finish, say, stage, verbosity
-from resgrid.cli.scenes import (
-    Job,
-    assume_switches,
-    element_counts,
-    open_job,
-    require_tiles,
-    say_unheeded,
-)
+from resgrid.cli.scenes import Job, element_counts, open_job, say_unheeded
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
     from resgrid.circuit.operating_point import OperatingPoint
+    from resgrid.scene import Chip
     from resgrid.spice.write.files import Form, WrittenDeck
 
 
@@ -58,7 +53,7 @@ def command(source: Source, output: str | None, dialect: str, form: Form) -> int
         raise InputError("--form cells makes three files (deck, chip and pattern); name the deck with -o FILE")
     job = open_job(source)
     if form == "cells":
-        require_tiles(job.scene.chip)
+        _require_tiles(job.scene.chip)
     name, wiring = job.problem.only_wiring()
     unheeded = say_unheeded(job, "circuit" if form == "flat" else "tiles")
     if printed and not verbosity().json:
@@ -67,7 +62,7 @@ def command(source: Source, output: str | None, dialect: str, form: Form) -> int
         return 0
     assumed: dict[str, float] = {}
     if form == "cells":
-        job, assumed = assume_switches(job, wiring.boundary)
+        job, assumed = _assume_switches(job, wiring.boundary)
     op = job.solve(wiring)
     data: dict[str, Any] = {"chip": name, "dialect": dialect, **element_counts(op.netlist), **unheeded}
     if output is not None:
@@ -82,6 +77,29 @@ def command(source: Source, output: str | None, dialect: str, form: Form) -> int
         say(f"wrote {written.path} ({data['resistors']:,} resistors), {', '.join(map(str, others))}")
     finish(data)
     return 0
+
+
+def _require_tiles(chip: Chip) -> None:
+    """Refuse a chip that an array of tiles cannot be."""
+    from resgrid.chip.build import READING, keys_not_held
+
+    keys = [f"chip.{key}" for key in keys_not_held(chip, "tiles") if key not in READING]
+    if keys:
+        raise InputError(
+            f"tiles cannot hold {', '.join(keys)}: write the flat form, which does, or remove them from [chip]"
+        )
+
+
+def _assume_switches(job: Job, boundary: str) -> tuple[Job, dict[str, float]]:
+    """A scene whose chip has all the switches of its tiles; those that it does not describe are named, in ohms."""
+    from resgrid.spice.write.tiles import with_tile_switches
+
+    chip = with_tile_switches(job.scene.chip, boundary)
+    assumed = {f"chip.{key}": ohms for key, ohms in vars(chip).items() if ohms != getattr(job.scene.chip, key)}
+    if assumed:
+        values = ", ".join(f"{key} = {ohms:g}" for key, ohms in assumed.items())
+        say(f"tiles have switches, and [chip] does not describe all; assumed, in ohms: {values}")
+    return Job(replace(job.scene, chip=chip), job.space, job.threads), assumed
 
 
 def write_deck(

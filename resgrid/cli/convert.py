@@ -10,11 +10,7 @@ import click
 from resgrid.cli.decks import is_deck, open_deck, solve_deck
 from resgrid.cli.options import Source, dialect_option, output_option, verb, with_source
 from resgrid.cli.report import finish, say, stage
-from resgrid.cli.scenes import (
-    element_counts,
-    open_job,
-    say_unheeded,
-)
+from resgrid.cli.scenes import element_counts, open_job, say_unheeded
 from resgrid.errors import InputError
 from resgrid.spice.dialects import DECK_SUFFIXES, OWN_SUFFIXES
 

@@ -19,8 +19,7 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
-from resgrid.cli.failures import INTERRUPTED, LEFT, TERMINATED, UNEXPECTED, Failure, failure_of
-from resgrid.cli.report import is_computing
+from resgrid.cli.report import INTERRUPTED, LEFT, TERMINATED, UNEXPECTED, Failure, failure_of, is_computing
 
 VERBS = {
     "run": "Do it all: paths, pictures, and decks checked in SPICE.",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from math import ceil
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -14,11 +15,16 @@ from resgrid.cli.scenes import Job, free_counts, open_job, say_unheeded, several
 from resgrid.errors import CircuitError, InputError, ToolMissingError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
+    from resgrid.space import ConfigurationSpace
     from resgrid.spice.circuit import Circuit
 
 PACKAGES = ("numpy", "scipy", "numba", "networkx", "shapely", "matplotlib", "pydantic", "click", "rich")
+
+_WIDTH, _HEIGHT = 64, 24
+_KEY = "# obstacle, + partly, . free, G goal, S start"
+"""Of a sketch, in letters; and what these mean."""
 
 
 @verb(
@@ -56,7 +62,6 @@ def command(source: Source | None, schema: bool, versions: bool) -> int:
 
 def describe(job: Job) -> dict[str, Any]:
     """What there is in a scene, as ``--json`` gives it."""
-    from resgrid.cli.sketch import sketch
     from resgrid.scene.maps.formats import describe_map
     from resgrid.space import Cell
 
@@ -72,7 +77,7 @@ def describe(job: Job) -> dict[str, Any]:
         ],
         "frame": {key: getattr(scene.frame, key) for key in ("x", "y", "yaw")},
         "map": None if scene.map is None else describe_map(scene.map.table),
-        "sketch": sketch(space, starts) if space.ndim == 2 else None,
+        "sketch": _sketch(space, starts) if space.ndim == 2 else None,
         "cells": space.cell.size,
         **free_counts(space),
         "obstacle_cells": int((space.cell == Cell.OBSTACLE).sum()),
@@ -85,6 +90,28 @@ def describe(job: Job) -> dict[str, Any]:
         "k": list(scene.k),
         **_cost(job),
     }
+
+
+def _sketch(space: ConfigurationSpace, starts: Sequence[Sequence[float]]) -> list[str]:
+    """Rows of letters, the top one first: the first axis to the right, the second one upwards."""
+    import numpy as np
+    from PIL import Image
+
+    from resgrid.space import Cell
+
+    x, y = space.axes
+    # A letter is twice as high as it is wide, and axes of unlike units share the space evenly.
+    shape = (y.upper - y.lower) / (x.upper - x.lower) if x.unit == y.unit else 0.75
+    columns = max(min(_WIDTH, 2 * x.cells, ceil(2 * _HEIGHT / shape)), 1)
+    rows = min(max(round(columns * shape / 2), 1), _HEIGHT, y.cells)
+    pictures = (Image.fromarray((space.cell == code).astype(np.float32)) for code in (Cell.OBSTACLE, Cell.GOAL))
+    blocked, goal = (np.asarray(each.resize((rows, columns), Image.Resampling.BOX)) for each in pictures)
+    letters = np.where(blocked > 1 - 1e-5, "#", np.where(blocked == 0.0, ".", "+"))
+    letters[goal > 0] = "G"
+    for start in starts:
+        across, up = ((at - axis.lower) / (axis.upper - axis.lower) for at, axis in zip(start, space.axes, strict=True))
+        letters[min(int(across % 1.0 * columns), columns - 1), min(int(up % 1.0 * rows), rows - 1)] = "S"
+    return ["".join(row) for row in letters.T[::-1].tolist()]
 
 
 def _cost(job: Job) -> dict[str, Any]:
@@ -162,8 +189,6 @@ def installed_versions() -> dict[str, str | None]:
 
 def _map_lines(data: dict[str, Any]) -> Iterable[str]:
     """How a map was read, and a sketch of it."""
-    from resgrid.cli.sketch import KEY
-
     words = data["map"] or {}
     if words:
         rows = ", its top row at the largest y" if words["format"] != "npy" else ", its first index along x"
@@ -181,7 +206,7 @@ def _map_lines(data: dict[str, Any]) -> Iterable[str]:
     if data["sketch"] is not None:
         across, up = data["axes"]
         whose = " in the map's own frame" if frame["yaw"] else ""
-        yield f"  sketch        {across['name']} to the right, {up['name']} upwards{whose}: {KEY}"
+        yield f"  sketch        {across['name']} to the right, {up['name']} upwards{whose}: {_KEY}"
         yield from (f"    {row}" for row in data["sketch"])
 
 

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from resgrid.cli.failures import NEGATIVE
 from resgrid.cli.options import NUMBERS, POSITIVE, Amount, Source, output_option, verb, with_method, with_source
 from resgrid.cli.paths import answer_queries, plan_routes, route_line
-from resgrid.cli.report import finish
+from resgrid.cli.report import NEGATIVE, finish
 from resgrid.cli.scenes import open_job, require_starts, say_unheeded
 from resgrid.errors import InputError
 

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
-from resgrid.cli.failures import NEGATIVE
-from resgrid.cli.report import finish, quietly, say, stage
+from resgrid.cli.report import NEGATIVE, finish, quietly, say, stage
 from resgrid.cli.scenes import Job, place_of, size_of
 from resgrid.errors import InputError
 

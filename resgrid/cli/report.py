@@ -1,4 +1,4 @@
-"""What the person at the terminal sees: results on standard output, messages and progress on standard error."""
+"""What the person at the terminal sees: results, messages and progress, and how a command line ends."""
 
 from __future__ import annotations
 
@@ -8,16 +8,30 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
 import click
 
+from resgrid import errors
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
 Value = TypeVar("Value")
+
+NEGATIVE, USAGE, TOOL_MISSING, OUT_OF_BUDGET, NOT_VERIFIED, UNEXPECTED = 1, 2, 3, 4, 5, 70
+INTERRUPTED, LEFT, TERMINATED = 130, 141, 143  # 128 + the number of the signal: SIGINT, SIGPIPE, SIGTERM
+
+_CODES: tuple[tuple[type[BaseException], int], ...] = (
+    (errors.AccuracyError, NEGATIVE),
+    (errors.CertificateError, NEGATIVE),
+    (errors.ToolMissingError, TOOL_MISSING),
+    (errors.BudgetError, OUT_OF_BUDGET),
+    (errors.WorkerError, OUT_OF_BUDGET),
+    (errors.ResgridError, USAGE),
+    (MemoryError, OUT_OF_BUDGET),
+)
 
 PATIENCE = 1.0
 """Seconds before a bar appears."""
@@ -100,7 +114,6 @@ class Stage:
     def __init__(self, seconds: float | None = None, steps: int | None = None) -> None:
         self._seconds, self._steps, self._done = seconds, steps, 0
         self._note = ""
-        self._left: float | None = None
         self._counted: tuple[float, int] | None = None
         self._begin = time.perf_counter()
 
@@ -116,17 +129,14 @@ class Stage:
 
     def follow(self, _steps: int, residual: float, seconds_left: float | None) -> None:
         """An iteration: how small its residual is, and about how long it still takes."""
-        self._note, self._seconds = f"residual {residual:.0e}  ", None
-        self._left = seconds_left
+        self._note = f"residual {residual:.0e}  "
+        self._seconds = None if seconds_left is None else time.perf_counter() - self._begin + seconds_left
 
     def fraction(self) -> float | None:
         """Part of the stage that is done, in [0, 0.99]; None where nobody knows."""
-        elapsed = time.perf_counter() - self._begin
         if self._steps:
             return min(self._done / self._steps, 0.99)
-        if self._seconds is not None:
-            return min(elapsed / self._seconds, 0.99)
-        return None if self._left is None else min(elapsed / (elapsed + self._left), 0.99)
+        return min((time.perf_counter() - self._begin) / self._seconds, 0.99) if self._seconds else None
 
     def outlook(self) -> str:
         """What is known so far, and the time left."""
@@ -221,3 +231,31 @@ def compute(
 def is_computing() -> bool:
     """Whether a call made by `compute` has been left behind, still busy."""
     return any(thread.name == _WORKER for thread in threading.enumerate())
+
+
+class Failure(NamedTuple):
+    """How a command line ends that could not do its work."""
+
+    code: int
+    kind: str
+    message: str
+
+
+def failure_of(error: Exception) -> Failure:
+    """What an error means to the person at the terminal."""
+    kind = type(error).__name__
+    if isinstance(error, click.Abort):
+        return Failure(INTERRUPTED, kind, "interrupted")
+    if isinstance(error, click.ClickException):
+        message, context = error.format_message(), getattr(error, "ctx", None)
+        if context and kind != "NoArgsIsHelpError":
+            message = f"{message.rstrip('.')}; see '{context.command_path} --help'"
+        return Failure(USAGE, kind, message)
+    for class_, code in _CODES:
+        if isinstance(error, class_):
+            return Failure(code, kind, str(error) or "out of memory; use a coarser grid")
+    if isinstance(error, OSError) and error.errno is not None:
+        place = f"{error.filename}: " if error.filename else ""
+        return Failure(USAGE, kind, f"{place}{error.strerror}; check the path, its permissions and the free space")
+    fault = f"this is a fault of resgrid ({kind}: {error}); please report it with the output of the same command"
+    return Failure(UNEXPECTED, kind, f"{fault} and --debug")

@@ -10,11 +10,10 @@ import click
 
 from resgrid.cli.check import agreement_data, agreement_lines, check_written
 from resgrid.cli.compile import write_deck
-from resgrid.cli.failures import NEGATIVE, NOT_VERIFIED
 from resgrid.cli.options import Source, dialect_option, folder_of, output_option, verb, with_source
 from resgrid.cli.paths import Plan, plan_routes, route_line
 from resgrid.cli.plot import draw_all
-from resgrid.cli.report import finish, stage
+from resgrid.cli.report import NEGATIVE, NOT_VERIFIED, finish, stage
 from resgrid.cli.scenes import Job, open_job, say_unheeded, size_of, solution_summary
 from resgrid.files import SUMMARY, whole_folder
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from resgrid.netlist import Netlist
     from resgrid.planning.ranked import Ranked
     from resgrid.planning.road import Problem, Solution, Work
-    from resgrid.scene import Chip, Scene
+    from resgrid.scene import Scene
     from resgrid.space import ConfigurationSpace
     from resgrid.wiring import Wiring
 
@@ -285,26 +285,3 @@ def say_unheeded(job: Job, form: Form | Literal["chip"], *, k: Sequence[float] =
 def several_k(scene: Scene) -> tuple[float, ...]:
     """The blends of a scene that asks for several."""
     return scene.k if len(scene.k) > 1 else ()
-
-
-def require_tiles(chip: Chip) -> None:
-    """Refuse a chip that an array of tiles cannot be."""
-    from resgrid.chip.build import READING, keys_not_held
-
-    keys = [f"chip.{key}" for key in keys_not_held(chip, "tiles") if key not in READING]
-    if keys:
-        raise InputError(
-            f"tiles cannot hold {', '.join(keys)}: write the flat form, which does, or remove them from [chip]"
-        )
-
-
-def assume_switches(job: Job, boundary: str) -> tuple[Job, dict[str, float]]:
-    """A scene whose chip has all the switches of its tiles; those that it does not describe are named, in ohms."""
-    from resgrid.spice.write.tiles import with_tile_switches
-
-    chip = with_tile_switches(job.scene.chip, boundary)
-    assumed = {f"chip.{key}": ohms for key, ohms in vars(chip).items() if ohms != getattr(job.scene.chip, key)}
-    if assumed:
-        values = ", ".join(f"{key} = {ohms:g}" for key, ohms in assumed.items())
-        say(f"tiles have switches, and [chip] does not describe all; assumed, in ohms: {values}")
-    return Job(replace(job.scene, chip=chip), job.space, job.threads), assumed

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,16 +17,6 @@ from resgrid.netlist import Netlist
 from resgrid.planning.fields import Field
 from resgrid.spice.power import ir_drop, power_balance
 from resgrid.spice.run.rawfile import format_raw, raw_of
-
-
-class _Elements(NamedTuple):
-    """Elements of one kind: values in SI units, currents from the first node to the second, power dissipated."""
-
-    names: list[str]
-    nodes: NDArray[np.int32]
-    value: NDArray[np.float64]
-    current: NDArray[np.float64]
-    power: NDArray[np.float64]
 
 
 def write_solution(
@@ -137,18 +127,18 @@ def _field_arrays(op: OperatingPoint) -> dict[str, NDArray[Any]]:
 def _table(op: OperatingPoint) -> dict[str, list[Any]]:
     """One row a node, then one an element."""
     nodes = _node_names(op)
-    blank = [None] * len(nodes)
-    table: dict[str, list[Any]] = {
-        "kind": ["node"] * len(nodes), "name": nodes, "first": blank, "second": blank, "value": blank,
-        "voltage": op.voltage.tolist(), "current": blank, "power": blank,
-    }  # fmt: skip
-    for kind, elements in _elements(op).items():
-        across = op.voltage[elements.nodes[:, 0]] - op.voltage[elements.nodes[:, 1]]
-        first, second = ([nodes[i] for i in ends] for ends in elements.nodes.T.tolist())
-        columns = [[kind] * len(elements.names), elements.names, first, second]
-        columns += [column.tolist() for column in (elements.value, across, elements.current, elements.power)]
-        table = {name: values + more for (name, values), more in zip(table.items(), columns, strict=True)}
-    return table
+    names = "kind", "name", "first", "second", "value", "voltage", "current", "power"
+    rows: list[tuple[Any, ...]] = [
+        ("node", name, None, None, None, volts, None, None)
+        for name, volts in zip(nodes, op.voltage.tolist(), strict=True)
+    ]
+    for kind, columns in _elements(op).items():
+        across = (op.voltage[columns["nodes"][:, 0]] - op.voltage[columns["nodes"][:, 1]]).tolist()
+        rows += [
+            (kind, name, nodes[first], nodes[second], value, volts, current, power)
+            for (first, second), value, current, power, name, volts in zip(*_lists(columns), across, strict=True)
+        ]
+    return dict(zip(names, map(list, zip(*rows, strict=True)), strict=True))
 
 
 def _record(op: OperatingPoint) -> dict[str, Any]:
@@ -156,7 +146,7 @@ def _record(op: OperatingPoint) -> dict[str, Any]:
     elements = {
         kind: {
             name: {"first": nodes[a], "second": nodes[b], "value": value, "current": current, "power": power}
-            for name, (a, b), value, current, power in zip(*(list(column) for column in columns), strict=True)
+            for (a, b), value, current, power, name in zip(*_lists(columns), strict=True)
         }
         for kind, columns in _elements(op).items()
     }
@@ -165,15 +155,17 @@ def _record(op: OperatingPoint) -> dict[str, Any]:
 
 def _arrays(op: OperatingPoint) -> dict[str, Any]:
     arrays: dict[str, Any] = {"node": np.array(_node_names(op)), "voltage": op.voltage}
-    for kind, elements in _elements(op).items():
-        key = kind.replace(" ", "_")
-        columns = elements._asdict() | {"name": np.array(elements.names, dtype=np.str_)}
-        columns.pop("names")
-        arrays |= {f"{key}_{name}": column for name, column in columns.items()}
+    for kind, columns in _elements(op).items():
+        arrays |= {f"{kind.replace(' ', '_')}_{name}": column for name, column in columns.items()}
     return arrays
 
 
-def _elements(op: OperatingPoint) -> dict[str, _Elements]:
+def _lists(columns: Mapping[str, NDArray[Any]]) -> list[list[Any]]:
+    return [column.tolist() for column in columns.values()]
+
+
+def _elements(op: OperatingPoint) -> dict[str, dict[str, NDArray[Any]]]:
+    """Of each kind: nodes (m, 2), values in SI units, currents from first to second node, power dissipated, names."""
     netlist, balance = op.netlist, power_balance(op)
     columns = {
         "resistor": (netlist.resistor_nodes, 1 / netlist.conductance, op.resistor_current, balance.resistor_power),
@@ -183,8 +175,11 @@ def _elements(op: OperatingPoint) -> dict[str, _Elements]:
         ),
     }  # fmt: skip
     return {
-        kind: _Elements(_names(netlist, kind, kind[0], len(rest[0])), *rest)
-        for kind, rest in zip(columns, columns.values(), strict=True)
+        kind: {
+            **dict(zip(("nodes", "value", "current", "power"), rest, strict=True)),
+            "name": np.array(_names(netlist, kind, kind[0], len(rest[0])), dtype=np.str_),
+        }
+        for kind, rest in columns.items()
     }
 
 

@@ -9,10 +9,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inlined, inner
+from resgrid.jit import inlined, inner, kernel
 
 REACHED, NO_CURRENT, ENDLESS = 0, 1, 2
 MIXED = -2
@@ -174,7 +173,7 @@ def _log_add(a: float, b: float) -> float:
     return a if b == -np.inf else a + math.log1p(math.exp(b - a))
 
 
-@njit(cache=True)
+@kernel
 def trace(flow: Flow, cell: Integers, local: Floats, cells: Integers, locals_: Floats) -> tuple[int, int, float, float]:
     """Follow the current from one point until it enters a goal cell.
 
@@ -207,7 +206,7 @@ def trace(flow: Flow, cell: Integers, local: Floats, cells: Integers, locals_: F
     return ENDLESS, limit, length, log_time
 
 
-@njit(cache=True)
+@kernel
 def only_goal(flow: Flow, goal: Integers, periodic: NDArray[np.bool_]) -> Integers:
     """The goal to which the current leads from every cell, whichever face it takes.
 
@@ -257,7 +256,7 @@ def only_goal(flow: Flow, goal: Integers, periodic: NDArray[np.bool_]) -> Intege
     return label
 
 
-@njit(cache=True)
+@kernel
 def trace_many(
     flow: Flow, starts: Integers, locals_: Floats, outcome: Integers, steps: Integers, length: Floats, log_time: Floats
 ) -> None:
@@ -293,7 +292,7 @@ def segment_to_box(start: Floats, end: Floats, lower: Floats, upper: Floats) -> 
     return math.sqrt(squares)
 
 
-@njit(cache=True)
+@kernel
 def clearance(
     cells: Integers,
     starts: Floats,
@@ -345,7 +344,7 @@ def clearance(
     return best
 
 
-@njit(cache=True)
+@kernel
 def segment_is_free(
     start: Floats, end: Floats, free: NDArray[np.bool_], shape: Integers, periodic: NDArray[np.bool_], rim: float
 ) -> bool:

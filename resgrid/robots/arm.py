@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
-from math import acos, atan2, ceil, cos, floor, hypot, isfinite, pi, sin, tau
+from math import acos, atan2, ceil, cos, floor, hypot, pi, sin, tau
 from typing import Any, Literal
 
 import numpy as np
@@ -344,25 +344,24 @@ def _within(angle: float, limits: Limits | None) -> list[float]:
 
 
 def _check_link(number: int, length: float, width: float, limits: Limits | None) -> None:
-    if not (isfinite(length) and 0 < length <= 1e9):
-        raise InputError(f"links[{number}]: length = {length} must be above 0 and finite")
-    if not (isfinite(width) and 0 <= width <= 1e9):
-        raise InputError(f"links[{number}]: width = {width} must be at least 0 and finite")
-    if limits is None:
-        return
-    if len(limits) != 2 or not all(map(isfinite, limits)) or max(map(abs, limits)) > 1e6:
-        raise InputError(f"links[{number}]: limits = {list(limits)} must be two angles [lower, upper] in radians")
-    if not limits[0] < limits[1]:
-        raise InputError(f"links[{number}]: limits = {list(limits)} are reversed: the lower limit comes first")
+    lower, upper = limits or (-pi, pi)
+    ends = [lower, upper]
+    for is_right, message in (
+        (0 < length <= 1e9, f"length = {length} must be above 0 and finite"),
+        (0 <= width <= 1e9, f"width = {width} must be at least 0 and finite"),
+        (max(map(abs, ends)) <= 1e6, f"limits = {ends} must be two angles [lower, upper] in radians"),
+        (lower < upper, f"limits = {ends} are reversed: the lower limit comes first"),
+    ):
+        if not is_right:
+            raise InputError(f"links[{number}]: {message}")
 
 
 def _check_rest(arm: Arm) -> None:
     width, cells = arm.singularity_width, arm.singularity_cells
-    placed = len(arm.base) == 2 and all(isfinite(x) and abs(x) <= 1e9 for x in (*arm.base, arm.base_angle))
+    placed = len(arm.base) == 2 and all(abs(x) <= 1e9 for x in (*arm.base, arm.base_angle))
     single = arm.ndim == 1 and (width is not None or cells is not None)
     for is_broken, message in (
         (not placed, f"an arm's base needs two finite coordinates and a finite angle, got {list(arm.base)}"),
-        (arm.angles not in ("relative", "absolute"), f"angles = {arm.angles!r} may be 'relative' or 'absolute'"),
         (None not in (width, cells), "give either singularity_width (radians) or singularity_cells, not both"),
         (not 0 <= (width or 0) < pi, f"singularity_width = {width} must be from 0 up to pi (radians)"),
         (cells is not None and cells < 1, f"singularity_cells = {cells} must be at least 1"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import dist, hypot, inf, pi
+from math import inf, pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.robots.cells import Progress, Sampling
-from resgrid.robots.geometry import Links, obstacle_arrays
+from resgrid.robots.geometry import Links, Part, obstacle_arrays, obstacles_of
 from resgrid.robots.goals import GoalCells
-from resgrid.robots.shapes import Ball, Box, HalfSpace, Point, Shape, require_plane, to_shapely
+from resgrid.robots.shapes import Box, Point, Shape, require_plane
 
 CHUNK = 1 << 17
 """Cells looked at between two words of progress."""
@@ -32,17 +32,10 @@ def arm_occupancy(
     links: Links, axes: tuple[Axis, ...], obstacles: Sequence[Shape], rule: Sampling,
     progress: Progress | None = None, *, self_collision: bool,
 ) -> NDArray[np.bool_]:  # fmt: skip
-    """Cells in which an arm may touch an obstacle or itself, or come too close to a singularity.
+    """Cells in which an arm may touch an obstacle or itself; of link ``i`` in those of the first ``i`` joints.
 
-    With the conservative rule a cell is free only if no configuration in it, borders included, collides: the distance
-    of every link from every obstacle at the cell's centre must exceed how far any point of that link moves within
-    the cell, which is at most the sum over its joints of chord times distance (relative angles: from the joint to
-    the link's far end at the centre; absolute ones: the length of the joint's own link).  A cell that fails, but is
-    free at its centre, is cut into three along every joint, and is free if all its parts are.  So some cells that are
-    free are lost, but none is free by mistake.  The virtual obstacle is a strip of the configuration space itself and
-    always blocks every cell it runs through.
-
-    Link ``i`` depends on the first ``i`` joints alone, so that most cells are decided many at a time.
+    With the conservative rule a cell is free if, at its centre or at those of all its parts, every link is farther from
+    every obstacle than any point of it moves within (`resgrid.robots.kernels`): none is free by mistake.
     """
     from resgrid.robots.kernels import mark_link
 
@@ -70,12 +63,10 @@ def arm_occupancy(
 
 
 def arm_goal_cells(links: Links, axes: tuple[Axis, ...], region: Shape | Point) -> GoalCells:
-    """Cells that bring the tip of an arm into a region of the workspace: all inverse solutions.
+    """Cells that hold a configuration whose tip lies in a region, or within 1e-9 of the arm's reach of it.
 
-    A cell is a goal if, and only if, it holds, on its border perhaps, a configuration whose tip lies in the region or
-    within 1e-9 of the arm's reach of it: with any number of links, whatever the limits, however often the joints turn
-    round.  Cells are left out by a bound on how far the tip moves, never for want of luck; the one exception is a cell
-    that 200,000 ever smaller parts leave undecided, where the tip passes the region within rounding all along.
+    Cells are left out by a bound on how far the tip moves, never for want of luck; the one exception is a cell that
+    200,000 ever smaller parts leave undecided, where the tip passes the region within rounding all along.
     """
     from resgrid.robots.tip_kernels import find_tips
 
@@ -118,12 +109,8 @@ def _distances(place: Shape, base: Point) -> tuple[float, float]:
     """How near to the base a region comes, and how far from it."""
     import shapely
 
-    match place:
-        case HalfSpace(normal, offset):
-            return max(0.0, (float(np.dot(normal, base)) - offset) / hypot(*normal)), inf
-        case Ball(centre, radius):
-            away = dist(centre, base)
-            return max(0.0, away - radius), away + radius
-    geometry = to_shapely(place)
-    corners = shapely.get_coordinates(geometry).tolist()
-    return float(shapely.distance(geometry, shapely.Point(base))), max(dist(corner, base) for corner in corners)
+    obstacle = obstacles_of([place])[0]
+    nearest = float(obstacle.distance(Part(np.array([shapely.Point(base)]), 0.0))[0])
+    if obstacle.core is None:
+        return nearest, inf
+    return nearest, float(shapely.hausdorff_distance(shapely.Point(base), obstacle.core)) + obstacle.radius

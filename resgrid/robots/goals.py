@@ -17,9 +17,6 @@ from resgrid.robots.shapes import Ball, Box, CellSet, HalfSpace, Point, Polygon,
 HALVINGS = 60
 """So often is the way to a region halved to find where it begins: to the last bit."""
 
-PAIRS = 1 << 20
-"""Pairs of a cell and an edge that are looked at in one go."""
-
 
 class GoalCells(NamedTuple):
     """The cells of a goal, and where in each of them it is.
@@ -115,23 +112,12 @@ def _first_within(
 def _nearest_on_outline(
     edges: NDArray[np.float64], middle: NDArray[np.float64], half: NDArray[np.float64], rim: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Nearest points of edges, shape (e, 4), each cut to the cell (Liang and Barsky, 1984)."""
-    start, step = edges[:, :2], edges[:, 2:] - edges[:, :2]
-    start, step = start[step.any(axis=1)], step[step.any(axis=1)]
-    size = (step**2).sum(axis=1)
-    nearest = np.empty_like(middle)
-    for first in range(0, len(middle), max(1, PAIRS // len(start))):
-        rows = slice(first, first + max(1, PAIRS // len(start)))
-        away = middle[rows, None] - start
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ends = np.stack([(away - half - rim) / step, (away + half + rim) / step])
-        beside = np.where(np.abs(away) <= half + rim, -np.inf, np.inf)
-        enter = np.where(step == 0, beside, ends.min(axis=0)).max(axis=2).clip(min=0.0)
-        leave = np.where(step == 0, -beside, ends.max(axis=0)).min(axis=2).clip(max=1.0)
-        share = np.clip((away * step).sum(axis=2) / size, enter, np.maximum(enter, leave))
-        share = np.where(enter <= leave, share, 0.0)
-        gap = np.where(enter <= leave, ((away - share[:, :, None] * step) ** 2).sum(axis=2), np.inf)
-        edge = gap.argmin(axis=1)
-        at = start[edge] + share[np.arange(len(edge)), edge][:, None] * step[edge]
-        nearest[rows] = np.clip(at, middle[rows] - half, middle[rows] + half)
-    return nearest
+    """Nearest points to the centres, shape (m, 2), of cells, of what each cell cuts from edges, shape (e, 4)."""
+    import shapely
+
+    lines = shapely.multilinestrings(edges.reshape(-1, 2, 2))
+    reach = half + rim
+    pieces = np.asarray(shapely.intersection(lines, shapely.box(*(middle - reach).T, *(middle + reach).T)))
+    pieces[shapely.is_empty(pieces)] = lines
+    ways = shapely.shortest_line(shapely.points(middle), pieces)
+    return np.clip(shapely.get_coordinates(ways)[1::2], middle - half, middle + half)

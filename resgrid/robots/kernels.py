@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inner
+from resgrid.jit import inner, kernel
 from resgrid.robots.geometry import Links, ObstacleArrays
 
 Floats = NDArray[np.float64]
@@ -86,7 +86,7 @@ def near_solids(ax: float, ay: float, bx: float, by: float, reach: float, solids
     return False
 
 
-@njit(cache=True)
+@kernel
 def place_joints(joints: Floats, link: int, angles: Floats, lengths: Floats, base: Floats, relative: bool) -> None:
     """Joint positions up to the end of a link."""
     direction = base[2]
@@ -97,7 +97,7 @@ def place_joints(joints: Floats, link: int, angles: Floats, lengths: Floats, bas
         joints[j + 1, 1] = joints[j, 1] + lengths[j] * math.sin(direction)
 
 
-@njit(cache=True)
+@kernel
 def _travel(joints: Floats, first: int, link: int, chords: Floats, lengths: Floats, relative: bool) -> float:
     """How far any point of a link can move while joints ``first .. link`` turn within a cell, the others held.
 
@@ -141,14 +141,12 @@ def _hits(
     return False
 
 
-@njit(cache=True)
+@kernel
 def mark_link(
     out: Flags, first: int, last: int, link: int, counts: Integers, centres: Floats, widths: Floats, links: Links,
     self_collision: bool, parts: int, slack: float, solids: ObstacleArrays,
 ) -> None:  # fmt: skip
-    """Mark the cells of joints ``0 .. link`` in which a link may touch something; cells marked already are skipped.
-
-    A cell that its centre does not decide is cut into ``parts`` along every joint, and each part is judged alone.
+    """Mark the cells of joints ``0 .. link`` in which a link may touch something, whole or cut into ``parts`` a joint.
 
     Shapes: `out` (product of counts[:link + 1],), `counts` (n,), `centres` (n, max(counts), `widths` (n,).
     """
@@ -169,10 +167,7 @@ def mark_link(
         place_joints(joints, link, middle, links.lengths, links.base, links.relative)
         if not _hits(joints, link, whole, folds, links, self_collision, slack, solids):
             continue
-        if exact or parts == 1:
-            out[flat] = True
-            continue
-        if _hits(joints, link, none, folds, links, self_collision, slack, solids):
+        if exact or parts == 1 or _hits(joints, link, none, folds, links, self_collision, slack, solids):
             out[flat] = True
             continue
         for part in range(parts ** (link + 1)):
@@ -229,14 +224,12 @@ def _ends_of_segment(ax: float, ay: float, bx: float, by: float, low: float, hig
     return min(first, last), max(first, last)
 
 
-@njit(cache=True)
+@kernel
 def mark_parallelograms(out: Flags, pieces: Floats, reach: float, plane: Plane) -> None:
-    """Mark the cells that come within a distance of a parallelogram.
+    """Mark the cells, shape (columns, rows), that come within a distance of parallelograms, shape (p, 6).
 
-    What lies within a distance of a convex set is convex, and so is what a row of cells cuts from it: an interval of
-    x decides a whole row.  It ends on the circles around the corners, or on the edges moved outwards.
-
-    Shapes: `out` (columns, rows), `pieces` (p, 6).
+    What lies so near is convex: an interval of x decides a whole row.  It ends on the circles around the corners, or on
+    the edges moved outwards.
     """
     columns, rows = out.shape
     for piece in range(len(pieces)):
@@ -274,11 +267,11 @@ def mark_parallelograms(out: Flags, pieces: Floats, reach: float, plane: Plane) 
                 out[start:stop, row] = True
 
 
-@njit(cache=True)
+@kernel
 def mark_enclosed(out: Flags, edges: Floats, plane: Plane) -> None:
-    """Mark the cells whose centre closed rings enclose: in every row an edge flips all that lies to its right.
+    """Mark the cells, shape (columns, rows), whose centre closed rings of edges, shape (e, 4), enclose.
 
-    Shapes: `out` (columns, rows), `edges` (e, 4).
+    In every row an edge flips all that lies to its right.
     """
     columns, rows = out.shape
     flips = np.zeros(columns + 1, dtype=np.bool_)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import hypot, isfinite, pi, tau
+from math import hypot, pi, tau
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -69,7 +69,7 @@ class PolygonRobot(Robot):
     turning_length: Annotated[float, Gt(0)] = 1.0
 
     def __post_init__(self) -> None:
-        if not (isfinite(self.turning_length) and 0 < self.turning_length <= 1e9):
+        if not 0 < self.turning_length <= 1e9:
             raise InputError(f"turning_length = {self.turning_length} must be above 0 and finite")
         Polygon(self.vertices)
 
@@ -198,45 +198,29 @@ class _Solid:
         return cls(np.empty((0, 4)), np.empty((0, 2)), 0.0, shape)
 
     def mark(self, layer: NDArray[np.bool_], plane: Plane, mirrored: NDArray[np.float64], reach: float) -> None:
-        """Mark, in place, the cells of a slice, shape (columns, rows): the polygon, mirrored, has corners (v, 2)."""
-        if self.half_plane is None:
-            mark_sum(layer, plane, self.edges, self.places, mirrored, reach + self.radius)
-            return
-        along, up = self.half_plane.normal
-        columns, rows = layer.shape
-        x = plane.x + (np.arange(columns)[:, None] + 0.5) * plane.width
-        y = plane.y + (np.arange(rows) + 0.5) * plane.height
-        nearest = along * x - abs(along) * plane.half_x + (up * y - abs(up) * plane.half_y)
-        farthest = float((mirrored @ self.half_plane.normal).max())
-        layer |= nearest <= self.half_plane.offset + farthest + reach * hypot(along, up)
+        """Mark the cells, shape (columns, rows), near the sum of the area and a polygon with mirrored corners (v, 2).
 
+        The Minkowski sum of the outlines (a parallelogram for every pair of edges) covers all but places where a piece
+        of one lies wholly inside the other, and those lie in a copy of either, moved by one point of the other.  Every
+        piece is marked as it is: a union of nearly coinciding ones would lose some.
+        """
+        from resgrid.robots.kernels import mark_enclosed, mark_parallelograms
 
-def mark_sum(
-    layer: NDArray[np.bool_],
-    plane: Plane,
-    edges: NDArray[np.float64],
-    places: NDArray[np.float64],
-    corners: NDArray[np.float64],
-    reach: float,
-) -> None:
-    """Mark, in place, the cells that come within a distance of the Minkowski sum of an area and a polygon.
-
-    The sum of the outlines (a parallelogram for every pair of edges) covers all but places where a piece of one lies
-    wholly inside the other, and those lie in a copy of either, moved by one point of the other, whose own outline
-    the parallelograms cover.  Every piece is marked as it is: a union of nearly coinciding ones would lose some.
-
-    Shapes: `layer` (columns, rows), `edges` (e, 4), `places` (p, 2), `corners` (v, 2).
-    """
-    from resgrid.robots.kernels import mark_enclosed, mark_parallelograms
-
-    if not len(edges):
-        return
-    others = np.hstack([corners, np.roll(corners, -1, axis=0)])
-    pieces = np.empty((len(edges), len(others), 6))
-    pieces[..., :2] = edges[:, None, :2] + corners
-    pieces[..., 2:4] = (edges[:, 2:] - edges[:, :2])[:, None]
-    pieces[..., 4:] = others[:, 2:] - others[:, :2]
-    mark_parallelograms(layer, pieces.reshape(-1, 6), reach, plane)
-    for place in places:
-        mark_enclosed(layer, others + np.tile(place, 2), plane)
-    mark_enclosed(layer, edges + np.tile(corners[0], 2), plane)
+        if self.half_plane is not None:
+            along, up = self.half_plane.normal
+            columns, rows = layer.shape
+            x = plane.x + (np.arange(columns)[:, None] + 0.5) * plane.width
+            y = plane.y + (np.arange(rows) + 0.5) * plane.height
+            nearest = along * x - abs(along) * plane.half_x + (up * y - abs(up) * plane.half_y)
+            farthest = float((mirrored @ self.half_plane.normal).max())
+            layer |= nearest <= self.half_plane.offset + farthest + reach * hypot(along, up)
+        elif len(self.edges):
+            others = np.hstack([mirrored, np.roll(mirrored, -1, axis=0)])
+            pieces = np.empty((len(self.edges), len(others), 6))
+            pieces[..., :2] = self.edges[:, None, :2] + mirrored
+            pieces[..., 2:4] = (self.edges[:, 2:] - self.edges[:, :2])[:, None]
+            pieces[..., 4:] = others[:, 2:] - others[:, :2]
+            mark_parallelograms(layer, pieces.reshape(-1, 6), reach + self.radius, plane)
+            for place in self.places:
+                mark_enclosed(layer, others + np.tile(place, 2), plane)
+            mark_enclosed(layer, self.edges + np.tile(mirrored[0], 2), plane)

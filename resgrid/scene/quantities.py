@@ -38,10 +38,7 @@ _VALUE = re.compile(PATTERN, re.ASCII)
 
 @dataclass(frozen=True)
 class Quantity:
-    """Annotation of a number of a chip: its unit, and that it may be written as an engineering value.
-
-    A `share` may be written as a percentage, too.
-    """
+    """Annotation of a number that may be written as an engineering value, and a `share` as a percentage: its unit."""
 
     unit: str
     share: bool = False
@@ -127,13 +124,7 @@ def parse_quantity(value: object) -> float:
 
 
 def parse_share(value: object) -> float:
-    """Read a share of a whole: a percentage such as ``"10 %"``, or a plain number or quantity such as 0.1.
-
-    Examples
-    --------
-    >>> parse_share("10 %"), parse_share("2.5%"), parse_share(0.1)
-    (0.1, 0.025, 0.1)
-    """
+    """Read a share of a whole: a percentage such as ``"10 %"``, or a plain number or quantity such as 0.1."""
     if isinstance(value, str) and value.endswith("%"):
         number = _parsed(value[:-1].rstrip(" "))
         if number is not None and isfinite(number):
@@ -150,13 +141,7 @@ def prefix_of(value: float) -> tuple[int, str]:
 
 
 def format_quantity(value: float, unit: str = "", digits: int = 4) -> str:
-    """A value for people, to some digits, with a prefix.
-
-    Examples
-    --------
-    >>> format_quantity(38.123e-6, "A", 3), format_quantity(10e3, "Ω"), format_quantity(4700.0)
-    ('38.1 µA', '10 kΩ', '4.7k')
-    """
+    """A value for people, to some digits, with a prefix: ``38.1 µA``, ``10 kΩ``."""
     power, prefix = prefix_of(float(f"{value:.{digits}g}"))
     gap = " " if unit else ""
     return f"{value / 10.0**power:.{digits}g}{gap}{prefix}{unit}"

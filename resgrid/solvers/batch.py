@@ -11,10 +11,10 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import sparse
 
+from resgrid.jit import kernel
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.multigrid.conjugate_gradients import (
     LEAST_GAIN,
@@ -133,7 +133,7 @@ def _copied(stencil: Stencil) -> Stencil:
     return stencil._replace(**{name: getattr(stencil, name).copy() for name in arrays})
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _refill(
     indptr: Indices, conductance: Floats, ground: Floats, face: Integers, slot: Indices, unit: float,
     stencils: tuple[Stencil, Stencil, Stencil], leak: Floats, diagonal: Floats,

@@ -6,10 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inlined, inner
+from resgrid.jit import inlined, inner, kernel
 
 _PARTS = 64.0
 _SEEN = -1
@@ -88,7 +87,7 @@ def _costs(deepest: int, rate: float, wall: float) -> Indices:
     return costs
 
 
-@njit(cache=True)
+@kernel
 def decay(places: Places, rate: float, wall: float, rounds: int, first: int, rest: int) -> tuple[float, float, float]:
     """Factors of e by which a potential falls, about: over the ``first`` nodes, but at the ``rest`` lowest, in all.
 

@@ -12,10 +12,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inlined
+from resgrid.jit import inlined, kernel
 from resgrid.solvers.extended import BITS
 
 _BASE = 2.0**BITS
@@ -65,7 +64,7 @@ def _add_product(m: float, e: int, factor: float, v: float, ve: int) -> tuple[fl
     return _add(m, e, t, te)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def canonical(m: Floats, e: Integers) -> None:
     """Make scaled numbers canonical, in place."""
     for i in range(len(m)):

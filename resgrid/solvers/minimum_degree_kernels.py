@@ -12,10 +12,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inlined
+from resgrid.jit import inlined, kernel
 
 Indices = NDArray[np.int32]
 
@@ -53,7 +52,7 @@ class Quotient(NamedTuple):
     mark: Indices
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def minimum_degree(q: Quotient, dense: int, most: float, step: Indices) -> bool:
     """Eliminate all rows, one of least degree after another; rows of more than ``dense`` neighbours come last.
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from resgrid.jit import kernel
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
 
 
-@njit(cache=True)
+@kernel
 def far_share(indptr: Indices, indices: Indices) -> float:
     """Share of a sample of neighbours that are numbered far apart: by more than a sixteenth of all."""
     n = len(indptr) - 1
@@ -22,7 +23,7 @@ def far_share(indptr: Indices, indices: Indices) -> float:
     return far / max(entries, 1)
 
 
-@njit(cache=True)
+@kernel
 def breadth_first(indptr: Indices, indices: Indices, root: int = 0) -> Indices:
     """The nodes by their distance from a root, other parts behind: neighbours together (Cuthill & McKee 1969)."""
     n = len(indptr) - 1
@@ -48,7 +49,7 @@ def breadth_first(indptr: Indices, indices: Indices, root: int = 0) -> Indices:
     return order[:n]
 
 
-@njit(cache=True)
+@kernel
 def renumber(
     indptr: Indices, indices: Indices, conductance: Floats, leak: Floats, order: Indices
 ) -> tuple[Indices, Indices, Floats, Floats]:

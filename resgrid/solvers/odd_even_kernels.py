@@ -8,9 +8,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from resgrid.jit import kernel
 from resgrid.solvers.extended_kernels import _add_product, _canonical
 
 Floats = NDArray[np.float64]
@@ -30,7 +30,7 @@ class Rows(NamedTuple):
     ground: Floats
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def number_kept(indptr: Indices, indices: Indices, order: Indices, number: Indices) -> int:
     """Number the rows that are kept as they come in an order; -1 for the others.  Returns how many are kept.
 
@@ -57,7 +57,7 @@ def number_kept(indptr: Indices, indices: Indices, order: Indices, number: Indic
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def most_entries(indptr: Indices, indices: Indices, number: Indices) -> int:
     """Entries that the rows kept have once the others are eliminated, at most."""
     count = 0
@@ -70,7 +70,7 @@ def most_entries(indptr: Indices, indices: Indices, number: Indices) -> int:
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def join_kept(whole: Rows, number: Indices, kept: Indices, pivot: Floats, left: Rows) -> None:
     """Eliminate all rows that are not kept, ``g_ij += g_ik g_kj / d_k``; fills `pivot` (n,), ``d``, and `left`.
 
@@ -103,7 +103,7 @@ def join_kept(whole: Rows, number: Indices, kept: Indices, pivot: Floats, left: 
         left.indptr[row + 1], left.ground[row] = count, grounded
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def feed_kept(
     whole: Rows, number: Indices, pivot: Floats, m: Floats, e: Integers, kept_m: Floats, kept_e: Integers
 ) -> None:
@@ -121,7 +121,7 @@ def feed_kept(
             kept_m[k], kept_e[k] = _add_product(kept_m[k], kept_e[k], data[entry] / pivot[i], value, scale)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def put_back(
     whole: Rows, number: Indices, pivot: Floats, kept_m: Floats, kept_e: Integers, m: Floats, e: Integers
 ) -> None:

@@ -6,9 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from resgrid.jit import inlined, inner
+from resgrid.jit import inlined, inner, kernel
 from resgrid.solvers.extended import Scaled
 from resgrid.solvers.extended_kernels import (
     _BASE,
@@ -47,7 +46,7 @@ def _canonical_pair(hi: float, lo: float, e: int) -> tuple[float, float, int]:
     return hi, lo, e
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def correct(hi: Floats, lo: Floats, e: Integers, m: Floats, me: Integers) -> None:
     """Add the scaled numbers ``(m, me)`` to scaled double-doubles, in place."""
     for i in range(len(hi)):
@@ -63,14 +62,14 @@ def correct(hi: Floats, lo: Floats, e: Integers, m: Floats, me: Integers) -> Non
         hi[i], lo[i], e[i] = _canonical_pair(hi[i], lo[i], e[i])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def canonical_pairs(hi: Floats, lo: Floats, e: Integers) -> None:
     """Make scaled double-doubles canonical, in place."""
     for i in range(len(hi)):
         hi[i], lo[i], e[i] = _canonical_pair(hi[i], lo[i], e[i])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def corrected(hi: Floats, lo: Floats, m: Floats, new_hi: Floats, new_lo: Floats) -> None:
     """Add doubles to double-doubles."""
     for i in range(len(hi)):
@@ -127,13 +126,18 @@ class Imbalance(NamedTuple):
 
     def beside(self, rest: Imbalance) -> Imbalance:
         """Together with rows that have been found right before."""
+        return self.plus(rest._replace(backward=rest.settled, left=0.0, largest=0.0))
+
+    def plus(self, rest: Imbalance) -> Imbalance:
+        """Together with other rows."""
         return Imbalance(
-            max(self.backward, rest.settled), max(self.settled, rest.settled), self.left, self.right + rest.right,
-            self.largest, min(self.least, rest.least), min(self.share, rest.share),
+            max(self.backward, rest.backward), max(self.settled, rest.settled), self.left + rest.left,
+            self.right + rest.right, max(self.largest, rest.largest), min(self.least, rest.least),
+            min(self.share, rest.share),
         )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def residual(
     matrix: Conductances, current: Numbers, x: Scaled, floor: float, kept: float, rows: Indices, out: Numbers
 ) -> Imbalance:
@@ -203,7 +207,7 @@ def residual(
     return Imbalance(backward, settled, left, right, largest, least, share)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def exact_residual(matrix: Conductances, current: Numbers, x: Scaled, out: Numbers) -> tuple[float, float]:
     """Residual of KCL by double-double arithmetic.
 

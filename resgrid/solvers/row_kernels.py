@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inner
+from resgrid.jit import inner, kernel
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
@@ -15,7 +14,7 @@ _FEW, _MANY = 5, 16
 """Entries of a row between which comparing all with all sorts them quickest."""
 
 
-@njit(cache=True)
+@kernel
 def conductances_by_row(
     pairs: Indices, conductance: Floats, row: Indices, size: int
 ) -> tuple[Indices, Indices, Floats, bool]:
@@ -78,7 +77,7 @@ def _unite(indptr: Indices, indices: Indices, data: Floats) -> int:
     return size
 
 
-@njit(cache=True)
+@kernel
 def sort_rows(indptr: Indices, indices: Indices, data: Floats) -> None:
     """Sort every row by column, in place."""
     column, value = np.empty(_MANY, np.int32), np.empty(_MANY)
@@ -143,7 +142,7 @@ def join(parent: Indices, a: int, b: int) -> None:
         parent[max(a, b)] = min(a, b)
 
 
-@njit(cache=True)
+@kernel
 def add_conductances(pairs: Indices, conductance: Floats, row: Indices, degree: Floats) -> None:
     """Add the conductances between different rows to both rows' degree."""
     for k in range(len(pairs)):
@@ -153,7 +152,7 @@ def add_conductances(pairs: Indices, conductance: Floats, row: Indices, degree: 
             degree[j] += conductance[k]
 
 
-@njit(cache=True)
+@kernel
 def count_neighbours(
     pairs: Indices, conductance: Floats, row: Indices, neighbours: NDArray[np.int8]
 ) -> tuple[int, float, float, float]:
@@ -173,7 +172,7 @@ def count_neighbours(
     return count, smallest, largest, total
 
 
-@njit(cache=True)
+@kernel
 def weak_pairs(pairs: Indices, conductance: Floats, row: Indices, size: int, weak: float) -> int:
     """Count the conductances below ``weak`` times the strongest one at either of their rows."""
     strongest = np.zeros(size)
@@ -189,7 +188,7 @@ def weak_pairs(pairs: Indices, conductance: Floats, row: Indices, size: int, wea
     return count
 
 
-@njit(cache=True)
+@kernel
 def weak_share(indptr: Indices, indices: Indices, conductance: Floats, weak: float) -> float:
     """Share of conductances below ``weak`` times the strongest one at either of their ends."""
     n = len(indptr) - 1

@@ -12,10 +12,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inner
+from resgrid.jit import inner, kernel
 from resgrid.solvers.extended import BITS
 from resgrid.solvers.extended_kernels import _canonical, _sum, _two_product
 
@@ -79,7 +78,7 @@ def _reciprocal(d: float, d_low: float) -> tuple[float, float]:
     return _plus(first, 0.0, rest / d, 0.0)
 
 
-@njit(cache=True)
+@kernel
 def find_twins(indptr: Indices, indices: Indices, twin: Indices) -> None:
     """Slot of the transposed entry of every entry; the matrix is structurally symmetric, its rows sorted."""
     place = indptr[:-1].copy()
@@ -205,7 +204,7 @@ def _queue(length: int, row: int, leaves: Indices, top: int, pairs: Indices, tai
     return top, tail
 
 
-@njit(cache=True)
+@kernel
 def eliminate(graph: QuotientGraph, log: Log, count: int) -> tuple[int, int]:
     """Eliminate rows of at most two slots until none is left, leaves first; all in place.
 
@@ -242,7 +241,7 @@ def eliminate(graph: QuotientGraph, log: Log, count: int) -> tuple[int, int]:
     return count, doubled
 
 
-@njit(cache=True)
+@kernel
 def merge_parallel(graph: QuotientGraph) -> None:
     """Merge conductances that join the same two rows, in place."""
     n = len(graph.start)
@@ -263,7 +262,7 @@ def merge_parallel(graph: QuotientGraph) -> None:
             k += 1
 
 
-@njit(cache=True)
+@kernel
 def pack(graph: QuotientGraph, number: Indices, indptr: Indices, indices: Indices, conductance: Floats) -> None:
     """Columns and conductances of the rows that are left, renumbered; ``number`` is -1 for the others."""
     for row in range(len(number)):
@@ -276,7 +275,7 @@ def pack(graph: QuotientGraph, number: Indices, indptr: Indices, indices: Indice
             conductance[first + k] = graph.g[slot]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def forward(log: Log, b: Floats) -> None:
     """Carry the currents of eliminated rows to their neighbours, in place; plain doubles."""
     for k in range(len(log.rows)):
@@ -287,7 +286,7 @@ def forward(log: Log, b: Floats) -> None:
                 b[other] += log.weights[k, 2 * end] * value
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def backward(log: Log, x: Floats) -> None:
     """Turn the currents of eliminated rows into their voltages, in place; plain doubles."""
     for k in range(len(log.rows) - 1, -1, -1):
@@ -329,7 +328,7 @@ def _scaled_plus(hi: float, lo: float, e: int, t: float, t_low: float, te: int) 
     return _settle(s, s_low, e)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def forward_scaled(log: Log, hi: Floats, lo: Floats, e: Integers) -> None:
     """As `forward`, in scaled double-doubles (canonical on entry and on return)."""
     for k in range(len(log.rows)):
@@ -344,7 +343,7 @@ def forward_scaled(log: Log, hi: Floats, lo: Floats, e: Integers) -> None:
                 hi[other], lo[other], e[other] = _scaled_plus(hi[other], lo[other], e[other], t, t_low, te)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def backward_scaled(log: Log, hi: Floats, lo: Floats, e: Integers) -> None:
     """As `backward`, in scaled double-doubles (canonical on entry and on return)."""
     for k in range(len(log.rows) - 1, -1, -1):

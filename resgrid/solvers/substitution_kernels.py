@@ -6,10 +6,9 @@ Numba takes seconds to import: only functions that are about to solve import thi
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import ZERO, inlined, inner_fast
+from resgrid.jit import ZERO, inlined, inner_fast, kernel
 from resgrid.solvers.extended_kernels import _add_product, _canonical, _shift
 from resgrid.solvers.supernodal_kernels import Supernodes
 
@@ -21,7 +20,7 @@ _LEAST, _MOST = 2.0**-700, 2.0**700
 """Range in which a sum of doubles has lost nothing that counts to underflow, and overflows nowhere."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def substitute(nodes: Supernodes, values: Floats, pivot: Floats, m: Floats, e: Integers, column: Floats) -> None:
     """Solve ``L D L^T x = b`` in place, in scaled numbers.
 

@@ -12,10 +12,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import ZERO, inlined, inner_fast
+from resgrid.jit import ZERO, inlined, inner_fast, kernel
 from resgrid.solvers.odd_even_kernels import Rows
 from resgrid.solvers.symbolic_kernels import Pattern
 
@@ -69,7 +68,7 @@ class Workspace(NamedTuple):
     weights: Floats
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def eliminate(
     matrix: Rows, pattern: Pattern, nodes: Supernodes, entries: Entries, work: Workspace, begin: int, end: int
 ) -> bool:

@@ -8,10 +8,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import ZERO, inlined
+from resgrid.jit import ZERO, inlined, kernel
 
 Indices = NDArray[np.int32]
 
@@ -32,7 +31,7 @@ class Pattern(NamedTuple):
     rank: Indices
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def elimination_tree(pattern: Pattern, parent: Indices) -> None:
     """The first later row that every row is joined to once it is eliminated; -1 for none (Liu 1990)."""
     indptr, indices, order, rank = pattern
@@ -52,7 +51,7 @@ def elimination_tree(pattern: Pattern, parent: Indices) -> None:
                 j = above
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def postorder(parent: Indices, pattern: Pattern) -> None:
     """Renumber the rows so that every branch of the elimination tree stands together; it fills as before."""
     order, rank, n = pattern.order, pattern.rank, len(parent)
@@ -79,7 +78,7 @@ def postorder(parent: Indices, pattern: Pattern) -> None:
                 count += 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def list_supernodes(pattern: Pattern, most: float, first: Indices, start: Indices, rows: Indices) -> int:
     """Gather columns of the factor into supernodes, and list their rows (`resgrid.solvers.supernodal_kernels`).
 

@@ -19,9 +19,6 @@ from resgrid.robots import (
     Robot,
     to_shapely,
 )
-from resgrid.robots.geometry import edges_of
-from resgrid.robots.kernels import Plane
-from resgrid.robots.polygon import mark_sum
 from resgrid.scene import read_scene, sample
 from resgrid.scene.overrides import apply_overrides
 from resgrid.space import Cell
@@ -172,12 +169,12 @@ simple = st.sampled_from(
 @given(simple, st.floats(0, 6.3), st.integers(0, 2), st.integers(0, 99))
 def test_minkowski_sums(vertices, turn, which, seed):
     polygon = Polygon(((0.5, 0.2), (0.7, 0.2), (0.7, 1.1), (0.5, 1.1))) if which == 0 else OBSTACLES[which]
-    other = PolygonRobot(tuple((float(x), float(y)) for x, y in vertices)).corners((0, 0, turn))
-    low = np.random.default_rng(seed).uniform(-1, 0, 2)
-    layer, plane = np.zeros((24, 24), dtype=bool), Plane(*low.tolist(), 0.25, 0.25, 0.0, 0.0)
-    mark_sum(layer, plane, edges_of(polygon.rings), np.array(polygon.vertices[:1]), other, 0.0)
-    points = low + (np.argwhere(np.ones_like(layer)) + 0.5) * 0.25
-    shifted = shapely.polygons(points[:, None] - other)
+    robot = PolygonRobot(tuple((float(x), float(y)) for x, y in vertices))
+    low = np.random.default_rng(seed).uniform(-1, 0, 2).tolist()
+    axes = (*(Axis(name, at, at + 6, 24) for name, at in zip("xy", low, strict=True)), Axis("t", turn - 1, turn + 1, 1))
+    layer = robot.occupancy(axes, [polygon], "centre")
+    points = low + (np.argwhere(np.ones(layer.shape[:2])) + 0.5) * 0.25
+    shifted = shapely.polygons(robot.corners([(*point, turn) for point in points]))
     meets = shapely.intersects(shifted, to_shapely(polygon))
     sure = np.abs(shapely.distance(shifted, to_shapely(polygon).boundary)) > 1e-9
     sure |= ~meets

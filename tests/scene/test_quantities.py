@@ -1,8 +1,10 @@
 import pytest
 from hypothesis import given, strategies as st
 
+import resgrid as rg
 from resgrid.errors import InputError
 from resgrid.scene import parse_quantity
+from resgrid.scene.quantities import format_quantity
 
 
 @pytest.mark.parametrize(
@@ -65,3 +67,9 @@ def test_everything_else_is_refused_with_a_remedy(text):
 @given(st.integers(0, 9999), st.integers(0, 999))
 def test_a_suffix_in_the_middle_is_the_decimal_point(whole, part):
     assert parse_quantity(f"{whole}k{part}") == float(f"{whole}.{part}e3")
+
+
+def test_shares_are_read_as_percentages_and_values_are_shown_with_a_prefix():
+    assert [rg.Chip(mismatch=share).mismatch for share in ("10 %", "2.5%", 0.1)] == [0.1, 0.025, 0.1]
+    values = (38.123e-6, "A", 3), (10e3, "Ω"), (4700.0,)
+    assert [format_quantity(*value) for value in values] == ["38.1 µA", "10 kΩ", "4.7k"]

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inner
+from resgrid.jit import inner, kernel
 from resgrid.solvers.multigrid.grid_level import WEAK, Level, level_of
 from resgrid.solvers.multigrid.lattice import Lattice
 from resgrid.solvers.multigrid.red_black import Edges, Floats, Indices, Integers, Singles, slot_of
@@ -150,7 +149,7 @@ def _united(
     return red[first], black[first], axis[first], summed
 
 
-@njit(cache=True)
+@kernel
 def strongest_at(edges: Edges, strongest: Singles) -> None:
     """Strongest conductance at every slot of both colours, shape (2, slots)."""
     faces, distance, margin, off_red, off_black, _, couplings = edges
@@ -166,7 +165,7 @@ def strongest_at(edges: Edges, strongest: Singles) -> None:
         strongest[1, off_black[k]] = max(strongest[1, off_black[k]], couplings[k])
 
 
-@njit(cache=True)
+@kernel
 def block_of_slots(
     exists: NDArray[np.bool_], rows: Integers, columns: int, margin: int, shift: int, coarse_rows: Integers,
     coarse_margin: int, coarse_slots: int, block: Indices,
@@ -189,7 +188,7 @@ def _joins(g: float, weak: float, strongest: Singles, red: int, black: int | np.
     return weak == 0.0 or g >= weak * max(strongest[0, red], strongest[1, black])
 
 
-@njit(cache=True)
+@kernel
 def count_inside(
     edges: Edges, block: Indices, weak: float, strongest: Singles, members: Indices, inner: Indices
 ) -> None:
@@ -212,7 +211,7 @@ def count_inside(
     members[0] = 0
 
 
-@njit(cache=True)
+@kernel
 def join_inside(
     edges: Edges, block: Indices, weak: float, strongest: Singles, doubtful: NDArray[np.bool_], parent: Indices
 ) -> None:
@@ -234,7 +233,7 @@ def join_inside(
             join(parent, red, slots + black)
 
 
-@njit(cache=True)
+@kernel
 def split_blocks(
     doubtful: NDArray[np.bool_], parent: Indices, block: Indices, coarse_slots: int, extra_block: Integers
 ) -> int:
@@ -263,7 +262,7 @@ def split_blocks(
     return count
 
 
-@njit(cache=True)
+@kernel
 def renumber(block: Indices, before: int, number: Indices, shift: int) -> None:
     """Give extra nodes, counted from ``2 before``, their slot, and move black slots by ``shift``, in place."""
     flat = block.ravel()
@@ -274,7 +273,7 @@ def renumber(block: Indices, before: int, number: Indices, shift: int) -> None:
             flat[node] += shift
 
 
-@njit(cache=True)
+@kernel
 def sum_blocks(
     edges: Edges, leak: Floats, target: Indices, first_extra: int, coarse: Edges, coarse_leak: Floats, inner: Singles
 ) -> int:
@@ -329,7 +328,7 @@ def _note(edges: Edges, k: int, red: Any, black: Any, axis: int, conductance: fl
     edges.off_axis[k], edges.couplings[k] = axis, conductance
 
 
-@njit(cache=True)
+@kernel
 def lengthen(edges: Edges, leak: Floats, inner: Singles) -> None:
     """Make the conductances of a coarse grid know length, in place.
 

@@ -10,9 +10,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from resgrid.jit import ZERO, inner, inner_fast
+from resgrid.jit import ZERO, inner, inner_fast, kernel
 from resgrid.solvers.multigrid.graph_sweeps import (
     Graphs,
     ascend_graph,
@@ -133,7 +132,7 @@ def precondition(
     return multiply_graph(graphs, finest.ground, z, r, s, w)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def run_cycle(levels: Levels, stop: float, top: int) -> None:
     """Approximate ``x = A^-1 b`` on level ``top`` by K-cycles.
 

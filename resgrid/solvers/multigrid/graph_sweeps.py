@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import FAST, inner, inner_fast
+from resgrid.jit import FAST, inner, inner_fast, kernel
 from resgrid.solvers.multigrid.subnormals import flush_subnormals, restore_subnormals
 
 Floats = NDArray[np.float64]
@@ -38,7 +38,7 @@ class Graphs(NamedTuple):
     coarsest: Singles
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def descend_graph(graphs: Graphs, level: int, b: Singles, x: Singles) -> None:
     """Gauss-Seidel from zero, and the residual summed into the next level's right-hand side.
 
@@ -65,7 +65,7 @@ def descend_graph(graphs: Graphs, level: int, b: Singles, x: Singles) -> None:
     restore_subnormals(flags)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def ascend_graph(graphs: Graphs, level: int, b: Singles, x: Singles, w: Singles) -> None:
     """Add the next level's answer, then Gauss-Seidel in the reverse order; ``w`` keeps the changes."""
     flags = flush_subnormals()

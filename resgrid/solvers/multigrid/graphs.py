@@ -9,10 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inner
+from resgrid.jit import inner, kernel
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
@@ -71,7 +70,7 @@ def coarsen_down(graph: Graph) -> tuple[list[Graph], list[NDArray[np.int32]]]:
     return graphs, targets
 
 
-@njit(cache=True)
+@kernel
 def grow_aggregates(
     indptr: Indices, indices: Indices, conductance: Floats, leak: Floats, most: int, strict: bool
 ) -> tuple[Indices, int]:
@@ -157,7 +156,7 @@ def _host(indptr: Indices, indices: Indices, conductance: Floats, aggregate: Ind
     return host
 
 
-@njit(cache=True)
+@kernel
 def sum_up(
     indptr: Indices, indices: Indices, conductance: Floats, leak: Floats, aggregate: Indices, count: int
 ) -> tuple[Indices, Indices, Floats, Floats]:

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inner, inner_fast
+from resgrid.jit import inner, inner_fast, kernel
 from resgrid.solvers.multigrid.graphs import Graph
 from resgrid.solvers.multigrid.krylov import scatter_rows
 from resgrid.solvers.multigrid.lattice import Lattice
@@ -175,7 +174,7 @@ def to_graph(level: Level) -> tuple[Graph, NDArray[np.int32]]:
     return Graph(indptr, indices, rows.data, level.leak.ravel()[used]), number
 
 
-@njit(cache=True)
+@kernel
 def slot_cells(
     node: Indices, row_of_node: Indices, rows: Integers, margin: int, slots: int, slot: Indices, at_node: Indices
 ) -> int:
@@ -198,7 +197,7 @@ def slot_cells(
     return count
 
 
-@njit(cache=True)
+@kernel
 def fill_faces(
     pairs: Indices, conductance: Floats, at_node: Indices, distance: Integers, scale: float, faces: Floats,
     couplings: Integers,
@@ -244,7 +243,7 @@ def _face_at(distance: Integers, away: int) -> int:
     return -1
 
 
-@njit(cache=True)
+@kernel
 def sum_degrees(edges: Edges, degree: Floats) -> tuple[Floats, Floats]:
     """Add all conductances to the leaks of both colours, ``degree`` of shape (2, slots).
 
@@ -268,7 +267,7 @@ def sum_degrees(edges: Edges, degree: Floats) -> tuple[Floats, Floats]:
     return total / np.maximum(count, 1.0), extremes
 
 
-@njit(cache=True)
+@kernel
 def compensate(stencil: Stencil, leak: Floats, degree: Reals) -> None:
     """Diagonal at black slots that makes up for the rounding of conductances and of the red diagonal's reciprocals.
 
@@ -342,7 +341,7 @@ def _compare(conductance: Floats, extremes: Floats) -> tuple[float, float]:
     return total, count
 
 
-@njit(cache=True)
+@kernel
 def invert(degree: Floats, inverse: Reals) -> None:
     """Reciprocals; 0 where there is no unknown."""
     for k in range(len(degree)):

@@ -24,11 +24,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.errors import AccuracyError
+from resgrid.jit import kernel
 from resgrid.solvers.decay import MOST_DECADES
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
@@ -40,9 +40,8 @@ from resgrid.solvers.multigrid.grid_level import Level, in_double, stencil_of, s
 from resgrid.solvers.multigrid.hierarchy import (
     NO_GROUND,
     Hierarchy,
-    coarsen_grid,
+    coarsen_beside,
     counted,
-    finest_stencils,
     largest_degree,
     lay_out_grid,
 )
@@ -139,16 +138,16 @@ class Scalable:
         return Hierarchy(pack_levels(grids, graphs), self.slot, self.unit, largest, finest, true, self.box)
 
 
-def scalable(laplacian: Laplacian) -> Scalable | None:
+def scalable(laplacian: Laplacian, team: Team = ALONE) -> Scalable | None:
     """Coarsen a grid to be scaled; None where it is none, or is not small before it falls apart."""
     found = lay_out_grid(laplacian)
     if found is None:
         return None
     level, slot, unit, box = found
-    levels, steps = coarsen_grid(level, keep=True)
+    levels, steps, first = coarsen_beside(level, team, keep=True)
     if not steps or levels[-1].size > _MOST_LEFT:
         return None
-    return Scalable(level, steps, finest_stencils(level), slot, unit, box)
+    return Scalable(level, steps, first, slot, unit, box)
 
 
 def cut_off(height: NDArray[np.float64], unknown: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -288,7 +287,7 @@ def _solved(level: Level, currents: NDArray[np.float64]) -> NDArray[np.float64]:
     return potential.reshape(currents.shape)
 
 
-@njit(cache=True)
+@kernel
 def transform(stencil: Stencil, height: Floats, leak: Floats) -> None:
     """Fill ``leak``, shape (2, slots), with ``h_i (A h)_i``."""
     margin, slots = stencil.margin, stencil.faces.shape[1]
@@ -312,7 +311,7 @@ def transform(stencil: Stencil, height: Floats, leak: Floats) -> None:
         leak[1, k] = black[k] * (stencil.black_degree[k] * black[k] - leak[1, k])
 
 
-@njit(cache=True)
+@kernel
 def scale_faces(edges: Edges, t: Floats, scaled: Floats) -> None:
     """``scaled = t_i g_ij t_j`` over all faces."""
     faces, margin = edges.faces, edges.margin
@@ -322,7 +321,7 @@ def scale_faces(edges: Edges, t: Floats, scaled: Floats) -> None:
             scaled[q, k] = faces[q, k] * t[0, k] * t[1, k + away]
 
 
-@njit(cache=True)
+@kernel
 def smooth(stencil: Stencil, currents: Floats, x: Floats, sweeps: int) -> None:
     """Gauss-Seidel by colour, in place: positive numbers stay positive; ``currents`` and ``x`` of shape (2, slots)."""
     for _ in range(sweeps):

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import ZERO, inner, inner_fast
+from resgrid.jit import ZERO, inner, inner_fast, kernel
 from resgrid.solvers.multigrid.cycle import CHUNK
 
 Floats = NDArray[np.float64]
@@ -45,14 +45,14 @@ class Vectors(NamedTuple):
     scalars: Floats
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def scatter_rows(slot: Indices, values: Floats, factor: float, at_slots: Floats) -> None:
     """Write ``factor`` times the values of all rows to their slots."""
     for k in range(len(values)):
         at_slots[np.uint32(slot[k])] = factor * values[k]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def gather_rows(slot: Indices, at_slots: Floats) -> Floats:
     """The values of all rows."""
     values = np.empty(len(slot))
@@ -70,7 +70,7 @@ def norm(x: Floats) -> float:
     return math.sqrt(total)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def row_residual(
     indptr: Unsigned, indices: Unsigned, conductance: Floats, ground: Floats, slot: Indices, b: Floats, x: Floats,
     r: Floats,
@@ -86,7 +86,7 @@ def row_residual(
     return math.sqrt(total)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def begin_burst(v: Vectors, one: float, residual: Floats) -> None:
     """``r = residual / one``, and ``z = inverse r``; ``residual`` may lie where the last ``z`` will stand."""
     for k in range(len(v.r)):
@@ -133,7 +133,7 @@ def restart(v: Vectors) -> None:
 _restart = inner(restart)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def advance_all(v: Vectors, beta: float, alpha: float) -> float:
     """`advance` on all slots; returns ``|r|``."""
     squares, z = 0.0, v.z[int(v.scalars[0])]
@@ -158,7 +158,7 @@ def advance(
     return total
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def gather_steps(v: Vectors, x: Floats, one: float) -> None:
     """Go the steps noted: they become part of ``x``, in units of ``one``."""
     add_steps(v, x, one, ZERO, len(x))
@@ -187,7 +187,7 @@ def _add_steps(
         x[k] += one * far
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def largest_step(v: Vectors) -> float:
     """Largest entry of the last direction."""
     most, count = 0.0, int(v.scalars[0])

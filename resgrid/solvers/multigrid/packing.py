@@ -9,10 +9,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inner
+from resgrid.jit import inner, kernel
 from resgrid.solvers import numbering_kernels as numbering
 from resgrid.solvers.multigrid.cycle import Grids, Levels, Work
 from resgrid.solvers.multigrid.graph_sweeps import Graphs
@@ -127,7 +126,7 @@ def _inverse(graph: Graph) -> NDArray[np.float32]:
     return inverse_matrix(graph.indptr, graph.indices, graph.conductance, graph.leak)
 
 
-@njit(cache=True)
+@kernel
 def inverse_of(order: Indices) -> Indices:
     """Where every element of a permutation stands."""
     rank = np.empty(len(order), np.int32)
@@ -136,7 +135,7 @@ def inverse_of(order: Indices) -> Indices:
     return rank
 
 
-@njit(cache=True)
+@kernel
 def order_by_colour(indptr: Indices, indices: Indices, window: int) -> Indices:
     """The nodes by colour; in windows of each colour by the length of their rows, then by how many come before.
 
@@ -164,7 +163,7 @@ def order_by_colour(indptr: Indices, indices: Indices, window: int) -> Indices:
     return _sorted(by_length, key, start)
 
 
-@njit(cache=True)
+@kernel
 def _colours(indptr: Indices, indices: Indices) -> tuple[Indices, NDArray[np.int64]]:
     """Greedy colours, and how many nodes have each."""
     n = len(indptr) - 1
@@ -197,7 +196,7 @@ def _sorted(nodes: Indices, key: Indices, start: Indices) -> Indices:
     return out
 
 
-@njit(cache=True)
+@kernel
 def lay_rows(
     rows: tuple[Indices, Indices, Floats, Floats], order: Indices, rank: Indices, first: int, entry: int, packed: Graphs
 ) -> None:
@@ -224,7 +223,7 @@ def lay_rows(
     packed.indptr[first + len(order)] = begin
 
 
-@njit(cache=True)
+@kernel
 def inverse_matrix(indptr: Indices, indices: Indices, conductance: Floats, leak: Floats) -> Singles:
     """Inverse of a level's matrix, its diagonal a little larger so that it has one; pivots in order, for M-matrices."""
     n = len(leak)

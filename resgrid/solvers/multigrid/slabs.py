@@ -9,9 +9,8 @@ slabs, and added behind them (`finish_...`).
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from resgrid.jit import ZERO, inner
+from resgrid.jit import ZERO, inner, kernel
 from resgrid.solvers.multigrid.cycle import CHUNK, combine, keep_step, take_step
 from resgrid.solvers.multigrid.krylov import Vectors, add_steps, advance
 from resgrid.solvers.multigrid.red_black import (
@@ -45,7 +44,7 @@ from resgrid.solvers.multigrid.sweeps import (
 )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def eliminate_part(
     stencil: Stencil, red_fed: Singles, black_fed: Singles, slab: Slab, f: Singles, z: Singles, share: Singles
 ) -> None:
@@ -71,7 +70,7 @@ def eliminate_part(
     restore_subnormals(flags)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def finish_eliminating(stencil: Stencil, red_fed: Singles, f: Singles, z: Singles) -> None:
     """What couplings carry, behind all slabs."""
     flags = flush_subnormals()
@@ -85,7 +84,7 @@ def finish_eliminating(stencil: Stencil, red_fed: Singles, f: Singles, z: Single
     restore_subnormals(flags)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def relax_from_zero(inverse: Singles, r: Singles, z: Singles, begin: int, end: int, share: Singles) -> None:
     """``z = inverse r`` on some slots; clears a share of the next level."""
     flags = flush_subnormals()
@@ -95,7 +94,7 @@ def relax_from_zero(inverse: Singles, r: Singles, z: Singles, begin: int, end: i
     restore_subnormals(flags)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def restrict_part(
     stencil: Stencil, aggregate: Indices, weight: Singles, z: Singles, slab: Slab, noted: Singles, coarse: Singles
 ) -> None:
@@ -105,7 +104,7 @@ def restrict_part(
     restore_subnormals(flags)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def finish_restricting(stencil: Stencil, aggregate: Indices, weight: Singles, noted: Singles, coarse: Singles) -> None:
     """What couplings carry, behind all slabs."""
     flags = flush_subnormals()
@@ -113,7 +112,7 @@ def finish_restricting(stencil: Stencil, aggregate: Indices, weight: Singles, no
     restore_subnormals(flags)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def relax_part(
     stencil: Stencil, way: tuple[Indices, Singles, Singles], r: Singles, before: Singles, slab: Slab, own: Singles,
     noted: Singles, z: Singles,
@@ -146,7 +145,7 @@ def relax_part(
     restore_subnormals(flags)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def finish_relaxing(stencil: Stencil, noted: Singles, z: Singles) -> None:
     """What couplings carry, behind all slabs."""
     flags = flush_subnormals()
@@ -154,7 +153,7 @@ def finish_relaxing(stencil: Stencil, noted: Singles, z: Singles) -> None:
     restore_subnormals(flags)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def multiply_part(
     exact: Stencil, z: Singles, r: Singles, s: Singles, slab: Slab, noted: Reals, w: Singles, sums: Floats
 ) -> None:
@@ -176,7 +175,7 @@ def multiply_part(
     restore_subnormals(flags)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def finish_multiplying(exact: Stencil, noted: Reals, z: Singles, w: Singles) -> float:
     """What couplings carry, behind all slabs; returns by how much ``z.w`` becomes less."""
     flags = flush_subnormals()
@@ -185,7 +184,7 @@ def finish_multiplying(exact: Stencil, noted: Reals, z: Singles, w: Singles) -> 
     return less
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def take_part(r: Singles, v: Singles, step: float, chunks: tuple[int, int], sums: Floats) -> None:
     """`cycle.take_step` on some chunks of slots; ``sums`` (chunks, 2) of squares before and after."""
     flags = flush_subnormals()
@@ -195,7 +194,7 @@ def take_part(r: Singles, v: Singles, step: float, chunks: tuple[int, int], sums
     restore_subnormals(flags)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def keep_part(z: Singles, c: Singles, step: float, enough: bool, begin: int, end: int) -> None:
     """`cycle.keep_step` on some slots."""
     flags = flush_subnormals()
@@ -203,7 +202,7 @@ def keep_part(z: Singles, c: Singles, step: float, enough: bool, begin: int, end
     restore_subnormals(flags)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def combine_part(z: Singles, c: Singles, on_c: float, on_z: float, begin: int, end: int) -> None:
     """`cycle.combine` on some slots."""
     flags = flush_subnormals()
@@ -211,7 +210,7 @@ def combine_part(z: Singles, c: Singles, on_c: float, on_z: float, begin: int, e
     restore_subnormals(flags)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def put_back_part(stencil: Stencil, z: Singles, red_fed: Singles, slab: Slab, red: Singles, black: Singles) -> None:
     """Voltages of the black nodes, and of the red ones that follow."""
     flags = flush_subnormals()
@@ -222,7 +221,7 @@ def put_back_part(stencil: Stencil, z: Singles, red_fed: Singles, slab: Slab, re
     restore_subnormals(flags)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def advance_part(
     v: Vectors, z: Singles, beta: float, alpha: float, chunks: tuple[int, int], sums: Floats, share: Singles
 ) -> None:
@@ -233,13 +232,13 @@ def advance_part(
         sums[chunk] = advance(v.inverse, v.w, v.s, v.r, z, beta, alpha, begin, min(begin + CHUNK, len(z)))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def gather_part(v: Vectors, x: Floats, one: float, begin: int, end: int) -> None:
     """`krylov.add_steps` on some slots."""
     add_steps(v, x, one, begin, end)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def begin_part(v: Vectors, one: float, residual: Floats, z: Singles, begin: int, end: int, share: Singles) -> None:
     """`krylov.begin_burst` on some slots; clears a share of the next level."""
     share[:] = 0.0
@@ -248,7 +247,7 @@ def begin_part(v: Vectors, one: float, residual: Floats, z: Singles, begin: int,
         z[k] = v.inverse[k] * v.r[k]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def residual_part(
     stencil: Stencil, b: Floats, x: Floats, r: Floats, slab: Slab, noted: Floats, squares: Floats
 ) -> None:
@@ -256,7 +255,7 @@ def residual_part(
     _note_own(stencil, slab, residual_slab(stencil, b, x, r, slab, squares), noted)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def norm_of_residual(stencil: Stencil, noted: Floats, squares: Floats, r: Floats) -> float:
     """The rest of `sweeps.black_residual`, behind all slabs."""
     return finish_residual(stencil, noted, squares, r)

@@ -10,9 +10,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from resgrid.jit import ZERO, inner, inner_fast
+from resgrid.jit import ZERO, inner, inner_fast, kernel
 from resgrid.solvers.multigrid.red_black import (
     Floats,
     Indices,
@@ -140,7 +139,7 @@ def _scale(inverse: Reals, begin: int, count: int, value: Reals, to: int) -> Non
         value[v_at + k] *= inverse[at + k]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def restrict(stencil: Stencil, aggregate: Indices, weight: Singles, z: Singles, coarse: Singles) -> None:
     """Let the red cells follow the black values ``z``, and sum the black residual into the next level.
 
@@ -218,7 +217,7 @@ def add_from_nodes(
         total[k] = z[k] + coarse[np.uint32(aggregate[k])]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def prolong_and_multiply(
     stencil: Stencil, exact: Stencil, aggregate: Indices, weight: Singles, coarse: Singles, r: Singles, s: Singles,
     z: Singles, w: Singles,
@@ -301,7 +300,7 @@ def products(
     return a, b, c
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def black_residual(stencil: Stencil, b: Floats, x: Floats, r: Floats) -> float:
     """Relax the red cells exactly, and form the residual at the black ones; ``b`` and ``x`` of shape (2, slots).
 
@@ -351,7 +350,7 @@ def finish_residual(stencil: Stencil, coupled: Reals, squares: Floats, r: Floats
     return math.sqrt(total)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def residual_at_rest(stencil: Stencil, b: Floats, x: Floats, r: Floats) -> float:
     """The same from ``x = 0`` on: only conductances at red cells that are fed are read."""
     for k in range(x.shape[1]):

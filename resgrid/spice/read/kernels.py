@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inner
+from resgrid.jit import inner, kernel
 
 Bytes = NDArray[np.uint8]
 
@@ -132,7 +132,7 @@ def _node(text: Bytes, start: int, stop: int, key: np.uint64, known: NodeHash, c
         slot = (slot + 1) & mask
 
 
-@njit(cache=True)
+@kernel
 def cut(  # noqa: PLR0912, PLR0915
     text: Bytes,
     start: int,
@@ -286,7 +286,7 @@ def _card(
     return stop, node_count
 
 
-@njit(cache=True)
+@kernel
 def gather(text: Bytes, spans: NDArray[np.int64]) -> Bytes:
     """Pieces of a text, a line each."""
     size = 0

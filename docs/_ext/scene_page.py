@@ -94,3 +94,7 @@ def _kind(described: Mapping[str, Any]) -> str:
     ranges = [words.format(described[key]) for key, words in _RANGES.items() if key in described]
     kind = {"number": "number", "integer": "whole number", "string": "text", "boolean": "`true` or `false`"}
     return " ".join([kind.get(str(described.get("type")), "anything"), ", ".join(ranges)]).strip()
+
+
+if __name__ == "__main__":
+    print(scene_reference(), end="")
