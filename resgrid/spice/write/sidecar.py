@@ -12,6 +12,7 @@ import platform
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
 from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -19,7 +20,6 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveInt, ValidationError
 
-import resgrid
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import InputError
 from resgrid.files import read_bytes
@@ -157,7 +157,7 @@ def format_sidecar(deck_name: str, deck: Deck, expected: Expected, more: Mapping
         "supply": expected.supply,
         "current_scale": expected.current_scale,
         "kcl_residual": expected.kcl_residual,
-        "versions": {"numpy": np.__version__, "python": platform.python_version(), "resgrid": resgrid.__version__},
+        "versions": {"numpy": np.__version__, "python": platform.python_version(), "resgrid": _own_version()},
         "left_out": deck.left_out,
         "renamed": {"elements": dict(deck.renamed_elements), "nodes": dict(deck.renamed_nodes)},
         "blocks": {"lines": _BLOCK_LINES, "sha256": block_hashes(data, _BLOCK_LINES)},
@@ -180,6 +180,13 @@ def _node_lines(deck: Deck, expected: Expected) -> Iterator[str]:
             cells[node] = str(cell)
     for name, cell in zip(deck.node_names, cells, strict=True):
         yield f'"{name}": {{"cell": {cell}, "voltage": {expected.voltage[name]!r}}}'
+
+
+def _own_version() -> str:
+    try:
+        return version("resgrid")
+    except PackageNotFoundError:
+        return "unknown"
 
 
 def read_sidecar(deck: Path) -> Sidecar:
