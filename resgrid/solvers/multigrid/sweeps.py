@@ -25,7 +25,6 @@ from resgrid.solvers.multigrid.red_black import (
     into_black,
     into_red,
     relax,
-    spread,
 )
 from resgrid.solvers.multigrid.subnormals import flush_subnormals, restore_subnormals
 
@@ -139,8 +138,8 @@ def _scale(inverse: Reals, begin: int, count: int, value: Reals, to: int) -> Non
         value[v_at + k] *= inverse[at + k]
 
 
-@kernel
-def restrict(stencil: Stencil, aggregate: Indices, weight: Singles, z: Singles, coarse: Singles) -> None:
+@inner
+def restrict_within(stencil: Stencil, aggregate: Indices, weight: Singles, z: Singles, coarse: Singles) -> None:
     """Let the red cells follow the black values ``z``, and sum the black residual into the next level.
 
     ``aggregate`` leads from a black slot to its node there; from unused slots to node 0, which nothing belongs to.
@@ -152,6 +151,9 @@ def restrict(stencil: Stencil, aggregate: Indices, weight: Singles, z: Singles, 
     coupled = restrict_slab(stencil, aggregate, weight, z, _whole(stencil), coarse)
     restrict_couplings(stencil, aggregate, weight, coupled, coarse)
     restore_subnormals(flags)
+
+
+restrict = kernel(restrict_within)
 
 
 @inner
@@ -217,8 +219,8 @@ def add_from_nodes(
         total[k] = z[k] + coarse[np.uint32(aggregate[k])]
 
 
-@kernel
-def prolong_and_multiply(
+@inner
+def prolong_within(
     stencil: Stencil, exact: Stencil, aggregate: Indices, weight: Singles, coarse: Singles, r: Singles, s: Singles,
     z: Singles, w: Singles,
 ) -> tuple[float, float, float]:  # fmt: skip
@@ -261,6 +263,9 @@ def prolong_and_multiply(
     zw -= multiply_couplings(exact, second.coupled, z, w)
     restore_subnormals(flags)
     return zr, zw, zs
+
+
+prolong_and_multiply = kernel(prolong_within)
 
 
 @inner
@@ -348,22 +353,6 @@ def finish_residual(stencil: Stencil, coupled: Reals, squares: Floats, r: Floats
     for block in range(len(squares)):
         total += squares[block]
     return math.sqrt(total)
-
-
-@kernel
-def residual_at_rest(stencil: Stencil, b: Floats, x: Floats, r: Floats) -> float:
-    """The same from ``x = 0`` on: only conductances at red cells that are fed are read."""
-    for k in range(x.shape[1]):
-        x[0, k] = stencil.red_inverse[k] * b[0, k]
-        r[k] = b[1, k]
-    for block in range(blocks_of(stencil)):
-        begin, count = extent(stencil, block)
-        if np.any(x[0, begin : begin + count]):
-            for q in range(len(stencil.distance)):
-                spread(stencil.faces, q, begin, stencil.distance[q], count, x[0], r)
-    for m in range(len(stencil.couplings)):
-        r[stencil.off_black[m]] += stencil.couplings[m] * x[0, stencil.off_red[m]]
-    return math.sqrt(_squares(r))
 
 
 @inner_fast
