@@ -175,8 +175,9 @@ def kind_of(hint: Any) -> Kind:  # noqa: PLR0911
     if origin is Literal:
         return Kind(lambda value: isinstance(value, str) and value in parts, (" or ".join(map(repr, parts)),))
     if origin is np.ndarray:
-        is_mask = np.bool_ in get_args(parts[1])
-        return Kind(_is_mask, _NUMBERS.words) if is_mask else _NUMBERS
+        if np.bool_ in get_args(parts[1]):
+            return Kind(lambda value: isinstance(value, np.ndarray) and value.dtype.kind == "b", _NUMBERS.words)
+        return _NUMBERS
     return _plain_kind(hint, origin or hint)
 
 
@@ -231,10 +232,6 @@ def _is_array(value: Any) -> bool:
         return np.asarray(value).dtype.kind in "biuf"
     except (TypeError, ValueError, OverflowError):
         return False
-
-
-def _is_mask(value: Any) -> bool:
-    return isinstance(value, np.ndarray) and value.dtype.kind == "b"
 
 
 _NUMBERS = Kind(_is_array, ("numbers",))

@@ -53,10 +53,10 @@ def _solved(netlist: Netlist, accuracy: str, method: str, rtol: float, team: Tea
             point = read_normwise(system, x, name, seconds)
         return replace(point, iterations=watch.iterations, backward_error=watch.error, levels=watch.levels)
     with _timed(seconds, "substitute"):
-        values = node_values(system, factors, watch, team.size)
+        values = node_values(system, factors, watch, team)
         del factors
     with _timed(seconds, "read"):
-        point, residual = read_entrywise(system, values, name, seconds)
+        point, residual = read_entrywise(system, values, name, seconds, team)
     signed = point.log_drop is None and point.potential is None
     bound = np.inf if signed else watch.bound + np.finfo(np.float64).eps
     point = replace(

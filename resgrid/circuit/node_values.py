@@ -10,8 +10,6 @@ difference.  But ``A^-1`` has no negative entry: the error is at most ``A^-1 |r|
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -24,6 +22,7 @@ from resgrid.solvers.factors.factor import Factor
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.rails import Rails
+from resgrid.solvers.team import Team
 
 _LEAST_REST = 1e-3
 """Smallest height above the low rail, as a share of both rails' distance, that is read off the drop."""
@@ -56,32 +55,32 @@ class NodeValues:
         return np.where(self.down, 1.0 - plain, plain)
 
 
-def node_values(system: Equations, factors: Factor | None, watch: Watch, threads: int) -> NodeValues:
+def node_values(system: Equations, factors: Factor | None, watch: Watch, team: Team) -> NodeValues:
     """Solve for all that the currents of a circuit are read off."""
     if system.rails is not None:
-        return _between(system, system.rails, *_drop_and_height(system.rails, factors, watch, threads))
+        return _between(system, system.rails, *_drop_and_height(system.rails, factors, watch, team), team)
     drive = system.drive
-    rising, falling = _solved(factors, [np.maximum(drive, 0.0), np.maximum(-drive, 0.0)], watch, threads)
+    rising, falling = _solved(factors, [np.maximum(drive, 0.0), np.maximum(-drive, 0.0)], watch, team)
     if not np.any(drive < 0):
-        return _above(system, rising, 1.0)
+        return _above(system, rising, 1.0, team)
     if not np.any(drive > 0):
-        return _above(system, falling, -1.0)
+        return _above(system, falling, -1.0, team)
     assert factors is not None
     difference, doubt, grain = subtract(factors, drive, system.drive_rounding, rising, falling, watch.bound)
-    return replace(_above(system, difference, 1.0), doubt=doubt, grain=grain)
+    return replace(_above(system, difference, 1.0, team), doubt=doubt, grain=grain)
 
 
-def _drop_and_height(rails: Rails, factors: Factor | None, watch: Watch, threads: int) -> tuple[Scaled, Scaled | None]:
+def _drop_and_height(rails: Rails, factors: Factor | None, watch: Watch, team: Team) -> tuple[Scaled, Scaled | None]:
     """The drop from the high rail, and the height above the low one where it is no mere rest of the drop.
 
     All that flows into the low rail comes from the high one: ``to_low * height`` is at most the sum of ``to_high``.
     Where that says that both are needed, they are solved at once.
     """
-    if threads > 1 and rails.to_high.sum() < _LEAST_REST * rails.to_low.max(initial=0.0):
-        drop, height = _solved(factors, [rails.to_low, rails.to_high], watch, threads)
+    if team.size > 1 and rails.to_high.sum() < _LEAST_REST * rails.to_low.max(initial=0.0):
+        drop, height = _solved(factors, [rails.to_low, rails.to_high], watch, team)
         return drop, None if _leaves_rest(drop) else height
-    (drop,) = _solved(factors, [rails.to_low], watch, threads)
-    return drop, None if _leaves_rest(drop) else _solved(factors, [rails.to_high], watch, threads)[0]
+    (drop,) = _solved(factors, [rails.to_low], watch, team)
+    return drop, None if _leaves_rest(drop) else _solved(factors, [rails.to_high], watch, team)[0]
 
 
 def _leaves_rest(drop: Scaled) -> bool:
@@ -89,50 +88,50 @@ def _leaves_rest(drop: Scaled) -> bool:
     return bool(drop.plain.max(initial=0.0) < 1.0 - _LEAST_REST)
 
 
-def _solved(factors: Factor | None, currents: list[NDArray[np.float64]], watch: Watch, threads: int) -> list[Scaled]:
-    """Solve for right-hand sides of one sign each."""
+def _solved(factors: Factor | None, currents: list[NDArray[np.float64]], watch: Watch, team: Team) -> list[Scaled]:
+    """Solve for right-hand sides of one sign each, side by side; an interrupt stops all."""
 
     def one(rhs: NDArray[np.float64]) -> Scaled:
         if factors is None or not rhs.any():
             return Scaled.of(np.zeros(len(rhs)))
-        return factors.solve_nonnegative(rhs, watch=watch)[0]
-
-    return _side_by_side([partial(one, rhs) for rhs in currents], threads, watch.stop)
-
-
-def _side_by_side(jobs: list[Callable[[], Scaled]], threads: int, stop: Callable[[], None]) -> list[Scaled]:
-    """Results of all jobs, in their order; with one thread one job after the other."""
-    if threads <= 1 or len(jobs) <= 1:
-        return [job() for job in jobs]
-    with ThreadPoolExecutor(min(threads, len(jobs))) as pool:
-        running = [pool.submit(job) for job in jobs]
         try:
-            return [future.result() for future in running]
-        except BaseException:
-            stop()
+            return factors.solve_nonnegative(rhs, watch=watch)[0]
+        except KeyboardInterrupt:
+            watch.stop()
             raise
 
+    return team.together([partial(one, rhs) for rhs in currents])
 
-def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | None) -> NodeValues:
+
+def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | None, team: Team) -> NodeValues:
     """Spread drops, and heights where they were solved for, over the nodes."""
     from resgrid.circuit.kernels import from_nearer_rail
 
     nodes = len(system.unknown)
     out, down = _zeros(nodes), np.zeros(nodes, dtype=np.bool_)
     own = height if height is not None else _zeros(0)
-    from_nearer_rail(system.unknown, system.known, rails.low, rails.high, drop, own, out, down)
+
+    def spread(piece: slice) -> None:
+        row, known = system.unknown[piece], system.known[piece]
+        from_nearer_rail(row, known, rails.low, rails.high, drop, own, out.at(piece), down[piece])
+
+    team.over(nodes, spread)
     value = Scaled(out.hi, out.lo, out.exponent, drop.noise)
     noise = height.noise if height is not None else drop.noise / _LEAST_REST
     return NodeValues(value, down, rails.low, rails.high - rails.low, noise)
 
 
-def _above(system: Equations, rows: Scaled, volts: float) -> NodeValues:
+def _above(system: Equations, rows: Scaled, volts: float, team: Team) -> NodeValues:
     """Spread heights above the reference over the nodes."""
     from resgrid.circuit.kernels import from_one_rail
 
     nodes, forest = len(system.unknown), system.forest
     out = _zeros(nodes)
-    from_one_rail(system.unknown, system.known, system.reference, volts, rows, out)
+
+    def spread(piece: slice) -> None:
+        from_one_rail(system.unknown[piece], system.known[piece], system.reference, volts, rows, out.at(piece))
+
+    team.over(nodes, spread)
     lifted = (forest.height != 0) & (system.unknown[forest.order] >= 0)
     if lifted.any():
         # Floating sources occur only in circuits without two rails, whose values do not leave the range of a double.

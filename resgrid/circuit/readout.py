@@ -19,6 +19,7 @@ from resgrid.circuit.sources import SourceForest, source_currents
 from resgrid.errors import CircuitError
 from resgrid.netlist import GROUND, Netlist
 from resgrid.solvers.extended import Scaled, logarithm, power
+from resgrid.solvers.team import ALONE, Team
 
 OUT_OF_RANGE = (
     "a voltage exceeds 1.8e308 V, the range of double precision: the currents fed in are too large for the "
@@ -86,14 +87,14 @@ def read_normwise(
 
 
 def read_entrywise(
-    system: Equations, values: NodeValues, method: str, seconds: Mapping[str, float]
+    system: Equations, values: NodeValues, method: str, seconds: Mapping[str, float], team: Team
 ) -> tuple[OperatingPoint, NDArray[np.float64]]:
     """Read everything off the values of the nodes.  Returns `residual` (nodes,)."""
     voltage = _voltage(system, values)
     log_drop, potential = _stored(system, values)
     stored, sign = (log_drop, -1.0) if log_drop is not None else (potential, 1.0)
     readings, residual = _readings(
-        system.netlist, system.forest, system.unknown, values, stored, float(np.sign(values.volts)) * sign
+        system.netlist, system.forest, system.unknown, values, stored, float(np.sign(values.volts)) * sign, team
     )
     point = OperatingPoint(
         netlist=system.netlist,
@@ -126,6 +127,7 @@ def _readings(
     values: NodeValues,
     stored: NDArray[np.float64] | None,
     sign: float,
+    team: Team = ALONE,
     *,
     clusters: bool = True,
 ) -> tuple[Readings, NDArray[np.float64]]:
@@ -140,7 +142,14 @@ def _readings(
     value, plain = _plain_where_possible(values, netlist)
     ends, amps = netlist.resistor_nodes, np.empty(len(netlist.conductance))
     exponent = np.zeros(0 if plain else len(amps), dtype=np.int64)
-    power_sum = currents(ends, netlist.conductance, value, values.down, values.volts, values.noise, amps, exponent)
+
+    def through(piece: slice) -> float:
+        return currents(
+            ends[piece], netlist.conductance[piece], value, values.down, values.volts, values.noise, amps[piece],
+            exponent[piece],
+        )  # fmt: skip
+
+    power_sum = sum(team.over(len(amps), through))
     sums = _balance(netlist, amps, exponent)
     if stored is not None:
         drop_unresolved(ends, amps, exponent, sums.exponent, sums.net, sums.through, stored, sign, HARMLESS)

@@ -17,6 +17,7 @@ from resgrid.errors import AccuracyError, CircuitError, InputError
 from resgrid.page.circuit import describe_circuit
 from resgrid.page.drawing import Drawing
 from resgrid.page.flaws import flawed, flaws_of
+from resgrid.page.messages import in_page_words
 from resgrid.page.warm import TOLERANCE, WarmFields
 from resgrid.planning.certify import certify
 from resgrid.planning.fields import Field
@@ -134,7 +135,7 @@ def _path_head(path: Streamline | None, points: int) -> dict[str, Any]:
     head = {"outcome": str(path.outcome), "points": points, "goal": path.goal, "cells": len(path.cells)}
     if path.outcome is Outcome.REACHED:
         return head | {"length": path.length, "clearance": path.clearance}
-    return head | {"message": (path.reason or "").replace("use --drive uniform", "choose the uniform drive")}
+    return head | {"message": in_page_words(path.reason or "")}
 
 
 def _picture(frame: Frame) -> tuple[dict[str, Any], NDArray[np.uint16]]:

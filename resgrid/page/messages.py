@@ -23,6 +23,14 @@ from resgrid.space import Cell
 LARGEST = 8 << 20
 """Bytes of the longest message."""
 
+_WORDS = {
+    "use --drive uniform": "choose the uniform drive",
+    "--drive uniform": "the uniform drive",
+    "--boundary neumann": "k = 0",
+    "boundary = 'neumann'": "k = 0",
+}
+"""What an option of the command line is called on the page."""
+
 _Point = Annotated[tuple[float, ...], Strict(False), Len(2, 2)]
 
 
@@ -141,6 +149,13 @@ def write_drawing(drawing: Drawing) -> tuple[dict[str, Any], bytes]:
         "world": None if drawing.world is None else dict(drawing.world),
     }
     return {"drawing": head, "goals": goals}, (drawing.cell | drawing.level << 2).tobytes()
+
+
+def in_page_words(text: str) -> str:
+    """A message of the library, with what there is on the page in place of options of the command line."""
+    for option, words in _WORDS.items():
+        text = text.replace(option, words)
+    return text
 
 
 def pack(head: dict[str, Any], *body: bytes) -> bytes:

@@ -14,7 +14,7 @@ from resgrid.errors import InputError, ResgridError
 from resgrid.page.arms import pose, poses, resample
 from resgrid.page.drawing import Drawing, drawing_of
 from resgrid.page.frames import Frame, describe, describe_ends, probe, solve_drawing
-from resgrid.page.messages import Request, pack, read_drawing, read_request, write_drawing
+from resgrid.page.messages import Request, in_page_words, pack, read_drawing, read_request, write_drawing
 from resgrid.page.opening import examples, open_document, open_example, open_files
 from resgrid.page.warm import WarmFields
 
@@ -49,7 +49,7 @@ class Session:
             seq = request.seq
             head, parts = self._reply(request, body)
         except ResgridError as error:
-            head, parts = {"error": str(error), "kind": type(error).__name__}, []
+            head, parts = {"error": in_page_words(str(error)), "kind": type(error).__name__}, []
         except MemoryError:
             head, parts = {"error": "this does not fit in memory; use a coarser grid", "kind": "MemoryError"}, []
         except Exception as error:  # a fault of resgrid, which must not end the conversation

@@ -22,7 +22,7 @@ from pydantic import (
 )
 
 from resgrid.axis import Axis
-from resgrid.robots import ROBOTS, Arm, Ball, Box, HalfSpace, PointRobot, Polygon, Robot
+from resgrid.robots import ROBOTS, Arm, Ball, Box, HalfSpace, PointRobot, Polygon, Robot, Sampling
 from resgrid.robots.shapes import LARGEST
 from resgrid.scene.chip import Chip, Defects, Readout
 from resgrid.scene.control import Control
@@ -317,7 +317,7 @@ SceneFile: Any = create_model(
     boundary=_key("boundary", Boundary, "dirichlet"),
     drive=_key("drive", Drive | None, None),
     edge=_key("edge", _EDGES, ("obstacle",)),
-    sampling=_key("sampling", Literal["conservative", "centre"], "conservative"),
+    sampling=_key("sampling", Sampling, "conservative"),
     k=_key("k", _BLENDS, ()),
     robot=_key("robot", _one_of("robot"), PointRobot()),
     grid=_key("grid", Grid | None, None, about="The cells; this or a map."),

@@ -110,6 +110,7 @@ def test_nonsense_gets_a_clear_answer_and_harms_nothing(served, head, said):
         (lambda head, body: (head, body[:-1]), "bytes"),
         (lambda head, body: (head, b"\xff" + body[1:]), "none of free"),
         (lambda head, body: (head | {"chip": {"resistance": "soft"}}, body), "resistance"),
+        (lambda head, body: (head | {"edge": ["open", "open"]}, body), "k = 0"),
     ],
 )
 def test_a_wrong_drawing_gets_a_clear_answer(served, change, said):

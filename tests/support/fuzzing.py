@@ -52,7 +52,7 @@ def _inside(rng: random.Random, box: Box, beyond: float = 0.0) -> tuple[float, f
 
 def drag(page: Page, rng: random.Random) -> None:
     """Press on a canvas, go over it, and let go."""
-    box = _place(page, rng, "main canvas:not(#legend-bar)")
+    box = _place(page, rng, "main canvas")
     if box is None:
         return
     page.mouse.move(*_inside(rng, box, 0.05))
@@ -107,7 +107,7 @@ def open_example(page: Page, rng: random.Random) -> None:
 
 def write_number(page: Page, rng: random.Random) -> None:
     """Type something where a number is expected."""
-    box = _place(page, rng, "input[type=number], input[type=text]")
+    box = _place(page, rng, "input[type=number], dialog input")
     if box is None:
         return
     page.mouse.click(*_inside(rng, box, -0.1))

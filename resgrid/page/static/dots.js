@@ -11,41 +11,33 @@ export class Dots {
     this.count = count;
     this.x = new Float32Array(count);
     this.y = new Float32Array(count);
-    this.u = new Float32Array(count);
-    this.v = new Float32Array(count);
     this.life = new Float32Array(count);
   }
 
   /** @param {Frame} frame @param {boolean[]} periodic @param {number} seconds */
   move(frame, periodic, seconds) {
-    const pace = Math.max(frame.nx, frame.ny) / 7;
-    const steps = Math.max(1, Math.ceil(2 * pace * seconds));
+    const pace = Math.max(frame.nx, frame.ny) / 7, steps = Math.max(1, Math.ceil(2 * pace * seconds));
     for (let n = 0; n < this.count; n++) {
       this.life[n] -= seconds;
-      let alive = this.life[n] > 0;
-      for (let s = 0; s < steps && alive; s++) alive = this.#step(n, frame, periodic, (pace * seconds) / steps);
-      if (!alive) this.#spawn(n, frame);
+      let isAlive = this.life[n] > 0;
+      for (let s = 0; s < steps && isAlive; s++) isAlive = this.#step(n, frame, periodic, (pace * seconds) / steps);
+      if (!isAlive) this.#spawn(n, frame);
     }
   }
 
   /** @param {number} n @param {Frame} frame @param {boolean[]} periodic @param {number} by */
   #step(n, { nx, ny, currents, speed }, periodic, by) {
-    const i = Math.floor(this.x[n]), j = Math.floor(this.y[n]);
-    if (i < 0 || j < 0 || i >= nx || j >= ny) return false;
-    const cell = i * ny + j, face = 4 * cell;
-    if (!speed[cell]) return false;
-    const a = this.x[n] - i, b = this.y[n] - j, rate = speed[cell] / (255 * 127);
-    this.u[n] = rate * (currents[face] * (1 - a) + currents[face + 1] * a);
-    this.v[n] = rate * (currents[face + 2] * (1 - b) + currents[face + 3] * b);
-    this.x[n] = wrapped(this.x[n] + by * this.u[n], nx, periodic[0]);
-    this.y[n] = wrapped(this.y[n] + by * this.v[n], ny, periodic[1]);
+    const i = Math.floor(this.x[n]), j = Math.floor(this.y[n]), cell = i * ny + j, face = 4 * cell;
+    if (i < 0 || j < 0 || i >= nx || j >= ny || !speed[cell]) return false;
+    const a = this.x[n] - i, b = this.y[n] - j, pace = (by * speed[cell]) / (255 * 127);
+    this.x[n] = wrapped(this.x[n] + pace * (currents[face] * (1 - a) + currents[face + 1] * a), nx, periodic[0]);
+    this.y[n] = wrapped(this.y[n] + pace * (currents[face + 2] * (1 - b) + currents[face + 3] * b), ny, periodic[1]);
     return true;
   }
 
   /** @param {number} n @param {Frame} frame */
   #spawn(n, { nx, ny, speed }) {
     this.life[n] = LIFE_S[0] + Math.random() * (LIFE_S[1] - LIFE_S[0]);
-    this.u[n] = this.v[n] = 0;
     for (let attempt = 0; attempt < 8; attempt++) {
       this.x[n] = Math.random() * nx;
       this.y[n] = Math.random() * ny;

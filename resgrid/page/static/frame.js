@@ -37,11 +37,8 @@ export function readLines({ buffer, byteOffset }, counts) {
 
 /** @param {any} head @param {Uint8Array} body @param {number[]} size @returns {Frame} */
 export function readFrame(head, body, [nx, ny]) {
-  const counts = head.paths.map((/** @type {Path} */ path) => path.points), { buffer } = body;
-  const lines = readLines(body, counts), cells = nx * ny;
-  const at = body.byteOffset + 8 * counts.reduce((/** @type {number} */ sum, /** @type {number} */ points) => sum + points, 0);
-  const picture = new Uint16Array(buffer, at, cells);
-  const currents = new Int8Array(buffer, at + 2 * cells, 4 * cells);
-  const speed = new Uint8Array(buffer, at + 6 * cells, cells);
-  return { ...head, lines, picture, currents, speed, nx, ny };
+  const lines = readLines(body, head.paths.map((/** @type {Path} */ path) => path.points)), { buffer } = body, cells = nx * ny;
+  const at = lines.reduce((end, line) => end + line.byteLength, body.byteOffset);
+  const picture = new Uint16Array(buffer, at, cells), currents = new Int8Array(buffer, at + 2 * cells, 4 * cells);
+  return { ...head, lines, picture, currents, speed: new Uint8Array(buffer, at + 6 * cells, cells), nx, ny };
 }

@@ -64,18 +64,18 @@ export function writeScene(scene) {
   return [drawing, body];
 }
 
+/** Bytes as text. @param {Uint8Array} bytes */
+export const base64 = (bytes) => btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join(""));
+/** The inverse of base64. @param {string} text */
+export const bytesIn = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+
 /** A scene as text, for keeping. @param {Scene} scene */
-export function keepScene(scene) {
-  const { cells, ...rest } = scene;
-  let bytes = "";
-  for (let i = 0; i < cells.length; i += 8192) bytes += String.fromCharCode(...cells.subarray(i, i + 8192));
-  return JSON.stringify({ ...rest, cells: btoa(bytes) });
-}
+export const keepScene = (scene) => JSON.stringify({ ...scene, cells: base64(scene.cells) });
 
 /** The inverse of keepScene. @param {string} text @returns {Scene} */
 export function keptScene(text) {
-  const { cells, ...rest } = JSON.parse(text);
-  return { ...rest, cells: Uint8Array.from(atob(cells), (letter) => letter.charCodeAt(0)) };
+  const scene = JSON.parse(text);
+  return { ...scene, cells: bytesIn(scene.cells) };
 }
 
 /** The scene on the page, and the way back. */
@@ -85,10 +85,10 @@ export class Model extends EventTarget {
   /** @type {Scene[]} */ future = [];
   /** @type {Scene | null} */ before = null;
 
-  /** Show another scene; it can be undone. @param {Scene} scene */
-  replace(scene) {
+  /** Show another scene, or change something of it; it can be undone. @param {Partial<Scene>} change */
+  replace(change) {
     this.begin();
-    this.show(scene);
+    this.show(change);
     this.commit();
   }
 
@@ -104,9 +104,9 @@ export class Model extends EventTarget {
     this.before ??= this.scene;
   }
 
-  /** What the gesture has made so far. @param {Scene} scene */
-  show(scene) {
-    this.#set(scene, false);
+  /** What the gesture has made so far. @param {Partial<Scene>} change */
+  show(change) {
+    this.#set({ .../** @type {Scene} */ (this.scene), ...change }, false);
   }
 
   /** The gesture ends: one step to be undone. */
@@ -120,17 +120,9 @@ export class Model extends EventTarget {
     this.#set(this.scene, true);
   }
 
-  undo() {
-    this.#step("past", "future");
-  }
-
-  redo() {
-    this.#step("future", "past");
-  }
-
-  /** @param {"past" | "future"} from @param {"past" | "future"} to */
-  #step(from, to) {
-    const scene = this[from].at(-1);
+  /** @param {"past" | "future"} from where the scene comes from: undo or redo */
+  step(from) {
+    const to = from === "past" ? "future" : "past", scene = this[from].at(-1);
     if (!scene || !this.scene || this.before) return;
     this[from] = this[from].slice(0, -1);
     this[to] = [...this[to], this.scene];

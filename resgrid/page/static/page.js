@@ -3,16 +3,15 @@
 import { resistorAt, resistorRows } from "./circuit.js";
 import { contentsOf, documentIn, openLinking, openNew, openSaving } from "./files.js";
 import { readFrame, readLines } from "./frame.js";
-import { LAYOUT } from "./layout.js";
-import { insideOf, keepScene, keptScene, Model, readScene, sizeOf, writeScene } from "./model.js";
+import { HTML, make, openTour, partsOf } from "./layout.js";
+import { insideOf, keepScene, keptScene, Model, readScene, sizeOf } from "./model.js";
 import { Panel, rowsOf } from "./panel.js";
-import { partsOf } from "./parts.js";
+import { GRADIENT } from "./pictures.js";
 import { Settling } from "./settling.js";
 import { faceAt } from "./shapes.js";
-import { Tools } from "./tools.js";
-import { openTour } from "./tour.js";
-import { paintBar, View } from "./view.js";
-import { Newest, Wire } from "./wire.js";
+import { Tools, TOOLS } from "./tools.js";
+import { View } from "./view.js";
+import { newest, Wire } from "./wire.js";
 import { World } from "./world.js";
 
 /** @typedef {import("./model.js").Scene} Scene */
@@ -28,80 +27,93 @@ export class Page {
   /** What tests look at. @type {{at: number, took: number, exact: boolean}[]} */ frames = [];
   #base = "";
   #isReading = false;
+  #isClosed = false;
   #keeping = 0;
+  #hiding = 0;
   /** The last certified paths of a chip without flaws, and what they belong to. @type {{scene: Scene, lines: Float32Array[]} | null} */ #ideal = null;
   /** The point under the pointer, in cells. @type {number[] | null} */ #hovered = null;
-  #solving = new Newest(() => this.#solve());
-  #probing = new Newest(() => this.#probe());
-  #ending = new Newest(() => this.#askEnds());
   /** The scene whose paths for both ends of k are known. @type {Scene | null} */ #endsOf = null;
-  #resampling = new Newest(() => this.#resample());
+  #solve = newest(() => this.#askField());
+  #probe = newest(() => this.#askCell());
+  #compareEnds = newest(() => this.#askEnds());
 
   /** @param {HTMLElement} root @param {() => import("./wire.js").Socket} dial
    * @param {{switches: URLSearchParams, shelf: Shelf, keys: EventTarget, address: string, fragment: string}} about
    *   how it is to look, what it keeps, who hears its keys, where links lead, and the link it begins with */
-  constructor(root, dial, { switches, shelf, keys, address, fragment }) {
-    root.innerHTML = LAYOUT;
-    const parts = partsOf(root);
+  constructor(root, dial, about) {
+    root.innerHTML = HTML;
+    const parts = partsOf(root), model = new Model(), complain = (/** @type {unknown} */ error) => this.#complain(error);
     this.root = root;
+    this.about = about;
     this.parts = parts;
-    this.switches = switches;
-    this.shelf = shelf;
-    this.address = address;
-    this.fragment = fragment;
-    this.model = new Model();
-    this.view = new View(/** @type {HTMLCanvasElement} */ (parts.get("canvas")));
-    this.tools = new Tools(this.model, this.view);
-    this.tools.fill(parts.get("tools"));
-    this.panel = new Panel(parts, this.model, this.tools, this.view);
-    this.wire = new Wire(dial);
-    this.world = new World(/** @type {HTMLCanvasElement} */ (parts.get("world")), this.model, () => this.#resampling.want(), this.view);
-    this.settling = new Settling(parts, this.model, this.wire, this.view, (error) => this.#complain(error));
-    this.model.addEventListener("change", (event) => this.#show(/** @type {CustomEvent} */ (event).detail.settled));
-    this.wire.addEventListener("lost", () => this.#tell("error", "The server does not answer. What you draw is kept; it goes on when the server is back."));
-    this.wire.addEventListener("hello", (event) => this.#greet(/** @type {CustomEvent} */ (event).detail));
-    this.#listenToButtons();
-    this.#listenToKeys(keys);
+    this.model = model;
+    this.view = new View(parts.canvas("canvas"));
+    this.tools = new Tools(model, this.view, parts.get("tools"));
+    this.panel = new Panel(parts, model, this.tools, this.view);
+    this.wire = new Wire(dial, {
+      hello: (head, body) => this.#greet(head, body),
+      lost: () => this.#tell("error", "The server does not answer. What you draw is kept; it goes on when the server is back."),
+    });
+    this.world = new World(parts.canvas("world"), model, newest(() => this.#askCells()));
+    this.settling = new Settling(parts, model, this.wire, this.view, complain);
+    model.addEventListener("change", (event) => this.#show(/** @type {CustomEvent} */ (event).detail.settled));
+    this.#listenToControls(complain);
+    this.#listenToKeys(about.keys);
     this.#listenToPointer();
-    this.#choosePlainLooks();
+    this.#dress(about.switches.get("theme") ?? about.shelf.getItem(THEME) ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"));
+    if (matchMedia("(prefers-reduced-motion: reduce)").matches) this.view.shows.dots = parts.input("show-dots").checked = false;
+    parts.get("legend-bar").style.background = GRADIENT;
     this.#tell("busy", "connecting …");
     this.wire.connect();
+    this.#repaint(0);
   }
 
   /** Nobody looks any more. */
   close() {
-    this.view.isClosed = true;
+    this.#isClosed = true;
+  }
+
+  /** @param {number} now */
+  #repaint(now) {
+    if (this.#isClosed) return;
+    this.view.paint(now);
+    this.world.paint(now);
+    requestAnimationFrame((then) => this.#repaint(then));
   }
 
   get #scene() {
     return /** @type {Scene} */ (this.model.scene);
   }
 
-  #listenToButtons() {
-    const { parts: { get, input }, model, view, wire } = this, complain = (/** @type {unknown} */ error) => this.#complain(error);
+  /** @param {(error: unknown) => void} complain */
+  #listenToControls(complain) {
+    const { parts, parts: { get, input }, model, view, wire } = this;
+    const clicks = {
+      undo: () => model.step("past"),
+      redo: () => model.step("future"),
+      new: () => openNew(parts, model),
+      open: () => input("file").click(),
+      save: () => openSaving(parts, wire, this.#scene, complain),
+      share: () => openLinking(parts, wire, this.#scene, this.about.address).catch(complain),
+      help: () => openTour(parts, TOOLS.map(([, , key]) => key).join(" ")),
+      toast: () => { get("toast").hidden = true; },
+      theme: () => {
+        const theme = view.dark ? "light" : "dark";
+        this.about.shelf.setItem(THEME, theme);
+        this.#dress(theme);
+      },
+    };
+    for (const [id, click] of Object.entries(clicks)) get(id).addEventListener("click", click);
     input("examples").addEventListener("change", () => {
       const { value } = input("examples");
       if (value) this.#open({ type: "example", name: value });
       input("examples").value = "";
     });
-    get("undo").addEventListener("click", () => model.undo());
-    get("redo").addEventListener("click", () => model.redo());
-    get("new").addEventListener("click", () => openNew(this.parts, model));
-    get("open").addEventListener("click", () => input("file").click());
     input("file").addEventListener("change", () => {
       this.#openFiles(input("file").files ?? []);
       input("file").value = "";
     });
-    get("save").addEventListener("click", () => openSaving(this.parts, wire, () => this.#scene, view.canvas, complain));
-    get("share").addEventListener("click", () => openLinking(this.parts, wire, this.#scene, this.address).catch(complain));
-    get("help").addEventListener("click", () => openTour(this.parts));
-    get("show-ends").addEventListener("shown", () => this.#ending.want());
-    get("toast").addEventListener("click", () => { get("toast").hidden = true; });
-    get("theme").addEventListener("click", () => {
-      const theme = view.dark ? "light" : "dark";
-      this.shelf.setItem(THEME, theme);
-      this.#dress(theme);
-    });
+    get("show-ends").addEventListener("change", () => this.#compareEnds());
   }
 
   /** @param {EventTarget} keys */
@@ -109,8 +121,8 @@ export class Page {
     keys.addEventListener("keydown", (event) => {
       const { ctrlKey, metaKey, shiftKey, key } = /** @type {KeyboardEvent} */ (event), letter = key.toLowerCase();
       if (!(ctrlKey || metaKey) || !this.tools.canDraw) return;
-      if (letter === "z" && !shiftKey) this.model.undo();
-      else if (letter === "y" || letter === "z") this.model.redo();
+      if (letter === "z" && !shiftKey) this.model.step("past");
+      else if (letter === "y" || letter === "z") this.model.step("future");
       else return;
       event.preventDefault();
     });
@@ -126,7 +138,7 @@ export class Page {
     const { view: { canvas }, view } = this;
     const hover = (/** @type {number[] | null} */ point) => {
       this.#hovered = point;
-      this.#probing.want();
+      this.#probe();
     };
     for (const kind of /** @type {const} */ (["pointerdown", "pointermove"])) {
       canvas.addEventListener(kind, (event) => {
@@ -142,18 +154,10 @@ export class Page {
     });
   }
 
-  #choosePlainLooks() {
-    const { parts: { get, input }, view } = this;
-    const wanted = this.switches.get("theme") ?? this.shelf.getItem(THEME);
-    this.#dress(wanted ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"));
-    if (matchMedia("(prefers-reduced-motion: reduce)").matches) view.shows.dots = input("show-dots").checked = false;
-    paintBar(/** @type {HTMLCanvasElement} */ (get("legend-bar")));
-  }
-
   /** @param {string} theme */
   #dress(theme) {
     this.root.dataset.theme = theme;
-    this.view.dark = theme === "dark";
+    this.view.dark = this.world.dark = theme === "dark";
     this.view.refresh();
   }
 
@@ -170,17 +174,14 @@ export class Page {
     const toast = this.parts.get("toast");
     toast.textContent = error instanceof Error ? error.message : String(error);
     toast.hidden = false;
-    clearTimeout(Number(toast.dataset.timer));
-    toast.dataset.timer = String(setTimeout(() => { toast.hidden = true; }, TOAST_MS));
+    clearTimeout(this.#hiding);
+    this.#hiding = setTimeout(() => { toast.hidden = true; }, TOAST_MS);
   }
 
-  /** The server is there: begin, or go on from where the page was. @param {{head: any, body: Uint8Array}} hello */
-  async #greet({ head, body }) {
-    const { parts: { get, input }, model, tools, switches, shelf } = this;
-    if (model.scene) {
-      this.#solving.want();
-      return;
-    }
+  /** The server is there: begin, or go on from where the page was. @param {any} head @param {Uint8Array} body */
+  async #greet(head, body) {
+    const { parts: { get, input }, model, tools, about: { switches, shelf, fragment } } = this;
+    if (model.scene) return this.#solve();
     const first = readScene(head, body);
     this.#base = keepScene(first);
     this.#isReading = head.hello.read_only;
@@ -188,13 +189,14 @@ export class Page {
     if (!tools.canDraw) tools.choose("look");
     this.root.classList.toggle("reading", !tools.canDraw);
     this.root.classList.toggle("bare", switches.get("panel") === "0");
-    get("examples").replaceChildren(new Option("choose …", ""), ...head.hello.examples.map((/** @type {string} */ name) => new Option(name, name)));
+    get("examples").replaceChildren(new Option("choose …", ""), ...head.hello.examples.map((/** @type {string} */ name) => new Option(name)));
     for (const id of ["examples", "open", "new", "undo", "redo"]) input(id).disabled = !tools.canDraw;
     this.#tell("busy", "the first field …");
     model.reset((this.#isReading ? null : this.#kept()) ?? first);
-    await this.follow(this.fragment);
-    if (!shelf.getItem(SEEN) && !switches.has("panel") && switches.get("tour") !== "0") openTour(this.parts);
+    await this.follow(fragment);
+    if (!shelf.getItem(SEEN) && !switches.has("panel") && switches.get("tour") !== "0") get("help").click();
     shelf.setItem(SEEN, "1");
+    return undefined;
   }
 
   /** Another scene is there. @param {boolean} settled */
@@ -207,15 +209,16 @@ export class Page {
     this.panel.showScene(scene);
     input("undo").disabled = !model.past.length;
     input("redo").disabled = !model.future.length;
-    this.#solving.want();
+    this.#solve();
     if (settled) this.#keepSoon();
   }
 
   #keepSoon() {
     clearTimeout(this.#keeping);
+    if (this.#isReading) return;
     this.#keeping = setTimeout(() => {
       try {
-        if (!this.#isReading) this.shelf.setItem(KEPT, JSON.stringify({ base: this.#base, scene: keepScene(this.#scene) }));
+        this.about.shelf.setItem(KEPT, JSON.stringify({ base: this.#base, scene: keepScene(this.#scene) }));
       } catch {
         this.#complain("this drawing is too large to be kept by the browser: save it");
       }
@@ -225,41 +228,37 @@ export class Page {
   /** The drawing that was on the page when it was left, if it began with the same scene. */
   #kept() {
     try {
-      const record = JSON.parse(this.shelf.getItem(KEPT) ?? "null");
+      const record = JSON.parse(this.about.shelf.getItem(KEPT) ?? "null");
       return record?.base === this.#base ? keptScene(record.scene) : null;
     } catch {
       return null;
     }
   }
 
-  async #solve() {
+  async #askField() {
     const { model: { scene }, wire } = this;
     if (!scene || !wire.isOpen) return;
-    const exact = this.model.before === null, began = performance.now();
+    const exact = this.model.before === null, began = performance.now(), why = this.frames.length ? "solving" : "compiling loops, once";
     const slow = setInterval(() => {
-      const seconds = Math.round((performance.now() - began) / 1000);
-      const why = this.frames.length ? "solving" : "compiling loops, once";
-      if (performance.now() - began > SLOW_MS) this.#tell("busy", `${why} … ${seconds} s`);
+      const waited = performance.now() - began;
+      if (waited > SLOW_MS) this.#tell("busy", `${why} … ${Math.round(waited / 1000)} s`);
     }, 200);
     try {
-      const [drawing, body] = writeScene(scene);
-      const [head, bytes] = await wire.ask({ type: "solve", exact, drawing }, body);
-      const frame = readFrame(head, bytes, sizeOf(scene));
+      const [head, body] = await wire.ask({ type: "solve", exact }, scene), frame = readFrame(head, body, sizeOf(scene));
       this.frames.push({ at: performance.now(), took: performance.now() - began, exact: frame.exact });
       if (this.frames.length > 2000) this.frames.splice(0, 1000);
       this.#showFrame(frame, scene);
     } catch (error) {
       if (!wire.isOpen) return;
-      this.view.frame = scene === this.model.scene ? null : this.view.frame;
-      this.view.refresh();
+      if (scene === this.model.scene) this.view.setFrame(null);
       const { message } = /** @type {Error} */ (error);
       this.#tell("error", message.split(/[;:]/, 1)[0]);
       this.panel.showError(message);
     } finally {
       clearInterval(slow);
     }
-    this.#probing.want();
-    this.#ending.want();
+    this.#probe();
+    this.#compareEnds();
   }
 
   /** @param {Frame} frame @param {Scene} scene that it is of */
@@ -283,17 +282,14 @@ export class Page {
 
   /** Paths for both ends of k, which are the same for every k. */
   async #askEnds() {
-    const { model: { scene }, view } = this;
-    const isKnown = scene !== null && this.#endsOf !== null && areKin(scene, this.#endsOf)
-      && scene.chip === this.#endsOf.chip && scene.broken === this.#endsOf.broken;
+    const { model: { scene }, view } = this, known = this.#endsOf;
+    const isKnown = scene && known && areKin(scene, known) && scene.chip === known.chip && scene.broken === known.broken;
     if (isKnown && view.shows.ends) return;
     view.ends = [];
     this.#endsOf = null;
     if (!view.shows.ends || !scene || scene !== this.solved || scene.driven || !view.frame?.exact) return;
     try {
-      const [drawing, cells] = writeScene(scene);
-      const [{ points }, body] = await this.wire.ask({ type: "ends", drawing }, cells);
-      const lines = readLines(body, points.flat());
+      const [{ points }, body] = await this.wire.ask({ type: "ends" }, scene), lines = readLines(body, points.flat());
       if (scene !== this.model.scene) return;
       view.ends = [lines.slice(0, points[0].length), lines.slice(points[0].length)];
       this.#endsOf = scene;
@@ -302,31 +298,29 @@ export class Page {
     }
   }
 
-  async #probe() {
-    const { model: { scene }, view, wire, world } = this, point = this.#hovered;
+  /** What is known of the cell or resistor under the pointer. */
+  async #askCell() {
+    const { model: { scene }, view, wire, world, parts: { get } } = this, point = this.#hovered;
     const cell = point && scene && insideOf(scene, point.map(Math.floor));
     if (!cell || !point || scene !== this.solved || !view.frame || !wire.isOpen) {
-      this.parts.get("card").hidden = true;
+      get("card").hidden = true;
       world.hovered = null;
       return;
     }
     const resistor = view.circuit && resistorAt(view.circuit, faceAt(scene, point), point);
-    if (resistor) {
-      this.#showCard(resistorRows(resistor), cell, scene);
-      return;
-    }
+    if (resistor) return this.#showCard(resistorRows(resistor), cell, scene);
     try {
       const [{ probe }] = await wire.ask({ type: "probe", cell });
       world.hovered = this.#hovered && probe.kind !== "obstacle" ? probe.pose : null;
       this.#showCard(rowsOf(probe, scene), cell, scene);
     } catch {
-      this.parts.get("card").hidden = true;
+      get("card").hidden = true;
     }
   }
 
   /** @param {string[][]} rows of one or two texts @param {number[]} cell that is hovered @param {Scene} scene */
   #showCard(rows, cell, scene) {
-    const card = this.parts.get("card"), table = document.createElement("table");
+    const card = this.parts.get("card"), table = make("table", {});
     for (const row of rows) {
       const line = table.insertRow();
       for (const text of row) line.insertCell().textContent = text;
@@ -339,15 +333,12 @@ export class Page {
   }
 
   /** The arm's workspace was changed: sample its cells anew. */
-  async #resample() {
+  async #askCells() {
     const { scene } = this.model;
     if (!scene?.world) return;
     try {
-      const [drawing, body] = writeScene(scene);
-      const [head, cells] = await this.wire.ask({ type: "world", drawing }, body);
-      if (!this.model.scene?.world) return;
-      const { palette, goals, cells: sampled } = readScene(head, cells);
-      this.model.show({ ...this.model.scene, palette, goals, cells: sampled });
+      const { palette, goals, cells } = readScene(...await this.wire.ask({ type: "world" }, scene));
+      if (this.model.scene?.world) this.model.show({ palette, goals, cells });
     } catch (error) {
       this.#complain(error);
     }
@@ -356,8 +347,7 @@ export class Page {
   /** Ask for a scene and show it. @param {object} request */
   async #open(request) {
     try {
-      const [head, body] = await this.wire.ask(request);
-      this.model.replace(readScene(head, body));
+      this.model.replace(readScene(...await this.wire.ask(request)));
     } catch (error) {
       this.#complain(error);
     }

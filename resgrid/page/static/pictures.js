@@ -1,55 +1,60 @@
-// Pictures of one pixel a cell: the field, and what is drawn.
+// Pictures of one pixel a cell (the field, and what is drawn), equipotentials, and the colours of both themes.
 
 import { NOTHING } from "./frame.js";
-import { inks, RAMP } from "./colours.js";
+import { sizeOf } from "./model.js";
 
 /** @typedef {import("./frame.js").Frame} Frame */
 /** @typedef {import("./model.js").Scene} Scene */
 
-/** @param {number} nx @param {number} ny */
-function canvasOf(nx, ny) {
-  const canvas = document.createElement("canvas");
-  canvas.width = nx;
-  canvas.height = ny;
-  return canvas;
-}
+/** Viridis, which colour-blind people and grey printers read, light where the goal is near. */
+const STOPS = [
+  [68, 1, 84], [72, 40, 120], [62, 74, 137], [49, 104, 142], [38, 130, 142],
+  [31, 158, 137], [53, 183, 121], [110, 206, 88], [181, 222, 43], [253, 231, 37],
+];
+export const GRADIENT = `linear-gradient(to left, ${STOPS.map((stop) => `rgb(${stop})`)})`;
 
-/** @param {HTMLCanvasElement | null} canvas @param {number} nx @param {number} ny @param {(pixels: Uint32Array) => void} fill */
-function painted(canvas, nx, ny, fill) {
-  if (canvas?.width !== nx || canvas.height !== ny) canvas = canvasOf(nx, ny);
-  const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
-  const image = context.createImageData(nx, ny);
-  fill(new Uint32Array(image.data.buffer));
+/** 1024 colours, as 32 bits each: A B G R. */
+const RAMP = Uint32Array.from({ length: 1024 }, (_, n) => {
+  const at = (n / 1023) * (STOPS.length - 1), low = Math.min(STOPS.length - 2, Math.floor(at));
+  const [r, g, b] = STOPS[low].map((value, c) => Math.round(value + (at - low) * (STOPS[low + 1][c] - value)));
+  return (255 << 24) | (b << 16) | (g << 8) | r;
+});
+
+/** Pairs of sides that an equipotential joins, by which corners lie above: sides are bottom, right, top, left. */
+const JOINED = [[], [3, 0], [0, 1], [3, 1], [1, 2], [3, 0, 1, 2], [0, 2], [3, 2], [2, 3], [2, 0], [0, 1, 2, 3], [2, 1], [1, 3], [1, 0], [0, 3], []];
+const STEPS = [0.05, 0.1, 0.25, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500];
+
+/** @param {boolean} dark */
+export const inks = (dark) => ({
+  back: dark ? "#14171c" : "#f4f5f7",
+  blank: dark ? 0xff2b231d : 0xffe6e2de,
+  wall: dark ? 0xff0f0b09 : 0xff33291f,
+  text: dark ? "#ffffff" : "#10151c",
+  veil: dark ? "rgb(20 23 28 / 55%)" : "rgb(244 245 247 / 55%)",
+  label: dark ? "#9aa4b2" : "#5b6472",
+  edge: dark ? "#5b6575" : "#1f2933",
+});
+
+/** @param {HTMLCanvasElement} canvas @param {number[]} size @param {(cell: number) => number} colourOf a cell's number */
+function paint(canvas, [nx, ny], colourOf) {
+  if (canvas.width !== nx) canvas.width = nx;
+  if (canvas.height !== ny) canvas.height = ny;
+  const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d")), image = context.createImageData(nx, ny);
+  const pixels = new Uint32Array(image.data.buffer);
+  for (let i = 0, at = 0; i < nx; i++) for (let j = ny - 1; j >= 0; j--, at++) pixels[j * nx + i] = colourOf(at);
   context.putImageData(image, 0, 0);
-  return canvas;
 }
 
-/** The field, light at the goal. @param {HTMLCanvasElement | null} canvas @param {Frame} frame @param {boolean} dark */
+/** The field, light at the goal. @param {HTMLCanvasElement} canvas @param {Frame} frame @param {boolean} dark */
 export function paintField(canvas, { nx, ny, picture, scale }, dark) {
-  const { blank } = inks(dark), isHeight = scale.kind === "height";
-  return painted(canvas, nx, ny, (pixels) => {
-    for (let i = 0, at = 0; i < nx; i++) {
-      for (let j = 0; j < ny; j++, at++) {
-        const value = picture[at], share = (isHeight ? NOTHING - 1 - value : value) / (NOTHING - 1);
-        pixels[(ny - 1 - j) * nx + i] = value === NOTHING ? blank : RAMP[Math.round(share * 1023)];
-      }
-    }
-  });
+  const { blank } = inks(dark), ramp = scale.kind === "height" ? RAMP.slice().reverse() : RAMP;
+  paint(canvas, [nx, ny], (cell) => (picture[cell] === NOTHING ? blank : ramp[picture[cell] >> 6]));
 }
 
-/** Obstacles, and how costly cells are. @param {HTMLCanvasElement | null} canvas @param {Scene} scene @param {boolean} dark */
+/** Obstacles, and how costly cells are. @param {HTMLCanvasElement} canvas @param {Scene} scene @param {boolean} dark */
 export function paintCells(canvas, scene, dark) {
-  const [nx, ny] = scene.axes.map((axis) => axis.cells);
-  const { wall } = inks(dark);
-  const veils = scene.palette.map((value) => veil(value));
-  return painted(canvas, nx, ny, (pixels) => {
-    for (let i = 0, at = 0; i < nx; i++) {
-      for (let j = 0; j < ny; j++, at++) {
-        const byte = scene.cells[at];
-        pixels[(ny - 1 - j) * nx + i] = byte & 1 ? wall : veils[byte >> 2];
-      }
-    }
-  });
+  const { wall } = inks(dark), veils = scene.palette.map(veil), { cells } = scene;
+  paint(canvas, sizeOf(scene), (cell) => (cells[cell] & 1 ? wall : veils[cells[cell] >> 2]));
 }
 
 /** What lies over a cell of another conductivity: dark where it conducts badly, white where well. @param {number} value */
@@ -57,4 +62,26 @@ function veil(value) {
   if (value === 1) return 0;
   const opacity = Math.min(200, Math.round(60 * Math.abs(Math.log10(value)) + 40)) << 24;
   return (value < 1 ? opacity | 0x1f2f5f : opacity | 0xffffff) >>> 0;
+}
+
+/** Trace equipotentials in cells, by marching squares between their centres; none near a cell where nothing is shown.
+ * @param {CanvasRenderingContext2D} context @param {Frame} frame */
+export function traceEquipotentials(context, { nx, ny, picture, scale }) {
+  const range = scale.high - scale.low, step = STEPS.find((one) => range / one <= 24) ?? 1000;
+  const values = Float32Array.from(picture, (value) => (value === NOTHING ? NaN : (scale.low + (value / (NOTHING - 1)) * range) / step));
+  for (let i = 0; i + 1 < nx; i++) {
+    for (let j = 0; j + 1 < ny; j++) {
+      const at = i * ny + j, a = values[at], b = values[at + ny], c = values[at + ny + 1], d = values[at + 1];
+      const top = Math.floor(Math.max(a, b, c, d));
+      for (let level = Math.floor(Math.min(a, b, c, d)) + 1; level <= top; level++) {
+        const sides = JOINED[(a >= level ? 1 : 0) | (b >= level ? 2 : 0) | (c >= level ? 4 : 0) | (d >= level ? 8 : 0)];
+        const share = (/** @type {number} */ from, /** @type {number} */ to) => (level - from) / (to - from);
+        sides.forEach((side, n) => {
+          const x = i + 0.5 + [share(a, b), 1, share(d, c), 0][side], y = j + 0.5 + [0, share(b, c), 1, share(a, d)][side];
+          if (n % 2) context.lineTo(x, y);
+          else context.moveTo(x, y);
+        });
+      }
+    }
+  }
 }

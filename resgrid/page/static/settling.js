@@ -1,9 +1,6 @@
 // How the potential came about: pictures of moments after the rails were switched on, or after the last change.
 
-import { writeScene } from "./model.js";
-import { engineering } from "./panel.js";
-
-/** @typedef {import("./model.js").Scene} Scene */
+import { engineering } from "./circuit.js";
 
 const PLAY_MS = 2500;
 
@@ -11,17 +8,16 @@ export class Settling {
   /** @type {{times: number[], pictures: Uint16Array[], scale: any} | null} */ #film = null;
   #playing = 0;
 
-  /** @param {import("./parts.js").Parts} parts @param {import("./model.js").Model} model @param {import("./wire.js").Wire} wire @param {import("./view.js").View} view
-   * @param {(error: unknown) => void} complain */
-  constructor(parts, model, wire, view, complain) {
-    this.parts = parts;
-    this.model = model;
-    this.wire = wire;
+  /** @param {import("./layout.js").Parts} parts @param {import("./model.js").Model} model @param {import("./wire.js").Wire} wire
+   * @param {import("./view.js").View} view @param {(error: unknown) => void} complain */
+  constructor({ get, input }, model, wire, view, complain) {
+    this.get = get;
+    this.input = input;
     this.view = view;
-    this.parts.get("settle").addEventListener("click", () => this.#fetch().catch(complain));
-    this.parts.input("moment").addEventListener("input", () => {
+    get("settle").addEventListener("click", () => this.#fetch(model, wire).catch(complain));
+    input("moment").addEventListener("input", () => {
       cancelAnimationFrame(this.#playing);
-      this.#show(Number(this.parts.input("moment").value));
+      this.#show(Number(input("moment").value));
     });
   }
 
@@ -30,25 +26,24 @@ export class Settling {
     if (!this.#film) return;
     cancelAnimationFrame(this.#playing);
     this.#film = null;
-    this.parts.get("film").hidden = true;
+    this.get("film").hidden = true;
     this.view.setMoment(null);
   }
 
-  async #fetch() {
-    const scene = this.model.scene;
+  /** @param {import("./model.js").Model} model @param {import("./wire.js").Wire} wire */
+  async #fetch(model, wire) {
+    const { scene } = model, button = this.input("settle");
     if (!scene) return;
-    const button = this.parts.input("settle");
     button.disabled = true;
     try {
-      const [drawing, body] = writeScene(scene);
-      const [head, bytes] = await this.wire.ask({ type: "settle", drawing }, body);
-      if (scene !== this.model.scene) return;
-      const cells = scene.cells.length, { buffer, byteOffset } = bytes;
-      const pictures = head.times.map((/** @type {number} */ _, /** @type {number} */ n) => new Uint16Array(buffer, byteOffset + 2 * n * cells, cells));
-      this.#film = { times: head.times, pictures, scale: head.scale };
-      this.parts.get("film").hidden = false;
-      this.parts.get("origin").textContent = head.from_rest ? "from rest, rails switched on" : "from the field before the last change";
-      this.parts.input("moment").max = String(pictures.length - 1);
+      const [{ times, scale, from_rest: isFromRest }, { buffer, byteOffset }] = await wire.ask({ type: "settle" }, scene);
+      if (scene !== model.scene) return;
+      const cells = scene.cells.length;
+      const pictures = times.map((/** @type {number} */ _, /** @type {number} */ n) => new Uint16Array(buffer, byteOffset + 2 * n * cells, cells));
+      this.#film = { times, pictures, scale };
+      this.get("film").hidden = false;
+      this.get("origin").textContent = isFromRest ? "from rest, rails switched on" : "from the field before the last change";
+      this.input("moment").max = String(pictures.length - 1);
       this.#play(performance.now());
     } finally {
       button.disabled = false;
@@ -66,8 +61,8 @@ export class Settling {
   /** @param {number} number */
   #show(number) {
     if (!this.#film) return;
-    this.parts.input("moment").value = String(number);
-    this.parts.get("time").textContent = engineering(this.#film.times[number], "s");
+    this.input("moment").value = String(number);
+    this.get("time").textContent = engineering(this.#film.times[number], "s");
     this.view.setMoment({ picture: this.#film.pictures[number], scale: this.#film.scale });
   }
 }

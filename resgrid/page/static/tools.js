@@ -1,38 +1,32 @@
 // Tools: what pointer, finger and keys do on the canvas.
 
+import { make } from "./layout.js";
 import { cellAt, insideOf, numberOf, OBSTACLE, sizeOf } from "./model.js";
 import { brushed, costing, faceAt, flood, free, goalMoved, line, rectangle, startMoved, wall, withBroken, withConductivity, withGoal,
   without, withStart } from "./shapes.js";
+import { pixelUnder } from "./view.js";
 
 /** @typedef {import("./model.js").Scene} Scene */
 /** @typedef {import("./shapes.js").Stroke} Stroke */
+/** @typedef {["goals" | "starts", number]} Handle */
+/** @typedef {{move?: (cell: number[]) => void, end?: () => void}} Gesture */
 
-const ICONS = {
-  draw: '<path d="M3 17l1-4L14 3l3 3L7 16z"/>',
-  erase: '<path d="M3 13l7-9 7 5-6 8H6z M8 17h9"/>',
-  box: '<rect x="3" y="5" width="14" height="10"/>',
-  fill: '<path d="M9 2l7 7-6 6-7-7z M17 13v3"/>',
-  cost: '<path d="M2 7q4-4 8 0t8 0M2 12q4-4 8 0t8 0M2 17q4-4 8 0t8 0"/>',
-  goal: '<path d="M5 18V3h10l-3 4 3 4H5"/>',
-  start: '<circle cx="10" cy="10" r="6"/>',
-  look: '<path d="M2 10q8-11 16 0q-8 11-16 0z"/><circle cx="10" cy="10" r="2"/>',
-  snap: '<path d="M2 10h4l2-4 2 8 M18 10h-4l-2 4-2-8"/>',
-};
+/** Name, label, key, what it does, and its icon. */
 export const TOOLS = [
-  ["draw", "Wall", "Draw walls; a stroke that begins on a wall erases (W)"],
-  ["erase", "Erase", "Erase walls and costs (E)"],
-  ["box", "Box", "A rectangle of wall; from a wall, of free cells (B)"],
-  ["fill", "Fill", "Fill what is alike and joined (F)"],
-  ["cost", "Mud", "Paint cells that conduct badly (M)"],
-  ["goal", "Goal", "Add a goal; on a goal, remove it (G)"],
-  ["start", "Start", "Add a start; on a start, remove it (S)"],
-  ["snap", "Break", "Break the resistor between two cells, or mend it (X)"],
-  ["look", "Look", "See what is known of a cell; nothing is drawn (L)"],
+  ["draw", "Wall", "W", "Draw walls; a stroke that begins on a wall erases", '<path d="M3 17l1-4L14 3l3 3L7 16z"/>'],
+  ["erase", "Erase", "E", "Erase walls and costs", '<path d="M3 13l7-9 7 5-6 8H6z M8 17h9"/>'],
+  ["box", "Box", "B", "A rectangle of wall; from a wall, of free cells", '<rect x="3" y="5" width="14" height="10"/>'],
+  ["fill", "Fill", "F", "Fill what is alike and joined", '<path d="M9 2l7 7-6 6-7-7z M17 13v3"/>'],
+  ["cost", "Mud", "M", "Paint cells that conduct badly", '<path d="M2 7q4-4 8 0t8 0M2 12q4-4 8 0t8 0M2 17q4-4 8 0t8 0"/>'],
+  ["goal", "Goal", "G", "Add a goal; on a goal, remove it", '<path d="M5 18V3h10l-3 4 3 4H5"/>'],
+  ["start", "Start", "S", "Add a start; on a start, remove it", '<circle cx="10" cy="10" r="6"/>'],
+  ["snap", "Break", "X", "Break the resistor between two cells, or mend it", '<path d="M2 10h4l2-4 2 8 M18 10h-4l-2 4-2-8"/>'],
+  ["look", "Look", "L", "See what is known of a cell; nothing is drawn", '<path d="M2 10q8-11 16 0q-8 11-16 0z"/><circle cx="10" cy="10" r="2"/>'],
 ];
-const KEYS = { w: "draw", e: "erase", b: "box", f: "fill", m: "cost", g: "goal", s: "start", x: "snap", l: "look" };
 const REACH = 16;
 
-/** @typedef {{move: (cell: number[]) => void, end: () => void}} Gesture */
+/** What arrow keys say. @param {KeyboardEvent} event @returns {number[] | undefined} */
+export const stepOf = (event) => ({ ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] })[event.key];
 
 export class Tools {
   tool = "draw";
@@ -41,43 +35,33 @@ export class Tools {
   canDraw = true;
   /** @type {Gesture | null} */ #gesture = null;
 
-  /** @param {import("./model.js").Model} model @param {import("./view.js").View} view */
-  constructor(model, view) {
+  /** @param {import("./model.js").Model} model @param {import("./view.js").View} view @param {HTMLElement} bar for its buttons */
+  constructor(model, view, bar) {
     this.model = model;
     this.view = view;
+    this.bar = bar;
     const { canvas } = view;
     canvas.addEventListener("pointerdown", (event) => this.#down(event));
     canvas.addEventListener("pointermove", (event) => this.#move(event));
     for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => this.#end());
     canvas.addEventListener("keydown", (event) => this.#key(event));
-  }
-
-  get busy() {
-    return this.#gesture !== null;
-  }
-
-  /** Buttons of the tools. @param {HTMLElement} bar */
-  fill(bar) {
-    for (const [name, label, about] of TOOLS) {
-      const button = document.createElement("button");
+    for (const [name, label, key, about, icon] of TOOLS) {
+      const button = make("button", { title: `${about} (${key})`, onclick: () => this.choose(name) });
+      button.innerHTML = `<svg viewBox="0 0 20 20" fill="none" stroke="currentColor" stroke-width="2" aria-hidden="true">${icon}</svg>${label}`;
       button.dataset.tool = name;
-      button.title = about;
-      const icon = ICONS[/** @type {keyof typeof ICONS} */ (name)];
-      button.innerHTML = `<svg viewBox="0 0 20 20" fill="none" stroke="currentColor" stroke-width="2" aria-hidden="true">${icon}</svg>`;
-      button.append(label);
-      button.addEventListener("click", () => this.choose(name));
       bar.append(button);
     }
-    this.bar = bar;
     this.choose(this.tool);
   }
 
   /** @param {string} tool */
   choose(tool) {
     this.tool = tool;
-    for (const button of this.bar?.querySelectorAll("button") ?? []) {
-      button.setAttribute("aria-pressed", String(button.dataset.tool === tool));
-    }
+    for (const button of this.bar.querySelectorAll("button")) button.ariaPressed = String(button.dataset.tool === tool);
+  }
+
+  get #scene() {
+    return /** @type {Scene} */ (this.model.scene);
   }
 
   /** The cell under the pointer, which may lie outside. @param {PointerEvent} event */
@@ -96,12 +80,12 @@ export class Tools {
   /** @param {PointerEvent} event */
   #move(event) {
     if (!this.#gesture) return;
-    for (const step of event.getCoalescedEvents?.().slice(0, -1) ?? []) this.#gesture.move(this.#cell(step));
-    this.#gesture.move(this.#cell(event));
+    for (const step of event.getCoalescedEvents?.().slice(0, -1) ?? []) this.#gesture.move?.(this.#cell(step));
+    this.#gesture.move?.(this.#cell(event));
   }
 
   #end() {
-    this.#gesture?.end();
+    this.#gesture?.end?.();
     this.#gesture = null;
     this.view.rectangle = null;
     this.model.commit();
@@ -109,27 +93,33 @@ export class Tools {
 
   /** @param {number[]} point in cells */
   #snap(point) {
-    const scene = /** @type {Scene} */ (this.model.scene);
-    if (insideOf(scene, point.map(Math.floor))) this.model.replace(withBroken(scene, faceAt(scene, point)));
+    if (insideOf(this.#scene, point.map(Math.floor))) this.model.replace(withBroken(this.#scene, faceAt(this.#scene, point)));
   }
 
-  /** A goal or start near the pointer. @param {PointerEvent} event @returns {["goals" | "starts", number] | null} */
+  /** The first start, or else goal, of which something is true.
+   * @param {(start: number[]) => boolean} isStart @param {(goal: number[]) => boolean} isGoal @returns {Handle | null} */
+  #handle(isStart, isGoal) {
+    const start = this.#scene.starts.findIndex(isStart), goal = this.#scene.goals.findIndex(isGoal);
+    return start >= 0 ? ["starts", start] : goal >= 0 ? ["goals", goal] : null;
+  }
+
+  /** A goal or start near the pointer. @param {PointerEvent} event */
   #handleAt(event) {
-    const scene = /** @type {Scene} */ (this.model.scene), { view } = this;
-    const around = view.canvas.getBoundingClientRect(), ratio = view.canvas.width / around.width;
-    const at = [(event.clientX - around.left) * ratio, (event.clientY - around.top) * ratio];
+    const { view } = this, [x, y] = pixelUnder(view.canvas, event), number = numberOf(this.#scene, this.#cell(event));
     const near = (/** @type {number[]} */ point) => {
       const [px, py] = view.toPixels(point);
-      return Math.hypot(px - at[0], py - at[1]) < REACH * Math.min(2, window.devicePixelRatio || 1);
+      return Math.hypot(px - x, py - y) < REACH * view.ratio;
     };
-    const start = scene.starts.findIndex((point) => near(view.startPoint(point)));
-    if (start >= 0) return ["starts", start];
-    const number = numberOf(scene, view.pointOf(event).map(Math.floor));
-    const goal = scene.goals.findIndex((cells) => near(view.goalPoint(cells)) || cells.includes(number));
-    return goal >= 0 ? ["goals", goal] : null;
+    return this.#handle((start) => near(view.startPoint(start)), (goal) => near(view.goalPoint(goal)) || goal.includes(number));
   }
 
-  /** @param {number[]} cell @param {["goals" | "starts", number] | null} handle */
+  /** A goal or start on a cell. @param {number[]} cell */
+  #handleOn(cell) {
+    const number = numberOf(this.#scene, cell);
+    return this.#handle((start) => numberOf(this.#scene, cellAt(this.#scene, start)) === number, (goal) => goal.includes(number));
+  }
+
+  /** @param {number[]} cell @param {Handle | null} handle */
   #begin(cell, handle) {
     this.model.begin();
     this.#gesture = handle ? this.#drag(cell, ...handle) : this.canDraw && this.tool !== "look" ? this.#stroke(cell) : null;
@@ -139,117 +129,93 @@ export class Tools {
   /** Move a goal or a start; its own tool removes it where it is not moved.
    * @param {number[]} from @param {"goals" | "starts"} list @param {number} number @returns {Gesture | null} */
   #drag(from, list, number) {
-    const first = /** @type {Scene} */ (this.model.scene);
+    const first = this.#scene, isOwn = this.canDraw && `${this.tool}s` === list;
     if (!this.canDraw && list === "goals") return null;
-    const own = this.canDraw && this.tool === (list === "goals" ? "goal" : "start");
-    let moved = false;
+    let isMoved = false;
     return {
       move: (cell) => {
-        if (cell[0] === from[0] && cell[1] === from[1] && !moved) return;
-        moved = true;
         const by = [cell[0] - from[0], cell[1] - from[1]];
-        this.model.show(list === "goals" ? goalMoved(first, number, by) : startMoved(first, number, cell));
+        isMoved ||= by.some((step) => step !== 0);
+        if (isMoved) this.model.show(list === "goals" ? goalMoved(first, number, by) : startMoved(first, number, cell));
       },
       end: () => {
-        if (own && !moved) this.model.show(without(first, list, number));
+        if (isOwn && !isMoved) this.model.show(without(first, list, number));
       },
     };
   }
 
   /** @param {number[]} cell @returns {Gesture | null} */
   #stroke(cell) {
-    const { model } = this, first = /** @type {Scene} */ (model.scene), inside = insideOf(first, cell);
-    const none = { move: () => {}, end: () => {} };
-    if (this.tool === "goal" || this.tool === "start") {
-      if (!inside) return null;
-      model.show(this.tool === "goal" ? withGoal(first, inside) : withStart(first, inside));
-      return none;
-    }
-    const onWall = inside && first.cells[numberOf(first, inside)] & OBSTACLE;
-    const [scene, stroke] = this.#strokeOf(first, Boolean(onWall));
-    if (this.tool === "fill") {
-      if (!inside) return null;
-      model.show(brushed(scene, [...flood(scene, inside)], stroke));
-      return none;
-    }
-    if (this.tool === "box") return this.#box(scene, cell, stroke);
+    const { model, tool } = this, first = this.#scene, inside = insideOf(first, cell);
+    if (!inside && ["goal", "start", "fill"].includes(tool)) return null;
+    const isOnWall = inside !== null && Boolean(first.cells[numberOf(first, inside)] & OBSTACLE);
+    const [scene, stroke] = this.#strokeOf(first, isOnWall);
     let last = cell;
-    model.show(brushed(scene, line(cell, cell, this.brush), stroke));
-    return {
-      move: (next) => {
-        if (next[0] === last[0] && next[1] === last[1]) return;
-        model.show(brushed(/** @type {Scene} */ (model.scene), line(last, next, this.brush), stroke));
-        last = next;
-      },
-      end: () => {},
+    const paint = (/** @type {Iterable<number[]>} */ cells) => model.show(brushed({ ...this.#scene, palette: scene.palette }, cells, stroke));
+    const span = (/** @type {number[]} */ next) => {
+      const to = next.map((part, a) => Math.max(-1, Math.min(sizeOf(first)[a], part)));
+      this.view.rectangle = [cell, to];
+      model.show(brushed(scene, rectangle(cell, to), stroke));
     };
-  }
-
-  /** What the tool does to a cell. @param {Scene} scene @param {boolean} onWall @returns {[Scene, Stroke]} */
-  #strokeOf(scene, onWall) {
-    if (this.tool === "cost") {
-      const [with_, level] = withConductivity(scene, this.conductivity);
-      return [with_, costing(level)];
+    const draw = (/** @type {number[]} */ next) => {
+      if (next === last || next.some((part, a) => part !== last[a])) paint(line(last, next, this.brush));
+      last = next;
+    };
+    if (tool === "goal") model.show(withGoal(first, /** @type {number[]} */ (inside)));
+    else if (tool === "start") model.show(withStart(first, /** @type {number[]} */ (inside)));
+    else if (tool === "fill") paint([...flood(scene, /** @type {number[]} */ (inside))]);
+    else {
+      const move = tool === "box" ? span : draw;
+      move(cell);
+      return { move };
     }
-    if (this.tool === "erase") return [scene, (byte) => free(costing(scene.palette.indexOf(1) >= 0 ? scene.palette.indexOf(1) : 0)(byte))];
-    return [scene, onWall ? free : wall];
+    return {};
   }
 
-  /** @param {Scene} scene @param {number[]} from @param {Stroke} stroke @returns {Gesture} */
-  #box(scene, from, stroke) {
-    const show = (/** @type {number[]} */ cell) => {
-      const size = sizeOf(scene);
-      const to = cell.map((part, a) => Math.max(-1, Math.min(size[a], part)));
-      this.view.rectangle = [from, to];
-      this.model.show(brushed(scene, rectangle(from, to), stroke));
-    };
-    show(from);
-    return { move: show, end: () => {} };
+  /** What the tool does to a cell. @param {Scene} scene @param {boolean} isOnWall @returns {[Scene, Stroke]} */
+  #strokeOf(scene, isOnWall) {
+    if (this.tool === "cost") {
+      const [changed, level] = withConductivity(scene, this.conductivity);
+      return [changed, costing(level)];
+    }
+    if (this.tool === "erase") return [scene, (byte) => free(costing(Math.max(0, scene.palette.indexOf(1)))(byte))];
+    return [scene, isOnWall ? free : wall];
   }
 
   /** @param {KeyboardEvent} event */
   #key(event) {
-    const scene = this.model.scene;
-    if (!scene || event.ctrlKey || event.metaKey || event.altKey) return;
-    const tool = KEYS[/** @type {keyof typeof KEYS} */ (event.key.toLowerCase())];
-    const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
-    if (tool && this.canDraw) this.choose(tool);
-    else if (step) this.#walk(scene, step, event.shiftKey);
-    else if (event.key === " " || event.key === "Enter") this.#use(scene);
-    else if (event.key === "Escape") return;
+    if (!this.model.scene || event.ctrlKey || event.metaKey || event.altKey) return;
+    const tool = TOOLS.find(([, , key]) => key === event.key.toUpperCase()), step = stepOf(event);
+    if (tool && this.canDraw) this.choose(tool[0]);
+    else if (step) this.#walk(step, event.shiftKey);
+    else if (event.key === " " || event.key === "Enter") this.#use();
     else return;
     event.preventDefault();
   }
 
-  /** Move the cursor; with shift it takes along the goal or start on its cell. @param {Scene} scene @param {number[]} by @param {boolean} takes */
-  #walk(scene, by, takes) {
-    const from = this.view.cursor ?? sizeOf(scene).map((size) => Math.floor(size / 2));
-    const to = insideOf(scene, [from[0] + by[0], from[1] + by[1]]) ?? from;
-    const handle = takes ? this.#handleOn(scene, from) : null;
+  /** Where the keys are: in the middle at first. */
+  get #cursor() {
+    return this.view.cursor ?? sizeOf(this.#scene).map((size) => Math.floor(size / 2));
+  }
+
+  /** Move the cursor; with shift it takes along the goal or start on its cell. @param {number[]} by @param {boolean} takes */
+  #walk(by, takes) {
+    const from = this.#cursor, to = insideOf(this.#scene, [from[0] + by[0], from[1] + by[1]]) ?? from;
+    const handle = takes ? this.#handleOn(from) : null;
     this.view.cursor = to;
     this.view.canvas.dispatchEvent(new CustomEvent("walk", { detail: to }));
     if (!handle) return;
     this.#begin(from, handle);
-    this.#gesture?.move(to);
+    this.#gesture?.move?.(to);
     this.#end();
   }
 
-  /** @param {Scene} scene @param {number[]} cell @returns {["goals" | "starts", number] | null} */
-  #handleOn(scene, cell) {
-    const number = numberOf(scene, cell);
-    const start = scene.starts.findIndex((point) => numberOf(scene, cellAt(scene, point)) === number);
-    if (start >= 0) return ["starts", start];
-    const goal = scene.goals.findIndex((cells) => cells.includes(number));
-    return goal >= 0 ? ["goals", goal] : null;
-  }
-
-  /** Use the tool at the cursor; the second use of the box is its other corner. @param {Scene} scene */
-  #use(scene) {
-    const cell = this.view.cursor ?? sizeOf(scene).map((size) => Math.floor(size / 2));
+  /** Use the tool at the cursor. */
+  #use() {
+    const cell = this.#cursor, handle = this.#handleOn(cell);
     this.view.cursor = cell;
     if (this.tool === "snap") return this.#snap([cell[0] + 0.9, cell[1] + 0.5]);
-    const handle = this.#handleOn(scene, cell), own = handle?.[0] === `${this.tool}s`;
-    this.#begin(cell, own ? handle : null);
+    this.#begin(cell, handle?.[0] === `${this.tool}s` ? handle : null);
     return this.#end();
   }
 }

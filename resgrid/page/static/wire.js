@@ -1,5 +1,7 @@
 // The one connection: requests are answered in turn; of scenes to be solved only the newest is ever sent.
 
+import { writeScene } from "./model.js";
+
 const RETRY_MS = [250, 500, 1000, 2000];
 
 /** @param {object} head @param {Uint8Array} [body] */
@@ -22,17 +24,16 @@ function unpack(message) {
 /** What of a WebSocket is used: a notebook's comm is no WebSocket, and does the same.
  * @typedef {Pick<WebSocket, "send" | "readyState" | "binaryType" | "onmessage" | "onclose">} Socket */
 
-/** Events: "hello" (detail: head, body), "lost". */
-export class Wire extends EventTarget {
+export class Wire {
   #seq = 0;
   #attempt = 0;
   /** @type {Socket | null} */ #socket = null;
   /** @type {Map<number, {resolve: Function, reject: Function}>} */ #waiting = new Map();
 
-  /** @param {() => Socket} dial */
-  constructor(dial) {
-    super();
+  /** @param {() => Socket} dial @param {{hello: (head: any, body: Uint8Array) => void, lost: () => void}} hears */
+  constructor(dial, hears) {
     this.dial = dial;
+    this.hears = hears;
   }
 
   get isOpen() {
@@ -47,13 +48,14 @@ export class Wire extends EventTarget {
     this.#socket = socket;
   }
 
-  /** Ask, and wait for the answer. @param {object} head @param {Uint8Array} [body] @returns {Promise<[any, Uint8Array]>} */
-  ask(head, body) {
+  /** Ask, about a scene or not, and wait for the answer.
+   * @param {object} head @param {import("./model.js").Scene} [scene] @returns {Promise<[any, Uint8Array]>} */
+  ask(head, scene) {
     if (!this.isOpen) return Promise.reject(new Error("the server does not answer; what you draw is kept"));
-    const seq = ++this.#seq;
+    const seq = ++this.#seq, [drawing, body] = scene ? writeScene(scene) : [undefined, undefined];
     return new Promise((resolve, reject) => {
       this.#waiting.set(seq, { resolve, reject });
-      this.#socket?.send(pack({ ...head, seq }, body));
+      this.#socket?.send(pack({ ...head, drawing, seq }, body));
     });
   }
 
@@ -62,7 +64,7 @@ export class Wire extends EventTarget {
     const [head, body] = unpack(message);
     if (head.hello) {
       this.#attempt = 0;
-      this.dispatchEvent(new CustomEvent("hello", { detail: { head, body } }));
+      this.hears.hello(head, body);
       return;
     }
     const waiting = this.#waiting.get(head.seq);
@@ -76,38 +78,29 @@ export class Wire extends EventTarget {
     const why = event.code === 1009 ? "this is too large for the server" : "the server does not answer";
     for (const { reject } of this.#waiting.values()) reject(new Error(why));
     this.#waiting.clear();
-    this.dispatchEvent(new CustomEvent("lost"));
+    this.hears.lost();
     setTimeout(() => this.connect(), RETRY_MS[Math.min(this.#attempt++, RETRY_MS.length - 1)]);
   }
 }
 
-/** Asks for the newest of something, one request at a time. */
-export class Newest {
-  #busy = false;
-  #wanted = false;
-  /** @type {Promise<void>} */ #done = Promise.resolve();
-
-  /** @param {() => Promise<void>} run asks for what is newest when it is called */
-  constructor(run) {
-    this.run = run;
-  }
-
-  /** Ask again; ends when the newest has been answered. */
-  want() {
-    this.#wanted = true;
-    if (!this.#busy) this.#done = this.#ask();
-    return this.#done;
-  }
-
-  async #ask() {
-    this.#busy = true;
+/** A function that asks for what is newest when it is called, one request at a time, until the newest has been answered.
+ * @param {() => Promise<void>} ask */
+export function newest(ask) {
+  let isWanted = false;
+  /** @type {Promise<void> | null} */ let asking = null;
+  const run = async () => {
     try {
-      while (this.#wanted) {
-        this.#wanted = false;
-        await this.run();
+      while (isWanted) {
+        isWanted = false;
+        await ask();
       }
     } finally {
-      this.#busy = false;
+      asking = null;
     }
-  }
+  };
+  return () => {
+    isWanted = true;
+    asking ??= run();
+    return asking;
+  };
 }

@@ -162,7 +162,8 @@ def iterate(
         problem, x = _GraphProblem(laplacian, hierarchy.finest, levels, slot, b, unit), np.zeros((1, len(b)))
     else:
         x, currents = np.zeros((2, 2, len(hierarchy.finest.aggregate)))
-        krylov.scatter_rows(slot, b, 1.0 / unit, currents.ravel())
+        at_slots = currents.ravel()
+        team.over(len(slot), lambda some: krylov.scatter_rows(slot[some], b[some], 1.0 / unit, at_slots))
         problem = GridProblem(hierarchy.true, hierarchy.finest, levels, currents)
         if team.size > 1:
             from resgrid.solvers.multigrid.threaded import slab_solver
@@ -173,7 +174,13 @@ def iterate(
     fed = krylov.norm(b / unit if hierarchy.true is None else currents.ravel())
     stop = Stop(rtol * fed, ROUNDING * hierarchy.largest_degree / unit, unit, guess, rtol)
     size = converge(problem, x, stop, Watch() if watch is None else watch)
-    return krylov.gather_rows(slot, x.ravel()), size * unit
+    found = np.empty(len(slot))
+
+    def gather(some: slice) -> None:
+        found[some] = krylov.gather_rows(slot[some], x.ravel())
+
+    team.over(len(slot), gather)
+    return found, size * unit
 
 
 def approximate(

@@ -40,9 +40,8 @@ from resgrid.solvers.multigrid.grid_level import Level, in_double, level_of, ste
 from resgrid.solvers.multigrid.hierarchy import (
     NO_GROUND,
     Hierarchy,
-    coarsen_grid,
+    coarsen_beside,
     counted,
-    finest_stencils,
     largest_degree,
     lay_out_grid,
 )
@@ -140,16 +139,16 @@ class Scalable:
         return Hierarchy(pack_levels(grids, graphs), self.slot, self.unit, largest, finest, true, self.box)
 
 
-def scalable(laplacian: Laplacian) -> Scalable | None:
+def scalable(laplacian: Laplacian, team: Team = ALONE) -> Scalable | None:
     """Coarsen a grid to be scaled; None where it is none, or is not small before it falls apart."""
     found = lay_out_grid(laplacian)
     if found is None:
         return None
     level, slot, unit, box = found
-    levels, steps = coarsen_grid(level, keep=True)
+    levels, steps, first = coarsen_beside(level, team, keep=True)
     if not steps or levels[-1].size > _MOST_LEFT:
         return None
-    return Scalable(level, steps, finest_stencils(level), slot, unit, box)
+    return Scalable(level, steps, first, slot, unit, box)
 
 
 def cut_off(height: NDArray[np.float64], unknown: NDArray[np.bool_]) -> NDArray[np.float64]:
