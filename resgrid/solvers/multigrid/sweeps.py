@@ -13,6 +13,8 @@ import numpy as np
 
 from resgrid.jit import ZERO, inner, inner_fast, kernel
 from resgrid.solvers.multigrid.red_black import (
+    BLACK,
+    RED,
     Floats,
     Indices,
     Integers,
@@ -21,9 +23,8 @@ from resgrid.solvers.multigrid.red_black import (
     Stencil,
     blocks_of,
     draw,
+    draw_into,
     extent,
-    into_black,
-    into_red,
     relax,
 )
 from resgrid.solvers.multigrid.subnormals import flush_subnormals, restore_subnormals
@@ -114,7 +115,7 @@ def _draw_into_red(stencil: Stencil, window: Window, x: Reals, block: int) -> in
             window.red[k] = 0.0
         return to
     begin, count = extent(stencil, block)
-    into_red(stencil, x, block, window.red, to)
+    draw_into(stencil, RED, x, ZERO, block, window.red, to)
     while window.at[1] < len(stencil.couplings) and stencil.off_red[window.at[1]] < begin + count:
         window.red[to + stencil.off_red[window.at[1]] - begin] += window.coupled[window.at[1]]
         window.at[1] += 1
@@ -170,7 +171,7 @@ def restrict_slab(
         lead(stencil, window, z, step)
         block = step - ahead
         if slab.first <= block < last:
-            into_black(stencil, window.red, window.at[0], block, total, ZERO)
+            draw_into(stencil, BLACK, window.red, window.at[0], block, total, ZERO)
             at, count = extent(stencil, block)
             behind = max(slab.begin - at, 0)
             if behind < count:
@@ -251,13 +252,13 @@ def prolong_within(
             lead(stencil, first, z, step - before)
         if before + ahead <= step < before + blocks + ahead:
             begin, count = extent(stencil, step - before - ahead)
-            into_black(stencil, first.red, first.at[0], step - before - ahead, total, ZERO)
+            draw_into(stencil, BLACK, first.red, first.at[0], step - before - ahead, total, ZERO)
             relax(stencil.black_inverse, r, begin, count, total, z)
         if between <= step:
             lead(exact, second, z, step - between)
         if between + ahead <= step:
             begin, count = extent(exact, step - between - ahead)
-            into_black(exact, second.red, second.at[0], step - between - ahead, product, ZERO)
+            draw_into(exact, BLACK, second.red, second.at[0], step - between - ahead, product, ZERO)
             a, b, c = products(exact.black_degree, z, r, s, begin, count, product, w)
             zr, zw, zs = zr + a, zw + b, zs + c
     zw -= multiply_couplings(exact, second.coupled, z, w)
@@ -335,7 +336,7 @@ def residual_slab(stencil: Stencil, b: Floats, x: Floats, r: Floats, slab: Slab,
         block = step - ahead
         if block >= slab.first:
             at, count = extent(stencil, block)
-            into_black(stencil, window.red, window.at[0], block, total, ZERO)
+            draw_into(stencil, BLACK, window.red, window.at[0], block, total, ZERO)
             squares[block] = _subtract(stencil.black_degree, b[1], x[1], at, count, total, r)
     return window.coupled
 
