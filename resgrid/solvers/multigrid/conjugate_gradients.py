@@ -248,21 +248,18 @@ class Stop:
             self.small = self._far * ahead <= self._near
 
 
-def converge(
-    problem: Problem, x: NDArray[np.float64], stop: Stop, watch: Watch | None, *, at_rest: bool | None = None
-) -> float:
+def converge(problem: Problem, x: NDArray[np.float64], stop: Stop, watch: Watch | None) -> float:
     """Improve ``x`` (colours, slots) in place until the residual is small enough, or rounding forbids more.
 
     Returns the norm, in units.
     """
     burst = _Burst(problem, stop, watch)
-    at_rest = not stop.guessed if at_rest is None else at_rest
     last, left = np.inf, MOST_ITERATIONS
     while True:
         first = not math.isfinite(last)
         size = problem.residual(x, burst.residual)
         goal = stop.goal(None, first=first)
-        if size > goal and not (at_rest and first):
+        if size > goal:
             goal = stop.goal(x, first=first)
         stop.small &= size <= max(_DRIFT * burst.left * last, goal)
         if stop.small or not (size > goal and size < LEAST_GAIN * last and left > 0):
