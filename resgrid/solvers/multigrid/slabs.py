@@ -12,7 +12,6 @@ import numpy as np
 
 from resgrid.jit import ZERO, inner, kernel
 from resgrid.solvers.multigrid.cycle import CHUNK, combine, keep_step, take_step
-from resgrid.solvers.multigrid.krylov import Vectors, add_steps, advance
 from resgrid.solvers.multigrid.red_black import (
     BLACK,
     Floats,
@@ -220,32 +219,6 @@ def put_back_part(stencil: Stencil, z: Singles, red_fed: Singles, slab: Slab, re
         black[at : at + count] = z[at : at + count]
     relax_red_blocks(stencil, red_fed, z, slab.first, slab.last, red)
     restore_subnormals(flags)
-
-
-@kernel
-def advance_part(
-    v: Vectors, z: Singles, beta: float, alpha: float, chunks: tuple[int, int], sums: Floats, share: Singles
-) -> None:
-    """`krylov.advance` on some chunks of slots; ``sums`` (chunks,) of the squares; clears a share of the next level."""
-    share[:] = 0.0
-    for chunk in range(*chunks):
-        begin = chunk * CHUNK
-        sums[chunk] = advance(v.inverse, v.w, v.s, v.r, z, beta, alpha, begin, min(begin + CHUNK, len(z)))
-
-
-@kernel
-def gather_part(v: Vectors, x: Floats, one: float, begin: int, end: int) -> None:
-    """`krylov.add_steps` on some slots."""
-    add_steps(v, x, one, begin, end)
-
-
-@kernel
-def begin_part(v: Vectors, one: float, residual: Floats, z: Singles, begin: int, end: int, share: Singles) -> None:
-    """`krylov.begin_burst` on some slots; clears a share of the next level."""
-    share[:] = 0.0
-    for k in range(begin, end):
-        v.r[k] = residual[k] / one
-        z[k] = v.inverse[k] * v.r[k]
 
 
 @kernel
