@@ -18,12 +18,13 @@ from numpy.typing import NDArray
 from resgrid.solvers.extended import power
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.multigrid import krylov, sweeps
+from resgrid.solvers.multigrid import krylov
 from resgrid.solvers.multigrid.cycle import Finest, Levels, precondition
 from resgrid.solvers.multigrid.hierarchy import Hierarchy
 from resgrid.solvers.multigrid.krylov import Vectors
 from resgrid.solvers.multigrid.packing import with_work
 from resgrid.solvers.multigrid.red_black import Stencil
+from resgrid.solvers.multigrid.sweeps import black_residual
 from resgrid.solvers.refine import Numbers
 from resgrid.solvers.team import ALONE, Team
 
@@ -76,8 +77,8 @@ class Problem(Protocol):
     team: Team
     slabs: SlabSolver | None
 
-    def residual(self, x: NDArray[np.float64], r: NDArray[np.float64], at_rest: bool) -> float:
-        """``r = b - A x``, and its norm; ``at_rest``: ``x`` is 0.  Shapes: `x` (colours, slots), `r` (slots,)."""
+    def residual(self, x: NDArray[np.float64], r: NDArray[np.float64]) -> float:
+        """``r = b - A x``, and its norm.  Shapes: `x` (colours, slots), `r` (slots,)."""
 
 
 @dataclass(eq=False)
@@ -103,12 +104,11 @@ class GridProblem:
 
             self.slabs = slab_solver(self.team, self.true, self.finest, self.levels)
 
-    def residual(self, x: NDArray[np.float64], r: NDArray[np.float64], at_rest: bool) -> float:
+    def residual(self, x: NDArray[np.float64], r: NDArray[np.float64]) -> float:
         """As of `Problem`; relaxes the red cells."""
-        if self.slabs is not None and not at_rest:
+        if self.slabs is not None:
             return self.slabs.residual(self.currents, x, r)
-        formed = sweeps.residual_at_rest if at_rest else sweeps.black_residual
-        return float(formed(self.true, self.currents, x, r))
+        return black_residual(self.true, self.currents, x, r)
 
 
 @dataclass(eq=False)
@@ -127,11 +127,8 @@ class _GraphProblem:
     def __post_init__(self) -> None:
         self.vectors = _vectors(self.levels.graphs.inverse[: len(self.b)], _DEPTH)
 
-    def residual(self, x: NDArray[np.float64], r: NDArray[np.float64], at_rest: bool) -> float:
+    def residual(self, x: NDArray[np.float64], r: NDArray[np.float64]) -> float:
         """As of `Problem`."""
-        if at_rest:
-            krylov.scatter_rows(self.slot, self.b, 1.0 / self.unit, r)
-            return krylov.norm(r)
         by_rows = krylov.gather_rows(self.slot, x[0])
         krylov.row_residual(*matrix_rows(self.laplacian), self.slot, self.b, by_rows, r)
         r *= 1.0 / self.unit
@@ -254,21 +251,18 @@ class Stop:
             self.small = self._far * ahead <= self._near
 
 
-def converge(
-    problem: Problem, x: NDArray[np.float64], stop: Stop, watch: Watch | None, *, at_rest: bool | None = None
-) -> float:
+def converge(problem: Problem, x: NDArray[np.float64], stop: Stop, watch: Watch | None) -> float:
     """Improve ``x`` (colours, slots) in place until the residual is small enough, or rounding forbids more.
 
     Returns the norm, in units.
     """
     burst = _Burst(problem, stop, watch)
-    at_rest = not stop.guessed if at_rest is None else at_rest
     last, left = np.inf, MOST_ITERATIONS
     while True:
         first = not math.isfinite(last)
-        size = problem.residual(x, burst.residual, at_rest and first)
+        size = problem.residual(x, burst.residual)
         goal = stop.goal(None, first=first)
-        if size > goal and not (at_rest and first):
+        if size > goal:
             goal = stop.goal(x, first=first)
         stop.small &= size <= max(_DRIFT * burst.left * last, goal)
         if stop.small or not (size > goal and size < LEAST_GAIN * last and left > 0):

@@ -13,6 +13,7 @@ import numpy as np
 from resgrid.jit import ZERO, inner, kernel
 from resgrid.solvers.multigrid.cycle import CHUNK, combine, keep_step, take_step
 from resgrid.solvers.multigrid.red_black import (
+    BLACK,
     Floats,
     Indices,
     Reals,
@@ -20,8 +21,8 @@ from resgrid.solvers.multigrid.red_black import (
     Stencil,
     blocks_of,
     draw,
+    draw_into,
     extent,
-    into_black,
     relax,
     relax_red_blocks,
 )
@@ -62,7 +63,7 @@ def eliminate_part(
         block = step - ahead
         if block >= slab.first:
             at, count = extent(stencil, block)
-            into_black(stencil, window.red, window.at[0], block, total, ZERO)
+            draw_into(stencil, BLACK, window.red, window.at[0], block, total, ZERO)
             for k in range(count):
                 f[at + k] = total[k] + black_fed[at + k]
                 z[at + k] = stencil.black_inverse[at + k] * f[at + k]
@@ -138,7 +139,7 @@ def relax_part(
         block = step - 2 * ahead
         if block >= slab.first:
             at, count = extent(stencil, block)
-            into_black(stencil, window.red, window.at[0], block, total, ZERO)
+            draw_into(stencil, BLACK, window.red, window.at[0], block, total, ZERO)
             relax(stencil.black_inverse, r, at, count, total, z)
     _note_own(stencil, slab, window.coupled, noted)
     restore_subnormals(flags)
@@ -168,7 +169,7 @@ def multiply_part(
         block = step - ahead
         if block >= slab.first:
             at, count = extent(exact, block)
-            into_black(exact, window.red, window.at[0], block, total, ZERO)
+            draw_into(exact, BLACK, window.red, window.at[0], block, total, ZERO)
             sums[block, 0], sums[block, 1], sums[block, 2] = products(exact.black_degree, z, r, s, at, count, total, w)
     _note_own(exact, slab, window.coupled, noted)
     restore_subnormals(flags)
