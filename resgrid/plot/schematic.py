@@ -44,10 +44,9 @@ def in_plane(values: NDArray[Any]) -> NDArray[Any]:
 def resistor_ends(
     cells: CellMap,
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Numbers of the resistors on the grid, where they start and end, and whether they cross a periodic seam.
+    """Numbers (m,) of the grid's resistors, starts and ends (m, 2) upwards, and whether they cross a seam (m,).
 
-    They run upwards along their axis; those across a seam are drawn outwards at the upper end.  Shapes: (m,), (m, 2),
-    (m, 2), (m,).
+    Those across a seam are drawn outwards at the upper end.
     """
     across, index = crossed_faces(cells.resistor_face, cells.space.shape)
     number = np.flatnonzero(across >= 0)
