@@ -48,9 +48,7 @@ def coarsen(level: Level, *, split: bool, keep: bool = False) -> Coarsened | Non
         lattice = Lattice(lattice.shape, most)
         rank = np.where(colour == 0, np.cumsum(colour == 0), np.cumsum(colour == 1)) - 1
         number = (colour * lattice.slots + lattice.first_extra + rank).astype(np.int32)
-        extra = target >= 2 * before
-        target[(target >= before) & ~extra] += lattice.slots - before
-        target[extra] = number[target[extra] - 2 * before]
+        renumber(target, before, number, lattice.slots - before)
     cells = [lattice.cells_at(c, home[colour == c] - c * before) for c in range(2)]
     red, black = (np.ravel_multi_index(cell, lattice.shape).astype(np.int64) for cell in cells)
     return _summed(level, lattice, target, (red, black), keep)
@@ -262,6 +260,17 @@ def split_blocks(
                 of_root[node] = home
         flat[node] = of_root[root]
     return count
+
+
+@kernel
+def renumber(block: Indices, before: int, number: Indices, shift: int) -> None:
+    """Give extra nodes, counted from ``2 before``, their slot, and move black slots by ``shift``, in place."""
+    flat = block.ravel()
+    for node in range(len(flat)):
+        if flat[node] >= 2 * before:
+            flat[node] = number[flat[node] - 2 * before]
+        elif flat[node] >= before:
+            flat[node] += shift
 
 
 @kernel

@@ -110,22 +110,18 @@ def level_of(
 def in_double(level: Level) -> Stencil:
     """A level for the compiled passes, in double precision; takes over its degrees, and inverts the red ones."""
     red, black = level.degree
-    _invert(red, red)
+    invert(red, red)
     return stencil_of(level, level.edges.faces, level.edges.couplings, red, np.empty(0), black)
 
 
 def in_single(level: Level) -> Stencil:
     """A level for the compiled passes, in single precision; see `compensated` for its products."""
     single = np.float32
-    inverse = np.zeros(level.degree.shape, dtype=single)
-    _invert(level.degree, inverse)
+    inverse = np.empty(level.degree.shape, dtype=single)
+    for degree, of_colour in zip(level.degree, inverse, strict=True):
+        invert(degree, of_colour)
     faces, couplings = level.edges.faces.astype(single), level.edges.couplings.astype(single)
     return stencil_of(level, faces, couplings, inverse[0], inverse[1], level.degree[1].astype(single))
-
-
-def _invert(degree: Floats, inverse: Reals) -> None:
-    """Reciprocals where there is an unknown; what was there before elsewhere."""
-    np.divide(1.0, degree, out=inverse, where=degree > 0.0, casting="same_kind")
 
 
 def stencil_of(
@@ -344,3 +340,10 @@ def _compare(conductance: Floats, extremes: Floats) -> tuple[float, float]:
         least, greatest = min(least, bits[i] - one), max(greatest, bits[i])  # 0 becomes the largest one
     extreme[0], extreme[1] = least + one, greatest
     return total, count
+
+
+@kernel
+def invert(degree: Floats, inverse: Reals) -> None:
+    """Reciprocals; 0 where there is no unknown."""
+    for k in range(len(degree)):
+        inverse[k] = 1.0 / degree[k] if degree[k] > 0.0 else 0.0
