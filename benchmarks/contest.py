@@ -9,9 +9,8 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,8 @@ import numpy as np
 
 from benchmarks.peers import PEERS
 from benchmarks.problems import Equations, Problem, equations
+from resgrid.errors import ToolMissingError
+from resgrid.solvers.petsc import find_petsc
 
 ROOT = Path(__file__).resolve().parents[1]
 ONE_THREAD = dict.fromkeys(
@@ -91,23 +92,9 @@ class Contender:
 def interpreter(name: str) -> tuple[str, dict[str, str]]:
     """The Python that has a contender's library, and what its environment needs."""
     if name in PEERS and PEERS[name].package == "petsc4py":
-        return petsc_interpreter()
-    return sys.executable, {}
-
-
-@cache
-def petsc_interpreter() -> tuple[str, dict[str, str]]:
-    """Debian's Python with its real-valued build of PETSc if there is one, otherwise the present Python."""
-    for folder in sorted(Path("/usr/lib/petscdir").glob("*/*-real"), reverse=True):
-        found = ("/usr/bin/python3", {"PETSC_DIR": str(folder)})
-        done = subprocess.run(
-            [found[0], "-c", "import petsc4py.PETSc"],
-            env={**os.environ, **found[1]},
-            capture_output=True,
-            check=False,
-        )
-        if done.returncode == 0:
-            return found
+        with suppress(ToolMissingError):
+            found = find_petsc()
+            return found.python, found.environment
     return sys.executable, {}
 
 

@@ -90,12 +90,6 @@ def check_share(name: str, value: Any) -> None:
         raise InputError(f"{name} = {value!r} must lie between 0 and 1")
 
 
-def check_optional(name: str, value: Any, words: str, *, above: float) -> None:
-    """As `check_number`, for a value that may be None."""
-    if value is not None:
-        check_number(name, value, words, above=above)
-
-
 def check_whole(name: str, value: Any, least: int) -> None:
     """Refuse what is no whole number of at least ``least``."""
     if not (is_whole(value) and int(value) >= least):
@@ -175,8 +169,9 @@ def kind_of(hint: Any) -> Kind:  # noqa: PLR0911
     if origin is Literal:
         return Kind(lambda value: isinstance(value, str) and value in parts, (" or ".join(map(repr, parts)),))
     if origin is np.ndarray:
-        is_mask = np.bool_ in get_args(parts[1])
-        return Kind(_is_mask, _NUMBERS.words) if is_mask else _NUMBERS
+        if np.bool_ in get_args(parts[1]):
+            return Kind(lambda value: isinstance(value, np.ndarray) and value.dtype.kind == "b", _NUMBERS.words)
+        return _NUMBERS
     return _plain_kind(hint, origin or hint)
 
 
@@ -231,10 +226,6 @@ def _is_array(value: Any) -> bool:
         return np.asarray(value).dtype.kind in "biuf"
     except (TypeError, ValueError, OverflowError):
         return False
-
-
-def _is_mask(value: Any) -> bool:
-    return isinstance(value, np.ndarray) and value.dtype.kind == "b"
 
 
 _NUMBERS = Kind(_is_array, ("numbers",))

@@ -12,7 +12,7 @@ method for matrices that only scaling makes ill-conditioned (Drmac & Veselic 200
 In others the slowest ones come from Lanczos iteration on ``F G^-1 F^T`` (ARPACK; Lehoucq, Sorensen & Yang 1998), and
 again on what is left once the modes found are projected out, until nothing slower appears: an iteration from one vector
 sees one copy only of a multiple eigenvalue (Parlett 1998, section 12.4), and symmetric grids have many.  The fastest
-one comes from Lanczos iteration on ``C^-1 G``, in which no ``G`` is solved.
+one comes from Lanczos iteration on ``B C^-1 B^T``, in which no ``G`` is solved.
 """
 
 from __future__ import annotations
@@ -110,13 +110,14 @@ _AGREED = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """Every mode of a circuit.
+    """Modes of a circuit: some of the slowest, or, in a small one, the `whole` of them.
 
     `tau` (k,): time constants, slowest first, in seconds; `shape` (n, k): ``shape.T @ C @ shape`` is the identity.
     """
 
     tau: Floats
     shape: Floats
+    whole: bool
 
 
 def all_modes(dynamics: Dynamics) -> Modes:
@@ -141,7 +142,7 @@ def all_modes(dynamics: Dynamics) -> Modes:
     y[order] = solve_triangular(R, V)
     shape = basis.spread @ (follow @ y)
     shape[charged] += y
-    return Modes(tau, shape)
+    return Modes(tau, shape, whole=True)
 
 
 def check_modes(dynamics: Dynamics, modes: Modes, solve: Solver) -> None:
@@ -201,29 +202,15 @@ _KRYLOV, _PROBE_KRYLOV = 20, 10
 """Least vectors that an iteration keeps, and those of the loose one."""
 
 
-@dataclass(frozen=True, eq=False)
-class Spectrum:
-    """The slowest time constants of a circuit.
-
-    `tau` (k,): slowest first, in seconds; `mode` (n, k): ``mode.T @ G @ mode`` is the identity, in siemens; `all`:
-    every mode, where the circuit is small.
-    """
-
-    tau: Floats
-    mode: Floats
-    all: Modes | None
-
-
-def slowest_modes(dynamics: Dynamics, count: int, solve: Solver | None = None) -> Spectrum:
-    """Slowest time constants and their modes; ``solve`` is `accurate_solver`."""
+def slowest_modes(dynamics: Dynamics, count: int, solve: Solver | None = None) -> Modes:
+    """So many of the slowest modes, all of a small circuit's; ``solve`` is `accurate_solver`."""
     live = require_charge(dynamics)
     solve = solve or accurate_solver(factor_resolvent(dynamics, 0.0), dynamics.capacitance)
     if dynamics.size <= max(DENSE, 2 * count):
         modes = all_modes(dynamics)
         check_modes(dynamics, modes, solve)
-        slow = modes.tau[:count]
-        return Spectrum(slow, modes.shape[:, :count] * np.sqrt(slow), modes)
-    return Spectrum(*_slowest(dynamics, count, live, solve), None)
+        return modes
+    return _slowest(dynamics, min(count, live), live, solve)
 
 
 def require_charge(dynamics: Dynamics) -> int:
@@ -234,10 +221,9 @@ def require_charge(dynamics: Dynamics) -> int:
     return live
 
 
-def _slowest(dynamics: Dynamics, count: int, live: int, solve: Solver) -> tuple[Floats, Floats]:
+def _slowest(dynamics: Dynamics, count: int, live: int, solve: Solver) -> Modes:
     """Iterate on ``K = F G^-1 F^T``, whose eigenvectors are orthonormal, until nothing slower is left."""
     F = laplacian_root(dynamics.capacitance)
-    count = min(count, live)
 
     def apply(u: Floats) -> Floats:
         return np.asarray(F @ solve(F.T @ np.ravel(u)))
@@ -259,7 +245,7 @@ def _slowest(dynamics: Dynamics, count: int, live: int, solve: Solver) -> tuple[
             break
     slow = tau[:count] > _NOISE * tau[0]
     tau, U = tau[:count][slow], U[:, :count][:, slow]
-    return tau, np.stack([solve(F.T @ u) for u in U.T], axis=1) / np.sqrt(tau)
+    return Modes(tau, np.stack([solve(F.T @ u) for u in U.T], axis=1) / tau, whole=False)
 
 
 def _project_out(U: Floats, u: Floats) -> Floats:
@@ -289,43 +275,20 @@ def _sorted(tau: Floats, U: Floats) -> tuple[Floats, Floats]:
 
 
 def fastest_time_constant(dynamics: Dynamics) -> float:
-    """The shortest time constant, to 1 % or better, in seconds.
-
-    Nodes without capacitance are eliminated first, for they follow at once.
-    """
-    from scipy.linalg import eigh
-    from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
-
+    """The shortest time constant, to 1 % or better, in seconds; nodes without capacitance follow at once."""
     require_charge(dynamics)
     if dynamics.size <= DENSE:
         return float(all_modes(dynamics).tau[-1])
-    basis = charge_basis(dynamics)
-    charged = basis.charged
-    G = dynamics.conductance.matrix
-    own, across = G[charged][:, charged], (G @ basis.spread)[charged]
-    C = dynamics.capacitance.matrix[charged][:, charged]
-    inner = symmetric_factors(sparse.csc_matrix(basis.spread.T @ G @ basis.spread)) if basis.spread.shape[1] else None
+    basis, B = charge_basis(dynamics), laplacian_root(dynamics.conductance)
+    own, loose = B[:, basis.charged], B @ basis.spread
+    charge = symmetric_factors(dynamics.capacitance.matrix[basis.charged][:, basis.charged])
+    inner = symmetric_factors(loose.T @ loose) if loose.shape[1] else None
 
-    def reduced(x: Floats) -> Floats:
-        x = np.ravel(x)
-        return np.asarray(own @ x if inner is None else own @ x - across @ inner.solve(across.T @ x))
+    def left(u: Floats) -> Floats:
+        return u if inner is None else u - loose @ inner.solve(loose.T @ u)
 
-    n = own.shape[0]
-    if n <= DENSE:
-        whole = np.stack([reduced(x) for x in np.eye(n)])
-        return float(1.0 / eigh(whole, C.toarray(), eigvals_only=True, subset_by_index=[n - 1, n - 1])[0])
-    charge = symmetric_factors(C)
-    try:
-        rate = eigsh(
-            LinearOperator((n, n), matvec=reduced, dtype=np.float64),
-            1,
-            M=C,
-            Minv=LinearOperator((n, n), matvec=lambda b: charge.solve(np.ravel(b)), dtype=np.float64),
-            which="LA",
-            v0=np.random.default_rng(0).uniform(0.5, 1.5, n),
-            tol=_FASTEST_RTOL,
-            return_eigenvectors=False,
-        )
-    except ArpackError as error:
-        raise AccuracyError(f"the fastest time constant did not converge: {error}") from error
-    return float(1.0 / rate[0])
+    def apply(u: Floats) -> Floats:
+        return np.asarray(left(own @ charge.solve(own.T @ left(np.ravel(u)))))
+
+    start = own @ np.random.default_rng(0).uniform(0.5, 1.5, own.shape[1])
+    return float(1.0 / _top(apply, start, 1, _FASTEST_RTOL, _KRYLOV)[0][0])

@@ -58,11 +58,11 @@ class Motion:
 
 
 def motions(
-    dynamics: Dynamics, modes: Modes | None, deviation: Floats, accuracy: float, method: str = "auto"
+    dynamics: Dynamics, modes: Modes, deviation: Floats, accuracy: float, method: str = "auto"
 ) -> Callable[[float, float], Motion]:
     """Describe the way to the operating point, a window of times at a time.  Shapes: `deviation` (n,)."""
     root = laplacian_root(dynamics.capacitance)
-    if modes is not None:
+    if modes.whole:
         whole = Motion(modes.shape, 1.0 / modes.tau, (root @ modes.shape).T @ (root @ deviation))
         return lambda *_: whole
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import check_optional, check_whole, is_whole
+from resgrid.arguments import check_number, check_whole, is_whole
 from resgrid.chip.figures import Figure, Result
 from resgrid.chip.modes import (
     Solver,
@@ -148,13 +148,14 @@ def analyse_settling(
     if not (is_whole(bits) and 1 <= bits <= 24):
         raise InputError(f"bits = {bits!r}, but settling is judged at a whole number of bits, 1 to 24")
     check_whole("modes", modes, 1)
-    check_optional("span", span, "a number, positive and finite, in volts", above=0.0)
+    if span is not None:
+        check_number("span", span, "a number, positive and finite, in volts", above=0.0)
     dynamics = dynamics_of(netlist)
     require_charge(dynamics)
     factors = factor_resolvent(dynamics, 0.0, method)
     solve = accurate_solver(factors, dynamics.capacitance)
     slow = slowest_modes(dynamics, modes, solve)
-    fastest = fastest_time_constant(dynamics) if slow.all is None else float(slow.all.tau[-1])
+    fastest = float(slow.tau[-1]) if slow.whole else fastest_time_constant(dynamics)
     final = entrywise_solution(factors, dynamics.drive)
     settled = dynamics.voltage(final)
     reach = _reach(settled) if span is None else float(span)
@@ -165,10 +166,10 @@ def analyse_settling(
     if band == 0.0:
         raise InputError(f"span = {reach} V is nothing beside voltages that move by {unit:.1e} V; give a larger one")
     bound = settling_bound(dynamics, solve, deviation / unit, float(slow.tau[0]), band)
-    window = motions(dynamics, slow.all, deviation / unit, _FINENESS * band, method)
+    window = motions(dynamics, slow, deviation / unit, _FINENESS * band, method)
     row_time, end, times, distance = _walk_back(deviation / unit, window, bound, fastest, band)
     last = float(row_time.max(initial=0.0))
-    mode = slow.mode[:, 0]
+    mode = slow.shape[:, 0]
     across = np.subtract(*settled[netlist.resistor_nodes.T])
     with np.errstate(over="ignore"):
         power = float(np.nansum(netlist.conductance * across * across))
@@ -176,7 +177,7 @@ def analyse_settling(
         netlist=netlist,
         bits=bits,
         span=reach,
-        time_constants=slow.tau,
+        time_constants=slow.tau[:modes],
         mode=dynamics.at_nodes(mode / mode[np.argmax(np.abs(mode))]),
         fastest=fastest,
         node_time=dynamics.at_nodes(row_time),

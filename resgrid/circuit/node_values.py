@@ -10,8 +10,6 @@ difference.  But ``A^-1`` has no negative entry: the error is at most ``A^-1 |r|
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -19,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.equations import Equations
-from resgrid.solvers.extended import NOISE, Scaled, logarithm, power
+from resgrid.solvers.extended import Scaled, logarithm, power
 from resgrid.solvers.factors.factor import Factor
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.rails import Rails
+from resgrid.solvers.team import Team
 
 _LEAST_REST = 1e-3
 """Smallest height above the low rail, as a share of both rails' distance, that is read off the drop."""
@@ -37,8 +36,7 @@ class NodeValues:
     above the low one; `zero, volts`: voltage of the low (or only) rail, and volts of a unit; negative where values
     grow as voltages fall; `noise`: relative difference of two values counted upwards below which it is noise;
     ``value.noise`` is that of drops; `doubt`: by how much any value may be off at most, relative to the largest,
-    where currents of both signs drive the circuit; of all others nothing is said here; `grain`: difference of two
-    values, in units, below which it is noise because they are differences themselves.
+    where currents of both signs drive the circuit; of all others nothing is said here.
     """
 
     value: Scaled
@@ -47,7 +45,6 @@ class NodeValues:
     volts: float
     noise: float
     doubt: float = 0.0
-    grain: float = 0.0
 
     @property
     def height(self) -> NDArray[np.float64]:
@@ -56,32 +53,46 @@ class NodeValues:
         return np.where(self.down, 1.0 - plain, plain)
 
 
-def node_values(system: Equations, factors: Factor | None, watch: Watch, threads: int) -> NodeValues:
+def node_values(system: Equations, factors: Factor | None, watch: Watch, team: Team) -> NodeValues:
     """Solve for all that the currents of a circuit are read off."""
     if system.rails is not None:
-        return _between(system, system.rails, *_drop_and_height(system.rails, factors, watch, threads))
+        return _between(system, system.rails, *_drop_and_height(system.rails, factors, watch, team), team)
     drive = system.drive
-    rising, falling = _solved(factors, [np.maximum(drive, 0.0), np.maximum(-drive, 0.0)], watch, threads)
+    rising, falling = _solved(factors, [np.maximum(drive, 0.0), np.maximum(-drive, 0.0)], watch, team)
     if not np.any(drive < 0):
-        return _above(system, rising, 1.0)
+        return _above(system, rising, 1.0, team)
     if not np.any(drive > 0):
-        return _above(system, falling, -1.0)
+        return _above(system, falling, -1.0, team)
     assert factors is not None
-    difference, doubt, grain = subtract(factors, drive, system.drive_rounding, rising, falling, watch.bound)
-    return replace(_above(system, difference, 1.0), doubt=doubt, grain=grain)
+    difference = _minus(rising, falling)
+    doubt = watch.bound * _quotient([rising, falling], difference)
+    return replace(_above(system, difference, 1.0, team), doubt=doubt)
 
 
-def _drop_and_height(rails: Rails, factors: Factor | None, watch: Watch, threads: int) -> tuple[Scaled, Scaled | None]:
+def values_above(system: Equations, volts: NDArray[np.float64], above: NDArray[np.float64], team: Team) -> NodeValues:
+    """Values of all nodes from the heights of rows above every rail.  Shapes: `volts` (rails,), `above` (n, rails)."""
+    rails = system.rails
+    if rails is not None:
+        span = rails.high - rails.low
+        up, down = (above[:, int(np.argmin(np.abs(volts - rail)))] / span for rail in (rails.low, rails.high))
+        return _between(system, rails, Scaled.of(-down), Scaled.of(up), team)
+    nearest = np.abs(above).argmin(axis=1)
+    x = (volts - system.reference)[nearest] + np.take_along_axis(above, nearest[:, None], axis=1)[:, 0]
+    sign = -1.0 if np.all(x <= 0.0) else 1.0
+    return _above(system, Scaled.of(sign * x), sign, team)
+
+
+def _drop_and_height(rails: Rails, factors: Factor | None, watch: Watch, team: Team) -> tuple[Scaled, Scaled | None]:
     """The drop from the high rail, and the height above the low one where it is no mere rest of the drop.
 
     All that flows into the low rail comes from the high one: ``to_low * height`` is at most the sum of ``to_high``.
     Where that says that both are needed, they are solved at once.
     """
-    if threads > 1 and rails.to_high.sum() < _LEAST_REST * rails.to_low.max(initial=0.0):
-        drop, height = _solved(factors, [rails.to_low, rails.to_high], watch, threads)
+    if team.size > 1 and rails.to_high.sum() < _LEAST_REST * rails.to_low.max(initial=0.0):
+        drop, height = _solved(factors, [rails.to_low, rails.to_high], watch, team)
         return drop, None if _leaves_rest(drop) else height
-    (drop,) = _solved(factors, [rails.to_low], watch, threads)
-    return drop, None if _leaves_rest(drop) else _solved(factors, [rails.to_high], watch, threads)[0]
+    (drop,) = _solved(factors, [rails.to_low], watch, team)
+    return drop, None if _leaves_rest(drop) else _solved(factors, [rails.to_high], watch, team)[0]
 
 
 def _leaves_rest(drop: Scaled) -> bool:
@@ -89,50 +100,50 @@ def _leaves_rest(drop: Scaled) -> bool:
     return bool(drop.plain.max(initial=0.0) < 1.0 - _LEAST_REST)
 
 
-def _solved(factors: Factor | None, currents: list[NDArray[np.float64]], watch: Watch, threads: int) -> list[Scaled]:
-    """Solve for right-hand sides of one sign each."""
+def _solved(factors: Factor | None, currents: list[NDArray[np.float64]], watch: Watch, team: Team) -> list[Scaled]:
+    """Solve for right-hand sides of one sign each, side by side; an interrupt stops all."""
 
     def one(rhs: NDArray[np.float64]) -> Scaled:
         if factors is None or not rhs.any():
             return Scaled.of(np.zeros(len(rhs)))
-        return factors.solve_nonnegative(rhs, watch=watch)[0]
-
-    return _side_by_side([partial(one, rhs) for rhs in currents], threads, watch.stop)
-
-
-def _side_by_side(jobs: list[Callable[[], Scaled]], threads: int, stop: Callable[[], None]) -> list[Scaled]:
-    """Results of all jobs, in their order; with one thread one job after the other."""
-    if threads <= 1 or len(jobs) <= 1:
-        return [job() for job in jobs]
-    with ThreadPoolExecutor(min(threads, len(jobs))) as pool:
-        running = [pool.submit(job) for job in jobs]
         try:
-            return [future.result() for future in running]
-        except BaseException:
-            stop()
+            return factors.solve_nonnegative(rhs, watch=watch)[0]
+        except KeyboardInterrupt:
+            watch.stop()
             raise
 
+    return team.together([partial(one, rhs) for rhs in currents])
 
-def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | None) -> NodeValues:
+
+def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | None, team: Team) -> NodeValues:
     """Spread drops, and heights where they were solved for, over the nodes."""
     from resgrid.circuit.kernels import from_nearer_rail
 
     nodes = len(system.unknown)
     out, down = _zeros(nodes), np.zeros(nodes, dtype=np.bool_)
     own = height if height is not None else _zeros(0)
-    from_nearer_rail(system.unknown, system.known, rails.low, rails.high, drop, own, out, down)
+
+    def spread(piece: slice) -> None:
+        row, known = system.unknown[piece], system.known[piece]
+        from_nearer_rail(row, known, rails.low, rails.high, drop, own, out.at(piece), down[piece])
+
+    team.over(nodes, spread)
     value = Scaled(out.hi, out.lo, out.exponent, drop.noise)
     noise = height.noise if height is not None else drop.noise / _LEAST_REST
     return NodeValues(value, down, rails.low, rails.high - rails.low, noise)
 
 
-def _above(system: Equations, rows: Scaled, volts: float) -> NodeValues:
+def _above(system: Equations, rows: Scaled, volts: float, team: Team) -> NodeValues:
     """Spread heights above the reference over the nodes."""
     from resgrid.circuit.kernels import from_one_rail
 
     nodes, forest = len(system.unknown), system.forest
     out = _zeros(nodes)
-    from_one_rail(system.unknown, system.known, system.reference, volts, rows, out)
+
+    def spread(piece: slice) -> None:
+        from_one_rail(system.unknown[piece], system.known[piece], system.reference, volts, rows, out.at(piece))
+
+    team.over(nodes, spread)
     lifted = (forest.height != 0) & (system.unknown[forest.order] >= 0)
     if lifted.any():
         # Floating sources occur only in circuits without two rails, whose values do not leave the range of a double.
@@ -147,7 +158,7 @@ def _zeros(nodes: int) -> Scaled:
     return Scaled.of(np.zeros(nodes))
 
 
-_CERTAIN = 1e-9
+CERTAIN = 1e-9
 """Errors relative to the largest value that need no closer look."""
 
 _MOST_CORRECTIONS = 5
@@ -160,17 +171,15 @@ def subtract(
     rising: Scaled,
     falling: Scaled,
     bound: float,
-) -> tuple[Scaled, float, float]:
+) -> tuple[Scaled, float]:
     """Subtract the solutions for the currents of either sign; ``rounding`` is what these may be off by themselves.
 
     Shapes: `drive, rounding` (n,), `rising, falling` (n,); returns `difference` (n,).
     """
-    difference, doubt, parts = _minus(rising, falling), 0.0, [rising, falling]
-    if bound * _quotient(parts, difference) > _CERTAIN:
-        difference, doubt = _refined(factors, drive, rounding, difference)
-        parts = [difference]
-    grain = max(NOISE, doubt) * np.exp(max(map(_largest_log, parts)))
-    return difference, doubt, float(grain)
+    difference = _minus(rising, falling)
+    if bound * _quotient([rising, falling], difference) > CERTAIN:
+        return _refined(factors, drive, rounding, difference)
+    return difference, 0.0
 
 
 def _minus(a: Scaled, b: Scaled) -> Scaled:
@@ -193,7 +202,7 @@ def _refined(
         if not found < doubt:
             break
         best, doubt = x, found
-        if doubt <= _CERTAIN:
+        if doubt <= CERTAIN:
             break
         x = _minus(x, _minus(fall, rise))
     return best, float(doubt)

@@ -35,7 +35,8 @@ def _control_options(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _option(key: str, hint: Any, default: Any, meaning: str) -> Callable[..., Any]:
-    hint = next((part for part in get_args(hint) if part is not type(None)), hint) if _is_optional(hint) else hint
+    if type(None) in get_args(hint):
+        hint = next(part for part in get_args(hint) if part is not type(None))
     name = f"--{key.replace('_', '-')}"
     shown = default if isinstance(default, int | float | str) and not isinstance(default, bool) else None
     text = meaning if shown is None else f"{meaning}  [default: {shown}]"
@@ -49,10 +50,6 @@ def _option(key: str, hint: Any, default: Any, meaning: str) -> Callable[..., An
         return click.option(name, metavar="N" if hint is int else "X", type=hint, help=text)
     many = get_origin(get_args(hint)[0]) is tuple
     return click.option(name, metavar="X,...", type=NUMBERS, multiple=many, help=f"{text}{'  Repeatable.' * many}")
-
-
-def _is_optional(hint: Any) -> bool:
-    return type(None) in get_args(hint)
 
 
 @verb(

@@ -114,7 +114,6 @@ class Stage:
     def __init__(self, seconds: float | None = None, steps: int | None = None) -> None:
         self._seconds, self._steps, self._done = seconds, steps, 0
         self._note = ""
-        self._left: float | None = None
         self._counted: tuple[float, int] | None = None
         self._begin = time.perf_counter()
 
@@ -130,17 +129,14 @@ class Stage:
 
     def follow(self, _steps: int, residual: float, seconds_left: float | None) -> None:
         """An iteration: how small its residual is, and about how long it still takes."""
-        self._note, self._seconds = f"residual {residual:.0e}  ", None
-        self._left = seconds_left
+        self._note = f"residual {residual:.0e}  "
+        self._seconds = None if seconds_left is None else time.perf_counter() - self._begin + seconds_left
 
     def fraction(self) -> float | None:
         """Part of the stage that is done, in [0, 0.99]; None where nobody knows."""
-        elapsed = time.perf_counter() - self._begin
         if self._steps:
             return min(self._done / self._steps, 0.99)
-        if self._seconds is not None:
-            return min(elapsed / self._seconds, 0.99)
-        return None if self._left is None else min(elapsed / (elapsed + self._left), 0.99)
+        return min((time.perf_counter() - self._begin) / self._seconds, 0.99) if self._seconds else None
 
     def outlook(self) -> str:
         """What is known so far, and the time left."""

@@ -9,12 +9,13 @@ of the same problem.  Velocities keep gaps to first order; that no gap closes in
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.control.forces import contact_forces
 from resgrid.control.plant import PAIR, Plant
 from resgrid.robots import Pose
 from resgrid.robots.geometry import TOUCH
@@ -51,16 +52,6 @@ class Contacts:
     normal_torque: NDArray[np.float64]
     velocity: NDArray[np.float64]
     solved: bool
-
-    def scaled(self, factor: float) -> Contacts:
-        """The same for a command, and so velocity and forces, that many times as large."""
-        return replace(
-            self,
-            force=factor * self.force,
-            torque=factor * self.torque,
-            normal_torque=factor * self.normal_torque,
-            velocity=factor * self.velocity,
-        )
 
     @property
     def pressing(self) -> NDArray[np.bool_]:
@@ -115,9 +106,9 @@ def solve_contacts(
     rows = np.concatenate([around.normal_rows[touching], ends]), np.zeros((count + len(ends), len(velocity)))
     rows[1][:count] = around.tangent_rows[touching]
     target = np.zeros(count + len(ends))
-    after, forces, solved = _solution(*rows, target, velocity, admittance, friction)
+    after, forces, solved = contact_forces(*rows, target, velocity, admittance, friction)
     target[:count] = opening[touching]
-    pushed = _solution(*rows, target, velocity, admittance, friction) if solved and target.any() else None
+    pushed = contact_forces(*rows, target, velocity, admittance, friction) if solved and target.any() else None
     normal = pairs["normal"]
     tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
     own = forces[:count]
@@ -131,24 +122,6 @@ def solve_contacts(
         velocity=pushed[0] if pushed is not None and pushed[2] else after,
         solved=solved,
     )
-
-
-def _solution(
-    normal: NDArray[np.float64], tangent: NDArray[np.float64], target: NDArray[np.float64],
-    velocity: NDArray[np.float64], admittance: NDArray[np.float64], friction: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], bool]:  # fmt: skip
-    """Velocity with contacts, forces, and whether they solve the problem; of a unit admittance and velocity."""
-    from resgrid.control import contact_kernels
-
-    forces, after = np.zeros((len(normal), 2)), velocity.astype(np.float64)
-    speed, give = float(np.abs(velocity).max(initial=0.0)) or 1.0, float(np.abs(admittance).max())
-    after /= speed
-    solved = not len(normal) or contact_kernels.resolve_contacts(
-        normal, tangent, target / speed, admittance / give, friction, after, forces
-    )
-    if not solved:
-        return np.zeros_like(after), np.zeros_like(forces), False
-    return after * speed, forces * (speed / give), True
 
 
 class Body:

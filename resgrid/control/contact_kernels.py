@@ -1,6 +1,10 @@
-"""Compiled loops of rigid contact: pairs of near points, how they move, and the forces between them.
+"""Compiled loops about a robot among obstacles: pairs of near points, and for how much of a motion it stays apart.
 
-The forces solve a complementarity problem, by pivoting.
+A segment of the robot and a convex piece of an obstacle (an edge, a disc, a half-plane) are apart while a line
+separates them: a line that stands still, beyond which both ends of the segment stay, or the segment's own, which moves
+with it, and on whose other side the obstacle stays.  Heights over such a line are known with their rates, and their
+second derivatives are bounded, so that until when they stay positive is the root of a parabola.  How a segment moves is
+given by seven numbers: the rates of both of its ends, bounds on their accelerations, and the rate of its direction.
 
 Numba takes seconds to import: only functions that are about to run import this module.
 """
@@ -11,201 +15,18 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inner
+from resgrid.jit import inlined, inner, kernel
 from resgrid.robots.geometry import TOUCH, ObstacleArrays, Pose
 from resgrid.robots.kernels import share
+
+_RIM = 1e-13
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Pairs = Any
 """An array of `resgrid.control.plant.PAIR`."""
-
-_LEAST_MOBILITY = 1e-12
-_LEAST_PIVOT = 1e-13
-_TIE = 1e-12
-_GONE = 1e-9
-_CLOSED = 1e-6
-_REFINEMENTS = 3
-
-
-@inner
-def _leaving_row(table: Floats, entering: int, basis: Integers) -> int:
-    """Row of the smallest ratio, ties decided by the ratios of the inverse basis (lexicographic); -1 if none bounds."""
-    size = len(table)
-    least = _LEAST_PIVOT * np.abs(table[:, :size]).max()
-    best = -1
-    for row in range(size):
-        if table[row, entering] <= least:
-            continue
-        if best < 0:
-            best = row
-            continue
-        for column in range(-1, size):
-            own = table[row, column] / table[row, entering]
-            other = table[best, column] / table[best, entering]
-            if abs(own - other) > _TIE * (1.0 + abs(other)):
-                if own < other:
-                    best = row
-                break
-    if best >= 0:
-        for row in range(size):
-            if basis[row] == 2 * size and table[row, entering] > least:
-                own, other = table[row, -1] / table[row, entering], table[best, -1] / table[best, entering]
-                if own <= other + _TIE * (1.0 + abs(other)):
-                    return row
-    return best
-
-
-@inner
-def _pivot(table: Floats, row: int, column: int) -> None:
-    table[row] /= table[row, column]
-    for other in range(len(table)):
-        if other != row and table[other, column] != 0.0:
-            table[other] -= table[other, column] * table[row]
-
-
-@njit(cache=True)
-def complementary(matrix: Floats, offset: Floats, inverse: Floats, basis: Integers) -> bool:
-    """Basis of ``z >= 0, w = M z + q >= 0, z . w = 0`` by Lemke's method, for small copositive M; False without one.
-
-    Columns of the table: the slacks ``w``, the unknowns ``z``, Lemke's artificial one, and the right-hand side.
-    ``basis`` ends as the columns that are not 0, whose values are ``inverse @ q``.
-    """
-    size = len(offset)
-    inverse[:], basis[:] = np.eye(size), np.arange(size)
-    if offset.min() >= 0.0:
-        return True
-    table = np.zeros((size, 2 * size + 2))
-    for row in range(size):
-        table[row, row] = 1.0
-        table[row, size : 2 * size] = -matrix[row]
-        table[row, 2 * size] = -1.0
-        table[row, -1] = offset[row]
-    row = int(np.argmin(offset))
-    entering = 2 * size
-    for _ in range(50 * size):
-        leaving = basis[row]
-        _pivot(table, row, entering)
-        basis[row] = entering
-        done = leaving == 2 * size
-        for other in range(size):
-            done |= basis[other] == 2 * size and table[other, -1] <= _GONE
-        if done:
-            inverse[:] = table[:, :size]
-            return True
-        entering = leaving + size if leaving < size else leaving - size
-        row = _leaving_row(table, entering, basis)
-        if row < 0:
-            return False
-    return False
-
-
-@inner
-def _slacks(
-    rows: Floats, give: Floats, cone: Floats, offset: Floats, unknown: Floats, slack: Floats
-) -> None:  # fmt: skip
-    """``w = M z + q`` from the velocity that z gives, whose rounding is not squared."""
-    change = np.zeros(rows.shape[1])
-    for row in range(len(unknown)):
-        change += unknown[row] * give[row]
-    for row in range(len(unknown)):
-        slack[row] = offset[row] + np.dot(rows[row], change) + np.dot(cone[row], unknown)
-
-
-@inner
-def _refined(
-    rows: Floats, give: Floats, cone: Floats, offset: Floats, inverse: Floats, basis: Integers, unknown: Floats
-) -> float:
-    """Unknowns of a basis, made right by its residuals; returns by how much they miss the problem.
-
-    Contacts that almost face each other are as badly conditioned in ``M = N A N^T`` as the square of ``N`` is.
-    """
-    used = len(unknown)
-    slack = np.empty(used)
-    for _ in range(_REFINEMENTS):
-        _slacks(rows, give, cone, offset, unknown, slack)
-        for column in basis:
-            if column < used:
-                slack[column] = 0.0
-        for row in range(used):
-            if used <= basis[row] < 2 * used:
-                unknown[basis[row] - used] += np.dot(inverse[row], slack)
-    _slacks(rows, give, cone, offset, unknown, slack)
-    missed, largest = max(-slack.min(), -unknown.min()), unknown.max()
-    for row in range(used):
-        missed = max(missed, min(abs(slack[row]), abs(unknown[row])))
-        if unknown[row] < _TIE * largest:
-            unknown[row] = 0.0
-    return float(missed)
-
-
-@inner
-def _unknowns(
-    normal: Floats, tangent: Floats, target: Floats, admittance: Floats, friction: float, velocity: Floats,
-    rows: Floats, offset: Floats, scale: Floats, owner: Integers, kind: Integers, cone: Floats,
-) -> int:  # fmt: skip
-    """What is looked for: of each contact ``f_n``, and with friction both sides of ``f_t`` and the slip; how many.
-
-    Forces are in units in which each alone has an admittance of 1: rows of unit size, offsets without force, and a
-    cone that ties the kinds together.
-    """
-    used, size = 0, max(np.abs(normal).max(), np.abs(tangent).max())
-    for k in range(len(normal)):
-        if np.abs(normal[k]).max() <= _LEAST_MOBILITY * size:
-            continue
-        first = used
-        for part in range(4 if friction > 0.0 and np.abs(tangent[k]).max() > _LEAST_MOBILITY * size else 1):
-            owner[used], kind[used], scale[used] = k, part, scale[used - 1]
-            if part < 3:
-                row = normal[k] if part == 0 else tangent[k]
-                scale[used] = 1.0 / np.sqrt(np.dot(row @ admittance, row))
-                rows[used] = row * (-scale[used] if part == 2 else scale[used])
-                offset[used] = np.dot(rows[used], velocity) - (target[k] * scale[used] if part == 0 else 0.0)
-            used += 1
-        if used > first + 1:
-            slip = first + 3
-            cone[first + 1, slip] = cone[first + 2, slip] = 1.0
-            cone[slip, first + 1] = cone[slip, first + 2] = -1.0
-            cone[slip, first] = friction * scale[first] / scale[slip]
-    return used
-
-
-@njit(cache=True)
-def resolve_contacts(
-    normal: Floats, tangent: Floats, target: Floats, admittance: Floats, friction: float, velocity: Floats,
-    force: Floats,
-) -> bool:  # fmt: skip
-    """Contact forces that keep ``n . J qdot >= target``, with Coulomb friction; ``velocity`` is changed in place.
-
-    The complementarity problem ``0 <= f_n, n . J qdot - target >= 0``, one of them 0, and ``|f_t| <= mu f_n``, opposing
-    ``t . J qdot``; in the plane the cone of friction is a wedge, so this is linear.  ``force[k]`` ends as normal and
-    tangential force.  A contact whose force could not move the robot is left out.  Returns whether a solution was found
-    to 1e-6 of the velocity; with targets that are not positive there is one.
-    """
-    most, ndim = 4 * len(normal), normal.shape[1]
-    rows, offset, scale, cone = np.zeros((most, ndim)), np.zeros(most), np.empty(most), np.zeros((most, most))
-    owner, kind = np.empty(most, np.int64), np.empty(most, np.int64)
-    force[:] = 0.0
-    used = _unknowns(
-        normal, tangent, target, admittance, friction, velocity, rows, offset, scale, owner, kind, cone
-    )  # fmt: skip
-    rows, offset, cone = rows[:used], offset[:used], np.ascontiguousarray(cone[:used, :used])
-    largest = np.abs(offset).max() if used else 0.0
-    if largest == 0.0:
-        return True
-    give, unknown = rows @ admittance, np.zeros(used)
-    inverse, basis = np.empty((used, used)), np.empty(used, np.int64)
-    if not complementary(give @ rows.T + cone, offset / largest, inverse, basis):
-        return False
-    missed = _refined(rows, give, cone, offset, inverse, basis, unknown)
-    for row in range(used):
-        if kind[row] < 3:
-            velocity += unknown[row] * give[row]
-            force[owner[row], min(kind[row], 1)] += (-unknown[row] if kind[row] == 2 else unknown[row]) * scale[row]
-    return missed <= _CLOSED * largest
 
 
 @inner
@@ -233,14 +54,14 @@ def _add(
     return count + 1
 
 
-@njit(cache=True, inline="always")
+@inlined
 def misses(edge: Floats, x0: float, x1: float, y0: float, y1: float) -> bool:
     """Whether an edge lies beside a box."""
     ax, ay, bx, by = edge
     return bool(max(ax, bx) < x0 or min(ax, bx) > x1 or max(ay, by) < y0 or min(ay, by) > y1)
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _left_of(edge: Floats) -> tuple[float, float]:
     """Unit normal of an edge into the solid, which lies on its left."""
     dx, dy = edge[2] - edge[0], edge[3] - edge[1]
@@ -286,7 +107,7 @@ def _add_end(
     return _add(pairs, count, px, py, ax, ay, (lx, ly), (-lx, -ly), owner, reach)
 
 
-@njit(cache=True)
+@kernel
 def near_points(pose: Pose, solid: ObstacleArrays, reach: float, pairs: Pairs) -> int:
     """Pairs of near points of a robot (segments with a radius) and obstacles, within a reach.
 
@@ -344,7 +165,7 @@ def near_points(pose: Pose, solid: ObstacleArrays, reach: float, pairs: Pairs) -
     return count
 
 
-@njit(cache=True)
+@kernel
 def contact_rows(pairs: Pairs, pose: Pose, normal: Floats, tangent: Floats) -> None:
     """Rows ``n . J`` and ``t . J`` of every pair, J the Jacobian of the robot's surface point; t is n turned left."""
     shift, spin, pivot = pose.shift, pose.spin, pose.pivot
@@ -355,3 +176,143 @@ def contact_rows(pairs: Pairs, pose: Pose, normal: Floats, tangent: Floats) -> N
             vy = shift[part, axis, 1] + spin[part, axis] * (x - pivot[part, axis, 0])
             normal[k, axis] = nx * vx + ny * vy
             tangent[k, axis] = -ny * vx + nx * vy
+
+
+@inlined
+def _until(height: float, rate: float, bend: float) -> float:
+    """Until when ``height + rate u - bend u^2 / 2`` is not negative; 0 where it is from the start."""
+    if height < 0.0:
+        return 0.0
+    root = math.sqrt(rate * rate + 2.0 * bend * height)
+    if rate < 0.0:
+        return 2.0 * height / (root - rate)
+    return (rate + root) / bend if bend > 0.0 else np.inf
+
+
+@inner
+def _beyond(nx: float, ny: float, segment: Floats, moves: Floats, top: float) -> float:
+    """Until when both ends of a moving segment stay beyond the line ``n . x = top``."""
+    first = _until(nx * segment[0] + ny * segment[1] - top, nx * moves[0] + ny * moves[1], moves[4])
+    return min(first, _until(nx * segment[2] + ny * segment[3] - top, nx * moves[2] + ny * moves[3], moves[5]))
+
+
+@inner
+def _beside(px: float, py: float, qx: float, qy: float, segment: Floats, moves: Floats, keep: float) -> float:
+    """Until when two points that stand still keep away from the line of a moving segment, both on one side of it."""
+    dx, dy = segment[2] - segment[0], segment[3] - segment[1]
+    length = math.hypot(dx, dy)
+    if length == 0.0:
+        return 0.0
+    nx, ny = dy / length, -dx / length
+    end = 0 if moves[0] ** 2 + moves[1] ** 2 <= moves[2] ** 2 + moves[3] ** 2 else 2
+    ex, ey, vx, vy, bend = segment[end], segment[end + 1], moves[end], moves[end + 1], moves[4 + end // 2]
+    if nx * (px + qx - 2.0 * ex) + ny * (py + qy - 2.0 * ey) < 0.0:
+        nx, ny = -nx, -ny
+    turn, free = moves[6], np.inf
+    for x, y in ((px, py), (qx, qy)):
+        height = nx * (x - ex) + ny * (y - ey) - keep
+        rate = turn * (nx * (y - ey) - ny * (x - ex)) - nx * vx - ny * vy
+        far = math.hypot(x - ex, y - ey)
+        bends = turn * turn * far + 2.0 * abs(turn) * (math.hypot(vx, vy) + bend) + bend
+        free = min(free, _until(height, rate, bends))
+    return free
+
+
+@inner
+def _apart(segment: Floats, edge: Floats) -> tuple[float, float, float]:
+    """Distance of two segments that do not cross, and the unit vector from the second to the first."""
+    best, vx, vy = np.inf, 0.0, 0.0
+    for case in range(4):
+        one, other = (segment, edge) if case < 2 else (edge, segment)
+        px, py = one[2 * (case % 2)], one[2 * (case % 2) + 1]
+        t = share(px, py, other[0], other[1], other[2], other[3])
+        dx, dy = px - other[0] - t * (other[2] - other[0]), py - other[1] - t * (other[3] - other[1])
+        size = math.hypot(dx, dy)
+        if size < best:
+            best = size
+            vx, vy = (dx, dy) if case < 2 else (-dx, -dy)
+    return (best, vx / best, vy / best) if best > 0.0 else (0.0, 0.0, 0.0)
+
+
+@inner
+def _free_of_edge(segment: Floats, moves: Floats, edge: Floats, keep: float) -> float:
+    """Until when some line keeps a moving segment this far from an edge."""
+    ax, ay, bx, by = edge
+    apart, nx, ny = _apart(segment, edge)
+    free = 0.0
+    if apart > 0.0:
+        free = _beyond(nx, ny, segment, moves, max(nx * ax + ny * ay, nx * bx + ny * by) + keep)
+    if free < 1.0:
+        free = max(free, _beside(ax, ay, bx, by, segment, moves, keep))
+    if free < 1.0:
+        length = math.hypot(bx - ax, by - ay)
+        nx, ny = (by - ay) / length, (ax - bx) / length
+        if nx * (segment[0] + segment[2] - ax - bx) + ny * (segment[1] + segment[3] - ay - by) < 0.0:
+            nx, ny = -nx, -ny
+        free = max(free, _beyond(nx, ny, segment, moves, max(nx * ax + ny * ay, nx * bx + ny * by) + keep))
+    return free
+
+
+@inner
+def _free_of_disc(segment: Floats, moves: Floats, disc: Floats, keep: float) -> float:
+    """Until when some line keeps a moving segment this far from a disc."""
+    cx, cy, size = disc
+    t = share(cx, cy, segment[0], segment[1], segment[2], segment[3])
+    dx, dy = segment[0] + t * (segment[2] - segment[0]) - cx, segment[1] + t * (segment[3] - segment[1]) - cy
+    apart = math.hypot(dx, dy)
+    if apart == 0.0:
+        return 0.0
+    nx, ny = dx / apart, dy / apart
+    free = _beyond(nx, ny, segment, moves, nx * cx + ny * cy + size + keep)
+    return free if free >= 1.0 else max(free, _beside(cx, cy, cx, cy, segment, moves, size + keep))
+
+
+@inner
+def _moves(
+    segment: Floats, part: int, shift: Floats, spin: Floats, pivot: Floats, lever: Floats, motion: Floats,
+    turn: Floats, moves: Floats,
+) -> None:  # fmt: skip
+    """How a segment moves for a motion of the axes: rates and bends of both ends, and its turning."""
+    moves[:] = 0.0
+    for axis in range(len(motion)):
+        for x in (0, 2):
+            moves[x] += motion[axis] * (
+                shift[part, axis, 0] - spin[part, axis] * (segment[x + 1] - pivot[part, axis, 1])
+            )
+            moves[x + 1] += motion[axis] * (
+                shift[part, axis, 1] + spin[part, axis] * (segment[x] - pivot[part, axis, 0])
+            )
+    for end in (0, 1):
+        for other in range(len(turn)):
+            moves[4 + end] += lever[end, other] * turn[other] ** 2
+    moves[6] = turn[part]
+
+
+@kernel
+def free_share(pose: Pose, solid: ObstacleArrays, motion: Floats, least: float) -> float:
+    """Share of a straight motion in configuration space for which every gap is known to stay at ``least`` or above.
+
+    A bound: the share that is free may be larger.
+    """
+    segments, radius, part, lever = pose.segments, pose.radius, pose.part, pose.lever
+    edges, discs, planes = solid.edges, solid.discs, solid.half_planes
+    free, moves, turn = 1.0, np.empty(7), pose.spin @ motion
+    for s in range(len(segments)):
+        segment = segments[s]
+        _moves(segment, part[s], pose.shift, pose.spin, pose.pivot, lever[s], motion, turn, moves)
+        far = max(math.hypot(moves[0], moves[1]) + moves[4], math.hypot(moves[2], moves[3]) + moves[5])
+        reach = radius[s] + least + far
+        x0, x1 = min(segment[0], segment[2]) - reach, max(segment[0], segment[2]) + reach
+        y0, y1 = min(segment[1], segment[3]) - reach, max(segment[1], segment[3]) + reach
+        keep = radius[s] + least - _RIM * (1.0 + max(abs(x0), abs(x1), abs(y0), abs(y1)))
+        for e in range(len(edges)):
+            if not misses(edges[e], x0, x1, y0, y1):
+                free = min(free, _free_of_edge(segment, moves, edges[e], keep))
+        for d in range(len(discs)):
+            cx, cy, size = discs[d]
+            if x0 - size <= cx <= x1 + size and y0 - size <= cy <= y1 + size:
+                free = min(free, _free_of_disc(segment, moves, discs[d], keep))
+        for h in range(len(planes)):
+            nx, ny, offset = planes[h]
+            free = min(free, _beyond(nx, ny, segment, moves, offset + keep))
+    return free

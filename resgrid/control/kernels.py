@@ -9,10 +9,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inner
+from resgrid.jit import inlined, inner, kernel
 from resgrid.planning.kernels import Flow, face_velocities, ravel
 
 Floats = NDArray[np.float64]
@@ -58,7 +57,7 @@ def _cell_at(grid: FlowGrid, point: Floats, cell: Integers, local: Floats) -> in
     return MOVES
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _to_face(x: float, velocity: float, spacing: float) -> float:
     """Time until a point is just beyond the face ahead of it."""
     return ((1.0 - x if velocity > 0.0 else x) + _EDGE) * spacing / abs(velocity)
@@ -156,7 +155,7 @@ def _beside_served(grid: FlowGrid, cell: Integers, local: Floats) -> bool:
     return False
 
 
-@njit(cache=True)
+@kernel
 def nominal(grid: FlowGrid, point: Floats, velocity: Floats) -> tuple[int, float]:
     """Unit velocity along the current at a point, as Pollock interpolates it within the point's cell.
 
@@ -193,7 +192,7 @@ def nominal(grid: FlowGrid, point: Floats, velocity: Floats) -> tuple[int, float
     return OFF, 0.0
 
 
-@njit(cache=True)
+@kernel
 def relax(
     first: NDArray[np.int32], column: NDArray[np.int32], coupling: Floats, diagonal: Floats, drive: Floats,
     omega: float, count: int, value: Floats, spare: Floats,

@@ -112,14 +112,13 @@ class Loop:
         return float(np.minimum(controller.speed, controller.speed_limits).max() / spacing.min())
 
     def _contacts(self, around: Surroundings, velocity: Vector, pause: float) -> Contacts | None:
-        """Contacts at a velocity before speed limits, worked out at what the limits leave of it."""
+        """Contacts at a velocity before speed limits, which will slow all of it down, opening gaps included."""
         controller = self.live.controller
         limited = controller.limited(velocity)
-        contacts = self.body.contacts(around, limited, controller.axis_admittance, self.friction, pause)
-        if contacts is None or limited is velocity:
-            return contacts
-        scale = float(np.abs(velocity).max() / np.abs(limited).max())
-        return contacts.scaled(scale) if scale < _HUGE else contacts
+        scale = 1.0 if limited is velocity else float(np.abs(velocity).max() / np.abs(limited).max())
+        if scale >= _HUGE:
+            velocity, scale = limited, 1.0
+        return self.body.contacts(around, velocity, controller.axis_admittance, self.friction, pause / scale)
 
     def _watch(self, mode: Mode, cells: float, pushed: bool, seen: Nominal) -> End | None:
         """Notice that the robot does not get anywhere."""

@@ -83,10 +83,10 @@ class Plant:
             room *= 4
 
     def free_share(self, pose: Pose, motion: NDArray[np.float64], least: float) -> float:
-        """Share of a straight motion that surely keeps all gaps; see `resgrid.control.sweep_kernels`."""
-        from resgrid.control import sweep_kernels
+        """Share of a straight motion that surely keeps all gaps."""
+        from resgrid.control import contact_kernels
 
-        return sweep_kernels.free_share(pose, self.arrays, motion, least)
+        return contact_kernels.free_share(pose, self.arrays, motion, least)
 
     def within_stops(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
         """Configurations in axis units, shape (..., ndim), held between the mechanical stops."""
@@ -140,12 +140,58 @@ class Plant:
         return self.axis_penetration(np.atleast_2d(self.frame.from_world(configurations)))
 
     def axis_penetration(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The same of configurations in axis units, shape (n, ndim)."""
-        return depth_at(self.robot, self._solids, self._within_seams(configurations))
+        """The same of configurations in axis units, shape (n, ndim); 0 where none is entered by more than a touch."""
+        depth = np.zeros(len(configurations))
+        for part in self.robot.parts(self._within_seams(configurations)):
+            for obstacle in self._solids:
+                enters = obstacle.collides(part)
+                if enters.any():
+                    core = Part(part.core[enters], 0.0)
+                    within = part.radius + obstacle.radius
+                    apart = obstacle.core_distance(core)
+                    if obstacle.half_plane is None:
+                        apart = np.where(apart > 0.0, apart, -_core_depth(core.core, obstacle.core))
+                    entry = within - apart
+                    depth[enters] = np.maximum(depth[enters], np.where(entry > TOUCH * (1.0 + within), entry, 0.0))
+        return depth
 
     def deepest(self, route: NDArray[np.float64]) -> float:
-        """The same for the deepest place on straight lines between configurations in axis units, shape (n, ndim)."""
-        return depth_along(self.robot, self._solids, route, self._within_seams)
+        """Deepest entry on the straight lines between configurations in axis units, shape (n, ndim).
+
+        A line is free for sure where no point of the robot moves farther on it than the gaps at both of its ends allow
+        together; others are cut in four until they are, ten times at most, or twice if something was entered.
+        """
+        deepest = float(self.axis_penetration(route).max(initial=0.0))
+        moves = np.any(route[:-1] != route[1:], axis=1)
+        begin, end = route[:-1][moves], route[1:][moves]
+        for level in range(_LEVELS):
+            if not len(begin):
+                break
+            travel = self.robot.travel(begin, end)
+            reach = float(travel.max())
+            narrow = travel > self._gaps(begin, reach) + self._gaps(end, reach)
+            if not narrow.any() or (deepest > 0.0 and level > 1):
+                break
+            shares = np.linspace(0.0, 1.0, _SPLIT + 1)[:, None, None]
+            stations = begin[narrow] + shares * (end[narrow] - begin[narrow])
+            between = stations[1:-1].reshape(-1, route.shape[1])
+            deepest = max(deepest, float(self.axis_penetration(between).max(initial=0.0)))
+            begin, end = stations[:-1].reshape(-1, route.shape[1]), stations[1:].reshape(-1, route.shape[1])
+        return deepest
+
+    def _gaps(self, configurations: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
+        """Distance from the nearest obstacle in every configuration, as far as the reach, shape (n,)."""
+        import shapely
+
+        gaps = np.full(len(configurations), reach)
+        for part in self.robot.parts(self._within_seams(configurations)):
+            for obstacle in self._solids:
+                near = np.ones(len(gaps), dtype=np.bool_)
+                if obstacle.half_plane is None:
+                    near = np.asarray(shapely.dwithin(part.core, obstacle.core, reach + part.radius + obstacle.radius))
+                if near.any():
+                    gaps[near] = np.minimum(gaps[near], obstacle.distance(Part(part.core[near], part.radius)))
+        return gaps
 
     @cached_property
     def _solids(self) -> list[Obstacle]:
@@ -181,23 +227,6 @@ def make_plant(
     return Plant(robot, tuple(axes), obstacles, len(known), place)
 
 
-def depth_at(robot: Robot, obstacles: Sequence[Obstacle], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Depth of entry in every configuration, shape (n,), in metres; 0 where nothing is entered by more than a touch."""
-    depth = np.zeros(len(points))
-    for part in robot.parts(points):
-        for obstacle in obstacles:
-            enters = obstacle.collides(part)
-            if enters.any():
-                core = Part(part.core[enters], 0.0)
-                within = part.radius + obstacle.radius
-                apart = obstacle.core_distance(core)
-                if obstacle.half_plane is None:
-                    apart = np.where(apart > 0.0, apart, -_core_depth(core.core, obstacle.core))
-                entry = within - apart
-                depth[enters] = np.maximum(depth[enters], np.where(entry > TOUCH * (1.0 + within), entry, 0.0))
-    return depth
-
-
 def _core_depth(cores: NDArray[Any], solid: Any) -> NDArray[np.float64]:
     """How far from the border of an obstacle's core a core that meets it gets, where it is looked at, shape (n,)."""
     import shapely
@@ -212,49 +241,3 @@ def _core_depth(cores: NDArray[Any], solid: Any) -> NDArray[np.float64]:
             examined = np.concatenate([coordinates, between.reshape(-1, 2)])
             depth[number] = float(shapely.distance(shapely.points(examined), target).max())
     return depth
-
-
-def depth_along(robot: Robot, obstacles: Sequence[Obstacle], route: NDArray[np.float64], own: Any) -> float:
-    """Deepest entry on the straight lines between configurations, in metres.
-
-    A line is free for sure where no point of the robot moves farther on it than the gaps at both of its ends allow
-    together; others are cut in four until they are, ten times at most, or twice if something was entered.
-
-    Shapes: `route` (n, ndim).
-    """
-    deepest = float(depth_at(robot, obstacles, own(route)).max(initial=0.0))
-    begin, end = route[:-1], route[1:]
-    moves = np.any(begin != end, axis=1)
-    begin, end = begin[moves], end[moves]
-    for level in range(_LEVELS + 1):
-        if not len(begin):
-            break
-        travel = robot.travel(begin, end)
-        reach = float(travel.max())
-        first, last = _gaps(robot, obstacles, own(begin), reach), _gaps(robot, obstacles, own(end), reach)
-        open_ = travel > first + last
-        if level == _LEVELS or not open_.any() or (deepest > 0.0 and level > 1):
-            break
-        shares = np.linspace(0.0, 1.0, _SPLIT + 1)[:, None, None]
-        stations = begin[open_] + shares * (end[open_] - begin[open_])
-        between = stations[1:-1].reshape(-1, route.shape[1])
-        deepest = max(deepest, float(depth_at(robot, obstacles, own(between)).max(initial=0.0)))
-        begin, end = stations[:-1].reshape(-1, route.shape[1]), stations[1:].reshape(-1, route.shape[1])
-    return deepest
-
-
-def _gaps(
-    robot: Robot, obstacles: Sequence[Obstacle], points: NDArray[np.float64], reach: float
-) -> NDArray[np.float64]:
-    """Distance from the nearest obstacle in every configuration, as far as the reach, shape (n,)."""
-    import shapely
-
-    gaps = np.full(len(points), reach)
-    for part in robot.parts(points):
-        for obstacle in obstacles:
-            near = np.ones(len(points), dtype=np.bool_)
-            if obstacle.half_plane is None:
-                near = np.asarray(shapely.dwithin(part.core, obstacle.core, reach + part.radius + obstacle.radius))
-            if near.any():
-                gaps[near] = np.minimum(gaps[near], obstacle.distance(Part(part.core[near], part.radius)))
-    return gaps

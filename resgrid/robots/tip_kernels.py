@@ -9,15 +9,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from resgrid.jit import inner, kernel
 from resgrid.robots.geometry import Links, ObstacleArrays
-from resgrid.robots.kernels import near_solids, place_joints, share
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Flags = NDArray[np.bool_]
+from resgrid.robots.kernels import Flags, Floats, Integers, near_solids, place_joints, share
 
 BOXES = 200_000
 """So many parts of a cell are examined at before it is given up."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
@@ -60,7 +60,12 @@ class Readout:
     range: tuple[Volts, Volts] | None = None
 
     def __post_init__(self) -> None:
-        _check(self, _readout_problems)
+        check_fields(self)
+        if self.range is not None and not self.range[0] < self.range[1]:
+            shown = list(self.range)
+            raise InputError(
+                f"range = {shown} must be the lowest and the highest voltage of the converter, the lower first"
+            )
 
 
 @dataclass(frozen=True)
@@ -97,7 +102,11 @@ class Defects:
     open_at: tuple[Place, ...] = ()
 
     def __post_init__(self) -> None:
-        _check(self, _defect_problems)
+        check_fields(self)
+        if (both := self.open_density + self.short_density) > 1:
+            raise InputError(
+                f"open_density + short_density = {both:g}, but no more than all resistors (1 or 100 %) can be faulty"
+            )
 
 
 @dataclass(frozen=True)
@@ -203,26 +212,11 @@ class Chip:
         for name, kind in (("readout", Readout), ("defects", Defects)):
             if not isinstance(getattr(self, name), kind):
                 raise InputError(f"{name} = {getattr(self, name)!r} must be a {kind.__name__}")
-        _check(self, _supply_problems, _switch_problems, _spread_problems, _value_problems, _heat_problems)
-
-
-def _check(value: Readout | Defects | Chip, *laws: Callable[..., Iterable[str]]) -> None:
-    """Refuse a value whose fields are impossible, or break a law together."""
-    check_fields(value)
-    broken = [problem for law in laws for problem in law(value)]
-    if broken:
-        raise InputError("; ".join(broken))
-
-
-def _readout_problems(readout: Readout) -> Iterator[str]:
-    if readout.range is not None and not readout.range[0] < readout.range[1]:
-        shown = list(readout.range)
-        yield f"range = {shown} must be the lowest and the highest voltage of the converter, the lower first"
-
-
-def _defect_problems(defects: Defects) -> Iterator[str]:
-    if (both := defects.open_density + defects.short_density) > 1:
-        yield f"open_density + short_density = {both:g}, but no more than all resistors (1 or 100 %) can be faulty"
+        check_fields(self)
+        laws = _supply_problems, _switch_problems, _spread_problems, _value_problems, _heat_problems
+        broken = [problem for law in laws for problem in law(self)]
+        if broken:
+            raise InputError("; ".join(broken))
 
 
 def _supply_problems(chip: Chip) -> Iterator[str]:

@@ -3,23 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields
 from typing import Any
 
 from resgrid.axis import Axis
 from resgrid.errors import InputError
-from resgrid.robots import Ball, Box, HalfSpace, Polygon, Robot
-from resgrid.scene.goals import CostArea, GoalCell, GoalJoints, GoalPoint
+from resgrid.robots import Ball, Box, HalfSpace, Polygon, Robot, Shape
+from resgrid.scene.goals import CostArea, GoalCell, GoalJoints
 from resgrid.scene.toml_lines import Path
 
 Problem = tuple[Path, str]
-_FIRST_KEY = {
-    Box: "lower",
-    Ball: "centre",
-    Polygon: "vertices",
-    HalfSpace: "normal",
-    GoalPoint: "point",
-    GoalCell: "cell",
-}
 
 
 def inconsistencies(
@@ -96,15 +89,14 @@ def _coordinates(robot: Robot | type[Robot] | None, ndim: int, values: Mapping[P
     for path, value in values.items():
         allowed, meaning = _allowed(robot, ndim, str(path[0]), value)
         shape = value.shape if isinstance(value, CostArea) else value
-        count = _coordinate_count(shape)
+        count, key = _count_of(shape)
         if count in allowed:
             continue
         if isinstance(shape, Box | Ball | Polygon) and count == 2:
             other = {Box: "box", Ball: "sphere"}.get(type(shape), "boxes")
             yield path, f"a shape of the plane needs 2 axes, and there are {ndim}; use {other} instead"
         else:
-            key = _FIRST_KEY.get(type(shape), "joints" if isinstance(shape, GoalJoints) else "")
-            yield (*path, key) if key else path, f"needs {allowed[0]} coordinates{meaning}, got {count}"
+            yield (*path, *key), f"needs {allowed[0]} coordinates{meaning}, got {count}"
 
 
 def _allowed(robot: Robot | type[Robot], ndim: int, key: str, value: Any) -> tuple[tuple[int, ...], str]:
@@ -117,13 +109,13 @@ def _allowed(robot: Robot | type[Robot], ndim: int, key: str, value: Any) -> tup
     return (2,), ", a place in the plane"
 
 
-def _coordinate_count(value: Any) -> int:
-    match value:
-        case GoalPoint(point=coordinates) | GoalCell(cell=coordinates) | GoalJoints(lower=coordinates):
-            return len(coordinates)
-        case tuple():
-            return len(value)
-    return int(value.ndim)
+def _count_of(value: Any) -> tuple[int, tuple[str, ...]]:
+    """How many coordinates a value has, and under which key of its table they are."""
+    if isinstance(value, tuple):
+        return len(value), ()
+    first = fields(value)[0].name
+    count = value.ndim if isinstance(value, Shape) else len(getattr(value, first))
+    return count, ("joints" if isinstance(value, GoalJoints) else first,)
 
 
 def _leaning(

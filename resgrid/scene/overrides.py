@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from resgrid.errors import InputError
-from resgrid.robots import ROBOTS, Ball, Box, HalfSpace, Polygon, Robot
+from resgrid.robots import ROBOTS, Robot
 from resgrid.scene.goals import CostArea, GoalJoints
 from resgrid.scene.read import build_scene
 from resgrid.scene.scene import IN_FILES, Scene
@@ -17,7 +17,6 @@ from resgrid.scene.table import plain
 SHORT = {"resistance": "chip.resistance", "supply": "chip.supply", "radius": "robot.radius"}
 PLACES = {"goal": "point", "goal_cell": "cell", "start": "point", "start_cell": "cell"}
 _LISTS = {"obstacle": "obstacles", "hidden": "hidden", "goal": "goals", "area": "areas"}
-_SHAPES = {Box: ("rectangle", "box"), Ball: ("circle", "sphere"), Polygon: ("polygon",), HalfSpace: ("half_plane",)}
 
 
 def document_of(scene: Scene) -> dict[str, Any]:
@@ -40,14 +39,15 @@ def document_of(scene: Scene) -> dict[str, Any]:
 
 def _table(value: Any) -> dict[str, Any]:
     """The table of a shape, a goal or an area."""
+    from resgrid.scene.schema import SHAPES
+
     if isinstance(value, CostArea):
         return _table(value.shape) | {"conductivity": value.conductivity}
     if isinstance(value, GoalJoints):
         lower, upper = list(value.lower), list(value.upper)
         return {"joints": lower} if lower == upper else {"joints_lower": lower, "joints_upper": upper}
-    names = _SHAPES.get(type(value))
-    kind = {} if names is None else {"shape": names[0 if value.ndim == 2 else -1]}
-    return {**kind, **plain(value)}
+    names = [name for name, (kind, _) in SHAPES.items() if kind is type(value)]
+    return {**({"shape": names[0 if value.ndim == 2 else -1]} if names else {}), **plain(value)}
 
 
 def _robot_table(robot: Robot) -> dict[str, Any]:

@@ -12,12 +12,12 @@ from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.frame import Frame
 from resgrid.frozen import picture_html
-from resgrid.robots import Ball, Box, HalfSpace, PointRobot, Polygon, Robot, Sampling, Shape
+from resgrid.robots import PointRobot, Robot, Sampling, Shape
 from resgrid.robots.shapes import Point
 from resgrid.scene.chip import Chip
 from resgrid.scene.consistency import inconsistencies
 from resgrid.scene.control import Control
-from resgrid.scene.goals import CostArea, Goal, GoalCell, GoalJoints, GoalPoint
+from resgrid.scene.goals import CostArea, Goal, GoalCell, GoalPoint
 from resgrid.scene.maps.arrays import MapCells
 from resgrid.scene.messages import report, suggestion
 from resgrid.scene.toml_lines import Path
@@ -176,8 +176,10 @@ class Scene:
         """
         check_attributes(changes)
         robot = changes.get("robot")
-        if isinstance(robot, Robot) and self.map is not None and "axes" not in changes and not self._keeps_grid(robot):
-            changes["axes"], changes["frame"] = self.map.space_of(robot)
+        if isinstance(robot, Robot) and self.map is not None and "axes" not in changes:
+            has_own = robot.base is not None and self.axes[: len(self.map.axes)] != self.map.axes  # an arm's
+            if not has_own:
+                changes["axes"], changes["frame"] = self.map.space_of(robot)
         axes, frame = changes.get("axes", self.axes), changes.get("frame", self.frame)
         if not (isinstance(axes, list | tuple) and all(isinstance(axis, Axis) for axis in axes)):
             return dataclasses.replace(self, axes=axes)  # which says what axes are
@@ -195,10 +197,6 @@ class Scene:
             rules = {axis.name: rule for axis, rule in zip(self.axes, self.edge, strict=True) if rule != "periodic"}
             changes["edge"] = tuple(rules.get(axis.name, "obstacle") for axis in axes)
         return dataclasses.replace(self, **changes)
-
-    def _keeps_grid(self, robot: Robot) -> bool:
-        """Whether axes that are not those of the map suit another robot: an arm's, for an arm."""
-        return robot.base is not None and self.map is not None and self.axes[: len(self.map.axes)] != self.map.axes
 
 
 def check_attributes(names: Iterable[str], *also: str) -> None:
@@ -219,7 +217,7 @@ def start_point(start: GoalPoint | GoalCell | Point, axes: tuple[Axis, ...], fra
 
 def _places(key: str, given: Any) -> list[Any]:
     """One place or several, as a list of places: points as tuples, everything else as it is."""
-    if isinstance(given, GoalPoint | GoalCell | GoalJoints | Box | Ball | Polygon | HalfSpace):
+    if isinstance(given, Goal):
         return [given]
     entries = given.tolist() if hasattr(given, "tolist") else given
     if not isinstance(entries, list | tuple) or not entries:

@@ -22,13 +22,13 @@ from pydantic import (
 )
 
 from resgrid.axis import Axis
-from resgrid.robots import ROBOTS, Arm, Ball, Box, HalfSpace, PointRobot, Polygon, Robot
+from resgrid.robots import ROBOTS, Arm, Ball, Box, HalfSpace, PointRobot, Polygon, Robot, Sampling
 from resgrid.robots.shapes import LARGEST
 from resgrid.scene.chip import Chip, Defects, Readout
 from resgrid.scene.control import Control
 from resgrid.scene.goals import CostArea, GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.maps.formats import FORMATS
-from resgrid.scene.messages import suggestion
+from resgrid.scene.messages import suggestion, unknown
 from resgrid.scene.quantities import Listed
 from resgrid.scene.scene import Boundary, Drive, EdgeRule, Scene
 from resgrid.scene.table import Table, either, filled_as, meanings, table_of, value_of
@@ -125,8 +125,7 @@ def _known(key: str, kind: str, kinds: Iterable[str]) -> str:
     """A kind, if there is such a one."""
     options = list(kinds)
     if kind not in options:
-        near = suggestion(kind, options)
-        raise ValueError(f"{key} = {kind!r} is unknown: it may be one of {', '.join(options)}{near and f'; {near}'}")
+        raise ValueError(unknown(f"{key} = {kind!r}", kind, f"one of {', '.join(options)}", options))
     return kind
 
 
@@ -244,8 +243,7 @@ class Grid(Table):
 def _known_format(name: str) -> str:
     names = ["auto", *FORMATS]
     if name not in names:
-        near = suggestion(name, names)
-        raise ValueError(f"{name!r} is unknown: it may be {' or '.join(names)}{near and f'; {near}'}")
+        raise ValueError(unknown(repr(name), name, " or ".join(names), names))
     return name
 
 
@@ -317,7 +315,7 @@ SceneFile: Any = create_model(
     boundary=_key("boundary", Boundary, "dirichlet"),
     drive=_key("drive", Drive | None, None),
     edge=_key("edge", _EDGES, ("obstacle",)),
-    sampling=_key("sampling", Literal["conservative", "centre"], "conservative"),
+    sampling=_key("sampling", Sampling, "conservative"),
     k=_key("k", _BLENDS, ()),
     robot=_key("robot", _one_of("robot"), PointRobot()),
     grid=_key("grid", Grid | None, None, about="The cells; this or a map."),

@@ -54,7 +54,9 @@ def _path_in(raw: Any, location: Path) -> Path:
 
 
 def _unknown_key(path: Path, raw: Any) -> str:
-    kind = _kind_at(path[:-1], raw)
+    kind = None  # of a table that comes in several
+    if path[0] in KIND_OF and len(path) == (2 if path[0] == "robot" else 3):
+        kind = KIND_OF[str(path[0])](raw["robot"] if path[0] == "robot" else raw[path[0]][path[1]])
     name, known = str(path[-1]), keys_of(path[:-1], kind)
     near = suggestion(name, known)
     if near:
@@ -65,11 +67,3 @@ def _unknown_key(path: Path, raw: Any) -> str:
         return f"nothing else goes with {known[0]} = [...]; remove {name!r}"
     whose = "" if kind is None else f" of {'an' if kind[0] in 'aeiou' else 'a'} {kind.replace('_', '-')}"
     return f"unknown key{whose}; there are {', '.join(known)}" if known else "unknown key; remove it"
-
-
-def _kind_at(path: Path, raw: Any) -> str | None:
-    """The kind of a table that comes in several."""
-    if path == ("robot",):
-        return KIND_OF["robot"](raw["robot"])
-    is_listed = len(path) == 2 and path[0] in KIND_OF
-    return KIND_OF[str(path[0])](raw[path[0]][path[1]]) if is_listed else None

@@ -10,12 +10,15 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.errors import BudgetError
 from resgrid.solvers.rails import Rails
 
 if TYPE_CHECKING:
     from scipy import sparse
 
 _Found = TypeVar("_Found")
+
+_MOST_ENTRIES = 2**31 - 1
 
 
 class EdgeList(NamedTuple):
@@ -137,6 +140,12 @@ class Laplacian:
         from resgrid.solvers.row_kernels import conductances_by_row
 
         assert self.listed is not None
+        entries = 2 * len(self.listed.conductance)
+        if entries > _MOST_ENTRIES:
+            raise BudgetError(
+                f"the matrix has up to {entries:,} entries, and its rows are numbered with 32 bits, up to "
+                f"{_MOST_ENTRIES:,}: choose larger cells, accuracy = 'normwise', or method = 'petsc'"
+            )
         return Rows(*conductances_by_row(*self.listed, self.size))
 
     @cached_property

@@ -13,6 +13,7 @@ smallest, is off by a share of at most ``2 sum_i e_i`` (for shares that are all 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import reduce
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 
 from resgrid.solvers.extended import BITS, NOISE, Scaled, power
 from resgrid.solvers.laplacian import Laplacian
+from resgrid.solvers.team import ALONE, Team
 
 if TYPE_CHECKING:
     from resgrid.solvers.refine_kernels import Conductances, Imbalance
@@ -118,6 +120,7 @@ def refine(
     *,
     exact: bool = False,
     resolve: Resolution | None = None,
+    team: Team = ALONE,
 ) -> Refined:
     """Solve for a right-hand side without negative entries.  Shapes: `rhs` (n,).
 
@@ -143,11 +146,11 @@ def refine(
         current, residual = _alike(new, current), _alike(new, residual)
         if not exact:
             rows = _ALL if found is None else _rows_changed(laplacian, new, changed, residual[0])
-            here = _imbalance(matrix, current, new, floor, step, rows, residual)
+            here = _imbalance(matrix, current, new, floor, step, rows, residual, team)
             if here.least < _LEAST_PLAIN and not new.exponent.size:
                 new = _with_exponents(new)
                 current, residual, rows = _alike(new, current), _alike(new, residual), _ALL
-                here = _imbalance(matrix, current, new, floor, step, rows, residual)
+                here = _imbalance(matrix, current, new, floor, step, rows, residual, team)
             found = here if found is None or not len(rows) else here.beside(found)
             left, bound = found.left / _ALLOWED, entry_bound(found.left + found.right)
             worth = _Worth(found.backward, left, bound, _log_size(residual, found))
@@ -177,11 +180,21 @@ def conductances(laplacian: Laplacian) -> Conductances:
 
 
 def _imbalance(
-    matrix: Conductances, current: Numbers, x: Scaled, floor: float, step: int, rows: NDArray[np.int32], out: Numbers
-) -> Imbalance:
-    from resgrid.solvers.refine_kernels import residual
+    matrix: Conductances, current: Numbers, x: Scaled, floor: float, step: int, rows: NDArray[np.int32], out: Numbers,
+    team: Team,
+) -> Imbalance:  # fmt: skip
+    """Residuals of some rows, or of all; piece by piece where they are plain."""
+    from resgrid.solvers.refine_kernels import Imbalance, residual
 
-    return residual(matrix, current, x, floor, _kept(step), rows, out)
+    if x.exponent.size:
+        return residual(matrix, current, x, floor, _kept(step), rows, out)
+    if not len(rows):
+        rows = np.arange(len(x.hi), dtype=np.int32)
+
+    def some(piece: slice) -> Imbalance:
+        return residual(matrix, current, x, floor, _kept(step), rows[piece], out)
+
+    return reduce(Imbalance.plus, team.over(len(rows), some))
 
 
 def _corrected(x: Scaled, m: NDArray[np.float64], e: NDArray[np.int64]) -> tuple[Scaled, NDArray[np.bool_]]:

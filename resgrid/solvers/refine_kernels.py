@@ -126,9 +126,14 @@ class Imbalance(NamedTuple):
 
     def beside(self, rest: Imbalance) -> Imbalance:
         """Together with rows that have been found right before."""
+        return self.plus(rest._replace(backward=rest.settled, left=0.0, largest=0.0))
+
+    def plus(self, rest: Imbalance) -> Imbalance:
+        """Together with other rows."""
         return Imbalance(
-            max(self.backward, rest.settled), max(self.settled, rest.settled), self.left, self.right + rest.right,
-            self.largest, min(self.least, rest.least), min(self.share, rest.share),
+            max(self.backward, rest.backward), max(self.settled, rest.settled), self.left + rest.left,
+            self.right + rest.right, max(self.largest, rest.largest), min(self.least, rest.least),
+            min(self.share, rest.share),
         )  # fmt: skip
 
 

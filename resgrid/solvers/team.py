@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
+from functools import partial
 from types import TracebackType
+from typing import Any, TypeVar
+
+Result = TypeVar("Result")
+
+_PIECE = 2**17
+"""Length of the pieces of a long loop."""
 
 
 class Team:
@@ -59,6 +66,20 @@ class Team:
         for helper in helpers:
             if not helper.cancelled():
                 helper.result()
+
+    def together(self, jobs: Sequence[Callable[[], Any]]) -> list[Any]:
+        """Do some jobs side by side; returns their results in their order."""
+        results: list[Any] = [None] * len(jobs)
+
+        def part(number: int) -> None:
+            results[number] = jobs[number]()
+
+        self.share(part, len(jobs))
+        return results
+
+    def over(self, count: int, loop: Callable[[slice], Result]) -> list[Result]:
+        """Do a loop piece by piece; returns results of the same pieces whatever the number of threads."""
+        return self.together([partial(loop, slice(k, min(k + _PIECE, count))) for k in range(0, count, _PIECE)])
 
 
 ALONE = Team()

@@ -1,4 +1,4 @@
-"""What a map file says, as every reader of maps returns it, and maps that are NumPy arrays."""
+"""What a map file says, and maps that are NumPy arrays."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def placed_axes(
     )
 
 
-def read_npy(path: Path, **placing: Any) -> MapCells:
+def read_npy(path: Path) -> NDArray[np.uint8]:
     """Read a NumPy array of cell codes (0 free, 1 obstacle, 2 goal) or truth values (true is an obstacle)."""
     data = read_bytes(path)
     _check_npy(data, path)
@@ -111,7 +111,7 @@ def read_npy(path: Path, **placing: Any) -> MapCells:
     if wrong.any():
         where = tuple(int(i) for i in np.argwhere(wrong)[0])
         raise InputError(f"{path}: cell {where} is {array[where]}; it may be 0 (free), 1 (obstacle) or 2 (goal)")
-    return MapCells(placed_axes(array.shape, **placing), np.ascontiguousarray(array, dtype=np.uint8))
+    return np.ascontiguousarray(array, dtype=np.uint8)
 
 
 def _check_npy(data: bytes, path: Path) -> None:

@@ -8,9 +8,12 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from resgrid.errors import InputError
 from resgrid.files import read_bytes
-from resgrid.scene.maps.arrays import MapCells, read_npy
+from resgrid.scene.maps.arrays import MapCells, placed_axes, read_npy
 from resgrid.scene.maps.movingai import PASSABLE, read_movingai
 from resgrid.scene.maps.pictures import THRESHOLD, read_epic, read_grey
 from resgrid.scene.maps.ros import UNKNOWN, occupancy_grid, read_ros, ros_greys
@@ -19,9 +22,12 @@ from resgrid.scene.messages import suggestion
 
 @dataclass(frozen=True)
 class MapFormat:
-    """A kind of map file: its reader, how its files end, how they begin, and the options its reader takes."""
+    """A kind of map file: its reader, how its files end, how they begin, and the options it takes.
 
-    read: Callable[..., MapCells]
+    A reader gives the cells of a map, or, where the file says where they lie or what they cost, all of it.
+    """
+
+    read: Callable[..., NDArray[np.uint8] | MapCells]
     suffixes: tuple[str, ...]
     magic: tuple[bytes, ...]
     options: tuple[str, ...]
@@ -55,7 +61,10 @@ def read_map(table: Mapping[str, Any]) -> MapCells:
         if key not in known:
             hint = suggestion(key, known) or f"it takes {', '.join(known)}"
             raise InputError(f"{path}: map.{key}: a map of format {name!r} takes no such option; {hint}")
-    return FORMATS[name].read(path, **options).read_by(table)
+    placing = {key: options.pop(key) for key in PLACING if key in options}
+    found = FORMATS[name].read(path, **options)
+    cells = found if isinstance(found, MapCells) else MapCells(placed_axes(found.shape, **placing), found)
+    return cells.read_by(table)
 
 
 def format_of(path: Path, table: Mapping[str, Any]) -> str:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from resgrid.budget import BYTES_PER_CELL, require_grid_memory
 from resgrid.errors import BudgetError, InputError, ResgridError
 from resgrid.files import read_bytes
-from resgrid.scene.maps.arrays import MapCells, cells_from_rows, placed_axes
+from resgrid.scene.maps.arrays import cells_from_rows
 from resgrid.space import Cell
 
 if TYPE_CHECKING:
@@ -72,27 +72,22 @@ class Raster:
         return values if self.maxval == 255 else values * 255 // self.maxval
 
 
-def read_grey(path: Path, threshold: int = THRESHOLD, **placing: Any) -> MapCells:
+def read_grey(path: Path, threshold: int = THRESHOLD) -> NDArray[np.uint8]:
     """Read a picture in which dark is an obstacle."""
     grey = read_raster(path).grey
-    rows = np.where(grey < threshold, Cell.OBSTACLE, Cell.FREE).astype(np.uint8)
-    return _placed(rows, placing)
+    return cells_from_rows(np.where(grey < threshold, Cell.OBSTACLE, Cell.FREE).astype(np.uint8))
 
 
-def read_epic(path: Path, **placing: Any) -> MapCells:
+def read_epic(path: Path) -> NDArray[np.uint8]:
     """Read a picture by the convention of epic: 0 is an obstacle, 255 a goal, everything between is free.
 
     Colours are turned to grey by their rounded luma, opacity is ignored (K. Wray, D. Ruiken, R. Grupen and
     S. Zilberstein, "Log-space harmonic function path planning", IROS 2016; OpenCV's ``IMREAD_GRAYSCALE``).
     """
     grey = read_raster(path).grey
-    rows = np.where(grey == 0, Cell.OBSTACLE, np.where(grey == 255, Cell.GOAL, Cell.FREE)).astype(np.uint8)
-    return _placed(rows, placing)
-
-
-def _placed(rows: NDArray[np.uint8], placing: dict[str, Any]) -> MapCells:
-    cell = cells_from_rows(rows)
-    return MapCells(placed_axes(cell.shape, **placing), cell)
+    return cells_from_rows(
+        np.where(grey == 0, Cell.OBSTACLE, np.where(grey == 255, Cell.GOAL, Cell.FREE)).astype(np.uint8)
+    )
 
 
 def read_raster(path: Path, bytes_per_pixel: int = BYTES_PER_PIXEL) -> Raster:
@@ -141,13 +136,8 @@ def _raster(image: Image, path: Path) -> Raster:
 
 
 def _plain_mode(image: Image) -> str:
-    if image.mode in ("L", "LA", "RGB", "RGBA"):
-        grey = image.mode == "L" and "transparency" in image.info
-        colour = image.mode == "RGB" and "transparency" in image.info
-        return "LA" if grey else "RGBA" if colour else image.mode
-    if image.mode == "1":
-        return "L"
-    return "RGBA" if image.mode in ("PA", "La", "RGBa") or "transparency" in image.info else "RGB"
+    plain = "L" if image.mode in ("1", "L", "LA") else "RGB"
+    return f"{plain}A" if image.has_transparency_data else plain
 
 
 def read_pgm(data: bytes, path: Path, bytes_per_pixel: int = BYTES_PER_CELL) -> tuple[NDArray[np.uint16], int]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +45,7 @@ class MultigridFactor(Factor):
         """Plain levels: made at once without `scalable` ones, and beside them where they are asked for."""
         from resgrid.solvers.multigrid.hierarchy import build_hierarchy
 
-        return build_hierarchy(self.laplacian)
+        return build_hierarchy(self.laplacian, self.team)
 
     def _solve(
         self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
@@ -88,7 +88,7 @@ class MultigridFactor(Factor):
 
         in_slit = decades_in_slit(self.laplacian) > 0.0
         local = LocalCorrections(self.laplacian, passes, in_slit)
-        return refine(self.laplacian, rhs, local, REFINED, resolve=local.anew)
+        return refine(self.laplacian, rhs, local, REFINED, resolve=local.anew, team=self.team)
 
     def _on_scaled_levels(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> Approximation | None:
         """What approximates ``A^-1`` in proportion to the solution, where that falls by many decades."""
@@ -108,8 +108,14 @@ def factor_multigrid(laplacian: Laplacian, accuracy: str = "direction", team: Te
     """Coarsen a matrix: for an h-transform where directions are asked for along many decades, plainly otherwise."""
     from resgrid.solvers.multigrid.h_transform import scalable
 
-    levels = scalable(laplacian) if accuracy == "direction" and h_transform_pays(laplacian) else None
-    factors = MultigridFactor(laplacian, levels, team)
-    if levels is None:
-        _ = factors.hierarchy
-    return factors
+    def made() -> MultigridFactor:
+        levels = scalable(laplacian, team) if accuracy == "direction" and h_transform_pays(laplacian) else None
+        factors = MultigridFactor(laplacian, levels, team)
+        if levels is None:
+            _ = factors.hierarchy
+        return factors
+
+    if team.size == 1 or accuracy != "direction" or laplacian.grid is None:
+        return made()
+    factors, _ = team.together([made, lambda: laplacian.sorted_rows])  # which refinement asks for
+    return cast("MultigridFactor", factors)

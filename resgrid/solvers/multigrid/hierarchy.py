@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from resgrid.solvers.multigrid.grid_level import Level, compensated, in_double, 
 from resgrid.solvers.multigrid.krylov import scatter_rows
 from resgrid.solvers.multigrid.packing import pack_graphs, pack_grids, pack_levels, pack_netlist
 from resgrid.solvers.multigrid.red_black import Stencil
+from resgrid.solvers.team import ALONE, Team
 
 _WHOLE = 32
 """Cells that the finest level may begin at multiples of: its blocks lie as they would from the first cell on."""
@@ -56,12 +58,12 @@ class Hierarchy:
     box: tuple[slice, ...] = ()
 
 
-def build_hierarchy(laplacian: Laplacian) -> Hierarchy:
+def build_hierarchy(laplacian: Laplacian, team: Team = ALONE) -> Hierarchy:
     """Coarsen a nodal system until it is small, and invert what is left."""
     found = lay_out_grid(laplacian)
     if found is not None:
         level, slot, unit, box = found
-        made = _grid_levels(*coarsen_grid(level))
+        made = _grid_levels(*coarsen_beside(level, team))
         if made is not None:
             true, finest, levels = made
             return Hierarchy(levels, slot, unit, unit * largest_degree(true), finest, true, box)
@@ -72,6 +74,14 @@ def build_hierarchy(laplacian: Laplacian) -> Hierarchy:
     scatter_rows(slot, laplacian.ground, 1.0 / unit, ground)
     finest = Finest(_NO_STENCIL, _NO_EXACT, _NO_SLOTS, UNSCALED, ground)
     return Hierarchy(levels, slot, unit, float(laplacian.diagonal.max(initial=0.0)), finest)
+
+
+def coarsen_beside(
+    level: Level, team: Team, *, keep: bool = False
+) -> tuple[list[Level], list[Coarsened], tuple[Stencil, Stencil, Stencil]]:
+    """Coarsen a grid and lay its finest level out, side by side: of degrees coarsening asks only which are positive."""
+    coarse, finest = team.together([partial(coarsen_grid, level, keep=keep), partial(finest_stencils, level)])
+    return *coarse, finest
 
 
 def coarsen_grid(level: Level, *, keep: bool = False) -> tuple[list[Level], list[Coarsened]]:
@@ -91,11 +101,10 @@ def coarsen_grid(level: Level, *, keep: bool = False) -> tuple[list[Level], list
     return levels, steps
 
 
-def _grid_levels(levels: list[Level], steps: list[Coarsened]) -> tuple[Stencil, Finest, Levels] | None:
-    """Lay grids out for the compiled passes, and coarsen the last one as a graph; None where it does not shrink.
-
-    Takes over the degrees of the first level.
-    """
+def _grid_levels(
+    levels: list[Level], steps: list[Coarsened], first: tuple[Stencil, Stencil, Stencil]
+) -> tuple[Stencil, Finest, Levels] | None:
+    """Lay grids out for the compiled passes, and coarsen the last one as a graph; None where it does not shrink."""
     level, targets = levels[0], [step.target for step in steps]
     graph, number = to_graph(levels[-1])
     graphs, shrinking = coarsen_down(graph)
@@ -109,7 +118,7 @@ def _grid_levels(levels: list[Level], steps: list[Coarsened]) -> tuple[Stencil, 
     targets[-1] = counted(number, rank, targets[-1])
     stencils = [in_single(coarse) for coarse in levels[1:-1]]
     grids = pack_grids(stencils, targets[1:], [], len(level.edges.faces) // 2)
-    true, stencil, exact = finest_stencils(level)
+    true, stencil, exact = first
     return true, Finest(stencil, exact, targets[0], UNSCALED, NO_GROUND), pack_levels(grids, packed)
 
 

@@ -1,0 +1,120 @@
+"""Contact forces: a linear complementarity problem, by pivoting (Lemke 1965; Cottle, Pang & Stone 1992, section 4.4).
+
+Of every contact its normal force is looked for and, with friction, both sides of the tangential one and the slip: in
+the plane the cone of friction is a wedge, so this is linear.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+Basis = tuple[NDArray[np.int64], Vector]
+"""Which columns are not 0 (slacks, unknowns, or Lemke's artificial one), and what takes ``q`` to their values."""
+
+_LEAST_MOBILITY = 1e-12
+_LEAST_PIVOT = 1e-13
+_TIE = 1e-12
+_GONE = 1e-9
+_CLOSED = 1e-6
+_REFINEMENTS = 3
+
+
+def contact_forces(
+    normal: Vector, tangent: Vector, target: Vector, velocity: Vector, admittance: Vector, friction: float
+) -> tuple[Vector, Vector, bool]:
+    """Velocity with contacts, their normal and tangential forces, shape (m, 2), and whether they solve the problem.
+
+    ``0 <= f_n, n . J qdot - target >= 0``, one of them 0, and ``|f_t| <= mu f_n``, opposing ``t . J qdot``.  A contact
+    whose force could not move the robot is left out.  Solved is to 1e-6 of the velocity; with targets that are not
+    positive there is a solution.  Where there is none, velocity and forces are 0.
+
+    Shapes: `normal, tangent` (m, ndim): ``n . J`` and ``t . J``; `target` (m,).
+    """
+    least = _LEAST_MOBILITY * max(np.abs(normal).max(initial=0.0), np.abs(tangent).max(initial=0.0))
+    used = np.flatnonzero(np.abs(normal).max(axis=1) > least)
+    rubs = np.flatnonzero((friction > 0.0) & (np.abs(tangent[used]).max(axis=1) > least))
+    plus, minus, slip = len(used) + np.arange(3 * len(rubs)).reshape(3, -1)
+    rows = np.zeros((len(used) + 3 * len(rubs), len(velocity)))
+    rows[: len(used)], rows[plus], rows[minus] = normal[used], tangent[used[rubs]], -tangent[used[rubs]]
+    # In units in which velocity and admittance are 1, and every force alone has an admittance of 1.
+    speed, most = float(np.abs(velocity).max(initial=0.0)) or 1.0, float(np.abs(admittance).max())
+    give = rows @ (admittance / most)
+    unit = np.sqrt((give * rows).sum(axis=1))
+    unit[slip] = 1.0
+    rows, give = rows / unit[:, np.newaxis], give / unit[:, np.newaxis]
+    offset = rows @ (velocity / speed)
+    offset[: len(used)] -= target[used] / (speed * unit[: len(used)])
+    cone = np.zeros((len(rows), len(rows)))
+    cone[plus, slip] = cone[minus, slip] = 1.0
+    cone[slip, plus] = cone[slip, minus] = -1.0
+    cone[slip, rubs] = friction * unit[plus] / unit[rubs]
+    found = _solution(rows, give, cone, offset)
+    forces = np.zeros((len(normal), 2))
+    if found is None:
+        return np.zeros_like(velocity), forces, False
+    forces[used, 0] = found[: len(used)] / unit[: len(used)]
+    forces[used[rubs], 1] = (found[plus] - found[minus]) / unit[plus]
+    return velocity + speed * (found @ give), forces * (speed / most), True
+
+
+def _solution(rows: Vector, give: Vector, cone: Vector, offset: Vector) -> Vector | None:
+    """``z >= 0, w = M z + q >= 0, z . w = 0`` for ``M = rows give^T + cone``, made right by its residuals; or None.
+
+    Contacts that almost face each other are as badly conditioned in ``M = N A N^T`` as the square of ``N`` is.
+    """
+    size, z, w = len(offset), np.zeros(len(offset)), offset.copy()
+    if w.min(initial=0.0) >= 0.0:
+        return z
+    largest = float(np.abs(offset).max())
+    basis = _complementary(rows @ give.T + cone, offset / largest)
+    if basis is None:
+        return None
+    column, inverse = basis
+    free, held = column[column < size], (column >= size) & (column < 2 * size)
+    for _ in range(_REFINEMENTS):
+        w[free] = 0.0
+        z[column[held] - size] += inverse[held] @ w
+        w = rows @ (z @ give) + cone @ z + offset
+    missed = max(-w.min(), -z.min(), np.minimum(np.abs(w), np.abs(z)).max())
+    z[z < _TIE * z.max()] = 0.0
+    return z if missed <= _CLOSED * largest else None
+
+
+def _complementary(M: Vector, q: Vector) -> Basis | None:
+    """A basis of ``z >= 0, w = M z + q >= 0, z . w = 0`` by Lemke's method, for small copositive ``M``.
+
+    Columns of the table: the slacks ``w``, the unknowns ``z``, Lemke's artificial one, and the right-hand side.
+    """
+    size = len(q)
+    basis, artificial = np.arange(size), 2 * size
+    table = np.hstack([np.eye(size), -M, -np.ones((size, 1)), q[:, np.newaxis]])
+    row, entering = int(np.argmin(q)), artificial
+    for _ in range(50 * size):
+        pivot = table[row] / table[row, entering]
+        table -= np.outer(table[:, entering], pivot)
+        table[row] = pivot
+        leaving, basis[row] = basis[row], entering
+        if leaving == artificial or np.any(table[basis == artificial, -1] <= _GONE):
+            return basis, table[:, :size]
+        entering = leaving + size if leaving < size else leaving - size
+        bounding = _bounding_row(table, entering, basis)
+        if bounding is None:
+            return None
+        row = bounding
+    return None
+
+
+def _bounding_row(table: Vector, entering: int, basis: NDArray[np.int64]) -> int | None:
+    """Row of the smallest ratio, ties decided by the ratios of the inverse basis (lexicographic); None without one."""
+    size = len(table)
+    rows = np.flatnonzero(table[:, entering] > _LEAST_PIVOT * np.abs(table[:, :size]).max())
+    for column in range(-1, size):
+        if len(rows) < 2:
+            break
+        ratio = table[rows, column] / table[rows, entering]
+        rows = rows[ratio <= ratio.min() + _TIE * (1.0 + abs(ratio.min()))]
+        if column < 0 and np.any(basis[rows] == 2 * size):
+            return int(rows[basis[rows] == 2 * size][0])
+    return int(rows[0]) if len(rows) else None
