@@ -10,15 +10,17 @@ from numpy.typing import NDArray
 from benchmarks.layouts import boxes
 from benchmarks.problems import Problem
 from benchmarks.rows import Row, Scale
-from benchmarks.timing import alternating
+from benchmarks.timing import alternating, spread, timed
 from resgrid.circuit.solve import factor, solve
 from resgrid.circuit.update import WarmPoint, WarmStart
 from resgrid.compiler import compile_space
+from resgrid.solvers.team import Team
 from resgrid.space import Cell, ConfigurationSpace
 
 RTOL = 1e-8
 BOUNDARIES = ("dirichlet", "neumann")
 _REACH, _CELLS = 16, 10
+_WHO = ("one thread", "two threads")
 
 
 def update(scale: Scale) -> list[Row]:
@@ -47,22 +49,42 @@ def threads(scale: Scale) -> list[Row]:
     plane, volume = {"tiny": (32, 8), "quick": (1024, 64), "full": (2048, 128)}[scale.name]
     for kind, size in (("rectangles", plane), ("boxes", volume)):
         for boundary, accuracy in (("neumann", "normwise"), ("dirichlet", "direction")):
-            rows.append(_threads_row(Problem(kind, size, boundary, scale.seed + size), accuracy, scale))
-    return rows
+            rows += _threads_rows(Problem(kind, size, boundary, scale.seed + size), accuracy, scale)
+    return rows + _stream_rows(scale)
 
 
-def _threads_row(problem: Problem, accuracy: str, scale: Scale) -> Row:
-    """One solve on one thread and on two, with the seconds of its stages on either."""
+def _threads_rows(problem: Problem, accuracy: str, scale: Scale) -> list[Row]:
+    """One solve on one thread and on two, with the seconds of its stages on either, and the time of its steps."""
     netlist = problem.netlist()
     jobs = [partial(solve, netlist, accuracy=accuracy, method="multigrid", rtol=RTOL, threads=n) for n in (1, 2)]
     points = [job() for job in jobs]
     same = np.array_equal(points[0].voltage, points[1].voltage, equal_nan=True)
     seconds, _, ratio = alternating(*jobs, scale.rounds)
+    points = [job() for job in jobs]
     stages = ", ".join(
-        f"{name} {' -> '.join(f'{job().seconds[name]:.2f}' for job in jobs)}" for name in points[0].seconds
+        f"{name} {' -> '.join(f'{point.seconds[name]:.2f}' for point in points)}" for name in points[0].seconds
     )
     note = f"{accuracy}, {'same digits' if same else 'DIGITS DIFFER'}; {stages} s"
-    return Row(f"{problem.name}: two threads", seconds.median, ratio, "x faster", note=note)
+    rows = [Row(f"{problem.name}: two threads", seconds.median, ratio, "x faster", note=note)]
+    if accuracy == "normwise":
+        cells = netlist.cells.space.cell.size
+        for who, point in zip(_WHO, points, strict=True):
+            each = 1e9 * point.seconds["substitute"] / (point.iterations * cells)
+            rows.append(Row(f"{problem.name}: a step", None, spread([each]), "ns/cell", who))
+    return rows
+
+
+def _stream_rows(scale: Scale) -> list[Row]:
+    """What the memory gives, as McCalpin's STREAM (1995) counts it: two arrays read and one written, piece by piece."""
+    size = {"tiny": 2**12, "quick": 2**23, "full": 2**25}[scale.name]
+    a, b, c = np.ones((3, size))
+    rows = []
+    for count, who in enumerate(_WHO, 1):
+        with Team(count) as team:
+            job = partial(team.over, size, lambda piece: np.add(a[piece], b[piece], out=c[piece]))
+            rates = [1e-9 * 3 * a.nbytes / timed(job) for _ in range(1 + scale.rounds)][1:]
+        rows.append(Row("stream", None, spread(rates), "GB/s", who))
+    return rows
 
 
 def goal_in(place: str, size: int, seed: int) -> ConfigurationSpace:

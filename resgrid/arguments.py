@@ -90,12 +90,6 @@ def check_share(name: str, value: Any) -> None:
         raise InputError(f"{name} = {value!r} must lie between 0 and 1")
 
 
-def check_optional(name: str, value: Any, words: str, *, above: float) -> None:
-    """As `check_number`, for a value that may be None."""
-    if value is not None:
-        check_number(name, value, words, above=above)
-
-
 def check_whole(name: str, value: Any, least: int) -> None:
     """Refuse what is no whole number of at least ``least``."""
     if not (is_whole(value) and int(value) >= least):

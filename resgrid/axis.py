@@ -76,10 +76,7 @@ class Axis:
 
 
 def split_points(axes: Sequence[Axis], point: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Cells and positions within them, in [0, 1], of points in axis units; see `ConfigurationSpace.split`.
-
-    Shapes: `point` (..., ndim); returns `cells` and `local`, both (..., ndim).
-    """
+    """Cells and positions within them, in [0, 1], of points in axis units (..., ndim); `ConfigurationSpace.split`."""
     points = np.asarray(point, dtype=np.float64)
     if points.shape[-1:] != (len(axes),):
         raise InputError(f"a point of this space has {len(axes)} coordinates, got {points.tolist()!r}")
@@ -98,9 +95,6 @@ def split_points(axes: Sequence[Axis], point: ArrayLike) -> tuple[NDArray[np.int
 
 
 def rounding(axes: Sequence[Axis]) -> NDArray[np.float64]:
-    """Share of a cell's width by which a coordinate may be off: 1e-9, or what it rounds to where it is far from 0.
-
-    Returns (ndim,).
-    """
+    """Share of a cell's width by which coordinates may be off, (ndim,): 1e-9, or, far from 0, what they round to."""
     largest = np.array([max(abs(axis.lower), abs(axis.upper)) for axis in axes])
     return np.asarray(np.maximum(1e-9, 8 * np.spacing(largest) / [axis.spacing for axis in axes]))

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from resgrid.budget import require_grid_memory
 from resgrid.conductances import behind_wall, has_wall, in_series, of_face
 from resgrid.errors import CircuitError, InputError
-from resgrid.grids import before_and_behind, by_axis, face_counts, slab, with_margin
+from resgrid.grids import before_and_behind, face_counts, face_shape, slab, with_margin
 from resgrid.netlist import GROUND, MOST_NODES, CellMap, Netlist
 from resgrid.space import Cell, ConfigurationSpace
 from resgrid.wiring import Wiring, wiring_of
@@ -79,8 +80,9 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     require_room(space.shape)
     if not space.goal_count:
         raise InputError("the space has no goal cell: add a goal, or make it at least one cell large")
-    nodes = _number_nodes(space, wiring)
-    pairs, conductance, face, upward = _join(space, wiring, nodes)
+    contacts = contacts_of_rows(space, wiring, 0, space.shape[0])
+    nodes = _number_nodes(space, wiring, contacts.kind)
+    pairs, conductance, face, upward = _join(space, contacts, nodes)
     cell_map = CellMap(
         space=space,
         wiring=wiring,
@@ -107,12 +109,14 @@ def require_room(shape: tuple[int, ...]) -> None:
     require_grid_memory(shape, "compiling the grid", _PEAK * len(shape))
 
 
-def _number_nodes(space: ConfigurationSpace, wiring: Wiring) -> _Nodes:
-    obstacle = GROUND + 1 if _has_obstacle_rail(space, wiring) else _NO_NODE
+def _number_nodes(space: ConfigurationSpace, wiring: Wiring, kind: NDArray[np.uint8]) -> _Nodes:
+    own = kind[(slice(1, -1),) * space.ndim] == Kind.NODE
+    if wiring.start is not None:
+        own[wiring.start] = True
+    obstacle = GROUND + 1 if not wiring.is_driven and np.any(kind == Kind.HIGH) else _NO_NODE
     first = GROUND + 1 + (obstacle >= 0)
     goals = tuple(range(first, first + space.goal_count)) if wiring.rails == "merged" else ()
     first += len(goals)
-    own = _cells_with_node(space, wiring)
     node = np.full(space.shape, _NO_NODE, dtype=np.int32)
     count = int(np.count_nonzero(own))
     if first + count > MOST_NODES:
@@ -127,40 +131,31 @@ def _number_nodes(space: ConfigurationSpace, wiring: Wiring) -> _Nodes:
     return _Nodes(node, free, obstacle, goals, first + count)
 
 
-def _has_obstacle_rail(space: ConfigurationSpace, wiring: Wiring) -> bool:
-    if wiring.boundary == "neumann":
-        return False
-    return "obstacle" in wiring.edge or (wiring.rails == "merged" and bool(np.any(space.cell == Cell.OBSTACLE)))
-
-
-def _cells_with_node(space: ConfigurationSpace, wiring: Wiring) -> NDArray[np.bool_]:
-    free = space.goal_connected if wiring.boundary == "neumann" else space.cell == Cell.FREE
-    if wiring.rails == "merged":
-        return free
-    tied = space.cell != Cell.FREE if wiring.boundary != "neumann" else space.cell == Cell.GOAL
-    return np.asarray(free | tied)
-
-
-def _join(space: ConfigurationSpace, wiring: Wiring, nodes: _Nodes) -> Iterator[NDArray[Any]]:
+def _join(space: ConfigurationSpace, contacts: Contacts, nodes: _Nodes) -> tuple[NDArray[Any], ...]:
     """Nodes (m, 2), siemens, faces and directions (m,) of a resistor for every contact; on an axis border ones last."""
-    contacts = contacts_of_rows(space, wiring, 0, space.shape[0])
     wide = with_margin(nodes.cell, space.periodic)
     for axis in np.flatnonzero(~space.periodic).tolist():
         np.moveaxis(wide, axis, 0)[[0, -1]] = nodes.obstacle
-    count = sum(face_counts(space.shape))
-    numbers = by_axis(np.arange(count, dtype=np.int32 if count < 2**31 else np.int64), space.shape)
-    parts: list[tuple[NDArray[Any], ...]] = []
-    for axis, (conductance, number) in enumerate(zip(contacts.conductance, numbers, strict=True)):
-        before, behind = before_and_behind(wide, axis)
-        size, ring = space.shape[axis], space.axes[axis].periodic
-        for first, last in ((1, size), (0, 1), *([] if ring else [(size, size + 1)])):
-            kept = slab(conductance, axis, first, last) > 0.0
-            columns = (before, behind, conductance, number)
-            here, there, siemens, face = (slab(column, axis, first, last)[kept] for column in columns)
-            upward = ring or first > 0  # else the rail lies below the cell, and counts as its second node
-            pair = (here, there) if upward else (there, here)
-            parts.append((np.stack(pair, axis=1), siemens, face, np.full(len(face), upward)))
-    return map(np.concatenate, zip(*parts, strict=True))
+    parts = [
+        (axis, *faces)
+        for axis, (size, ring) in enumerate(zip(space.shape, space.periodic, strict=True))
+        for faces in ((1, size), (0, 1), *([] if ring else [(size, size + 1)]))
+    ]
+    ends = np.cumsum([0, *(np.count_nonzero(slab(contacts.joined[axis], axis, *faces)) for axis, *faces in parts)])
+    starts = np.cumsum([0, *face_counts(space.shape)])
+    pairs, siemens = np.empty((ends[-1], 2), dtype=np.int32), np.empty(ends[-1])
+    face = np.empty(ends[-1], dtype=np.int32 if starts[-1] < 2**31 else np.int64)
+    upward = np.empty(ends[-1], dtype=np.bool_)
+    for (axis, first, last), at in zip(parts, map(slice, ends, ends[1:]), strict=False):
+        kept = slab(contacts.joined[axis], axis, first, last)
+        upward[at] = space.periodic[axis] or first > 0  # else the rail lies below the cell, and counts as second node
+        for side, end in zip(before_and_behind(wide, axis), (0, 1) if upward[at].all() else (1, 0), strict=True):
+            pairs[at, end] = slab(side, axis, first, last)[kept]
+        siemens[at] = contacts.siemens(axis, first, last)
+        numbers = np.arange(*starts[axis : axis + 2], dtype=face.dtype).reshape(face_shape(space.shape, axis))
+        face[at] = slab(numbers, axis, first, last)[kept]
+        del numbers
+    return pairs, siemens, face, upward
 
 
 class Kind(IntEnum):
@@ -173,33 +168,62 @@ class Kind(IntEnum):
 class Contacts:
     """All contacts of a slab of cells, rows of the first axis, without node numbers.
 
-    `kind`: of every cell of the slab and of those around it, a margin of one cell along each axis, wrapped where the
-    axis is periodic; `conductance`: per axis, through the faces of the slab's cells, in siemens, one more along that
-    axis than cells; 0 where there is no contact.
+    `code, kind, conductivity`: of every cell of the slab and of those around it, a margin of one cell along each axis,
+    wrapped where the axis is periodic; `joined`: per axis, which faces of the slab's cells have a contact, one more
+    along that axis than cells.
     """
 
+    wiring: Wiring
+    spacing: NDArray[np.float64]
+    code: NDArray[np.uint8]
     kind: NDArray[np.uint8]
-    conductance: tuple[NDArray[np.float64], ...]
+    conductivity: NDArray[np.float64] | None
+    joined: tuple[NDArray[np.bool_], ...]
+
+    def siemens(self, axis: int, first: int, last: int) -> NDArray[np.float64]:
+        """Conductances (n,) of the contacts through a range of faces along an axis, in C order."""
+        kept = slab(self.joined[axis], axis, first, last)
+
+        def ends(wide: NDArray[Any]) -> Iterator[NDArray[Any]]:
+            return (slab(side, axis, first, last)[kept] for side in before_and_behind(wide, axis))
+
+        siemens = np.full(np.count_nonzero(kept), of_face(self.spacing, axis, self.wiring.resistance))
+        if self.conductivity is not None:
+            siemens *= in_series(*ends(self.conductivity), *(code == Cell.FREE for code in ends(self.code)))
+        if self.wiring.wall_resistance:
+            walled = has_wall(*(code == Cell.OBSTACLE for code in ends(self.code)))
+            siemens[walled] = behind_wall(siemens[walled], self.wiring.wall_resistance)
+        return siemens
+
+    @cached_property
+    def conductance(self) -> tuple[NDArray[np.float64], ...]:
+        """Per axis, conductances through all faces of the slab's cells, in siemens; 0 where there is no contact."""
+        faces = tuple(np.zeros(joined.shape) for joined in self.joined)
+        for axis, (siemens, joined) in enumerate(zip(faces, self.joined, strict=True)):
+            siemens[joined] = self.siemens(axis, 0, joined.shape[axis])
+        return faces
 
 
 def contacts_of_rows(space: ConfigurationSpace, wiring: Wiring, first: int, last: int) -> Contacts:
     """The contacts of the rows from ``first`` to ``last``; `wiring` as ``wiring.on(space)`` returns it."""
     rows = (first, last)
     code = with_margin(space.cell, space.periodic, rows)
-    rails = (Kind.NODE, Kind.HIGH, Kind.LOW) if wiring.rails == "merged" else (Kind.NODE,) * 3
-    kind = np.array(rails, dtype=np.uint8)[code]
-    if wiring.boundary == "neumann":
-        connected = with_margin(space.goal_connected, space.periodic, rows)
-        kind[(code == Cell.OBSTACLE) | ((code == Cell.FREE) & ~connected)] = Kind.NONE
+    high, low = (Kind.HIGH, Kind.LOW) if wiring.rails == "merged" else (Kind.NODE, Kind.NODE)
+    is_open = wiring.boundary == "neumann"
+    kinds = (Kind.NONE, Kind.NONE, low) if is_open else (Kind.NODE, high, low)
+    kind = np.array(kinds, dtype=np.uint8)[code]
+    if is_open:
+        kind = np.where(with_margin(space.goal_connected, space.periodic, rows), np.uint8(Kind.NODE), kind)
     for axis, size in enumerate(space.shape):
         _set_beyond(code, kind, axis, wiring, size, (first == 0, last == size) if axis == 0 else (True, True))
     c = None if space.conductivity is None else with_margin(space.conductivity, space.periodic, rows)
-    contacts = Contacts(kind, tuple(_across(space, wiring, axis, code, kind, c) for axis in range(space.ndim)))
+    sides = (before_and_behind(kind, axis) for axis in range(space.ndim))
+    joined = tuple((np.minimum(*both) == Kind.NODE) & (np.maximum(*both) != Kind.NONE) for both in sides)
     if wiring.start is not None:
         at = (np.arange(size) == place for size, place in zip(space.shape, wiring.start, strict=True))
         ranges = (rows, *[None] * (space.ndim - 1))
         kind[np.ix_(*map(with_margin, at, space.periodic[:, np.newaxis], ranges))] = Kind.HIGH
-    return contacts
+    return Contacts(wiring, space.spacing, code, kind, c, joined)
 
 
 def _set_beyond(
@@ -214,27 +238,6 @@ def _set_beyond(
         if reached:
             np.moveaxis(code, axis, 0)[place] = Cell.OBSTACLE
             np.moveaxis(kind, axis, 0)[place] = Kind.HIGH if tied else Kind.NONE
-
-
-def _across(
-    space: ConfigurationSpace,
-    wiring: Wiring,
-    axis: int,
-    code: NDArray[np.uint8],
-    kind: NDArray[np.uint8],
-    c: NDArray[np.float64] | None,
-) -> NDArray[np.float64]:
-    """Conductances through the faces across an axis, in siemens, 0 where there is no contact."""
-    lower, upper = before_and_behind(kind, axis)
-    codes = before_and_behind(code, axis)
-    joined = (np.minimum(lower, upper) == Kind.NODE) & (np.maximum(lower, upper) != Kind.NONE)
-    conductance = np.where(joined, of_face(space.spacing, axis, wiring.resistance), 0.0)
-    if c is not None:
-        conductance *= in_series(*before_and_behind(c, axis), *(part == Cell.FREE for part in codes))
-    if wiring.wall_resistance:
-        walled = joined & has_wall(*(part == Cell.OBSTACLE for part in codes))
-        conductance[walled] = behind_wall(conductance[walled], wiring.wall_resistance)
-    return conductance
 
 
 def _voltage_sources(

@@ -29,10 +29,7 @@ from numpy.typing import NDArray
 
 
 def of_face(spacing: NDArray[np.float64], axis: int, resistance: float) -> float:
-    """Return the conductance across a face between cells of conductivity 1, in siemens.
-
-    Shapes: `spacing` (ndim,).
-    """
+    """Return the conductance across a face between cells of conductivity 1, in siemens; `spacing` (ndim,)."""
     return float((spacing.min() / spacing[axis]) ** 2 / resistance)
 
 

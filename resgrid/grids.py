@@ -23,8 +23,7 @@ def box_around(mask: NDArray[np.bool_]) -> tuple[slice, ...]:
 def label_regions(mask: NDArray[np.bool_], periodic: ArrayLike, *, corners: bool = False) -> NDArray[np.int32]:
     """Connected components of a mask, numbered from 1 in C order of their first cell; 0 outside.
 
-    Cells meet across faces; with corners across edges and corners too.  Shapes: `periodic` (mask.ndim,); returns as the
-    mask.
+    Cells meet across faces; with corners across edges and corners too.
     """
     if mask.size <= _SMALL:
         return _walk_regions(mask, np.broadcast_to(np.asarray(periodic, dtype=np.bool_), mask.ndim), corners=corners)
@@ -110,10 +109,7 @@ def slab(array: NDArray[Any], axis: int, start: int, stop: int) -> NDArray[Any]:
 
 
 def with_margin(array: NDArray[Any], periodic: NDArray[np.bool_], rows: tuple[int, int] | None = None) -> NDArray[Any]:
-    """A copy of a range of rows (all by default) with one more cell on every side, wrapped or, at borders, repeated.
-
-    Shapes: `periodic` (ndim,).
-    """
+    """A copy of a range of rows (all by default) with one more cell on every side, wrapped or, at borders, repeated."""
     size = len(array)
     first, last = rows or (0, size)
     row = np.arange(first - 1, last + 1)

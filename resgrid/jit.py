@@ -63,8 +63,8 @@ _INNER: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, 
 
 
 def kernel(function: _Loop) -> _Loop:
-    """Compile a loop that Python calls, and keep it on disk; it lets other threads run, and C has no way in."""
-    return cast(_Loop, njit(**_KERNEL)(function))
+    """Compile a loop, or an inner one once more, that Python calls, and keep it on disk; other threads may run."""
+    return cast(_Loop, njit(**_KERNEL)(getattr(function, "py_func", function)))
 
 
 def inner(function: _Loop) -> _Loop:

@@ -110,18 +110,16 @@ class ConfigurationSpace:
     ) -> None:
         axes = tuple(axes)
         cells = _checked_cells(axes, np.asarray(cell))
-        object.__setattr__(self, "axes", axes)
-        object.__setattr__(self, "cell", cells)
-        object.__setattr__(self, "robot", robot)
-        object.__setattr__(self, "frame", _checked_frame(axes, Frame() if frame is None else frame))
-        object.__setattr__(
-            self,
-            "conductivity",
-            None if conductivity is None else _checked_conductivity(cells.shape, np.asarray(conductivity)),
-        )
-        object.__setattr__(
-            self, "goal_points", None if goal_points is None else _checked_goal_points(axes, cells, goal_points)
-        )
+        parts = {
+            "axes": axes,
+            "cell": cells,
+            "conductivity": None if conductivity is None else _checked_conductivity(cells.shape, conductivity),
+            "frame": _checked_frame(axes, Frame() if frame is None else frame),
+            "goal_points": None if goal_points is None else _checked_goal_points(axes, cells, goal_points),
+            "robot": robot,
+        }
+        for name, part in parts.items():
+            object.__setattr__(self, name, part)
 
     def __repr__(self) -> str:
         cells = " x ".join(map(str, self.shape))
@@ -352,10 +350,10 @@ def _checked_cells(axes: tuple[Axis, ...], cell: NDArray[np.generic]) -> NDArray
     plain = cell.dtype.kind == "u" and cell.max(initial=0) <= max(Cell)
     if not plain and not np.all(np.isin(cell, list(Cell))):
         raise InputError("cell may hold only 0 (free), 1 (obstacle) and 2 (goal)")
-    return _read_only(np.array(cell, dtype=np.uint8, order="C"))
+    return np.array(cell, dtype=np.uint8, order="C")
 
 
-def _checked_conductivity(shape: tuple[int, ...], value: NDArray[np.generic]) -> NDArray[np.float64]:
+def _checked_conductivity(shape: tuple[int, ...], value: ArrayLike) -> NDArray[np.float64]:
     conductivity = np.array(value, dtype=np.float64, order="C")
     if conductivity.shape != shape:
         raise InputError(f"conductivity has shape {conductivity.shape}, but the cells have {shape}")
@@ -363,7 +361,7 @@ def _checked_conductivity(shape: tuple[int, ...], value: NDArray[np.generic]) ->
     if not good.all():
         where = tuple(int(i) for i in np.argwhere(~good)[0])
         raise InputError(f"conductivity must be positive and finite; cell {where} has {conductivity[where]}")
-    return _read_only(conductivity)
+    return conductivity
 
 
 def _checked_goal_points(axes: tuple[Axis, ...], cell: NDArray[np.uint8], value: ArrayLike) -> NDArray[np.float64]:
@@ -380,9 +378,4 @@ def _checked_goal_points(axes: tuple[Axis, ...], cell: NDArray[np.uint8], value:
         raise InputError(
             f"the goal point {points[first].tolist()} does not lie in its cell {tuple(cells[first].tolist())}"
         )
-    return _read_only(points)
-
-
-def _read_only(array: NDArray[Any]) -> NDArray[Any]:
-    array.flags.writeable = False
-    return array
+    return points

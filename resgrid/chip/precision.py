@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.arguments import check_optional, check_share
+from resgrid.arguments import check_number, check_share
 from resgrid.chip.figures import Figure, Result, defined
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import InputError
@@ -225,7 +225,8 @@ def analyse_precision(op: OperatingPoint, *, span: float | None = None) -> Preci
     `span`: range of the converter, in volts; without a chip's description the supply or, with a uniform drive, the
     height of the highest node above the goal rail.
     """
-    check_optional("span", span, "positive and finite, in volts", above=0.0)
+    if span is not None:
+        check_number("span", span, "positive and finite, in volts", above=0.0)
     steps = steps_of(op)
     space, wiring = steps.cells.space, steps.cells.wiring
     if span is not None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import check_optional, check_whole, is_whole
+from resgrid.arguments import check_number, check_whole, is_whole
 from resgrid.chip.figures import Figure, Result
 from resgrid.chip.modes import (
     Solver,
@@ -148,7 +148,8 @@ def analyse_settling(
     if not (is_whole(bits) and 1 <= bits <= 24):
         raise InputError(f"bits = {bits!r}, but settling is judged at a whole number of bits, 1 to 24")
     check_whole("modes", modes, 1)
-    check_optional("span", span, "a number, positive and finite, in volts", above=0.0)
+    if span is not None:
+        check_number("span", span, "a number, positive and finite, in volts", above=0.0)
     dynamics = dynamics_of(netlist)
     require_charge(dynamics)
     factors = factor_resolvent(dynamics, 0.0, method)

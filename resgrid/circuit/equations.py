@@ -82,20 +82,6 @@ class Equations:
             return self.feed
         return self.feed + self.injected if self.feed.any() else self.injected
 
-    @property
-    def drive_rounding(self) -> NDArray[np.float64]:
-        """By how much the current driven into every row may be rounded, in amperes, shape (n,).
-
-        Rails and floating sources drive sums of products; several current sources at a row are summed.
-        """
-        row, amps = self.unknown[self.netlist.current_nodes].ravel(), np.repeat(self.netlist.current_amps, 2)
-        row, amps = row[row >= 0], np.abs(amps[row >= 0])
-        several = np.bincount(row, minlength=self.size) > 1
-        summed = np.where(several, np.bincount(row, amps, self.size), 0.0)
-        return np.asarray(
-            np.finfo(np.float64).eps * (self.forest.lift * self.laplacian.diagonal + np.abs(self.feed) + summed)
-        )
-
 
 @dataclass(frozen=True, eq=False)
 class Parts:

@@ -105,7 +105,7 @@ def _entrywise(factors: Factor, drive: NDArray[np.float64], rounding: NDArray[np
     rising, falling = found
     doubt = 0.0
     if rising is not None and falling is not None:
-        rising, doubt, _ = subtract(factors, drive, rounding, rising, falling, watch.bound)
+        rising, doubt = subtract(factors, drive, rounding, rising, falling, watch.bound)
         falling = None
     if doubt > _DOUBT or not is_answer(watch.error, watch.bound):
         raise AccuracyError(

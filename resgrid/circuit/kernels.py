@@ -13,10 +13,22 @@ from numpy.typing import NDArray
 
 from resgrid.jit import inlined, kernel
 from resgrid.solvers.extended import Scaled
-from resgrid.solvers.extended_kernels import Floats, Indices, Integers, _canonical, _shift, _sum, _two_sum
+from resgrid.solvers.extended_kernels import (
+    Floats,
+    Indices,
+    Integers,
+    _canonical,
+    _shift,
+    _sum,
+    _two_product,
+    _two_sum,
+)
 from resgrid.solvers.row_kernels import find
 
 Bools = NDArray[np.bool_]
+
+_FAINT = 1e-20
+"""Difference of two double-doubles, relative to them, that has half of its digits left."""
 
 
 @kernel
@@ -246,16 +258,17 @@ def _fall(
 def currents(
     pairs: Indices, conductance: Floats, value: Scaled, down: Bools, volts: float, noise: float, amps: Floats,
     exponent: Integers,
-) -> float:  # fmt: skip
-    """Currents of resistors, scaled; returns the power in doubles."""
+) -> tuple[float, bool]:  # fmt: skip
+    """Currents of resistors, scaled; returns the power in doubles, and whether any difference has few digits left."""
     hi, lo, e, noise_down = value.hi, value.lo, value.exponent, value.noise
-    power, plain = 0.0, len(exponent) == 0
+    power, plain, faint = 0.0, len(exponent) == 0, False
     for k in range(len(pairs)):
         a, b = pairs[k, 0], pairs[k, 1]
         if plain:
             fall = _fall(hi[a], lo[a], down[a], hi[b], lo[b], down[b], noise, noise_down) * volts
             amps[k] = conductance[k] * fall
             power += amps[k] * fall
+            faint |= 0.0 < abs(fall) <= _FAINT * abs(volts * hi[a])
             continue
         top = _pair_exponent(hi[a], e[a], hi[b], e[b]) if down[a] == down[b] else 0
         near, near_low = _shift(hi[a], e[a] - top), _shift(lo[a], e[a] - top)
@@ -263,7 +276,8 @@ def currents(
         fall = _fall(near, near_low, down[a], far, far_low, down[b], noise, noise_down) * volts
         amps[k], exponent[k] = _canonical(conductance[k] * fall, top)
         power += _shift(_shift(conductance[k] * fall * fall, top), top)
-    return power
+        faint |= 0.0 < abs(fall) <= _FAINT * abs(volts * near)
+    return power, faint
 
 
 @inlined
@@ -322,3 +336,25 @@ def drop_unresolved(
             through[a] -= 0.5 * abs(out)
             through[b] -= 0.5 * abs(into)
             amps[k] = 0.0
+
+
+@kernel
+def add_flows(
+    rows: Indices, conductance: Floats, falls: Floats, falls_low: Floats, net: Floats, net_low: Floats, total: Floats
+) -> None:
+    """Add what flows from one row to another to the net current into both, in double-double, and to their totals.
+
+    Shapes: `rows` (m, 2), -1 for nodes without one; `conductance, falls` (m,).
+    """
+    for k in range(len(rows)):
+        a, b = rows[k, 0], rows[k, 1]
+        if a == b:
+            continue
+        p, q = _two_product(conductance[k], falls[k])
+        q += conductance[k] * falls_low[k]
+        if a >= 0:
+            net[a], net_low[a] = _sum(net[a], net_low[a], -p, -q)
+            total[a] += abs(p)
+        if b >= 0:
+            net[b], net_low[b] = _sum(net[b], net_low[b], p, q)
+            total[b] += abs(p)

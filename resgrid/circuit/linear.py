@@ -10,13 +10,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.equations import assemble
-from resgrid.circuit.node_values import node_values
+from resgrid.circuit.equations import Equations, assemble
+from resgrid.circuit.kirchhoff import balance
+from resgrid.circuit.node_values import CERTAIN, node_values, values_above
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.readout import DIRECTION_RESIDUAL, OUT_OF_RANGE, read_entrywise, read_normwise
 from resgrid.errors import AccuracyError, CircuitError
 from resgrid.netlist import Netlist
 from resgrid.solvers.choose import factor_laplacian
+from resgrid.solvers.connections import count_connections
+from resgrid.solvers.factors.direct import EXACT_ROWS
 from resgrid.solvers.monitor import Progress, Watch
 from resgrid.solvers.refine import is_answer
 from resgrid.solvers.team import Team
@@ -56,14 +59,36 @@ def _solved(netlist: Netlist, accuracy: str, method: str, rtol: float, team: Tea
         values = node_values(system, factors, watch, team)
         del factors
     with _timed(seconds, "read"):
-        point, residual = read_entrywise(system, values, name, seconds, team)
+        point, residual, faint = read_entrywise(system, values, name, seconds, team)
+    doubt = values.doubt
+    if point.readings.log_current is None and (faint or doubt > CERTAIN or _asks_for_balance(system, point)):
+        with _timed(seconds, "balance"):
+            found = balance(system)
+            if found is not None:
+                values, doubt = values_above(system, found.volts, found.above, team), found.doubt
+                point, residual, _ = read_entrywise(system, values, name, seconds, team, found.falls)
     signed = point.log_drop is None and point.potential is None
     bound = np.inf if signed else watch.bound + np.finfo(np.float64).eps
     point = replace(
         point, iterations=watch.iterations, backward_error=watch.error, entry_error=bound, levels=watch.levels
     )
-    _check_direction(point, residual, values.doubt)
+    _check_direction(point, residual, doubt)
     return point
+
+
+def _asks_for_balance(system: Equations, point: OperatingPoint) -> bool:
+    """Whether differences of voltages may not tell all currents.
+
+    They do not where currents do not add up; rounding may hide some where floating sources drive others around, and
+    where conductances differ by more decades than a double has, or both signs drive: small circuits are balanced then.
+    """
+    if system.forest.lift > 0.0 or point.kcl_residual > DIRECTION_RESIDUAL:
+        return True
+    if not 0 < system.size <= EXACT_ROWS:
+        return False
+    found = count_connections(system.laplacian)
+    mixed = point.log_drop is None and point.potential is None
+    return bool(mixed or found.smallest < np.finfo(np.float64).eps * found.largest)
 
 
 @contextmanager
@@ -74,10 +99,10 @@ def _timed(seconds: dict[str, float], stage: str) -> Iterator[None]:
 
 
 def _check_direction(point: OperatingPoint, residual: NDArray[np.float64], doubt: float) -> None:
-    """Refuse an answer that is not direction-safe, or whose voltages may be off by a share of the largest."""
+    """Refuse an answer that is not direction-safe, or whose currents may be off by a share of others."""
     if doubt > DIRECTION_RESIDUAL:
         raise AccuracyError(
-            f"currents of both signs nearly cancel: voltages may be off by {doubt:.1e} of the largest (at most "
+            f"currents nearly cancel: they may be off by {doubt:.1e} of what flows through a node (at most "
             f"{DIRECTION_RESIDUAL:g} is allowed); check what ties the circuit to its rails, or use accuracy = "
             "'normwise'",
             point,

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.equations import Equations
-from resgrid.solvers.extended import NOISE, Scaled, logarithm, power
+from resgrid.solvers.extended import Scaled, logarithm, power
 from resgrid.solvers.factors.factor import Factor
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
@@ -36,8 +36,7 @@ class NodeValues:
     above the low one; `zero, volts`: voltage of the low (or only) rail, and volts of a unit; negative where values
     grow as voltages fall; `noise`: relative difference of two values counted upwards below which it is noise;
     ``value.noise`` is that of drops; `doubt`: by how much any value may be off at most, relative to the largest,
-    where currents of both signs drive the circuit; of all others nothing is said here; `grain`: difference of two
-    values, in units, below which it is noise because they are differences themselves.
+    where currents of both signs drive the circuit; of all others nothing is said here.
     """
 
     value: Scaled
@@ -46,7 +45,6 @@ class NodeValues:
     volts: float
     noise: float
     doubt: float = 0.0
-    grain: float = 0.0
 
     @property
     def height(self) -> NDArray[np.float64]:
@@ -66,8 +64,22 @@ def node_values(system: Equations, factors: Factor | None, watch: Watch, team: T
     if not np.any(drive > 0):
         return _above(system, falling, -1.0, team)
     assert factors is not None
-    difference, doubt, grain = subtract(factors, drive, system.drive_rounding, rising, falling, watch.bound)
-    return replace(_above(system, difference, 1.0, team), doubt=doubt, grain=grain)
+    difference = _minus(rising, falling)
+    doubt = watch.bound * _quotient([rising, falling], difference)
+    return replace(_above(system, difference, 1.0, team), doubt=doubt)
+
+
+def values_above(system: Equations, volts: NDArray[np.float64], above: NDArray[np.float64], team: Team) -> NodeValues:
+    """Values of all nodes from the heights of rows above every rail.  Shapes: `volts` (rails,), `above` (n, rails)."""
+    rails = system.rails
+    if rails is not None:
+        span = rails.high - rails.low
+        up, down = (above[:, int(np.argmin(np.abs(volts - rail)))] / span for rail in (rails.low, rails.high))
+        return _between(system, rails, Scaled.of(-down), Scaled.of(up), team)
+    nearest = np.abs(above).argmin(axis=1)
+    x = (volts - system.reference)[nearest] + np.take_along_axis(above, nearest[:, None], axis=1)[:, 0]
+    sign = -1.0 if np.all(x <= 0.0) else 1.0
+    return _above(system, Scaled.of(sign * x), sign, team)
 
 
 def _drop_and_height(rails: Rails, factors: Factor | None, watch: Watch, team: Team) -> tuple[Scaled, Scaled | None]:
@@ -146,7 +158,7 @@ def _zeros(nodes: int) -> Scaled:
     return Scaled.of(np.zeros(nodes))
 
 
-_CERTAIN = 1e-9
+CERTAIN = 1e-9
 """Errors relative to the largest value that need no closer look."""
 
 _MOST_CORRECTIONS = 5
@@ -159,17 +171,15 @@ def subtract(
     rising: Scaled,
     falling: Scaled,
     bound: float,
-) -> tuple[Scaled, float, float]:
+) -> tuple[Scaled, float]:
     """Subtract the solutions for the currents of either sign; ``rounding`` is what these may be off by themselves.
 
     Shapes: `drive, rounding` (n,), `rising, falling` (n,); returns `difference` (n,).
     """
-    difference, doubt, parts = _minus(rising, falling), 0.0, [rising, falling]
-    if bound * _quotient(parts, difference) > _CERTAIN:
-        difference, doubt = _refined(factors, drive, rounding, difference)
-        parts = [difference]
-    grain = max(NOISE, doubt) * np.exp(max(map(_largest_log, parts)))
-    return difference, doubt, float(grain)
+    difference = _minus(rising, falling)
+    if bound * _quotient([rising, falling], difference) > CERTAIN:
+        return _refined(factors, drive, rounding, difference)
+    return difference, 0.0
 
 
 def _minus(a: Scaled, b: Scaled) -> Scaled:
@@ -192,7 +202,7 @@ def _refined(
         if not found < doubt:
             break
         best, doubt = x, found
-        if doubt <= _CERTAIN:
+        if doubt <= CERTAIN:
             break
         x = _minus(x, _minus(fall, rise))
     return best, float(doubt)

@@ -194,6 +194,6 @@ class OperatingPoint:
     def kcl_residual(self) -> float:
         """Largest violation of Kirchhoff's current law at a node, relative to the current through that same node.
 
-        Of a direction-safe point, nodes that differ by less than their voltages can tell count as one.
+        Nodes that floating voltage sources join count as one.
         """
         return self.readings.kcl_residual

@@ -87,17 +87,28 @@ def read_normwise(
 
 
 def read_entrywise(
-    system: Equations, values: NodeValues, method: str, seconds: Mapping[str, float], team: Team
-) -> tuple[OperatingPoint, NDArray[np.float64]]:
-    """Read everything off the values of the nodes.  Returns `residual` (nodes,)."""
+    system: Equations,
+    values: NodeValues,
+    method: str,
+    seconds: Mapping[str, float],
+    team: Team,
+    falls: NDArray[np.float64] | None = None,
+) -> tuple[OperatingPoint, NDArray[np.float64], bool]:
+    """Read everything off the values of the nodes, or currents off falls across the resistors (resistors,), in volts.
+
+    Returns `residual` (nodes,), and whether differences of values have few digits left.
+    """
     voltage = _voltage(system, values)
     log_drop, potential = _stored(system, values)
-    stored, sign = (log_drop, -1.0) if log_drop is not None else (potential, 1.0)
-    readings, residual = _readings(
-        system.netlist, system.forest, system.unknown, values, stored, float(np.sign(values.volts)) * sign, team
-    )
+    falling = _falling(log_drop, potential, values)
+    netlist, faint = system.netlist, False
+    if falls is None:
+        readings, residual, faint = _readings(netlist, system.forest, system.unknown, values, falling, team)
+    else:
+        amps, none = netlist.conductance * falls, np.zeros(0, dtype=np.int64)
+        readings, residual = _taken(netlist, system.forest, system.unknown, amps, none, float(amps @ falls), falling)
     point = OperatingPoint(
-        netlist=system.netlist,
+        netlist=netlist,
         voltage=voltage,
         log_drop=log_drop,
         potential=potential,
@@ -107,7 +118,15 @@ def read_entrywise(
         method=method,
         seconds=seconds,
     )
-    return point, residual
+    return point, residual, faint
+
+
+def _falling(
+    log_drop: NDArray[np.float64] | None, potential: NDArray[np.float64] | None, values: NodeValues
+) -> NDArray[np.float64] | None:
+    """What is stored and falls along currents, shape (nodes,), up to rounding."""
+    stored = potential if log_drop is None else -log_drop
+    return None if stored is None else float(np.sign(values.volts)) * stored
 
 
 def _normwise_readings(
@@ -117,7 +136,7 @@ def _normwise_readings(
     values = NodeValues(
         Scaled.of(np.nan_to_num(height))._replace(noise=0.0), np.zeros(len(height), np.bool_), 0.0, 1.0, 0.0
     )
-    return _readings(netlist, forest, unknown, values, None, 1.0, clusters=False)[0]
+    return _readings(netlist, forest, unknown, values, None)[0]
 
 
 def _readings(
@@ -125,47 +144,54 @@ def _readings(
     forest: SourceForest,
     unknown: NDArray[np.int32],
     values: NodeValues,
-    stored: NDArray[np.float64] | None,
-    sign: float,
+    falling: NDArray[np.float64] | None,
     team: Team = ALONE,
-    *,
-    clusters: bool = True,
-) -> tuple[Readings, NDArray[np.float64]]:
-    """Difference the values of all nodes and sum up the currents.
-
-    Where ``sign * stored`` is there it falls along currents up to rounding, and along every one that matters after
-    this: others are set to 0.  With ``clusters`` KCL is asked of flat clusters where differences tell no currents.
-    Shapes: `unknown, stored` (nodes,); returns `residual` (nodes,).
-    """
-    from resgrid.circuit.kernels import currents, drop_unresolved
+) -> tuple[Readings, NDArray[np.float64], bool]:
+    """Difference the values of all nodes; the rest is `_taken`'s.  Returns also whether differences are faint."""
+    from resgrid.circuit.kernels import currents
 
     value, plain = _plain_where_possible(values, netlist)
     ends, amps = netlist.resistor_nodes, np.empty(len(netlist.conductance))
     exponent = np.zeros(0 if plain else len(amps), dtype=np.int64)
 
-    def through(piece: slice) -> float:
+    def through(piece: slice) -> tuple[float, bool]:
         return currents(
             ends[piece], netlist.conductance[piece], value, values.down, values.volts, values.noise, amps[piece],
             exponent[piece],
         )  # fmt: skip
 
-    power_sum = sum(team.over(len(amps), through))
-    sums = _balance(netlist, amps, exponent)
-    if stored is not None:
-        drop_unresolved(ends, amps, exponent, sums.exponent, sums.net, sums.through, stored, sign, HARMLESS)
-    residual = np.zeros(len(unknown))
-    own = (unknown >= 0) & (sums.through > 0)
-    own[forest.order] = False
-    np.divide(np.abs(sums.net), sums.through, out=residual, where=own)
-    lifted = forest.order[forest.base != GROUND]
-    doubtful = np.concatenate([np.flatnonzero(residual > DIRECTION_RESIDUAL), lifted])
-    if clusters and doubtful.size:
-        from resgrid.circuit.flat_clusters import cluster_residual
+    powers, faint = zip(*team.over(len(amps), through), strict=True) if amps.size else ((), ())
+    return *_taken(netlist, forest, unknown, amps, exponent, sum(powers), falling), any(faint)
 
-        injected = injected_currents(netlist)
-        tied = np.append(forest.order[forest.base != GROUND], forest.base[forest.base != GROUND]).reshape(2, -1).T
-        residual[doubtful] = cluster_residual(netlist, unknown, tied, values, amps, exponent, injected)[doubtful]
+
+def _taken(
+    netlist: Netlist,
+    forest: SourceForest,
+    unknown: NDArray[np.int32],
+    amps: NDArray[np.float64],
+    exponent: NDArray[np.int64],
+    power_sum: float,
+    falling: NDArray[np.float64] | None,
+) -> tuple[Readings, NDArray[np.float64]]:
+    """Sum up the currents at every node; nodes that floating sources join count as one.
+
+    What is ``falling`` does so along currents up to rounding, and along every one that matters after this: others are
+    set to 0.  Shapes: `unknown, falling` (nodes,), `amps, exponent` (resistors,); returns `residual` (nodes,).
+    """
+    from resgrid.circuit.kernels import drop_unresolved
+
+    plain = not exponent.size
+    sums = _balance(netlist, amps, exponent)
+    if falling is not None:
+        drop_unresolved(
+            netlist.resistor_nodes, amps, exponent, sums.exponent, sums.net, sums.through, falling, 1.0, HARMLESS
+        )
     scale = 1.0 if plain else power(sums.exponent)
+    net, through = sums.net, sums.through
+    if np.any(forest.base != GROUND):
+        root = forest.root
+        net, through = (np.asarray(np.bincount(root, part * scale)[root], dtype=np.float64) for part in (net, through))
+    residual = np.divide(np.abs(net), through, out=np.zeros(len(unknown)), where=(unknown >= 0) & (through > 0))
     readings = Readings(
         resistor_current=amps if plain else amps * power(exponent),
         log_current=None if plain else partial(_log_current, amps, exponent),

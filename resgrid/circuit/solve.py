@@ -46,10 +46,12 @@ def solve(
         Resistors and sources; capacitors are open.  With nonlinear resistors the voltages come from Newton's method.
         Of a deck it is what its ``netlist()`` makes.
     accuracy : {"direction", "normwise"}
-        ``"direction"``: at every node that carries current KCL holds to 1e-6 of the current through that same node, so
-        that the way down is right everywhere; where the circuit has two rails, or one and currents of one sign, every
-        entry is right to ``entry_error``, some 1e-8 of itself.  Where parts carry no current, KCL proves less or
-        nothing of entries, and the componentwise backward error is at most 1e-12.
+        ``"direction"``: at every node KCL holds to 1e-6 of the current through that same node, however small that is
+        beside others, or `AccuracyError` is raised; so the way down is right everywhere.  Where voltages tell no
+        currents (stiff ties to a rail, flat dead ends, floating sources), these are found as differences by a direct
+        method, a stage of its own (``"balance"``); currents below 1e-28 of the largest may count as none.  Where the
+        circuit has two rails, or one and currents of one sign, ``entry_error`` says how far entries may be off, some
+        1e-8 of themselves; where parts carry no current, KCL proves less or nothing of entries.
         ``"normwise"``: only the backward error is held below ``rtol``.
     method : {"auto", "direct", "multigrid"}
         How to solve; ``"auto"`` chooses by size and shape (`resgrid.solvers.choose.choose_method`); the operating point
@@ -58,11 +60,11 @@ def solve(
     rtol : float
         Backward error for ``"normwise"``.
     threads : int
-        How many threads share the solve; the digits are the same for any number.  Iterations of ``"multigrid"`` on
-        grids of more than some 120,000 cells share the sweeps over the finest levels; right-hand sides are solved at
-        the same time where there are two: where ties to the high rail are weak (the drop from that rail, and the height
-        above the other), and where current sources have both signs.  All else, and circuits with nonlinear resistors,
-        take one.
+        How many threads share the solve; the digits are the same for any number.  ``"multigrid"`` on grids of more than
+        some 120,000 cells shares the sweeps over the finest levels, and loops over rows, nodes and resistors; two
+        right-hand sides are solved at the same time: where ties to the high rail are weak (the drop from that rail, and
+        the height above the other), and where current sources have both signs.  Circuits with nonlinear resistors take
+        one.
     progress : callable, optional
         Called after every step of an iterative method with the steps so far, the residual relative to where the
         present pass began, and about how many seconds that pass still takes (None where nothing is gained).  With

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,10 +64,13 @@ def tie_sources(netlist: Netlist) -> SourceForest:
     order, parent = _walk(ends, len(tied))
     source = _tree_sources(ends, parent)
     base, height = np.arange(len(tied)), np.zeros(len(tied))
+    exact = [Fraction(0)] * len(tied)  # sums of volts that cancel do so to the last digit
     for node in order[parent[order] >= 0].tolist():
         up, tie = int(parent[node]), int(source[node])
         base[node] = base[up]
-        height[node] = height[up] + (volts[tie] if ends[tie, 0] == node else -volts[tie])
+        step = float(volts[tie] if ends[tie, 0] == node else -volts[tie])
+        exact[node] = exact[up] + Fraction(step) if exact[up] else Fraction(step)
+        height[node] = float(exact[node])
     closing = np.ones(len(volts), dtype=np.bool_)
     closing[source[source >= 0]] = False
     _check_loops(netlist, height[ends[:, 0]] - height[ends[:, 1]] - volts, closing)

@@ -66,6 +66,7 @@ def blend(dirichlet: Field, neumann: Field, k: float, *, allow_start_drive: bool
         raise InputError("a start-driven Neumann field serves one start only: blend with drive = 'uniform'")
     potential = k * dirichlet.potential + (1.0 - k) * neumann.potential
     potential = np.where(dirichlet.space.cell == Cell.OBSTACLE, np.nan, potential)
+    masks = [field.safe for field in (dirichlet, neumann) if field.safe is not None]
     parts = [_add_currents(dirichlet, neumann, axis, k) for axis in range(dirichlet.space.ndim)]
     return Field(
         space=dirichlet.space,
@@ -75,14 +76,8 @@ def blend(dirichlet: Field, neumann: Field, k: float, *, allow_start_drive: bool
         face_direction=tuple(direction for direction, _ in parts),
         face_log_current=tuple(log_current for _, log_current in parts),
         k=float(k),
-        safe=_both_safe(dirichlet, neumann),
+        safe=np.logical_and.reduce(masks) if masks else None,
     )
-
-
-def _both_safe(*fields: Field) -> NDArray[np.bool_] | None:
-    """Cells in which all of them are direction-safe; None where all are as a whole."""
-    masks = [field.safe for field in fields if field.safe is not None]
-    return np.logical_and.reduce(masks) if masks else None
 
 
 def check_k(k: float) -> None:
@@ -125,13 +120,7 @@ def _add_currents(
 
 
 def dirichlet_share(dirichlet: Field, neumann: Field, k: float) -> NDArray[np.float64]:
-    """Share of the Dirichlet gradient in a blend ``k phi_D + (1 - k) phi_N``.
-
-    Away from the goals the Dirichlet gradient falls off exponentially, and the Neumann one does not: with a weight of
-    0.98 the blend is still almost Neumann there.
-
-    Returns as the space.
-    """
+    """Share of the Dirichlet gradient in a blend, shape of the space; see `Planner.dirichlet_share`."""
     check_k(k)
     check_pair(dirichlet, neumann)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -214,13 +214,10 @@ def _plain(cell: NDArray[np.int64]) -> tuple[int, ...]:
 
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")  # what overflows counts as infinite
 def _check_motion(path: Streamline, axis: Integers, side: Integers) -> None:
-    """The current carries the streamline so, and as long as it says.
+    """The current, linear between faces, carries the streamline so and as long as it says; `axis, side` (steps,).
 
-    Between the two faces of a cell the velocity along an axis is linear, ``v(x) = lower (1 - x) + upper x``.  A
-    position is known to within rounding, and near a stagnation point that moves the exit, and the time, a lot: both are
-    compared with what they are for all positions that a point may stand for.
-
-    Shapes: `axis, side` (steps,).
+    Near a stagnation point rounding moves the exit and the time a lot: both are compared with what they are for all
+    positions that a point may stand for.
     """
     local = _local(path)
     steps, slack = np.arange(len(axis)), _SLACK * rounding(path.space.axes)
@@ -246,10 +243,9 @@ def _check_motion(path: Streamline, axis: Integers, side: Integers) -> None:
 
 
 def _times(x: Floats, enter: Floats, leave: Floats, slack: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Least and greatest time from ``x`` to the face at 1, where the velocity is ``leave > 0``; at 0 it is ``enter``.
+    """Least and greatest time from ``x`` to the face at 1, at velocities from ``enter`` at 0 to ``leave > 0`` there.
 
-    Where the velocity at ``x`` may vanish, within rounding, the streamline may go straight at the speed of the face:
-    the third is whether it surely does not.
+    The third is whether the velocity at ``x`` surely does not vanish: else it may go straight, as fast as at the face.
     """
     before, after = np.maximum(x - slack, 0.0), np.minimum(x + slack, 1.0)
     slowest, fastest = (enter * (1.0 - at) + leave * at for at in (before, after))

@@ -19,10 +19,7 @@ def clearance_of(
     edge: tuple[str, ...],
     reach: float | NDArray[np.float64] | None,
 ) -> float:
-    """Smallest distance from a polyline to an obstacle cell's box, or to an edge that counts as an obstacle.
-
-    Shapes: `points` (n, ndim), `reach` as the space: farther than that nothing is looked for.
-    """
+    """Smallest distance, up to `reach`, from a polyline (n, ndim) to an obstacle cell's box or an edge that is one."""
     scaled = split_at_faces(points, space)
     starts, ends = (scaled[:-1], scaled[1:]) if len(scaled) > 1 else (scaled, scaled)
     home = np.floor((starts + ends) / 2)
@@ -38,10 +35,7 @@ def segment_clearance(
     edge: tuple[str, ...],
     reach: float | NDArray[np.float64] | None,
 ) -> float:
-    """The same of segments that each lie in one cell, from their positions within it.
-
-    Shapes: `home, starts, ends` (n, ndim), `reach` as the space, None without obstacles.
-    """
+    """The same of segments by their cells and positions within, all (n, ndim); `reach`: None without obstacles."""
     from resgrid.planning import kernels
 
     nearest = np.inf
@@ -63,10 +57,7 @@ def segment_clearance(
 
 
 def obstacle_reach(space: ConfigurationSpace) -> NDArray[np.float64] | None:
-    """Upper bound of the distance from any point of a cell to the nearest obstacle cell, in axis units.
-
-    Returns as the space; None where there is no obstacle cell.
-    """
+    """Upper bound of the distance from any point of each cell to the nearest obstacle cell, in axis units, if any."""
     clear = space.cell != Cell.OBSTACLE
     if clear.all():
         return None
@@ -89,10 +80,7 @@ def _nearest_centres(space: ConfigurationSpace, clear: NDArray[np.bool_]) -> NDA
 
 
 def split_at_faces(points: NDArray[np.float64], space: ConfigurationSpace) -> NDArray[np.float64]:
-    """A polyline in units of cells, with a point wherever a segment crosses the border between two cells.
-
-    Shapes: `points` (n, ndim); returns (m, ndim).
-    """
+    """A polyline (n, ndim) in units of cells (m, ndim), with a point wherever it crosses a border between cells."""
     scaled = (points - space.lower) / space.spacing
     parts = [scaled[:1]]
     for start, end in pairwise(scaled):

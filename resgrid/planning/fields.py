@@ -210,9 +210,12 @@ def field(op: OperatingPoint | WarmPoint) -> Field:
         _check_driven(op, cells)
     if op.potential is None:
         raise InputError("this circuit has more rails or drives than a field is defined for")
+    volts = cells.wiring.supply
+    if cells.wiring.drive == "uniform":
+        volts = float(op.voltage[np.nanargmax(op.potential)] - cells.wiring.goal_voltage)
     result = read_field(
         cells,
-        _unit_volts(op, cells),
+        volts,
         op.potential,
         op.log_drop,
         (cells.resistor_face, cells.resistor_upward, op.resistor_direction, op.resistor_log_current),
@@ -234,10 +237,7 @@ def read_field(
     log_drop: NDArray[np.float64] | None,
     *elements: Elements,
 ) -> Field:
-    """Spread what nodes and elements show over cells and faces; ``volts`` lie between potential 0 and 1.
-
-    Shapes: `potential, log_drop` (nodes,).
-    """
+    """Spread what nodes (n,) and elements show over cells and faces; ``volts`` lie between potential 0 and 1."""
     space = cells.space
     faces = sum(face_counts(space.shape))
     direction, log_current = np.zeros(faces, dtype=np.int8), np.full(faces, -np.inf)
@@ -322,33 +322,21 @@ def _check_driven(op: OperatingPoint, cell_map: CellMap) -> None:
 def _check_walls(field: Field) -> None:
     """Refuse a chip that is not ideal, and where a streamline from a start with a path would enter an obstacle."""
     space = field.space
-    starts = (space.cell == Cell.FREE) & space.goal_connected
+    free, solid = (with_margin(mask, space.periodic) for mask in (space.goal_connected, space.cell == Cell.OBSTACLE))
+    for axis in np.flatnonzero(~space.periodic).tolist():
+        np.moveaxis(free, axis, 0)[[0, -1]], np.moveaxis(solid, axis, 0)[[0, -1]] = False, True
     for axis, direction in enumerate(field.face_direction):
-        margin = [(int(a == axis), int(a == axis)) for a in range(space.ndim)]
-        mode: Any = {"mode": "wrap"} if space.periodic[axis] else {"constant_values": False}
-        free = np.moveaxis(np.pad(starts, margin, **mode), axis, 0)
-        blocked = np.moveaxis(np.pad(space.cell != Cell.OBSTACLE, margin, **mode), axis, 0) == 0
-        along = np.moveaxis(direction, axis, 0)
-        enters = (free[:-1] & blocked[1:] & (along > 0)) | (blocked[:-1] & free[1:] & (along < 0))
+        (here, there), (before, behind) = before_and_behind(free, axis), before_and_behind(solid, axis)
+        enters = (here & behind & (direction > 0)) | (before & there & (direction < 0))
         if enters.any():
             face = np.argwhere(enters)[0]
-            face[0] -= free[:-1][tuple(face)]
-            beside = face[1:].tolist()
-            cell = (*beside[:axis], int(face[0]) % space.shape[axis], *beside[axis:])
+            face[axis] -= here[tuple(face)]
+            cell = tuple(np.mod(face, space.shape).tolist())
             raise AccuracyError(
                 f"{int(enters.sum())} walls of this chip draw current out of free cells (such as {cell}), so that "
                 "streamlines would enter obstacles: its switches or rails sag too much; give them less resistance",
                 field,
             )
-
-
-def _unit_volts(op: OperatingPoint, cell_map: CellMap) -> float:
-    """Volts between potential 0 and potential 1, with their sign."""
-    if cell_map.wiring.drive != "uniform":
-        return cell_map.wiring.supply
-    assert op.potential is not None
-    top = int(np.nanargmax(op.potential))
-    return float(op.voltage[top] - cell_map.wiring.goal_voltage)
 
 
 def _per_cell(cell_map: CellMap, value: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -10,7 +10,7 @@ import os
 import tempfile
 import time
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -97,7 +97,7 @@ def solve_ranked(space: ConfigurationSpace, wiring: Wiring, ranks: int) -> Ranke
         start = time.perf_counter()
         field = _read(space, wiring, np.load(folder / "answer.npy", mmap_mode="r"), folder)
         seconds |= {**report.seconds, "read": time.perf_counter() - start}
-    return Ranked(field, Report(report.iterations, report.error, report.preconditioner, seconds, report.peaks))
+    return Ranked(field, replace(report, seconds=seconds))
 
 
 def _disk(space: ConfigurationSpace) -> int:

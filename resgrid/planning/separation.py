@@ -20,7 +20,7 @@ from scipy import sparse
 
 from resgrid.errors import InputError
 from resgrid.frozen import frozen, picture_html
-from resgrid.grids import label_regions
+from resgrid.grids import before_and_behind, label_regions, with_margin
 from resgrid.planning.streamline import Outcome
 from resgrid.planning.trace import one_start, start_cells, static_outcomes
 from resgrid.scene import Scene, sample
@@ -336,10 +336,7 @@ def _blocking_parts(scene: Scene, space: ConfigurationSpace) -> dict[str, NDArra
 
 
 def _group_obstacles(space: ConfigurationSpace, virtual: ArrayLike | None = None) -> Barriers:
-    """Group the obstacle cells that meet across faces, edges or corners, periodic axes included.
-
-    Shapes: `virtual` as the space.
-    """
+    """Group the obstacle cells that meet across faces, edges or corners; `virtual`, as the space, by themselves."""
     obstacle = space.cell == Cell.OBSTACLE
     marked = np.zeros(space.shape, dtype=np.bool_) if virtual is None else np.asarray(virtual)
     if marked.shape != space.shape or marked.dtype.kind != "b":
@@ -360,16 +357,10 @@ def _link(barriers: Barriers, opened: tuple[int, ...] = ()) -> Links:
     regions = int(region.max()) + 1
     node = np.where(passable, region, regions + barriers.label)
     cost = np.concatenate([np.zeros(regions), 1.0 + barriers.sizes / (1.0 + barriers.sizes.sum())])
-    pairs = np.unique(np.concatenate([_touching(node, axis, space) for axis in range(space.ndim)]), axis=0)
+    wide = with_margin(node, space.periodic)
+    faces = [np.stack([side.ravel() for side in before_and_behind(wide, axis)], axis=1) for axis in range(space.ndim)]
+    pairs = np.unique(np.sort(np.concatenate([pair[pair[:, 0] != pair[:, 1]] for pair in faces]), axis=1), axis=0)
     first, last = np.concatenate([pairs, pairs[:, ::-1]]).T
     # Half a group's cost on the way in, half on the way out.
     graph = sparse.coo_array((0.5 * (cost[first] + cost[last]), (first, last)), shape=(len(cost), len(cost)))
     return Links(node, regions, graph.tocsr())
-
-
-def _touching(node: NDArray[np.int64], axis: int, space: ConfigurationSpace) -> NDArray[np.int64]:
-    """Pairs of different nodes that share a face across one axis, the smaller first; shape (n, 2)."""
-    along = np.moveaxis(node, axis, 0)
-    here, there = (along, np.roll(along, -1, axis=0)) if space.axes[axis].periodic else (along[:-1], along[1:])
-    differ = here != there
-    return np.unique(np.sort(np.stack([here[differ], there[differ]], axis=1), axis=1), axis=0)

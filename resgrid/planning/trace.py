@@ -223,10 +223,7 @@ def basins(field: Field) -> NDArray[np.int32]:
 def start_cells(
     space: ConfigurationSpace, points: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Cell and position within it of every start; a point on a border belongs to a free cell if it touches one.
-
-    Shapes: `points` (n, ndim); returns `cells` (n, ndim), `local` (n, ndim).
-    """
+    """Cell and position within it of a start, all (n, ndim); one on a border is in a free cell if it touches one."""
     cells, local = space.split(points)
     size = np.array(space.shape)
     for step in product((0, 1), repeat=space.ndim):

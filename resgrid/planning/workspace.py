@@ -153,10 +153,7 @@ def _poses(
 
 
 def dense(path: AnyPath, step: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Configurations along a path, so close that no point of the robot moves farther than a step between two.
-
-    Shapes: returns `configurations` (m, ndim), in axis units, `segment` (m,).
-    """
+    """Configurations (m, ndim) along a path, in axis units, at most a step of the robot apart; segments (m,)."""
     points, robot = path.line, robot_of(path)
     check_number("step", step, "a positive length", above=0.0)
     robot.check_axes(path.space.axes)

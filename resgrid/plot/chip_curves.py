@@ -17,10 +17,19 @@ from resgrid.chip.precision import Precision
 from resgrid.chip.settling import Settling
 from resgrid.errors import InputError
 from resgrid.plot.chip_maps import draw_precision, draw_settling
-from resgrid.plot.fields import add_colour_bar
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, new_figure, panel_height
 from resgrid.plot.plane import plane_of
-from resgrid.plot.style import FAILURE, LINE_STYLES, PATHS, SMALL, TEXT, dress, refresh_legend, strength_map
+from resgrid.plot.style import (
+    FAILURE,
+    LINE_STYLES,
+    PATHS,
+    SMALL,
+    TEXT,
+    add_colour_bar,
+    dress,
+    refresh_legend,
+    strength_map,
+)
 from resgrid.scene.chip import Chip
 from resgrid.scene.table import described_keys
 
@@ -160,7 +169,9 @@ def draw_exploration(result: Exploration, ax: Axes | None = None, *, share: floa
         (axes.xaxis, result.first, result.first_values),
         (axes.yaxis, result.second, result.second_values),
     ):
-        axis.set_ticks(range(len(ticks)), [_tick_text(key, tick) for tick in ticks])
+        unit = described_keys(Chip)[key][0]
+        texts = [value_text(100 * tick, "%") if key in _SHARES else value_text(tick, unit) for tick in ticks]
+        axis.set_ticks(range(len(ticks)), texts)
         axis.set_label_text(key.replace("_", " ").replace(".", ", "))
     add_colour_bar(image, axes, "starts served (%)")
     axes.set_title(f"{result.trials} chips at every point", fontsize=TEXT)
@@ -178,7 +189,3 @@ def _mark_cheapest(result: Exploration, share: float, axes: Axes) -> None:
             markeredgecolor=FAILURE, markeredgewidth=1.6,
             label=f"least {result.second.rpartition('.')[2]} for {100 * share:g} %",
         )  # fmt: skip
-
-
-def _tick_text(key: str, value: Any) -> str:
-    return value_text(100 * value, "%") if key in _SHARES else value_text(value, described_keys(Chip)[key][0])

@@ -21,10 +21,9 @@ from resgrid.chip.yields import Yield
 from resgrid.errors import InputError
 from resgrid.grids import crossed_faces
 from resgrid.netlist import CellMap, Netlist
-from resgrid.plot.fields import add_colour_bar
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.plane import draw_cells, draw_image, finish, paint_cells, plane_of
-from resgrid.plot.style import FAILURE, TEXT, add_swatch, plain_decades, refresh_legend, strength_map
+from resgrid.plot.style import FAILURE, TEXT, add_colour_bar, add_swatch, plain_decades, refresh_legend, strength_map
 from resgrid.scene.quantities import format_quantity, prefix_of
 from resgrid.space import Cell, ConfigurationSpace
 
@@ -237,10 +236,7 @@ def _plain_ticks(mappable: ScalarMappable) -> None:
 def draw_resistors(
     netlist: Netlist, which: NDArray[np.int64], axes: Axes, faces: NDArray[np.integer[Any]] | None = None
 ) -> LineCollection:
-    """Draw resistors as segments between the centres of their cells, to the border where they lead to the edge.
-
-    ``faces`` are those that the numbers stand for, by default the resistors'.
-    """
+    """Draw resistors by their numbers, or those of some faces, between cells' centres, or to the edge."""
     space = netlist.cells.space
     across, index = crossed_faces((netlist.cells.resistor_face if faces is None else faces)[which], space.shape)
     along = np.eye(space.ndim)[across]

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from resgrid.control.log import ContactLog, Ending, Mode, Run
 from resgrid.control.plant import plant_of
 from resgrid.errors import InputError
-from resgrid.plot.fields import draw_plane_space
 from resgrid.plot.figures import PAGE, add_title, caption_height, new_figure, panel_height
+from resgrid.plot.panels import draw_space
 from resgrid.plot.plane import paint_cells, plane_of, seam_shifts, wrapped
 from resgrid.plot.style import FAILURE, PATHS, TEXT, mark, refresh_legend
 from resgrid.plot.workspace import draw_robot
@@ -127,7 +127,7 @@ def draw_configurations(run: Run, axes: Axes, *, path: bool = True) -> None:
     if (bare := scene.robot.bare()) != scene.robot:
         touched = bare.occupancy(scene.axes, plant.obstacles[: plant.known], "conservative")
         virtual = plant.itself & obstacle & ~touched
-    draw_plane_space(known, axes, virtual=virtual)
+    draw_space(known, axes, virtual=virtual)
     hidden = (plant.true_space(known).cell == Cell.OBSTACLE) & ~obstacle
     paint_cells(plane_of(known), hidden, _HIDDEN_CELLS, "hidden obstacle", axes)
     if path:
@@ -148,7 +148,8 @@ def without_rests(configuration: NDArray[np.float64]) -> NDArray[np.float64]:
 def _draw_path(run: Run, axes: Axes) -> None:
     """The path in colours of its modes, with copies where it crosses seams, and its ends."""
     path, space = run.configuration, run.space
-    copies = [shift for shift in seam_shifts(space) if _enters(space.from_world(path + shift), run)]
+    own = [(shift, space.from_world(path + shift)) for shift in seam_shifts(space)]
+    copies = [shift for shift, at in own if np.any(np.all((at >= space.lower) & (at <= space.upper), axis=-1))]
     for shift in copies:
         axes.plot(*(path + shift).T, color="white", linewidth=3.0, zorder=3.8)
     steps = np.stack([path[:-1], path[1:]], axis=1)
@@ -168,11 +169,6 @@ def _draw_path(run: Run, axes: Axes) -> None:
         mark(ends[1:], axes, "goal", "")
     else:
         mark(ends[1:], axes, "failure", str(run.ending).replace("_", " "))
-
-
-def _enters(points: NDArray[np.float64], run: Run) -> bool:
-    """Whether any point in axis units lies on the grid."""
-    return bool(np.any(np.all((points >= run.space.lower) & (points <= run.space.upper), axis=-1)))
 
 
 def draw_lessons(centres: NDArray[np.float64], axes: Axes) -> Any:

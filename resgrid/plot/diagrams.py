@@ -17,11 +17,11 @@ from resgrid.errors import InputError
 from resgrid.planning.blend import dirichlet_share
 from resgrid.planning.fields import Field
 from resgrid.planning.trace import streamline
-from resgrid.plot.fields import add_colour_bar, draw_shading
+from resgrid.plot.fields import draw_shading
 from resgrid.plot.figures import PAGE, axes_or_new, new_figure
 from resgrid.plot.plane import draw_cells, draw_image, finish, paint_cells, plane_of
 from resgrid.plot.shading import shading_of
-from resgrid.plot.style import FAILURE, HIDDEN, PATHS, SMALL
+from resgrid.plot.style import FAILURE, HIDDEN, PATHS, SMALL, add_colour_bar
 from resgrid.space import Cell
 
 _FAINT = 1e-4
@@ -167,7 +167,9 @@ def draw_moment(front: Wavefront, row: int, axes: Axes) -> AxesImage:
 
 def draw_change(front: Wavefront, row: int, axes: Axes) -> AxesImage:
     """What moves in a wavefront: the change of the potential since the map changed, and the title."""
-    limit = _largest_change(front)
+    changes = np.abs(front.potential - front.first)
+    finite = changes[np.isfinite(changes)]
+    limit = max(float(np.quantile(finite, 0.995)), 1e-12) if len(finite) else 1.0
     scale = SymLogNorm(limit * _FAINT, vmin=-limit, vmax=limit)
     change = front.potential[row] - front.first
     when, left = f"{front.cells[row]:.3g} cells crossed since the map changed", f"{front.distance[row]:.2g}"
@@ -182,10 +184,3 @@ def add_change_bar(image: AxesImage, axes: Axes) -> None:
     decades = 10.0 ** np.arange(largest - 3, largest + 1)
     assert image.colorbar is not None
     image.colorbar.set_ticks([*-decades[::-1], 0.0, *decades])
-
-
-def _largest_change(front: Wavefront) -> float:
-    """Largest change of the potential worth a colour."""
-    change = np.abs(front.potential - front.first)
-    finite = change[np.isfinite(change)]
-    return max(float(np.quantile(finite, 0.995)), 1e-12) if len(finite) else 1.0

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import ListedColormap, LogNorm, Normalize
+from matplotlib.colors import ListedColormap
 from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
@@ -18,47 +17,20 @@ from resgrid.planning.fields import Field
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.plane import (
     MOST_CELLS,
-    VIRTUAL,
     Plane,
     block_means,
     block_size,
     draw_cells,
     draw_image,
     finish,
-    paint_cells,
     plane_of,
 )  # fmt: skip
 from resgrid.plot.shading import Scale, Shading, add_border, fill_open_walls, no_drop, shading_of, span
-from resgrid.plot.style import NO_DROP, SMALL, add_swatch, height_map, strength_map
-from resgrid.space import ConfigurationSpace
+from resgrid.plot.style import NO_DROP, add_colour_bar, add_swatch, spanning, strength_map
 
 _ARROWS = 26
 _ARROW_LENGTH = 0.85
 """In blocks of cells."""
-
-CONDUCTIVITY = "conductivity (relative)"
-
-
-def draw_plane_space(
-    space: ConfigurationSpace, ax: Axes | None = None, *, virtual: NDArray[np.bool_] | None = None
-) -> Axes:
-    """Draw a space of two axes: obstacles, goals, the conductivity if there is one, virtual obstacle cells paler."""
-    plane = plane_of(space)
-    axes = axes_or_new(ax, plane.aspect)
-    if space.conductivity is not None:
-        image = draw_image(plane, space.conductivity, axes, **conductivity_style(space.conductivity), zorder=0.5)
-        add_colour_bar(image, axes, CONDUCTIVITY)
-    draw_cells(plane, axes)
-    if virtual is not None:
-        paint_cells(plane, virtual, VIRTUAL, "virtual obstacle", axes)
-    finish(plane, axes)
-    return axes
-
-
-def conductivity_style(conductivity: NDArray[np.float64]) -> dict[str, Any]:
-    """Colours and their scale for the conductivity of all cells of a space."""
-    low, high = float(conductivity.min()), float(conductivity.max())
-    return {"cmap": height_map(), "norm": LogNorm(low, high) if high > 30 * low else _spanning(low, high)}
 
 
 def draw_potential(field: Field, ax: Axes | None = None, *, scale: Scale = "auto", contours: bool = True) -> Axes:
@@ -84,7 +56,7 @@ def draw_currents(field: Field, ax: Axes | None = None) -> Axes:
         width = max(0.06 * axes.get_window_extent().width / min(plane.cells_shown, _ARROWS), 1.0)
         quiver = axes.quiver(
             *plane.place(field.space.axis_centre(arrows.tail)).T, *plane.turn(arrows.vector).T, arrows.decades,
-            cmap=strength_map(), norm=_spanning(*span(arrows.decades)), angles="xy", scale_units="xy", scale=1.0,
+            cmap=strength_map(), norm=spanning(*span(arrows.decades)), angles="xy", scale_units="xy", scale=1.0,
             pivot="mid", units="dots", width=width, zorder=3,
         )  # fmt: skip
         add_colour_bar(quiver, axes, r"$\log_{10}$ of current, in supply / $R$")
@@ -112,20 +84,6 @@ def draw_no_drop(plane: Plane, where: NDArray[np.bool_], axes: Axes) -> None:
         add_swatch(axes, "at the high rail", NO_DROP)
 
 
-def add_colour_bar(mappable: ScalarMappable, axes: Axes, label: str) -> None:
-    """Add a colour bar beside the axes, as tall as they are."""
-    bar = axes.figure.colorbar(mappable, cax=axes.inset_axes((1.03, 0.0, 0.035, 1.0)), extend=_beyond(mappable))
-    bar.set_label(label, fontsize=SMALL)
-    bar.ax.tick_params(labelsize=SMALL, width=0.6, length=2.5)
-    bar.ax.yaxis.get_offset_text().set_fontsize(SMALL)
-
-
-def _beyond(mappable: ScalarMappable) -> Literal["min", "neither"]:
-    """Whether values lie below the colour scale."""
-    values, lowest = mappable.get_array(), mappable.norm.vmin
-    return "min" if values is not None and lowest is not None and np.any(values < lowest) else "neither"
-
-
 def _draw_contours(plane: Plane, shading: Shading, values: NDArray[np.float64], axes: Axes) -> None:
     block = block_size(values.shape, MOST_CELLS)
     coarse = block_means(values, block)
@@ -150,10 +108,6 @@ def _draw_contours(plane: Plane, shading: Shading, values: NDArray[np.float64], 
     axes.add_line(Line2D([], [], color="black", alpha=0.55, linewidth=0.5, label=shading.lines))
 
 
-def _spanning(low: float, high: float) -> Normalize:
-    return Normalize(low, high if high > low else low + 1.0)
-
-
 class Arrows(NamedTuple):
     """Arrows of the current, all equally long when measured in cells.
 
@@ -167,10 +121,7 @@ class Arrows(NamedTuple):
 
 
 def current_arrows(field: Field, block: int) -> Arrows:
-    """One arrow in each block of cells, by the velocity at a cell's centre, the mean of opposite faces (Pollock 1988).
-
-    It is computed from logarithms, so that currents of 1e-400 still have a direction.
-    """
+    """One arrow in each block of cells, by the mean velocity of opposite faces; in logarithms, for faint currents."""
     cells = nearest_to_middles(field.space.goal_connected, block)
     log_face, sign = _both_faces(field.face_log_current, cells), _both_faces(field.face_direction, cells)
     largest = log_face.max(axis=(1, 2))

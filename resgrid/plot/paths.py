@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
 from matplotlib.patheffects import Normal, Stroke
 from matplotlib.ticker import FixedLocator, NullLocator
 from numpy.typing import ArrayLike, NDArray
@@ -17,36 +18,68 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.errors import InputError
 from resgrid.planning.planner import ClearanceCurve
 from resgrid.planning.separation import SceneSeparation, Separation
-from resgrid.planning.streamline import Outcome, Streamline
-from resgrid.plot.fields import draw_plane_space
+from resgrid.planning.streamline import Outcome, Polyline, ShortPath, Streamline, unwrap
 from resgrid.plot.figures import axes_or_new
-from resgrid.plot.plane import Plane, finish, paint_cells, plane_of
-from resgrid.plot.slices import Slice
-from resgrid.plot.style import FAILURE, GOAL, LINE_STYLES, PATHS, TEXT, dress, mark, refresh_legend
+from resgrid.plot.panels import Panel, draw_panels, virtual_cells
+from resgrid.plot.plane import finish, seam_shifts
+from resgrid.plot.style import FAILURE, GOAL, LINE_STYLES, PATHS, TEXT, dress, mark
 from resgrid.space import Cell, ConfigurationSpace
 
 _FEW = 40
+_PIECES = 256
 _REGION = "#9ecae1"
 _REACHABLE, _SEPARATING = "can be reached from the start", "must go for a goal to be reached"
 
 
-def draw_plane_paths(paths: Sequence[Streamline], ax: Axes | None = None, *, k: Sequence[float] | None = None) -> Axes:
-    """Draw streamlines in a space of two axes; see `resgrid.plot.pages.draw_streamlines`."""
-    space = paths[0].space
-    plane = plane_of(space)
-    axes = draw_plane_space(space) if ax is None else ax
-    reached = [path for path in paths if path.outcome == Outcome.REACHED]
-    for rank, (blend, own) in enumerate(by_blend(paths, k)):
-        if own:
-            _draw_lines([plane.place(line) for path in own for line in seam_pieces(path)], axes, rank, blend)
-    if reached:
-        _draw_ends(reached, plane, axes)
-    _draw_failures([path for path in paths if path.outcome != Outcome.REACHED], plane, axes)
-    finish(plane, axes, [path.axis_points for path in paths])
-    return axes
+def draw_path(
+    path: Streamline, ax: Axes | None = None, *, axis: int | None = None, indices: Sequence[int] | None = None
+) -> Axes | Figure:
+    """Draw a streamline; as `draw_streamlines` otherwise."""
+    return draw_streamlines([path], ax, axis=axis, indices=indices)
 
 
-def by_blend(paths: Sequence[Streamline], k: Sequence[float] | None) -> list[tuple[float | None, list[Streamline]]]:
+def draw_streamlines(
+    paths: Sequence[Streamline],
+    ax: Axes | None = None,
+    *,
+    k: Sequence[float] | None = None,
+    axis: int | None = None,
+    indices: Sequence[int] | None = None,
+) -> Axes | Figure:
+    """Draw streamlines over what the ax shows, on cells of their space if there is none.
+
+    Their starts and ends are marked, and a cross where a start leads nowhere; those of one k share a colour.
+    """
+    groups = by_blend(paths, k)
+
+    def paint(panel: Panel) -> None:
+        paint_paths(groups, paths, panel)
+
+    return draw_panels(paths[0].space, ax, paint, over=True, axis=axis, indices=indices)
+
+
+Groups = list[tuple[float | None, list[Streamline]]]
+
+
+def paint_paths(groups: Groups, paths: Sequence[Streamline], panel: Panel) -> None:
+    """Draw the paths of every k that reach a goal, and the ends of all."""
+    for rank, (blend, own) in enumerate(groups):
+        lines = [line for path in own for line in seam_pieces(path)]
+        if panel.normal is not None:
+            _draw_in_slice(lines, panel, PATHS[rank % len(PATHS)], _blend_label(blend))
+        elif own:
+            _draw_lines([panel.seen(line) for line in lines], panel.axes, rank, blend)
+    if panel.plane is None or panel.normal is not None:
+        for path in paths:
+            mark_outcome(path, panel.seen(path.axis_points[:1]), panel.axes)
+        return
+    if reached := [path for path in paths if path.outcome is Outcome.REACHED]:
+        _draw_ends(reached, panel)
+    _draw_failures([path for path in paths if path.outcome is not Outcome.REACHED], panel)
+    finish(panel.plane, panel.axes, [path.axis_points for path in paths], columns=0)
+
+
+def by_blend(paths: Sequence[Streamline], k: Sequence[float] | None) -> Groups:
     """Every k in ascending order, None where none is given, and those of its paths that reach a goal."""
     if k is not None and len(k) != len(paths):
         raise InputError(f"{len(k)} values of k for {len(paths)} paths; give one for each")
@@ -62,22 +95,20 @@ def by_blend(paths: Sequence[Streamline], k: Sequence[float] | None) -> list[tup
     ]
 
 
-def blend_label(k: float | None) -> str:
+def _blend_label(k: float | None) -> str:
     """What a legend calls the paths of one k."""
     kind = {0.0: " (Neumann)", 1.0: " (Dirichlet)"}.get(-1.0 if k is None else k, "")
     return "path" if k is None else f"$k$ = {k:g}{kind}"
 
 
-def draw_in_slice(
-    lines: Sequence[NDArray[np.float64]], part: Slice, axes: Axes, *, colour: str = PATHS[0], label: str = "path"
-) -> None:
+def _draw_in_slice(lines: Sequence[NDArray[np.float64]], panel: Panel, colour: str, label: str) -> None:
     """Draw lines of three axes, shape (n, 3) in axis units: faintly, and boldly where the slice holds them."""
     for line in lines:
-        inside, seen = part.holds(line), part.seen(line)
-        axes.plot(*seen.T, color=colour, linewidth=0.7, alpha=0.7, zorder=4, label=f"{label}, projected")
+        inside, seen = panel.holds(line), panel.seen(line)
+        panel.axes.plot(*seen.T, color=colour, linewidth=0.7, alpha=0.7, zorder=4, label=f"{label}, projected")
         if inside.any():
             bold = np.where(inside[:, None], seen, np.nan)
-            axes.plot(*bold.T, color=colour, linewidth=2.2, zorder=5, label=f"{label} in the slice")
+            panel.axes.plot(*bold.T, color=colour, linewidth=2.2, zorder=5, label=f"{label} in the slice")
 
 
 def mark_outcome(path: Streamline, place: ArrayLike, axes: Axes) -> None:
@@ -114,57 +145,86 @@ def _draw_lines(lines: list[NDArray[np.float64]], axes: Axes, rank: int, k: floa
     drawn = LineCollection(
         lines, colors=PATHS[rank % len(PATHS)], linestyles=[LINE_STYLES[rank % len(LINE_STYLES)]] if few else "solid",
         linewidths=width, alpha=1.0 if few else 0.6, path_effects=effects, zorder=4,
-        label=blend_label(k),
+        label=_blend_label(k),
     )  # fmt: skip
     axes.add_collection(drawn, autolim=False)
 
 
-def _draw_ends(paths: list[Streamline], plane: Plane, axes: Axes) -> None:
+def _draw_ends(paths: list[Streamline], panel: Panel) -> None:
     few = len(paths) <= _FEW
-    starts = plane.place(np.unique([path.axis_points[0] for path in paths], axis=0))
-    ends = plane.place(np.unique([path.axis_points[-1] for path in paths], axis=0))
-    axes.scatter(
+    starts = panel.seen(np.unique([path.axis_points[0] for path in paths], axis=0))
+    ends = panel.seen(np.unique([path.axis_points[-1] for path in paths], axis=0))
+    panel.axes.scatter(
         starts[:, 0], starts[:, 1], s=22 if few else 1.5, marker="o", facecolor="white" if few else "black",
         edgecolor="black", linewidth=0.9 if few else 0.0, label="start", zorder=5,
     )  # fmt: skip
-    axes.scatter(
+    panel.axes.scatter(
         ends[:, 0], ends[:, 1], s=70 if few else 8, marker="*", facecolor=GOAL, edgecolor="black",
         linewidth=0.7 if few else 0.2, label="goal reached", zorder=6,
     )  # fmt: skip
 
 
-def _draw_failures(paths: list[Streamline], plane: Plane, axes: Axes) -> None:
+def _draw_failures(paths: list[Streamline], panel: Panel) -> None:
     for outcome, count in sorted(Counter(path.outcome for path in paths).items()):
-        starts = plane.place(np.array([path.axis_points[0] for path in paths if path.outcome == outcome]))
-        axes.scatter(
+        starts = panel.seen(np.array([path.axis_points[0] for path in paths if path.outcome == outcome]))
+        panel.axes.scatter(
             starts[:, 0], starts[:, 1], s=34 if count <= _FEW else 4, marker="x", color=FAILURE, linewidth=1.6,
             label=f"{outcome.value.replace('_', ' ')} ({count} start{'s' if count > 1 else ''})", zorder=6,
             path_effects=[Stroke(linewidth=3.0, foreground="white"), Normal()] if count <= _FEW else [],
         )  # fmt: skip
 
 
-def separated(result: Separation | SceneSeparation) -> list[tuple[NDArray[np.bool_], str, str]]:
-    """Masks of what a separation is about, the colour of each, and its name."""
-    reachable = result.region & (result.space.cell == Cell.FREE)
-    return [(reachable, _REGION, _REACHABLE), (result.mask, FAILURE, _SEPARATING)]
+def draw_line(
+    path: Polyline | ShortPath,
+    ax: Axes | None = None,
+    *,
+    axis: int | None = None,
+    indices: Sequence[int] | None = None,
+) -> Axes | Figure:
+    """Draw a path of straight lines over what the ax shows, on cells of its space if there is none."""
+    space, points = path.space, unwrap(path)
+    copies = [space.from_world(points + shift) for shift in seam_shifts(space)] if len(points) > 1 else []
+
+    def paint(panel: Panel) -> None:
+        if panel.normal is not None:
+            _draw_in_slice([_subdivided(line) for line in copies], panel, PATHS[0], "path")
+        else:
+            for line in copies:
+                panel.axes.plot(*panel.seen(line).T, color=PATHS[0], linewidth=1.5, zorder=4, label="path")
+        mark(panel.seen(space.from_world(points[:1])), panel.axes, "start")
+
+    return draw_panels(space, ax, paint, over=True, axis=axis, indices=indices)
 
 
-def draw_plane_separation(
-    result: Separation | SceneSeparation, ax: Axes | None = None, *, virtual: NDArray[np.bool_] | None = None
-) -> Axes:
-    """Draw a separation in a space of two axes; see `resgrid.plot.pages.draw_separation`."""
-    space = result.space
-    axes = draw_plane_space(space, ax, virtual=virtual)
-    for mask, colour, label in separated(result):
-        paint_cells(plane_of(space), mask, colour, label, axes)
-    x, y = space.centre(result.start)
-    reached = result.outcome is Outcome.REACHED
-    axes.scatter(
-        x, y, s=34, marker="o" if reached else "X", facecolor="white", edgecolor="black", linewidth=0.9, zorder=6,
-        label=f"start: {result.outcome.value.replace('_', ' ')}",
-    )  # fmt: skip
-    refresh_legend(axes, columns=2)
-    return axes
+def _subdivided(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points so close on straight lines that pictures show which part of each lies in a slice, shape (n, ndim)."""
+    along = np.linspace(0.0, len(points) - 1.0, _PIECES * (len(points) - 1) + 1)
+    return np.stack([np.interp(along, np.arange(len(points)), column) for column in points.T], axis=1)
+
+
+def draw_separation(
+    result: Separation | SceneSeparation,
+    ax: Axes | None = None,
+    *,
+    virtual: NDArray[np.bool_] | None = None,
+    axis: int | None = None,
+    indices: Sequence[int] | None = None,
+) -> Axes | Figure:
+    """Draw the cells that a start can reach, and the obstacles that must go for a goal to be reached."""
+    space, outcome = result.space, result.outcome
+    reachable = result.region & (space.cell == Cell.FREE)
+    masks = [(reachable, _REGION, _REACHABLE), (result.mask, FAILURE, _SEPARATING)]
+
+    def paint(panel: Panel) -> None:
+        for mask in (*virtual_cells(virtual), *masks):
+            panel.paint(*mask)
+        x, y = panel.seen(space.axis_centre(result.start)[np.newaxis]).T
+        panel.axes.scatter(
+            x, y, s=34, marker="o" if outcome is Outcome.REACHED else "X", facecolor="white", edgecolor="black",
+            linewidth=0.9, zorder=6, label=f"start: {outcome.value.replace('_', ' ')}",
+        )  # fmt: skip
+
+    return draw_panels(space, ax, paint, axis=axis, indices=indices, through=result.start, columns=2)
 
 
 def draw_clearance_curve(curve: ClearanceCurve, ax: Axes | None = None, *, unit: str = "", cell: float = 0.0) -> Axes:

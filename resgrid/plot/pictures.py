@@ -44,8 +44,9 @@ from resgrid.plot.control import draw_run, draw_runs
 from resgrid.plot.diagrams import draw_wavefront
 from resgrid.plot.figures import render_figure
 from resgrid.plot.graphs import draw_circuit
-from resgrid.plot.pages import draw_field, draw_line, draw_path, draw_separation, draw_space, draw_streamlines
-from resgrid.plot.paths import draw_clearance_curve
+from resgrid.plot.pages import draw_field
+from resgrid.plot.panels import draw_space
+from resgrid.plot.paths import draw_clearance_curve, draw_line, draw_path, draw_separation, draw_streamlines
 from resgrid.plot.workspace import draw_scene
 from resgrid.scene.scene import Scene
 from resgrid.space import ConfigurationSpace

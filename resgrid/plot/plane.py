@@ -143,10 +143,7 @@ def kinds_of(cell: NDArray[np.uint8], connected: NDArray[np.bool_]) -> list[tupl
 
 
 def draw_image(plane: Plane, values: NDArray[Any], axes: Axes, **style: Any) -> AxesImage:
-    """Draw one value or colour a cell, first axis to the right and second one upwards.
-
-    Shapes: `values` (x.cells, y.cells).
-    """
+    """Draw one value or colour a cell, first axis to the right and second one upwards; `values` (x.cells, y.cells)."""
     block = block_size(values.shape, MOST_CELLS)
     coloured = values.ndim == 3
     pixels = block_colours(values, block) if coloured else np.ma.masked_invalid(block_means(values, block))

@@ -105,15 +105,11 @@ def _logarithmic(field: Field, decades: NDArray[np.float64], smallest: float) ->
         upper=0.0,
         levels=np.arange(round(lower / step) + 1, 0) * step,
         label=rf"$\log_{{10}}\,u$, drop from the {rail} rail",
-        lines=f"equipotential, every {_decades(step)}",
+        lines=f"equipotential, every {'' if step == 1 else f'{step:g} '}decade{'s' if step > 1 else ''}",
         is_log=True,
         wall=None if field.boundary == "neumann" else np.nan,
         edge=field.edge,
     )
-
-
-def _decades(step: float) -> str:
-    return "decade" if step == 1 else f"{step:g} decades" if step > 1 else f"{step:g} decade"
 
 
 def span(values: NDArray[np.float64]) -> tuple[float, float]:
@@ -130,11 +126,7 @@ def nice_step(smallest: float) -> float:
 
 
 def fill_open_walls(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Give cells without a value the mean of their face neighbours that have one.
-
-    This is the mirror image that an open (Neumann) wall stands for: no current crosses it, so equipotentials meet it at
-    a right angle.
-    """
+    """Give cells without a value the mean of their face neighbours: equipotentials meet open walls at right angles."""
     padded = np.pad(values, 1, constant_values=np.nan)
     around = np.stack([padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:]])
     known = np.isfinite(around)

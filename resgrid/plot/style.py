@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import XAxis, YAxis
-from matplotlib.colors import Colormap, LinearSegmentedColormap
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import ArrayLike
@@ -114,3 +116,31 @@ def refresh_legend(axes: Axes, columns: int = 3, gap: float = 4.6) -> None:
             bbox_to_anchor=(0.5, 0.0), borderaxespad=gap, fontsize=SMALL, frameon=False, handlelength=1.8,
             columnspacing=1.0,
         )  # fmt: skip
+
+
+def add_colour_bar(mappable: ScalarMappable, axes: Axes, label: str) -> None:
+    """Add a colour bar beside the axes, as tall as they are."""
+    bar = axes.figure.colorbar(mappable, cax=axes.inset_axes((1.03, 0.0, 0.035, 1.0)), extend=_beyond(mappable))
+    bar.set_label(label, fontsize=SMALL)
+    bar.ax.tick_params(labelsize=SMALL, width=0.6, length=2.5)
+    bar.ax.yaxis.get_offset_text().set_fontsize(SMALL)
+
+
+def _beyond(mappable: ScalarMappable) -> Literal["min", "neither"]:
+    """Whether values lie below the colour scale."""
+    values, lowest = mappable.get_array(), mappable.norm.vmin
+    return "min" if values is not None and lowest is not None and np.any(values < lowest) else "neither"
+
+
+def add_scale(
+    figure: Figure, colours: ScalarMappable, label: str, extend: Literal["min", "neither"] = "neither"
+) -> None:
+    """Add one colour bar beside all axes of a figure."""
+    bar = figure.colorbar(colours, ax=figure.axes, fraction=0.03, pad=0.02, aspect=30, extend=extend)
+    bar.set_label(label, fontsize=SMALL)
+    bar.ax.tick_params(which="both", labelsize=SMALL, width=0.6, length=2.5)
+
+
+def spanning(low: float, high: float) -> Normalize:
+    """A colour scale between two values, of some width though they be equal."""
+    return Normalize(low, high if high > low else low + 1.0)

@@ -19,12 +19,12 @@ from shapely.geometry.polygon import orient
 
 from resgrid.errors import InputError
 from resgrid.planning.separation import Separation
-from resgrid.planning.streamline import AnyPath, Polyline, ShortPath, Streamline, unwrap
+from resgrid.planning.streamline import AnyPath, Polyline, Streamline
 from resgrid.planning.workspace import dense
-from resgrid.plot.fields import draw_plane_space
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, caption_height, new_figure
-from resgrid.plot.paths import draw_plane_paths, draw_plane_separation
-from resgrid.plot.plane import paint_cells, plane_of, seam_shifts
+from resgrid.plot.panels import draw_space
+from resgrid.plot.paths import draw_line, draw_separation, draw_streamlines
+from resgrid.plot.plane import paint_cells, plane_of
 from resgrid.plot.style import (
     FAILURE,
     GOAL,
@@ -95,7 +95,8 @@ def draw_robot(
     robot = scene.robot
     poses = _dense(path, scene)
     axes = _draw_surroundings(scene, ax)
-    shown = poses[_evenly(poses, robot, ghosts)]
+    along = np.concatenate([[0.0], np.cumsum(robot.travel(poses[:-1], poses[1:]))])
+    shown = poses[np.unique(np.searchsorted(along, np.linspace(0.0, along[-1], ghosts)).clip(0, len(poses) - 1))]
     for number, pose in enumerate(shown):
         _draw_pose(robot, pose, axes, number, len(shown))
     tip = robot.reference_point(poses)
@@ -107,7 +108,8 @@ def draw_robot(
         mark(tip[-1:], axes, "goal", "")
     if robot.base is not None:
         axes.scatter([robot.base[0]], [robot.base[1]], s=30, marker="s", facecolor="black", zorder=7, label="base")
-    _frame(axes, scene, [tip, *_outlines(robot, shown)])
+    outlines = (shapely.get_coordinates(shape) for pose in shown for shape in robot.shapes_at(pose))
+    _frame(axes, scene, [tip, *outlines])
     refresh_legend(axes)
     return axes
 
@@ -197,35 +199,24 @@ def draw_pair(
     >>> scene = rg.read_scene("examples/scenes/lesson.toml")
     >>> figure = rg.draw_pair(rg.plan(scene).path((0.5, 6.5)), scene)
     """
-    space = path.space
+    plane_of((path if verdict is None else verdict).space)
     figure = new_figure(PAGE, 4.4 + caption_height(caption))
     left, right = figure.subplots(1, 2)
     draw_robot(path, scene, left)
     mark_shapes(separating, left, FAILURE, "keeps it from the goals")
     refresh_legend(left)
     if verdict is not None:
-        draw_plane_separation(verdict, right, virtual=virtual)
+        draw_separation(verdict, right, virtual=virtual)
     else:
-        draw_plane_space(space, right, virtual=virtual)
+        draw_space(path.space, right, virtual=virtual)
         lines = [path, *others] if isinstance(path, Streamline) else list(others)
         if lines:
-            draw_plane_paths(lines, right)
+            draw_streamlines(lines, right)
         if not isinstance(path, Streamline):
-            draw_plane_line(path, right)
+            draw_line(path, right)
     right.set_title("Configuration space", fontsize=TEXT)
     add_title(figure, title, caption)
     return figure
-
-
-def draw_plane_line(path: Polyline | ShortPath, ax: Axes | None = None) -> Axes:
-    """Draw a path of straight lines in a space of two axes; see `resgrid.plot.pages.draw_line`."""
-    axes = draw_plane_space(path.space) if ax is None else ax
-    points = unwrap(path)
-    for shift in seam_shifts(path.space) if len(points) > 1 else ():
-        axes.plot(*(points + shift).T, color=PATHS[0], linewidth=1.5, zorder=4, label="path")
-    mark(points[:1], axes, "start")
-    refresh_legend(axes)
-    return axes
 
 
 def empty_space(scene: Scene) -> ConfigurationSpace:
@@ -306,12 +297,6 @@ def _dense(path: Way, scene: Scene) -> NDArray[np.float64]:
     return own.space.to_world(dense(own, travel / 400)[0] if travel else own.line)
 
 
-def _evenly(poses: NDArray[np.float64], robot: Robot, count: int) -> NDArray[np.int64]:
-    """Numbers of poses that are evenly spaced along what the robot's points travel."""
-    along = np.concatenate([[0.0], np.cumsum(robot.travel(poses[:-1], poses[1:]))])
-    return np.unique(np.searchsorted(along, np.linspace(0.0, along[-1], count)).clip(0, len(poses) - 1))
-
-
 def _draw_pose(robot: Robot, pose: NDArray[np.float64], axes: Axes, number: int, count: int) -> None:
     """One pose of several: strong at both ends."""
     label = {0: "robot at the start", count - 1: "robot at the end"}.get(number) if number else "robot at the start"
@@ -342,10 +327,6 @@ def skeleton(robot: Robot, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.empty((0, 2))
     points = shapely.get_coordinates(cores)
     return np.asarray(points[np.append(True, np.any(np.diff(points, axis=0) != 0, axis=1))])
-
-
-def _outlines(robot: Robot, poses: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    return [shapely.get_coordinates(shape) for pose in poses for shape in robot.shapes_at(pose)]
 
 
 def _frame(axes: Axes, scene: Scene, lines: list[NDArray[np.float64]]) -> None:

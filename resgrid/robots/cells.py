@@ -74,7 +74,7 @@ def mark_copy(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Solid, reac
         *(axis.centres[part] for axis, part in zip(axes, block, strict=True)), indexing="ij", sparse=True
     )
     if isinstance(shape, HalfSpace):
-        out[block] |= _near_half_space(shape, grids, half, reach)
+        out[block] |= near_half_space(shape, grids, half, reach)
     else:
         out[block] |= _near_round(shape, grids, half, reach)
 
@@ -93,7 +93,8 @@ def _near_round(shape: Box | Ball, centres: Grids, half: Sequence[float], reach:
     return np.asarray(squared <= within**2)
 
 
-def _near_half_space(shape: HalfSpace, centres: Grids, half: Sequence[float], reach: float) -> NDArray[np.bool_]:
+def near_half_space(shape: HalfSpace, centres: Grids, half: Sequence[float], reach: float) -> NDArray[np.bool_]:
+    """Which of some cells, of half widths (ndim,), come within a distance of a half-space; broadcast."""
     smallest = np.zeros((1,) * len(half))
     for centre, side, component in zip(centres, half, shape.normal, strict=True):
         smallest = smallest + component * centre - abs(component) * side

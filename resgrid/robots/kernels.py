@@ -167,10 +167,7 @@ def mark_link(
         place_joints(joints, link, middle, links.lengths, links.base, links.relative)
         if not _hits(joints, link, whole, folds, links, self_collision, slack, solids):
             continue
-        if exact or parts == 1:
-            out[flat] = True
-            continue
-        if _hits(joints, link, none, folds, links, self_collision, slack, solids):
+        if exact or parts == 1 or _hits(joints, link, none, folds, links, self_collision, slack, solids):
             out[flat] = True
             continue
         for part in range(parts ** (link + 1)):

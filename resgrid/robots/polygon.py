@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from math import hypot, pi, tau
+from dataclasses import dataclass, replace
+from math import pi, tau
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from resgrid.arguments import checked
 from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.robots.base import Robot
-from resgrid.robots.cells import Progress, Sampling, outline
+from resgrid.robots.cells import Progress, Sampling, near_half_space, outline
 from resgrid.robots.geometry import Part, Pose
 from resgrid.robots.shapes import Ball, Box, CellSet, HalfSpace, Point, Polygon, Shape, require_plane
 
@@ -207,13 +207,11 @@ class _Solid:
         from resgrid.robots.kernels import mark_enclosed, mark_parallelograms
 
         if self.half_plane is not None:
-            along, up = self.half_plane.normal
-            columns, rows = layer.shape
-            x = plane.x + (np.arange(columns)[:, None] + 0.5) * plane.width
-            y = plane.y + (np.arange(rows) + 0.5) * plane.height
-            nearest = along * x - abs(along) * plane.half_x + (up * y - abs(up) * plane.half_y)
+            columns, rows = np.ogrid[: layer.shape[0], : layer.shape[1]]
+            centres = plane.x + (columns + 0.5) * plane.width, plane.y + (rows + 0.5) * plane.height
             farthest = float((mirrored @ self.half_plane.normal).max())
-            layer |= nearest <= self.half_plane.offset + farthest + reach * hypot(along, up)
+            grown = replace(self.half_plane, offset=self.half_plane.offset + farthest)
+            layer |= near_half_space(grown, centres, (plane.half_x, plane.half_y), reach)
         elif len(self.edges):
             others = np.hstack([mirrored, np.roll(mirrored, -1, axis=0)])
             pieces = np.empty((len(self.edges), len(others), 6))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from resgrid.scene.toml_lines import Path, line_of
 
@@ -48,6 +48,12 @@ def suggestion(name: str, known: Sequence[str]) -> str:
     return f"did you mean {near[0]!r}?" if near else ""
 
 
+def unknown(words: str, given: Any, choice: str, options: Sequence[str]) -> str:
+    """That something is none of its options, and which of them was probably meant."""
+    near = suggestion(given, options) if isinstance(given, str) else ""
+    return f"{words} is unknown: it may be {choice}{near and f'; {near}'}"
+
+
 def shown(detail: ErrorDetails) -> str:
     """A wrong value, cut short."""
     value = detail["input"]
@@ -65,8 +71,7 @@ def shown(detail: ErrorDetails) -> str:
 def _choice(detail: ErrorDetails) -> str:
     expected = str(detail.get("ctx", {}).get("expected", ""))
     options = [option.strip(" '") for option in expected.replace(" or ", ", ").split(",")]
-    near = suggestion(detail["input"], options) if isinstance(detail["input"], str) else ""
-    return f"{shown(detail)} is unknown: it may be {' or '.join(options)}{near and f'; {near}'}"
+    return unknown(shown(detail), detail["input"], " or ".join(options), options)
 
 
 def _must(what: str) -> Callable[[ErrorDetails], str]:

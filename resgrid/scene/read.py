@@ -175,9 +175,10 @@ def build_scene(
     problems += _one_ground(raw, robot)
     axes, frame, cells = _ground(document, None if problems else robot, folder, known)
     names = _axis_names(raw) if axes is None else [axis.name for axis in axes]
-    chip = raw.get("chip", {})
+    chip, table = raw.get("chip", {}), raw.get("robot")
     has_wall = not isinstance(chip, Mapping) or "wall_resistance" in chip
-    misfits = inconsistencies(document, robot or _robot_class(raw), axes, names, values, has_wall=has_wall)
+    kind = ROBOTS.get(str(table.get("type", "point"))) if isinstance(table, Mapping) else None
+    misfits = inconsistencies(document, robot or kind, axes, names, values, has_wall=has_wall)
     problems += [problem for problem in misfits if problem[0] not in {path for path, _ in problems}]
     if problems or robot is None or axes is None:
         raise InputError(report(problems, source, lines))
@@ -236,12 +237,6 @@ def _axis_names(raw: Mapping[str, Any]) -> list[str | None]:
     tables = grid.get("axes") if isinstance(grid, Mapping) else None
     names = [table.get("name") if isinstance(table, Mapping) else None for table in tables or ()]
     return [name if isinstance(name, str) else None for name in names]
-
-
-def _robot_class(raw: Mapping[str, Any]) -> type[Robot] | None:
-    """The class of a robot whose table has errors."""
-    table = raw.get("robot")
-    return ROBOTS.get(str(table.get("type", "point"))) if isinstance(table, Mapping) else None
 
 
 def _with_footprint(raw: Mapping[str, Any]) -> Mapping[str, Any]:

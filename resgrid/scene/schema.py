@@ -28,7 +28,7 @@ from resgrid.scene.chip import Chip, Defects, Readout
 from resgrid.scene.control import Control
 from resgrid.scene.goals import CostArea, GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.maps.formats import FORMATS
-from resgrid.scene.messages import suggestion
+from resgrid.scene.messages import suggestion, unknown
 from resgrid.scene.quantities import Listed
 from resgrid.scene.scene import Boundary, Drive, EdgeRule, Scene
 from resgrid.scene.table import Table, either, filled_as, meanings, table_of, value_of
@@ -125,8 +125,7 @@ def _known(key: str, kind: str, kinds: Iterable[str]) -> str:
     """A kind, if there is such a one."""
     options = list(kinds)
     if kind not in options:
-        near = suggestion(kind, options)
-        raise ValueError(f"{key} = {kind!r} is unknown: it may be one of {', '.join(options)}{near and f'; {near}'}")
+        raise ValueError(unknown(f"{key} = {kind!r}", kind, f"one of {', '.join(options)}", options))
     return kind
 
 
@@ -244,8 +243,7 @@ class Grid(Table):
 def _known_format(name: str) -> str:
     names = ["auto", *FORMATS]
     if name not in names:
-        near = suggestion(name, names)
-        raise ValueError(f"{name!r} is unknown: it may be {' or '.join(names)}{near and f'; {near}'}")
+        raise ValueError(unknown(repr(name), name, " or ".join(names), names))
     return name
 
 

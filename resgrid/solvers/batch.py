@@ -87,7 +87,7 @@ class GridBatch:
             scatter_rows(slot, self.start, 1.0, x.ravel())
             scatter_rows(slot, chip.drive, 1.0 / unit, problem.currents.ravel())
             stop = Stop(wanted, ROUNDING * float(diagonal.max()), unit)
-            residual = converge(problem, x, stop, None, at_rest=False)
+            residual = converge(problem, x, stop, None)
             solution[number] = gather_rows(slot, x.ravel())
             reached[number] = residual <= max(wanted, _LEFT * ordinary * norm(solution[number]))
 

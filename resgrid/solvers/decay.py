@@ -36,6 +36,9 @@ _MOST_REST, _SHARE_OF_REST = 5_000, 50
 _FIRST = 1_000
 """Nodes near the low rail that count as its surroundings."""
 
+_PARTS = 64.0
+"""Parts of a factor of e in which steps are counted."""
+
 _ROUNDS = 30
 """Rounds in which depths are found where rows are numbered as it happens, at most."""
 
@@ -75,8 +78,6 @@ def foresee_decades(laplacian: Laplacian) -> Fall:
     """
     if laplacian.rails is None or not count_connections(laplacian).entries:
         return Fall(0.0, 0.0, 0.0)
-    from resgrid.solvers.decay_kernels import decay
-
     cross = 2.0 if count_connections(laplacian).entries > VOLUME * laplacian.size else 1.0
     rounds = 1 if laplacian.grid is not None else _ROUNDS
     wall = _wall(laplacian, laplacian.rails)
@@ -85,6 +86,31 @@ def foresee_decades(laplacian: Laplacian) -> Fall:
         _places(laplacian, laplacian.rails), np.pi * np.sqrt(cross), wall / (2.0 * cross), rounds, _FIRST, rest
     )
     return Fall(*(float(WHOLE_STEPS * factor / np.log(10.0)) for factor in factors))
+
+
+def decay(places: Places, rate: float, wall: float, rounds: int, first: int, rest: int) -> tuple[float, float, float]:
+    """Factors of e by which a potential falls, about: over the ``first`` nodes, but at the ``rest`` lowest, in all.
+
+    Where the nearest contact with the high rail lies ``r`` steps away, the corridor counts as ``w = 2 r + 1`` wide, and
+    the potential falls by ``((w / rate)**2 + w wall)**(-1/2)`` a step: as between plain rails where there is no
+    ``wall``, by the square root of what leaks through it where that is large.
+    """
+    from resgrid.solvers.decay_kernels import fall
+
+    n = len(places.there)
+    after, head = np.full(n, n, dtype=np.int32), np.full(int(_PARTS * rate) + 2, -1, dtype=np.int32)
+    costs, kept = costs_by_depth(n, rate, wall), int(np.count_nonzero(places.there)) - rest
+    near, most, whole = fall(places, costs, rounds, first, kept, after, head)
+    return near / _PARTS, most / _PARTS, whole / _PARTS
+
+
+def costs_by_depth(deepest: int, rate: float, wall: float) -> NDArray[np.int32]:
+    """What a step costs by depth, in parts of a factor of e, at least one; nothing where there is no depth."""
+    costs = np.ones(deepest + 1, dtype=np.int32)
+    width = 2.0 * np.arange(min(deepest, int(_PARTS * rate))) + 1.0
+    costs[: len(width)] = np.maximum(1.0, _PARTS / np.sqrt((width / rate) ** 2 + width * wall))
+    costs[deepest] = 0
+    return costs
 
 
 def _wall(laplacian: Laplacian, rails: Rails) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +9,6 @@ from numpy.typing import NDArray
 
 from resgrid.jit import inlined, inner, kernel
 
-_PARTS = 64.0
 _SEEN = -1
 """End of a list of nodes; whatever is less stands for the cost of a step to a node that has not been reached."""
 
@@ -46,21 +44,21 @@ def _neighbour(places: Places, node: int, k: int) -> int:
 
 
 @inner
-def _depths(places: Places, rounds: int) -> Indices:
-    """Steps from the nearest node at the high rail, by sweeps up and down; the number of places where none comes.
+def _find_depths(places: Places, rounds: int, steps: Indices) -> None:
+    """Steps from the nearest node at the high rail, by sweeps up and down; left alone where none comes.
 
     Where nodes are numbered as the cells of a grid, one round does: a shortest way runs up or down the rows.  Of a
     cell's neighbours each sweep asks those that it has passed.
     """
     n, half = len(places.there), len(places.offsets) // 2
-    steps = np.full(n, n, np.int32)
     for _ in range(rounds):
         moved = False
         for i in range(n):
             if places.there[i]:
                 least = 0 if places.high[i] else steps[i]
                 for k in range(half if half > 0 else _neighbours(places, i)):
-                    least = min(least, steps[_neighbour(places, i, k)] + 1)
+                    here = steps[_neighbour(places, i, k)] + 1
+                    least = here if here < least else least
                 moved |= least < steps[i]
                 steps[i] = least
         if not moved:
@@ -69,41 +67,27 @@ def _depths(places: Places, rounds: int) -> Indices:
             if places.there[i]:
                 least = steps[i]
                 for k in range(half, _neighbours(places, i)):
-                    least = min(least, steps[_neighbour(places, i, k)] + 1)
+                    here = steps[_neighbour(places, i, k)] + 1
+                    least = here if here < least else least
                 steps[i] = least
-    return steps
-
-
-@inner
-def _costs(deepest: int, rate: float, wall: float) -> Indices:
-    """What a step costs by depth, in parts of a factor of e; nothing where there is no depth."""
-    costs = np.ones(deepest + 1, np.int32)
-    costs[deepest] = 0
-    for r in range(deepest):
-        width = 2.0 * r + 1.0
-        costs[r] = max(1, int(_PARTS / math.sqrt((width / rate) ** 2 + width * wall)))
-        if costs[r] == 1:
-            break
-    return costs
 
 
 @kernel
-def decay(places: Places, rate: float, wall: float, rounds: int, first: int, rest: int) -> tuple[float, float, float]:
-    """Factors of e by which a potential falls, about: over the ``first`` nodes, but at the ``rest`` lowest, in all.
+def fall(
+    places: Places, costs: Indices, rounds: int, first: int, kept: int, after: Indices, head: Indices
+) -> tuple[int, int, int]:
+    """What the way costs on which a potential falls least: over the ``first`` nodes, the ``kept`` ones, and all.
 
-    Where the nearest contact with the high rail lies ``r`` steps away, as `_depths` finds it in some rounds, the
-    corridor counts as ``w = 2 r + 1`` wide, and the potential falls by ``((w / rate)**2 + w wall)**(-1/2)`` a step: as
-    between plain rails where there is no ``wall``, by the square root of what leaks through it where that is large.
-    The way on which the potential falls least counts (shortest paths by buckets, Dial 1969); since a step's fall is
-    that of the node it leads to, the first way found to a node is the best.
+    ``costs`` (n + 1,): of a step to a node by its depth, as `_find_depths` finds it in some rounds; ``after`` (n,)
+    comes as ``n``, and ``head`` (buckets,) as -1.  By buckets (Dial 1969): since a step costs what the node it leads to
+    does, the first way found to a node is the best.
     """
     n = len(places.there)
-    # Lists of nodes in the buckets: their heads, and the one after every node; until then, a node's cost.
-    after, costs = _depths(places, rounds), _costs(n, rate, wall)
+    # Lists of nodes in the buckets: their heads, and the one after every node; until then, a node's depth or cost.
+    _find_depths(places, rounds, after)
     for node in range(n):
         after[node] = _SEEN - 1 - costs[after[node]] if places.there[node] else _SEEN
-    head = np.full(int(_PARTS * rate) + 2, _SEEN, np.int32)
-    buckets, waiting, seen, kept = len(head), 0, 0, np.count_nonzero(places.there) - rest
+    buckets, waiting, seen = len(head), 0, 0
     for node in range(n):
         if places.low[node]:
             after[node], head[0] = head[0], node
@@ -126,4 +110,4 @@ def decay(places: Places, rate: float, wall: float, rounds: int, first: int, res
                 ahead -= buckets if ahead >= buckets else 0
                 after[other], head[ahead] = head[ahead], other
                 waiting += 1
-    return near / _PARTS, most / _PARTS, deepest / _PARTS
+    return near, most, deepest

@@ -10,13 +10,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
+from resgrid.solvers.differences import columns_of
 from resgrid.solvers.superlu import symmetric_factors
 from resgrid.solvers.supernodal import SupernodalFactors
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Indices = NDArray[np.int32]
 
 
@@ -36,9 +34,9 @@ def inverse_diagonal(matrix: Any) -> NDArray[Any]:
 
 def positive_inverse_diagonal(factors: SupernodalFactors) -> NDArray[np.float64]:
     """All diagonal entries of the inverse of an M-matrix, right entry by entry; shape (n,)."""
-    order, columns = _columns(factors)
+    order, (starts, rows, weight, pivot) = columns_of(factors)
     diagonal = np.empty(len(order))
-    diagonal[order] = _diagonal(*columns)
+    diagonal[order] = _diagonal(starts, rows, -weight, pivot)
     return diagonal
 
 
@@ -60,33 +58,9 @@ def estimate_diagonal(
     return mean, error
 
 
-def _columns(factors: SupernodalFactors) -> tuple[Integers, tuple[Indices, Indices, Floats, Floats]]:
-    """Columns of ``L``: `order` (n,), `starts` (n + 1,), `rows` and `lower` (entries,), `pivot` (n,)."""
-    symbolic, nodes = factors.symbolic, factors.symbolic.nodes
-    reduced, pattern = symbolic.reduced, symbolic.pattern
-    gone, kept = np.flatnonzero(reduced.number < 0), np.flatnonzero(reduced.number >= 0)
-    rows_gone = sparse.csr_array(reduced.whole[2::-1], shape=(len(reduced.number),) * 2)[gone]
-    degree, pivot = np.diff(rows_gone.indptr), reduced.pivot[gone]
-    node = np.repeat(np.arange(len(symbolic.widths)), symbolic.widths)
-    behind = np.arange(reduced.size) - nodes.first[node] + 1
-    below = symbolic.lengths[node] - behind
-    each = np.arange(below.sum()) - np.repeat(np.cumsum(below) - below, below)
-    row = nodes.rows[np.repeat(nodes.start[node] + behind, below) + each]
-    at = nodes.offset[node] + (behind - 1) * symbolic.lengths[node] + behind
-    starts = np.append(0, np.cumsum(np.append(degree, below) + 1)).astype(np.int32)
-    rows, lower = np.empty(starts[-1], dtype=np.int32), np.ones(starts[-1])
-    off = np.ones(len(rows), dtype=np.bool_)
-    off[starts[:-1]] = False
-    rows[starts[:-1]] = np.arange(len(starts) - 1)
-    rows[off] = len(gone) + np.append(pattern.rank[reduced.number[rows_gone.indices]], row)
-    lower[off] = -np.append(rows_gone.data / np.repeat(pivot, degree), factors.values[np.repeat(at, below) + each])
-    order = np.append(gone, kept[np.argsort(pattern.rank[reduced.number[kept]])])
-    return order, (starts, rows, lower, np.append(pivot, factors.pivot))
-
-
 def _diagonal(starts: Indices, rows: Indices, lower: NDArray[Any], pivot: NDArray[Any]) -> NDArray[Any]:
     """Diagonal of ``(L D L^T)^-1``, shape (n,), from the columns of ``L``, the diagonal entry first in each."""
-    from resgrid.solvers.selected_inverse_kernels import selected_inverse
+    from resgrid.solvers.column_kernels import selected_inverse
 
     inverse = np.empty_like(lower)
     selected_inverse(starts, rows, lower, pivot, inverse)

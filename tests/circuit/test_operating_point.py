@@ -113,3 +113,11 @@ def test_small_currents_beside_large_ones_are_kept_beyond_the_rails() -> None:
     point = rg.solve(netlist)
     np.testing.assert_allclose(point.resistor_current, [5e-5, 5e-5, 1e3, 1e-5], rtol=1e-14)
     assert point.resistor_direction.tolist() == [1, 1, 1, 1]
+
+
+def test_a_grid_that_nothing_drives_is_told_by_the_key_that_would() -> None:
+    """Not by an option: the message is read on the live page and in Python, too."""
+    axes = rg.Axis("x", 0.0, 3.0, 3), rg.Axis("y", 0.0, 2.0, 2)
+    space = rg.ConfigurationSpace(axes, [[0, 0], [0, 0], [0, 2]])
+    with pytest.raises(rg.CircuitError, match=r"nothing is driven: .*\(boundary = 'neumann'\)$"):
+        rg.solve(rg.compile_space(space, edge="open"))

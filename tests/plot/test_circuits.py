@@ -6,8 +6,7 @@ import pytest
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.plot.circuits import voltage_texts
-from resgrid.plot.schematic import HALF, rail_areas, resistor_ends
+from resgrid.plot.circuits import HALF, rail_areas, resistor_ends, voltage_texts
 
 
 def drawn_resistors(axes) -> list[np.ndarray]:

@@ -151,8 +151,8 @@ def test_spaces_paths_and_separations_of_one_and_three_axes_have_pictures(ndim: 
     path = rg.plan(space).path((0.5,) * ndim)
     walled = space_of(np.where(np.arange(space.shape[0]).reshape(-1, *(1,) * (ndim - 1)) == 1, 1, space.cell))
     verdict = rg.separation(walled, (0.5,) * ndim)
-    shown = [(space, "goal"), (path, "path"), (verdict, "must go for a goal to be reached")]
-    for value, what in [*shown, (rg.shorten(path), "path")] if ndim == 3 else shown:
+    separated = (verdict, "must go for a goal to be reached")
+    for value, what in [(space, "goal"), (path, "path"), separated, (rg.shorten(path), "path")]:
         figure = figure_of(rg.draw(value))
         panels = [axes for axes in figure.axes if axes.get_xlabel()]
         assert len(panels) == ndim

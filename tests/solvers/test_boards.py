@@ -145,27 +145,6 @@ def test_the_residual_is_that_of_the_netlist(space: ConfigurationSpace, boundary
 
 
 @settings(max_examples=60)
-@given(spaces(max_cells=12), BOUNDARIES, st.integers(1, 40), st.booleans(), st.integers(0, 2**16))
-def test_the_residual_at_rest_is_that_of_nothing_but_zeros(
-    space: ConfigurationSpace, boundary: str, block: int, sparse: bool, seed: int
-) -> None:
-    made = laid_out(space, boundary, 1.0, seed)
-    if made is None:
-        return
-    for level in down(made[1], split=False):
-        slots, used = level.lattice.slots, level.degree > 0
-        rng = np.random.default_rng(seed)
-        b = np.where(used & (rng.random(used.shape) < (0.1 if sparse else 1.0)), rng.normal(size=used.shape), 0.0)
-        stencil = in_double(level)._replace(block=block)
-        (x, expected), (r, still) = np.zeros((2, 2, slots)), np.zeros((2, slots))
-        assert sweeps.residual_at_rest(stencil, b, x, r) == pytest.approx(
-            sweeps.black_residual(stencil, b, expected, still)
-        )
-        np.testing.assert_allclose(r[used[1]], still[used[1]], rtol=1e-12, atol=1e-14)
-        np.testing.assert_allclose(x, expected, rtol=1e-12)
-
-
-@settings(max_examples=60)
 @given(spaces(max_cells=12), BOUNDARIES, st.integers(0, 2**16))
 def test_aggregates_are_the_connected_parts_of_blocks(space: ConfigurationSpace, boundary: str, seed: int) -> None:
     check_aggregates(space, boundary, seed)

@@ -12,8 +12,7 @@ from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
-from resgrid.solvers.decay import _of_graph, _of_grid, foresee_decades
-from resgrid.solvers.decay_kernels import _costs, decay
+from resgrid.solvers.decay import _of_graph, _of_grid, costs_by_depth, decay, foresee_decades
 from resgrid.space import ConfigurationSpace
 
 RATE, WALL = np.pi, 0.3
@@ -51,7 +50,7 @@ def test_the_best_way_is_that_of_networkx_to_the_first_nodes_and_all_but_the_low
     low, high = system.rails.to_low > 0, system.rails.to_high > 0
     graph = nx.from_scipy_sparse_array(system.laplacian.edges)
     depth = nx.multi_source_dijkstra_path_length(graph, set(np.flatnonzero(high)), weight=None)
-    costs = _costs.py_func(system.size, RATE, WALL)
+    costs = costs_by_depth(system.size, RATE, WALL)
     parts = nx.multi_source_dijkstra_path_length(
         graph, set(np.flatnonzero(low)), weight=lambda _, to, __: int(costs[depth.get(to, system.size)])
     )

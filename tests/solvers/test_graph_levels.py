@@ -166,7 +166,7 @@ def test_half_a_product_after_the_way_up_is_the_whole_one() -> None:
 def test_the_coarsest_inverse() -> None:
     graph = random_graph(50, 3.0, 2)
     graph.leak[:] += 0.1
-    assert np.allclose(packing.inverse_matrix(*rows_of(graph)), np.linalg.inv(dense(graph)), rtol=1e-4, atol=1e-6)
+    assert np.allclose(packing.inverse_matrix(graph), np.linalg.inv(dense(graph)), rtol=1e-4, atol=1e-6)
 
 
 def test_a_graph_of_many_small_parts_needs_no_large_inverse() -> None:

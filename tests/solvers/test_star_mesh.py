@@ -16,7 +16,6 @@ from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.errors import BudgetError, CircuitError
 from resgrid.netlist import Netlist
-from resgrid.solvers import choose as methods
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.extended import Scaled
 from resgrid.solvers.factors.factor import Factor
@@ -261,22 +260,6 @@ def test_a_core_is_named_after_the_method_that_solves_it() -> None:
     assert np.allclose(direct, multigrid, rtol=1e-12, atol=0)
     whole, _ = factor_laplacian(system.laplacian, "direct", reduce=False).solve_nonnegative(rhs)
     assert np.allclose(direct, whole.plain, rtol=1e-13, atol=0)
-
-
-@pytest.mark.parametrize("width", [1, 2])
-def test_a_dead_end_carries_no_current(width: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Beyond the start a corridor is flat: what differences rounding leaves there are noise."""
-    cell = serpentine(9, 60, width)
-    row, column = 4 * (width + 1) + 1, 30
-    netlist = compile_space(space_of(cell), boundary="neumann", drive="start", start=(row, column))
-    point = solve(netlist)
-    assert point.method == "elimination"
-    monkeypatch.setattr(methods, "may_shrink", lambda _: False)
-    whole = solve(netlist)
-    assert whole.method == "direct"
-    resolved = whole.resistor_direction != 0
-    assert np.array_equal(point.resistor_direction[resolved], whole.resistor_direction[resolved])
-    assert 0.4 < np.mean(point.resistor_direction == 0) < 0.6
 
 
 def test_no_memory_for_elimination_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:

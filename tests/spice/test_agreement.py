@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import io
 import json
 import shutil
 from dataclasses import replace
@@ -387,3 +388,14 @@ def test_a_simulator_without_an_answer_verifies_nothing() -> None:
     assert agreement.agrees is None and not agreement.verified
     assert "no operating point" in agreement.remark
     assert compare(expected, silent, findings=["line 3 was changed"]).agrees is False
+
+
+def test_what_is_no_file_or_no_deck_is_checked_as_it_was_read(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("a ground 1000\n")
+    (tmp_path / "amps.txt").write_text("a 1e-3\n")
+    network = rg.read_spice(tmp_path / "a.csv", sources=tmp_path / "amps.txt")
+    stream = rg.read_spice(io.StringIO("t\nv1 a 0 1\nr1 a 0 1k\n"))
+    for circuit, why in ((network, "it is no deck"), (stream, "there is no file <text>")):
+        agreement = rg.check_deck(circuit)
+        assert not agreement.verified and why in agreement.remark
+        assert agreement.as_read is not None and agreement.as_read.agrees

@@ -136,6 +136,18 @@ def test_noise_is_that_of_the_resistance_seen(tmp_path: Path) -> None:
     assert density == pytest.approx(math.sqrt(4 * 1.380649e-23 * 300.15 * resistance), rel=1e-4)
 
 
+def test_noise_is_referred_to_a_source_that_the_deck_holds(tmp_path: Path) -> None:
+    ends, sources = [[1, 2], [2, 0], [3, 4]], [[3, 4], [1, 0]]
+    netlist = rg.Netlist(5, ends, [1e-3, 1e-3, 1e-3], source_nodes=sources, source_volts=[1.0, 2.0])
+    written = rg.write_spice(netlist, tmp_path / "a.cir", analyses=[rg.NoiseAnalysis("node_2", 1.0, 10.0)])
+    assert "no AC value" not in run(written.commands).stdout
+    density = waves(tmp_path / "out.raw")["onoise_spectrum"][0]
+    assert density == pytest.approx(math.sqrt(4 * 1.380649e-23 * 300.15 * 500.0), rel=1e-4)
+    without = rg.Netlist(2, [[1, 0]], [1.0], current_nodes=[[0, 1]], current_amps=[1.0])
+    with pytest.raises(rg.InputError, match="the deck holds none"):
+        rg.write_spice(without, tmp_path / "b.cir", analyses=[rg.NoiseAnalysis("node_1")])
+
+
 def test_temperatures_are_swept(tmp_path: Path) -> None:
     netlist = scene()
     heated = netlist.replace(

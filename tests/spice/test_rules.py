@@ -160,7 +160,7 @@ def test_contradictions_are_those_of_linear_algebra(sources: list[tuple[int, int
     """A source closes a loop if its row depends on those before it, and contradicts if its volts do not."""
     ends = np.array([(a, b) for a, b, _ in sources], dtype=np.int64).reshape(-1, 2)
     volts = np.array([v for *_, v in sources], dtype=np.float64)
-    rest = loop_voltages(ends.tolist(), volts.tolist())
+    rest = loop_voltages(ends, volts, 8)
     rows = np.zeros((len(ends), 8))
     np.add.at(rows, (np.arange(len(ends)), ends[:, 0]), 1.0)
     np.add.at(rows, (np.arange(len(ends)), ends[:, 1]), -1.0)

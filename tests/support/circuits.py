@@ -97,3 +97,33 @@ def eliminated(a: list[list[Fraction]], b: list[Fraction]) -> list[Fraction]:
     for k in reversed(range(n)):
         x[k] = (b[k] - sum((a[k][j] * x[j] for j in range(k + 1, n)), Fraction(0))) / a[k][k]
     return x
+
+
+def exact_currents(netlist: Netlist) -> tuple[list[Fraction], list[Fraction]]:
+    """Voltages of all nodes, 0 where they float, and currents of all resistors, in exact arithmetic."""
+    n = netlist.node_count
+    root, height = list(range(n)), [Fraction(0)] * n
+    for (plus, minus), volts in zip(netlist.source_nodes.tolist(), netlist.source_volts.tolist(), strict=True):
+        here, there, rise = (plus, minus, -Fraction(volts)) if root[plus] == 0 else (minus, plus, Fraction(volts))
+        kept, gone, shift = root[here], root[there], height[here] + rise - height[there]
+        for node in range(n):
+            if root[node] == gone:
+                root[node], height[node] = kept, height[node] + shift
+    a, b = [[Fraction(0)] * n for _ in range(n)], [Fraction(0)] * n
+    pairs, siemens = netlist.resistor_nodes.tolist(), map(Fraction, netlist.conductance.tolist())
+    edges = [(i, j, g) for (i, j), g in zip(pairs, siemens, strict=True)]
+    reached = {0}
+    for _ in range(n):
+        reached |= {root[k] for i, j, _ in edges for k in (i, j) if {root[i], root[j]} & reached}
+    for i, j, g in edges:
+        for here, there in ((i, j), (j, i)):
+            a[root[here]][root[here]] += g
+            a[root[here]][root[there]] -= g
+            b[root[here]] -= g * (height[here] - height[there])
+    for (i, j), amps in zip(netlist.current_nodes.tolist(), netlist.current_amps.tolist(), strict=True):
+        b[root[i]] -= Fraction(amps)
+        b[root[j]] += Fraction(amps)
+    rows = sorted(reached - {0})
+    x = dict(zip(rows, eliminated([[a[i][j] for j in rows] for i in rows], [b[i] for i in rows]), strict=True))
+    voltage = [x.get(root[k], Fraction(0)) + height[k] if root[k] in reached else Fraction(0) for k in range(n)]
+    return voltage, [g * (voltage[i] - voltage[j]) for i, j, g in edges]

@@ -296,7 +296,7 @@ def sum_blocks(
             if g == 0.0:
                 continue
             b = np.int64(black_target[np.uint64(k + distance[q])])
-            axis = q >> 1
+            axis = np.int64(q >> 1)
             if a == b:
                 inner[np.uint64(axis), np.uint64(a)] += g
                 continue
@@ -310,20 +310,20 @@ def sum_blocks(
             # Where the red cell's block is black, the same face is the opposite one of the red block.
             sums[np.uint64(q if a < b else q ^ 1), np.uint64(red)] += g
     for k in range(len(couplings)):
-        a, b = target[0, off_red[k]], target[1, off_black[k]]
+        a, b, axis = np.int64(target[0, off_red[k]]), np.int64(target[1, off_black[k]]), np.int64(off_axis[k])
         if a == b:
-            inner[off_axis[k], a] += couplings[k]
+            inner[axis, a] += couplings[k]
             continue
         red, black = min(a, b), max(a, b) - coarse_slots
         if red >= coarse_slots or black < 0:
             return -1
-        _note(coarse, count, red, black, off_axis[k], couplings[k])
+        _note(coarse, count, red, black, axis, couplings[k])
         count += 1
     return count
 
 
 @inner
-def _note(edges: Edges, k: int, red: Any, black: Any, axis: int, conductance: float) -> None:
+def _note(edges: Edges, k: int, red: Any, black: Any, axis: Any, conductance: float) -> None:
     edges.off_red[k], edges.off_black[k] = red, black
     edges.off_axis[k], edges.couplings[k] = axis, conductance
 

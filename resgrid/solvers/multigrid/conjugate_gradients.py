@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +18,13 @@ from numpy.typing import NDArray
 from resgrid.solvers.extended import power
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.multigrid import krylov, sweeps
+from resgrid.solvers.multigrid import krylov
 from resgrid.solvers.multigrid.cycle import Finest, Levels, precondition
 from resgrid.solvers.multigrid.hierarchy import Hierarchy
 from resgrid.solvers.multigrid.krylov import Vectors
 from resgrid.solvers.multigrid.packing import with_work
 from resgrid.solvers.multigrid.red_black import Stencil
+from resgrid.solvers.multigrid.sweeps import black_residual
 from resgrid.solvers.refine import Numbers
 from resgrid.solvers.team import ALONE, Team
 
@@ -66,17 +67,18 @@ _PASS, _LEAST_PASS = 1e-12, 1e-2
 class Problem(Protocol):
     """Equations in units of the hierarchy's conductance, over vectors of slots.
 
-    `finest, levels`: what preconditions them, with work space of their own; `vectors`: of the iteration; `slabs`: who
-    takes its steps on several threads.
+    `finest, levels`: what preconditions them, with work space of their own; `vectors`: of the iteration; `team`: whose
+    threads take its steps; `slabs`: who preconditions on several.
     """
 
     finest: Finest
     levels: Levels
     vectors: Vectors
+    team: Team
     slabs: SlabSolver | None
 
-    def residual(self, x: NDArray[np.float64], r: NDArray[np.float64], at_rest: bool) -> float:
-        """``r = b - A x``, and its norm; ``at_rest``: ``x`` is 0.  Shapes: `x` (colours, slots), `r` (slots,)."""
+    def residual(self, x: NDArray[np.float64], r: NDArray[np.float64]) -> float:
+        """``r = b - A x``, and its norm.  Shapes: `x` (colours, slots), `r` (slots,)."""
 
 
 @dataclass(eq=False)
@@ -92,17 +94,21 @@ class GridProblem:
     levels: Levels
     currents: NDArray[np.float64]
     depth: int = _DEPTH
+    team: Team = ALONE
     slabs: SlabSolver | None = None
 
     def __post_init__(self) -> None:
         self.vectors = _vectors(self.finest.stencil.black_inverse, self.depth)
+        if self.team.size > 1:
+            from resgrid.solvers.multigrid.threaded import slab_solver
 
-    def residual(self, x: NDArray[np.float64], r: NDArray[np.float64], at_rest: bool) -> float:
+            self.slabs = slab_solver(self.team, self.true, self.finest, self.levels)
+
+    def residual(self, x: NDArray[np.float64], r: NDArray[np.float64]) -> float:
         """As of `Problem`; relaxes the red cells."""
-        if self.slabs is not None and not at_rest:
+        if self.slabs is not None:
             return self.slabs.residual(self.currents, x, r)
-        formed = sweeps.residual_at_rest if at_rest else sweeps.black_residual
-        return float(formed(self.true, self.currents, x, r))
+        return black_residual(self.true, self.currents, x, r)
 
 
 @dataclass(eq=False)
@@ -115,16 +121,14 @@ class _GraphProblem:
     slot: NDArray[np.int32]
     b: NDArray[np.float64]
     unit: float
+    team: Team
     slabs: SlabSolver | None = None
 
     def __post_init__(self) -> None:
         self.vectors = _vectors(self.levels.graphs.inverse[: len(self.b)], _DEPTH)
 
-    def residual(self, x: NDArray[np.float64], r: NDArray[np.float64], at_rest: bool) -> float:
+    def residual(self, x: NDArray[np.float64], r: NDArray[np.float64]) -> float:
         """As of `Problem`."""
-        if at_rest:
-            krylov.scatter_rows(self.slot, self.b, 1.0 / self.unit, r)
-            return krylov.norm(r)
         by_rows = krylov.gather_rows(self.slot, x[0])
         krylov.row_residual(*matrix_rows(self.laplacian), self.slot, self.b, by_rows, r)
         r *= 1.0 / self.unit
@@ -162,16 +166,12 @@ def iterate(
     levels = with_work(hierarchy.levels)
     problem: Problem
     if hierarchy.true is None:
-        problem, x = _GraphProblem(laplacian, hierarchy.finest, levels, slot, b, unit), np.zeros((1, len(b)))
+        problem, x = _GraphProblem(laplacian, hierarchy.finest, levels, slot, b, unit, team), np.zeros((1, len(b)))
     else:
         x, currents = np.zeros((2, 2, len(hierarchy.finest.aggregate)))
         at_slots = currents.ravel()
         team.over(len(slot), lambda some: krylov.scatter_rows(slot[some], b[some], 1.0 / unit, at_slots))
-        problem = GridProblem(hierarchy.true, hierarchy.finest, levels, currents)
-        if team.size > 1:
-            from resgrid.solvers.multigrid.threaded import slab_solver
-
-            problem.slabs = slab_solver(team, hierarchy.true, hierarchy.finest, levels, problem.vectors)
+        problem = GridProblem(hierarchy.true, hierarchy.finest, levels, currents, team=team)
     if guess is not None:
         krylov.scatter_rows(slot, guess, 1.0, x.ravel())
     fed = krylov.norm(b / unit if hierarchy.true is None else currents.ravel())
@@ -251,21 +251,18 @@ class Stop:
             self.small = self._far * ahead <= self._near
 
 
-def converge(
-    problem: Problem, x: NDArray[np.float64], stop: Stop, watch: Watch | None, *, at_rest: bool | None = None
-) -> float:
+def converge(problem: Problem, x: NDArray[np.float64], stop: Stop, watch: Watch | None) -> float:
     """Improve ``x`` (colours, slots) in place until the residual is small enough, or rounding forbids more.
 
     Returns the norm, in units.
     """
     burst = _Burst(problem, stop, watch)
-    at_rest = not stop.guessed if at_rest is None else at_rest
     last, left = np.inf, MOST_ITERATIONS
     while True:
         first = not math.isfinite(last)
-        size = problem.residual(x, burst.residual, at_rest and first)
+        size = problem.residual(x, burst.residual)
         goal = stop.goal(None, first=first)
-        if size > goal and not (at_rest and first):
+        if size > goal:
             goal = stop.goal(x, first=first)
         stop.small &= size <= max(_DRIFT * burst.left * last, goal)
         if stop.small or not (size > goal and size < LEAST_GAIN * last and left > 0):
@@ -302,7 +299,8 @@ class _Burst:
         stop, v, watch = self._stop, self._v, self._watch
         lift = _LIFT if len(self._problem.finest.weight) else 1.0
         one, steps = size / lift, 0
-        self._begin(one)
+        self._each(partial(krylov.begin_burst, v, one, self.residual, self._relaxed))
+        v.scalars[2], v.scalars[3] = 1.0, 1.0
         while steps < most and not stop.small and self._step(x, (one, lift), gain):
             steps += 1
             alpha, work = v.scalars[4:].tolist()
@@ -313,17 +311,20 @@ class _Burst:
         self.left = float(v.scalars[2])
         return steps
 
-    def _begin(self, one: float) -> None:
-        if self._problem.slabs is not None:
-            self._problem.slabs.begin(one, self.residual)
-        else:
-            krylov.begin_burst(self._v, one, self.residual)
+    @property
+    def _relaxed(self) -> NDArray[np.float32]:
+        """Where the residual is relaxed, shape (slots,): where the next direction will stand, or what slabs read."""
+        slabs = self._problem.slabs
+        return self._v.z[int(self._v.scalars[0])] if slabs is None else slabs.before
+
+    def _each(self, loop: Callable[[int, int], Any]) -> list[Any]:
+        """Call a loop for all slots, piece by piece."""
+        return self._problem.team.over(len(self._v.r), lambda some: loop(some.start, some.stop))
 
     def _gather(self, x: NDArray[np.float64], one: float) -> None:
-        if self._problem.slabs is not None:
-            self._problem.slabs.gather(x, one)
-        else:
-            krylov.gather_steps(self._v, x, one)
+        """Go the steps noted: they become part of ``x``, in units of ``one``."""
+        self._each(partial(krylov.add_steps, self._v, x, one))
+        krylov.restart(self._v)
 
     def _step(self, x: NDArray[np.float64], unit: tuple[float, float], gain: float) -> bool:
         """``p = z + beta p``, ``x += alpha p``, ``r -= alpha A p``, ``z`` about ``A^-1 r``; whether there was one.
@@ -331,17 +332,17 @@ class _Burst:
         ``unit``: what the vectors' one stands for, and the norm of ``r`` in the beginning.
         """
         of, v, (one, lift) = self._problem, self._v, unit
-        if of.slabs is not None:
-            return of.slabs.step(x, unit, gain)
         if not v.scalars[2] > max(gain, krylov.BURST * v.scalars[3]):
             return False
-        zr, zw, zs = precondition(of.finest, of.levels, v.r, v.s, v.z[int(v.scalars[0])], v.w)
-        beta, alpha = krylov.turn(v, zr, zw, zs)
+        vectors = v.r, v.s, v.z[int(v.scalars[0])], v.w
+        made = precondition(of.finest, of.levels, *vectors) if of.slabs is None else of.slabs.precondition(*vectors)
+        beta, alpha = krylov.turn(v, *made)
         if not v.scalars[1] > 0.0:
             return False
         if int(v.scalars[0]) == len(v.z):
             self._gather(x, one)
-        krylov.arrive(v, krylov.advance_all(v, beta, alpha) / lift, alpha, zr)
+        squares = sum(self._each(partial(krylov.advance, v, self._relaxed, beta, alpha)))
+        krylov.arrive(v, math.sqrt(squares) / lift, alpha, made[0])
         return True
 
 

@@ -30,7 +30,7 @@ from resgrid.solvers.multigrid.red_black import (
     relax_red,
 )
 from resgrid.solvers.multigrid.subnormals import flush_subnormals, restore_subnormals
-from resgrid.solvers.multigrid.sweeps import prolong_and_multiply, restrict
+from resgrid.solvers.multigrid.sweeps import prolong_and_multiply, prolong_within, restrict, restrict_within
 
 ENOUGH = 0.07
 """Residual after the first step of a K-cycle on the first coarse level that spares the second."""
@@ -132,13 +132,21 @@ def precondition(
     return multiply_graph(graphs, finest.ground, z, r, s, w)
 
 
-@kernel
 def run_cycle(levels: Levels, stop: float, top: int) -> None:
     """Approximate ``x = A^-1 b`` on level ``top`` by K-cycles.
 
     The second step is spared where the first has brought the residual under ``stop`` times the right-hand side, twice
-    that on every level further down; an infinite ``stop`` spares both.  The recursion is written as a loop, since
-    compiled recursive functions cannot be kept on disk.
+    that on every level further down; an infinite ``stop`` spares both.
+    """
+    grids, graphs = len(levels.grids.margin) > 0, len(levels.graphs.first) > 2
+    _run_cycle(levels, stop, top, grids or None, graphs or None)
+
+
+@kernel
+def _run_cycle(levels: Levels, stop: float, top: int, on_grids: bool | None, on_graphs: bool | None) -> None:
+    """`run_cycle`; where there are no grids, or no graphs but the last one, None: their visits are not compiled then.
+
+    The recursion is written as a loop, since compiled recursive functions cannot be kept on disk.
     """
     flags = flush_subnormals()
     grids, graphs, work = levels
@@ -153,10 +161,12 @@ def run_cycle(levels: Levels, stop: float, top: int) -> None:
             level -= 1
             continue
         visit, enough = (visits[level], first_steps[level]), stop * (1 << (level - top))
+        done = True
         if level < count:
-            end = 2 * grids.slots[level + 2] if level + 1 < count else begin + graphs.first[1]
-            done = _visit_grid(grids, work, level, end, visit, enough)
-        else:
+            if on_grids is not None:
+                end = 2 * grids.slots[level + 2] if level + 1 < count else begin + graphs.first[1]
+                done = _visit_grid(grids, work, level, end, visit, enough)
+        elif on_graphs is not None:
             done = _visit_graph(graphs, (b, x, c, v, w), level - count, visit, enough)
         visits[level] = 0 if done else visits[level] + 1
         level += -1 if done else 1
@@ -178,14 +188,14 @@ def _visit_grid(grids: Grids, work: Work, level: int, end: int, visit: tuple[int
         add_into_black(stencil, w, work.b[a + e : 2 * e], f)
     else:
         y = v if visit[0] == 1 else w
-        products = prolong_and_multiply(stencil, stencil, aggregate, weight, work.x[2 * e : end], f, v, z, y)
+        products = prolong_within(stencil, stencil, aggregate, weight, work.x[2 * e : end], f, v, z, y)
         if _step(visit, stop, products, f, z, c, v):
             for k in range(e - a):
                 work.x[a + e + k] = z[k]
             relax_red(stencil, work.b[2 * a : a + e], z, work.x[2 * a : a + e])
             return True
     _times(stencil.black_inverse, f, z)
-    restrict(stencil, aggregate, weight, z, work.b[2 * e : end])
+    restrict_within(stencil, aggregate, weight, z, work.b[2 * e : end])
     return False
 
 

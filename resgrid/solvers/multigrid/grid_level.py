@@ -99,9 +99,12 @@ def level_of(
 ) -> Level:
     """A level with its degrees summed."""
     degree = leak.copy()
-    mean, extremes = sum_degrees(edges, degree)
+    total, extremes = np.zeros((2, len(lattice.shape))), np.array([np.inf, 0.0])
+    sum_degrees(edges, degree, total, extremes)
     least, greatest = extremes.tolist()
-    return Level(lattice, edges, leak, degree, mean, least < WEAK * greatest, extra_cell)
+    return Level(
+        lattice, edges, leak, degree, total[0] / np.maximum(total[1], 1.0), least < WEAK * greatest, extra_cell
+    )
 
 
 def in_double(level: Level) -> Stencil:
@@ -244,27 +247,25 @@ def _face_at(distance: Integers, away: int) -> int:
 
 
 @kernel
-def sum_degrees(edges: Edges, degree: Floats) -> tuple[Floats, Floats]:
+def sum_degrees(edges: Edges, degree: Floats, total: Floats, extremes: Floats) -> None:
     """Add all conductances to the leaks of both colours, ``degree`` of shape (2, slots).
 
-    Returns the mean conductance along every axis, 0 where there is none, and the least and the greatest of all faces'.
+    ``total`` (2, ndim) receives the sums and the numbers of faces that conduct along every axis; ``extremes`` (2,) the
+    least and the greatest of their conductances.
     """
     faces, distance, couplings = edges.faces, edges.distance, edges.couplings
     margin, end = edges.margin, faces.shape[1] - edges.margin
-    total, count = np.zeros(len(distance) // 2), np.zeros(len(distance) // 2)
-    extremes = np.array([np.inf, 0.0])
     for begin in range(margin, end, BLOCK):
         for q in range(len(distance)):
             length = min(BLOCK, end - begin)
             _add(faces, q, begin, length, degree[0])
             _add_behind(faces, q, begin, distance[q], length, degree[1])
             some, number = _compare(faces[q, begin : begin + length], extremes)
-            total[q >> 1] += some
-            count[q >> 1] += number
+            total[0, q >> 1] += some
+            total[1, q >> 1] += number
     for k in range(len(couplings)):
         degree[0, edges.off_red[k]] += couplings[k]
         degree[1, edges.off_black[k]] += couplings[k]
-    return total / np.maximum(count, 1.0), extremes
 
 
 @kernel

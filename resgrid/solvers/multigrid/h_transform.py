@@ -36,7 +36,7 @@ from resgrid.solvers.multigrid.blocks import Coarsened, sum_up
 from resgrid.solvers.multigrid.conjugate_gradients import approximate
 from resgrid.solvers.multigrid.cycle import Finest
 from resgrid.solvers.multigrid.graphs import Graph
-from resgrid.solvers.multigrid.grid_level import Level, in_double, stencil_of, sum_degrees, to_graph
+from resgrid.solvers.multigrid.grid_level import Level, in_double, level_of, stencil_of, to_graph
 from resgrid.solvers.multigrid.hierarchy import (
     NO_GROUND,
     Hierarchy,
@@ -47,7 +47,8 @@ from resgrid.solvers.multigrid.hierarchy import (
 )
 from resgrid.solvers.multigrid.krylov import scatter_rows
 from resgrid.solvers.multigrid.packing import pack_graphs, pack_grids, pack_levels
-from resgrid.solvers.multigrid.red_black import Edges, Floats, Stencil, add_into_black, relax_red
+from resgrid.solvers.multigrid.red_black import Edges, Floats, Stencil
+from resgrid.solvers.multigrid.sweeps import black_residual
 from resgrid.solvers.refine import Approximation, Numbers
 from resgrid.solvers.superlu import symmetric_factors
 from resgrid.solvers.team import ALONE, Team
@@ -180,9 +181,7 @@ def summed(level: Level, step: Coarsened, *, fed: bool) -> Level:
 
 def _degree(level: Level, edges: Edges) -> NDArray[np.float64]:
     """Conductances at every slot, summed, shape (2, slots)."""
-    degree = np.zeros((2, level.lattice.slots))
-    sum_degrees(edges, degree)
-    return degree
+    return level_of(level.lattice, edges, np.zeros((2, level.lattice.slots)), level.extra_cell).degree
 
 
 def _scale(degree: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -214,8 +213,11 @@ def _in_single(level: Level, scale: NDArray[np.float64]) -> Stencil:
 
 def _scaled_edges(edges: Edges, t: NDArray[np.float64]) -> Edges:
     """The conductances ``t_i g_ij t_j``."""
-    faces = np.zeros_like(edges.faces)
-    scale_faces(edges, t, faces)
+    faces, inside = np.zeros_like(edges.faces), slice(edges.margin, edges.faces.shape[1] - edges.margin)
+    for scaled, face, away in zip(faces, edges.faces, edges.distance.tolist(), strict=True):
+        there = slice(inside.start + away, inside.stop + away)
+        np.multiply(face[inside], t[0, inside], out=scaled[inside])
+        scaled[inside] *= t[1, there]
     return edges._replace(faces=faces, couplings=edges.couplings * t[0, edges.off_red] * t[1, edges.off_black])
 
 
@@ -239,6 +241,18 @@ def nested_iteration(levels: Scalable, currents: NDArray[np.float64]) -> NDArray
     x = _spread(levels.level, steps[0], coarse)
     smooth(levels.first[0], currents, x, _SWEEPS)
     return x
+
+
+def smooth(stencil: Stencil, currents: NDArray[np.float64], x: NDArray[np.float64], sweeps: int) -> None:
+    """Gauss-Seidel by colour, in place: positive numbers stay positive; ``currents`` and ``x`` of shape (2, slots).
+
+    A residual without a diagonal is what flows in, a sum of positive numbers.
+    """
+    degree, inflow = stencil.black_degree, np.empty(x.shape[1])
+    without = stencil._replace(black_degree=np.zeros_like(degree))
+    for _ in range(sweeps):
+        black_residual(without, currents, x, inflow)
+        np.divide(inflow, degree, out=x[1], where=degree > 0.0)
 
 
 def _into_blocks(
@@ -309,23 +323,3 @@ def transform(stencil: Stencil, height: Floats, leak: Floats) -> None:
         degree = 1.0 / stencil.red_inverse[k] if stencil.red_inverse[k] > 0.0 else 0.0
         leak[0, k] = red[k] * (degree * red[k] - leak[0, k])
         leak[1, k] = black[k] * (stencil.black_degree[k] * black[k] - leak[1, k])
-
-
-@kernel
-def scale_faces(edges: Edges, t: Floats, scaled: Floats) -> None:
-    """``scaled = t_i g_ij t_j`` over all faces."""
-    faces, margin = edges.faces, edges.margin
-    for q in range(len(edges.distance)):
-        away = edges.distance[q]
-        for k in range(margin, faces.shape[1] - margin):
-            scaled[q, k] = faces[q, k] * t[0, k] * t[1, k + away]
-
-
-@kernel
-def smooth(stencil: Stencil, currents: Floats, x: Floats, sweeps: int) -> None:
-    """Gauss-Seidel by colour, in place: positive numbers stay positive; ``currents`` and ``x`` of shape (2, slots)."""
-    for _ in range(sweeps):
-        relax_red(stencil, currents[0], x[1], x[0])
-        add_into_black(stencil, x[0], currents[1], x[1])
-        for k in range(x.shape[1]):
-            x[1, k] = x[1, k] / stencil.black_degree[k] if stencil.black_degree[k] > 0.0 else 0.0

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import ZERO, inner, inner_fast, kernel
+from resgrid.jit import inner_fast, kernel
 from resgrid.solvers.multigrid.cycle import CHUNK
 
 Floats = NDArray[np.float64]
@@ -87,12 +87,11 @@ def row_residual(
 
 
 @kernel
-def begin_burst(v: Vectors, one: float, residual: Floats) -> None:
-    """``r = residual / one``, and ``z = inverse r``; ``residual`` may lie where the last ``z`` will stand."""
-    for k in range(len(v.r)):
+def begin_burst(v: Vectors, one: float, residual: Floats, z: Singles, begin: int, end: int) -> None:
+    """``r = residual / one``, and ``z = inverse r``, on some slots."""
+    for k in range(begin, end):
         v.r[k] = residual[k] / one
-        v.z[0, k] = v.inverse[k] * v.r[k]
-    v.scalars[2], v.scalars[3] = 1.0, 1.0
+        z[k] = v.inverse[k] * v.r[k]
 
 
 def turn(v: Vectors, zr: float, zw: float, zs: float) -> tuple[float, float]:
@@ -130,23 +129,19 @@ def restart(v: Vectors) -> None:
     v.scalars[0] = 0.0
 
 
-_restart = inner(restart)
-
-
 @kernel
-def advance_all(v: Vectors, beta: float, alpha: float) -> float:
-    """`advance` on all slots; returns ``|r|``."""
-    squares, z = 0.0, v.z[int(v.scalars[0])]
-    for begin in range(0, len(v.r), CHUNK):
-        squares += advance(v.inverse, v.w, v.s, v.r, z, beta, alpha, begin, min(begin + CHUNK, len(v.r)))
-    return math.sqrt(squares)
+def advance(v: Vectors, z: Singles, beta: float, alpha: float, begin: int, end: int) -> float:
+    """``s = w + beta s``, ``r -= alpha s``, ``z = inverse r`` on some slots; returns the squares of ``r``, summed."""
+    squares = 0.0
+    for first in range(begin, end, CHUNK):
+        squares += _advance(v.inverse, v.w, v.s, v.r, z, beta, alpha, first, min(first + CHUNK, end))
+    return squares
 
 
 @inner_fast
-def advance(
+def _advance(
     inverse: Singles, w: Singles, s: Singles, r: Singles, z: Singles, beta: float, alpha: float, begin: int, end: int
 ) -> float:
-    """``s = w + beta s``, ``r -= alpha s``, ``z = inverse r`` on some slots; returns the squares of ``r``, summed."""
     total = 0.0
     for k in range(begin, end):
         product = w[k] + beta * s[k]
@@ -159,13 +154,6 @@ def advance(
 
 
 @kernel
-def gather_steps(v: Vectors, x: Floats, one: float) -> None:
-    """Go the steps noted: they become part of ``x``, in units of ``one``."""
-    add_steps(v, x, one, ZERO, len(x))
-    _restart(v)
-
-
-@inner
 def add_steps(v: Vectors, x: Floats, one: float, begin: int, end: int) -> None:
     """``x += one (on_x_p p + sum_j on_x_j z_j)``, then ``p = on_p_p p + sum_j on_p_j z_j``, on some slots."""
     _add_steps(v.z[: int(v.scalars[0])], v.on_x, v.on_x[-1], v.on_p, v.on_p[-1], one, v.p, x, (begin, end))

@@ -67,7 +67,7 @@ def pack_graphs(graphs: list[Graph], targets: list[NDArray[np.int32]]) -> tuple[
         conductance=np.empty(entries, dtype=np.float32),
         inverse=np.empty(nodes, dtype=np.float32),
         aggregate=np.zeros(nodes, dtype=np.uint32),
-        coarsest=_inverse(graphs[-1]),
+        coarsest=inverse_matrix(graphs[-1]),
     )
     for level, graph in enumerate(graphs):
         rows = (graph.indptr, graph.indices, graph.conductance, graph.leak)
@@ -119,19 +119,26 @@ def with_work(levels: Levels) -> Levels:
     return levels._replace(work=Work(b, x, f, z, c, v, w))
 
 
-def _inverse(graph: Graph) -> NDArray[np.float32]:
-    """Inverse of the last level's matrix; empty where it did not shrink, as nodes without neighbours do not."""
-    if graph.size > _LARGEST_INVERSE:
+def inverse_matrix(graph: Graph) -> NDArray[np.float32]:
+    """Inverse of the last level's matrix; empty where it did not shrink, as nodes without neighbours do not.
+
+    Its diagonal is made 1, and then a little larger so that it has an inverse.
+    """
+    n = graph.size
+    if n > _LARGEST_INVERSE:
         return np.empty((0, 0), dtype=np.float32)
-    return inverse_matrix(graph.indptr, graph.indices, graph.conductance, graph.leak)
+    matrix, row = np.zeros((n, n)), np.repeat(np.arange(n), np.diff(graph.indptr))
+    degree = np.bincount(row, graph.conductance, n) + graph.leak
+    scale = np.divide(1.0, np.sqrt(degree), out=np.zeros(n), where=degree > 0.0)
+    np.subtract.at(matrix, (row, graph.indices), graph.conductance * scale[row] * scale[graph.indices])
+    matrix[np.diag_indices(n)] += 1.0 + 1e-7
+    return np.asarray(scale[:, None] * np.linalg.inv(matrix) * scale, dtype=np.float32)
 
 
-@kernel
-def inverse_of(order: Indices) -> Indices:
+def inverse_of(order: NDArray[np.int32]) -> NDArray[np.int32]:
     """Where every element of a permutation stands."""
-    rank = np.empty(len(order), np.int32)
-    for slot in range(len(order)):
-        rank[order[slot]] = slot
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order), dtype=order.dtype)
     return rank
 
 
@@ -221,29 +228,3 @@ def lay_rows(
         packed.inverse[first + slot] = 1.0 / degree if degree > 0.0 else 0.0
         begin = end
     packed.indptr[first + len(order)] = begin
-
-
-@kernel
-def inverse_matrix(indptr: Indices, indices: Indices, conductance: Floats, leak: Floats) -> Singles:
-    """Inverse of a level's matrix, its diagonal a little larger so that it has one; pivots in order, for M-matrices."""
-    n = len(leak)
-    a = np.zeros((n, n))
-    for i in range(n):
-        degree = leak[i]
-        for k in range(indptr[i], indptr[i + 1]):
-            degree += conductance[k]
-            a[i, indices[k]] -= conductance[k]
-        a[i, i] += degree * (1.0 + 1e-7)
-    for p in range(n):
-        pivot = 1.0 / a[p, p] if a[p, p] > 0.0 else 0.0
-        a[p, p] = 1.0
-        for j in range(n):
-            a[p, j] *= pivot
-        for i in range(n):
-            factor = a[i, p]
-            if i == p or factor == 0.0:
-                continue
-            a[i, p] = 0.0
-            for j in range(n):
-                a[i, j] -= factor * a[p, j]
-    return a.astype(np.float32)

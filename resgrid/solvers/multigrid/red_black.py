@@ -9,7 +9,7 @@ node beside the grid, is a coupling.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,9 @@ Singles = NDArray[np.float32]
 Indices = NDArray[np.int32]
 Integers = NDArray[np.int64]
 Reals = NDArray[np.floating[Any]]
+
+RED, BLACK = cast(int, np.int64(0)), cast(int, np.int64(1))
+"""The colours of cells, by the parity of their indices' sum."""
 
 
 class Stencil(NamedTuple):
@@ -100,29 +103,19 @@ def _add_two_products(
 
 
 @inner
-def into_red(stencil: Stencil, x: Reals, block: int, total: Reals, to: int) -> None:
-    """``total = sum_j g_ij x_j`` across the faces of the red cells of a block, from slot ``to`` on."""
-    (begin, count), away = extent(stencil, block), stencil.distance
-    there = (begin + away[0], begin + away[1], begin + away[2], begin + away[3])
-    _four_products(stencil.faces, (begin, begin, begin, begin), x, there, count, total, to)
-    for q in range(4, len(away), 2):
-        pair = (begin + away[q], begin + away[q + 1])
-        _add_two_products(stencil.faces, q, (begin, begin), x, pair, count, total, to)
+def draw_into(stencil: Stencil, colour: int, x: Reals, first: int, block: int, total: Reals, to: int) -> None:
+    """``total = sum_j g_ij x_j`` across the faces of a block's cells of one colour, from slot ``to`` on.
 
-
-@inner
-def into_black(stencil: Stencil, x: Reals, first: int, block: int, total: Reals, to: int) -> None:
-    """``total = sum_j g_ij x_j`` across the faces of the black cells of a block, from slot ``to`` on.
-
-    ``x`` begins at slot ``first``.
+    ``x`` begins at slot ``first``; conductances stand at red cells.
     """
     (begin, count), away = extent(stencil, block), stencil.distance
-    a, b, c, d = begin - away[0], begin - away[1], begin - away[2], begin - away[3]
-    there = (a - first, b - first, c - first, d - first)
-    _four_products(stencil.faces, (a, b, c, d), x, there, count, total, to)
+    back, ahead, start = -colour, 1 - 2 * colour, begin - first
+    at = (begin + back * away[0], begin + back * away[1], begin + back * away[2], begin + back * away[3])
+    there = (start + ahead * away[0], start + ahead * away[1], start + ahead * away[2], start + ahead * away[3])
+    _four_products(stencil.faces, at, x, there, count, total, to)
     for q in range(4, len(away), 2):
-        a, b = begin - away[q], begin - away[q + 1]
-        _add_two_products(stencil.faces, q, (a, b), x, (a - first, b - first), count, total, to)
+        pair, far = (begin + back * away[q], begin + back * away[q + 1]), start + ahead * away[q]
+        _add_two_products(stencil.faces, q, pair, x, (far, start + ahead * away[q + 1]), count, total, to)
 
 
 @inner_fast
@@ -179,7 +172,7 @@ def relax_red_blocks(stencil: Stencil, fed: Reals, black: Reals, first: int, las
         coupling += 1
     for block in range(first, last):
         begin, count = extent(stencil, block)
-        into_red(stencil, black, block, total, ZERO)
+        draw_into(stencil, RED, black, ZERO, block, total, ZERO)
         while coupling < len(drawn) and stencil.off_red[coupling] < begin + count:
             total[stencil.off_red[coupling] - begin] += drawn[coupling]
             coupling += 1
@@ -191,7 +184,7 @@ def add_into_black(stencil: Stencil, red: Reals, fed: Reals, total: Reals) -> No
     """``total = fed + G red`` at the black cells."""
     for block in range(blocks_of(stencil)):
         begin, count = extent(stencil, block)
-        into_black(stencil, red, ZERO, block, total, begin)
+        draw_into(stencil, BLACK, red, ZERO, block, total, begin)
         for k in range(begin, begin + count):
             total[k] += fed[k]
     for m in range(len(stencil.couplings)):

@@ -12,8 +12,8 @@ import numpy as np
 
 from resgrid.jit import ZERO, inner, kernel
 from resgrid.solvers.multigrid.cycle import CHUNK, combine, keep_step, take_step
-from resgrid.solvers.multigrid.krylov import Vectors, add_steps, advance
 from resgrid.solvers.multigrid.red_black import (
+    BLACK,
     Floats,
     Indices,
     Reals,
@@ -21,8 +21,8 @@ from resgrid.solvers.multigrid.red_black import (
     Stencil,
     blocks_of,
     draw,
+    draw_into,
     extent,
-    into_black,
     relax,
     relax_red_blocks,
 )
@@ -63,7 +63,7 @@ def eliminate_part(
         block = step - ahead
         if block >= slab.first:
             at, count = extent(stencil, block)
-            into_black(stencil, window.red, window.at[0], block, total, ZERO)
+            draw_into(stencil, BLACK, window.red, window.at[0], block, total, ZERO)
             for k in range(count):
                 f[at + k] = total[k] + black_fed[at + k]
                 z[at + k] = stencil.black_inverse[at + k] * f[at + k]
@@ -139,7 +139,7 @@ def relax_part(
         block = step - 2 * ahead
         if block >= slab.first:
             at, count = extent(stencil, block)
-            into_black(stencil, window.red, window.at[0], block, total, ZERO)
+            draw_into(stencil, BLACK, window.red, window.at[0], block, total, ZERO)
             relax(stencil.black_inverse, r, at, count, total, z)
     _note_own(stencil, slab, window.coupled, noted)
     restore_subnormals(flags)
@@ -169,7 +169,7 @@ def multiply_part(
         block = step - ahead
         if block >= slab.first:
             at, count = extent(exact, block)
-            into_black(exact, window.red, window.at[0], block, total, ZERO)
+            draw_into(exact, BLACK, window.red, window.at[0], block, total, ZERO)
             sums[block, 0], sums[block, 1], sums[block, 2] = products(exact.black_degree, z, r, s, at, count, total, w)
     _note_own(exact, slab, window.coupled, noted)
     restore_subnormals(flags)
@@ -219,32 +219,6 @@ def put_back_part(stencil: Stencil, z: Singles, red_fed: Singles, slab: Slab, re
         black[at : at + count] = z[at : at + count]
     relax_red_blocks(stencil, red_fed, z, slab.first, slab.last, red)
     restore_subnormals(flags)
-
-
-@kernel
-def advance_part(
-    v: Vectors, z: Singles, beta: float, alpha: float, chunks: tuple[int, int], sums: Floats, share: Singles
-) -> None:
-    """`krylov.advance` on some chunks of slots; ``sums`` (chunks,) of the squares; clears a share of the next level."""
-    share[:] = 0.0
-    for chunk in range(*chunks):
-        begin = chunk * CHUNK
-        sums[chunk] = advance(v.inverse, v.w, v.s, v.r, z, beta, alpha, begin, min(begin + CHUNK, len(z)))
-
-
-@kernel
-def gather_part(v: Vectors, x: Floats, one: float, begin: int, end: int) -> None:
-    """`krylov.add_steps` on some slots."""
-    add_steps(v, x, one, begin, end)
-
-
-@kernel
-def begin_part(v: Vectors, one: float, residual: Floats, z: Singles, begin: int, end: int, share: Singles) -> None:
-    """`krylov.begin_burst` on some slots; clears a share of the next level."""
-    share[:] = 0.0
-    for k in range(begin, end):
-        v.r[k] = residual[k] / one
-        z[k] = v.inverse[k] * v.r[k]
 
 
 @kernel

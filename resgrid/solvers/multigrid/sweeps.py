@@ -13,6 +13,8 @@ import numpy as np
 
 from resgrid.jit import ZERO, inner, inner_fast, kernel
 from resgrid.solvers.multigrid.red_black import (
+    BLACK,
+    RED,
     Floats,
     Indices,
     Integers,
@@ -21,11 +23,9 @@ from resgrid.solvers.multigrid.red_black import (
     Stencil,
     blocks_of,
     draw,
+    draw_into,
     extent,
-    into_black,
-    into_red,
     relax,
-    spread,
 )
 from resgrid.solvers.multigrid.subnormals import flush_subnormals, restore_subnormals
 
@@ -115,7 +115,7 @@ def _draw_into_red(stencil: Stencil, window: Window, x: Reals, block: int) -> in
             window.red[k] = 0.0
         return to
     begin, count = extent(stencil, block)
-    into_red(stencil, x, block, window.red, to)
+    draw_into(stencil, RED, x, ZERO, block, window.red, to)
     while window.at[1] < len(stencil.couplings) and stencil.off_red[window.at[1]] < begin + count:
         window.red[to + stencil.off_red[window.at[1]] - begin] += window.coupled[window.at[1]]
         window.at[1] += 1
@@ -139,8 +139,8 @@ def _scale(inverse: Reals, begin: int, count: int, value: Reals, to: int) -> Non
         value[v_at + k] *= inverse[at + k]
 
 
-@kernel
-def restrict(stencil: Stencil, aggregate: Indices, weight: Singles, z: Singles, coarse: Singles) -> None:
+@inner
+def restrict_within(stencil: Stencil, aggregate: Indices, weight: Singles, z: Singles, coarse: Singles) -> None:
     """Let the red cells follow the black values ``z``, and sum the black residual into the next level.
 
     ``aggregate`` leads from a black slot to its node there; from unused slots to node 0, which nothing belongs to.
@@ -152,6 +152,9 @@ def restrict(stencil: Stencil, aggregate: Indices, weight: Singles, z: Singles, 
     coupled = restrict_slab(stencil, aggregate, weight, z, _whole(stencil), coarse)
     restrict_couplings(stencil, aggregate, weight, coupled, coarse)
     restore_subnormals(flags)
+
+
+restrict = kernel(restrict_within)
 
 
 @inner
@@ -168,7 +171,7 @@ def restrict_slab(
         lead(stencil, window, z, step)
         block = step - ahead
         if slab.first <= block < last:
-            into_black(stencil, window.red, window.at[0], block, total, ZERO)
+            draw_into(stencil, BLACK, window.red, window.at[0], block, total, ZERO)
             at, count = extent(stencil, block)
             behind = max(slab.begin - at, 0)
             if behind < count:
@@ -217,8 +220,8 @@ def add_from_nodes(
         total[k] = z[k] + coarse[np.uint32(aggregate[k])]
 
 
-@kernel
-def prolong_and_multiply(
+@inner
+def prolong_within(
     stencil: Stencil, exact: Stencil, aggregate: Indices, weight: Singles, coarse: Singles, r: Singles, s: Singles,
     z: Singles, w: Singles,
 ) -> tuple[float, float, float]:  # fmt: skip
@@ -249,18 +252,21 @@ def prolong_and_multiply(
             lead(stencil, first, z, step - before)
         if before + ahead <= step < before + blocks + ahead:
             begin, count = extent(stencil, step - before - ahead)
-            into_black(stencil, first.red, first.at[0], step - before - ahead, total, ZERO)
+            draw_into(stencil, BLACK, first.red, first.at[0], step - before - ahead, total, ZERO)
             relax(stencil.black_inverse, r, begin, count, total, z)
         if between <= step:
             lead(exact, second, z, step - between)
         if between + ahead <= step:
             begin, count = extent(exact, step - between - ahead)
-            into_black(exact, second.red, second.at[0], step - between - ahead, product, ZERO)
+            draw_into(exact, BLACK, second.red, second.at[0], step - between - ahead, product, ZERO)
             a, b, c = products(exact.black_degree, z, r, s, begin, count, product, w)
             zr, zw, zs = zr + a, zw + b, zs + c
     zw -= multiply_couplings(exact, second.coupled, z, w)
     restore_subnormals(flags)
     return zr, zw, zs
+
+
+prolong_and_multiply = kernel(prolong_within)
 
 
 @inner
@@ -330,7 +336,7 @@ def residual_slab(stencil: Stencil, b: Floats, x: Floats, r: Floats, slab: Slab,
         block = step - ahead
         if block >= slab.first:
             at, count = extent(stencil, block)
-            into_black(stencil, window.red, window.at[0], block, total, ZERO)
+            draw_into(stencil, BLACK, window.red, window.at[0], block, total, ZERO)
             squares[block] = _subtract(stencil.black_degree, b[1], x[1], at, count, total, r)
     return window.coupled
 
@@ -348,22 +354,6 @@ def finish_residual(stencil: Stencil, coupled: Reals, squares: Floats, r: Floats
     for block in range(len(squares)):
         total += squares[block]
     return math.sqrt(total)
-
-
-@kernel
-def residual_at_rest(stencil: Stencil, b: Floats, x: Floats, r: Floats) -> float:
-    """The same from ``x = 0`` on: only conductances at red cells that are fed are read."""
-    for k in range(x.shape[1]):
-        x[0, k] = stencil.red_inverse[k] * b[0, k]
-        r[k] = b[1, k]
-    for block in range(blocks_of(stencil)):
-        begin, count = extent(stencil, block)
-        if np.any(x[0, begin : begin + count]):
-            for q in range(len(stencil.distance)):
-                spread(stencil.faces, q, begin, stencil.distance[q], count, x[0], r)
-    for m in range(len(stencil.couplings)):
-        r[stencil.off_black[m]] += stencil.couplings[m] * x[0, stencil.off_red[m]]
-    return math.sqrt(_squares(r))
 
 
 @inner_fast

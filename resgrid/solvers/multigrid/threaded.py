@@ -6,16 +6,14 @@ below, too small to be worth a wait, are left to the compiled cycle of one threa
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.solvers.multigrid import krylov, slabs
+from resgrid.solvers.multigrid import slabs
 from resgrid.solvers.multigrid.cycle import CHUNK, ENOUGH, Finest, Levels, run_cycle, second_step, stencil_at
-from resgrid.solvers.multigrid.krylov import Vectors
 from resgrid.solvers.multigrid.red_black import Stencil
 from resgrid.solvers.multigrid.sweeps import Slab
 from resgrid.solvers.team import Team
@@ -59,12 +57,14 @@ class _Grid:
 
 
 class SlabSolver:
-    """What takes steps on the slabs of a grid's levels, for one solve and its vectors."""
+    """What preconditions on the slabs of a grid's levels, for one solve.
 
-    def __init__(self, team: Team, true: Stencil, grids: list[_Grid], levels: Levels, vectors: Vectors) -> None:
-        self._team, self._true, self._grids, self._levels, self._v = team, true, grids, levels, vectors
-        self._before = np.zeros_like(vectors.r)
-        self._chunks = np.zeros((-(-len(vectors.r) // CHUNK), 1))
+    `before` (slots,): the residual, relaxed: slabs read what their neighbours had before they write.
+    """
+
+    def __init__(self, team: Team, true: Stencil, grids: list[_Grid], levels: Levels) -> None:
+        self._team, self._true, self._grids, self._levels = team, true, grids, levels
+        self.before = np.zeros(len(true.black_degree), dtype=np.float32)
 
     def residual(self, b: Floats, x: Floats, r: Floats) -> float:
         """As `sweeps.black_residual`."""
@@ -73,46 +73,13 @@ class SlabSolver:
         self._each(lambda k: slabs.residual_part(self._true, b, x, r, grid.parts[k], noted, squares))
         return float(slabs.norm_of_residual(self._true, noted, squares, r))
 
-    def begin(self, one: float, residual: Floats) -> None:
-        """As `krylov.begin_burst`."""
-        v, grid = self._v, self._grids[0]
-
-        def part(k: int) -> None:
-            begin, end = _share(k, len(grid.parts), len(v.r))
-            slabs.begin_part(v, one, residual, self._before, begin, end, grid.share(k))
-
-        self._each(part)
-        margin = self._true.margin
-        v.z[:, :margin], v.z[:, -margin:] = 0.0, 0.0
-        v.scalars[2], v.scalars[3] = 1.0, 1.0
-
-    def step(self, x: Floats, unit: tuple[float, float], gain: float) -> bool:
-        """Take one step; returns whether there was one to take."""
-        v, grid, (one, lift) = self._v, self._grids[0], unit
-        if not v.scalars[2] > max(gain, krylov.BURST * v.scalars[3]):
-            return False
-        self._down(0, self._before)
-        zr, zw, zs = self._up(grid, self._before, v.r, v.s, v.z[int(v.scalars[0])], v.w)
-        beta, alpha = krylov.turn(v, zr, zw, zs)
-        if not v.scalars[1] > 0.0:
-            return False
-        if int(v.scalars[0]) == len(v.z):
-            self.gather(x, one)
-
-        def advance(k: int) -> None:
-            chunks = _share(k, len(grid.parts), len(self._chunks))
-            slabs.advance_part(v, self._before, beta, alpha, chunks, self._chunks[:, 0], grid.share(k))
-
-        self._each(advance)
-        (squares,) = _in_order(self._chunks)
-        krylov.arrive(v, math.sqrt(squares) / lift, alpha, zr)
-        return True
-
-    def gather(self, x: Floats, one: float) -> None:
-        """As `krylov.gather_steps`."""
-        v, parts = self._v, len(self._grids[0].parts)
-        self._each(lambda k: slabs.gather_part(v, x, one, *_share(k, parts, len(x))))
-        krylov.restart(v)
+    def precondition(self, r: Singles, s: Singles, z: Singles, w: Singles) -> tuple[float, float, float]:
+        """As `cycle.precondition`, from `before` into ``z``."""
+        grid, margin = self._grids[0], self._true.margin
+        self._each(lambda k: grid.share(k).fill(0.0))
+        z[:margin], z[-margin:] = 0.0, 0.0
+        self._down(0, self.before)
+        return self._up(grid, self.before, r, s, z, w)
 
     def _each(self, part: Any, grid: _Grid | None = None) -> None:
         self._team.share(part, len((grid or self._grids[0]).parts))
@@ -187,10 +154,10 @@ class SlabSolver:
         return enough
 
 
-def slab_solver(team: Team, true: Stencil, finest: Finest, levels: Levels, vectors: Vectors) -> SlabSolver | None:
-    """Who takes the steps of a solve on a team's threads; None where the grid is too small to be cut."""
+def slab_solver(team: Team, true: Stencil, finest: Finest, levels: Levels) -> SlabSolver | None:
+    """Who preconditions on a team's threads; None where the grid is too small to be cut."""
     grids = _cut(team.size, finest, levels)
-    return SlabSolver(team, true, grids, levels, vectors) if grids else None
+    return SlabSolver(team, true, grids, levels) if grids else None
 
 
 def _cut(size: int, finest: Finest, levels: Levels) -> list[_Grid]:

@@ -8,12 +8,12 @@ from typing import Literal
 
 import numpy as np
 
+from resgrid.spice.circuit import SHOWN, some
 from resgrid.spice.run import SIMULATED
 from resgrid.spice.run.ngspice import VERSIONS, Simulation
 from resgrid.spice.write.sidecar import Expected
 
 Reference = Literal["sidecar", "scene", "solve"]
-_SHOWN = 5
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def compare(
         version=simulation.version,
         tolerance=tolerance,
         findings=tuple(problems),
-        worst=tuple((name, volts[name], simulation.voltage[name]) for name in list(error)[:_SHOWN] if error[name] > 0),
+        worst=tuple((name, volts[name], simulation.voltage[name]) for name in list(error)[:SHOWN] if error[name] > 0),
         remark=f"{simulation.simulator} found no operating point" if silent else tried if unknown else "",
         verified=not silent,
     )
@@ -118,7 +118,7 @@ def _differences(
 ) -> list[str]:
     return [
         f"{what} {name}: {simulator} finds {got[name]!r} {unit}, expected {expected[name]!r} {unit}"
-        for name, error in list(_errors(expected, got).items())[:_SHOWN]
+        for name, error in list(_errors(expected, got).items())[:SHOWN]
         if error > allowed
     ]
 
@@ -127,7 +127,7 @@ def _unmatched(expected: Mapping[str, object], got: Mapping[str, object], what: 
     missing = [name for name in expected if name not in got]
     strange = [name for name in got if name not in expected]
     return [
-        f"{len(names)} {what}{'s' if len(names) > 1 else ''} {verb}: {', '.join(names[:_SHOWN])}"
+        f"{len(names)} {what}{'s' if len(names) > 1 else ''} {verb}: {some(names, len(names))}"
         for names, verb in ((missing, "absent from the simulation"), (strange, "simulated but not expected"))
         if names
     ]

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.netlist import GROUND
+from resgrid.circuit.sources import tie_sources
+from resgrid.netlist import GROUND, Netlist
 from resgrid.spice.circuit import CONDUCTING, SHOWN, Circuit, Severity, Violation, some
 
 _MOST = 10
@@ -32,7 +33,8 @@ def islands(circuit: Circuit) -> Iterator[Violation]:
     floating = np.flatnonzero(circuit.part != circuit.part[GROUND])
     if not floating.size:
         return
-    held = _parts_at(circuit, "capacitor")
+    held = np.zeros(int(circuit.part.max()) + 1, dtype=np.bool_)  # parts that capacitors touch
+    held[circuit.part[circuit.ends["capacitor"].ravel()]] = True
     order = floating[np.argsort(circuit.part[floating], kind="stable")]
     groups = np.split(order, np.flatnonzero(np.diff(circuit.part[order])) + 1)
     if not circuit.is_deck:
@@ -66,25 +68,14 @@ def _island(circuit: Circuit, nodes: NDArray[np.int64], *, by_capacitor: bool, w
 
 
 def _of_elements(
-    circuit: Circuit,
-    severity: Severity,
-    rule: str,
-    kind: str,
-    numbers: NDArray[np.int64],
-    message: str,
-    remedy: str,
+    circuit: Circuit, severity: Severity, rule: str, kind: str, numbers: NDArray[np.int64], message: str, remedy: str
 ) -> Violation:
     """What is wrong with elements of a kind; fields of the message are ``count``, ``s`` (of a plural) and ``names``."""
     nodes = np.unique(circuit.ends[kind][numbers])
     names = some([circuit.element_name(kind, number) for number in numbers[:SHOWN].tolist()], numbers.size)
-    return Violation(
-        severity,
-        rule,
-        circuit.place_of(kind, int(numbers[0])) if circuit.is_deck else circuit.shown(nodes),
-        message.format(count=f"{numbers.size:,}", s="" if numbers.size == 1 else "s", names=names),
-        remedy,
-        circuit.listed(nodes),
-    )
+    place = circuit.place_of(kind, int(numbers[0])) if circuit.is_deck else circuit.shown(nodes)
+    message = message.format(count=f"{numbers.size:,}", s="" if numbers.size == 1 else "s", names=names)
+    return Violation(severity, rule, place, message, remedy, circuit.listed(nodes))
 
 
 def trapped_currents(circuit: Circuit) -> Iterator[Violation]:
@@ -118,7 +109,7 @@ def loops_of(circuit: Circuit) -> Loops:
     order = np.argsort(circuit.is_inductor, kind="stable")
     ends = np.concatenate([circuit.source_nodes[order], circuit.resistor_nodes[zero]])
     volts = np.concatenate([circuit.source_volts[order], np.zeros(len(zero))])
-    rest = loop_voltages(ends.tolist(), volts.tolist())
+    rest = loop_voltages(ends, volts, circuit.node_count)
     number = np.concatenate([order, zero])
     closing = ~np.isnan(rest)
     with np.errstate(invalid="ignore"):
@@ -133,36 +124,24 @@ def loops_of(circuit: Circuit) -> Loops:
     return Loops(own[~is_inductor], own[is_inductor], short, contradictions)
 
 
-def loop_voltages(ends: list[list[int]], volts: list[float]) -> NDArray[np.float64]:
-    """Voltage by which each source contradicts those before it, NaN where it closes no loop; shape (sources,).
+def loop_voltages(ends: NDArray[np.int32], volts: NDArray[np.float64], node_count: int) -> NDArray[np.float64]:
+    """Voltage by which each source contradicts those before it, NaN where it closes no loop.
 
-    A union-find whose links carry voltages: every node knows one above it, and its own voltage over that one.
+    Shapes: `ends` (sources, 2); `volts` and the returned (sources,).
     """
-    above: dict[int, tuple[int, float]] = {}
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import minimum_spanning_tree
 
-    def root_of(node: int) -> tuple[int, float]:
-        path, height = [], 0.0
-        while node in above:
-            path.append((node, height))
-            node, step = above[node]
-            height += step
-        for passed, below in path:
-            above[passed] = node, height - below
-        return node, height
-
-    rest = np.full(len(volts), np.nan)
-    size: dict[int, int] = {}
-    for source, ((plus, minus), volt) in enumerate(zip(ends, volts, strict=True)):
-        (a, height_a), (b, height_b) = root_of(plus), root_of(minus)
-        step = volt + height_b - height_a  # of the plus root over the minus root
-        if a == b:
-            rest[source] = -step
-            continue
-        if size.get(a, 1) > size.get(b, 1):
-            a, b, step = b, a, -step
-        above[a] = b, step
-        size[b] = size.get(a, 1) + size.get(b, 1)
-    return rest
+    low, high = np.sort(ends.astype(np.int64), axis=1).T
+    _, firsts = np.unique(low * node_count + high, return_index=True)  # of parallel sources
+    firsts = firsts[low[firsts] != high[firsts]]
+    rank = coo_array((firsts + 1.0, (low[firsts], high[firsts])), shape=(node_count, node_count))
+    tree = minimum_spanning_tree(rank.tocsr()).data.astype(np.int64) - 1  # earlier sources first
+    no_resistors = np.empty((0, 2), dtype=np.int32), np.empty(0)
+    forest = tie_sources(Netlist(node_count, *no_resistors, source_nodes=ends[tree], source_volts=volts[tree]))
+    rest = forest.offset[ends[:, 0]] - forest.offset[ends[:, 1]] - volts
+    rest[tree] = np.nan
+    return np.asarray(rest)
 
 
 def source_loops(circuit: Circuit) -> Iterator[Violation]:
@@ -210,15 +189,8 @@ def dangling(circuit: Circuit) -> Iterator[Violation]:
         yield Violation(
             "info",
             "dangling",
-            circuit.place_of_nodes(nodes[:1]) if circuit.is_deck else circuit.place_of_nodes(nodes),
+            circuit.place_of_nodes(nodes[:1] if circuit.is_deck else nodes),
             f"{nodes.size:,} nodes ({circuit.shown(nodes)}) have one element only, which carries no current",
             "nothing to do if they are probes or dead ends",
             circuit.listed(nodes),
         )
-
-
-def _parts_at(circuit: Circuit, kind: str) -> NDArray[np.bool_]:
-    """Which parts an element of a kind touches, shape (parts,)."""
-    touched = np.zeros(int(circuit.part.max()) + 1, dtype=np.bool_)
-    touched[circuit.part[circuit.ends[kind].ravel()]] = True
-    return touched

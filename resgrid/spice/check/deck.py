@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
@@ -13,14 +14,14 @@ from resgrid.errors import InputError
 from resgrid.files import read_bytes
 from resgrid.netlist import Netlist
 from resgrid.spice.check.agreement import Agreement, Reference, compare, unverified
-from resgrid.spice.check.external import Runnable, expected_of, places_of, runnable, written_anew
+from resgrid.spice.check.external import expected_of, places_of, runnable, written_anew
 from resgrid.spice.check.kirchhoff import inspect_deck
 from resgrid.spice.check.predictions import predict_simulators
 from resgrid.spice.circuit import Circuit
 from resgrid.spice.dialects import dialect_named
 from resgrid.spice.read.deck import read_spice
 from resgrid.spice.run import SIMULATED, engine_named
-from resgrid.spice.run.ngspice import Simulation, simulate
+from resgrid.spice.run.ngspice import Simulation
 from resgrid.spice.write.flat import flatten
 from resgrid.spice.write.sidecar import Sidecar, altered_files, expect, read_sidecar, sidecar_path, with_parts
 
@@ -38,9 +39,9 @@ class _Limits:
         if not 0 < self.tolerance < 1:
             raise InputError(f"tolerance = {self.tolerance} must lie between 0 and 1: it is relative to the supply")
 
-    def run(self, data: bytes, source: str, *, direct: bool) -> Simulation:
+    def run(self, data: bytes, source: str, **options: Any) -> Simulation:
         """Ask the simulator for the operating point of a deck's content."""
-        return engine_named(self.engine)(data, source=source, timeout=self.timeout, direct=direct)
+        return engine_named(self.engine)(data, source=source, timeout=self.timeout, **options)
 
 
 def check_deck(
@@ -108,7 +109,8 @@ def check_deck(
         simulation = limits.run(written.text.encode("ascii"), "deck", direct=False)
         return compare(expect(written, op), simulation, tolerance=tolerance)
     if isinstance(deck, Circuit):
-        return _check_external(deck, read_bytes(Path(deck.path)), reference, limits, root)
+        data = read_bytes(Path(deck.path)) if Path(deck.path).is_file() else None
+        return _check_external(deck, data, reference, limits, root)
     path = Path(deck)
     data = read_bytes(path)
     sidecar = read_sidecar(path) if sidecar_path(path).exists() else None
@@ -151,16 +153,17 @@ def _check_own(
 
 def _check_external(
     deck: Circuit,
-    data: bytes,
+    data: bytes | None,
     op: OperatingPoint | None,
     limits: _Limits,
     root: str | os.PathLike[str] | None,
 ) -> Agreement:
-    """Somebody's deck, against our solution of it; the places of the worst nodes are told."""
+    """Somebody's deck (None where it has no file), against our solution of it; the worst nodes' places are told."""
     op = solve(deck.netlist()) if op is None else op
     job = runnable(deck, data, root=None if root is None else Path(root), engine=limits.engine)
-    agreement = compare(expected_of(deck, op, as_written=not job.why), _simulated(job, deck.path, limits),
-                    tolerance=limits.tolerance)  # fmt: skip
+    options = {"files": job.files, "place": job.place} if job.files else {}
+    simulation = limits.run(job.data, deck.path, direct=True, **options)
+    agreement = compare(expected_of(deck, op, as_written=not job.why), simulation, tolerance=limits.tolerance)
     if job.why:
         return unverified(agreement, job.why)
     if agreement.agrees:
@@ -169,12 +172,6 @@ def _check_external(
     prediction = next(item for item in predict_simulators(deck) if item.simulator == SIMULATED)
     known = [] if prediction.outcome == "right" else [f"this was to be expected: {prediction}"]
     return replace(agreement, findings=(*(_with_place(finding, places) for finding in agreement.findings), *known))
-
-
-def _simulated(job: Runnable, source: str, limits: _Limits) -> Simulation:
-    if not job.files:
-        return limits.run(job.data, source, direct=True)
-    return simulate(job.data, source=source, timeout=limits.timeout, direct=True, files=job.files, place=job.place)
 
 
 def _with_place(finding: str, places: Mapping[str, str]) -> str:

@@ -51,7 +51,7 @@ class Runnable:
     place: str = "deck.cir"
 
 
-def runnable(deck: Circuit, data: bytes, *, root: Path | None, engine: str) -> Runnable:
+def runnable(deck: Circuit, data: bytes | None, *, root: Path | None, engine: str) -> Runnable:
     """Make a deck safe to run, with its operating point as the only analysis.
 
     Only the lines of its analyses and outputs are taken out; everything else is run byte for byte, in the files that
@@ -60,6 +60,8 @@ def runnable(deck: Circuit, data: bytes, *, root: Path | None, engine: str) -> R
     path = Path(deck.path).resolve()
     root = path.parent if root is None else root.resolve()
     try:
+        if data is None:
+            raise InputError(f"there is no file {deck.path} that could be run")
         files = _safe_files(deck, path, data, root, engine)
     except InputError as error:
         return Runnable(written_anew(deck), str(error))
@@ -77,6 +79,8 @@ def written_anew(deck: Circuit) -> bytes:
 
 def _safe_files(deck: Circuit, path: Path, data: bytes, root: Path, engine: str) -> dict[str, bytes]:
     """What a deck includes."""
+    if not deck.is_deck:
+        raise InputError("it is no deck, and no simulator reads it")
     if deck.dialect != SIMULATED:
         raise InputError(f"it is written for {deck.dialect}, and only {SIMULATED} is run here")
     refuse_commands(data, deck.path, models=True, includes=len(deck.files) > 1)

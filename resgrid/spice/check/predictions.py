@@ -133,9 +133,14 @@ def _of_netlist(quirks: Quirks, resistance: NDArray[np.float64], errors: list[Vi
 
 
 def _of_deck(quirks: Quirks, case: _Case) -> _Result:
-    fatal = _fatal(quirks, case)
+    fatal = [
+        f"a loop of voltage sources leaves no answer ({case.deck.place_of('voltage source', number)})"
+        for number in _failing_loops(quirks, case)[:1]
+    ]
+    if quirks.duplicates == "fails":
+        fatal += [f"a name is given twice ({place})" for place in case.duplicates[:1]]
     if fatal:
-        return "fails", None, None, fatal
+        return "fails", None, None, tuple(fatal)
     lost = _lost_to_title(case.deck)
     resistance, raised = _raised(quirks, case.deck)
     siemens, shunts = _shunt(quirks, case)
@@ -153,16 +158,6 @@ def _of_deck(quirks: Quirks, case: _Case) -> _Result:
     harmless = error[worst] <= TOLERANCE * np.nanmax(np.abs(case.voltage), initial=0.0) and not cut_off.size
     outcome: Outcome = "wrong" if not harmless else "unsure" if doubts else "right"
     return outcome, float(error[worst]), names[worst], (*reasons, *doubts)
-
-
-def _fatal(quirks: Quirks, case: _Case) -> tuple[str, ...]:
-    reasons = [
-        f"a loop of voltage sources leaves no answer ({case.deck.place_of('voltage source', number)})"
-        for number in _failing_loops(quirks, case)[:1]
-    ]
-    if quirks.duplicates == "fails":
-        reasons += [f"a name is given twice ({place})" for place in case.duplicates[:1]]
-    return tuple(reasons)
 
 
 def _failing_loops(quirks: Quirks, case: _Case) -> list[int]:

@@ -22,7 +22,7 @@ from resgrid.errors import InputError
 from resgrid.spice.networks.edges import Measure, Network, read_edges
 from resgrid.spice.read.files import deck_bytes, decode, normalise, read_text
 
-_TRUE, _FALSE = frozenset({"true", "yes", "1"}), frozenset({"false", "no", "0"})
+_FLAGS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 _CONFLICTS = ("keepall", "rmvsrc", "rmvgnd", "rmvall")
 _UNSUPPORTED = ("use_mask", "use_reclass_table", "use_variable_source_strengths", "use_included_pairs")
 _KEYS = frozenset({"ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "nodata_value"})
@@ -46,9 +46,9 @@ class _Configuration:
 
     def flag(self, key: str) -> bool:
         word = self.text(key, "False").lower()
-        if word in _TRUE or word in _FALSE:
-            return word in _TRUE
-        raise InputError(f"{self.path}: {key} = {word!r} is neither True nor False")
+        if word not in _FLAGS:
+            raise InputError(f"{self.path}: {key} = {word!r} is neither True nor False")
+        return _FLAGS[word]
 
     def measure(self, key: str) -> Measure:
         return "resistance" if self.flag(key) else "conductance"
@@ -73,7 +73,15 @@ def read_circuitscape(
 
     Of a raster also the node of every cell, shape (rows, columns), top row first, -1 where there is none.
     """
-    configuration = _read_configuration(path, root)
+    name = os.fspath(path)
+    parser = configparser.ConfigParser(interpolation=None, strict=False)
+    try:
+        parser.read_string(read_text(path), source=name)
+    except configparser.Error as error:
+        raise InputError(f"{name} is no configuration: {str(error).splitlines()[0]}") from None
+    values = {key: value for section in parser.sections() for key, value in parser.items(section)}
+    folder = Path(name).resolve().parent
+    configuration = _Configuration(name, folder, folder if root is None else Path(root).resolve(), values)
     scenario = configuration.text("scenario").lower()
     if scenario != "advanced":
         raise InputError(f"{configuration.path}: the scenario {scenario!r} is not read; only 'advanced' is one circuit")
@@ -93,18 +101,6 @@ def read_circuitscape(
         ground_measure=configuration.measure("ground_file_is_resistances"),
     )
     return _settled(configuration, network), None
-
-
-def _read_configuration(path: str | os.PathLike[str], root: str | os.PathLike[str] | None) -> _Configuration:
-    name = os.fspath(path)
-    parser = configparser.ConfigParser(interpolation=None, strict=False)
-    try:
-        parser.read_string(read_text(path), source=name)
-    except configparser.Error as error:
-        raise InputError(f"{name} is no configuration: {str(error).splitlines()[0]}") from None
-    values = {key: value for section in parser.sections() for key, value in parser.items(section)}
-    folder = Path(name).resolve().parent
-    return _Configuration(name, folder, folder if root is None else Path(root).resolve(), values)
 
 
 def _settled(configuration: _Configuration, network: Network) -> Network:
@@ -133,14 +129,15 @@ class _Raster:
     values: NDArray[np.float64]
     present: NDArray[np.bool_]
 
-    def filled(self, value: float) -> NDArray[np.float64]:
-        """Values, with ``value`` where there is none."""
-        return np.where(self.present, self.values, value)
+    @property
+    def filled(self) -> NDArray[np.float64]:
+        """Values, 0 where there is none."""
+        return np.where(self.present, self.values, 0.0)
 
     def siemens(self, measure: Measure) -> NDArray[np.float64]:
         """Conductance of every cell, 0 where there is nothing."""
         if measure == "conductance":
-            return self.filled(0.0)
+            return self.filled
         with np.errstate(divide="ignore"):
             return np.where(self.present, 1.0 / self.values, 0.0)
 
@@ -158,7 +155,7 @@ def _read_rasters(configuration: _Configuration) -> tuple[Network, NDArray[np.in
     conductance = habitat.siemens(measure)
     polygon = np.zeros(conductance.shape)
     if configuration.flag("use_polygons"):
-        polygon = np.maximum(_like(configuration, "polygon_file", habitat).filled(0.0), 0.0)
+        polygon = np.maximum(_like(configuration, "polygon_file", habitat).filled, 0.0)
     node, names = _number_cells(conductance, polygon)
     edges, value = _links(
         conductance,
@@ -167,9 +164,9 @@ def _read_rasters(configuration: _Configuration) -> tuple[Network, NDArray[np.in
         diagonals=not configuration.flag("connect_four_neighbors_only"),
     )
     ground = _like(configuration, "ground_file", habitat)
-    if np.any(ground.filled(0.0) < 0):
+    if np.any(ground.filled < 0):
         raise InputError(f"{ground.source}: a ground has a negative value")
-    amps = _like(configuration, "source_file", habitat).filled(0.0)
+    amps = _like(configuration, "source_file", habitat).filled
     tied = ground.siemens(configuration.measure("ground_file_is_resistances"))
     network = Network(names, edges, value, _gathered(amps, node, len(names)), _gathered(tied, node, len(names)))
     return _settled(configuration, network), node

@@ -6,7 +6,7 @@ import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, cast
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,8 @@ Measure = Literal["resistance", "conductance"]
 MEASURES = ("resistance", "conductance")
 
 _COMMENT = re.compile(r"[#%].*")
-_INTEGRAL = re.compile(r"(\d+)\.0*")
+_INTEGRAL = re.compile(r"^(\d+)\.0*$")
+"""Whole numbers that are written as decimals."""
 _GROUND = "ground"
 
 
@@ -79,16 +80,15 @@ class Table:
         if measure not in (None, *MEASURES):
             raise InputError(f"measure = {measure!r} is unknown; it may be one of {', '.join(MEASURES)}")
         stated = self.measure if self.measure in MEASURES else None
-        if measure is not None and stated is not None and measure != stated:
+        if None not in (measure, stated) and measure != stated:
             raise InputError(f"{self.source}: its heading says {stated}, but measure={measure!r} was asked for")
-        chosen = cast("Measure", measure or stated or "resistance")
-        wrong = self.values < 0 if shorts else self.values <= 0
-        if wrong.any():
-            row = int(np.argmax(wrong))
+        chosen = measure or stated or "resistance"
+        wrong = np.flatnonzero(self.values < 0 if shorts else self.values <= 0)
+        if wrong.size:
+            row = int(wrong[0])
             bound = "not be negative" if shorts else "be positive"
-            raise InputError(
-                f"{self.place(row)}: a {chosen} of {self.values[row]:g} is not admissible; it must {bound}"
-            )
+            text = f"a {chosen} of {self.values[row]:g} is not admissible; it must {bound}"
+            raise InputError(f"{self.place(row)}: {text}")
         with np.errstate(divide="ignore"):
             return self.values if chosen == "conductance" else np.asarray(1.0 / self.values)
 
@@ -150,19 +150,13 @@ def _read_table(path: str | os.PathLike[str], columns: int, what: str) -> Table:
             ) from None
         if not np.isfinite(values[-1]):
             raise InputError(f"{source}:{number}: {values[-1]} is no finite number")
-        names.append(tuple(map(_plain, words[:-1])))
+        names.append(tuple(_INTEGRAL.sub(r"\1", word) for word in words[:-1]))
         lines.append(number)
     return Table(source, names, np.array(values, dtype=np.float64), lines, measure)
 
 
 def _words(line: str) -> list[str]:
     return _COMMENT.sub("", line).replace(",", " ").replace(";", " ").split()
-
-
-def _plain(word: str) -> str:
-    """Whole numbers that are written as decimals, without their decimals."""
-    match = _INTEGRAL.fullmatch(word)
-    return match.group(1) if match is not None else word
 
 
 def _numbers(table: Table, number: dict[str, int]) -> list[int]:

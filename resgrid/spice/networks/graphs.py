@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from resgrid.errors import InputError
+from resgrid.graphs import ELEMENTS
 from resgrid.netlist import GROUND, Netlist
 
 if TYPE_CHECKING:
@@ -18,10 +19,7 @@ if TYPE_CHECKING:
 GRAPH_SUFFIXES = (".graphml", ".json", ".npz")
 """Graphs as GraphML and as node-link JSON, and NumPy arrays."""
 
-NETLIST_ARRAYS = (
-    "resistor_nodes", "conductance", "tc1", "tc2", "source_nodes", "source_volts", "current_nodes", "current_amps",
-    "capacitor_nodes", "capacitance", "nonlinear_nodes", "nonlinear_current", "nonlinear_voltage",
-)  # fmt: skip
+NETLIST_ARRAYS = tuple(name for nodes, columns in ELEMENTS.values() for name in (nodes, *columns.values()))
 
 
 def read_graph(path: str | os.PathLike[str]) -> Netlist:
@@ -48,7 +46,7 @@ def _read_graphml(path: Path) -> Netlist:
     for *_, data in graph.edges(data=True):
         if "nodes" in data:
             data["nodes"] = tuple(str(data["nodes"]).split())
-    return Netlist.from_networkx(graph, _ground_of(graph))
+    return _netlist_of(graph)
 
 
 def _read_json(path: Path) -> Netlist:
@@ -57,13 +55,13 @@ def _read_json(path: Path) -> Netlist:
     content = json.loads(path.read_bytes())
     if not isinstance(content, dict) or not {"nodes", "edges"} <= content.keys():
         raise InputError("this is no graph in node-link form, with nodes and edges")
-    graph = nx.node_link_graph(content, edges="edges")
-    return Netlist.from_networkx(graph, _ground_of(graph))
+    return _netlist_of(nx.node_link_graph(content, edges="edges"))
 
 
-def _ground_of(graph: nx.Graph[Any]) -> object:
-    """The node called 0, by its own name or by its attribute; 0, which is then added, if there is none."""
-    return next((node for node, data in graph.nodes(data=True) if "0" in (str(node), data.get("name"))), GROUND)
+def _netlist_of(graph: nx.Graph[Any]) -> Netlist:
+    """A graph's netlist; ground is the node called 0, by its name or attribute, or added."""
+    ground = (node for node, data in graph.nodes(data=True) if "0" in (str(node), data.get("name")))
+    return Netlist.from_networkx(graph, next(ground, GROUND))
 
 
 def _read_arrays(path: Path) -> Netlist:

@@ -10,7 +10,6 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import accumulate
 from typing import NamedTuple
 
 from resgrid.spice.dialects.record import ReadingRules
@@ -99,9 +98,12 @@ def cards(lines: Iterable[Line], source: Source, rules: ReadingRules, diagnostic
 
 def _joined(pieces: list[tuple[int, int, str]], source: Source, rules: ReadingRules) -> Card:
     """The card of some pieces: their lines, columns and texts."""
-    lines, columns, texts = zip(*pieces, strict=True)
-    offsets = accumulate((len(text) + 1 for text in texts[:-1]), initial=0)
-    return Card(" ".join(texts), source.number, source.name, rules, tuple(zip(offsets, lines, columns, strict=True)))
+    joins: list[tuple[int, int, int]] = []
+    offset = 0
+    for line, column, text in pieces:
+        joins.append((offset, line, column))
+        offset += len(text) + 1
+    return Card(" ".join([text for *_, text in pieces]), source.number, source.name, rules, tuple(joins))
 
 
 _DOLLAR = re.compile(r"(?:^|[\s,])\$")

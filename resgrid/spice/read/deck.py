@@ -19,7 +19,7 @@ from resgrid.spice.read.assemble import assemble_deck
 from resgrid.spice.read.collect import Collector
 from resgrid.spice.read.commands import Contents
 from resgrid.spice.read.diagnostics import Diagnostics
-from resgrid.spice.read.files import Library, Source, deck_bytes
+from resgrid.spice.read.files import Library, Source, deck_bytes, resolve
 from resgrid.spice.read.plain import LEAST_BYTES
 
 _HEAD = 4096
@@ -155,10 +155,7 @@ def _open(
 
 
 def _folder(root: str | os.PathLike[str]) -> Path:
-    try:
-        folder = Path(root).resolve()
-    except (OSError, ValueError, RuntimeError) as error:
-        raise InputError(f"the root {os.fspath(root)!r} cannot be used: {error}") from None
+    folder = resolve(Path(root), os.fspath(root))
     if not folder.is_dir():
         raise InputError(f"the root {os.fspath(root)!r} is no folder")
     return folder

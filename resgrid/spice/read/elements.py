@@ -172,7 +172,11 @@ def _read_resistor(card: Card, scope: Scope, elements: Elements) -> None:
         raise card.error(None, f"{element.name} has no value: give it ohms, r=, or a model")
     elif "l" in element.keys or "w" in element.keys:
         raise card.error(None, "l and w mean something together with a model only")
-    first, second = _coefficients(element, first, second)
+    several = element.keys.get("tc", [])
+    if len(several) > 2:
+        raise card.error(None, f"tc= takes one or two values, not {len(several)}")
+    first, second = several + [first, second][len(several) :]
+    first, second = element.value("tc1", first), element.value("tc2", second)
     if "scale" in element.keys and not card.rules.scale_key:
         raise card.error(None, f"scale= is not understood for {card.rules.name}; put it into the value")
     ohms *= element.value("scale", 1.0) / multiplier(card, element.value("m", 1.0))
@@ -192,15 +196,6 @@ def _refuse_unspaced(card: Card, pairs: list[Setting]) -> None:
             raise card.error(
                 first.offset, f"{card.rules.name} reads this list otherwise, or not at all: write tc1=... tc2=..."
             )
-
-
-def _coefficients(element: Element, first: float, second: float) -> tuple[float, float]:
-    several = element.keys.get("tc", [])
-    if len(several) > 2:
-        raise element.card.error(None, f"tc= takes one or two values, not {len(several)}")
-    if several:
-        first, second = several[0], several[1] if len(several) > 1 else second
-    return element.value("tc1", first), element.value("tc2", second)
 
 
 def _model_and_values(element: Element, scope: Scope, kinds: frozenset[str]) -> tuple[Model | None, list[float]]:

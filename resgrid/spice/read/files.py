@@ -47,7 +47,7 @@ class Library:
 
     def open(self, path: Path, name: str) -> Source:
         """Read a file; one that was read before is not read again."""
-        resolved = _resolve(path, name)
+        resolved = resolve(path, name)
         known = next((source for source in self.sources if source.path == resolved), None)
         return known or self.add(name, resolved, deck_bytes(resolved, name))
 
@@ -58,7 +58,7 @@ class Library:
         folder = self.root if beside.path is None else beside.path.parent
         tried: list[Path] = []
         for base in dict.fromkeys((folder, self.root)):
-            path = _resolve(base / file, file)
+            path = resolve(base / file, file)
             if not path.is_relative_to(self.root):
                 raise InputError(f"{file!r} lies outside {str(self.root)!r}: copy it, or name a wider root")
             if _exists(path):
@@ -76,7 +76,8 @@ def _exists(path: Path) -> bool:
         return False
 
 
-def _resolve(path: Path, name: str) -> Path:
+def resolve(path: Path, name: str) -> Path:
+    """A path without links and dots; ``name`` is what messages call it."""
     try:
         return path.resolve()
     except (OSError, RuntimeError, ValueError) as error:

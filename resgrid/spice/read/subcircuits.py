@@ -233,8 +233,11 @@ def _stamp(flat: Flat, calls: list[tuple[Call, float]], elements: Elements) -> N
     nodes = _node_map(flat, [call for call, _ in calls], order.tolist(), elements.nodes)
     for kind, part in flat.parts.items():
         values = np.tile(widened(kind, part.values), (len(calls), 1))
-        if np.any(factor != 1.0):
-            _multiply(kind, values, np.repeat(factor, len(part)))
+        if np.any(factor != 1.0) and kind != "voltage source":
+            each = np.repeat(factor, len(part))[:, np.newaxis]
+            divided = RESISTIVE.get(kind, 0)
+            values[:, :divided] /= each
+            values[:, : 0 if divided else 1] *= each
         elements.parts[kind].append(
             Part(
                 partial(_names_of_instances, calls, part),
@@ -267,11 +270,3 @@ def _node_map(flat: Flat, calls: list[Call], orders: list[int], table: NodeTable
     )
     numbers[:, own] = inner.reshape(len(calls), len(own))
     return numbers
-
-
-def _multiply(kind: str, values: NDArray[np.float64], factor: NDArray[np.float64]) -> None:
-    if kind in RESISTIVE:
-        for column in RESISTIVE[kind]:
-            values[:, column] /= factor
-    elif kind != "voltage source":
-        values[:, 0] *= factor

@@ -27,8 +27,8 @@ own nominal temperature (NaN where it has none).  A nonlinear resistor's: ampere
 ohms when off, the voltages above (or below) which it is on and off, and the state between (1, 0).
 """
 
-RESISTIVE = {"resistor": (0,), "switch": (0, 1)}
-"""Values that ``m=`` divides; those of current sources and capacitors it multiplies."""
+RESISTIVE = {"resistor": 1, "switch": 2}
+"""How many values, the first ones, ``m=`` divides; the first one of current sources and capacitors it multiplies."""
 
 
 @dataclass(eq=False)
@@ -72,7 +72,8 @@ class NodeTable:
             return self._new(name, folded, order)
         if self.exact and name != self.names[number] and folded not in self.grounds:
             self.clashes.append(name)
-        if order < self._spelling_place(number) and folded not in self.grounds:
+        in_bulk = int(self._bulk_spelt_at[number]) if number < len(self._bulk_spelt_at) else 0
+        if order < self._spelt_at.get(number, in_bulk) and folded not in self.grounds:
             self.names[number] = name
             self._spelt_at[number] = order
         return number
@@ -89,12 +90,6 @@ class NodeTable:
             self._number["0"] = number
             self.aliases |= {folded} - {"0"}
         return number
-
-    def _spelling_place(self, number: int) -> int:
-        known = self._spelt_at.get(number)
-        if known is not None:
-            return known
-        return int(self._bulk_spelt_at[number]) if number < len(self._bulk_spelt_at) else 0
 
     def of_instances(self, names: list[str], orders: list[int]) -> NDArray[np.int64]:
         """Numbers of nodes within instances: new ones, unless names with a dot were used before; shape (n,)."""

@@ -13,7 +13,6 @@ from resgrid.spice.read.scopes import Scope
 _DELAYS = {"pulse": (2,), "sin": (3,), "sine": (3,), "exp": (2, 4), "pwl": (), "sffm": ()}
 """Waveforms that are known here, and which of their values are delays."""
 
-_SAY_DC = "say its value at direct current, DC ..."
 _OTHER_WAVEFORMS = frozenset(
     ("am", "trnoise", "trrandom", "external", "pat", "pattern", "prbs", "wavefile", "port", "lfsr", "trrand", "pwlz")
 )
@@ -40,63 +39,51 @@ def source_value(card: Card, tokens: list[Token], scope: Scope) -> SourceValue:
     value = source.value
     if value is None and source.waveform is not None:
         scope.diagnostics.inform(card.spot(), "a source without DC value has its waveform's value at time 0")
-        value = source.waveform.at_zero()
+        value = _at_zero(card, *source.waveform)
     if not tokens:
         scope.diagnostics.warn(card.spot(), "a source without any value is 0")
     return SourceValue(0.0 if value is None else value, source.keys.get("m", 1.0), source.keys.get("rser", 0.0))
 
 
-@dataclass(frozen=True)
-class _Waveform:
-    """Its name, its values, and what stands behind them with a key."""
-
-    card: Card
-    token: Token
-    values: list[float]
-    keys: dict[str, float]
-
-    def at_zero(self) -> float:
-        """What it is worth at time 0, where all simulators agree about that."""
-        name, text, values = self.token.text.lower(), self.token.text, self.values
-        delays = [values[i] for i in _DELAYS[name] if i < len(values)]
-        if name == "sffm":
-            raise self._error(f"simulators, and versions of ngspice, differ on {text} at time 0: {_SAY_DC}")
-        if min((*delays, self.keys.get("td", 0.0)), default=0.0) < 0:
-            raise self._error(f"{text} has a negative delay, and has begun at time 0: {_SAY_DC}")
-        if name == "pwl":
-            return self._polygon_at_zero()
-        if name in ("sin", "sine") and len(values) > 5:
-            return values[0] + values[1] * math.sin(math.radians(values[5]))
-        return values[0]
-
-    def _polygon_at_zero(self) -> float:
-        text, times, levels = self.token.text, self.values[0::2], self.values[1::2]
-        now = -self.keys.get("td", 0.0)
+def _at_zero(card: Card, token: Token, values: list[float], keys: dict[str, float]) -> float:
+    """What a waveform is worth at time 0, where all simulators agree about that."""
+    text = token.text
+    delays = [*(values[i] for i in _DELAYS[text.lower()] if i < len(values)), keys.get("td", 0.0)]
+    wrong = ""
+    if text.lower() == "sffm":
+        wrong = f"simulators, and versions of ngspice, differ on {text} at time 0"
+    elif min(delays) < 0:
+        wrong = f"{text} has a negative delay, and has begun at time 0"
+    elif text.lower() == "pwl":
+        times, levels, now = values[0::2], values[1::2], -keys.get("td", 0.0)
         if len(times) != len(levels):
-            raise self._error(f"{text} has a time without a value")
+            raise card.error(token.offset, f"{text} has a time without a value")
         if any(after <= time for time, after in pairwise(times)):
-            raise self._error(f"the times of {text} do not increase; simulators differ on that: {_SAY_DC}")
-        if times[-1] <= now and not self.keys.keys() <= {"td"}:
-            raise self._error(f"{text} has repeated itself before time 0: {_SAY_DC}")
-        i = bisect_right(times, now)
-        if i in (0, len(times)):
-            return levels[max(i - 1, 0)]
-        return levels[i - 1] + (levels[i] - levels[i - 1]) * (now - times[i - 1]) / (times[i] - times[i - 1])
-
-    def _error(self, text: str) -> Exception:
-        return self.card.error(self.token.offset, text)
+            wrong = f"the times of {text} do not increase; simulators differ on that"
+        elif times[-1] <= now and not keys.keys() <= {"td"}:
+            wrong = f"{text} has repeated itself before time 0"
+        else:
+            i = bisect_right(times, now)
+            if i in (0, len(times)):
+                return levels[max(i - 1, 0)]
+            return levels[i - 1] + (levels[i] - levels[i - 1]) * (now - times[i - 1]) / (times[i] - times[i - 1])
+    if wrong:
+        raise card.error(token.offset, f"{wrong}: say its value at direct current, DC ...")
+    if text.lower() in ("sin", "sine") and len(values) > 5:
+        return values[0] + values[1] * math.sin(math.radians(values[5]))
+    return values[0]
 
 
 @dataclass
 class _Source:
-    """What was read of a source."""
+    """What was read of a source; of its waveform the word, the values, and those that have a key."""
 
     card: Card
     tokens: list[Token]
     scope: Scope
     position: int = 0
     value: float | None = None
-    waveform: _Waveform | None = None
+    waveform: tuple[Token, list[float], dict[str, float]] | None = None
     keys: dict[str, float] = field(default_factory=dict)
 
     def read_next(self) -> None:
@@ -104,12 +91,14 @@ class _Source:
         word = token.text.lower() if token.kind == "word" else ""
         keyed = self._is_mark(self.position + 1, "=")
         own_keys = ("m", "rser") if self.card.rules.series_resistance else ("m",)
-        if word == "dc" or word in _IGNORED:
+        if word == "dc":
             self.position += 1 + keyed
-            if word == "dc":
-                self._state(token, self._number(token))
-            else:
-                self._skip_numbers()
+            self._state(token, self._number(token))
+        elif word in _IGNORED:
+            self.position += 1 + keyed
+            for _ in range(2):
+                if self.position < len(self.tokens) and self._begins_number():
+                    self._number(self.tokens[self.position])
         elif word in _DELAYS and not keyed:
             self.position += 1
             self._read_waveform(token)
@@ -137,11 +126,6 @@ class _Source:
         self.position += 1
         return self.scope.number(self.card, self.tokens[self.position - 1])
 
-    def _skip_numbers(self) -> None:
-        for _ in range(2):
-            if self.position < len(self.tokens) and self._begins_number():
-                self._number(self.tokens[self.position])
-
     def _begins_number(self) -> bool:
         token = self.tokens[self.position]
         return token.kind == "expression" or (token.kind == "word" and token.text[0] in "0123456789.+-")
@@ -168,4 +152,4 @@ class _Source:
             self.position += 1
         if len(values) < 2:
             raise self.card.error(token.offset, f"{token.text} needs two values at least, not {len(values)}")
-        self.waveform = _Waveform(self.card, token, values, keys)
+        self.waveform = token, values, keys

@@ -170,16 +170,11 @@ def run_quietly(
             ) from error
         finally:  # a time-out and Ctrl-C alike leave no process behind
             if process.poll() is None:
-                _kill(process)
+                if hasattr(os, "killpg"):  # with all that it started
+                    os.killpg(process.pid, signal.SIGKILL)
+                else:  # Windows
+                    process.kill()
                 process.wait()
-
-
-def _kill(process: subprocess.Popen[bytes]) -> None:
-    """End a program, with all that it started where the platform knows groups of processes."""
-    if hasattr(os, "killpg"):
-        os.killpg(process.pid, signal.SIGKILL)
-    else:  # Windows
-        process.kill()
 
 
 def _read_log(folder: Path) -> str:
@@ -198,8 +193,9 @@ def result_in(folder: Path, simulator: str, version: str, status: int) -> Simula
         return Simulation({}, {}, simulator, version, (f"{error} (exit status {status})", *complaints))
     read: dict[str, dict[str, float]] = {"voltage": {}, "current": {}}
     for name, kind, value in zip(raw.names, raw.kinds, raw.values[0].tolist(), strict=True):
-        if kind in read:
-            read[kind][_bare(name)] = value
+        if kind in read:  # n_0_0 from v(n_0_0), v_obstacle from i(v_obstacle) or v_obstacle#branch
+            inner = name[2:-1] if name[1:2] == "(" and name.endswith(")") else name
+            read[kind][inner.removesuffix("#branch")] = value
     return Simulation(read["voltage"], read["current"], simulator, version, complaints)
 
 
@@ -217,9 +213,3 @@ def _operating_point(path: Path) -> RawFile:
     if "voltage" not in raw.kinds:
         raise InputError("ngspice found no node in the deck")
     return raw
-
-
-def _bare(name: str) -> str:
-    """``n_0_0`` from ``v(n_0_0)``, ``v_obstacle`` from ``i(v_obstacle)`` or ``v_obstacle#branch``."""
-    inner = name[2:-1] if name[1:2] == "(" and name.endswith(")") else name
-    return inner.removesuffix("#branch")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -41,7 +41,8 @@ def read_rawfile(data: bytes, source: str = "raw file") -> RawFile:
             raise InputError(f"{source} is a text raw file, which rounds its numbers; ask for a binary one")
         raise InputError(f"{source} ends before its data ({len(data)} bytes)")
     lines = head.decode("utf-8", "replace").split("\n")
-    fields = dict(_fields(lines))
+    parted = (line.partition(":") for line in lines if not line.startswith("\t"))
+    fields = {key.strip().lower(): value.strip() for key, colon, value in parted if colon}
     variables, points = (_count(fields, key, source) for key in _COUNTED)
     complex_numbers = "complex" in fields.get("flags", "").lower()
     dtype = np.dtype("<c16" if complex_numbers else "<f8")
@@ -49,16 +50,14 @@ def read_rawfile(data: bytes, source: str = "raw file") -> RawFile:
     if len(body) != needed:
         problem = "ends too early" if len(body) < needed else "holds more than one plot"
         raise InputError(f"{source} {problem}: {len(body)} bytes of data where {needed} were announced")
-    names, kinds = _variables(lines, variables, source)
+    rows = [line.split() for line in lines if line.startswith("\t")]
+    if len(rows) != variables or any(len(row) < 3 or row[0] != str(i) for i, row in enumerate(rows)):
+        raise InputError(
+            f"{source} is damaged: its list of {variables} variables has {len(rows)} lines or is out of order"
+        )
+    _, names, kinds, *_ = zip(*rows, strict=False) if rows else ((), (), ())
     values = np.frombuffer(body, dtype=dtype).reshape(points, variables)
     return RawFile(fields.get("plotname", ""), names, kinds, values)
-
-
-def _fields(lines: list[str]) -> Iterator[tuple[str, str]]:
-    for line in lines:
-        key, colon, value = line.partition(":")
-        if colon and not line.startswith("\t"):
-            yield key.strip().lower(), value.strip()
 
 
 def _count(fields: Mapping[str, str], key: str, source: str) -> int:
@@ -66,13 +65,6 @@ def _count(fields: Mapping[str, str], key: str, source: str) -> int:
     if not (text.isascii() and text.isdigit() and len(text) < 12):
         raise InputError(f"{source} is damaged: {key!r} is {text!r}, not a number")
     return int(text)
-
-
-def _variables(lines: list[str], count: int, source: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    rows = [line.split() for line in lines if line.startswith("\t")]
-    if len(rows) != count or any(len(row) < 3 or row[0] != str(i) for i, row in enumerate(rows)):
-        raise InputError(f"{source} is damaged: its list of {count} variables has {len(rows)} lines or is out of order")
-    return tuple(row[1] for row in rows), tuple(row[2] for row in rows)
 
 
 def raw_of(op: OperatingPoint) -> RawFile:

@@ -139,7 +139,11 @@ def write_spice(
     if analyses:
         more["analyses"] = [_described(item) for item in analyses]
     if expected is not None:
-        more["expected"] = _checked_json(expected)
+        try:
+            json.dumps(expected, allow_nan=False)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"expected answers must be JSON without NaN: {error}") from error
+        more["expected"] = expected
     if scene_sha256 is not None:
         more["scene_sha256"] = scene_sha256
     if form == "cells":
@@ -195,14 +199,6 @@ def _described(analysis: Analysis) -> dict[str, Any]:
         changed = analysis.after is not None
         return {"kind": "transient", "stop": analysis.stop, "step": analysis.step, "changes_scene": changed}
     return {"kind": kind_of(analysis), **dataclasses.asdict(analysis)}
-
-
-def _checked_json(expected: Mapping[str, Any]) -> Mapping[str, Any]:
-    try:
-        json.dumps(expected, allow_nan=False)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"expected answers must be JSON without NaN: {error}") from error
-    return expected
 
 
 def _hash(text: str) -> str:

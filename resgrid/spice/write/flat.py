@@ -55,12 +55,20 @@ class Deck:
 class Additions:
     """What analyses ask of the lines of a deck.
 
-    `suffix`: what is added to the line of which of the netlist's voltage sources (a waveform); `spread`: standard
-    deviation of the resistances, relative, to be drawn by the simulator; 0 for none.
+    `suffix`: what is added to the line of which of the netlist's voltage sources (a waveform); `first`: what is added
+    to that of the first one that the deck holds; `spread`: standard deviation of the resistances, relative, to be drawn
+    by the simulator; 0 for none.
     """
 
     suffix: Mapping[int, str] = field(default_factory=dict)
+    first: str = ""
     spread: float = 0.0
+
+    def of(self, sources: Iterable[int]) -> list[str]:
+        """What is added to the lines of the voltage sources of a deck, numbered as in the netlist."""
+        numbers = list(sources)
+        least = min(numbers, default=0)
+        return [self.suffix.get(number, "") + self.first * (number == least) for number in numbers]
 
 
 _NOTHING = Additions()
@@ -218,7 +226,7 @@ def _lines_of(
         **columns,
         "a": [names[node] for node in first],
         "b": [names[node] for node in second],
-        "suffix": [additions.suffix.get(number, "") for number in chosen.tolist()],
+        "suffix": additions.of(chosen.tolist()) if kind == "voltage source" else [],
     }
     for key, column in ELEMENTS[kind][1].items():
         field_name = "value" if key in ("volts", "amps", "capacitance") else key

@@ -77,21 +77,11 @@ def legal_names(names: Sequence[str], initial: str, reserved: Iterable[str] = ()
     counters: dict[str, int] = {}
     for i, name in enumerate(legal):
         if not name:
-            legal[i] = _free_name(_tidy(names[i], initial), taken, counters)
+            base = _ILLEGAL.sub("_", names[i].lower())[:_MAX_LENGTH]
+            base = base if _LEGAL.fullmatch(base) else f"{initial}_{base}"
+            legal[i], number = base, counters.get(base, 2)
+            while legal[i] in taken:
+                legal[i], number = f"{base}_{number}", number + 1
+            counters[base] = number
             taken.add(legal[i])
     return legal
-
-
-def _tidy(name: str, initial: str) -> str:
-    tidy = _ILLEGAL.sub("_", name.lower())[:_MAX_LENGTH]
-    return tidy if _LEGAL.fullmatch(tidy) else f"{initial}_{tidy}"
-
-
-def _free_name(base: str, taken: set[str], counters: dict[str, int]) -> str:
-    if base not in taken:
-        return base
-    number = counters.get(base, 2)
-    while f"{base}_{number}" in taken:
-        number += 1
-    counters[base] = number + 1
-    return f"{base}_{number}"

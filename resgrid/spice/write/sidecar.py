@@ -23,6 +23,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveInt, Val
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import InputError
 from resgrid.files import read_bytes
+from resgrid.spice.circuit import some
 from resgrid.spice.dialects import dialect_named
 from resgrid.spice.write.flat import Deck
 
@@ -30,7 +31,6 @@ SCHEMA = 1
 _BLOCK_LINES = 16
 _BLOCK_DIGITS = 16
 _MAX_BYTES = 2**31
-_SHOWN = 5
 _BLANK = "0" * 64
 _SHARE_OF_CONDUCTANCE = 1e-3
 """What currents are held to at least, as a share of what the largest conductance would carry at the supply.
@@ -234,9 +234,8 @@ def altered_files(data: bytes, sidecar: Sidecar) -> list[str]:
     problems = []
     if hashlib.sha256(data).hexdigest() != sidecar.sha256:
         ranges = altered_lines(data, sidecar)
-        shown = ", ".join(f"{first}-{last}" for first, last in ranges[:_SHOWN])
-        more = f" and {len(ranges) - _SHOWN} more ranges" if len(ranges) > _SHOWN else ""
-        where = f"lines {shown}{more} differ" if ranges else "the hash in the sidecar differs, though no line does,"
+        shown = some([f"{first}-{last}" for first, last in ranges], len(ranges))
+        where = f"lines {shown} differ" if ranges else "the hash in the sidecar differs, though no line does,"
         problems.append(f"{where} from the deck that resgrid wrote (SHA-256 in {name})")
     if not sidecar.intact:
         problems.append(f"{name} differs from what resgrid wrote (its own SHA-256)")

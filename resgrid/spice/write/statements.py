@@ -56,12 +56,9 @@ def additions(analyses: Sequence[Analysis], netlist: Netlist, rules: Dialect) ->
             if volts[ends] != low:
                 points = f"0.0 {low!r} {transient.step!r} {volts[ends]!r}"
                 suffix[source] = rules.piecewise.format(points=points)
-    if only_one(analyses, NoiseAnalysis) is not None:
-        if not len(netlist.source_volts):
-            raise InputError("noise is referred to a voltage source, and there is none")
-        suffix[0] = suffix.get(0, "") + rules.small_signal
+    first = "" if only_one(analyses, NoiseAnalysis) is None else rules.small_signal
     mismatch: MismatchAnalysis | None = only_one(analyses, MismatchAnalysis)
-    return Additions(suffix, 0.0 if mismatch is None else mismatch.sigma)
+    return Additions(suffix, first, 0.0 if mismatch is None else mismatch.sigma)
 
 
 def _check_alike(before: Netlist, after: Netlist) -> None:
@@ -119,6 +116,8 @@ def format_analyses(name: str, deck: Deck, analyses: Sequence[Analysis]) -> str:
 def _check_names(deck: Deck, analyses: Sequence[Analysis]) -> None:
     if only_one(analyses, TransientAnalysis) is None and any(isinstance(item, Measure) for item in analyses):
         raise InputError("measure: it measures a transient, and none is asked for; add a TransientAnalysis")
+    if only_one(analyses, NoiseAnalysis) is not None and not deck.source_names:
+        raise InputError("noise is referred to a voltage source, and the deck holds none")
     nodes, sources = set(deck.node_names), set(deck.source_names)
     for analysis in analyses:
         asked = analysis.nodes if isinstance(analysis, Probe) else ()

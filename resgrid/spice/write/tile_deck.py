@@ -55,9 +55,9 @@ def _deck_lines(tiles: Tiles, flat: Deck, name: str, additions: Additions) -> It
     yield from (rules.include.format(file=f"{name}.{part}") for part in ("pattern", "chip"))
     yield f"{rules.comment}supplies of the rails"
     supplies = zip(netlist.names_of(netlist.source_nodes[:, 0]), plain(netlist.source_volts), strict=True)
-    for number, (node, volts) in sorted(enumerate(supplies), key=lambda entry: entry[1], reverse=True):
-        source = rules.voltage_source.format(name=f"v_{node}", a=node, b=rules.ground, value=volts)
-        yield source + additions.suffix.get(number, "")
+    suffixes = additions.of(range(len(netlist.source_volts)))
+    for (node, volts), suffix in sorted(zip(supplies, suffixes, strict=True), reverse=True):
+        yield rules.voltage_source.format(name=f"v_{node}", a=node, b=rules.ground, value=volts) + suffix
     yield from [rules.end] if rules.end else []
 
 

@@ -1,0 +1,153 @@
+"""Every current is right beside what flows through its own nodes, or the answer is refused: against exact fractions."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from support.circuits import exact_currents
+from support.spaces import serpentine, space_of
+
+import resgrid as rg
+
+_LEAST = Fraction(1, 10**28)
+"""Share of the largest current below which one may count as none."""
+
+
+def assert_right(netlist: rg.Netlist, point: rg.OperatingPoint) -> None:
+    """Each current, beside what flows through the lesser of its ends; and each voltage beside the largest one."""
+    voltage, current = exact_currents(netlist)
+    through = [Fraction(0)] * netlist.node_count
+    flows = zip(netlist.resistor_nodes.tolist(), current, strict=True)
+    fed = zip(netlist.current_nodes.tolist(), map(Fraction, netlist.current_amps.tolist()), strict=True)
+    for ends, amps in [*flows, *fed]:
+        for node in ends:
+            through[node] += abs(amps) / 2
+    largest = max(map(abs, current))
+    for (a, b), told, amps in zip(netlist.resistor_nodes.tolist(), point.resistor_current, current, strict=True):
+        most = max(Fraction(3e-6) * min(through[a], through[b]), largest * _LEAST)
+        assert abs(Fraction(float(told)) - amps) <= most, (a, b, told, float(amps))
+    error = [abs(Fraction(float(told)) - volts) for told, volts in zip(point.voltage, voltage, strict=True)]
+    assert max(error) <= 1e-9 * max(map(abs, voltage))
+
+
+@st.composite
+def stiff_circuits(draw: st.DrawFn) -> rg.Netlist:
+    """Two to twelve nodes, up to 24 decades of conductances, up to four ideal sources and three of current."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    n, decades = int(rng.integers(2, 13)), draw(st.sampled_from([4.0, 12.0, 24.0]))
+    pairs = [(int(rng.integers(0, k)), k) for k in range(1, n)]
+    pairs += [tuple(rng.choice(n, 2, replace=False).tolist()) for _ in range(int(rng.integers(0, 2 * n)))]
+    exponent = rng.integers(-1, 2, len(pairs)) if draw(st.booleans()) else rng.uniform(-1, 1, len(pairs))
+    part, sources = np.arange(n), []
+    for _ in range(int(rng.integers(0, 5))):
+        a, b = rng.choice(n, 2, replace=False).tolist()
+        b = 0 if rng.random() < 0.7 else b
+        if part[a] != part[b]:
+            part[part == part[a]] = part[b]
+            sources.append((a, b))
+    fed = [rng.choice(n, 2, replace=False).tolist() for _ in range(int(rng.integers(not sources, 4)))]
+    return rg.Netlist(
+        n,
+        pairs,
+        10.0 ** (decades / 2 * exponent),
+        np.reshape(sources, (-1, 2)),
+        rng.choice([1.0, 2.0, -1.0, 0.3, 5.0, 1e-6], len(sources)),
+        current_nodes=np.reshape(fed, (-1, 2)),
+        current_amps=10.0 ** rng.uniform(-9, 0, len(fed)),
+    )
+
+
+@settings(max_examples=400)
+@given(stiff_circuits(), st.sampled_from(["auto", "direct", "multigrid"]))
+def test_currents_of_stiff_circuits_are_right_or_refused(netlist: rg.Netlist, method: str) -> None:
+    try:
+        point = rg.solve(netlist, method=method)
+    except rg.AccuracyError:
+        assert np.ptp(np.log10(netlist.conductance)) > 10
+        return
+    except rg.CircuitError as error:
+        assert "touches ground" in str(error)
+        return
+    assert_right(netlist, point)
+
+
+def tied(pairs: list[tuple[int, int]], conductance: list[float], volts: list[float], amps: float = 0.0) -> rg.Netlist:
+    """Nodes 1 ... of ideal sources to ground, and a current into node 2 where there is one."""
+    sources = [(node, 0) for node in range(1, len(volts) + 1)]
+    fed = {"current_nodes": [(0, 2)], "current_amps": [amps]} if amps else {}
+    return rg.Netlist(max(map(max, pairs)) + 1, pairs, conductance, sources, volts, **fed)
+
+
+@pytest.mark.parametrize(
+    "netlist",
+    [
+        tied([(2, 1), (2, 0)], [1e6, 1e-12], [1.0], 2.27e-9),
+        tied([(2, 1), (2, 0)], [1e12, 1e-12], [1.0], 2.27e-9),
+        tied([(2, 1), (2, 0)], [1e12, 1e-12], [1.0], 3.4e-8),
+        tied([(3, 1), (3, 2), (3, 0)], [1e12, 1e-12, 3e-12], [1.0, 2.0]),
+        tied([(3, 1), (3, 2), (3, 0)], [1e6, 1e-6, 3e-6], [1.0, 2.0]),
+        tied([(3, 1), (3, 2), (3, 0)], [1e2, 1e-10, 3e-10], [1.0, 2.0]),
+        rg.Netlist(  # what circulates around the floating source drowns what holds its height
+            5,
+            [(2, 3), (4, 2), (2, 1), (2, 0)],
+            [1e12, 3e12, 1e-12, 1e-12],
+            source_nodes=[[1, 0], [3, 4]],
+            source_volts=[1.0, 1e-6],
+        ),
+    ],
+)
+def test_a_stiff_tie_to_a_rail_keeps_its_current(netlist: rg.Netlist) -> None:
+    for method in ("direct", "multigrid"):
+        point = rg.solve(netlist, method=method)
+        assert_right(netlist, point)
+        assert "balance" in point.seconds
+
+
+@pytest.mark.parametrize("method", ["direct", "multigrid"])
+def test_currents_far_down_a_wide_dead_end_are_right(method: str) -> None:
+    """Beyond the start a corridor two cells wide is flat but for what falls off by the same factor at every step."""
+    cell = np.zeros((2, 200), dtype=np.uint8)
+    cell[0, 0] = 2
+    netlist = rg.compile_space(space_of(cell), boundary="neumann", drive="start", start=(1, 3), edge="open")
+    point = rg.solve(netlist, method=method)
+    node = netlist.cells.node
+    across = {tuple(pair): k for k, pair in enumerate(np.sort(netlist.resistor_nodes, axis=1).tolist())}
+    rungs = [across[tuple(sorted((node[0, x], node[1, x])))] for x in range(5, 200)]
+    log = point.resistor_log_current[rungs]
+    # Falls f across rungs obey f(x-1) - 4 f(x) + f(x+1) = 0; at the closed end f(x-1) = 3 f(x).
+    steps = np.arange(len(rungs))[::-1]
+    expected = np.log(np.cosh((steps + 0.5) * np.arccosh(2.0)))
+    np.testing.assert_allclose(log - log[-1], expected - expected[-1], rtol=1e-9, atol=1e-9)
+    assert log[-1] < -230 and point.kcl_residual < 1e-9
+
+
+def test_a_maze_without_a_way_on_carries_nothing() -> None:
+    """Trees behind the start are flat, exactly."""
+    cell = serpentine(9, 60, 1)
+    netlist = rg.compile_space(space_of(cell), boundary="neumann", drive="start", start=(9, 30))
+    point = rg.solve(netlist)
+    assert 0.4 < np.mean(point.resistor_direction == 0) < 0.6
+    assert "balance" not in point.seconds
+
+
+@pytest.mark.parametrize(("stiff", "weak"), [(1e12, 1e-12), (1.0, 1e-24), (1e3, 1e3)])
+@pytest.mark.parametrize("method", ["direct", "multigrid"])
+def test_islands_between_two_rails(stiff: float, weak: float, method: str) -> None:
+    """Two complete graphs of four nodes beside each other, each tied to both rails at 5 V and 0 V."""
+    complete = [(first + i, first + j) for first in (2, 6) for i in range(4) for j in range(i)]
+    ties = [(1, 2), (0, 3), (4, 6), (5, 7), (1, 8), (0, 9)]
+    conductance = [stiff] * len(complete) + [weak] * len(ties)
+    netlist = rg.Netlist(10, complete + ties, conductance, source_nodes=[[1, 0]], source_volts=[5.0])
+    assert_right(netlist, rg.solve(netlist, method=method))
+
+
+def test_balanced_currents_in_a_chain_that_is_hardly_grounded() -> None:
+    netlist = rg.Netlist(
+        5, [[1, 2], [2, 3], [3, 4], [4, 0]], [1e12, 1e12, 1e12, 1e-12], current_nodes=[[1, 3]], current_amps=[1.0]
+    )
+    point = rg.solve(netlist)
+    np.testing.assert_allclose(point.voltage, [0.0, -2e-12, -1e-12, 0.0, 0.0], rtol=1e-6, atol=1e-18)
+    np.testing.assert_allclose(point.resistor_current, [-1.0, -1.0, 0.0, 0.0], rtol=1e-6, atol=1e-18)
