@@ -4,7 +4,7 @@ from importlib import import_module
 from typing import Any
 
 ANALYSES = ("yield", "precision", "settling", "noise", "power", "sensitivity", "exploration", "defects")
-"""Every analysis, in the order of the report; see `resgrid.chip.sections`."""
+"""Every analysis, in the order of the report; see `resgrid.chip.report`."""
 
 
 def __getattr__(name: str) -> Any:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from resgrid import die
 from resgrid.chip import passes
 from resgrid.chip.figures import formatted
-from resgrid.chip.passes import InternodalSwitches, Mismatch, Pass
+from resgrid.chip.passes import Faults, InternodalSwitches, Mismatch, Pass
 from resgrid.chip.passes.base import checked
 from resgrid.die import seed_of
 from resgrid.errors import InputError
@@ -92,8 +92,7 @@ def conductance_samples(netlist: Netlist, seeds: Iterable[Any], *, chip: Chip) -
     ``build_chip(study.ideal, study.chip, seed)``, shape (chips, resistors).  Refused where defects or saturation change
     the circuit.
     """
-    defects = chip.defects
-    if chip.saturation_voltage is not None or defects.open_density or defects.short_density or defects.open_at:
+    if chip.saturation_voltage is not None or Faults.of(chip, 0):
         raise InputError(
             "chips with defects or saturation differ in more than their conductances; build them one by one"
         )

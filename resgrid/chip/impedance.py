@@ -194,10 +194,7 @@ def _require_digits(dynamics: Dynamics, rounding: NDArray[np.float64], most: flo
 def _quadrature(
     dynamics: Dynamics, band: tuple[float, float]
 ) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
-    """Weight of the resistance at 0 Hz, then frequencies and weights (Gauss-Legendre in the logarithm).
-
-    Below the corner the density is the parabola through its values at 0 Hz and at the upper end of that part.
-    """
+    """Weight of the resistance at 0 Hz (below its corner the density is a parabola), then frequencies and weights."""
     low, high = band
     if not charge_basis(dynamics).charged.any():
         return high - low, np.empty(0), np.empty(0)

@@ -54,11 +54,9 @@ def laplacian_root(laplacian: Laplacian) -> sparse.csr_array:
 
 
 def accurate_solver(factors: Factor, capacitance: Laplacian) -> Solver:
-    """How to solve with a factor without loss.
+    """How to solve with a factor without loss: entry by entry, unless a plain solution gives the same Elmore delays.
 
-    Elmore delays, the solution for all capacitances, are dominated by the slowest parts, which are also what rounding
-    spoils first.  Where those of the plain solution differ from those found entry by entry, every solution is found
-    entry by entry.
+    These are dominated by the slowest parts, which rounding spoils first.
     """
 
     def plain(b: Floats) -> Floats:
@@ -80,10 +78,7 @@ def accurate_solver(factors: Factor, capacitance: Laplacian) -> Solver:
 
 
 def entrywise_solution(factors: Factor, b: Floats, watch: Watch | None = None) -> Floats:
-    """Solve for positive and for negative currents apart, each right entry by entry, and subtract.
-
-    Shapes: `b` (n,); returns (n,).
-    """
+    """Solve for positive and for negative currents (n,) apart, each right entry by entry, and subtract."""
     x, low = np.zeros(len(b)), np.zeros(len(b))
     for sign in (1.0, -1.0):
         currents = np.maximum(sign * b, 0.0)

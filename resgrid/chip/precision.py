@@ -46,10 +46,7 @@ class Steps:
     log_volts: NDArray[np.float64]
 
     def lowest(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Lowest neighbour of every cell, -1 where none is lower, and the logarithm of the step down to it (-inf).
-
-        Of equal ones the first, along the axes in their order.  Returns `neighbour` (cells,), `log_volts` (cells,).
-        """
+        """Lowest neighbour of every cell (-1 for none), of equal ones the first, and the log of the step down to it."""
         size = self.cells.space.cell.size
         down = np.where(self.sign > 0, self.log_volts, -np.inf)
         best = np.full(size, -np.inf)

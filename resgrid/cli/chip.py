@@ -28,7 +28,7 @@ from resgrid.errors import InputError
 from resgrid.files import SUMMARY, whole_folder
 
 if TYPE_CHECKING:
-    from resgrid.chip.sections import Effort, Section
+    from resgrid.chip.report import Effort, Section
     from resgrid.chip.studies import Study
     from resgrid.spice.check.agreement import Agreement
 
@@ -84,8 +84,7 @@ def command(
     beside the folder until it is whole, and a run that was interrupted takes them up where it stopped.
     """
     from resgrid.chip.decks import described_files
-    from resgrid.chip.report import checkpoints_beside, report_markdown
-    from resgrid.chip.sections import Effort
+    from resgrid.chip.report import Effort, checkpoints_beside, report_markdown
     from resgrid.io.tables import html_page, json_text
     from resgrid.workers import open_executor
 

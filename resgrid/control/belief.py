@@ -77,9 +77,5 @@ class LiveMap:
 
 
 def solve_again(field: Field, space: ConfigurationSpace) -> Field:
-    """The field of a changed space, wired and blended as another was.
-
-    In a map without any obstacle, or edge that counts as one, the Dirichlet part of a blend is flat; what flows is the
-    share ``1 - k`` of the Neumann part.
-    """
+    """The field of a changed space, wired and blended as another was."""
     return solve_field(space, field.wiring, field.k if field.boundary == "blend" else None)

@@ -96,10 +96,7 @@ def solve_contacts(
     opening: NDArray[np.float64],
     stops: NDArray[np.float64] | None = None,
 ) -> Contacts:
-    """Contact forces, and the velocity they leave.
-
-    Shapes: `touching` (n,), `velocity` (ndim,), `admittance` (ndim, ndim), `opening` (n,), `stops` (s, ndim).
-    """
+    """Contact forces, and the velocity they leave.  Shapes: `touching, opening` (n,), `stops` (s, ndim)."""
     pairs = around.pairs[touching]
     ends = np.empty((0, len(velocity))) if stops is None else stops
     count = len(pairs)
@@ -128,8 +125,7 @@ class Body:
     """A robot's true configuration, and the steps it can take from there.
 
     Contacts hold gaps to first order, and a turning link bends towards what it slides along.  So every step is
-    shortened to the share of it for which a gap is known to remain (`Plant.free_share`), pose after pose: a robot that
-    starts outside of every obstacle never enters one, between two configurations as little as at them.  One that
+    shortened to the share of it for which a gap is known to remain (`Plant.free_share`), pose after pose.  One that
     touches at the start is lifted off by `_LIFT` (for each metre, and one more, of the largest radius), so that it is
     known on which side it is; wedged so tightly that it cannot be, it never moves.
 

@@ -106,11 +106,8 @@ class Plant:
     def proven_cells(self, point: ArrayLike) -> NDArray[np.bool_]:
         """Cells that the conservative rule blocks for one point of the workspace, shape (2,).
 
-        Among them are all cells that hold a configuration in which the robot meets the point; of an arm or a turning
-        polygon also some whose nearest configuration passes it at a fraction of a cell's motion: the rule is a bound.
-        If the point belongs to an obstacle, each of them is an obstacle cell by that rule, which blocks every cell for
-        a set of points that it blocks for one of them.  Nothing else is claimed about the obstacle: this is all that a
-        contact proves (Connolly & Grupen 1992, section 7, figure 19).
+        Each of them is an obstacle cell by that rule if the point belongs to an obstacle; nothing else is claimed about
+        it: this is all that a contact proves (Connolly & Grupen 1992, section 7, figure 19).
         """
         place = tuple(np.asarray(point, dtype=np.float64).tolist())
         return self.robot.occupancy(self.axes, [Ball(place, 0.0)], "conservative") & ~self.itself

@@ -130,7 +130,7 @@ def test_readings_state_the_limits_of_the_integral() -> None:
         ({"band": (0.0, np.inf)}, "limit"),
         ({"temperature": 0.0}, "kelvin"),
         ({"method": "guess"}, "exact"),
-        ({"samples": 1}, "error bar"),
+        ({"samples": 1}, "at least 2"),
         ({"samples": 2.5}, "samples = 2.5"),
         ({"samples": "x"}, "samples = 'x'"),
         ({"seed": -1}, "seed = -1"),

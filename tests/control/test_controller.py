@@ -149,7 +149,7 @@ def test_what_cannot_be_commanded_is_said(point, force, says) -> None:
         ({"speed": 0.0}, "above 0"),
         ({"speed": np.nan}, "above 0"),
         ({"speed_limits": [1.0, 0.0]}, "above 0"),
-        ({"response": "hope"}, "admittance, equipotential"),
+        ({"response": "hope"}, "'admittance' or 'equipotential'"),
     ],
 )
 def test_impossible_controllers_are_refused(options, says) -> None:
