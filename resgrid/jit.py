@@ -5,13 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
+import numba
 import numpy as np
 from numba import njit
-from numba._dynfunc import make_function
-from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import CompilerBase, DefaultPassBuilder
-from numba.core.compiler_machinery import register_pass
-from numba.core.typed_passes import NativeLowering
 
 FAST = {"contract", "reassoc", "nsz", "arcp"}
 """Liberties with the order of sums, so that they fill the vector registers; infinities and NaN keep their meaning."""
@@ -22,44 +18,58 @@ ZERO = cast(int, np.int64(0))
 _Loop = TypeVar("_Loop", bound=Callable[..., Any])
 
 
-class _Part(JITCodeLibrary):
-    """Code that is optimized and translated as a part of its callers alone, not once more by itself."""
-
-    def _optimize_final_module(self) -> None:
-        """Left to the callers."""
-
-    def _finalize_final_module(self) -> None:
-        """Ready to be linked, not to be run."""
-        self._finalize_dynamic_globals()
-        self._finalized = True
+_KNOWN = (0, 68)
+"""The numba whose insides `_part_compiler` knows; any other compiles inner loops in its slower, ordinary way."""
 
 
-@register_pass(mutates_CFG=True, analysis_only=False)
-class _PartLowering(NativeLowering):
-    _name = "part_lowering"
+def _part_compiler() -> type[Any]:
+    """A compiler of loops that are optimized and translated as parts of their callers alone."""
+    from numba._dynfunc import make_function
+    from numba.core.codegen import JITCodeLibrary
+    from numba.core.compiler import CompilerBase, DefaultPassBuilder
+    from numba.core.compiler_machinery import register_pass
+    from numba.core.typed_passes import NativeLowering
 
-    def run_pass(self, state: Any) -> bool:
-        """Lower to a `_Part`; what stands for it among numba's functions has no address, for nothing calls it."""
-        state.library = _Part(state.targetctx.codegen(), state.func_id.func_qualname)
-        state.flags.no_compile = True
-        super().run_pass(state)
-        of = state.cr.fndesc
-        name = make_function(of.lookup_module(), of.qualname, "", 0, state.cr.env, (state.library,))
-        state.targetctx.insert_user_function(name, of, [state.library])
-        state.cr = state.cr._replace(cfunc=name)
-        return True
+    class Part(JITCodeLibrary):
+        """Code that is not optimized and translated once more by itself."""
 
+        def _optimize_final_module(self) -> None:
+            """Left to the callers."""
 
-class _PartCompiler(CompilerBase):
-    def define_pipelines(self) -> list[Any]:
-        passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
-        passes.passes = [(_PartLowering if one is NativeLowering else one, why) for one, why in passes.passes]
-        passes.finalize()
-        return [passes]
+        def _finalize_final_module(self) -> None:
+            """Ready to be linked, not to be run."""
+            self._finalize_dynamic_globals()
+            self._finalized = True
+
+    @register_pass(mutates_CFG=True, analysis_only=False)
+    class PartLowering(NativeLowering):
+        _name = "part_lowering"
+
+        def run_pass(self, state: Any) -> bool:
+            """Lower to a `Part`; what stands for it among numba's functions has no address, for nothing calls it."""
+            state.library = Part(state.targetctx.codegen(), state.func_id.func_qualname)
+            state.flags.no_compile = True
+            super().run_pass(state)
+            of = state.cr.fndesc
+            name = make_function(of.lookup_module(), of.qualname, "", 0, state.cr.env, (state.library,))
+            state.targetctx.insert_user_function(name, of, [state.library])
+            state.cr = state.cr._replace(cfunc=name)
+            return True
+
+    class PartCompiler(CompilerBase):
+        def define_pipelines(self) -> list[Any]:
+            passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
+            passes.passes = [(PartLowering if one is NativeLowering else one, why) for one, why in passes.passes]
+            passes.finalize()
+            return [passes]
+
+    return PartCompiler
 
 
 _KERNEL: dict[str, Any] = {"cache": True, "nogil": True, "no_cfunc_wrapper": True}
-_INNER: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": _PartCompiler}
+_INNER: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+if numba.version_info.short == _KNOWN:
+    _INNER["pipeline_class"] = _part_compiler()
 
 
 def kernel(function: _Loop) -> _Loop:
