@@ -36,6 +36,11 @@ class Journal:
                 else:
                     self._check(first, head)
                     _drop_torn_line(file)
+        except FileNotFoundError as error:
+            folder = str(self._path.parent)
+            raise InputError(
+                f"cannot write the checkpoint {str(path)!r}: there is no folder {folder!r}; make it first"
+            ) from error
         except OSError as error:
             raise self._unusable(error) from error
 
@@ -60,7 +65,7 @@ class Journal:
 
     def _check(self, first: bytes, head: dict[str, Any]) -> None:
         try:
-            found = json.loads(first)
+            found = json.loads(first.decode(errors="replace"))
         except ValueError as error:
             raise self.damaged(error) from error
         if not isinstance(found, dict) or found.keys() != head.keys():

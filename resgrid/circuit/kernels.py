@@ -181,13 +181,17 @@ def rail_contacts(
 
 @kernel
 def add_injected(pairs: Indices, amps: Floats, row: Indices, injected: Floats) -> None:
-    """Add the currents of current sources to the rows they lead to, and take them from those they come from."""
+    """Add the currents of current sources to the rows they lead to, and take them from those they come from.
+
+    The sum of a row is rounded once: several sources may nearly cancel.
+    """
+    rest = np.zeros_like(injected)
     for k in range(len(pairs)):
         i, j = row[pairs[k, 0]], row[pairs[k, 1]]
         if i >= 0:
-            injected[i] -= amps[k]
+            injected[i], rest[i] = _sum(injected[i], rest[i], -amps[k], 0.0)
         if j >= 0:
-            injected[j] += amps[k]
+            injected[j], rest[j] = _sum(injected[j], rest[j], amps[k], 0.0)
 
 
 @kernel

@@ -52,11 +52,11 @@ class Balance:
 
 def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
     """Current that the current sources feed into every node, in amperes; shape (nodes,)."""
-    count = netlist.node_count
-    taken, fed = netlist.current_nodes.T
-    amps = netlist.current_amps
-    # Counts of nothing come as whole numbers, whatever their weights.
-    return np.asarray(np.bincount(fed, amps, count) - np.bincount(taken, amps, count), dtype=np.float64)
+    from resgrid.circuit.kernels import add_injected
+
+    injected = np.zeros(netlist.node_count)
+    add_injected(netlist.current_nodes, netlist.current_amps, np.arange(len(injected), dtype=np.int32), injected)
+    return injected
 
 
 def read_normwise(

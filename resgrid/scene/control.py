@@ -36,7 +36,7 @@ class Control:
     response : str
         Whether a contact force turns the robot along the equipotential, or pushes it.
     friction : float
-        Coefficient of Coulomb friction of all contacts.
+        Coefficient of Coulomb friction of all contacts, at most 1e6.
     learn : bool
         Whether what is touched is marked in the map.
     step : float
@@ -80,7 +80,7 @@ class Control:
     speed_limits: Speeds | None = None
     admittance: Numbers | None = None
     response: Literal["equipotential", "admittance"] = "equipotential"
-    friction: Annotated[float, Ge(0)] = 0.2
+    friction: Annotated[float, Ge(0), Le(1e6)] = 0.2
     learn: bool = True
     step: Annotated[float, Gt(0), Le(0.5)] = 0.2
     steps: Annotated[int, Ge(1), Le(10_000_000)] = 50_000

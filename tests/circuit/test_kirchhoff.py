@@ -151,3 +151,10 @@ def test_balanced_currents_in_a_chain_that_is_hardly_grounded() -> None:
     point = rg.solve(netlist)
     np.testing.assert_allclose(point.voltage, [0.0, -2e-12, -1e-12, 0.0, 0.0], rtol=1e-6, atol=1e-18)
     np.testing.assert_allclose(point.resistor_current, [-1.0, -1.0, 0.0, 0.0], rtol=1e-6, atol=1e-18)
+
+
+def test_sources_that_nearly_cancel_at_a_node_are_summed_exactly() -> None:
+    amps = [1e-09, 3.451341256858813e-10, -3.2800583629327586e-08, 3.145544950364485e-08]
+    chain = rg.Netlist(4, [[2, 1], [1, 0], [2, 3]], np.ones(3), current_nodes=[[0, 3]] * 4, current_amps=amps)
+    exact = float(sum(map(Fraction, amps)))
+    np.testing.assert_allclose(rg.solve(chain).resistor_current, [exact, exact, -exact], rtol=1e-12)
