@@ -24,6 +24,9 @@ from resgrid.solvers.monitor import Progress, Watch
 from resgrid.solvers.refine import is_answer
 from resgrid.solvers.team import Team
 
+_STIFF = 1e-9
+"""Ratio of conductances from which the rounding of the large ones may hide what the small ones carry."""
+
 
 def solve_linear(
     netlist: Netlist, *, accuracy: str, method: str, rtol: float, threads: int = 1, progress: Progress | None = None
@@ -60,18 +63,25 @@ def _solved(netlist: Netlist, accuracy: str, method: str, rtol: float, team: Tea
         del factors
     with _timed(seconds, "read"):
         point, residual, faint = read_entrywise(system, values, name, seconds, team)
-    doubt = values.doubt
+    doubt, balanced = values.doubt, False
     if point.readings.log_current is None and (faint or doubt > CERTAIN or _asks_for_balance(system, point)):
         with _timed(seconds, "balance"):
             found = balance(system)
             if found is not None:
-                values, doubt = values_above(system, found.volts, found.above, team), found.doubt
+                values, doubt, balanced = values_above(system, found.volts, found.above, team), found.doubt, True
                 point, residual, _ = read_entrywise(system, values, name, seconds, team, found.falls)
     signed = point.log_drop is None and point.potential is None
     bound = np.inf if signed else watch.bound + np.finfo(np.float64).eps
     point = replace(
         point, iterations=watch.iterations, backward_error=watch.error, entry_error=bound, levels=watch.levels
     )
+    if not balanced and not is_answer(point.backward_error, point.entry_error):
+        raise AccuracyError(
+            f"method {point.method!r} reached a componentwise backward error of {point.backward_error:.1e} only: the "
+            "potential falls, or the conductances differ, by more decades than it can hold; use another method, or "
+            "accuracy = 'normwise'",
+            point,
+        )
     _check_direction(point, residual, doubt)
     return point
 
@@ -80,7 +90,7 @@ def _asks_for_balance(system: Equations, point: OperatingPoint) -> bool:
     """Whether differences of voltages may not tell all currents.
 
     They do not where currents do not add up; rounding may hide some where floating sources drive others around, and
-    where conductances differ by more decades than a double has, or both signs drive: small circuits are balanced then.
+    where conductances differ by many decades, or both signs drive: small circuits are balanced then.
     """
     if system.forest.lift > 0.0 or point.kcl_residual > DIRECTION_RESIDUAL:
         return True
@@ -88,7 +98,7 @@ def _asks_for_balance(system: Equations, point: OperatingPoint) -> bool:
         return False
     found = count_connections(system.laplacian)
     mixed = point.log_drop is None and point.potential is None
-    return bool(mixed or found.smallest < np.finfo(np.float64).eps * found.largest)
+    return bool(mixed or found.smallest < _STIFF * found.largest)
 
 
 @contextmanager
@@ -105,13 +115,6 @@ def _check_direction(point: OperatingPoint, residual: NDArray[np.float64], doubt
             f"currents nearly cancel: they may be off by {doubt:.1e} of what flows through a node (at most "
             f"{DIRECTION_RESIDUAL:g} is allowed); check what ties the circuit to its rails, or use accuracy = "
             "'normwise'",
-            point,
-        )
-    if not is_answer(point.backward_error, point.entry_error):
-        raise AccuracyError(
-            f"method {point.method!r} reached a componentwise backward error of {point.backward_error:.1e} only: the "
-            "potential falls, or the conductances differ, by more decades than it can hold; use another method, or "
-            "accuracy = 'normwise'",
             point,
         )
     if not point.kcl_residual <= DIRECTION_RESIDUAL:

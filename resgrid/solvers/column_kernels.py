@@ -32,14 +32,12 @@ class Columns(NamedTuple):
 class Gaps(NamedTuple):
     """Voltages as differences, in double-double (the ``low`` arrays hold the rest).
 
-    `change` (n,): of a row from the node its voltage hangs on most, its base; `size` (n,): sum of the magnitudes of
-    what it is made of; `apart` (entries,): of a column's row from the entry's; `above` (n, rails): of a row from every
-    rail.
+    `change` (n,): of a row from the node its voltage hangs on most, its base; `apart` (entries,): of a column's row
+    from the entry's; `above` (n, rails): of a row from every rail.
     """
 
     change: Floats
     change_low: Floats
-    size: Floats
     apart: Floats
     apart_low: Floats
     above: Floats
@@ -123,7 +121,7 @@ def substitute_differences(columns: Columns, fed: Floats, ties: Floats, volts: F
     """
     n, rails = len(columns.pivot), len(volts)
     starts, rows, weight = columns.starts, columns.rows, columns.weight
-    change, change_low, sizes, apart, apart_low, above, above_low = gaps
+    change, change_low, apart, apart_low, above, above_low = gaps
     place = np.full(n, -1, np.int64)
     for k in range(n - 1, -1, -1):
         first, last, pivot, base = starts[k] + 1, starts[k + 1], columns.pivot[k], _base(columns, ties, k)
@@ -140,7 +138,7 @@ def substitute_differences(columns: Columns, fed: Floats, ties: Floats, volts: F
             total += ties[k, r] / pivot * above[k, r]
             size += ties[k, r] / pivot * abs(above[k, r])
         if not given:
-            change[k], sizes[k] = 0.0 if abs(total) <= _ROUNDING * size else total, size
+            change[k] = 0.0 if abs(total) <= _ROUNDING * size else total
         for q in range(first, last):
             apart[q], apart_low[q] = _less(change[k], change_low[k], apart[q], apart_low[q])
         for r in range(rails):

@@ -18,9 +18,6 @@ from resgrid.solvers.supernodal import SupernodalFactors
 if TYPE_CHECKING:
     from resgrid.solvers.column_kernels import Columns, Gaps
 
-_NOTHING = 2.0**-98
-"""A change this small beside what it is made of is what rounding leaves of none."""
-
 
 @dataclass(frozen=True, eq=False)
 class Differences:
@@ -43,18 +40,16 @@ class Differences:
         feed_forward(self.columns, carried)
         (change, change_low), (apart, apart_low) = np.zeros((2, n)), np.zeros((2, entries))
         above, above_low = np.zeros((2, n, len(volts)))
-        gaps = Gaps(change, change_low, np.empty(n), apart, apart_low, above, above_low)
+        gaps = Gaps(change, change_low, apart, apart_low, above, above_low)
         substitute_differences(self.columns, carried, self.ties, volts, gaps, given=False)
         return gaps
 
     def correct(self, gaps: Gaps, more: Gaps, volts: NDArray[np.float64]) -> None:
-        """Add the changes of other gaps, in place; none stays that is noise beside what it was made of."""
+        """Add the changes of other gaps, in place."""
         from resgrid.solvers.column_kernels import substitute_differences
         from resgrid.solvers.refine_kernels import corrected
 
         corrected(gaps.change.copy(), gaps.change_low.copy(), more.change, gaps.change, gaps.change_low)
-        noise = np.abs(gaps.change) <= _NOTHING * gaps.size
-        gaps.change[noise] = gaps.change_low[noise] = 0.0
         substitute_differences(self.columns, np.zeros((len(self.order), 2)), self.ties, volts, gaps, given=True)
 
     def falls(
