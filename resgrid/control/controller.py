@@ -194,10 +194,10 @@ class Controller:
     @cached_property
     def _kernel(self) -> Callable[[NDArray[np.float64], NDArray[np.float64]], tuple[int, float]]:
         """What the field says at a point, whose velocity is written into the second array."""
-        from resgrid.control.kernels import FlowGrid, nominal
+        from resgrid.control.kernels import nominal
 
         space, flow = self.field.space, self.field.flow
-        return partial(nominal, FlowGrid(flow, self._served.ravel(), space.lower, space.periodic))
+        return partial(nominal, flow, self._served.ravel(), space.lower, space.periodic)
 
     @cached_property
     def _served(self) -> NDArray[np.bool_]:

@@ -156,7 +156,9 @@ def _beside_served(grid: FlowGrid, cell: Integers, local: Floats) -> bool:
 
 
 @kernel
-def nominal(grid: FlowGrid, point: Floats, velocity: Floats) -> tuple[int, float]:
+def nominal(
+    flow: Flow, served: NDArray[np.bool_], corner: Floats, periodic: NDArray[np.bool_], point: Floats, velocity: Floats
+) -> tuple[int, float]:
     """Unit velocity along the current at a point, as Pollock interpolates it within the point's cell.
 
     A point on a border belongs to the cell that current enters there, step by step down the potential: else a robot at
@@ -165,7 +167,7 @@ def nominal(grid: FlowGrid, point: Floats, velocity: Floats) -> tuple[int, float
     and how far a straight step may go: just across the next face that current leaves by, and no more than half way to
     where a component vanishes, so that no step ends beyond a face without outward current.
     """
-    ndim = len(point)
+    grid, ndim = FlowGrid(flow, served, corner, periodic), len(point)
     cell, local, lower, upper = np.empty(ndim, np.int64), np.empty(ndim), np.empty(ndim), np.empty(ndim)
     velocity[:] = 0.0
     status = _cell_at(grid, point, cell, local)
