@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.equations import Equations, assemble
-from resgrid.circuit.kirchhoff import balance
 from resgrid.circuit.node_values import CERTAIN, node_values, values_above
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.readout import DIRECTION_RESIDUAL, OUT_OF_RANGE, read_entrywise, read_normwise
@@ -65,6 +64,8 @@ def _solved(netlist: Netlist, accuracy: str, method: str, rtol: float, team: Tea
         point, residual, faint = read_entrywise(system, values, name, seconds, team)
     doubt, balanced = values.doubt, False
     if point.readings.log_current is None and (faint or doubt > CERTAIN or _asks_for_balance(system, point)):
+        from resgrid.circuit.kirchhoff import balance
+
         with _timed(seconds, "balance"):
             found = balance(system)
             if found is not None:
