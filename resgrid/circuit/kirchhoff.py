@@ -69,18 +69,20 @@ def balance(system: Equations) -> Falls | None:
     apart = np.where(
         held.all(axis=1), np.nan_to_num(known[:, 0] - known[:, 1]), -np.diff(lift[netlist.resistor_nodes])[:, 0]
     )
-    residual, _ = _residual(system, rows, (apart, np.zeros_like(apart)))
+    none, faint = np.zeros_like(apart), np.zeros(len(apart), dtype=np.bool_)
+    places, worst = by.places(rows), np.inf
+    residual, _ = _residual(system, rows, (apart, none))
     gaps = by.solve(residual, volts)
-    worst, none, faint = np.inf, np.zeros_like(apart), np.zeros(len(apart), dtype=np.bool_)
+    falls = by.falls(gaps, places, rail_of, apart)
+    residual, _ = _residual(system, rows, falls)
     for _ in range(_MOST_STEPS):
-        residual, _ = _residual(system, rows, by.falls(gaps, rows, rail_of, apart))
         more = by.solve(residual, np.zeros_like(volts))
         by.correct(gaps, more, volts)
-        falls = by.falls(gaps, rows, rail_of, apart)
-        _, through = _residual(system, rows, falls)
+        falls = by.falls(gaps, places, rail_of, apart)
+        residual, through = _residual(system, rows, falls)
         least = np.append(through, np.inf)[rows].min(axis=1)
         amps = netlist.conductance * np.abs(falls[0])
-        moved = netlist.conductance * np.abs(by.falls(more, rows, rail_of, none)[0])
+        moved = netlist.conductance * np.abs(by.falls(more, places, rail_of, none)[0])
         share = np.divide(moved, least, out=none.copy(), where=(amps > 0.0) & (least > 0.0))
         faint = (share > _CERTAIN) & (amps <= _FAINT * amps.max())
         before, worst = worst, float(share.max(where=~faint, initial=0.0))

@@ -32,6 +32,9 @@ DIRECTION_RESIDUAL = 1e-6
 HARMLESS = 1e-7
 """Share of a node's through-current that may be dropped where float64 values of its ends are equal."""
 
+_Falling = tuple[NDArray[np.float64], float]
+"""Values of the nodes (nodes,) and a sign: their product falls along currents, up to rounding."""
+
 _NONE = -(2**62)
 _LEAST_EXPONENT = -2
 _ORDINARY = 1e-60
@@ -123,10 +126,11 @@ def read_entrywise(
 
 def _falling(
     log_drop: NDArray[np.float64] | None, potential: NDArray[np.float64] | None, values: NodeValues
-) -> NDArray[np.float64] | None:
-    """What is stored and falls along currents, shape (nodes,), up to rounding."""
-    stored = potential if log_drop is None else -log_drop
-    return None if stored is None else float(np.sign(values.volts)) * stored
+) -> _Falling | None:
+    sign = float(np.sign(values.volts))
+    if log_drop is not None:
+        return log_drop, -sign
+    return None if potential is None else (potential, sign)
 
 
 def _normwise_readings(
@@ -144,7 +148,7 @@ def _readings(
     forest: SourceForest,
     unknown: NDArray[np.int32],
     values: NodeValues,
-    falling: NDArray[np.float64] | None,
+    falling: _Falling | None,
     team: Team = ALONE,
 ) -> tuple[Readings, NDArray[np.float64], bool]:
     """Difference the values of all nodes; the rest is `_taken`'s.  Returns also whether differences are faint."""
@@ -171,12 +175,12 @@ def _taken(
     amps: NDArray[np.float64],
     exponent: NDArray[np.int64],
     power_sum: float,
-    falling: NDArray[np.float64] | None,
+    falling: _Falling | None,
 ) -> tuple[Readings, NDArray[np.float64]]:
     """Sum up the currents at every node; nodes that floating sources join count as one.
 
     What is ``falling`` does so along currents up to rounding, and along every one that matters after this: others are
-    set to 0.  Shapes: `unknown, falling` (nodes,), `amps, exponent` (resistors,); returns `residual` (nodes,).
+    set to 0.  Shapes: `unknown` (nodes,), `amps, exponent` (resistors,); returns `residual` (nodes,).
     """
     from resgrid.circuit.kernels import drop_unresolved
 
@@ -184,7 +188,7 @@ def _taken(
     sums = _balance(netlist, amps, exponent)
     if falling is not None:
         drop_unresolved(
-            netlist.resistor_nodes, amps, exponent, sums.exponent, sums.net, sums.through, falling, 1.0, HARMLESS
+            netlist.resistor_nodes, amps, exponent, sums.exponent, sums.net, sums.through, *falling, HARMLESS
         )
     scale = 1.0 if plain else power(sums.exponent)
     net, through = sums.net, sums.through

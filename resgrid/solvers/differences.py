@@ -52,19 +52,23 @@ class Differences:
         corrected(gaps.change.copy(), gaps.change_low.copy(), more.change, gaps.change, gaps.change_low)
         substitute_differences(self.columns, np.zeros((len(self.order), 2)), self.ties, volts, gaps, given=True)
 
+    def places(self, rows: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Where rows are in the order of elimination, shape of ``rows``; -1 for a row of -1."""
+        place = np.full(len(self.order) + 1, -1, dtype=np.int32)
+        place[self.order] = np.arange(len(self.order), dtype=np.int32)
+        return place[rows]
+
     def falls(
         self, gaps: Gaps, ends: NDArray[np.int32], rail: NDArray[np.int32], lift: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Falls across edges beside their lifts, in double-double.
 
-        Shapes: `ends` (m, 2): rows, or -1 for a node of known voltage, `rail, lift` (m,); returns (m,), (m,).
+        Shapes: `ends` (m, 2): places, or -1 for a node of known voltage, `rail, lift` (m,); returns (m,), (m,).
         """
         from resgrid.solvers.column_kernels import add_falls
 
-        place = np.full(len(self.order) + 1, -1, dtype=np.int32)
-        place[self.order] = np.arange(len(self.order), dtype=np.int32)
         falls, falls_low = lift.copy(), np.zeros_like(lift)
-        add_falls(self.columns, gaps, place[ends], rail, falls, falls_low)
+        add_falls(self.columns, gaps, ends, rail, falls, falls_low)
         return falls, falls_low
 
     def heights(self, gaps: Gaps) -> NDArray[np.float64]:
