@@ -17,18 +17,22 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from resgrid.circuit.dynamics import ChargeBasis, Dynamics, charge_basis
-from resgrid.circuit.node_values import subtract
+from resgrid.circuit.node_values import CERTAIN, minus, quotient
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import AccuracyError, InputError
 from resgrid.netlist import CellMap, Netlist
 from resgrid.solvers.choose import factor_laplacian
+from resgrid.solvers.extended import Scaled
 from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.refine import is_answer
 
 _EPS = float(np.finfo(np.float64).eps)
 _DOUBT = 1e-6
 """Largest share of the largest voltage by which any may be off at 0+."""
+
+_MOST_CORRECTIONS = 5
 
 _ROUGH = 1e-3
 """Backward error that is enough of slopes."""
@@ -105,7 +109,7 @@ def _entrywise(factors: Factor, drive: NDArray[np.float64], rounding: NDArray[np
     rising, falling = found
     doubt = 0.0
     if rising is not None and falling is not None:
-        rising, doubt = subtract(factors, drive, rounding, rising, falling, watch.bound)
+        rising, doubt = _subtract(factors, drive, rounding, rising, falling, watch.bound)
         falling = None
     if doubt > _DOUBT or not is_answer(watch.error, watch.bound):
         raise AccuracyError(
@@ -116,6 +120,61 @@ def _entrywise(factors: Factor, drive: NDArray[np.float64], rounding: NDArray[np
     if rising is not None:
         return rising.plain
     return np.zeros_like(drive) if falling is None else -falling.plain
+
+
+def _subtract(
+    factors: Factor,
+    drive: NDArray[np.float64],
+    rounding: NDArray[np.float64],
+    rising: Scaled,
+    falling: Scaled,
+    bound: float,
+) -> tuple[Scaled, float]:
+    """Subtract the solutions for the currents of either sign; ``rounding`` is what these may be off by themselves.
+
+    Shapes: `drive, rounding` (n,), `rising, falling` (n,); returns `difference` (n,).
+    """
+    difference = minus(rising, falling)
+    if bound * quotient([rising, falling], difference) > CERTAIN:
+        return _refined(factors, drive, rounding, difference)
+    return difference, 0.0
+
+
+def _refined(
+    factors: Factor, drive: NDArray[np.float64], rounding: NDArray[np.float64], x: Scaled
+) -> tuple[Scaled, float]:
+    """Make a difference better; returns what it may be off by at most, relative to its largest entry.
+
+    ``A^-1`` has no negative entry: the error is at most ``A^-1 |r|``, with the residual ``r``, and what ``A^-1`` makes
+    of both signs of it corrects the difference.
+    """
+    best, doubt = x, np.inf
+    for _ in range(_MOST_CORRECTIONS):
+        rise, fall = (factors.solve_nonnegative(part)[0] for part in _residual(factors.laplacian, drive, rounding, x))
+        found = 2.0 * quotient([rise, fall], x)
+        if not found < doubt:
+            break
+        best, doubt = x, found
+        if doubt <= CERTAIN:
+            break
+        x = minus(x, minus(fall, rise))
+    return best, float(doubt)
+
+
+def _residual(
+    laplacian: Laplacian, drive: NDArray[np.float64], rounding: NDArray[np.float64], x: Scaled
+) -> tuple[Scaled, Scaled]:
+    """The residual's positive part, and what is negative of it; both with what the drive's own rounding may hide."""
+    from resgrid.solvers.refine import conductances, scaled_currents
+    from resgrid.solvers.refine_kernels import correct, exact_residual
+
+    r, e = np.empty(laplacian.size), np.empty(laplacian.size, dtype=np.int64)
+    exact_residual(conductances(laplacian), scaled_currents(drive), x, (r, e))
+    none = np.zeros_like(e)
+    parts = [Scaled(np.maximum(sign * r, 0.0), np.zeros_like(r), np.where(sign * r > 0.0, e, 0)) for sign in (1, -1)]
+    for part in parts:
+        correct(part.hi, part.lo, part.exponent, rounding, none)
+    return parts[0], parts[1]
 
 
 def initial_state(

@@ -4,8 +4,7 @@ Where a circuit hangs between two rails, the drop ``u`` from the high one is sol
 above the low one is what is left of it, or a solution of its own where that would be a small difference somewhere.
 
 Currents of both signs are solved for apart, and either solution is right entry by entry, which says little of their
-difference.  But ``A^-1`` has no negative entry: the error is at most ``A^-1 |r|``, with the residual ``r``, and what
-``A^-1`` makes of both signs of it corrects the difference.
+difference.
 """
 
 from __future__ import annotations
@@ -19,7 +18,6 @@ from numpy.typing import NDArray
 from resgrid.circuit.equations import Equations
 from resgrid.solvers.extended import Scaled, logarithm, power
 from resgrid.solvers.factors.factor import Factor
-from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.rails import Rails
 from resgrid.solvers.team import Team
@@ -64,8 +62,8 @@ def node_values(system: Equations, factors: Factor | None, watch: Watch, team: T
     if not np.any(drive > 0):
         return _above(system, falling, -1.0, team)
     assert factors is not None
-    difference = _minus(rising, falling)
-    doubt = watch.bound * _quotient([rising, falling], difference)
+    difference = minus(rising, falling)
+    doubt = watch.bound * quotient([rising, falling], difference)
     return replace(_above(system, difference, 1.0, team), doubt=doubt)
 
 
@@ -161,28 +159,9 @@ def _zeros(nodes: int) -> Scaled:
 CERTAIN = 1e-9
 """Errors relative to the largest value that need no closer look."""
 
-_MOST_CORRECTIONS = 5
 
-
-def subtract(
-    factors: Factor,
-    drive: NDArray[np.float64],
-    rounding: NDArray[np.float64],
-    rising: Scaled,
-    falling: Scaled,
-    bound: float,
-) -> tuple[Scaled, float]:
-    """Subtract the solutions for the currents of either sign; ``rounding`` is what these may be off by themselves.
-
-    Shapes: `drive, rounding` (n,), `rising, falling` (n,); returns `difference` (n,).
-    """
-    difference = _minus(rising, falling)
-    if bound * _quotient([rising, falling], difference) > CERTAIN:
-        return _refined(factors, drive, rounding, difference)
-    return difference, 0.0
-
-
-def _minus(a: Scaled, b: Scaled) -> Scaled:
+def minus(a: Scaled, b: Scaled) -> Scaled:
+    """``a - b``; all of shape (n,)."""
     from resgrid.solvers.refine_kernels import correct
 
     hi, lo, exponent = a.hi.copy(), a.lo.copy(), a.exponent.copy()
@@ -191,40 +170,7 @@ def _minus(a: Scaled, b: Scaled) -> Scaled:
     return Scaled(hi, lo, exponent)
 
 
-def _refined(
-    factors: Factor, drive: NDArray[np.float64], rounding: NDArray[np.float64], x: Scaled
-) -> tuple[Scaled, float]:
-    """Make a difference better; returns what it may be off by at most, relative to its largest entry."""
-    best, doubt = x, np.inf
-    for _ in range(_MOST_CORRECTIONS):
-        rise, fall = (factors.solve_nonnegative(part)[0] for part in _residual(factors.laplacian, drive, rounding, x))
-        found = 2.0 * _quotient([rise, fall], x)
-        if not found < doubt:
-            break
-        best, doubt = x, found
-        if doubt <= CERTAIN:
-            break
-        x = _minus(x, _minus(fall, rise))
-    return best, float(doubt)
-
-
-def _residual(
-    laplacian: Laplacian, drive: NDArray[np.float64], rounding: NDArray[np.float64], x: Scaled
-) -> tuple[Scaled, Scaled]:
-    """The residual's positive part, and what is negative of it; both with what the drive's own rounding may hide."""
-    from resgrid.solvers.refine import conductances, scaled_currents
-    from resgrid.solvers.refine_kernels import correct, exact_residual
-
-    r, e = np.empty(laplacian.size), np.empty(laplacian.size, dtype=np.int64)
-    exact_residual(conductances(laplacian), scaled_currents(drive), x, (r, e))
-    none = np.zeros_like(e)
-    parts = [Scaled(np.maximum(sign * r, 0.0), np.zeros_like(r), np.where(sign * r > 0.0, e, 0)) for sign in (1, -1)]
-    for part in parts:
-        correct(part.hi, part.lo, part.exponent, rounding, none)
-    return parts[0], parts[1]
-
-
-def _quotient(parts: list[Scaled], x: Scaled) -> float:
+def quotient(parts: list[Scaled], x: Scaled) -> float:
     """The largest value of any part relative to that of ``x``; 0 where all parts vanish."""
     largest, most = _largest_log(x), max(_largest_log(part) for part in parts)
     with np.errstate(over="ignore"):
