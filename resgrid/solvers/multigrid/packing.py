@@ -19,9 +19,7 @@ from resgrid.solvers.multigrid.graphs import Graph, coarsen_down
 from resgrid.solvers.multigrid.red_black import Stencil
 
 Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
 Indices = NDArray[np.int32]
-Unsigned = NDArray[np.uint32]
 
 _FAR, _LARGE = 0.5, 250_000
 """Share of neighbours numbered far apart above which a graph of so many nodes is renumbered before anything else."""
