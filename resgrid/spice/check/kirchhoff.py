@@ -65,7 +65,7 @@ def _wrong_sources(circuit: Circuit, voltage: NDArray[np.float64], allowed: floa
 
 
 def _wrong_nodes(circuit: Circuit, voltage: NDArray[np.float64], tolerance: float) -> list[str]:
-    count = len(circuit.node_names)
+    count = circuit.node_count
     net, through, noise = np.zeros(count), np.zeros(count), np.zeros(count)
     for ends, current, rounding in _currents(circuit, voltage):
         for column, sign in ((0, 1.0), (1, -1.0)):
