@@ -21,6 +21,9 @@ ELEMENTS: dict[str, tuple[str, dict[str, str]]] = {
 }
 """Per kind the netlist's array of nodes, and its arrays of values by their keys in the graph."""
 
+ARRAYS = {kind: (nodes, *columns.values()) for kind, (nodes, columns) in ELEMENTS.items()}
+"""Per kind the netlist's arrays: that of its nodes, then those of its values."""
+
 _OPTIONAL = ("tc1", "tc2")
 
 

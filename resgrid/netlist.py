@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
 from resgrid.frozen import frozen
-from resgrid.graphs import ELEMENTS, fields_of, graph_of
+from resgrid.graphs import ARRAYS, fields_of, graph_of
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -70,10 +70,6 @@ class CellMap:
     def __post_init__(self) -> None:
         for name in ("node", "free_node"):
             object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), dtype=np.int32))
-
-
-_KINDS = {kind: (nodes, *columns.values()) for kind, (nodes, columns) in ELEMENTS.items()}
-"""Per kind of element the array of its nodes and those of its values."""
 
 
 def _no_pairs() -> NDArray[np.int32]:
@@ -156,12 +152,12 @@ class Netlist:
     def __post_init__(self) -> None:
         if not isinstance(self.node_count, int | np.integer) or not 1 <= self.node_count <= MOST_NODES:
             raise InputError(f"node_count = {self.node_count!r} must be a whole number from 1 to {MOST_NODES:,}")
-        for nodes, *values in _KINDS.values():
+        for nodes, *values in ARRAYS.values():
             object.__setattr__(self, nodes, _numbers(nodes, getattr(self, nodes), self.node_count))
             for name in values:
                 if getattr(self, name) is not None:
                     object.__setattr__(self, name, _column(name, getattr(self, name), 0, np.float64))
-        for kind, names in _KINDS.items():
+        for kind, names in ARRAYS.items():
             self._check_kind(kind, names)
         if not _all_within(self.conductance, 0.0, np.inf):
             bad = int(np.flatnonzero(~(np.isfinite(self.conductance) & (self.conductance > 0)))[0])
@@ -193,7 +189,7 @@ class Netlist:
                 )
 
     def __repr__(self) -> str:
-        counts = ((len(getattr(self, nodes)), kind) for kind, (nodes, *_) in _KINDS.items())
+        counts = ((len(getattr(self, nodes)), kind) for kind, (nodes, *_) in ARRAYS.items())
         parts = ", ".join(f"{count:,} {kind}{'s' if count > 1 else ''}" for count, kind in counts if count)
         return f"<Netlist of {self.node_count:,} nodes: {parts or 'no elements'}>"
 

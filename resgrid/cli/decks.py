@@ -93,7 +93,7 @@ def deck_data(deck: Circuit) -> dict[str, Any]:
         "title": deck.title,
         "dialect": deck.dialect,
         "files": list(deck.files),
-        "nodes": len(deck.node_names),
+        "nodes": deck.node_count,
         **{f"{kind.replace(' ', '_')}s": len(ends) for kind, ends in deck.ends.items()},
         "subcircuits": list(deck.subcircuits),
         "temperature": deck.temperature,

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.graphs import ELEMENTS
+from resgrid.graphs import ARRAYS
 from resgrid.netlist import Netlist
 from resgrid.spice.dialects import DIALECTS
 
@@ -21,7 +21,7 @@ Severity = Literal["error", "warning", "info"]
 SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
 """Worst first."""
 
-KINDS = tuple(ELEMENTS)
+KINDS = tuple(ARRAYS)
 """The kinds of element, as in `Netlist`."""
 
 SHOWN = 5
@@ -32,9 +32,7 @@ CONDUCTING = ("resistor", "voltage source", "nonlinear resistor")
 """Kinds that carry current at direct current whatever drives them."""
 
 _NOMINAL_TEMPERATURE = 27.0
-_SHARED = tuple(
-    name for nodes, columns in ELEMENTS.values() for name in (nodes, *columns.values()) if name != "conductance"
-)
+_SHARED = tuple(name for names in ARRAYS.values() for name in names if name != "conductance")
 """Arrays that a circuit has in common with a netlist."""
 
 
@@ -218,7 +216,7 @@ class Circuit:
     @cached_property
     def ends(self) -> Mapping[str, NDArray[np.int32]]:
         """Nodes of every element, per kind; shapes (elements, 2)."""
-        return {kind: getattr(self, nodes) for kind, (nodes, _) in ELEMENTS.items()}
+        return {kind: getattr(self, nodes) for kind, (nodes, *_) in ARRAYS.items()}
 
     @cached_property
     def part(self) -> NDArray[np.int64]:

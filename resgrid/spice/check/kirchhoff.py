@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.spice.circuit import Circuit
+from resgrid.spice.circuit import Circuit, some
 from resgrid.spice.read.deck import read_with
 from resgrid.spice.write.sidecar import Expected
 
@@ -65,7 +65,7 @@ def _wrong_sources(circuit: Circuit, voltage: NDArray[np.float64], allowed: floa
 
 
 def _wrong_nodes(circuit: Circuit, voltage: NDArray[np.float64], tolerance: float) -> list[str]:
-    count = len(circuit.node_names)
+    count = circuit.node_count
     net, through, noise = np.zeros(count), np.zeros(count), np.zeros(count)
     for ends, current, rounding in _currents(circuit, voltage):
         for column, sign in ((0, 1.0), (1, -1.0)):
@@ -78,7 +78,7 @@ def _wrong_nodes(circuit: Circuit, voltage: NDArray[np.float64], tolerance: floa
     excess = np.where(held, 0.0, np.abs(net)) / np.where(allowed > 0, allowed, 1.0)
     return [
         f"at node {circuit.node_names[node]} the currents do not add up: {abs(net[node]):.3g} A is left over "
-        f"(lines {_few(_lines_at(circuit, node))})"
+        f"(lines {_shown(_lines_at(circuit, node))})"
         for node in np.argsort(-excess, kind="stable")[:_MAX_FINDINGS].tolist()
         if excess[node] > 1
     ]
@@ -105,5 +105,5 @@ def _lines_at(circuit: Circuit, node: int) -> list[int]:
     return list(np.sort(np.concatenate(lines)).tolist())
 
 
-def _few(lines: list[int]) -> str:
-    return ", ".join(map(str, lines[:_MAX_FINDINGS])) + (" and more" if len(lines) > _MAX_FINDINGS else "")
+def _shown(lines: list[int]) -> str:
+    return some(list(map(str, lines)), len(lines))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from resgrid.circuit.solve import solve
 from resgrid.errors import ResgridError
-from resgrid.graphs import ELEMENTS
+from resgrid.graphs import ARRAYS
 from resgrid.netlist import GROUND, Netlist
 from resgrid.spice.check.connection import Loops, loops_of
 from resgrid.spice.check.rules import check_rules
@@ -280,9 +280,9 @@ def _simulated(deck: Circuit, lost: list[str], resistance: NDArray[np.float64], 
     netlist = replace(deck, resistance=resistance, tc1=None, tc2=None).netlist()
     kept: dict[str, NDArray[Any]] = {}
     for kind, names in netlist.element_names.items() if lost and netlist.element_names else ():
-        nodes, columns = ELEMENTS[kind]
-        arrays = {name: getattr(netlist, name) for name in (nodes, *columns.values())}
-        kept |= {name: array[~np.isin(names, lost)] for name, array in arrays.items() if array is not None}
+        stays = ~np.isin(names, lost)
+        arrays = {name: getattr(netlist, name) for name in ARRAYS[kind]}
+        kept |= {name: array[stays] for name, array in arrays.items() if array is not None}
     netlist = netlist.replace(**kept, element_names=None)
     shunted = np.arange(1, netlist.node_count if siemens else 1)
     shunts = np.stack([shunted, np.zeros_like(shunted)], axis=1)

@@ -195,8 +195,7 @@ _TRAPS = (
 
 def alike(circuit: Circuit) -> Iterator[Violation]:
     """Names that two elements bear, or two nodes of a netlist, or that differ in case only."""
-    given = circuit.given
-    nodes = {} if given is None else {"node": given.node_names or ()}
+    nodes = {} if circuit.is_deck else {"node": circuit.node_names}
     for kind, names in {**nodes, **circuit.element_names}.items():
         folded = [name.lower() for name in names]
         if len(set(folded)) == len(folded):
@@ -225,10 +224,9 @@ def alike(circuit: Circuit) -> Iterator[Violation]:
 
 def misread(circuit: Circuit) -> Iterator[Violation]:
     """Node names that some simulator takes for something else."""
-    names = circuit.node_names if circuit.given is None else circuit.given.node_names
-    if names is None or len(names) < 2:
+    if len(circuit.node_names) < 2:
         return
-    text = "\n".join(name.replace("\n", " ") for name in names[1:])
+    text = "\n".join(name.replace("\n", " ") for name in circuit.node_names[1:])
     for trap in _TRAPS:
         pattern = re.compile(rf"^(?:{trap.pattern})$", re.MULTILINE | re.IGNORECASE)
         matches = [match.group() for match in pattern.finditer(text)]

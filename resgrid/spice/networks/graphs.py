@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from resgrid.errors import InputError
-from resgrid.graphs import ELEMENTS
+from resgrid.graphs import ARRAYS
 from resgrid.netlist import GROUND, Netlist
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 GRAPH_SUFFIXES = (".graphml", ".json", ".npz")
 """Graphs as GraphML and as node-link JSON, and NumPy arrays."""
 
-NETLIST_ARRAYS = tuple(name for nodes, columns in ELEMENTS.values() for name in (nodes, *columns.values()))
+NETLIST_ARRAYS = tuple(name for names in ARRAYS.values() for name in names)
 
 
 def read_graph(path: str | os.PathLike[str]) -> Netlist:

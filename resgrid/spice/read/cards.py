@@ -69,7 +69,7 @@ def cards(lines: Iterable[Line], source: Source, rules: ReadingRules, diagnostic
             glued = glued and not language.instances  # Spectre's mark joins the next line, and there is nothing on it
             continue
         column = len(text) - len(text.lstrip()) + 1
-        change = _LANGUAGE.fullmatch(text) if rules.spice is not None else None
+        change = _LANGUAGE.fullmatch(text) if rules.spice is not None and not glued else None
         continues = bare[0] == "+"
         if (continues or glued) and not pieces:
             diagnostics.error(CardError(Spot(source.name, number, column), "this line continues (+) nothing"))

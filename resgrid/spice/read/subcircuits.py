@@ -233,11 +233,11 @@ def _stamp(flat: Flat, calls: list[tuple[Call, float]], elements: Elements) -> N
     nodes = _node_map(flat, [call for call, _ in calls], order.tolist(), elements.nodes)
     for kind, part in flat.parts.items():
         values = np.tile(widened(kind, part.values), (len(calls), 1))
-        if np.any(factor != 1.0) and kind != "voltage source":
-            each = np.repeat(factor, len(part))[:, np.newaxis]
-            divided = RESISTIVE.get(kind, 0)
-            values[:, :divided] /= each
-            values[:, : 0 if divided else 1] *= each
+        each = np.repeat(factor, len(part))[:, np.newaxis]
+        if kind in RESISTIVE:
+            values[:, : RESISTIVE[kind]] /= each
+        elif kind != "voltage source":
+            values[:, :1] *= each
         elements.parts[kind].append(
             Part(
                 partial(_names_of_instances, calls, part),

@@ -28,7 +28,7 @@ ohms when off, the voltages above (or below) which it is on and off, and the sta
 """
 
 RESISTIVE = {"resistor": 1, "switch": 2}
-"""How many values, the first ones, ``m=`` divides; the first one of current sources and capacitors it multiplies."""
+"""How many values, the first ones, ``m=`` divides; of other kinds it multiplies the first, of voltage sources none."""
 
 
 @dataclass(eq=False)

@@ -55,7 +55,7 @@ def read_rawfile(data: bytes, source: str = "raw file") -> RawFile:
         raise InputError(
             f"{source} is damaged: its list of {variables} variables has {len(rows)} lines or is out of order"
         )
-    _, names, kinds, *_ = zip(*rows, strict=False) if rows else ((), (), ())
+    names, kinds = (tuple(row[column] for row in rows) for column in (1, 2))
     values = np.frombuffer(body, dtype=dtype).reshape(points, variables)
     return RawFile(fields.get("plotname", ""), names, kinds, values)
 

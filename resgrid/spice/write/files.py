@@ -127,9 +127,10 @@ def write_spice(
     else:
         deck = flatten(op.netlist, dialect=dialect, title=title, additions=added)
     answers = expect(deck, op)
-    commands = deck.dialect.commands.format(deck=target.name, **first_source(deck))
     if asked:
         commands = format_analyses(target.name, deck, asked)
+    else:
+        commands = deck.dialect.commands.format(deck=target.name, **first_source(deck))
     beside = {**deck.parts, deck.dialect.name: commands}
     checks = len(answers.voltage) + len(answers.source_current) + len(deck.resistors)
     if verify and deck.dialect.checks_itself and not added.spread and checks <= LARGEST:

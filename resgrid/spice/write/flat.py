@@ -217,23 +217,22 @@ def _lines_of(
 ) -> list[str]:
     """Lines of elements of a kind; ``columns`` holds their names, and the values of resistors."""
     template: str = getattr(rules, kind.replace(" ", "_"))
-    if kind == "resistor":
-        spread = rules.spread_resistor.replace("{sigma}", repr(additions.spread))
-        template = spread if additions.spread else template
-        template += rules.temperature_coefficients if _has_coefficients(netlist) else ""
     first, second = getattr(netlist, ELEMENTS[kind][0])[chosen].T.tolist()
-    columns = {
-        **columns,
-        "a": [names[node] for node in first],
-        "b": [names[node] for node in second],
-        "suffix": additions.of(chosen.tolist()) if kind == "voltage source" else [],
-    }
+    columns = {**columns, "a": [names[node] for node in first], "b": [names[node] for node in second]}
+    if kind == "resistor":
+        if additions.spread:
+            template = rules.spread_resistor.replace("{sigma}", repr(additions.spread))
+        if _has_coefficients(netlist):
+            template += rules.temperature_coefficients
+    elif kind == "voltage source":
+        template += "{suffix}"
+        columns["suffix"] = additions.of(chosen.tolist())
     for key, column in ELEMENTS[kind][1].items():
         field_name = "value" if key in ("volts", "amps", "capacitance") else key
         if f"{{{field_name}}}" in template:
             values = getattr(netlist, column)
             columns[field_name] = plain(np.zeros(len(chosen)) if values is None else values[chosen])
-    return fill(template + ("{suffix}" if kind == "voltage source" else ""), columns)
+    return fill(template, columns)
 
 
 def _has_coefficients(netlist: Netlist) -> bool:

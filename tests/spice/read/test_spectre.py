@@ -88,6 +88,7 @@ def test_a_deck_in_both_languages() -> None:
         ("m1 (a 0) nch w=1\nmodel nch bsim4 vth=1", "model of kind 'bsim4'"),
         ("r1 (a 0) rm w=1u l=2u\nmodel rm resistor rsh=100", "rsh of a model is not read; write the resistance"),
         ("simulator lang=verilog", "verilog"),
+        ("r1 (a 0) resistor r=1 \\\nsimulator lang=spice", ":4:1: 'simulator' was not expected here"),
     ],
 )
 def test_what_is_not_understood_is_refused_with_its_place(line: str, message: str) -> None:
