@@ -235,7 +235,8 @@ def _axis_names(raw: Mapping[str, Any]) -> list[str | None]:
     """Names of the axes of a document, as far as it says them."""
     grid = raw.get("grid")
     tables = grid.get("axes") if isinstance(grid, Mapping) else None
-    names = [table.get("name") if isinstance(table, Mapping) else None for table in tables or ()]
+    tables = tables if isinstance(tables, list) else []
+    names = [table.get("name") if isinstance(table, Mapping) else None for table in tables]
     return [name if isinstance(name, str) else None for name in names]
 
 
