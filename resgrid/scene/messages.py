@@ -71,6 +71,8 @@ def shown(detail: ErrorDetails) -> str:
 def _choice(detail: ErrorDetails) -> str:
     expected = str(detail.get("ctx", {}).get("expected", ""))
     options = [option.strip(" '") for option in expected.replace(" or ", ", ").split(",")]
+    if detail["input"] in options:  # of which it would be one, were it no text
+        return f"must be the number {detail['input']}, without quotes, got {shown(detail)}"
     return unknown(shown(detail), detail["input"], " or ".join(options), options)
 
 
