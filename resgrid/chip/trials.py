@@ -244,7 +244,8 @@ def taken_up(
             result = read(done, record)
         except (KeyError, TypeError, ValueError, zlib.error) as error:
             assert journal is not None
-            raise journal.damaged(f"line {done + 2}: {error}") from error
+            why = f"the key {error} is missing" if isinstance(error, KeyError) else error
+            raise journal.damaged(f"line {done + 2}: {why}") from error
         done += 1
         yield result, False
     with closing(in_order(parts(done), executor)) as results:

@@ -10,9 +10,8 @@ from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.robots import Ball, Box, HalfSpace, Polygon, Robot, Shape
 from resgrid.scene.goals import CostArea, GoalCell, GoalJoints
+from resgrid.scene.messages import Problem
 from resgrid.scene.toml_lines import Path
-
-Problem = tuple[Path, str]
 
 
 def inconsistencies(

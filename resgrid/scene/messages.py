@@ -11,6 +11,8 @@ from resgrid.scene.toml_lines import Path, line_of
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
 
+Problem = tuple[Path, str]
+"""Where something is wrong, and what."""
 
 MAX_SHOWN = 40
 
@@ -21,7 +23,7 @@ def key_path(path: Sequence[str | int]) -> str:
     return text.removeprefix(".") or "the scene"
 
 
-def report(problems: Sequence[tuple[Path, str]], source: str, lines: Mapping[Path, int] | None = None) -> str:
+def report(problems: Sequence[Problem], source: str, lines: Mapping[Path, int] | None = None) -> str:
     """All problems of a document in one message, in the order of its lines."""
     placed = [(line_of(lines or {}, path) or 0, key_path(path), message) for path, message in problems]
     placed.sort(key=lambda entry: entry[0])
@@ -71,6 +73,8 @@ def shown(detail: ErrorDetails) -> str:
 def _choice(detail: ErrorDetails) -> str:
     expected = str(detail.get("ctx", {}).get("expected", ""))
     options = [option.strip(" '") for option in expected.replace(" or ", ", ").split(",")]
+    if detail["input"] in options:  # of which it would be one, were it no text
+        return f"must be the number {detail['input']}, without quotes, got {shown(detail)}"
     return unknown(shown(detail), detail["input"], " or ".join(options), options)
 
 

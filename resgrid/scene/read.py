@@ -19,10 +19,10 @@ from resgrid.errors import InputError
 from resgrid.files import decode, read_bytes
 from resgrid.frame import Frame
 from resgrid.robots import ROBOTS, Robot
-from resgrid.scene.consistency import Problem, inconsistencies
+from resgrid.scene.consistency import inconsistencies
 from resgrid.scene.maps.arrays import MapCells
 from resgrid.scene.maps.formats import COMMON, FORMATS, format_of, read_map
-from resgrid.scene.messages import report
+from resgrid.scene.messages import Problem, report
 from resgrid.scene.scene import IN_FILES, Scene, check_attributes, start_point
 from resgrid.scene.toml_lines import Path as KeyPath, key_lines
 
@@ -235,7 +235,8 @@ def _axis_names(raw: Mapping[str, Any]) -> list[str | None]:
     """Names of the axes of a document, as far as it says them."""
     grid = raw.get("grid")
     tables = grid.get("axes") if isinstance(grid, Mapping) else None
-    names = [table.get("name") if isinstance(table, Mapping) else None for table in tables or ()]
+    tables = tables if isinstance(tables, list) else []
+    names = [table.get("name") if isinstance(table, Mapping) else None for table in tables]
     return [name if isinstance(name, str) else None for name in names]
 
 

@@ -123,6 +123,9 @@ class Scene:
             each = rules * len(self.axes) if len(rules) == 1 else rules
             edge = ("periodic" if axis.periodic else rule for axis, rule in zip(self.axes, each, strict=True))
             object.__setattr__(self, "edge", tuple(edge))
+        if self.map is not None:  # its cells lie where the space does
+            frame = dataclasses.replace(self.frame, turning_length=None)
+            object.__setattr__(self, "map", dataclasses.replace(self.map, frame=frame))
         lists = {
             "obstacle": self.obstacles, "hidden": self.hidden, "goal": self.goals, "starts": self.starts,
             "area": self.areas,

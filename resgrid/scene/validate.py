@@ -7,15 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
-from resgrid.scene.messages import complaint, suggestion
+from resgrid.scene.messages import Problem, complaint, suggestion
 from resgrid.scene.schema import KIND_OF, KINDS, SceneFile, keys_of
 from resgrid.scene.table import problems_of
 from resgrid.scene.toml_lines import Path
 
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
-
-Problem = tuple[Path, str]
 
 
 def validate(raw: Mapping[str, Any]) -> tuple[Any, list[Problem], dict[Path, Any]]:

@@ -321,6 +321,9 @@ def test_checkpoints_of_other_runs_and_damaged_ones_are_refused(tmp_path: Path) 
         file.write_bytes(damaged)
         with pytest.raises(rg.InputError, match="cannot read the checkpoint"):
             made.yields(trials=10, batch=10, checkpoint=file)
+    file.write_bytes(data.splitlines(keepends=True)[0] + b'{"x": NaN}\n')
+    with pytest.raises(rg.InputError, match="line 2: the key 'starts' is missing; remove it"):
+        made.yields(trials=10, batch=10, checkpoint=file)
     with pytest.raises(rg.InputError, match="Is a directory"):
         made.yields(trials=10, batch=10, checkpoint=tmp_path)
     with pytest.raises(rg.InputError, match="there is no folder"):

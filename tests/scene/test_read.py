@@ -82,6 +82,8 @@ resistance = "10kohm"
         ("schema = 1", "a scene needs a [grid] with axes, or a [map]"),
         (GRID.replace("schema = 1", ""), "schema: this key is missing"),
         (GRID.replace("schema = 1", "schema = 2"), "schema: 2 is unknown: it may be 1"),
+        (GRID.replace("schema = 1", 'schema = "1"'), "schema: must be the number 1, without quotes, got '1'"),
+        ("schema = 1\n[grid]\naxes = 3", "line 3: grid.axes: must be a list, such as [1, 2], got 3"),
         (GRID + '[map]\nfile = "a.png"', "either a [grid] or a [map]"),
         ('boundary = "wall"' + GRID + GOAL, "needs wall_resistance in [chip]"),
         ('drive = "uniform"' + GRID + GOAL, "remove drive"),

@@ -57,6 +57,15 @@ def test_a_footprint_on_a_turned_map_goes_through_a_door(turned: Path) -> None:
     assert rg.plan(narrow).path(scene.starts[0]).outcome == "no_path"
 
 
+def test_a_map_lies_where_its_scene_says(turned: Path) -> None:
+    frame = rg.Frame(5.0, 6.0, 0.3)
+    moved = rg.read_scene(turned).replace(frame=frame)
+    assert moved.map is not None
+    assert moved.map.frame == frame
+    assert moved.replace(robot=rg.DiscRobot(0.1)).frame == frame
+    assert apply_overrides(moved, {"title": "moved"}).frame == frame
+
+
 def test_a_footprint_in_a_file_has_a_goal_with_a_heading(turned: Path) -> None:
     x, y = rg.read_scene(turned).frame.to_world((5.05, 2.05))
     file = turned.with_name("scene.toml")
