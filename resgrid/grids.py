@@ -108,15 +108,23 @@ def slab(array: NDArray[Any], axis: int, start: int, stop: int) -> NDArray[Any]:
     return array[(slice(None),) * axis + (slice(start, stop),)]
 
 
-def with_margin(array: NDArray[Any], periodic: NDArray[np.bool_], rows: tuple[int, int] | None = None) -> NDArray[Any]:
-    """A copy of a range of rows (all by default) with one more cell on every side, wrapped or, at borders, repeated."""
+def with_margin(
+    array: NDArray[Any], periodic: NDArray[np.bool_], rows: tuple[int, int] | None = None, beyond: Any = None
+) -> NDArray[Any]:
+    """A copy of a range of rows (all by default) with one more cell on every side, wrapped where an axis is periodic.
+
+    At borders it is what lies `beyond`, or the cell repeated.
+    """
     size = len(array)
     first, last = rows or (0, size)
     row = np.arange(first - 1, last + 1)
     wide = array[row % size if periodic[0] else row.clip(0, size - 1)]
+    if beyond is not None and not periodic[0]:
+        wide[(row < 0) | (row >= size)] = beyond
+    at_border: dict[str, Any] = {"mode": "edge"} if beyond is None else {"constant_values": beyond}
     for axis in range(1, array.ndim):
         margins = [(int(other == axis),) * 2 for other in range(array.ndim)]
-        wide = np.pad(wide, margins, mode="wrap" if periodic[axis] else "edge")
+        wide = np.pad(wide, margins, **({"mode": "wrap"} if periodic[axis] else at_border))
     return wide
 
 
