@@ -155,9 +155,10 @@ def crossed_faces(
     face: NDArray[np.integer[Any]], shape: tuple[int, ...]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The axis (n,) across which faces (n,) lie, -1 for a face of -1, and their index (n, ndim) in the axis' array."""
-    across = np.where(face >= 0, np.searchsorted(np.cumsum(face_counts(shape)), face, side="right"), -1)
+    starts = np.cumsum([0, *face_counts(shape)])
+    across = np.searchsorted(starts, face, side="right") - 1
     index = np.zeros((len(face), len(shape)), dtype=np.int64)
-    for axis, number in enumerate(by_axis(np.arange(sum(face_counts(shape))), shape)):
+    for axis in range(len(shape)):
         own = across == axis
-        index[own] = np.stack(np.unravel_index(face[own] - number.flat[0], number.shape), axis=1)
+        index[own] = np.stack(np.unravel_index(face[own] - starts[axis], face_shape(shape, axis)), axis=1)
     return across, index
