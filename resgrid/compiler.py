@@ -146,8 +146,9 @@ def _join(space: ConfigurationSpace, contacts: Contacts, nodes: _Nodes) -> tuple
     upward = np.empty(ends[-1], dtype=np.bool_)
     for (axis, first, last), at in zip(parts, map(slice, ends, ends[1:]), strict=False):
         kept = slab(contacts.joined[axis], axis, first, last)
-        upward[at] = space.periodic[axis] or first > 0  # else the rail lies below the cell, and counts as second node
-        for side, end in zip(before_and_behind(wide, axis), (0, 1) if upward[at].all() else (1, 0), strict=True):
+        rises = space.periodic[axis] or first > 0  # else the rail lies below the cell, and counts as second node
+        upward[at] = rises
+        for side, end in zip(before_and_behind(wide, axis), (0, 1) if rises else (1, 0), strict=True):
             pairs[at, end] = slab(side, axis, first, last)[kept]
         siemens[at] = contacts.siemens(axis, first, last)
         numbers = np.arange(*starts[axis : axis + 2], dtype=face.dtype).reshape(face_shape(space.shape, axis))
