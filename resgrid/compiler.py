@@ -133,9 +133,7 @@ def _number_nodes(space: ConfigurationSpace, wiring: Wiring, kind: NDArray[np.ui
 
 def _join(space: ConfigurationSpace, contacts: Contacts, nodes: _Nodes) -> tuple[NDArray[Any], ...]:
     """Nodes (m, 2), siemens, faces and directions (m,) of a resistor for every contact; on an axis border ones last."""
-    wide = with_margin(nodes.cell, space.periodic)
-    for axis in np.flatnonzero(~space.periodic).tolist():
-        np.moveaxis(wide, axis, 0)[[0, -1]] = nodes.obstacle
+    wide = with_margin(nodes.cell, space.periodic, beyond=nodes.obstacle)
     parts = [
         (axis, *faces)
         for axis, (size, ring) in enumerate(zip(space.shape, space.periodic, strict=True))
@@ -148,8 +146,9 @@ def _join(space: ConfigurationSpace, contacts: Contacts, nodes: _Nodes) -> tuple
     upward = np.empty(ends[-1], dtype=np.bool_)
     for (axis, first, last), at in zip(parts, map(slice, ends, ends[1:]), strict=False):
         kept = slab(contacts.joined[axis], axis, first, last)
-        upward[at] = space.periodic[axis] or first > 0  # else the rail lies below the cell, and counts as second node
-        for side, end in zip(before_and_behind(wide, axis), (0, 1) if upward[at].all() else (1, 0), strict=True):
+        rises = space.periodic[axis] or first > 0  # else the rail lies below the cell, and counts as second node
+        upward[at] = rises
+        for side, end in zip(before_and_behind(wide, axis), (0, 1) if rises else (1, 0), strict=True):
             pairs[at, end] = slab(side, axis, first, last)[kept]
         siemens[at] = contacts.siemens(axis, first, last)
         numbers = np.arange(*starts[axis : axis + 2], dtype=face.dtype).reshape(face_shape(space.shape, axis))
@@ -207,7 +206,7 @@ class Contacts:
 def contacts_of_rows(space: ConfigurationSpace, wiring: Wiring, first: int, last: int) -> Contacts:
     """The contacts of the rows from ``first`` to ``last``; `wiring` as ``wiring.on(space)`` returns it."""
     rows = (first, last)
-    code = with_margin(space.cell, space.periodic, rows)
+    code = with_margin(space.cell, space.periodic, rows, beyond=Cell.OBSTACLE)
     high, low = (Kind.HIGH, Kind.LOW) if wiring.rails == "merged" else (Kind.NODE, Kind.NODE)
     is_open = wiring.boundary == "neumann"
     kinds = (Kind.NONE, Kind.NONE, low) if is_open else (Kind.NODE, high, low)
@@ -215,7 +214,7 @@ def contacts_of_rows(space: ConfigurationSpace, wiring: Wiring, first: int, last
     if is_open:
         kind = np.where(with_margin(space.goal_connected, space.periodic, rows), np.uint8(Kind.NODE), kind)
     for axis, size in enumerate(space.shape):
-        _set_beyond(code, kind, axis, wiring, size, (first == 0, last == size) if axis == 0 else (True, True))
+        _set_beyond(kind, axis, wiring, size, (first == 0, last == size) if axis == 0 else (True, True))
     c = None if space.conductivity is None else with_margin(space.conductivity, space.periodic, rows)
     sides = (before_and_behind(kind, axis) for axis in range(space.ndim))
     joined = tuple((np.minimum(*both) == Kind.NODE) & (np.maximum(*both) != Kind.NONE) for both in sides)
@@ -226,9 +225,7 @@ def contacts_of_rows(space: ConfigurationSpace, wiring: Wiring, first: int, last
     return Contacts(wiring, space.spacing, code, kind, c, joined)
 
 
-def _set_beyond(
-    code: NDArray[np.uint8], kind: NDArray[np.uint8], axis: int, wiring: Wiring, size: int, ends: tuple[bool, bool]
-) -> None:
+def _set_beyond(kind: NDArray[np.uint8], axis: int, wiring: Wiring, size: int, ends: tuple[bool, bool]) -> None:
     """Write what lies beyond those ends of an axis which the slab reaches: the obstacle rail, or nothing."""
     edge = wiring.edge[axis]
     if edge == "periodic" and size > 1:
@@ -236,7 +233,6 @@ def _set_beyond(
     tied = edge == "obstacle" and wiring.boundary != "neumann"
     for reached, place in zip(ends, (0, -1), strict=True):
         if reached:
-            np.moveaxis(code, axis, 0)[place] = Cell.OBSTACLE
             np.moveaxis(kind, axis, 0)[place] = Kind.HIGH if tied else Kind.NONE
 
 

@@ -108,15 +108,23 @@ def slab(array: NDArray[Any], axis: int, start: int, stop: int) -> NDArray[Any]:
     return array[(slice(None),) * axis + (slice(start, stop),)]
 
 
-def with_margin(array: NDArray[Any], periodic: NDArray[np.bool_], rows: tuple[int, int] | None = None) -> NDArray[Any]:
-    """A copy of a range of rows (all by default) with one more cell on every side, wrapped or, at borders, repeated."""
+def with_margin(
+    array: NDArray[Any], periodic: NDArray[np.bool_], rows: tuple[int, int] | None = None, beyond: Any = None
+) -> NDArray[Any]:
+    """A copy of a range of rows (all by default) with one more cell on every side, wrapped where an axis is periodic.
+
+    At borders it is what lies `beyond`, or the cell repeated.
+    """
     size = len(array)
     first, last = rows or (0, size)
     row = np.arange(first - 1, last + 1)
     wide = array[row % size if periodic[0] else row.clip(0, size - 1)]
+    if beyond is not None and not periodic[0]:
+        wide[(row < 0) | (row >= size)] = beyond
+    at_border: dict[str, Any] = {"mode": "edge"} if beyond is None else {"constant_values": beyond}
     for axis in range(1, array.ndim):
         margins = [(int(other == axis),) * 2 for other in range(array.ndim)]
-        wide = np.pad(wide, margins, mode="wrap" if periodic[axis] else "edge")
+        wide = np.pad(wide, margins, **({"mode": "wrap"} if periodic[axis] else at_border))
     return wide
 
 
@@ -147,9 +155,10 @@ def crossed_faces(
     face: NDArray[np.integer[Any]], shape: tuple[int, ...]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The axis (n,) across which faces (n,) lie, -1 for a face of -1, and their index (n, ndim) in the axis' array."""
-    across = np.where(face >= 0, np.searchsorted(np.cumsum(face_counts(shape)), face, side="right"), -1)
+    starts = np.cumsum([0, *face_counts(shape)])
+    across = np.searchsorted(starts, face, side="right") - 1
     index = np.zeros((len(face), len(shape)), dtype=np.int64)
-    for axis, number in enumerate(by_axis(np.arange(sum(face_counts(shape))), shape)):
+    for axis in range(len(shape)):
         own = across == axis
-        index[own] = np.stack(np.unravel_index(face[own] - number.flat[0], number.shape), axis=1)
+        index[own] = np.stack(np.unravel_index(face[own] - starts[axis], face_shape(shape, axis)), axis=1)
     return across, index

@@ -178,8 +178,8 @@ def _served(
     widths = [len(group.places) for group in groups for _ in range(group.trials)]
 
     def read(number: int, record: Mapping[str, Any]) -> list[int]:
-        counts: list[int] = record["served"]
-        if record["number"] != number or len(counts) != widths[number]:
+        counts = record["served"]
+        if record["number"] != number or not isinstance(counts, list) or len(counts) != widths[number]:
             raise ValueError(f"it is not that of chip {number}")
         return counts
 

@@ -39,7 +39,7 @@ from resgrid.netlist import CellMap, Netlist
 from resgrid.scene.chip import Chip, Readout
 from resgrid.space import Cell
 
-Result = TypeVar("Result")
+Trial = TypeVar("Trial")
 
 _SCHEMA = 2
 
@@ -232,11 +232,11 @@ def run_trials(experiment: Experiment, numbers: Sequence[int]) -> list[NDArray[n
 
 def taken_up(
     journal: Journal | None,
-    read: Callable[[int, Mapping[str, Any]], Result],
-    write: Callable[[int, Result], dict[str, Any]],
+    read: Callable[[int, Mapping[str, Any]], Trial],
+    write: Callable[[int, Trial], dict[str, Any]],
     parts: Callable[[int], Iterable[Part]],
     executor: Executor | None,
-) -> Generator[tuple[Result, bool], None, None]:
+) -> Generator[tuple[Trial, bool], None, None]:
     """Results of trials, and whether each is new: those in a journal, then those of the parts that begin after them."""
     done = 0
     for record in journal or ():

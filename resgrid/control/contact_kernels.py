@@ -24,7 +24,6 @@ from resgrid.robots.kernels import share
 _RIM = 1e-13
 
 Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Pairs = Any
 """An array of `resgrid.control.plant.PAIR`."""
 

@@ -322,9 +322,8 @@ def _check_driven(op: OperatingPoint, cell_map: CellMap) -> None:
 def _check_walls(field: Field) -> None:
     """Refuse a chip that is not ideal, and where a streamline from a start with a path would enter an obstacle."""
     space = field.space
-    free, solid = (with_margin(mask, space.periodic) for mask in (space.goal_connected, space.cell == Cell.OBSTACLE))
-    for axis in np.flatnonzero(~space.periodic).tolist():
-        np.moveaxis(free, axis, 0)[[0, -1]], np.moveaxis(solid, axis, 0)[[0, -1]] = False, True
+    free = with_margin(space.goal_connected, space.periodic, beyond=False)
+    solid = with_margin(space.cell == Cell.OBSTACLE, space.periodic, beyond=True)
     for axis, direction in enumerate(field.face_direction):
         (here, there), (before, behind) = before_and_behind(free, axis), before_and_behind(solid, axis)
         enters = (here & behind & (direction > 0)) | (before & there & (direction < 0))

@@ -66,9 +66,11 @@ def test_a_sweep_is_taken_up_where_it_was_killed(tmp_path: Path) -> None:
         assert file.read_bytes() == data
     with pytest.raises(rg.InputError, match="belongs to another run"):
         rg.study(cells(), kind).exploration(*axes, trials=13, checkpoint=file)
-    file.write_bytes(data.replace(b'"number":3,', b'"number":4,'))
-    with pytest.raises(rg.InputError, match="is not that of chip 3"):
-        explored(checkpoint=file)
+    line = data.splitlines(keepends=True)[4]
+    for damaged in (line.replace(b'"number":3,', b'"number":4,'), b'{"number":3,"served":"64"}\n'):
+        file.write_bytes(data.replace(line, damaged))
+        with pytest.raises(rg.InputError, match="is not that of chip 3"):
+            explored(checkpoint=file)
 
 
 def test_the_cheapest_value_is_the_first_from_which_the_yield_stays() -> None:
