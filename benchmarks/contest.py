@@ -63,7 +63,7 @@ class Contender:
             stderr=subprocess.DEVNULL,
             text=True,
             cwd=ROOT,
-            env={**os.environ, **ONE_THREAD, **environment},
+            env={**os.environ, **environment, **ONE_THREAD},
         )
 
     def ask(self, order: Mapping[str, Any], limit: float) -> dict[str, Any]:
