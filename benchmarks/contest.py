@@ -11,6 +11,7 @@ import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -63,7 +64,7 @@ class Contender:
             stderr=subprocess.DEVNULL,
             text=True,
             cwd=ROOT,
-            env={**os.environ, **ONE_THREAD, **environment},
+            env={**os.environ, **environment, **ONE_THREAD},
         )
 
     def ask(self, order: Mapping[str, Any], limit: float) -> dict[str, Any]:
@@ -89,6 +90,7 @@ class Contender:
         self.process.communicate()
 
 
+@cache
 def interpreter(name: str) -> tuple[str, dict[str, str]]:
     """The Python that has a contender's library, and what its environment needs."""
     if name in PEERS and PEERS[name].package == "petsc4py":

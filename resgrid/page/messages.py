@@ -26,7 +26,6 @@ LARGEST = 8 << 20
 _WORDS = {
     "use --drive uniform": "choose the uniform drive",
     "--drive uniform": "the uniform drive",
-    "--boundary neumann": "k = 0",
     "boundary = 'neumann'": "k = 0",
 }
 """What an option of the command line is called on the page."""

@@ -27,7 +27,7 @@ from resgrid.space import Cell
 if TYPE_CHECKING:
     from resgrid.chip.passes import Pass
 
-TOLERANCE = 1e-6
+_TOLERANCE = 1e-6
 """Normwise backward error of what is shown while somebody draws."""
 
 
@@ -43,7 +43,7 @@ class WarmFields:
         for name, wiring in problem.wirings.items():
             start = self._starts.pop(name, None)  # one that fails is begun anew
             if start is None or start.wiring != wiring:
-                start = WarmStart(wiring, rtol=TOLERANCE)
+                start = WarmStart(wiring, rtol=_TOLERANCE)
             pure[name] = field(start.solve(problem.space))
             self._starts[name] = start
         return Solution(problem, {}, pure)
@@ -85,11 +85,12 @@ def solve_drawing(drawing: Drawing, *, exact: bool, warm: WarmFields | None = No
 
 
 def _solved(drawing: Drawing, exact: bool, warm: WarmFields | None) -> Solution:
-    if warm is not None and not exact and not drawing.driven and not flaws_of(drawing):
+    flaws = flaws_of(drawing)
+    if warm is not None and not exact and not drawing.driven and not flaws:
         with suppress(CircuitError, AccuracyError):  # where a half is flat, or a circuit is too stiff to be hurried
             return warm.solve(drawing.problem)
-    solver = solve if exact else partial(solve, accuracy="normwise", rtol=TOLERANCE)
-    return solve_problem(drawing.problem, work=Work(_flawed(solver, drawing)))
+    solver = solve if exact else partial(solve, accuracy="normwise", rtol=_TOLERANCE)
+    return solve_problem(drawing.problem, work=Work(_flawed(solver, flaws) if flaws else solver))
 
 
 def _path(field: Field, point: NDArray[np.float64], exact: bool) -> Streamline | None:
@@ -116,11 +117,8 @@ def flaws_of(drawing: Drawing) -> list[Pass]:
     return [*mismatch, *([Faults(open_at=drawing.broken)] if drawing.broken else [])]
 
 
-def _flawed(solver: Solver, drawing: Drawing) -> Solver:
-    """A solver of netlists that have the flaws of a drawing; the same solver where there are none."""
-    flaws = flaws_of(drawing)
-    if not flaws:
-        return solver
+def _flawed(solver: Solver, flaws: list[Pass]) -> Solver:
+    """A solver of netlists that are given flaws first."""
     from resgrid.chip.build import build_chip
 
     def solve_flawed(netlist: Netlist, **options: object) -> OperatingPoint:

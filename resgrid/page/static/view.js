@@ -45,7 +45,6 @@ export class View {
   /** Paths of k = 0 and of k = 1. @type {Float32Array[][]} */ ends = [];
   shows = { dots: true, equipotentials: true, arrows: false, paths: true, circuit: true, ends: false };
   dark = false;
-  repaints = 0;
   #dots = new Dots(900);
   #then = 0;
 
@@ -154,7 +153,6 @@ export class View {
     const seconds = Math.min(0.05, (now - this.#then) / 1000);
     this.#then = now;
     if (!this.scene) return;
-    this.repaints++;
     if (this.#isStale) this.#paintGround();
     const { context, canvas, frame, circuit, shows, ratio } = this, { x, y, w, h, nx, ny } = this.box, ink = inks(this.dark);
     context.fillStyle = ink.back;
