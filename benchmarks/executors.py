@@ -46,8 +46,11 @@ def opened(name: str, workers: int, folder: Path) -> Iterator[Executor | None]:
     elif name == "dask":
         from distributed import LocalCluster
 
+        free_port = {"dashboard_address": "127.0.0.1:0"}  # without a dashboard it would still be 8787
         with (
-            LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster,
+            LocalCluster(
+                n_workers=workers, threads_per_worker=1, dashboard_address=None, scheduler_kwargs=free_port
+            ) as cluster,
             open_executor(cluster.scheduler_address.replace("tcp", "dask")) as executor,
         ):
             yield executor
