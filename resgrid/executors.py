@@ -263,8 +263,9 @@ class _Crew:
             self._renew(error)
         elif type(error).__name__ in _LOST:
             self._blame(task, error)
-        elif type(error).__name__ == "KilledWorker":  # dask has tried again by itself
-            raise _guilty(task, error)
+        elif type(error).__name__ == "KilledWorker":  # of all that waited on workers that died: dask tried again itself
+            task.strikes = max(task.strikes, _STRIKES - 2)
+            self._blame(task, error)
         elif isinstance(error, CancelledError):
             raise _given_up(self._executor, "it was closed, or lost its scheduler") from error
         else:
