@@ -169,16 +169,16 @@ def test_a_report_that_is_killed_takes_its_counts_up_again(scenes: Path, tmp_pat
     words = ["--only", "yield", "--half-width", "0.0005", "--most", "100000", "--no-check", "-q"]
     command = [*COMMAND, "chip", str(scenes / "chip.toml"), "-o", str(tmp_path / "out"), *words]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=dict(os.environ))
-    end = time.monotonic() + 60
-    while not list(tmp_path.glob(".out-*.yield.jsonl")) and time.monotonic() < end and process.poll() is None:
+    while not list(tmp_path.glob(".out-*.yield.jsonl")):
+        assert process.poll() is None
         time.sleep(0.02)
     process.send_signal(signal.SIGKILL)
     process.communicate()
     (kept,) = tmp_path.glob(".out-*.yield.jsonl")  # found again by the next run: same scene, same seed
     assert kept.read_text().count("\n") >= 1
     assert not (tmp_path / "out").exists()
-    folder = report(scenes / "chip.toml", tmp_path / "out", *words[:4], "--most", 1536, "--no-check")
-    again = report(scenes / "chip.toml", tmp_path / "again", *words[:4], "--most", 1536, "--no-check")
+    folder = report(scenes / "chip.toml", tmp_path / "out", *words[:4], "--most", 256, "--no-check")
+    again = report(scenes / "chip.toml", tmp_path / "again", *words[:4], "--most", 256, "--no-check")
     first, second = (json.loads((f / "summary.json").read_text())["analyses"] for f in (folder, again))
     assert first == second
     assert (folder / "yield.jsonl").read_bytes() == (again / "yield.jsonl").read_bytes()

@@ -15,7 +15,7 @@ import pytest
 from support.cli import COMMAND
 from support.executors import two_workers
 
-WORDS = ["--only", "yield", "--most", "400", "--half-width", "0.001", "--no-check", "-q"]
+WORDS = ["--only", "yield", "--most", "200", "--half-width", "0.001", "--no-check", "-q"]
 
 
 @pytest.fixture(scope="module")
