@@ -21,12 +21,11 @@ from resgrid.frame import Frame
 from resgrid.robots import ROBOTS, Robot
 from resgrid.scene.consistency import inconsistencies
 from resgrid.scene.maps.arrays import MapCells
-from resgrid.scene.maps.formats import COMMON, FORMATS, format_of, read_map
+from resgrid.scene.maps.formats import COMMON, format_of, map_options, read_map
 from resgrid.scene.messages import Problem, report
 from resgrid.scene.scene import IN_FILES, Scene, check_attributes, start_point
 from resgrid.scene.toml_lines import Path as KeyPath, key_lines
 
-MAP_OPTIONS = (*COMMON[1:], *dict.fromkeys(option for entry in FORMATS.values() for option in entry.options))
 _LINK = re.compile(r"https?://\S*#(?:\S*&)?s=(?P<code>[^&\s]+)")
 """A link of the live page: a scene's document, deflated and in base64url, in the fragment."""
 
@@ -65,8 +64,9 @@ def read_scene(file: str | os.PathLike[str], **options: Any) -> Scene:
     ('Eight by eight', (0.5,), 3)
     """
     path = Path(file)
-    check_attributes(options, *MAP_OPTIONS)
-    table = {key: options.pop(key) for key in MAP_OPTIONS if key in options}
+    map_keys = (*COMMON[1:], *map_options())
+    check_attributes(options, *map_keys)
+    table = {key: options.pop(key) for key in map_keys if key in options}
     if path.suffix.lower() == ".toml":
         raw, lines = _toml(decode(read_bytes(path), path), str(path))
         if table and isinstance(raw.get("map", {}), dict):
@@ -208,8 +208,7 @@ def _ground(
     grid = None if document.grid is None else tuple(table.axis() for table in document.grid.axes)
     if document.map is None or robot is None:
         return grid, Frame(), None
-    table = {key: value for key, value in document.map.model_dump().items() if value is not None}
-    table["file"] = str(folder.resolve() / document.map.file)
+    table = document.map.model_dump(exclude_unset=True) | {"file": str(folder.resolve() / document.map.file)}
     cells = read_map(table) if known is None else known
     if grid is None:
         return (*cells.space_of(robot), cells)

@@ -27,7 +27,8 @@ from resgrid.robots.shapes import LARGEST
 from resgrid.scene.chip import Chip, Defects, Readout
 from resgrid.scene.control import Control
 from resgrid.scene.goals import CostArea, GoalCell, GoalJoints, GoalPoint
-from resgrid.scene.maps.formats import FORMATS
+from resgrid.scene.maps.arrays import HEADINGS
+from resgrid.scene.maps.formats import FORMATS, map_options
 from resgrid.scene.messages import suggestion, unknown
 from resgrid.scene.quantities import Listed
 from resgrid.scene.scene import Boundary, Drive, EdgeRule, Scene
@@ -247,47 +248,22 @@ def _known_format(name: str) -> str:
     return name
 
 
-class Map(Table):
-    """A map file instead of a grid, and how to read it; each format takes its own options."""
-
-    file: Annotated[str, Len(1), Field(description="Its name, seen from the scene's folder.")]
-    format: Annotated[
-        str,
-        AfterValidator(_known_format),
-        Field(
-            description="Otherwise by the end of its name, or its first bytes.",
-            json_schema_extra=lambda schema: schema.update(enum=["auto", *FORMATS]),
-        ),
-    ] = "auto"
-    dialect: Annotated[Literal["nav2", "ros1"] | None, Field(description="ROS: whose reader is meant.")] = None
-    unknown: Annotated[
-        Literal["obstacle", "free"] | None,
-        Field(
-            description="ROS: what cells of unknown occupancy are. Raw values above 100 are unknown to Nav2; of ROS 1 "
-            "255 is, and 101 to 254 are obstacles, as costmap_2d takes what map_server sends."
-        ),
-    ] = None
-    lethal: Annotated[
-        Annotated[int, Ge(1), Le(100)] | None, Field(description="ROS: occupancy from which a cell is an obstacle.")
-    ] = None
-    least_conductivity: Annotated[
-        Annotated[float, Gt(0), Le(1)] | None,
-        Field(description="ROS: values below lethal as cost; an occupancy p conducts this to the power of p / lethal."),
-    ] = None
-    passable: Annotated[str | None, Field(description="MovingAI: letters of free terrain.")] = None
-    threshold: Annotated[
-        Annotated[int, Ge(0), Le(65536)] | None, Field(description="Pictures: grey value from which a pixel is free.")
-    ] = None
-    spacing: Annotated[float | None, Gt(0), Field(description="Pictures and arrays: width of a cell.")] = None
-    origin: Annotated[Coordinates | None, Field(description="Pictures and arrays: their lower corner.")] = None
-    unit: Annotated[str | None, Field(description="Pictures and arrays: of lengths.")] = None
-    periodic: Annotated[
+_FORMAT = Annotated[
+    str, AfterValidator(_known_format), Field(json_schema_extra=lambda schema: schema.update(enum=["auto", *FORMATS]))
+]
+Map = create_model(
+    "Map",
+    __base__=Table,
+    __doc__="A map file instead of a grid, and how to read it; each format takes its own options.",
+    file=(Annotated[str, Len(1)], Field(description="Its name, seen from the scene's folder.")),
+    format=(_FORMAT, Field("auto", description="Otherwise by the end of its name, or its first bytes.")),
+    **map_options(),
+    periodic=(
         Annotated[tuple[str, ...], Strict(False), Listed()] | None,
-        Field(description="Axes whose ends are joined, by name."),
-    ] = None
-    headings: Annotated[
-        Count | None, Field(description="Cells of the third axis, of a robot that turns; 36 if it does not say.")
-    ] = None
+        Field(None, description="Axes whose ends are joined, by name."),
+    ),
+    headings=(Count, Field(HEADINGS, description="Cells of the third axis, of a robot that turns.")),
+)
 
 
 _ABOUT = meanings(Scene)

@@ -11,9 +11,10 @@ import warnings
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from resgrid.budget import BYTES_PER_CELL, require_grid_memory
@@ -72,8 +73,14 @@ class Raster:
         return values if self.maxval == 255 else values * 255 // self.maxval
 
 
-def read_grey(path: Path, threshold: int = THRESHOLD) -> NDArray[np.uint8]:
-    """Read a picture in which dark is an obstacle."""
+def read_grey(path: Path, threshold: Annotated[int, Ge(0), Le(65536)] = THRESHOLD) -> NDArray[np.uint8]:
+    """Read a picture in which dark is an obstacle.
+
+    Parameters
+    ----------
+    threshold
+        Grey value from which a pixel is free.
+    """
     grey = read_raster(path).grey
     return cells_from_rows(np.where(grey < threshold, Cell.OBSTACLE, Cell.FREE).astype(np.uint8))
 
