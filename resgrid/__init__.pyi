@@ -87,7 +87,6 @@ from .scene import (
     Readout as Readout,
     Scene as Scene,
     occupancy_grid as occupancy_grid,
-    parse_quantity as parse_quantity,
     parse_scene as parse_scene,
     read_queries as read_queries,
     read_scene as read_scene,

@@ -13,7 +13,7 @@ from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.frozen import frozen
 from resgrid.space import Cell, ConfigurationSpace
-from resgrid.wiring import Wiring
+from resgrid.wiring import EdgeRule, Wiring
 
 if TYPE_CHECKING:
     from resgrid.planning.road import Problem
@@ -39,7 +39,7 @@ class Drawing:
 
     title: str
     axes: tuple[Axis, ...]
-    edge: tuple[str, ...]
+    edge: tuple[EdgeRule, ...]
     cell: NDArray[np.uint8]
     level: NDArray[np.uint8]
     palette: tuple[float, ...]

@@ -6,7 +6,6 @@ from resgrid.scene.goals import CostArea, GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.maps.arrays import MapCells
 from resgrid.scene.maps.movingai import Query, read_queries
 from resgrid.scene.maps.ros import occupancy_grid
-from resgrid.scene.quantities import parse_quantity
 from resgrid.scene.read import parse_scene, read_scene
 from resgrid.scene.sampling import sample
 from resgrid.scene.scene import Scene
@@ -24,7 +23,6 @@ __all__ = [
     "Readout",
     "Scene",
     "occupancy_grid",
-    "parse_quantity",
     "parse_scene",
     "read_queries",
     "read_scene",

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
+from resgrid.arguments import short, suggestion
 from resgrid.scene.toml_lines import Path, line_of
 
 if TYPE_CHECKING:
@@ -44,12 +44,6 @@ def complaint(detail: ErrorDetails) -> str:
     return message if detail["type"] == "value_error" else f"{message[:1].lower()}{message[1:]}, got {shown(detail)}"
 
 
-def suggestion(name: str, known: Sequence[str]) -> str:
-    """The name that was probably meant, as a question; nothing if none is near."""
-    near = get_close_matches(name, known, 1, 0.6)
-    return f"did you mean {near[0]!r}?" if near else ""
-
-
 def unknown(words: str, given: Any, choice: str, options: Sequence[str]) -> str:
     """That something is none of its options, and which of them was probably meant."""
     near = suggestion(given, options) if isinstance(given, str) else ""
@@ -61,13 +55,7 @@ def shown(detail: ErrorDetails) -> str:
     value = detail["input"]
     if isinstance(value, Mapping):
         return "a table"
-    if isinstance(value, list):
-        return f"a list of {len(value)}"
-    try:
-        text = repr(value)
-    except ValueError:
-        return "a number of absurd length"
-    return text if len(text) <= 60 else f"{text[:50]}..."
+    return f"a list of {len(value)}" if isinstance(value, list) else short(value)
 
 
 def _choice(detail: ErrorDetails) -> str:

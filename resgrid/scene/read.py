@@ -23,7 +23,7 @@ from resgrid.scene.consistency import inconsistencies
 from resgrid.scene.maps.arrays import MapCells
 from resgrid.scene.maps.formats import COMMON, format_of, map_options, read_map
 from resgrid.scene.messages import Problem, report
-from resgrid.scene.scene import IN_FILES, Scene, check_attributes, start_point
+from resgrid.scene.scene import IN_FILES, LISTS, Scene, check_attributes, start_point
 from resgrid.scene.toml_lines import Path as KeyPath, key_lines
 
 _LINK = re.compile(r"https?://\S*#(?:\S*&)?s=(?P<code>[^&\s]+)")
@@ -163,8 +163,7 @@ def build_scene(
     known: MapCells | None = None,
 ) -> Scene:
     """Check a document and make the scene it describes; `known`: its map, if it has been read already."""
-    from resgrid.scene.schema import robot_of
-    from resgrid.scene.validate import validate
+    from resgrid.scene.schema import robot_of, validate
 
     raw = _with_footprint(raw)
     robot = robot_of(raw.get("robot", {}))
@@ -185,19 +184,17 @@ def build_scene(
     starts = (
         start_point(start, axes, frame, f"{source}: start[{number}]") for number, start in enumerate(document.start)
     )
+    said: dict[str, Any] = {name: tuple(getattr(document, key)) for key, name in LISTS.items()}
+    said |= {key: getattr(document, key) for key in IN_FILES}
     return Scene(
         axes=axes,
         robot=robot,
-        obstacles=tuple(document.obstacle),
-        hidden=tuple(document.hidden),
-        goals=tuple(document.goal),
         starts=(*document.starts, *starts),
-        areas=tuple(document.area),
         map=cells,
         frame=frame,
         edge=document.edge,
         source=source,
-        **{key: getattr(document, key) for key in IN_FILES},
+        **said,
     )
 
 
@@ -205,7 +202,7 @@ def _ground(
     document: Any, robot: Robot | None, folder: Path, known: MapCells | None
 ) -> tuple[tuple[Axis, ...] | None, Frame, MapCells | None]:
     """Axes and frame of the space of a robot, and the cells of the map; of a document with errors, axes at most."""
-    grid = None if document.grid is None else tuple(table.axis() for table in document.grid.axes)
+    grid = None if document.grid is None else tuple(document.grid.axes)
     if document.map is None or robot is None:
         return grid, Frame(), None
     table = document.map.model_dump(exclude_unset=True) | {"file": str(folder.resolve() / document.map.file)}

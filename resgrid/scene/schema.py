@@ -1,11 +1,13 @@
-"""The schema of scene files: their keys, and what each may hold.  Imported only when a scene is read or described."""
+"""The schema of scene files: their keys, what each may hold, and what is wrong with a document: all errors at once.
+
+Imported only when a scene is read or described.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from functools import partial
-from math import ulp
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from annotated_types import Ge, Gt, Le, Len
 from pydantic import (
@@ -15,24 +17,31 @@ from pydantic import (
     PlainValidator,
     Strict,
     TypeAdapter,
+    ValidationError,
     ValidationInfo,
     create_model,
     field_validator,
     model_validator,
 )
 
+from resgrid.arguments import suggestion
 from resgrid.axis import Axis
 from resgrid.robots import ROBOTS, Arm, Ball, Box, HalfSpace, PointRobot, Polygon, Robot, Sampling
-from resgrid.robots.shapes import LARGEST
+from resgrid.robots.arm import Length, Width
 from resgrid.scene.chip import Chip, Defects, Readout
 from resgrid.scene.control import Control
-from resgrid.scene.goals import CostArea, GoalCell, GoalJoints, GoalPoint
+from resgrid.scene.goals import Conductivity, CostArea, GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.maps.arrays import HEADINGS
 from resgrid.scene.maps.formats import FORMATS, map_options
-from resgrid.scene.messages import suggestion, unknown
+from resgrid.scene.messages import Problem, complaint, unknown
 from resgrid.scene.quantities import Listed
-from resgrid.scene.scene import Boundary, Drive, EdgeRule, Scene
-from resgrid.scene.table import Table, either, filled_as, meanings, table_of, value_of
+from resgrid.scene.scene import LISTS, Scene
+from resgrid.scene.table import Table, either, fields_from, filled_as, meanings, problems_of, table_of, value_of
+from resgrid.scene.toml_lines import Path
+from resgrid.wiring import Boundary, Drive, EdgeRule
+
+if TYPE_CHECKING:
+    from pydantic_core import ErrorDetails
 
 Coordinates = Annotated[tuple[float, ...], Strict(False), Len(1, 4)]
 Pair = Annotated[tuple[float, ...], Strict(False), Len(2, 2)]
@@ -65,8 +74,8 @@ class JointBox(Table):
 class Link(Table):
     """A link of an arm."""
 
-    length: Annotated[float, Gt(0), Field(description="From joint to joint.")]
-    width: Annotated[float, Ge(0), Field(description="Of the capsule around it.")] = 0.0
+    length: Annotated[Length, Field(description="From joint to joint.")]
+    width: Annotated[Width, Field(description="Of the capsule around it.")] = 0.0
     limits: Annotated[
         Pair | None, Field(description="Range of its joint, in radians; without it the joint turns all the way round.")
     ] = None
@@ -95,8 +104,7 @@ def _arm_table() -> Any:
 
 def _area(shape: type, name: str, is_planar: bool) -> Any:
     """A shape with a conductivity."""
-    about = Field(description=meanings(CostArea)["conductivity"])
-    keys: dict[str, Any] = {"conductivity": (Annotated[float, Gt(0)], about)}
+    keys: dict[str, Any] = {"conductivity": (Conductivity, Field(description=meanings(CostArea)["conductivity"]))}
     table: Any = create_model(f"area_{name}", __base__=table_of(shape, ("shape", name), is_planar), **keys)
     return filled_as(table, lambda conductivity, **keys: CostArea(shape(**keys), conductivity), "shape")
 
@@ -180,53 +188,44 @@ def _nothing_required(schema: dict[str, Any]) -> None:
     schema.pop("required", None)
 
 
-class AxisTable(Table):
-    """One axis of the grid; what an arm's or a turning polygon's axes leave out, the robot decides."""
+class _Implied(Table):
+    """What a robot may fill."""
 
     model_config = ConfigDict(json_schema_extra=_nothing_required)
 
-    name: Annotated[str, Len(1), Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", description="Such as x.")]
-    lower: Annotated[float, Field(description="Where its first cell begins.")]
-    upper: Annotated[float, Field(description="Where its last cell ends.")]
-    cells: Annotated[Count | None, Field(description="How many cells it has; this or spacing.")] = None
-    spacing: Annotated[float | None, Gt(0), Field(description="Width of its cells; this or cells.")] = None
-    periodic: Annotated[bool, Field(description="Whether its ends are joined.")] = False
-    unit: Annotated[str, Field(description="For people.")] = "m"
 
-    @model_validator(mode="after")
-    def _is_possible(self) -> AxisTable:
-        if not self.lower < self.upper:
-            raise ValueError(f"lower = {self.lower} must lie below upper = {self.upper}")
-        if max(abs(self.lower), abs(self.upper)) > LARGEST:
-            raise ValueError(f"lower and upper must not exceed {LARGEST:g}")
-        if (self.cells is None) == (self.spacing is None):
-            raise ValueError("give either cells or spacing, not " + ("both" if self.cells else "neither"))
-        if self.spacing is not None:
-            count = (self.upper - self.lower) / self.spacing
-            if count > 1e18 or round(count) < 1 or abs(count - round(count)) > 1e-6 * max(1.0, count * 1e-3):
-                raise ValueError(
-                    f"spacing = {self.spacing} does not divide upper - lower = {self.upper - self.lower} into whole "
-                    "cells; change one of them, or give cells"
-                )
-        if (self.upper - self.lower) / self.count() < 64 * ulp(max(abs(self.lower), abs(self.upper))):
-            raise ValueError("the cells are too narrow to be told apart in floating point; move the axis towards 0")
-        return self
-
-    def count(self) -> int:
-        """Number of cells."""
-        return self.cells or round((self.upper - self.lower) / (self.spacing or 1.0))
-
-    def axis(self) -> Axis:
-        """The axis this table describes."""
-        return Axis(self.name, float(self.lower), float(self.upper), self.count(), self.periodic, self.unit)
+def _axis(cells: int | None, spacing: float | None, lower: float, upper: float, **keys: Any) -> Axis:
+    """The axis of a table, which says how many cells there are, or how wide they are."""
+    if (cells is None) == (spacing is None):
+        raise ValueError("give either cells or spacing, not " + ("both" if cells else "neither"))
+    if spacing is not None and lower < upper:
+        count = (upper - lower) / spacing
+        if count > 1e18 or round(count) < 1 or abs(count - round(count)) > 1e-6 * max(1.0, count * 1e-3):
+            raise ValueError(
+                f"spacing = {spacing} does not divide upper - lower = {upper - lower} into whole cells; change one of "
+                "them, or give cells"
+            )
+        cells = round(count)
+    return Axis(cells=cells or 1, lower=float(lower), upper=float(upper), **keys)
 
 
-class Grid(Table):
+AxisTable: Any = create_model(
+    "AxisTable",
+    __base__=_Implied,
+    __doc__="One axis of the grid; what an arm's or a turning polygon's axes leave out, the robot decides.",
+    **fields_from(Axis)
+    | {
+        "name": (Annotated[str, Len(1)], Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", description="Such as x.")),
+        "cells": (Count | None, Field(None, description="How many cells it has; this or spacing.")),
+        "spacing": (Annotated[float, Gt(0)] | None, Field(None, description="Width of its cells; this or cells.")),
+    },
+)
+
+
+class Grid(_Implied):
     """The grid; an arm's axes need say nothing at all."""
 
-    model_config = ConfigDict(json_schema_extra=_nothing_required)
-
-    axes: Annotated[list[AxisTable], Len(1, 4), Field(description="One to four.")]
+    axes: Annotated[list[filled_as(AxisTable, _axis)], Len(1, 4), Field(description="One to four.")]
     cells: Annotated[
         Annotated[tuple[Count, ...], Strict(False), Len(1, 4), Listed()] | None,
         Field(description="Numbers of cells of axes that do not say: one for all, or one each."),
@@ -267,11 +266,11 @@ Map = create_model(
 
 
 _ABOUT = meanings(Scene)
-_TABLES = {"obstacle": "obstacles", "goal": "goals", "start": "starts", "area": "areas"}
+_ATTRIBUTES = LISTS | {"start": "starts"}
 
 
 def _key(name: str, kind: Any, default: Any, *marks: Any, about: str = "") -> tuple[Any, Any]:
-    text = about or _ABOUT[_TABLES.get(name, name)]
+    text = about or _ABOUT[_ATTRIBUTES.get(name, name)]
     hint = Annotated[(kind, *marks)] if marks else kind
     return (hint, Field(default, description=text))
 
@@ -324,6 +323,57 @@ def keys_of(path: tuple[str | int, ...], kind: str | None) -> list[str]:
     name = next((part for part in reversed(path) if isinstance(part, str)), "")
     table: Any = TABLES.get(name) or (KINDS[name][kind].__origin__ if kind in KINDS.get(name, {}) else None)
     return [] if table is None else [field.alias or key for key, field in table.model_fields.items()]
+
+
+def validate(raw: Mapping[str, Any]) -> tuple[Any, list[Problem], dict[Path, Any]]:
+    """The typed document, what is wrong with it, and the entries of its lists by their key paths.
+
+    What is wrong is left out of the document, so that what is right can still be checked for consistency.
+    """
+    numbers = {key: [*range(len(raw[key]))] for key in (*KINDS, "starts") if isinstance(raw.get(key), list)}
+    problems: list[Problem] = []
+    try:
+        document = SceneFile.model_validate(dict(raw))
+    except ValidationError as error:
+        problems = [_problem(detail, raw) for detail in problems_of(error)]
+        wrong = {path[: 2 if path[0] in numbers else 1] for path, _ in problems if path}
+        sound = {key: value for key, value in raw.items() if (key,) not in wrong} | {"schema": 1}
+        numbers = {key: [n for n in every if (key, n) not in wrong] for key, every in numbers.items() if key in sound}
+        sound |= {key: [raw[key][n] for n in some] for key, some in numbers.items()}
+        document = SceneFile.model_validate(sound)
+    entries = ((key, zip(some, getattr(document, key), strict=True)) for key, some in numbers.items())
+    return document, problems, {(key, number): value for key, pairs in entries for number, value in pairs}
+
+
+def _problem(detail: ErrorDetails, raw: Mapping[str, Any]) -> Problem:
+    path = _path_in(raw, detail["loc"])
+    return path, _unknown_key(path, raw) if detail["type"] == "extra_forbidden" else complaint(detail)
+
+
+def _path_in(raw: Any, location: Path) -> Path:
+    """Pydantic's location as the document has it, where the only entry of a list may stand without one."""
+    node = raw
+    for depth, part in enumerate(location):
+        if not isinstance(node, Mapping | list):
+            return location[:depth]
+        node = node.get(str(part)) if isinstance(node, Mapping) else node[int(part)]
+    return location
+
+
+def _unknown_key(path: Path, raw: Any) -> str:
+    kind = None  # of a table that comes in several
+    if path[0] in KIND_OF and len(path) == (2 if path[0] == "robot" else 3):
+        kind = KIND_OF[str(path[0])](raw["robot"] if path[0] == "robot" else raw[path[0]][path[1]])
+    name, known = str(path[-1]), keys_of(path[:-1], kind)
+    near = suggestion(name, known)
+    if near:
+        return f"unknown key; {near}"
+    if len(path) > 1 and name in keys_of((), None):
+        return f"this key belongs at the top level of the scene, above the first [table]; move {name!r} there"
+    if kind is not None and len(known) == 1:  # a place
+        return f"nothing else goes with {known[0]} = [...]; remove {name!r}"
+    whose = "" if kind is None else f" of {'an' if kind[0] in 'aeiou' else 'a'} {kind.replace('_', '-')}"
+    return f"unknown key{whose}; there are {', '.join(known)}" if known else "unknown key; remove it"
 
 
 def robot_of(table: Any) -> Robot | None:

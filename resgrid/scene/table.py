@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_
 from annotated_types import Len
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, ValidationError, create_model
 
+from resgrid.axis import Point
 from resgrid.errors import InputError
 from resgrid.scene.messages import complaint, key_path
 from resgrid.scene.quantities import Quantity
@@ -80,7 +81,7 @@ def file_type(hint: Any, *, planar: bool = False) -> Any:
     if origin in (Union, UnionType):
         return either(file_type(part, planar=planar) for part in parts)
     if origin is tuple:
-        size = len(parts) if parts[-1] is not Ellipsis else 2 if planar and parts[0] is float else None
+        size = len(parts) if parts[-1] is not Ellipsis else 2 if planar and hint == Point else None
         entry: Any = file_type(parts[0], planar=planar)
         return Annotated[(tuple[entry, ...], Strict(False), *(() if size is None else (Len(size, size),)))]
     return value_of(hint) if isinstance(hint, type) and dataclasses.is_dataclass(hint) else hint
@@ -92,15 +93,14 @@ def table_of(value: type, kind: tuple[str, str] | None = None, planar: bool = Fa
 
     In a `planar` one, points have two coordinates.
     """
-    keys: dict[str, Any] = (
-        {} if kind is None else {kind[0]: (Literal[kind[1]], Field(kind[1], description="Its kind."))}
-    )
+    keys = fields_from(value, planar=planar)
+    if kind is not None:
+        keys = {kind[0]: (Literal[kind[1]], Field(kind[1], description="Its kind."))} | keys
     sentence = cleandoc(value.__doc__ or "").split("\n")[0]
-    name = value.__name__ if kind is None else "_".join(kind)
-    return create_model(name, __base__=Table, __doc__=sentence, **keys, **fields_from(value, planar=planar))
+    return create_model(value.__name__ if kind is None else "_".join(kind), __base__=Table, __doc__=sentence, **keys)
 
 
-def fields_from(value: Callable[..., Any], *, planar: bool = False) -> dict[str, tuple[Any, Any]]:
+def fields_from(value: Callable[..., Any], *, planar: bool = False) -> dict[str, Any]:
     """The keys of a table that describes a dataclass, or the options of a function: their types, defaults, meanings."""
     if isinstance(value, type):
         defaults = {item.name: _default(item) for item in dataclasses.fields(value)}

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from resgrid.arguments import suggestion
 from resgrid.errors import InputError
 from resgrid.files import read_bytes
 from resgrid.scene.maps.arrays import MapCells, placed_axes, read_npy
 from resgrid.scene.maps.movingai import PASSABLE, read_movingai
 from resgrid.scene.maps.pictures import THRESHOLD, read_epic, read_grey
 from resgrid.scene.maps.ros import UNKNOWN, occupancy_grid, read_ros, ros_greys
-from resgrid.scene.messages import suggestion
 from resgrid.scene.table import fields_from
 
 
