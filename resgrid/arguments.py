@@ -185,9 +185,14 @@ def _limited(kind: Kind, marks: Sequence[Any]) -> Kind:
     if not limits:
         return kind
     words = f"{kind.words[0]} {' and '.join(f'{word} {bound:g}' for _, word, bound in limits)}"
-    return Kind(
-        lambda value: kind.accepts(value) and all(fits(float(value), bound) for fits, _, bound in limits), (words,)
-    )
+
+    def accepts(value: Any) -> bool:
+        if not kind.accepts(value):
+            return False
+        number = float(value)
+        return all(fits(number, bound) for fits, _, bound in limits)
+
+    return Kind(accepts, (words,))
 
 
 def _plain_kind(hint: Any, base: Any) -> Kind:
@@ -231,8 +236,9 @@ def _is_list(value: Any) -> bool:
 
 def _is_real(value: Any) -> bool:
     """Whether a value is a real number, infinite ones included; limits are for the function itself to know."""
-    infinite = isinstance(value, float | np.floating) and abs(value) == np.inf
-    return infinite or (is_number(value) and not (is_whole(value) and abs(int(value)) > _LARGEST))
+    if isinstance(value, float | np.floating):
+        return not math.isnan(value)
+    return is_number(value) and not (is_whole(value) and abs(int(value)) > _LARGEST)
 
 
 def _is_array(value: Any) -> bool:

@@ -16,20 +16,7 @@ if TYPE_CHECKING:
 SMALLEST, LARGEST = 1e-30, 1e30
 """Limits of all values in SI units, so that their products and squares are numbers, too."""
 
-EXPONENTS = {
-    "T": 12,
-    "G": 9,
-    "M": 6,
-    "meg": 6,
-    "k": 3,
-    "m": -3,
-    "u": -6,
-    "µ": -6,
-    "μ": -6,
-    "n": -9,
-    "p": -12,
-    "f": -15,
-}
+EXPONENTS = {"T": 12, "G": 9, "M": 6, "meg": 6, "k": 3, "m": -3, "u": -6, "µ": -6, "μ": -6, "n": -9, "p": -12, "f": -15}
 PREFIXES = dict(zip(range(-24, 13, 3), ("y", "z", "a", "f", "p", "n", "µ", "m", "", "k", "M", "G", "T"), strict=True))
 PATTERN = r"([+-]?(?:\d+(?:\.\d*)?|\.\d+))([eE][+-]?\d+|meg|[TGMkmuµμnpf])?|([+-]?\d+)([TGMkmuµμnpf])(\d+)"
 """A number, perhaps with an exponent or a suffix; or one with a suffix in place of its point."""

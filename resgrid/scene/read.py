@@ -10,6 +10,7 @@ import re
 import tomllib
 import zlib
 from collections.abc import Mapping
+from itertools import chain, repeat
 from math import isclose
 from pathlib import Path
 from typing import Any
@@ -256,12 +257,9 @@ def _with_axes(raw: Mapping[str, Any], robot: Robot | None) -> Mapping[str, Any]
         axes = [{} for _ in implied]
     if not isinstance(axes, list):
         return raw
-    given = cells if isinstance(cells, list) else [cells]
-    each = given * len(axes) if len(given) == 1 else given
-    full = [
-        _with_implied(axis, dict(enumerate(implied)).get(number, {}), dict(enumerate(each)).get(number))
-        for number, axis in enumerate(axes)
-    ]
+    counts = cells if isinstance(cells, list) else [cells]
+    each = repeat(counts[0]) if len(counts) == 1 else chain(counts, repeat(None))
+    full = [_with_implied(*parts) for parts in zip(axes, chain(implied, repeat({})), each, strict=False)]
     return {**raw, "grid": {**grid, "axes": full}}
 
 

@@ -176,8 +176,7 @@ def read_pgm(data: bytes, path: Path, bytes_per_pixel: int = BYTES_PER_CELL) -> 
     count = width * height
     if count <= len(data):  # otherwise it is cut short
         require_grid_memory((width, height), str(path), bytes_per_pixel)
-    read = _plain_values if magic == b"P2" else _binary_values
-    values = read(data, at + 1, count, maxval, path)
+    values = _plain_values(data, at + 1, count, path) if magic == b"P2" else _binary_values(data, at + 1, count, maxval)
     if len(values) < count:
         raise InputError(
             f"{path}: the file is cut short: {width} x {height} = {count} pixels are announced, "
@@ -188,12 +187,12 @@ def read_pgm(data: bytes, path: Path, bytes_per_pixel: int = BYTES_PER_CELL) -> 
     return values.reshape(height, width).astype(np.uint16), maxval
 
 
-def _binary_values(data: bytes, at: int, count: int, maxval: int, _path: Path) -> NDArray[Any]:
+def _binary_values(data: bytes, at: int, count: int, maxval: int) -> NDArray[Any]:
     dtype = np.dtype(np.uint8 if maxval < 256 else ">u2")
     return np.frombuffer(data, dtype, min(count, max(0, len(data) - at) // dtype.itemsize), at)
 
 
-def _plain_values(data: bytes, at: int, count: int, _maxval: int, path: Path) -> NDArray[Any]:
+def _plain_values(data: bytes, at: int, count: int, path: Path) -> NDArray[Any]:
     words = _COMMENT.sub(b" ", data[at:]).split()[:count]
     wrong = next((word for word in words if not word.isdigit() or len(word) > MAX_DIGITS), None)
     if wrong is not None:
