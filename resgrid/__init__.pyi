@@ -94,15 +94,7 @@ from .scene import (
 )
 from .scene.schema import scene_schema as scene_schema
 from .space import Cell as Cell, ConfigurationSpace as ConfigurationSpace
-from .spice.analyses import (
-    Measure as Measure,
-    MismatchAnalysis as MismatchAnalysis,
-    NoiseAnalysis as NoiseAnalysis,
-    OperatingAnalysis as OperatingAnalysis,
-    Probe as Probe,
-    TemperatureAnalysis as TemperatureAnalysis,
-    TransientAnalysis as TransientAnalysis,
-)
+from .spice import analyses as analyses
 from .spice.check.deck import check_deck as check_deck
 from .spice.check.predictions import predict_simulators as predict_simulators
 from .spice.check.rules import check_rules as check_rules
