@@ -1,4 +1,10 @@
-"""Analyses that a deck can be asked for, as values."""
+"""Analyses that a deck can be asked for, as values.
+
+>>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
+>>> asked = [rg.analyses.OperatingAnalysis(), rg.analyses.Probe(nodes=("n_0_0",))]
+>>> rg.write_spice(netlist, "lesson.cir", analyses=asked).commands.name
+'lesson.cir.ngspice'
+"""
 
 from __future__ import annotations
 
