@@ -166,7 +166,7 @@ def drawing_of_space(space: ConfigurationSpace) -> Drawing:
         raise InputError(f"the page draws planes, and this space has {space.ndim} axes")
     check_size(list(space.shape))
     palette, level = _palette(space)
-    edge = tuple("periodic" if axis.periodic else "obstacle" for axis in space.axes)
+    edge: tuple[EdgeRule, ...] = tuple("periodic" if axis.periodic else "obstacle" for axis in space.axes)
     return Drawing("", space.axes, edge, space.cell, level, palette, np.empty((0, 2)))
 
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
+
+from annotated_types import Ge, Le
 
 from resgrid.arguments import checked, suggestion
 from resgrid.axis import Axis, Point
@@ -19,6 +21,7 @@ from resgrid.scene.control import Control
 from resgrid.scene.goals import CostArea, Goal, GoalCell, GoalPoint
 from resgrid.scene.maps.arrays import MapCells
 from resgrid.scene.messages import report
+from resgrid.scene.quantities import Listed
 from resgrid.scene.toml_lines import Path
 from resgrid.scene.world import cell_centre
 from resgrid.wiring import Boundary, Drive, EdgeRule
@@ -107,7 +110,7 @@ class Scene:
     boundary: Boundary = "dirichlet"
     drive: Drive | None = None
     edge: tuple[EdgeRule, ...] = ()
-    k: tuple[float, ...] = ()
+    k: Annotated[tuple[Annotated[float, Ge(0), Le(1)], ...], Listed()] = ()
     chip: Chip = field(default_factory=Chip)
     control: Control = field(default_factory=Control)
     sampling: Sampling = "conservative"

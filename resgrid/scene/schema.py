@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
 from annotated_types import Ge, Gt, Le, Len
 from pydantic import (
@@ -26,7 +26,7 @@ from pydantic import (
 
 from resgrid.arguments import suggestion
 from resgrid.axis import Axis
-from resgrid.robots import ROBOTS, Arm, Ball, Box, HalfSpace, PointRobot, Polygon, Robot, Sampling
+from resgrid.robots import ROBOTS, Arm, Ball, Box, HalfSpace, PointRobot, Polygon, Robot
 from resgrid.robots.arm import Length, Width
 from resgrid.scene.chip import Chip, Defects, Readout
 from resgrid.scene.control import Control
@@ -35,10 +35,10 @@ from resgrid.scene.maps.arrays import HEADINGS
 from resgrid.scene.maps.formats import FORMATS, map_options
 from resgrid.scene.messages import Problem, complaint, unknown
 from resgrid.scene.quantities import Listed
-from resgrid.scene.scene import LISTS, Scene
-from resgrid.scene.table import Table, either, fields_from, filled_as, meanings, problems_of, table_of, value_of
+from resgrid.scene.scene import IN_FILES, LISTS, Scene
+from resgrid.scene.table import Table, fields_from, filled_as, meanings, problems_of, table_of, value_of
 from resgrid.scene.toml_lines import Path
-from resgrid.wiring import Boundary, Drive, EdgeRule
+from resgrid.wiring import EdgeRule
 
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
@@ -109,10 +109,6 @@ def _area(shape: type, name: str, is_planar: bool) -> Any:
     return filled_as(table, lambda conductivity, **keys: CostArea(shape(**keys), conductivity), "shape")
 
 
-def _robot(name: str, robot: type[Robot]) -> Any:
-    return filled_as(_arm_table(), _arm, "type") if robot is Arm else value_of(robot, ("type", name))
-
-
 _SHAPES = {name: value_of(shape, ("shape", name), planar) for name, (shape, planar) in SHAPES.items()}
 _PLACES = {"point": value_of(GoalPoint), "cell": value_of(GoalCell)}
 _JOINTS = {
@@ -125,7 +121,8 @@ KINDS: dict[str, dict[str, Any]] = {
     "goal": _SHAPES | _PLACES | _JOINTS,
     "start": _PLACES,
     "area": {name: _area(shape, name, planar) for name, (shape, planar) in SHAPES.items()},
-    "robot": {name: _robot(name, robot) for name, robot in ROBOTS.items()},
+    "robot": {name: value_of(robot, ("type", name)) for name, robot in ROBOTS.items()}
+    | {"arm": filled_as(_arm_table(), _arm, "type")},
 }
 """Tables that come in several kinds, by the kind."""
 
@@ -180,7 +177,7 @@ def _one_of(name: str) -> Any:
     def read(table: Any) -> Any:
         return kinds[KIND_OF[name](table)].validate_python(table)
 
-    return Annotated[Any, PlainValidator(read, json_schema_input_type=either(KINDS[name].values()))]
+    return Annotated[Any, PlainValidator(read, json_schema_input_type=Union[tuple(KINDS[name].values())])]  # noqa: UP007
 
 
 def _nothing_required(schema: dict[str, Any]) -> None:
@@ -222,10 +219,13 @@ AxisTable: Any = create_model(
 )
 
 
+_AXIS = filled_as(AxisTable, _axis)
+
+
 class Grid(_Implied):
     """The grid; an arm's axes need say nothing at all."""
 
-    axes: Annotated[list[filled_as(AxisTable, _axis)], Len(1, 4), Field(description="One to four.")]
+    axes: Annotated[list[_AXIS], Len(1, 4), Field(description="One to four.")]  # type: ignore[valid-type]
     cells: Annotated[
         Annotated[tuple[Count, ...], Strict(False), Len(1, 4), Listed()] | None,
         Field(description="Numbers of cells of axes that do not say: one for all, or one each."),
@@ -280,18 +280,13 @@ def _list_of(name: str) -> tuple[Any, Any]:
 
 
 _EDGES = Annotated[tuple[EdgeRule, ...], Strict(False), Listed()]
-_BLENDS = Annotated[tuple[Annotated[float, Ge(0), Le(1)], ...], Strict(False), Listed()]
 SceneFile: Any = create_model(
     "Scene",
     __base__=Table,
     __doc__="A resgrid scene.",
     schema_=(Literal[1], Field(alias="schema", description="Version of this format.")),
-    title=_key("title", str, ""),
-    boundary=_key("boundary", Boundary, "dirichlet"),
-    drive=_key("drive", Drive | None, None),
+    **fields_from(Scene, IN_FILES),
     edge=_key("edge", _EDGES, ("obstacle",)),
-    sampling=_key("sampling", Sampling, "conservative"),
-    k=_key("k", _BLENDS, ()),
     robot=_key("robot", _one_of("robot"), PointRobot()),
     grid=_key("grid", Grid | None, None, about="The cells; this or a map."),
     map=_key("map", Map | None, None),
@@ -301,8 +296,6 @@ SceneFile: Any = create_model(
     start=_list_of("start"),
     starts=_key("starts", list[Coordinates], []),
     area=_list_of("area"),
-    chip=_key("chip", value_of(Chip), Chip()),
-    control=_key("control", value_of(Control), Control()),
 )
 _ROBOT: TypeAdapter[Robot] = TypeAdapter(_one_of("robot"))
 TABLES: dict[str, Any] = {

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Callable, Iterable, Mapping
-from functools import cache, reduce
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from inspect import cleandoc, signature
-from operator import or_
 from types import UnionType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -68,18 +67,13 @@ def described_keys(value: type) -> dict[str, tuple[str, str]]:
     return described
 
 
-def either(kinds: Iterable[Any]) -> Any:
-    """The union of types."""
-    return reduce(or_, kinds)
-
-
 def file_type(hint: Any, *, planar: bool = False) -> Any:
     """What a file holds for a field: lists for tuples, tables for dataclasses, the rest as it is."""
     origin, parts = get_origin(hint), get_args(hint)
     if origin is Annotated:
         return Annotated[(file_type(parts[0], planar=planar), *parts[1:])]
     if origin in (Union, UnionType):
-        return either(file_type(part, planar=planar) for part in parts)
+        return Union[tuple(file_type(part, planar=planar) for part in parts)]  # noqa: UP007
     if origin is tuple:
         size = len(parts) if parts[-1] is not Ellipsis else 2 if planar and hint == Point else None
         entry: Any = file_type(parts[0], planar=planar)
@@ -100,8 +94,11 @@ def table_of(value: type, kind: tuple[str, str] | None = None, planar: bool = Fa
     return create_model(value.__name__ if kind is None else "_".join(kind), __base__=Table, __doc__=sentence, **keys)
 
 
-def fields_from(value: Callable[..., Any], *, planar: bool = False) -> dict[str, Any]:
-    """The keys of a table that describes a dataclass, or the options of a function: their types, defaults, meanings."""
+def fields_from(value: Callable[..., Any], names: Sequence[str] = (), *, planar: bool = False) -> dict[str, Any]:
+    """The keys of a table that describes a dataclass, or the options of a function: their types, defaults, meanings.
+
+    `names`: the only fields that are keys.
+    """
     if isinstance(value, type):
         defaults = {item.name: _default(item) for item in dataclasses.fields(value)}
     else:
@@ -111,6 +108,7 @@ def fields_from(value: Callable[..., Any], *, planar: bool = False) -> dict[str,
     return {
         name: (file_type(hints[name], planar=planar), Field(description=about.get(name), **default))
         for name, default in defaults.items()
+        if not names or name in names
     }
 
 
