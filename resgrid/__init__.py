@@ -31,10 +31,9 @@ def __getattr__(name: str) -> Any:
     if name == "__version__":
         return _version()
     if name not in __all__:
-        from difflib import get_close_matches
+        from resgrid.arguments import suggestion
 
-        near = " or ".join(map(repr, get_close_matches(name, __all__)))
-        hint = f"did you mean {near}?" if near else "dir(resgrid) lists its names"
+        hint = suggestion(name, __all__) or "dir(resgrid) lists its names"
         raise AttributeError(f"module 'resgrid' has no attribute {name!r}; {hint}")
     from resgrid.arguments import guarded
 

@@ -87,7 +87,6 @@ from .scene import (
     Readout as Readout,
     Scene as Scene,
     occupancy_grid as occupancy_grid,
-    parse_quantity as parse_quantity,
     parse_scene as parse_scene,
     read_queries as read_queries,
     read_scene as read_scene,
@@ -95,15 +94,7 @@ from .scene import (
 )
 from .scene.schema import scene_schema as scene_schema
 from .space import Cell as Cell, ConfigurationSpace as ConfigurationSpace
-from .spice.analyses import (
-    Measure as Measure,
-    MismatchAnalysis as MismatchAnalysis,
-    NoiseAnalysis as NoiseAnalysis,
-    OperatingAnalysis as OperatingAnalysis,
-    Probe as Probe,
-    TemperatureAnalysis as TemperatureAnalysis,
-    TransientAnalysis as TransientAnalysis,
-)
+from .spice import analyses as analyses
 from .spice.check.deck import check_deck as check_deck
 from .spice.check.predictions import predict_simulators as predict_simulators
 from .spice.check.rules import check_rules as check_rules

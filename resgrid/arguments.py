@@ -8,15 +8,18 @@ from __future__ import annotations
 import builtins
 import functools
 import math
+import operator
 import os
 import sys
 import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
+from difflib import get_close_matches
 from numbers import Integral, Real
 from typing import IO, Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
 
 import numpy as np
+from annotated_types import Ge, Gt, Le, Lt
 from numpy.typing import ArrayLike
 
 from resgrid.errors import InputError
@@ -28,13 +31,12 @@ class Kind(NamedTuple):
     """What a type accepts.
 
     `accepts`: whether a value is of it; `words`: what it is called, one for each part of a union; `entry`: the kind of
-    all entries of a list; `is_listed`: whether a value is a list, of whatever.
+    all entries of a list.
     """
 
     accepts: Callable[[Any], bool]
     words: tuple[str, ...]
     entry: Kind | None = None
-    is_listed: Callable[[Any], bool] = lambda _: False
 
 
 Kinds = dict[str, Kind]
@@ -153,7 +155,7 @@ def kind_of(hint: Any) -> Kind:  # noqa: PLR0911
     """What a type accepts; unknown kinds of types accept anything."""
     origin, parts = get_origin(hint), get_args(hint)
     if origin is Annotated:
-        return kind_of(parts[0])
+        return _limited(kind_of(parts[0]), parts[1:])
     if origin in (Union, types.UnionType):
         has_arrays = set(parts) >= _ARRAY
         kinds = [kind_of(part) for part in parts if not (has_arrays and part in _ARRAY)] + [_NUMBERS] * has_arrays
@@ -175,6 +177,24 @@ def kind_of(hint: Any) -> Kind:  # noqa: PLR0911
     return _plain_kind(hint, origin or hint)
 
 
+def _limited(kind: Kind, marks: Sequence[Any]) -> Kind:
+    """Numbers within the limits that annotations set, or whatever else was annotated."""
+    limits = [
+        (*_LIMITS[type(mark)], getattr(mark, type(mark).__name__.lower())) for mark in marks if type(mark) in _LIMITS
+    ]
+    if not limits:
+        return kind
+    words = f"{kind.words[0]} {' and '.join(f'{word} {bound:g}' for _, word, bound in limits)}"
+
+    def accepts(value: Any) -> bool:
+        if not kind.accepts(value):
+            return False
+        number = float(value)
+        return all(fits(number, bound) for fits, _, bound in limits)
+
+    return Kind(accepts, (words,))
+
+
 def _plain_kind(hint: Any, base: Any) -> Kind:
     """A class, or whatever else stands in annotations."""
     words = (_WORDS[base] if base in _WORDS else _with_article(getattr(base, "__name__", "other value")),)
@@ -192,30 +212,33 @@ def _list_of(origin: Any, parts: tuple[Any, ...]) -> Kind:
     is_fixed = origin is tuple and parts[-1] is not Ellipsis
     entries = [kind_of(part) for part in (parts if is_fixed else parts[:1])]
 
-    def is_listed(value: Any) -> bool:
-        """Whether a value is a list of something, or, where that are numbers or words, an array."""
-        if isinstance(value, np.ndarray):
-            return value.ndim > 0 and parts[0] in (float, int, str, Any)
-        return isinstance(value, Sequence) and not isinstance(value, str | bytes)
-
     def accepts(value: Any) -> bool:
-        if not is_listed(value):
+        if not _is_list(value):
             once = origin is Iterable and isinstance(value, Iterable)
             return once and not isinstance(value, str | bytes | Mapping | np.ndarray)
         if not is_fixed:
             return all(map(entries[0].accepts, value))
-        pairs = zip(entries, value, strict=False)
-        return len(value) == len(entries) and all(kind.accepts(entry) for kind, entry in pairs)
+        return len(value) == len(entries) and all(
+            kind.accepts(entry) for kind, entry in zip(entries, value, strict=True)
+        )
 
     count = f"{len(parts)} " if is_fixed else ""
     words = f"a list of {count}{entries[0].words[0].removeprefix('a ').removeprefix('an ')} values"
-    return Kind(accepts, (words,), entries[0] if len({*parts} - {...}) == 1 else None, is_listed)
+    return Kind(accepts, (words,), entries[0] if len({*parts} - {...}) == 1 else None)
+
+
+def _is_list(value: Any) -> bool:
+    """Whether a value is a list or an array, of whatever."""
+    if isinstance(value, np.ndarray):
+        return value.ndim > 0
+    return isinstance(value, Sequence) and not isinstance(value, str | bytes)
 
 
 def _is_real(value: Any) -> bool:
     """Whether a value is a real number, infinite ones included; limits are for the function itself to know."""
-    infinite = isinstance(value, float | np.floating) and abs(value) == np.inf
-    return infinite or (is_number(value) and not (is_whole(value) and abs(int(value)) > _LARGEST))
+    if isinstance(value, float | np.floating):
+        return not math.isnan(value)
+    return is_number(value) and not (is_whole(value) and abs(int(value)) > _LARGEST)
 
 
 def _is_array(value: Any) -> bool:
@@ -236,28 +259,43 @@ _PLAIN: dict[Any, Kind] = {
     types.NoneType: Kind(lambda value: value is None, ("None",)),
     None: Kind(lambda value: value is None, ("None",)),
 }
+_LIMITS = {
+    Gt: (operator.gt, "above"),
+    Ge: (operator.ge, "at least"),
+    Lt: (operator.lt, "below"),
+    Le: (operator.le, "at most"),
+}
 _WORDS: dict[Any, str] = {str: "text", os.PathLike: "a path", Callable: "callable"}
 
 
 def _complaint(key: str, value: Any, kind: Kind) -> str:
     """Which value is wrong, and what is needed, with the way to get it."""
-    if kind.entry is not None and kind.is_listed(value):
+    if kind.entry is not None and _is_list(value):
         for number, one in enumerate(value):
             if not kind.entry.accepts(one):
                 return _complaint(f"{key}[{number}]", one, kind.entry)
-        return f"{key} = {_short(value)} must be {kind.words[0].removesuffix(' values')}, got {len(value)}"
+        return f"{key} = {short(value)} must be {kind.words[0].removesuffix(' values')}, got {len(value)}"
     words = sorted(dict.fromkeys(kind.words), key=lambda word: word == "None")
     sources = [SOURCES.get(word.split()[-1]) for word in words]
     choices = [f"{word} ({source})" if source else word for word, source in zip(words, sources, strict=True)]
-    return f"{key} = {_short(value)} must be {', or '.join(choices)}"
+    return f"{key} = {short(value)} must be {', or '.join(choices)}"
 
 
-def _short(value: Any) -> str:
-    """A value in a message: itself if it is short, its type if it is not."""
+def short(value: Any) -> str:
+    """A value in a message: itself if it is short, what it is if it is not."""
     if value is None or isinstance(value, str | int | float | os.PathLike):
-        text = repr(value)
+        try:
+            text = repr(value)
+        except ValueError:
+            return "a number of absurd length"
         return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
     return f"<{_with_article(type(value).__name__)}>"
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """The name that was probably meant, as a question; nothing if none is near."""
+    near = get_close_matches(name, known, 1)
+    return f"did you mean {near[0]!r}?" if near else ""
 
 
 def _with_article(name: str) -> str:

@@ -4,12 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge, Le
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import checked
 from resgrid.errors import InputError
+
+LARGEST = 1e60
+"""Largest coordinate: products of four of them do not overflow."""
+
+Coordinate = Annotated[float, Ge(-LARGEST), Le(LARGEST)]
+Point = tuple[Coordinate, ...]
 
 
 @checked
@@ -35,7 +43,7 @@ class Axis:
     Raises
     ------
     InputError
-        If the ends are not finite and increasing, or there is no cell.
+        If the ends are not finite and increasing, or there is no cell, or cells that rounding cannot tell apart.
 
     Examples
     --------
@@ -45,19 +53,19 @@ class Axis:
     """
 
     name: str
-    lower: float
-    upper: float
-    cells: int
+    lower: Coordinate
+    upper: Coordinate
+    cells: Annotated[int, Ge(1)]
     periodic: bool = False
     unit: str = "m"
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.lower) and np.isfinite(self.upper) and self.lower < self.upper):
+        if not self.lower < self.upper:
+            raise InputError(f"axis {self.name!r}: lower = {self.lower} must lie below upper = {self.upper}")
+        if self.spacing < 64 * np.spacing(max(abs(float(self.lower)), abs(float(self.upper)))):
             raise InputError(
-                f"axis {self.name!r}: lower = {self.lower} and upper = {self.upper} must be finite, lower below upper"
+                f"axis {self.name!r}: its cells are too narrow to be told apart in floating point; move it towards 0"
             )
-        if self.cells < 1:
-            raise InputError(f"axis {self.name!r}: cells = {self.cells}, but an axis needs at least one cell")
 
     @property
     def spacing(self) -> float:

@@ -28,7 +28,7 @@ class InputError(ResgridError):
     >>> rg.Axis("x", 1.0, 0.0, 4)
     Traceback (most recent call last):
         ...
-    resgrid.errors.InputError: axis 'x': lower = 1.0 and upper = 0.0 must be finite, lower below upper
+    resgrid.errors.InputError: axis 'x': lower = 1.0 must lie below upper = 0.0
     """
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import checked
+from resgrid.axis import Coordinate
 from resgrid.errors import InputError
 
 
@@ -45,9 +46,9 @@ class Frame:
     array([0., 1.])
     """
 
-    x: float = 0.0
-    y: float = 0.0
-    yaw: float = 0.0
+    x: Coordinate = 0.0
+    y: Coordinate = 0.0
+    yaw: Coordinate = 0.0
     turning_length: float | None = None
 
     @property
@@ -76,23 +77,7 @@ class Frame:
         return space if self.is_world else self._turned(space, self._rotation.T) + self._offset(space)
 
     def from_world(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Space coordinates of points given in the world; the inverse of `to_world`.
-
-        Parameters
-        ----------
-        points : array_like of float, shape (..., ndim)
-            In world coordinates.
-
-        Returns
-        -------
-        ndarray of float64, shape (..., ndim)
-            In axis units.
-
-        Raises
-        ------
-        InputError
-            If the frame is turned or moved and the points are not in the plane, or not places with a heading.
-        """
+        """Points of the world in axis units, shape (..., ndim); the inverse of `to_world`, with the same errors."""
         world = np.array(points, dtype=np.float64)
         return world if self.is_world else self._turned(world - self._offset(world), self._rotation)
 

@@ -211,22 +211,13 @@ class Netlist:
         return self.names_of(np.array([node]))[0]
 
     def names_of(self, nodes: ArrayLike) -> list[str]:
-        """Names of nodes, made in bulk.
-
-        Parameters
-        ----------
-        nodes : array_like of int, shape (n,)
-
-        Returns
-        -------
-        list of str
-        """
+        """Names of nodes, shape (n,), made in bulk."""
         wanted = np.asarray(nodes, dtype=np.int64)
         if self.node_names is not None:
             return [self.node_names[node] for node in wanted.tolist()]
         if self.cell_map is None:
             return ["0" if node == GROUND else f"node_{node}" for node in wanted.tolist()]
-        return _cell_names(self.cell_map, self.node_count, wanted)
+        return self._cell_names(self.cell_map, wanted)
 
     def cell_of_node(self) -> NDArray[np.int64]:
         """Flat (C order) index of the cell behind every node, -1 for rails and ground; shape (node_count,).
@@ -236,7 +227,29 @@ class Netlist:
         InputError
             If the netlist was not compiled from a space.
         """
-        return _cell_of_node(self.cells, self.node_count)
+        from resgrid.space import Cell
+
+        cells = self.cells
+        node = cells.node.ravel()
+        own = node >= 0
+        if cells.wiring.rails == "merged":
+            own &= cells.space.cell.ravel() == Cell.FREE
+        cell = np.flatnonzero(own)
+        cell_of = np.full(self.node_count, -1, dtype=np.int64)
+        cell_of[node[cell]] = cell
+        return cell_of
+
+    def _cell_names(self, cells: CellMap, wanted: NDArray[np.int64]) -> list[str]:
+        cell = self.cell_of_node()[wanted]
+        coordinates = np.unravel_index(np.maximum(cell, 0), cells.space.shape)
+        template = "n" + "_%d" * cells.space.ndim
+        names = [template % index for index in zip(*(c.tolist() for c in coordinates), strict=True)]
+        rails = {GROUND: "0", cells.obstacle_node: "obstacle"}
+        rails.update({node: f"goal_{region}" for region, node in enumerate(cells.goal_nodes)})
+        for position in np.flatnonzero(cell < 0).tolist():
+            node = int(wanted[position])
+            names[position] = rails.get(node, f"node_{node}")
+        return names
 
     def to_networkx(self) -> nx.MultiGraph[int]:
         """Return the circuit as a multigraph.
@@ -309,29 +322,3 @@ def _column(name: str, value: ArrayLike, width: int, dtype: Any) -> NDArray[Any]
         own = own.copy() if array is value and np.may_share_memory(own, array) else own.view()
         own.flags.writeable = False
     return own
-
-
-def _cell_of_node(cells: CellMap, node_count: int) -> NDArray[np.int64]:
-    from resgrid.space import Cell
-
-    node = cells.node.ravel()
-    own = node >= 0
-    if cells.wiring.rails == "merged":
-        own &= cells.space.cell.ravel() == Cell.FREE
-    cell = np.flatnonzero(own)
-    cell_of = np.full(node_count, -1, dtype=np.int64)
-    cell_of[node[cell]] = cell
-    return cell_of
-
-
-def _cell_names(cells: CellMap, node_count: int, wanted: NDArray[np.int64]) -> list[str]:
-    cell = _cell_of_node(cells, node_count)[wanted]
-    coordinates = np.unravel_index(np.maximum(cell, 0), cells.space.shape)
-    template = "n" + "_%d" * cells.space.ndim
-    names = [template % index for index in zip(*(c.tolist() for c in coordinates), strict=True)]
-    rails = {GROUND: "0", cells.obstacle_node: "obstacle"}
-    rails.update({node: f"goal_{region}" for region, node in enumerate(cells.goal_nodes)})
-    for position in np.flatnonzero(cell < 0).tolist():
-        node = int(wanted[position])
-        names[position] = rails.get(node, f"node_{node}")
-    return names

@@ -62,14 +62,6 @@ class ConfigurationSpace:
     robot : Robot, optional
         Who moves in it, for whatever asks how a configuration looks in the workspace; a point unless it is given.
 
-    Attributes
-    ----------
-    cell : ndarray of uint8
-    conductivity : ndarray of float64 or None
-    frame : Frame
-    goal_points : ndarray of float64 or None
-    robot : Robot or None
-
     Raises
     ------
     InputError
@@ -130,30 +122,14 @@ class ConfigurationSpace:
     _repr_html_ = picture_html
 
     def with_cells(self, cell: ArrayLike) -> ConfigurationSpace:
-        """The same space with other cells; goal cells that stay keep their points.
-
-        Parameters
-        ----------
-        cell : array_like of int, shape of `cell`
-            One of `Cell` for every cell.
-
-        Returns
-        -------
-        ConfigurationSpace
-
-        Raises
-        ------
-        InputError
-            If the shape does not match or a value is out of range.
-        """
-        changed = ConfigurationSpace(self.axes, cell, self.conductivity, frame=self.frame, robot=self.robot)
-        if self.goal_points is None:
-            return changed
-        points = np.full((*self.shape, self.ndim), np.nan)
-        points[self.cell == Cell.GOAL] = self.goal_points
-        kept = points[changed.cell == Cell.GOAL]
+        """The same space with other cells, one of `Cell` for each; goal cells that stay keep their points."""
+        cells, kept = _checked_cells(self.axes, np.asarray(cell)), None
+        if self.goal_points is not None:
+            points = np.full((*self.shape, self.ndim), np.nan)
+            points[self.cell == Cell.GOAL] = self.goal_points
+            kept = points[cells == Cell.GOAL]
         return ConfigurationSpace(
-            self.axes, cell, self.conductivity, frame=self.frame, goal_points=kept, robot=self.robot
+            self.axes, cells, self.conductivity, frame=self.frame, goal_points=kept, robot=self.robot
         )
 
     @property
@@ -207,17 +183,9 @@ class ConfigurationSpace:
         return int(self.goal_region.max(initial=-1)) + 1
 
     def goal_point(self, cell: ArrayLike) -> NDArray[np.float64]:
-        """Configuration within a goal cell that solves the goal, or within many.
+        """Configuration within a goal cell that solves the goal, or within many, in axis units; shapes (..., ndim).
 
-        Parameters
-        ----------
-        cell : array_like of int, shape (..., ndim)
-            Cell indices.
-
-        Returns
-        -------
-        ndarray of float64, shape (..., ndim)
-            In axis units; NaN where the cell as a whole is the goal, or is none.
+        NaN where the cell as a whole is the goal, or is none.
         """
         index = np.asarray(cell, dtype=np.int64)
         found = np.full(index.shape, np.nan)
@@ -269,18 +237,7 @@ class ConfigurationSpace:
         return checked
 
     def centre(self, cell: ArrayLike) -> NDArray[np.float64]:
-        """Centre of a cell, or of many, in the world.
-
-        Parameters
-        ----------
-        cell : array_like of int, shape (..., ndim)
-            Cell indices.
-
-        Returns
-        -------
-        ndarray of float64, shape (..., ndim)
-            World coordinates.
-        """
+        """Centre of a cell, or of many, shape (..., ndim), in the world."""
         return self.to_world(self.axis_centre(cell))
 
     def axis_centre(self, cell: ArrayLike) -> NDArray[np.float64]:
@@ -313,21 +270,6 @@ class ConfigurationSpace:
         """Cell and position within the cell, in [0, 1], of a point or of many in axis units; as `locate` otherwise.
 
         This is the grid's own arithmetic: what comes from a person goes through `from_world` first.
-
-        Parameters
-        ----------
-        point : array_like of float, shape (..., ndim)
-            In axis units.
-
-        Returns
-        -------
-        cells : ndarray of int64, shape (..., ndim)
-        local : ndarray of float64, shape (..., ndim)
-
-        Raises
-        ------
-        InputError
-            If a point is not finite or lies outside the grid.
         """
         return split_points(self.axes, point)
 

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from difflib import get_close_matches
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from resgrid.arguments import checked
+from resgrid.arguments import checked, suggestion
 from resgrid.errors import CircuitError, InputError
 from resgrid.space import Cell, ConfigurationSpace
 
-BOUNDARIES = ("dirichlet", "neumann", "wall")
-DRIVES = ("uniform", "start")
-EDGES = ("obstacle", "open")
-RAILS = ("merged", "cells")
+Boundary = Literal["dirichlet", "neumann", "wall"]
+Drive = Literal["uniform", "start"]
+EdgeRule = Literal["obstacle", "open", "periodic"]
+Rails = Literal["merged", "cells"]
 
 
 @checked
@@ -62,10 +61,10 @@ class Wiring:
     <Netlist of 58 nodes: 88 resistors, 1 voltage source, 56 current sources>
     """
 
-    boundary: str = "dirichlet"
-    drive: str | None = None
-    edge: str | Sequence[str] = "obstacle"
-    rails: str = "merged"
+    boundary: Boundary = "dirichlet"
+    drive: Drive | None = None
+    edge: EdgeRule | Sequence[EdgeRule] = "obstacle"
+    rails: Rails = "merged"
     resistance: float = 10e3
     supply: float = 1.0
     goal_voltage: float = 0.0
@@ -73,8 +72,6 @@ class Wiring:
     start: Sequence[int] | None = None
 
     def __post_init__(self) -> None:
-        _check_one_of("boundary", self.boundary, BOUNDARIES)
-        _check_one_of("rails", self.rails, RAILS)
         self._check_drive()
         self._check_values()
         normal: dict[str, Any] = {
@@ -94,8 +91,6 @@ class Wiring:
                     "the grid; leave out drive and start, or choose boundary = 'neumann'"
                 )
             return
-        if self.drive is not None:
-            _check_one_of("drive", self.drive, DRIVES)
         if (self.drive == "start") != (self.start is not None):
             raise InputError("drive = 'start' needs a start cell, and only drive = 'start' takes one")
 
@@ -126,46 +121,20 @@ class Wiring:
         """Voltage of the high rail, in volts."""
         return self.goal_voltage + self.supply
 
-    def edges(self, space: ConfigurationSpace) -> tuple[str, ...]:
-        """What the border of a space is along each axis: ``"periodic"``, ``"obstacle"`` or ``"open"``.
-
-        Parameters
-        ----------
-        space : ConfigurationSpace
-
-        Returns
-        -------
-        tuple of str
-
-        Raises
-        ------
-        InputError
-            If there is not one rule for every axis, or one is unknown.
-        """
+    def edges(self, space: ConfigurationSpace) -> tuple[EdgeRule, ...]:
+        """What the border of a space is along each axis; InputError if the rules do not fit it."""
         rules = (self.edge,) * space.ndim if isinstance(self.edge, str) else tuple(self.edge)
         if len(rules) != space.ndim:
             raise InputError(f"edge has {len(rules)} entries, but the space has {space.ndim} axes")
         for axis, rule in zip(space.axes, rules, strict=True):
-            _check_one_of(f"edge of axis {axis.name!r}", rule, (*EDGES, "periodic") if axis.periodic else EDGES)
+            if rule == "periodic" and not axis.periodic:
+                raise InputError(f"edge = 'periodic', but axis {axis.name!r} is not; choose 'obstacle' or 'open'")
         return tuple("periodic" if axis.periodic else rule for axis, rule in zip(space.axes, rules, strict=True))
 
     def on(self, space: ConfigurationSpace) -> Wiring:
         """The same on a space: with an edge for every axis, and a start that is one of its free cells.
 
-        Parameters
-        ----------
-        space : ConfigurationSpace
-
-        Returns
-        -------
-        Wiring
-
-        Raises
-        ------
-        InputError
-            If the edges or the start do not fit the space.
-        CircuitError
-            If no path joins the start to a goal.
+        InputError if edges or start do not fit the space, CircuitError if no path joins the start to a goal.
         """
         if self.start is not None:
             _check_start(space, tuple(self.start))
@@ -181,15 +150,9 @@ def wiring_of(wiring: Wiring | None, options: dict[str, Any]) -> Wiring:
     known = [field.name for field in fields(Wiring)]
     for name in options:
         if name not in known:
-            near = get_close_matches(name, known, 1)
-            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
+            hint = suggestion(name, known) or f"there are {', '.join(known)}"
             raise InputError(f"there is no option {name!r}: {hint}")
     return Wiring(**options) if wiring is None else replace(wiring, **options)
-
-
-def _check_one_of(name: str, value: str, allowed: tuple[str, ...]) -> None:
-    if value not in allowed:
-        raise InputError(f"{name} = {value!r} is unknown; it may be one of {', '.join(allowed)}")
 
 
 def _check_start(space: ConfigurationSpace, cell: tuple[int, ...]) -> None:

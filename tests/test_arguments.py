@@ -7,10 +7,11 @@ import types
 from contextlib import suppress
 from inspect import Parameter, isabstract, signature, unwrap
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pytest
+from annotated_types import Gt
 from matplotlib.figure import Figure
 
 import resgrid as rg
@@ -161,3 +162,27 @@ def test_a_value_is_not_made_of_the_wrong_types(record: Any) -> None:
                     record(**{**right, name: wrong})
     single = {key: np.float32(value) if isinstance(value, float) else value for key, value in right.items()}
     record(**single)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: rg.Frame(x=np.inf), "x = inf"),
+        (lambda: rg.Frame(yaw=-np.inf), "yaw = -inf"),
+        (lambda: rg.GoalPoint((0.0, np.inf)), r"point\[1\] = inf"),
+        (lambda: rg.Ball((0.0, 1e61), 1.0), r"centre\[1\] = 1e\+61"),
+        (lambda: rg.Ball((0.0, 0.0), -1.0), "radius = -1.0 must be a finite number at least 0"),
+        (lambda: rg.DiscRobot(0.0), "radius = 0.0 must be a finite number above 0"),
+        (lambda: rg.CostArea(rg.Box((0.0,), (1.0,)), -1.0), "conductivity = -1.0 must be a finite number above 0"),
+        (
+            lambda: rg.Arm((1.0, 1.0), singularity_width=4.0),
+            "singularity_width = 4.0 must be .* below 3.14159, or None",
+        ),
+        (lambda: rg.Wiring("dirichlett"), "boundary = 'dirichlett' must be 'dirichlet' or 'neumann' or 'wall'"),
+        (lambda: rg.GoalCell((10**5000,)), r"cell\[0\] = a number of absurd length"),
+    ],
+)
+def test_limits_stand_in_annotations_and_are_kept(make: Any, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        make()
+    assert kind_of(Annotated[float, Gt(0)]).accepts(np.float32(1.0))

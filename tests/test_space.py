@@ -41,8 +41,14 @@ def test_wrong_arrays_are_refused(cell: np.ndarray, conductivity: np.ndarray | N
 
 @pytest.mark.parametrize(("lower", "upper", "cells"), [(1, 1, 2), (0, np.inf, 2), (0, 1, 0), (np.nan, 1, 1)])
 def test_wrong_axes_are_refused(lower: float, upper: float, cells: int) -> None:
-    with pytest.raises(InputError, match=r"'x'|lower = nan"):
+    with pytest.raises(InputError, match=r"lower = |upper = inf|cells = 0"):
         Axis("x", lower, upper, cells)
+
+
+def test_cells_that_rounding_cannot_tell_apart_are_refused() -> None:
+    assert Axis("x", 1e15, 1e15 + 400, 4).cells == 4
+    with pytest.raises(InputError, match="too narrow"):
+        Axis("x", 1e15, 1e15 + 4, 4)
 
 
 def test_goal_regions_are_numbered_in_order_of_their_first_cell_across_seams() -> None:

@@ -31,6 +31,8 @@ _RANGES = {
     "maximum": "at most {:g}",
 }
 
+_FAR = 1e9
+"""A limit from here on keeps numbers from overflowing, and is not told."""
 
 _SHAPES = "Of `[[obstacle]]`, `[[hidden]]` and `[[goal]]`, and of `[[area]]`, which also says its `conductivity`."
 _PLACES = "Of `[[goal]]`; `[[start]]` takes a `point` or a `cell`."
@@ -91,7 +93,7 @@ def _kind(described: Mapping[str, Any]) -> str:
             return f"a list: {_kind(described.get('items', {}))}"
         count = f"{low}" if low == high else f"{low} to {high}" if high else f"{low} or more"
         return f"a list of {count}: {_kind(described.get('items', {}))}"
-    ranges = [words.format(described[key]) for key, words in _RANGES.items() if key in described]
+    ranges = [words.format(described[key]) for key, words in _RANGES.items() if abs(described.get(key, _FAR)) < _FAR]
     kind = {"number": "number", "integer": "whole number", "string": "text", "boolean": "`true` or `false`"}
     return " ".join([kind.get(str(described.get("type")), "anything"), ", ".join(ranges)]).strip()
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.arguments import check_share, check_whole
+from resgrid.arguments import check_share, check_whole, suggestion
 from resgrid.chip.build import chip_keys, ideal_netlist
 from resgrid.chip.figures import Figure, Result
 from resgrid.chip.trials import Experiment, differs, prepare, run_trials, taken_up, unpacked
@@ -26,7 +26,6 @@ from resgrid.executors import Part
 from resgrid.journal import Journal
 from resgrid.netlist import Netlist
 from resgrid.scene.chip import Chip, Readout
-from resgrid.scene.messages import suggestion
 
 Point = tuple[int, int]
 Sweep = tuple[str, Sequence[Any]]

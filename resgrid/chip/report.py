@@ -136,7 +136,7 @@ def precision_section(chip: Study, _effort: Effort) -> Section:
 def _by_boundary(chip: Study) -> dict[str, Precision]:
     """The scene's own boundary first, then the others, on chips with the same flaws."""
     cells = chip.ideal.cells
-    results = {cells.wiring.boundary: chip.precision()}
+    results: dict[str, Precision] = {cells.wiring.boundary: chip.precision()}
     for boundary in ("dirichlet", "neumann", "wall"):
         walled = chip.chip is not None and chip.chip.wall_resistance is not None
         if boundary in results or (boundary == "wall" and not walled):

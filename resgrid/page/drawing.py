@@ -13,7 +13,7 @@ from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.frozen import frozen
 from resgrid.space import Cell, ConfigurationSpace
-from resgrid.wiring import Wiring
+from resgrid.wiring import EdgeRule, Wiring
 
 if TYPE_CHECKING:
     from resgrid.planning.road import Problem
@@ -39,7 +39,7 @@ class Drawing:
 
     title: str
     axes: tuple[Axis, ...]
-    edge: tuple[str, ...]
+    edge: tuple[EdgeRule, ...]
     cell: NDArray[np.uint8]
     level: NDArray[np.uint8]
     palette: tuple[float, ...]
@@ -166,7 +166,7 @@ def drawing_of_space(space: ConfigurationSpace) -> Drawing:
         raise InputError(f"the page draws planes, and this space has {space.ndim} axes")
     check_size(list(space.shape))
     palette, level = _palette(space)
-    edge = tuple("periodic" if axis.periodic else "obstacle" for axis in space.axes)
+    edge: tuple[EdgeRule, ...] = tuple("periodic" if axis.periodic else "obstacle" for axis in space.axes)
     return Drawing("", space.axes, edge, space.cell, level, palette, np.empty((0, 2)))
 
 

@@ -17,6 +17,7 @@ from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.planning.trace import Traces, follow, start_points, streamline, streamlines
 from resgrid.scene import Scene
 from resgrid.space import ConfigurationSpace
+from resgrid.wiring import Boundary, EdgeRule
 
 
 @frozen
@@ -101,9 +102,9 @@ class Planner:
 def plan(
     where: ConfigurationSpace | Scene,
     *,
-    boundary: str | None = None,
+    boundary: Boundary | None = None,
     k: float | None = None,
-    edge: str | Sequence[str] | None = None,
+    edge: EdgeRule | Sequence[EdgeRule] | None = None,
     wall_resistance: float | None = None,
     resistance: float | None = None,
     method: str = "auto",

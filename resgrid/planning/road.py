@@ -27,7 +27,7 @@ from resgrid.planning.ranked import Ranked, solve_ranked
 from resgrid.planning.trace import start_cell
 from resgrid.scene import Scene, sample
 from resgrid.space import ConfigurationSpace
-from resgrid.wiring import Wiring
+from resgrid.wiring import Boundary, Wiring
 
 Passes = Callable[[Netlist], Netlist]
 """What makes a real chip of an ideal netlist."""
@@ -187,7 +187,7 @@ class Solution:
 def problem_of(
     where: ConfigurationSpace | Scene,
     *,
-    boundary: str | None = None,
+    boundary: Boundary | None = None,
     k: float | None = None,
     space: ConfigurationSpace | None = None,
     **wiring: Any,
@@ -216,7 +216,7 @@ def problem_of(
     )
 
 
-def scene_wiring(scene: Scene, boundary: str | None = None, **given: Any) -> Wiring:
+def scene_wiring(scene: Scene, boundary: Boundary | None = None, **given: Any) -> Wiring:
     """How a scene is wired, or with another boundary; open obstacles with a uniform drive."""
     boundary, chip = boundary or scene.boundary, scene.chip
     options: dict[str, Any] = {"edge": scene.edge, "resistance": chip.resistance, "supply": chip.supply}

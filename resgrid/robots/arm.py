@@ -7,20 +7,21 @@ from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
 from math import acos, atan2, ceil, cos, floor, hypot, pi, sin, tau
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Ge, Gt, Le, Lt
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import checked
-from resgrid.axis import Axis
+from resgrid.axis import Axis, Coordinate, Point
 from resgrid.errors import InputError
 from resgrid.robots.arm_cells import arm_goal_cells, arm_occupancy
 from resgrid.robots.base import Robot
 from resgrid.robots.cells import Progress, Sampling
 from resgrid.robots.geometry import Links, Part, Pose
 from resgrid.robots.goals import GoalCells
-from resgrid.robots.shapes import Point, Shape
+from resgrid.robots.shapes import Shape
 from resgrid.space import MAX_DIMENSIONS
 
 _ROUNDING = 1e-12
@@ -29,6 +30,8 @@ _ROUNDING = 1e-12
 _MOST_SOLUTIONS = 1_000_000
 
 Angles = Literal["relative", "absolute"]
+Length = Annotated[float, Gt(0), Le(1e9)]
+Width = Annotated[float, Ge(0), Le(1e9)]
 Limits = tuple[float, float]
 
 
@@ -87,15 +90,15 @@ class Arm(Robot):
     reference = "tip"
     remedy = "make the arm's links thinner"
 
-    lengths: tuple[float, ...]
-    widths: tuple[float, ...] = ()
+    lengths: tuple[Length, ...]
+    widths: tuple[Width, ...] = ()
     limits: tuple[Limits | None, ...] = ()
     base: Point = (0.0, 0.0)
-    base_angle: float = 0.0
+    base_angle: Coordinate = 0.0
     angles: Angles = "relative"
     self_collision: bool = False
-    singularity_width: float | None = None
-    singularity_cells: int | None = None
+    singularity_width: Annotated[float, Ge(0), Lt(pi)] | None = None
+    singularity_cells: Annotated[int, Ge(1)] | None = None
 
     def __post_init__(self) -> None:
         count = len(self.lengths)
@@ -106,8 +109,8 @@ class Arm(Robot):
         for name, values in (("widths", self.widths), ("limits", self.limits)):
             if len(values) != count:
                 raise InputError(f"an arm of {count} links needs {count} {name}, got {len(values)}")
-        for number, (length, width, limits) in enumerate(zip(self.lengths, self.widths, self.limits, strict=True)):
-            _check_link(number, length, width, limits)
+        for number, limits in enumerate(self.limits):
+            _check_link(number, limits)
         _check_rest(self)
 
     @property
@@ -343,29 +346,19 @@ def _within(angle: float, limits: Limits | None) -> list[float]:
     return [min(max(angle + turn * tau, lower), upper) for turn in turns]
 
 
-def _check_link(number: int, length: float, width: float, limits: Limits | None) -> None:
-    lower, upper = limits or (-pi, pi)
-    ends = [lower, upper]
-    for is_right, message in (
-        (0 < length <= 1e9, f"length = {length} must be above 0 and finite"),
-        (0 <= width <= 1e9, f"width = {width} must be at least 0 and finite"),
-        (max(map(abs, ends)) <= 1e6, f"limits = {ends} must be two angles [lower, upper] in radians"),
-        (lower < upper, f"limits = {ends} are reversed: the lower limit comes first"),
-    ):
-        if not is_right:
-            raise InputError(f"links[{number}]: {message}")
+def _check_link(number: int, limits: Limits | None) -> None:
+    ends = [*(limits or (-pi, pi))]
+    if max(map(abs, ends)) > 1e6:
+        raise InputError(f"links[{number}]: limits = {ends} must be two angles [lower, upper] in radians")
+    if not ends[0] < ends[1]:
+        raise InputError(f"links[{number}]: limits = {ends} are reversed: the lower limit comes first")
 
 
 def _check_rest(arm: Arm) -> None:
     width, cells = arm.singularity_width, arm.singularity_cells
-    placed = len(arm.base) == 2 and all(abs(x) <= 1e9 for x in (*arm.base, arm.base_angle))
-    single = arm.ndim == 1 and (width is not None or cells is not None)
-    for is_broken, message in (
-        (not placed, f"an arm's base needs two finite coordinates and a finite angle, got {list(arm.base)}"),
-        (None not in (width, cells), "give either singularity_width (radians) or singularity_cells, not both"),
-        (not 0 <= (width or 0) < pi, f"singularity_width = {width} must be from 0 up to pi (radians)"),
-        (cells is not None and cells < 1, f"singularity_cells = {cells} must be at least 1"),
-        (single, "an arm of one link is singular everywhere; leave out singularity_width and singularity_cells"),
-    ):
-        if is_broken:
-            raise InputError(message)
+    if len(arm.base) != 2:
+        raise InputError(f"an arm's base needs two coordinates, got {list(arm.base)}")
+    if None not in (width, cells):
+        raise InputError("give either singularity_width (radians) or singularity_cells, not both")
+    if arm.ndim == 1 and (width is not None or cells is not None):
+        raise InputError("an arm of one link is singular everywhere; leave out singularity_width and singularity_cells")

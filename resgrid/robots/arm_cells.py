@@ -8,12 +8,12 @@ from math import inf, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.axis import Axis
+from resgrid.axis import Axis, Point
 from resgrid.errors import InputError
 from resgrid.robots.cells import Progress, Sampling
 from resgrid.robots.geometry import Links, Part, obstacle_arrays, obstacles_of
 from resgrid.robots.goals import GoalCells
-from resgrid.robots.shapes import Box, Point, Shape, require_plane
+from resgrid.robots.shapes import Box, Shape, require_plane
 
 CHUNK = 1 << 17
 """Cells looked at between two words of progress."""

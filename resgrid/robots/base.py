@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.axis import Axis
+from resgrid.axis import Axis, Point
 from resgrid.errors import InputError
 from resgrid.robots.cells import Progress, Sampling
 from resgrid.robots.geometry import Part, Pose, obstacles_of
 from resgrid.robots.goals import GoalCells, cells_of_place
-from resgrid.robots.shapes import Point, Shape, require_plane
+from resgrid.robots.shapes import Shape, require_plane
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry

@@ -11,10 +11,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.axis import Axis
+from resgrid.axis import Axis, Point
 from resgrid.errors import InputError
 from resgrid.robots.geometry import copies, edges_of
-from resgrid.robots.shapes import Ball, Bounds, Box, CellSet, HalfSpace, Point, Polygon, Shape, Solid, rings_of
+from resgrid.robots.shapes import Ball, Bounds, Box, CellSet, HalfSpace, Polygon, Shape, Solid, rings_of
 
 Sampling = Literal["conservative", "centre"]
 """How a cell is judged: by its whole square, or by its centre alone."""

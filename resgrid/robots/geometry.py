@@ -66,9 +66,9 @@ class Obstacle:
 
         if self.half_plane is None:
             return np.asarray(shapely.distance(part.core, self.core))
-        normal = np.asarray(self.half_plane.normal)
+        *normal, offset = _unit_normal(self.half_plane)
         points, owner = shapely.get_coordinates(part.core, return_index=True)
-        height = (points @ normal - self.half_plane.offset) / np.linalg.norm(normal)
+        height = points @ normal - offset
         lowest = np.full(len(part.core), np.inf)
         np.minimum.at(lowest, owner, height)
         return lowest
@@ -141,41 +141,30 @@ class ObstacleArrays(NamedTuple):
 def obstacle_arrays(shapes: Iterable[Shape], axes: Sequence[Axis] = ()) -> ObstacleArrays:
     """Shapes of the plane as arrays; on axes of the workspace with copies within a whole turn of them."""
     period = [axis.upper - axis.lower for axis in axes]
-    polygons: list[NDArray[np.float64]] = []
-    before: list[NDArray[np.int64]] = []
-    discs: list[tuple[float, ...]] = []
-    half_planes: list[tuple[float, ...]] = []
-    owners: tuple[list[int], list[int], list[int]] = ([], [], [])
-    size = 0
-    for number, shape in enumerate(shapes):
-        pieces = shape.boxes() if isinstance(shape, CellSet) else [shape]
-        for solid in (copy for piece in pieces for copy in copies(piece, axes, period)):
-            match solid:
-                case Ball(centre, radius):
-                    discs.append((*centre, radius))
-                    owners[1].append(number)
-                case HalfSpace(normal, offset):
-                    length = hypot(*normal)
-                    half_planes.append((normal[0] / length, normal[1] / length, offset / length))
-                    owners[2].append(number)
-                case Box() | Polygon():
-                    rings = _solid_on_the_left(solid)
-                    polygons.append(edges_of(rings))
-                    owners[0].extend([number] * len(polygons[-1]))
-                    for ring in rings:
-                        before.append(size + np.roll(np.arange(len(ring)), 1))
-                        size += len(ring)
-    bounds = [[*each[:, :2].min(axis=0), *each[:, :2].max(axis=0)] for each in polygons]
+    solids = [
+        (number, solid)
+        for number, shape in enumerate(shapes)
+        for piece in (shape.boxes() if isinstance(shape, CellSet) else [shape])
+        for solid in copies(piece, axes, period)
+    ]
+    polygons = [(number, _solid_on_the_left(solid)) for number, solid in solids if isinstance(solid, Box | Polygon)]
+    discs = [(number, *solid.centre, solid.radius) for number, solid in solids if isinstance(solid, Ball)]
+    half_planes = [(number, *_unit_normal(solid)) for number, solid in solids if isinstance(solid, HalfSpace)]
+    edges = [edges_of(rings) for _, rings in polygons]
+    sizes = [len(ring) for _, rings in polygons for ring in rings]
+    before = [first + np.roll(np.arange(size), 1) for first, size in zip(np.cumsum([0, *sizes]), sizes, strict=False)]
+    bounds = [[*each[:, :2].min(axis=0), *each[:, :2].max(axis=0)] for each in edges]
+    table_of_discs, table_of_half_planes = (np.array(rows, np.float64).reshape(-1, 4) for rows in (discs, half_planes))
     return ObstacleArrays(
-        np.concatenate([np.empty((0, 4)), *polygons]),
-        np.concatenate([np.empty(0, dtype=np.int64), *before]),
-        np.array(owners[0], dtype=np.int64),
-        np.cumsum([0, *map(len, polygons)], dtype=np.int64),
-        np.array(bounds, dtype=np.float64).reshape(-1, 4),
-        np.array(discs, dtype=np.float64).reshape(-1, 3),
-        np.array(owners[1], dtype=np.int64),
-        np.array(half_planes, dtype=np.float64).reshape(-1, 3),
-        np.array(owners[2], dtype=np.int64),
+        edges=np.concatenate([np.empty((0, 4)), *edges]),
+        edge_before=np.concatenate([np.empty(0, np.int64), *before]),
+        edge_owner=np.repeat(np.array([number for number, _ in polygons], np.int64), [len(each) for each in edges]),
+        first_edge=np.cumsum([0, *map(len, edges)], dtype=np.int64),
+        bounds=np.array(bounds, np.float64).reshape(-1, 4),
+        discs=table_of_discs[:, 1:].copy(),
+        disc_owner=table_of_discs[:, 0].astype(np.int64),
+        half_planes=table_of_half_planes[:, 1:].copy(),
+        half_plane_owner=table_of_half_planes[:, 0].astype(np.int64),
     )
 
 
@@ -183,6 +172,11 @@ def edges_of(rings: Iterable[ArrayLike]) -> NDArray[np.float64]:
     """Edges of rings of corners.  Returns (e, 4)."""
     corners = [np.asarray(ring, dtype=np.float64) for ring in rings]
     return np.concatenate([np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in corners])
+
+
+def _unit_normal(half_plane: HalfSpace) -> NDArray[np.float64]:
+    """Normal of length 1, and the offset that goes with it, shape (ndim + 1,)."""
+    return np.array([*half_plane.normal, half_plane.offset]) / hypot(*half_plane.normal)
 
 
 def _solid_on_the_left(solid: Box | Polygon) -> list[list[tuple[float, ...]]]:

@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.axis import Axis, split_points
+from resgrid.axis import Axis, Point, split_points
 from resgrid.errors import InputError
 from resgrid.robots.cells import mark_copy, outline, rims
 from resgrid.robots.geometry import copies
-from resgrid.robots.shapes import Ball, Box, CellSet, HalfSpace, Point, Polygon, Shape, Solid
+from resgrid.robots.shapes import Ball, Box, CellSet, HalfSpace, Polygon, Shape, Solid
 
 HALVINGS = 60
 """So often is the way to a region halved to find where it begins: to the last bit."""

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge
+from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
 from resgrid.arguments import checked
-from resgrid.axis import Axis
+from resgrid.axis import LARGEST, Axis
 from resgrid.errors import InputError
 from resgrid.robots.base import Robot
 from resgrid.robots.cells import Progress, Sampling, mark
 from resgrid.robots.geometry import Part, Pose
-from resgrid.robots.shapes import LARGEST, Shape
+from resgrid.robots.shapes import Shape
 
 
 @checked
@@ -49,11 +49,7 @@ class PointRobot(Robot):
     moves_in_workspace = True
     remedy = "make the robot's radius smaller"
 
-    radius: Annotated[float, Ge(0)] = 0.0
-
-    def __post_init__(self) -> None:
-        if not 0 <= float(self.radius) <= LARGEST:
-            raise InputError(f"a robot's radius must be finite and at least 0, got {self.radius}")
+    radius: Annotated[float, Ge(0), Le(LARGEST)] = 0.0
 
     def parts(self, configurations: NDArray[np.float64]) -> list[Part]:
         """The point with its radius; see `Robot.parts`."""
@@ -122,11 +118,7 @@ class DiscRobot(PointRobot):
            [0, 0, 0, 0]], dtype=uint8)
     """
 
-    radius: float
-
-    def __post_init__(self) -> None:
-        if not 0 < float(self.radius) <= LARGEST:
-            raise InputError(f"a disc needs a finite radius above 0, got {self.radius}")
+    radius: Annotated[float, Gt(0), Le(LARGEST)] = field()  # needed, unlike the point's
 
     def check_axes(self, axes: Sequence[Axis]) -> None:
         """Refuse what is not a plane; see `Robot.check_axes`."""

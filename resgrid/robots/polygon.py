@@ -8,16 +8,16 @@ from math import pi, tau
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from annotated_types import Gt
+from annotated_types import Gt, Le
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import checked
-from resgrid.axis import Axis
+from resgrid.axis import Axis, Point
 from resgrid.errors import InputError
 from resgrid.robots.base import Robot
 from resgrid.robots.cells import Progress, Sampling, near_half_space, outline
 from resgrid.robots.geometry import Part, Pose
-from resgrid.robots.shapes import Ball, Box, CellSet, HalfSpace, Point, Polygon, Shape, require_plane
+from resgrid.robots.shapes import Ball, Box, CellSet, HalfSpace, Polygon, Shape, require_plane
 
 if TYPE_CHECKING:
     from resgrid.robots.kernels import Plane
@@ -66,11 +66,9 @@ class PolygonRobot(Robot):
     """
 
     vertices: tuple[Point, ...]
-    turning_length: Annotated[float, Gt(0)] = 1.0
+    turning_length: Annotated[float, Gt(0), Le(1e9)] = 1.0
 
     def __post_init__(self) -> None:
-        if not 0 < self.turning_length <= 1e9:
-            raise InputError(f"turning_length = {self.turning_length} must be above 0 and finite")
         Polygon(self.vertices)
 
     @property
@@ -84,7 +82,7 @@ class PolygonRobot(Robot):
 
     def implied_axes(self) -> tuple[dict[str, Any], ...]:
         """Names of x and y, and a full turn; see `Robot.implied_axes`."""
-        turn = {"name": "theta", "lower": 0.0, "upper": tau * self.turning_length, "periodic": True, "unit": "m"}
+        turn = {key: value for key, value in vars(self.turning_axis(1)).items() if key != "cells"}
         return {"name": "x"}, {"name": "y"}, turn
 
     def axes_on_map(self, axes: Sequence[Axis], headings: int) -> tuple[Axis, ...]:

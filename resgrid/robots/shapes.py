@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import hypot, inf, isfinite
-from typing import TYPE_CHECKING
+from math import hypot, inf
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
+from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from resgrid.arguments import checked
-from resgrid.axis import Axis
+from resgrid.axis import LARGEST, Axis, Coordinate, Point
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
-Point = tuple[float, ...]
 Bounds = tuple[Point, Point]
-
-LARGEST = 1e60
-"""Largest coordinate: products of four of them do not overflow."""
 
 FAR = 1e4
 """Half-planes are drawn this far, in the unit of the workspace."""
@@ -53,7 +50,6 @@ class Box:
     def __post_init__(self) -> None:
         if len(self.lower) != len(self.upper) or not self.lower:
             raise InputError(f"a box needs as many lower as upper coordinates, got {self.lower} and {self.upper}")
-        _require_finite("box", *self.lower, *self.upper)
         if any(low > high for low, high in zip(self.lower, self.upper, strict=True)):
             raise InputError(f"a box needs lower <= upper in every coordinate, got {self.lower} and {self.upper}")
 
@@ -96,12 +92,7 @@ class Ball:
     """
 
     centre: Point
-    radius: float
-
-    def __post_init__(self) -> None:
-        _require_finite("ball", *self.centre, self.radius)
-        if self.radius < 0:
-            raise InputError(f"a ball needs a radius of at least 0, got {self.radius}")
+    radius: Annotated[float, Ge(0), Le(LARGEST)]
 
     @property
     def ndim(self) -> int:
@@ -149,7 +140,6 @@ class Polygon:
         for ring in self.rings:
             if len(ring) < 3 or any(len(point) != 2 for point in ring):
                 raise InputError("a polygon needs at least three corners [x, y] in every ring")
-            _require_finite("polygon", *(c for point in ring for c in point))
         import shapely
 
         outline = shapely.Polygon(self.vertices, self.holes)
@@ -205,10 +195,9 @@ class HalfSpace:
     """
 
     normal: Point
-    offset: float
+    offset: Coordinate
 
     def __post_init__(self) -> None:
-        _require_finite("half-plane", *self.normal, self.offset)
         if not any(abs(float(part)) >= 1 / LARGEST for part in self.normal):
             raise InputError("a half-plane needs a normal that is not zero")
 
@@ -332,8 +321,3 @@ def to_shapely(shape: Shape) -> BaseGeometry:
 
 def _add(point: Point, by: Point) -> Point:
     return tuple(a + b for a, b in zip(point, by, strict=True))
-
-
-def _require_finite(what: str, *values: float) -> None:
-    if not all(isfinite(value) and abs(float(value)) <= LARGEST for value in values):
-        raise InputError(f"a {what} needs finite coordinates up to {LARGEST:g}, got {list(values)}")

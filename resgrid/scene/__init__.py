@@ -1,32 +1,16 @@
 """Scenes: what a person writes, or a map says, about a robot, its surroundings and the chip."""
 
-from resgrid.scene.chip import Chip, Defects, Readout
-from resgrid.scene.control import Control
-from resgrid.scene.goals import CostArea, GoalCell, GoalJoints, GoalPoint
-from resgrid.scene.maps.arrays import MapCells
-from resgrid.scene.maps.movingai import Query, read_queries
-from resgrid.scene.maps.ros import occupancy_grid
-from resgrid.scene.quantities import parse_quantity
-from resgrid.scene.read import parse_scene, read_scene
-from resgrid.scene.sampling import sample
-from resgrid.scene.scene import Scene
-
-__all__ = [
-    "Chip",
-    "Control",
-    "CostArea",
-    "Defects",
-    "GoalCell",
-    "GoalJoints",
-    "GoalPoint",
-    "MapCells",
-    "Query",
-    "Readout",
-    "Scene",
-    "occupancy_grid",
-    "parse_quantity",
-    "parse_scene",
-    "read_queries",
-    "read_scene",
-    "sample",
-]
+from resgrid.scene.chip import Chip as Chip, Defects as Defects, Readout as Readout
+from resgrid.scene.control import Control as Control
+from resgrid.scene.goals import (
+    CostArea as CostArea,
+    GoalCell as GoalCell,
+    GoalJoints as GoalJoints,
+    GoalPoint as GoalPoint,
+)
+from resgrid.scene.maps.arrays import MapCells as MapCells
+from resgrid.scene.maps.movingai import Query as Query, read_queries as read_queries
+from resgrid.scene.maps.ros import occupancy_grid as occupancy_grid
+from resgrid.scene.read import parse_scene as parse_scene, read_scene as read_scene
+from resgrid.scene.sampling import sample as sample
+from resgrid.scene.scene import Scene as Scene

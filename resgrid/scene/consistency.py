@@ -68,8 +68,6 @@ def _edges(edge: Sequence[str], axes: Sequence[Axis] | None, ndim: int) -> Itera
 
 def _boundary(said: Any, values: Mapping[Path, Any], has_wall: bool) -> Iterator[Problem]:
     boundary, drive = said.boundary, said.drive
-    if not all(0 <= share <= 1 for share in said.k):
-        yield ("k",), f"a share of the Dirichlet field lies between 0 and 1, got {list(said.k)}"
     if boundary == "wall" and not has_wall:
         yield ("boundary",), 'boundary = "wall" needs wall_resistance in [chip], in ohms'
     if drive is not None and boundary in ("dirichlet", "wall") and not any(share < 1 for share in said.k):

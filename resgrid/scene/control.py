@@ -128,17 +128,16 @@ def admittance_matrix(admittance: ArrayLike, ndim: int) -> NDArray[np.float64]:
     except (TypeError, ValueError):
         raise InputError("an admittance must be numbers") from None
     if matrix.size == 1:
-        matrix = matrix.ravel()[0] * np.eye(ndim)
+        matrix = matrix.item() * np.eye(ndim)
     elif matrix.shape == (ndim,):
         matrix = np.diag(matrix)
-    elif matrix.shape == (ndim**2,):
+    elif matrix.shape in ((ndim**2,), (ndim, ndim)):
         matrix = matrix.reshape(ndim, ndim)
-    elif matrix.ndim == 1:
+    else:
         raise InputError(
-            f"an admittance of {len(matrix)} numbers: give 1 number, {ndim}, or {ndim**2} for a matrix row by row"
+            f"an admittance of {' x '.join(map(str, matrix.shape))} numbers: give 1 number, {ndim}, or {ndim**2} for a "
+            "matrix row by row"
         )
-    if matrix.shape != (ndim, ndim):
-        raise InputError(f"the admittance of this space is a matrix of {ndim} x {ndim}, got shape {matrix.shape}")
     if not np.isfinite(matrix).all():
         raise InputError("the admittance must be finite")
     uneven = np.abs(matrix - matrix.T).max()

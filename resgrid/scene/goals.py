@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
+
+from annotated_types import Gt, Le
 
 from resgrid.arguments import checked
+from resgrid.axis import LARGEST, Point
 from resgrid.robots import Box, Shape
-from resgrid.robots.shapes import Point
+
+Conductivity = Annotated[float, Gt(0), Le(LARGEST)]
 
 
 @checked
@@ -99,6 +104,11 @@ class CostArea:
     conductivity : float
         Of its cells, above 0.
 
+    Raises
+    ------
+    InputError
+        If the conductivity is not above 0 and finite.
+
     Examples
     --------
     >>> axes = (rg.Axis("x", 0.0, 3.0, 3), rg.Axis("y", 0.0, 2.0, 2))
@@ -110,4 +120,4 @@ class CostArea:
     """
 
     shape: Shape
-    conductivity: float
+    conductivity: Conductivity

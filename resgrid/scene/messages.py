@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from difflib import get_close_matches
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from resgrid.arguments import short, suggestion
 from resgrid.scene.toml_lines import Path, line_of
 
 if TYPE_CHECKING:
@@ -37,17 +37,12 @@ def report(problems: Sequence[Problem], source: str, lines: Mapping[Path, int] |
 
 def complaint(detail: ErrorDetails) -> str:
     """What is wrong with a value, and what it may be."""
-    describe = _COMPLAINTS.get(detail["type"])
-    if describe is not None:
-        return describe(detail)
+    if detail["type"] == "literal_error":
+        return _choice(detail)
+    if detail["type"] in _COMPLAINTS:
+        return _COMPLAINTS[detail["type"]].format(**detail.get("ctx", {}), shown=shown(detail))
     message = detail["msg"].removeprefix("Value error, ")
     return message if detail["type"] == "value_error" else f"{message[:1].lower()}{message[1:]}, got {shown(detail)}"
-
-
-def suggestion(name: str, known: Sequence[str]) -> str:
-    """The name that was probably meant, as a question; nothing if none is near."""
-    near = get_close_matches(name, known, 1, 0.6)
-    return f"did you mean {near[0]!r}?" if near else ""
 
 
 def unknown(words: str, given: Any, choice: str, options: Sequence[str]) -> str:
@@ -61,13 +56,7 @@ def shown(detail: ErrorDetails) -> str:
     value = detail["input"]
     if isinstance(value, Mapping):
         return "a table"
-    if isinstance(value, list):
-        return f"a list of {len(value)}"
-    try:
-        text = repr(value)
-    except ValueError:
-        return "a number of absurd length"
-    return text if len(text) <= 60 else f"{text[:50]}..."
+    return f"a list of {len(value)}" if isinstance(value, list) else short(value)
 
 
 def _choice(detail: ErrorDetails) -> str:
@@ -78,42 +67,31 @@ def _choice(detail: ErrorDetails) -> str:
     return unknown(shown(detail), detail["input"], " or ".join(options), options)
 
 
-def _must(what: str) -> Callable[[ErrorDetails], str]:
-    return lambda detail: f"must be {what}, got {shown(detail)}"
-
-
-def _bound(words: str, key: str) -> Callable[[ErrorDetails], str]:
-    return lambda detail: f"must be {words} {detail['ctx'][key]:g}, got {shown(detail)}"
-
-
-def _length(words: str, key: str) -> Callable[[ErrorDetails], str]:
-    return lambda detail: f"needs {words} {detail['ctx'][key]} entries, got {detail['ctx']['actual_length']}"
-
-
-_NUMBER, _WHOLE, _LIST, _TABLE = (
-    _must(what) for what in ("a number", "a whole number", "a list, such as [1, 2]", "a table of keys")
-)
-_COMPLAINTS: dict[str, Callable[[ErrorDetails], str]] = {
-    "missing": lambda _: "this key is missing; add it",
-    "literal_error": _choice,
+_NUMBER = "must be a number, got {shown}"
+_WHOLE = "must be a whole number, got {shown}"
+_LIST = "must be a list, such as [1, 2], got {shown}"
+_TABLE = "must be a table of keys, got {shown}"
+_COMPLAINTS = {
+    "missing": "this key is missing; add it",
     "float_type": _NUMBER,
     "float_parsing": _NUMBER,
-    "finite_number": _must("a finite number"),
+    "finite_number": "must be a finite number, got {shown}",
     "int_type": _WHOLE,
     "int_from_float": _WHOLE,
-    "bool_type": _must("true or false"),
-    "string_type": _must('text in quotes, such as "abc"'),
-    "string_pattern_mismatch": _must("a name: a letter, then letters, digits or _"),
-    "string_too_short": lambda _: "must not be empty",
+    "bool_type": "must be true or false, got {shown}",
+    "string_type": 'must be text in quotes, such as "abc", got {shown}',
+    "string_pattern_mismatch": "must be a name: a letter, then letters, digits or _, got {shown}",
+    "string_too_short": "must not be empty",
     "list_type": _LIST,
     "tuple_type": _LIST,
     "model_type": _TABLE,
     "model_attributes_type": _TABLE,
     "dict_type": _TABLE,
-    "greater_than": _bound("greater than", "gt"),
-    "greater_than_equal": _bound("at least", "ge"),
-    "less_than": _bound("below", "lt"),
-    "less_than_equal": _bound("at most", "le"),
-    "too_short": _length("at least", "min_length"),
-    "too_long": _length("at most", "max_length"),
+    "greater_than": "must be greater than {gt:g}, got {shown}",
+    "greater_than_equal": "must be at least {ge:g}, got {shown}",
+    "less_than": "must be below {lt:g}, got {shown}",
+    "less_than_equal": "must be at most {le:g}, got {shown}",
+    "too_short": "needs at least {min_length} entries, got {actual_length}",
+    "too_long": "needs at most {max_length} entries, got {actual_length}",
 }
+"""What is wrong, by pydantic's kind of error, with the figures that come with it."""

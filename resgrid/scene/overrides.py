@@ -11,12 +11,11 @@ from resgrid.errors import InputError
 from resgrid.robots import ROBOTS, Robot
 from resgrid.scene.goals import CostArea, GoalJoints
 from resgrid.scene.read import build_scene
-from resgrid.scene.scene import IN_FILES, Scene
+from resgrid.scene.scene import IN_FILES, LISTS, Scene
 from resgrid.scene.table import plain
 
 SHORT = {"resistance": "chip.resistance", "supply": "chip.supply", "radius": "robot.radius"}
 PLACES = {"goal": "point", "goal_cell": "cell", "start": "point", "start_cell": "cell"}
-_LISTS = {"obstacle": "obstacles", "hidden": "hidden", "goal": "goals", "area": "areas"}
 
 
 def document_of(scene: Scene) -> dict[str, Any]:
@@ -32,7 +31,7 @@ def document_of(scene: Scene) -> dict[str, Any]:
         document["map"] = plain(scene.map.table)
     if scene.map is None or scene.axes[: len(scene.map.axes)] != scene.map.axes:
         document["grid"] = {"axes": [plain(axis) for axis in scene.axes]}
-    for key, attribute in _LISTS.items():
+    for key, attribute in LISTS.items():
         document[key] = [_table(value) for value in getattr(scene, attribute)]
     return document
 

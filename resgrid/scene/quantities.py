@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from math import floor, isfinite, log10
 from typing import TYPE_CHECKING, Any
 
+from resgrid.arguments import short
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
@@ -15,20 +16,7 @@ if TYPE_CHECKING:
 SMALLEST, LARGEST = 1e-30, 1e30
 """Limits of all values in SI units, so that their products and squares are numbers, too."""
 
-EXPONENTS = {
-    "T": 12,
-    "G": 9,
-    "M": 6,
-    "meg": 6,
-    "k": 3,
-    "m": -3,
-    "u": -6,
-    "µ": -6,
-    "μ": -6,
-    "n": -9,
-    "p": -12,
-    "f": -15,
-}
+EXPONENTS = {"T": 12, "G": 9, "M": 6, "meg": 6, "k": 3, "m": -3, "u": -6, "µ": -6, "μ": -6, "n": -9, "p": -12, "f": -15}
 PREFIXES = dict(zip(range(-24, 13, 3), ("y", "z", "a", "f", "p", "n", "µ", "m", "", "k", "M", "G", "T"), strict=True))
 PATTERN = r"([+-]?(?:\d+(?:\.\d*)?|\.\d+))([eE][+-]?\d+|meg|[TGMkmuµμnpf])?|([+-]?\d+)([TGMkmuµμnpf])(\d+)"
 """A number, perhaps with an exponent or a suffix; or one with a suffix in place of its point."""
@@ -88,36 +76,15 @@ class Listed:
 
 
 def parse_quantity(value: object) -> float:
-    """Read a number, or a number with an engineering suffix.
+    """The nearest double to a number, or to one with an engineering suffix; InputError for anything else.
 
-    The suffix is case-sensitive and stands for a power of ten: ``T G M k m u n p f``; ``M`` and ``meg`` are mega,
-    ``m`` is milli (unlike in a SPICE deck, where ``M`` is milli too).  It may take the place of the decimal point,
-    as in ``4k7`` (IEC 60062).  Units, blanks and everything else are refused.
-
-    Parameters
-    ----------
-    value : str, int or float
-        What was written.
-
-    Returns
-    -------
-    float
-        The nearest double to the decimal value; finite.
-
-    Raises
-    ------
-    InputError
-        If it is anything else.
-
-    Examples
-    --------
-    >>> rg.parse_quantity("4k7"), rg.parse_quantity("2.2meg"), rg.parse_quantity("100n"), rg.parse_quantity(3)
-    (4700.0, 2200000.0, 1e-07, 3.0)
+    The suffix is case-sensitive: ``M`` and ``meg`` are mega, ``m`` is milli (in a SPICE deck ``M`` is milli, too).  It
+    may take the place of the decimal point, as in ``4k7`` (IEC 60062).
     """
     number = _parsed(value)
     if number is None or not isfinite(number):
         raise InputError(
-            f"{_short(value)} is not a value: write a finite number such as 3.3 or 1e4, or one with a suffix out of "
+            f"{short(value)} is not a value: write a finite number such as 3.3 or 1e4, or one with a suffix out of "
             "T G M (or meg) k m u n p f, such as 10k, 4k7, 2.2meg or 100n"
         )
     return number
@@ -129,7 +96,7 @@ def parse_share(value: object) -> float:
         number = _parsed(value[:-1].rstrip(" "))
         if number is not None and isfinite(number):
             return float(f"{number!r}e-2") if "e" not in repr(number) else number / 100
-        raise InputError(f'{_short(value)} is not a share: write a percentage such as "10 %", or a number such as 0.1')
+        raise InputError(f'{short(value)} is not a share: write a percentage such as "10 %", or a number such as 0.1')
     return parse_quantity(value)
 
 
@@ -160,8 +127,3 @@ def _parsed(value: object) -> float | None:
     if number is None:
         return float(f"{before}.{after}e{EXPONENTS[suffix]}")
     return float(f"{number}e{EXPONENTS[end]}" if end in EXPONENTS else match[0])
-
-
-def _short(value: object) -> str:
-    text = repr(value) if isinstance(value, str | int | float) else f"a {type(value).__name__}"
-    return text if len(text) <= 70 else text[:60] + "..."

@@ -10,6 +10,7 @@ import re
 import tomllib
 import zlib
 from collections.abc import Mapping
+from itertools import chain, repeat
 from math import isclose
 from pathlib import Path
 from typing import Any
@@ -21,12 +22,11 @@ from resgrid.frame import Frame
 from resgrid.robots import ROBOTS, Robot
 from resgrid.scene.consistency import inconsistencies
 from resgrid.scene.maps.arrays import MapCells
-from resgrid.scene.maps.formats import COMMON, FORMATS, format_of, read_map
+from resgrid.scene.maps.formats import COMMON, format_of, map_options, read_map
 from resgrid.scene.messages import Problem, report
-from resgrid.scene.scene import IN_FILES, Scene, check_attributes, start_point
+from resgrid.scene.scene import IN_FILES, LISTS, Scene, check_attributes, start_point
 from resgrid.scene.toml_lines import Path as KeyPath, key_lines
 
-MAP_OPTIONS = (*COMMON[1:], *dict.fromkeys(option for entry in FORMATS.values() for option in entry.options))
 _LINK = re.compile(r"https?://\S*#(?:\S*&)?s=(?P<code>[^&\s]+)")
 """A link of the live page: a scene's document, deflated and in base64url, in the fragment."""
 
@@ -65,8 +65,9 @@ def read_scene(file: str | os.PathLike[str], **options: Any) -> Scene:
     ('Eight by eight', (0.5,), 3)
     """
     path = Path(file)
-    check_attributes(options, *MAP_OPTIONS)
-    table = {key: options.pop(key) for key in MAP_OPTIONS if key in options}
+    map_keys = (*COMMON[1:], *map_options())
+    check_attributes(options, *map_keys)
+    table = {key: options.pop(key) for key in map_keys if key in options}
     if path.suffix.lower() == ".toml":
         raw, lines = _toml(decode(read_bytes(path), path), str(path))
         if table and isinstance(raw.get("map", {}), dict):
@@ -163,8 +164,7 @@ def build_scene(
     known: MapCells | None = None,
 ) -> Scene:
     """Check a document and make the scene it describes; `known`: its map, if it has been read already."""
-    from resgrid.scene.schema import robot_of
-    from resgrid.scene.validate import validate
+    from resgrid.scene.schema import robot_of, validate
 
     raw = _with_footprint(raw)
     robot = robot_of(raw.get("robot", {}))
@@ -185,19 +185,17 @@ def build_scene(
     starts = (
         start_point(start, axes, frame, f"{source}: start[{number}]") for number, start in enumerate(document.start)
     )
+    said: dict[str, Any] = {name: tuple(getattr(document, key)) for key, name in LISTS.items()}
+    said |= {key: getattr(document, key) for key in IN_FILES}
     return Scene(
         axes=axes,
         robot=robot,
-        obstacles=tuple(document.obstacle),
-        hidden=tuple(document.hidden),
-        goals=tuple(document.goal),
         starts=(*document.starts, *starts),
-        areas=tuple(document.area),
         map=cells,
         frame=frame,
         edge=document.edge,
         source=source,
-        **{key: getattr(document, key) for key in IN_FILES},
+        **said,
     )
 
 
@@ -205,11 +203,10 @@ def _ground(
     document: Any, robot: Robot | None, folder: Path, known: MapCells | None
 ) -> tuple[tuple[Axis, ...] | None, Frame, MapCells | None]:
     """Axes and frame of the space of a robot, and the cells of the map; of a document with errors, axes at most."""
-    grid = None if document.grid is None else tuple(table.axis() for table in document.grid.axes)
+    grid = None if document.grid is None else tuple(document.grid.axes)
     if document.map is None or robot is None:
         return grid, Frame(), None
-    table = {key: value for key, value in document.map.model_dump().items() if value is not None}
-    table["file"] = str(folder.resolve() / document.map.file)
+    table = document.map.model_dump(exclude_unset=True) | {"file": str(folder.resolve() / document.map.file)}
     cells = read_map(table) if known is None else known
     if grid is None:
         return (*cells.space_of(robot), cells)
@@ -260,12 +257,9 @@ def _with_axes(raw: Mapping[str, Any], robot: Robot | None) -> Mapping[str, Any]
         axes = [{} for _ in implied]
     if not isinstance(axes, list):
         return raw
-    given = cells if isinstance(cells, list) else [cells]
-    each = given * len(axes) if len(given) == 1 else given
-    full = [
-        _with_implied(axis, dict(enumerate(implied)).get(number, {}), dict(enumerate(each)).get(number))
-        for number, axis in enumerate(axes)
-    ]
+    counts = cells if isinstance(cells, list) else [cells]
+    each = repeat(counts[0]) if len(counts) == 1 else chain(counts, repeat(None))
+    full = [_with_implied(*parts) for parts in zip(axes, chain(implied, repeat({})), each, strict=False)]
     return {**raw, "grid": {**grid, "axes": full}}
 
 

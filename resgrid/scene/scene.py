@@ -5,30 +5,32 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Annotated, Any
 
-from resgrid.arguments import checked
-from resgrid.axis import Axis
+from annotated_types import Ge, Le
+
+from resgrid.arguments import checked, suggestion
+from resgrid.axis import Axis, Point
 from resgrid.errors import InputError
 from resgrid.frame import Frame
 from resgrid.frozen import picture_html
 from resgrid.robots import PointRobot, Robot, Sampling, Shape
-from resgrid.robots.shapes import Point
 from resgrid.scene.chip import Chip
 from resgrid.scene.consistency import inconsistencies
 from resgrid.scene.control import Control
 from resgrid.scene.goals import CostArea, Goal, GoalCell, GoalPoint
 from resgrid.scene.maps.arrays import MapCells
-from resgrid.scene.messages import report, suggestion
+from resgrid.scene.messages import report
+from resgrid.scene.quantities import Listed
 from resgrid.scene.toml_lines import Path
 from resgrid.scene.world import cell_centre
-
-Boundary = Literal["dirichlet", "neumann", "wall"]
-Drive = Literal["uniform", "start"]
-EdgeRule = Literal["obstacle", "open", "periodic"]
+from resgrid.wiring import Boundary, Drive, EdgeRule
 
 IN_FILES = ("title", "boundary", "drive", "sampling", "k", "chip", "control")
 """Attributes of a scene that are keys of its file as they are."""
+
+LISTS = {"obstacle": "obstacles", "hidden": "hidden", "goal": "goals", "area": "areas"}
+"""Keys of its file that are lists of tables, and the attributes that hold what they describe."""
 
 
 @checked
@@ -108,7 +110,7 @@ class Scene:
     boundary: Boundary = "dirichlet"
     drive: Drive | None = None
     edge: tuple[EdgeRule, ...] = ()
-    k: tuple[float, ...] = ()
+    k: Annotated[tuple[Annotated[float, Ge(0), Le(1)], ...], Listed()] = ()
     chip: Chip = field(default_factory=Chip)
     control: Control = field(default_factory=Control)
     sampling: Sampling = "conservative"
@@ -126,12 +128,9 @@ class Scene:
         if self.map is not None:  # its cells lie where the space does
             frame = dataclasses.replace(self.frame, turning_length=None)
             object.__setattr__(self, "map", dataclasses.replace(self.map, frame=frame))
-        lists = {
-            "obstacle": self.obstacles, "hidden": self.hidden, "goal": self.goals, "starts": self.starts,
-            "area": self.areas,
-        }  # fmt: skip
+        lists = LISTS | {"starts": "starts"}
         values: dict[Path, Any] = {
-            (key, number): value for key, entries in lists.items() for number, value in enumerate(entries)
+            (key, number): value for key, name in lists.items() for number, value in enumerate(getattr(self, name))
         }
         names, has_wall = [axis.name for axis in self.axes], self.chip.wall_resistance is not None
         problems = inconsistencies(self, self.robot, self.axes, names, values, has_wall=has_wall)

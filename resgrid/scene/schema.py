@@ -1,11 +1,13 @@
-"""The schema of scene files: their keys, and what each may hold.  Imported only when a scene is read or described."""
+"""The schema of scene files: their keys, what each may hold, and what is wrong with a document: all errors at once.
+
+Imported only when a scene is read or described.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from functools import partial
-from math import ulp
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
 from annotated_types import Ge, Gt, Le, Len
 from pydantic import (
@@ -15,23 +17,31 @@ from pydantic import (
     PlainValidator,
     Strict,
     TypeAdapter,
+    ValidationError,
     ValidationInfo,
     create_model,
     field_validator,
     model_validator,
 )
 
+from resgrid.arguments import suggestion
 from resgrid.axis import Axis
-from resgrid.robots import ROBOTS, Arm, Ball, Box, HalfSpace, PointRobot, Polygon, Robot, Sampling
-from resgrid.robots.shapes import LARGEST
+from resgrid.robots import ROBOTS, Arm, Ball, Box, HalfSpace, PointRobot, Polygon, Robot
+from resgrid.robots.arm import Length, Width
 from resgrid.scene.chip import Chip, Defects, Readout
 from resgrid.scene.control import Control
-from resgrid.scene.goals import CostArea, GoalCell, GoalJoints, GoalPoint
-from resgrid.scene.maps.formats import FORMATS
-from resgrid.scene.messages import suggestion, unknown
+from resgrid.scene.goals import Conductivity, CostArea, GoalCell, GoalJoints, GoalPoint
+from resgrid.scene.maps.arrays import HEADINGS
+from resgrid.scene.maps.formats import FORMATS, map_options
+from resgrid.scene.messages import Problem, complaint, unknown
 from resgrid.scene.quantities import Listed
-from resgrid.scene.scene import Boundary, Drive, EdgeRule, Scene
-from resgrid.scene.table import Table, either, filled_as, meanings, table_of, value_of
+from resgrid.scene.scene import IN_FILES, LISTS, Scene
+from resgrid.scene.table import Table, fields_from, filled_as, meanings, problems_of, table_of, value_of
+from resgrid.scene.toml_lines import Path
+from resgrid.wiring import EdgeRule
+
+if TYPE_CHECKING:
+    from pydantic_core import ErrorDetails
 
 Coordinates = Annotated[tuple[float, ...], Strict(False), Len(1, 4)]
 Pair = Annotated[tuple[float, ...], Strict(False), Len(2, 2)]
@@ -64,8 +74,8 @@ class JointBox(Table):
 class Link(Table):
     """A link of an arm."""
 
-    length: Annotated[float, Gt(0), Field(description="From joint to joint.")]
-    width: Annotated[float, Ge(0), Field(description="Of the capsule around it.")] = 0.0
+    length: Annotated[Length, Field(description="From joint to joint.")]
+    width: Annotated[Width, Field(description="Of the capsule around it.")] = 0.0
     limits: Annotated[
         Pair | None, Field(description="Range of its joint, in radians; without it the joint turns all the way round.")
     ] = None
@@ -94,14 +104,9 @@ def _arm_table() -> Any:
 
 def _area(shape: type, name: str, is_planar: bool) -> Any:
     """A shape with a conductivity."""
-    about = Field(description=meanings(CostArea)["conductivity"])
-    keys: dict[str, Any] = {"conductivity": (Annotated[float, Gt(0)], about)}
+    keys: dict[str, Any] = {"conductivity": (Conductivity, Field(description=meanings(CostArea)["conductivity"]))}
     table: Any = create_model(f"area_{name}", __base__=table_of(shape, ("shape", name), is_planar), **keys)
     return filled_as(table, lambda conductivity, **keys: CostArea(shape(**keys), conductivity), "shape")
-
-
-def _robot(name: str, robot: type[Robot]) -> Any:
-    return filled_as(_arm_table(), _arm, "type") if robot is Arm else value_of(robot, ("type", name))
 
 
 _SHAPES = {name: value_of(shape, ("shape", name), planar) for name, (shape, planar) in SHAPES.items()}
@@ -116,7 +121,8 @@ KINDS: dict[str, dict[str, Any]] = {
     "goal": _SHAPES | _PLACES | _JOINTS,
     "start": _PLACES,
     "area": {name: _area(shape, name, planar) for name, (shape, planar) in SHAPES.items()},
-    "robot": {name: _robot(name, robot) for name, robot in ROBOTS.items()},
+    "robot": {name: value_of(robot, ("type", name)) for name, robot in ROBOTS.items()}
+    | {"arm": filled_as(_arm_table(), _arm, "type")},
 }
 """Tables that come in several kinds, by the kind."""
 
@@ -171,7 +177,7 @@ def _one_of(name: str) -> Any:
     def read(table: Any) -> Any:
         return kinds[KIND_OF[name](table)].validate_python(table)
 
-    return Annotated[Any, PlainValidator(read, json_schema_input_type=either(KINDS[name].values()))]
+    return Annotated[Any, PlainValidator(read, json_schema_input_type=Union[tuple(KINDS[name].values())])]  # noqa: UP007
 
 
 def _nothing_required(schema: dict[str, Any]) -> None:
@@ -179,53 +185,47 @@ def _nothing_required(schema: dict[str, Any]) -> None:
     schema.pop("required", None)
 
 
-class AxisTable(Table):
-    """One axis of the grid; what an arm's or a turning polygon's axes leave out, the robot decides."""
+class _Implied(Table):
+    """What a robot may fill."""
 
     model_config = ConfigDict(json_schema_extra=_nothing_required)
 
-    name: Annotated[str, Len(1), Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", description="Such as x.")]
-    lower: Annotated[float, Field(description="Where its first cell begins.")]
-    upper: Annotated[float, Field(description="Where its last cell ends.")]
-    cells: Annotated[Count | None, Field(description="How many cells it has; this or spacing.")] = None
-    spacing: Annotated[float | None, Gt(0), Field(description="Width of its cells; this or cells.")] = None
-    periodic: Annotated[bool, Field(description="Whether its ends are joined.")] = False
-    unit: Annotated[str, Field(description="For people.")] = "m"
 
-    @model_validator(mode="after")
-    def _is_possible(self) -> AxisTable:
-        if not self.lower < self.upper:
-            raise ValueError(f"lower = {self.lower} must lie below upper = {self.upper}")
-        if max(abs(self.lower), abs(self.upper)) > LARGEST:
-            raise ValueError(f"lower and upper must not exceed {LARGEST:g}")
-        if (self.cells is None) == (self.spacing is None):
-            raise ValueError("give either cells or spacing, not " + ("both" if self.cells else "neither"))
-        if self.spacing is not None:
-            count = (self.upper - self.lower) / self.spacing
-            if count > 1e18 or round(count) < 1 or abs(count - round(count)) > 1e-6 * max(1.0, count * 1e-3):
-                raise ValueError(
-                    f"spacing = {self.spacing} does not divide upper - lower = {self.upper - self.lower} into whole "
-                    "cells; change one of them, or give cells"
-                )
-        if (self.upper - self.lower) / self.count() < 64 * ulp(max(abs(self.lower), abs(self.upper))):
-            raise ValueError("the cells are too narrow to be told apart in floating point; move the axis towards 0")
-        return self
-
-    def count(self) -> int:
-        """Number of cells."""
-        return self.cells or round((self.upper - self.lower) / (self.spacing or 1.0))
-
-    def axis(self) -> Axis:
-        """The axis this table describes."""
-        return Axis(self.name, float(self.lower), float(self.upper), self.count(), self.periodic, self.unit)
+def _axis(cells: int | None, spacing: float | None, lower: float, upper: float, **keys: Any) -> Axis:
+    """The axis of a table, which says how many cells there are, or how wide they are."""
+    if (cells is None) == (spacing is None):
+        raise ValueError("give either cells or spacing, not " + ("both" if cells else "neither"))
+    if spacing is not None and lower < upper:
+        count = (upper - lower) / spacing
+        if count > 1e18 or round(count) < 1 or abs(count - round(count)) > 1e-6 * max(1.0, count * 1e-3):
+            raise ValueError(
+                f"spacing = {spacing} does not divide upper - lower = {upper - lower} into whole cells; change one of "
+                "them, or give cells"
+            )
+        cells = round(count)
+    return Axis(cells=cells or 1, lower=float(lower), upper=float(upper), **keys)
 
 
-class Grid(Table):
+AxisTable: Any = create_model(
+    "AxisTable",
+    __base__=_Implied,
+    __doc__="One axis of the grid; what an arm's or a turning polygon's axes leave out, the robot decides.",
+    **fields_from(Axis)
+    | {
+        "name": (Annotated[str, Len(1)], Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", description="Such as x.")),
+        "cells": (Count | None, Field(None, description="How many cells it has; this or spacing.")),
+        "spacing": (Annotated[float, Gt(0)] | None, Field(None, description="Width of its cells; this or cells.")),
+    },
+)
+
+
+_AXIS = filled_as(AxisTable, _axis)
+
+
+class Grid(_Implied):
     """The grid; an arm's axes need say nothing at all."""
 
-    model_config = ConfigDict(json_schema_extra=_nothing_required)
-
-    axes: Annotated[list[AxisTable], Len(1, 4), Field(description="One to four.")]
+    axes: Annotated[list[_AXIS], Len(1, 4), Field(description="One to four.")]  # type: ignore[valid-type]
     cells: Annotated[
         Annotated[tuple[Count, ...], Strict(False), Len(1, 4), Listed()] | None,
         Field(description="Numbers of cells of axes that do not say: one for all, or one each."),
@@ -247,55 +247,30 @@ def _known_format(name: str) -> str:
     return name
 
 
-class Map(Table):
-    """A map file instead of a grid, and how to read it; each format takes its own options."""
-
-    file: Annotated[str, Len(1), Field(description="Its name, seen from the scene's folder.")]
-    format: Annotated[
-        str,
-        AfterValidator(_known_format),
-        Field(
-            description="Otherwise by the end of its name, or its first bytes.",
-            json_schema_extra=lambda schema: schema.update(enum=["auto", *FORMATS]),
-        ),
-    ] = "auto"
-    dialect: Annotated[Literal["nav2", "ros1"] | None, Field(description="ROS: whose reader is meant.")] = None
-    unknown: Annotated[
-        Literal["obstacle", "free"] | None,
-        Field(
-            description="ROS: what cells of unknown occupancy are. Raw values above 100 are unknown to Nav2; of ROS 1 "
-            "255 is, and 101 to 254 are obstacles, as costmap_2d takes what map_server sends."
-        ),
-    ] = None
-    lethal: Annotated[
-        Annotated[int, Ge(1), Le(100)] | None, Field(description="ROS: occupancy from which a cell is an obstacle.")
-    ] = None
-    least_conductivity: Annotated[
-        Annotated[float, Gt(0), Le(1)] | None,
-        Field(description="ROS: values below lethal as cost; an occupancy p conducts this to the power of p / lethal."),
-    ] = None
-    passable: Annotated[str | None, Field(description="MovingAI: letters of free terrain.")] = None
-    threshold: Annotated[
-        Annotated[int, Ge(0), Le(65536)] | None, Field(description="Pictures: grey value from which a pixel is free.")
-    ] = None
-    spacing: Annotated[float | None, Gt(0), Field(description="Pictures and arrays: width of a cell.")] = None
-    origin: Annotated[Coordinates | None, Field(description="Pictures and arrays: their lower corner.")] = None
-    unit: Annotated[str | None, Field(description="Pictures and arrays: of lengths.")] = None
-    periodic: Annotated[
+_FORMAT = Annotated[
+    str, AfterValidator(_known_format), Field(json_schema_extra=lambda schema: schema.update(enum=["auto", *FORMATS]))
+]
+Map = create_model(
+    "Map",
+    __base__=Table,
+    __doc__="A map file instead of a grid, and how to read it; each format takes its own options.",
+    file=(Annotated[str, Len(1)], Field(description="Its name, seen from the scene's folder.")),
+    format=(_FORMAT, Field("auto", description="Otherwise by the end of its name, or its first bytes.")),
+    **map_options(),
+    periodic=(
         Annotated[tuple[str, ...], Strict(False), Listed()] | None,
-        Field(description="Axes whose ends are joined, by name."),
-    ] = None
-    headings: Annotated[
-        Count | None, Field(description="Cells of the third axis, of a robot that turns; 36 if it does not say.")
-    ] = None
+        Field(None, description="Axes whose ends are joined, by name."),
+    ),
+    headings=(Count, Field(HEADINGS, description="Cells of the third axis, of a robot that turns.")),
+)
 
 
 _ABOUT = meanings(Scene)
-_TABLES = {"obstacle": "obstacles", "goal": "goals", "start": "starts", "area": "areas"}
+_ATTRIBUTES = LISTS | {"start": "starts"}
 
 
 def _key(name: str, kind: Any, default: Any, *marks: Any, about: str = "") -> tuple[Any, Any]:
-    text = about or _ABOUT[_TABLES.get(name, name)]
+    text = about or _ABOUT[_ATTRIBUTES.get(name, name)]
     hint = Annotated[(kind, *marks)] if marks else kind
     return (hint, Field(default, description=text))
 
@@ -305,18 +280,13 @@ def _list_of(name: str) -> tuple[Any, Any]:
 
 
 _EDGES = Annotated[tuple[EdgeRule, ...], Strict(False), Listed()]
-_BLENDS = Annotated[tuple[Annotated[float, Ge(0), Le(1)], ...], Strict(False), Listed()]
 SceneFile: Any = create_model(
     "Scene",
     __base__=Table,
     __doc__="A resgrid scene.",
     schema_=(Literal[1], Field(alias="schema", description="Version of this format.")),
-    title=_key("title", str, ""),
-    boundary=_key("boundary", Boundary, "dirichlet"),
-    drive=_key("drive", Drive | None, None),
+    **fields_from(Scene, IN_FILES),
     edge=_key("edge", _EDGES, ("obstacle",)),
-    sampling=_key("sampling", Sampling, "conservative"),
-    k=_key("k", _BLENDS, ()),
     robot=_key("robot", _one_of("robot"), PointRobot()),
     grid=_key("grid", Grid | None, None, about="The cells; this or a map."),
     map=_key("map", Map | None, None),
@@ -326,8 +296,6 @@ SceneFile: Any = create_model(
     start=_list_of("start"),
     starts=_key("starts", list[Coordinates], []),
     area=_list_of("area"),
-    chip=_key("chip", value_of(Chip), Chip()),
-    control=_key("control", value_of(Control), Control()),
 )
 _ROBOT: TypeAdapter[Robot] = TypeAdapter(_one_of("robot"))
 TABLES: dict[str, Any] = {
@@ -348,6 +316,57 @@ def keys_of(path: tuple[str | int, ...], kind: str | None) -> list[str]:
     name = next((part for part in reversed(path) if isinstance(part, str)), "")
     table: Any = TABLES.get(name) or (KINDS[name][kind].__origin__ if kind in KINDS.get(name, {}) else None)
     return [] if table is None else [field.alias or key for key, field in table.model_fields.items()]
+
+
+def validate(raw: Mapping[str, Any]) -> tuple[Any, list[Problem], dict[Path, Any]]:
+    """The typed document, what is wrong with it, and the entries of its lists by their key paths.
+
+    What is wrong is left out of the document, so that what is right can still be checked for consistency.
+    """
+    numbers = {key: [*range(len(raw[key]))] for key in (*KINDS, "starts") if isinstance(raw.get(key), list)}
+    problems: list[Problem] = []
+    try:
+        document = SceneFile.model_validate(dict(raw))
+    except ValidationError as error:
+        problems = [_problem(detail, raw) for detail in problems_of(error)]
+        wrong = {path[: 2 if path[0] in numbers else 1] for path, _ in problems if path}
+        sound = {key: value for key, value in raw.items() if (key,) not in wrong} | {"schema": 1}
+        numbers = {key: [n for n in every if (key, n) not in wrong] for key, every in numbers.items() if key in sound}
+        sound |= {key: [raw[key][n] for n in some] for key, some in numbers.items()}
+        document = SceneFile.model_validate(sound)
+    entries = ((key, zip(some, getattr(document, key), strict=True)) for key, some in numbers.items())
+    return document, problems, {(key, number): value for key, pairs in entries for number, value in pairs}
+
+
+def _problem(detail: ErrorDetails, raw: Mapping[str, Any]) -> Problem:
+    path = _path_in(raw, detail["loc"])
+    return path, _unknown_key(path, raw) if detail["type"] == "extra_forbidden" else complaint(detail)
+
+
+def _path_in(raw: Any, location: Path) -> Path:
+    """Pydantic's location as the document has it, where the only entry of a list may stand without one."""
+    node = raw
+    for depth, part in enumerate(location):
+        if not isinstance(node, Mapping | list):
+            return location[:depth]
+        node = node.get(str(part)) if isinstance(node, Mapping) else node[int(part)]
+    return location
+
+
+def _unknown_key(path: Path, raw: Any) -> str:
+    kind = None  # of a table that comes in several
+    if path[0] in KIND_OF and len(path) == (2 if path[0] == "robot" else 3):
+        kind = KIND_OF[str(path[0])](raw["robot"] if path[0] == "robot" else raw[path[0]][path[1]])
+    name, known = str(path[-1]), keys_of(path[:-1], kind)
+    near = suggestion(name, known)
+    if near:
+        return f"unknown key; {near}"
+    if len(path) > 1 and name in keys_of((), None):
+        return f"this key belongs at the top level of the scene, above the first [table]; move {name!r} there"
+    if kind is not None and len(known) == 1:  # a place
+        return f"nothing else goes with {known[0]} = [...]; remove {name!r}"
+    whose = "" if kind is None else f" of {'an' if kind[0] in 'aeiou' else 'a'} {kind.replace('_', '-')}"
+    return f"unknown key{whose}; there are {', '.join(known)}" if known else "unknown key; remove it"
 
 
 def robot_of(table: Any) -> Robot | None:

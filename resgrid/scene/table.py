@@ -1,23 +1,23 @@
 """Tables of a file, made from the dataclasses they describe: the same keys, ranges and meanings, the value's own laws.
 
-The annotations of a dataclass say what its fields may be (`annotated_types` for ranges, `Quantity` for units), its
-docstring says what they mean; this is the only place where a schema is made of both.
+The annotations of a dataclass, or of the options of a function, say what they may be (`annotated_types` for ranges,
+`Quantity` for units), its docstring says what they mean; this is the only place where a schema is made of both.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Callable, Iterable, Mapping
-from functools import cache, reduce
-from inspect import cleandoc
-from operator import or_
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from inspect import cleandoc, signature
 from types import UnionType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from annotated_types import Len
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, ValidationError, create_model
 
+from resgrid.axis import Point
 from resgrid.errors import InputError
 from resgrid.scene.messages import complaint, key_path
 from resgrid.scene.quantities import Quantity
@@ -34,8 +34,8 @@ class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
-def meanings(value: type) -> dict[str, str]:
-    """What the fields of a class mean, from the lists in its docstring."""
+def meanings(value: Callable[..., Any]) -> dict[str, str]:
+    """What the fields of a class, or the parameters of a function, mean, from the lists in its docstring."""
     described: dict[str, str] = {}
     names: list[str] = []
     for line in cleandoc(value.__doc__ or "").split("\n"):
@@ -67,20 +67,15 @@ def described_keys(value: type) -> dict[str, tuple[str, str]]:
     return described
 
 
-def either(kinds: Iterable[Any]) -> Any:
-    """The union of types."""
-    return reduce(or_, kinds)
-
-
 def file_type(hint: Any, *, planar: bool = False) -> Any:
     """What a file holds for a field: lists for tuples, tables for dataclasses, the rest as it is."""
     origin, parts = get_origin(hint), get_args(hint)
     if origin is Annotated:
         return Annotated[(file_type(parts[0], planar=planar), *parts[1:])]
     if origin in (Union, UnionType):
-        return either(file_type(part, planar=planar) for part in parts)
+        return Union[tuple(file_type(part, planar=planar) for part in parts)]  # noqa: UP007
     if origin is tuple:
-        size = len(parts) if parts[-1] is not Ellipsis else 2 if planar and parts[0] is float else None
+        size = len(parts) if parts[-1] is not Ellipsis else 2 if planar and hint == Point else None
         entry: Any = file_type(parts[0], planar=planar)
         return Annotated[(tuple[entry, ...], Strict(False), *(() if size is None else (Len(size, size),)))]
     return value_of(hint) if isinstance(hint, type) and dataclasses.is_dataclass(hint) else hint
@@ -92,20 +87,35 @@ def table_of(value: type, kind: tuple[str, str] | None = None, planar: bool = Fa
 
     In a `planar` one, points have two coordinates.
     """
-    hints, about = get_type_hints(value, include_extras=True), meanings(value)
-    keys: dict[str, Any] = (
-        {} if kind is None else {kind[0]: (Literal[kind[1]], Field(kind[1], description="Its kind."))}
-    )
-    for item in dataclasses.fields(value):
-        default = {} if item.default is dataclasses.MISSING else {"default": item.default}
-        if item.default_factory is not dataclasses.MISSING:
-            default = {"default_factory": item.default_factory}
-        keys[item.name] = (
-            file_type(hints[item.name], planar=planar),
-            Field(description=about.get(item.name), **default),
-        )
+    keys = fields_from(value, planar=planar)
+    if kind is not None:
+        keys = {kind[0]: (Literal[kind[1]], Field(kind[1], description="Its kind."))} | keys
     sentence = cleandoc(value.__doc__ or "").split("\n")[0]
     return create_model(value.__name__ if kind is None else "_".join(kind), __base__=Table, __doc__=sentence, **keys)
+
+
+def fields_from(value: Callable[..., Any], names: Sequence[str] = (), *, planar: bool = False) -> dict[str, Any]:
+    """The keys of a table that describes a dataclass, or the options of a function: their types, defaults, meanings.
+
+    `names`: the only fields that are keys.
+    """
+    if isinstance(value, type):
+        defaults = {item.name: _default(item) for item in dataclasses.fields(value)}
+    else:
+        options = (item for item in signature(value).parameters.values() if item.default is not item.empty)
+        defaults = {item.name: {"default": item.default} for item in options}
+    hints, about = get_type_hints(value, include_extras=True), meanings(value)
+    return {
+        name: (file_type(hints[name], planar=planar), Field(description=about.get(name), **default))
+        for name, default in defaults.items()
+        if not names or name in names
+    }
+
+
+def _default(item: dataclasses.Field[Any]) -> dict[str, Any]:
+    if item.default_factory is not dataclasses.MISSING:
+        return {"default_factory": item.default_factory}
+    return {} if item.default is dataclasses.MISSING else {"default": item.default}
 
 
 def value_of(value: type, kind: tuple[str, str] | None = None, planar: bool = False) -> Any:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from resgrid.axis import Axis, split_points
+from resgrid.axis import Axis, Point, split_points
 from resgrid.errors import InputError
 from resgrid.frame import Frame
 from resgrid.robots import Ball, Box, CellSet, HalfSpace, Polygon, Shape
-from resgrid.robots.shapes import Point
 
 
 def located(axes: tuple[Axis, ...], frame: Frame, point: Point, key: str) -> tuple[tuple[int, ...], Point]:

@@ -1,4 +1,10 @@
-"""Analyses that a deck can be asked for, as values."""
+"""Analyses that a deck can be asked for, as values.
+
+>>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
+>>> asked = [rg.analyses.OperatingAnalysis(), rg.analyses.Probe(nodes=("n_0_0",))]
+>>> rg.write_spice(netlist, "lesson.cir", analyses=asked).commands.name
+'lesson.cir.ngspice'
+"""
 
 from __future__ import annotations
 
@@ -20,7 +26,7 @@ class OperatingAnalysis:
     Examples
     --------
     >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
-    >>> written = rg.write_spice(netlist, "lesson.cir", analyses=[rg.OperatingAnalysis()])
+    >>> written = rg.write_spice(netlist, "lesson.cir", analyses=[rg.analyses.OperatingAnalysis()])
     >>> print(written.commands.read_text(), end="")
     * analyses of lesson.cir
     * ngspice -n -b -r analyses.raw lesson.cir.ngspice
@@ -52,7 +58,7 @@ class TransientAnalysis:
     Examples
     --------
     >>> study = rg.study(rg.read_scene("examples/scenes/lesson.toml"), rg.Chip(capacitance="100f"))
-    >>> settle = rg.TransientAnalysis(stop=1e-8, step=1e-11)
+    >>> settle = rg.analyses.TransientAnalysis(stop=1e-8, step=1e-11)
     >>> written = rg.write_spice(study.netlist, "lesson.cir", analyses=[settle])
     >>> written.commands.read_text().splitlines()[-2]
     '.tran 1e-11 1e-08 0.0 1e-11'
@@ -88,7 +94,7 @@ class NoiseAnalysis:
     Examples
     --------
     >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
-    >>> written = rg.write_spice(netlist, "lesson.cir", analyses=[rg.NoiseAnalysis("n_6_2", stop=1e6)])
+    >>> written = rg.write_spice(netlist, "lesson.cir", analyses=[rg.analyses.NoiseAnalysis("n_6_2", stop=1e6)])
     >>> written.commands.read_text().splitlines()[-2]
     '.noise v(n_6_2) v_obstacle dec 10 1.0 1000000.0'
     """
@@ -123,7 +129,7 @@ class TemperatureAnalysis:
     Examples
     --------
     >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
-    >>> written = rg.write_spice(netlist, "lesson.cir", analyses=[rg.TemperatureAnalysis((27.0, 85.0))])
+    >>> written = rg.write_spice(netlist, "lesson.cir", analyses=[rg.analyses.TemperatureAnalysis((27.0, 85.0))])
     >>> written.commands.read_text().splitlines()[4]
     'foreach celsius 27.0 85.0'
     """
@@ -159,10 +165,10 @@ class MismatchAnalysis:
     Examples
     --------
     >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
-    >>> chip = rg.MismatchAnalysis(0.01, seed=3).apply(netlist)
+    >>> chip = rg.analyses.MismatchAnalysis(0.01, seed=3).apply(netlist)
     >>> float((chip.conductance / netlist.conductance).std().round(3))
     0.009
-    >>> written = rg.write_spice(netlist, "many.sp", "hspice", analyses=[rg.MismatchAnalysis(0.01, runs=10)])
+    >>> written = rg.write_spice(netlist, "many.sp", "hspice", analyses=[rg.analyses.MismatchAnalysis(0.01, runs=10)])
     >>> written.commands.read_text().splitlines()[4]
     '.dc monte=10'
     """
@@ -210,7 +216,7 @@ class Probe:
     Examples
     --------
     >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
-    >>> asked = [rg.OperatingAnalysis(), rg.Probe(("n_6_2",), sources=("v_obstacle",))]
+    >>> asked = [rg.analyses.OperatingAnalysis(), rg.analyses.Probe(("n_6_2",), sources=("v_obstacle",))]
     >>> written = rg.write_spice(netlist, "lesson.cir", analyses=asked)
     >>> written.commands.read_text().splitlines()[3]
     '.save v(n_6_2) i(v_obstacle)'
@@ -247,7 +253,7 @@ class Measure:
     Examples
     --------
     >>> study = rg.study(rg.read_scene("examples/scenes/lesson.toml"), rg.Chip(capacitance="100f"))
-    >>> asked = [rg.TransientAnalysis(1e-8, 1e-11), rg.Measure("rise", "n_6_2", "crossing", at=0.5)]
+    >>> asked = [rg.analyses.TransientAnalysis(1e-8, 1e-11), rg.analyses.Measure("rise", "n_6_2", "crossing", at=0.5)]
     >>> written = rg.write_spice(study.netlist, "lesson.cir", analyses=asked)
     >>> written.commands.read_text().splitlines()[-3]
     'meas tran rise when v(n_6_2)=0.5 cross=1'

@@ -127,7 +127,7 @@ def agree(netlist: rg.Netlist, space: rg.ConfigurationSpace, expected: tuple[Any
 
 @pytest.mark.parametrize("way", WAYS)
 def test_a_seed_draws_the_same_mismatch_in_every_form(way: str, tmp_path: Path) -> None:
-    drawn = rg.MismatchAnalysis(0.4, seed=7)
+    drawn = rg.analyses.MismatchAnalysis(0.4, seed=7)
     for number in range(20):
         space, options = random_scene(number, way)
         if not (space.goal_connected & (space.cell == 0)).any():

@@ -393,7 +393,7 @@ def test_progress_is_told_up_to_the_end():
     ("make", "expected"),
     [
         (lambda: Arm(()), "1 to 4 links"),
-        (lambda: Arm((1.0, -1.0)), r"links\[1\]: length = -1.0 must be above 0"),
+        (lambda: Arm((1.0, -1.0)), r"lengths\[1\] = -1.0 must be a finite number above 0"),
         (lambda: Arm((1.0,), (float("nan"),)), r"widths\[0\] = nan"),
         (lambda: Arm((1.0, 1.0), (0.1,)), "needs 2 widths"),
         (lambda: Arm((1.0,), limits=((2.0, 1.0),)), r"links\[0\]: limits = \[2.0, 1.0\] are reversed"),

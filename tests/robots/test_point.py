@@ -9,7 +9,8 @@ from hypothesis import given, settings, strategies as st
 
 from resgrid.axis import Axis
 from resgrid.errors import InputError
-from resgrid.robots import Ball, Box, CellSet, HalfSpace, PointRobot, Polygon, Robot
+from resgrid.robots import Ball, Box, CellSet, DiscRobot, HalfSpace, PointRobot, Polygon, Robot
+from resgrid.scene import parse_scene
 from resgrid.space import label_regions
 
 AXES = (Axis("x", -1.0, 2.0, 12), Axis("y", 0.0, 2.0, 5))
@@ -309,3 +310,10 @@ def test_goals_wrap_around_periodic_axes_and_shrink_without_gaining_cells():
     for larger, smaller in itertools.pairwise(masks):
         assert smaller.any()
         assert not (smaller & ~larger).any()
+
+
+def test_a_disc_is_given_its_radius():
+    with pytest.raises(TypeError, match="radius"):
+        DiscRobot()
+    with pytest.raises(InputError, match="radius: this key is missing"):
+        parse_scene('schema = 1\nrobot.type = "disc"\ngrid.axes = [{ name = "x", lower = 0, upper = 1, cells = 2 }]\n')

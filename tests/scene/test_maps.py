@@ -7,7 +7,7 @@ from PIL import Image
 import resgrid as rg
 from resgrid.errors import InputError, ResgridError
 from resgrid.scene import read_queries, read_scene, sample
-from resgrid.scene.maps.formats import FORMATS, PLACING, MapFormat
+from resgrid.scene.maps.formats import FORMATS, MapFormat
 from resgrid.scene.maps.pictures import read_pgm
 
 MAP = "type octile\nheight 3\nwidth 4\nmap\n.G@O\nTSW.\n....\n"
@@ -282,7 +282,7 @@ def test_a_format_of_ones_own_is_a_reader_and_a_line(tmp_path, monkeypatch):
     def read_csv(path):
         return np.loadtxt(path, delimiter=",", dtype=np.uint8)
 
-    monkeypatch.setitem(FORMATS, "csv", MapFormat(read_csv, (".csv",), (), PLACING))
+    monkeypatch.setitem(FORMATS, "csv", MapFormat(read_csv, (".csv",)))
     file = write(tmp_path / "a.csv", "0,1,0\n0,0,0\n")
     assert cells(file, spacing=0.5).tolist() == [[0, 1, 0], [0, 0, 0]]
     assert rg.read_scene(file, goal=(0.2, 0.2), spacing=0.5).axes[0].upper == 1.0

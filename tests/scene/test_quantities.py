@@ -3,8 +3,7 @@ from hypothesis import given, strategies as st
 
 import resgrid as rg
 from resgrid.errors import InputError
-from resgrid.scene import parse_quantity
-from resgrid.scene.quantities import format_quantity
+from resgrid.scene.quantities import format_quantity, parse_quantity
 
 
 @pytest.mark.parametrize(

@@ -72,7 +72,11 @@ def test_its_quirks_are_foretold(tmp_path: Path) -> None:
 
 def test_analyses_and_tiles_are_in_its_words(tmp_path: Path) -> None:
     netlist, chip = tiled(space_of([[0, 1], [0, 2]]), rg.Chip(capacitance=1e-12))
-    asked = [rg.TransientAnalysis(1e-6, 1e-9), rg.Measure("top", "n_0_0", "maximum"), rg.Probe(("n_0_0",))]
+    asked = [
+        rg.analyses.TransientAnalysis(1e-6, 1e-9),
+        rg.analyses.Measure("top", "n_0_0", "maximum"),
+        rg.analyses.Probe(("n_0_0",)),
+    ]
     written = rg.write_spice(netlist, tmp_path / "a.cir", "sparrow", form="cells", chip=chip, analyses=asked)
     lines = written.commands.read_text().splitlines()
     assert {".transient 1e-06 1e-09", ".highest top v(n_0_0)", ".keep v(n_0_0)"} <= set(lines)

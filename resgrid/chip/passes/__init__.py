@@ -17,6 +17,7 @@ import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from resgrid.arguments import suggestion
 from resgrid.chip.passes.base import Pass as Pass, checked
 from resgrid.chip.passes.spread import Faults as Faults, Gradient as Gradient, Mismatch as Mismatch
 from resgrid.chip.passes.switches import (
@@ -36,7 +37,6 @@ from resgrid.chip.passes.values import (
 from resgrid.die import seed_of
 from resgrid.errors import InputError
 from resgrid.scene.chip import Chip
-from resgrid.scene.messages import suggestion
 from resgrid.scene.table import fields_of
 
 PASSES: dict[str, type[Pass]] = {

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from io import BytesIO
 from math import prod
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Gt, Len
 from numpy.typing import NDArray
 
 from resgrid.axis import Axis
@@ -84,11 +85,21 @@ def cells_from_rows(rows: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 def placed_axes(
     shape: tuple[int, ...],
-    spacing: float = 1.0,
-    origin: Sequence[float] | None = None,
+    spacing: Annotated[float, Gt(0)] = 1.0,
+    origin: Annotated[tuple[float, ...], Len(1, 4)] | None = None,
     unit: str | None = None,
 ) -> tuple[Axis, ...]:
-    """Axes of a map that does not say where it lies."""
+    """Axes of a map that does not say where it lies.
+
+    Parameters
+    ----------
+    spacing
+        Width of a cell.
+    origin
+        Its lower corner.
+    unit
+        Of lengths.
+    """
     corner = [0.0] * len(shape) if origin is None else origin
     if len(corner) != len(shape):
         raise InputError(f"map.origin: needs {len(shape)} coordinates, one for each axis, got {len(corner)}")

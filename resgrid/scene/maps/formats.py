@@ -4,51 +4,69 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from inspect import signature
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
+from resgrid.arguments import suggestion
 from resgrid.errors import InputError
 from resgrid.files import read_bytes
 from resgrid.scene.maps.arrays import MapCells, placed_axes, read_npy
 from resgrid.scene.maps.movingai import PASSABLE, read_movingai
 from resgrid.scene.maps.pictures import THRESHOLD, read_epic, read_grey
 from resgrid.scene.maps.ros import UNKNOWN, occupancy_grid, read_ros, ros_greys
-from resgrid.scene.messages import suggestion
+from resgrid.scene.table import fields_from
 
 
 @dataclass(frozen=True)
 class MapFormat:
-    """A kind of map file: its reader, how its files end, how they begin, and the options it takes.
+    """A kind of map file: its reader, how its files end, and how they begin.
 
-    A reader gives the cells of a map, or, where the file says where they lie or what they cost, all of it.
+    A reader gives all of a map, or, where the file does not say where its cells lie, these alone.  Its options are keys
+    of the ``[map]`` table: annotations say their ranges, its docstring what they mean.
     """
 
     read: Callable[..., NDArray[np.uint8] | MapCells]
-    suffixes: tuple[str, ...]
-    magic: tuple[bytes, ...]
-    options: tuple[str, ...]
+    suffixes: tuple[str, ...] = ()
+    magic: tuple[bytes, ...] = ()
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The options of the reader, and of `placed_axes` if they are needed, as fields of a table."""
+        is_placed = get_type_hints(self.read).get("return") is MapCells
+        return fields_from(self.read) | ({} if is_placed else fields_from(placed_axes))
 
 
-PLACING = ("spacing", "origin", "unit")
 FORMATS: dict[str, MapFormat] = {
-    "ros": MapFormat(read_ros, (".yaml", ".yml"), (), ("dialect", "unknown", "lethal", "least_conductivity")),
-    "movingai": MapFormat(read_movingai, (".map",), (b"type ",), ("passable",)),
+    "ros": MapFormat(read_ros, (".yaml", ".yml")),
+    "movingai": MapFormat(read_movingai, (".map",), (b"type ",)),
     "image": MapFormat(
         read_grey,
         (".png", ".pgm", ".pnm", ".ppm", ".pbm", ".bmp", ".gif", ".tif", ".tiff"),
         (b"\x89PNG", b"P2", b"P5", b"BM", b"GIF8"),
-        ("threshold", *PLACING),
     ),
-    "epic": MapFormat(read_epic, (), (), PLACING),
-    "npy": MapFormat(read_npy, (".npy",), (b"\x93NUMPY",), PLACING),
+    "epic": MapFormat(read_epic),
+    "npy": MapFormat(read_npy, (".npy",), (b"\x93NUMPY",)),
 }
 _MAGIC = max(len(magic) for entry in FORMATS.values() for magic in entry.magic)
 COMMON = ("file", "format", "periodic", "headings")
 """Keys of a ``[map]`` table that no reader sees."""
+
+
+def map_options() -> dict[str, Any]:
+    """The options of all readers as fields of a table, each with the formats that take it."""
+    options = {name: entry.options for name, entry in FORMATS.items()}
+    takers = {key: [name for name in options if key in options[name]] for known in options.values() for key in known}
+    fields = {key: options[names[0]][key] for key, names in takers.items()}
+    return {
+        key: (hint, Field(field.default, description=f"{field.description[:-1]} ({', '.join(takers[key])})."))
+        for key, (hint, field) in fields.items()
+    }
 
 
 def read_map(table: Mapping[str, Any]) -> MapCells:
@@ -61,7 +79,7 @@ def read_map(table: Mapping[str, Any]) -> MapCells:
         if key not in known:
             hint = suggestion(key, known) or f"it takes {', '.join(known)}"
             raise InputError(f"{path}: map.{key}: a map of format {name!r} takes no such option; {hint}")
-    placing = {key: options.pop(key) for key in PLACING if key in options}
+    placing = {key: options.pop(key) for key in signature(placed_axes).parameters if key in options}
     found = FORMATS[name].read(path, **options)
     cells = found if isinstance(found, MapCells) else MapCells(placed_axes(found.shape, **placing), found)
     return cells.read_by(table)

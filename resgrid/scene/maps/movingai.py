@@ -12,12 +12,11 @@ from math import isfinite
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from resgrid.budget import require_grid_memory
 from resgrid.errors import InputError
 from resgrid.files import read_text
-from resgrid.scene.maps.arrays import cells_from_rows
+from resgrid.scene.maps.arrays import MapCells, cells_from_rows, placed_axes
 from resgrid.space import Cell
 
 TERRAIN = ".G@OTSW"
@@ -53,8 +52,14 @@ class Query:
     optimal_length: float
 
 
-def read_movingai(path: Path, passable: str = PASSABLE) -> NDArray[np.uint8]:
-    """Read a MovingAI map; a cell is 1 x 1, in units of ``cell``."""
+def read_movingai(path: Path, passable: str = PASSABLE) -> MapCells:
+    """Read a MovingAI map; a cell is 1 x 1, in units of ``cell``.
+
+    Parameters
+    ----------
+    passable
+        Letters of free terrain.
+    """
     unknown = sorted(set(passable) - set(TERRAIN))
     if unknown:
         raise InputError(f"map.passable: {''.join(unknown)!r} is no terrain; the letters are {TERRAIN}")
@@ -68,7 +73,8 @@ def read_movingai(path: Path, passable: str = PASSABLE) -> NDArray[np.uint8]:
     letters = np.frombuffer("".join(row.rstrip() for row in rows).encode(), dtype=np.uint8).reshape(height, width)
     free = np.zeros(256, dtype=bool)
     free[[ord(letter) for letter in passable]] = True
-    return cells_from_rows(np.where(free[letters], Cell.FREE, Cell.OBSTACLE).astype(np.uint8))
+    cell = cells_from_rows(np.where(free[letters], Cell.FREE, Cell.OBSTACLE).astype(np.uint8))
+    return MapCells(placed_axes(cell.shape), cell)
 
 
 def read_queries(file: str | os.PathLike[str]) -> list[Query]:

@@ -11,9 +11,10 @@ import warnings
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from resgrid.budget import BYTES_PER_CELL, require_grid_memory
@@ -72,8 +73,14 @@ class Raster:
         return values if self.maxval == 255 else values * 255 // self.maxval
 
 
-def read_grey(path: Path, threshold: int = THRESHOLD) -> NDArray[np.uint8]:
-    """Read a picture in which dark is an obstacle."""
+def read_grey(path: Path, threshold: Annotated[int, Ge(0), Le(65536)] = THRESHOLD) -> NDArray[np.uint8]:
+    """Read a picture in which dark is an obstacle.
+
+    Parameters
+    ----------
+    threshold
+        Grey value from which a pixel is free.
+    """
     grey = read_raster(path).grey
     return cells_from_rows(np.where(grey < threshold, Cell.OBSTACLE, Cell.FREE).astype(np.uint8))
 
@@ -169,8 +176,7 @@ def read_pgm(data: bytes, path: Path, bytes_per_pixel: int = BYTES_PER_CELL) -> 
     count = width * height
     if count <= len(data):  # otherwise it is cut short
         require_grid_memory((width, height), str(path), bytes_per_pixel)
-    read = _plain_values if magic == b"P2" else _binary_values
-    values = read(data, at + 1, count, maxval, path)
+    values = _plain_values(data, at + 1, count, path) if magic == b"P2" else _binary_values(data, at + 1, count, maxval)
     if len(values) < count:
         raise InputError(
             f"{path}: the file is cut short: {width} x {height} = {count} pixels are announced, "
@@ -181,12 +187,12 @@ def read_pgm(data: bytes, path: Path, bytes_per_pixel: int = BYTES_PER_CELL) -> 
     return values.reshape(height, width).astype(np.uint16), maxval
 
 
-def _binary_values(data: bytes, at: int, count: int, maxval: int, _path: Path) -> NDArray[Any]:
+def _binary_values(data: bytes, at: int, count: int, maxval: int) -> NDArray[Any]:
     dtype = np.dtype(np.uint8 if maxval < 256 else ">u2")
     return np.frombuffer(data, dtype, min(count, max(0, len(data) - at) // dtype.itemsize), at)
 
 
-def _plain_values(data: bytes, at: int, count: int, _maxval: int, path: Path) -> NDArray[Any]:
+def _plain_values(data: bytes, at: int, count: int, path: Path) -> NDArray[Any]:
     words = _COMMENT.sub(b" ", data[at:]).split()[:count]
     wrong = next((word for word in words if not word.isdigit() or len(word) > MAX_DIGITS), None)
     if wrong is not None:

@@ -51,6 +51,7 @@ from resgrid.scene.messages import complaint, report
 from resgrid.scene.table import problems_of
 from resgrid.space import Cell
 
+Dialect = Literal["nav2", "ros1"]
 OCCUPIED, FREE, UNKNOWN = 100, 0, -1
 WORDS = {"true": 1, "yes": 1, "on": 1, "y": 1, "false": 0, "no": 0, "off": 0, "n": 0}
 QUANTUM = 65535
@@ -116,16 +117,24 @@ class RosHeader(BaseModel):
 
 def read_ros(
     path: Path,
-    dialect: str = "nav2",
-    unknown: str = "obstacle",
-    lethal: int | None = None,
-    least_conductivity: float | None = None,
+    dialect: Dialect = "nav2",
+    unknown: Literal["obstacle", "free"] = "obstacle",
+    lethal: Annotated[int, Ge(1), Le(100)] | None = None,
+    least_conductivity: Annotated[float, Gt(0), Le(1)] | None = None,
 ) -> MapCells:
     """Read a ROS map.
 
-    A cell is an obstacle if its occupancy is at least `lethal`, and free below; negative occupancies follow `unknown`.
-    Where a ROS 1 raw map holds bytes above 127, they count as costmap_2d reads them: 255 is unknown, others occupied.
-    With `least_conductivity` c, a free cell of occupancy p conducts ``c ** (p / lethal)``.
+    Parameters
+    ----------
+    dialect
+        Whose reader is meant.
+    unknown
+        What cells of unknown occupancy are. Raw values above 100 are unknown to Nav2; of ROS 1 255 is, and 101 to 254
+        are obstacles, as costmap_2d takes what map_server sends.
+    lethal
+        Occupancy from which a cell is an obstacle; by default that of ``occupied_thresh``.
+    least_conductivity
+        Values below lethal as cost; an occupancy p conducts this to the power of p / lethal.
     """
     header = _read_header(path, dialect)
     occupancy = _occupancy(path, header, dialect)
@@ -140,7 +149,7 @@ def read_ros(
     return MapCells(axes, np.ascontiguousarray(cell.T), frame, conductivity)
 
 
-def ros_greys(path: Path, dialect: str = "nav2", lethal: int | None = None) -> list[str]:
+def ros_greys(path: Path, dialect: Dialect = "nav2", lethal: int | None = None) -> list[str]:
     """What each grey value of an opaque picture means in a ROS map."""
     header = _read_header(path, dialect)
     occupancy = _CONVERTERS[dialect](Raster(np.arange(256, dtype=np.uint16).reshape(1, 256, 1), 255), header)
@@ -157,7 +166,7 @@ def _lethal(header: RosHeader, lethal: int | None) -> int:
     return max(1, int(np.ceil(100 * header.occupied_thresh))) if lethal is None else lethal
 
 
-def occupancy_grid(file: str | os.PathLike[str], dialect: str = "nav2") -> NDArray[np.int8]:
+def occupancy_grid(file: str | os.PathLike[str], dialect: Dialect = "nav2") -> NDArray[np.int8]:
     r"""Occupancies of a ROS map, as the reader of a dialect publishes them.
 
     Parameters
@@ -194,16 +203,14 @@ def occupancy_grid(file: str | os.PathLike[str], dialect: str = "nav2") -> NDArr
     return _occupancy(Path(file), _read_header(Path(file), dialect), dialect)
 
 
-def _read_header(path: Path, dialect: str) -> RosHeader:
-    if dialect not in _CONVERTERS:
-        raise InputError(f"dialect = {dialect!r} is unknown; it may be one of {', '.join(_CONVERTERS)}")
+def _read_header(path: Path, dialect: Dialect) -> RosHeader:
     try:
         return RosHeader.model_validate(_load_yaml(path), context=dialect)
     except ValidationError as error:
         raise InputError(report([(each["loc"], complaint(each)) for each in problems_of(error)], str(path))) from None
 
 
-def _occupancy(path: Path, header: RosHeader, dialect: str) -> NDArray[np.int8]:
+def _occupancy(path: Path, header: RosHeader, dialect: Dialect) -> NDArray[np.int8]:
     raster = read_raster(path.parent / header.image, BYTES_PER_PIXEL)
     return _CONVERTERS[dialect](raster, header)[::-1].copy()
 
