@@ -13,7 +13,7 @@ from resgrid.spice.read.cards import Card, Token, cards, settings, split_positio
 from resgrid.spice.read.commands import COMMANDS, Contents
 from resgrid.spice.read.diagnostics import CardError, Spot, TooManyErrorsError
 from resgrid.spice.read.files import Library, Source, decode
-from resgrid.spice.read.plain import Bulk, plain_lines, scan
+from resgrid.spice.read.plain import PlainCards, plain_lines
 
 MAX_INCLUDES = 20
 """How deep files may include each other."""
@@ -46,7 +46,8 @@ class Collector:
     library: Library
     contents: Contents
     quick: bool
-    bulks: list[tuple[Source, Bulk]] = field(default_factory=list)
+    plain: list[tuple[Source, PlainCards]] = field(default_factory=list)
+    _skipping: bool = False
     _including: list[tuple[Source, str | None]] = field(default_factory=list)
     _inclusions: int = 0
     _noted: set[Spot] = field(default_factory=set)
@@ -104,13 +105,11 @@ class Collector:
 
     def _lines(self, source: Source, start: int) -> Iterator[tuple[int, str]]:
         """Lines that need a closer look."""
-        bulk = None
-        if self.quick and len(self.contents.open) == 1 and not self.contents.rules.instances:
-            bulk = scan(source.data, start, self.contents.rules)
-        if bulk is None:
+        if not self.quick or self.contents.rules.instances:
             return plain_lines(source.data, start)
-        self.bulks.append((source, bulk))
-        return bulk.others(source.data)
+        plain = PlainCards(source.data, start, self.contents.rules)
+        self.plain.append((source, plain))
+        return plain.others(lambda: len(self.contents.open) == 1 and not self._skipping)
 
     def _take(self, stream: Iterable[Card], source: Source) -> None:
         contents = self.contents
@@ -138,8 +137,6 @@ class Collector:
                 contents.diagnostics.error(error)
             except InputError as error:
                 contents.diagnostics.error(card.error(0, str(error)))
-        if end is not None and any((bulk.line > end.line).any() for origin, bulk in self.bulks if origin is source):
-            self._note_text_after(end)
         begin, end_word = (spectre.word_for(contents.rules, dot) for dot in (".subckt", ".ends"))
         for block in contents.open[depth:]:
             contents.diagnostics.error(CardError(block.spot, f"{begin} {block.name} has no {end_word}"))
@@ -192,8 +189,10 @@ class Collector:
             raise card.error(0, f"the command {word[:40]} is not known")
 
     def _skip(self, card: Card, stream: Iterable[Card], until: str) -> None:
+        self._skipping = True
         if not any(skipped.first_word == until for skipped in stream):
             raise card.error(0, f"{card.text.split()[0]} has no {until}")
+        self._skipping = False
 
     def _skip_braces(self, card: Card, stream: Iterable[Card]) -> None:
         depth = card.text.count("{") - card.text.count("}")
