@@ -47,6 +47,7 @@ def assemble_deck(collector: Collector, source: Source, limit: int | None) -> Ci
     usual = DIALECTS[contents.rules.name].nominal_temperature
     ohms, tc1, tc2 = _at_nominal(parts["resistor"], usual if nominal is None else nominal)
     columns: dict[str, Any] = {"resistance": ohms, "tc1": tc1, "tc2": tc2}
+    columns["is_inductor"] = parts["voltage source"].values[:, 1:].any(axis=1)
     for kind, (ends, values) in ELEMENTS.items():
         columns[ends] = numbers[parts[kind].nodes]
         if kind != "resistor":

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from itertools import chain
+from itertools import chain, islice
 
 from resgrid.errors import BudgetError, InputError
 from resgrid.spice.read import spectre
 from resgrid.spice.read.cards import Card, Token, cards, settings, split_positional, tokenise
 from resgrid.spice.read.commands import COMMANDS, Contents
-from resgrid.spice.read.diagnostics import CardError, Spot, TooManyErrorsError
+from resgrid.spice.read.diagnostics import CardError, DeckError, Spot
 from resgrid.spice.read.files import Library, Source, decode
 from resgrid.spice.read.plain import PlainCards, plain_lines
 
@@ -88,15 +88,10 @@ class Collector:
         return "element" if words[0][0] in _ELEMENT_LETTERS and (len(words) > 3 or continued) else "title"
 
     def _with_first_command(self, stream: Iterator[Card]) -> Iterator[Card]:
-        first = next(stream, None)
-        if first is None:
-            return
-        if first.first_word == ".title":
-            self.contents.title = first.text.split(maxsplit=1)[1] if " " in first.text else None
-        else:
-            self.contents.diagnostics.warn(
-                first.spot(), "the first line is a command, not a title: it is obeyed; SPICE would ignore it"
-            )
+        for first in islice(stream, 1):
+            if first.first_word != ".title":
+                text = "the first line is a command, not a title: it is obeyed; SPICE would ignore it"
+                self.contents.diagnostics.warn(first.spot(), text)
             yield first
         yield from stream
 
@@ -131,7 +126,7 @@ class Collector:
                     break
                 if outcome == "end":
                     end = end or card
-            except TooManyErrorsError:
+            except DeckError:
                 raise
             except CardError as error:
                 contents.diagnostics.error(error)
