@@ -22,7 +22,7 @@ from resgrid.spice.dialects import dialect_named
 from resgrid.spice.write.companion import LARGEST, format_companion
 from resgrid.spice.write.flat import Deck, flatten
 from resgrid.spice.write.sidecar import expect, format_sidecar, sidecar_path
-from resgrid.spice.write.statements import additions, first_source, format_analyses, only_one
+from resgrid.spice.write.statements import additions, format_commands, only_one
 from resgrid.spice.write.tile_deck import write_tiles
 from resgrid.spice.write.tiles import difference_from_ideal, tile_values
 
@@ -127,11 +127,7 @@ def write_spice(
     else:
         deck = flatten(op.netlist, dialect=dialect, title=title, additions=added)
     answers = expect(deck, op)
-    if asked:
-        commands = format_analyses(target.name, deck, asked)
-    else:
-        commands = deck.dialect.commands.format(deck=target.name, **first_source(deck))
-    beside = {**deck.parts, deck.dialect.name: commands}
+    beside = {**deck.parts, deck.dialect.name: format_commands(target.name, deck, asked)}
     checks = len(answers.voltage) + len(answers.source_current) + len(deck.resistors)
     if verify and deck.dialect.checks_itself and not added.spread and checks <= LARGEST:
         beside["verify"] = format_companion(target.name, deck, answers, _hash(deck.text))
