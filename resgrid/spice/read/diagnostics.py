@@ -67,7 +67,7 @@ class Diagnostics:
         self._notes[severity, text] = (first, seen + count)
 
     def notes(self) -> tuple[Note, ...]:
-        """Everything that was noted, in the order of places."""
+        """Everything that was noted, in the order in which it first was."""
         return tuple(
             Note(severity, spot.file, spot.line, spot.column, text if count == 1 else f"{text} ({count} times)")
             for (severity, text), (spot, count) in self._notes.items()
