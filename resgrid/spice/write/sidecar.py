@@ -19,6 +19,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveInt, ValidationError
+
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import InputError
 from resgrid.files import read_bytes
