@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -98,8 +99,5 @@ def deck_data(deck: Circuit) -> dict[str, Any]:
         "subcircuits": list(deck.subcircuits),
         "temperature": deck.temperature,
         "options": dict(deck.options),
-        "notes": [
-            {"severity": n.severity, "file": n.file, "line": n.line, "column": n.column, "text": n.text}
-            for n in deck.notes
-        ],
+        "notes": [asdict(note) for note in deck.notes],
     }

@@ -100,6 +100,8 @@ def _ranked_lines(data: dict[str, Any], shape: tuple[int, ...]) -> Iterable[str]
 
 def _deck_lines(data: dict[str, Any]) -> Iterable[str]:
     """What a solved deck holds, and its worst drops."""
+    from resgrid.spice.circuit import some
+
     yield f"{data['title'] or data['source']} ({data['dialect']})"
     yield f"  nodes               {data['nodes']:,}"
     yield (
@@ -112,9 +114,7 @@ def _deck_lines(data: dict[str, Any]) -> Iterable[str]:
     supplied = f", {delivered:.6g} W delivered" if math.isfinite(delivered) else undetermined
     yield f"  power               {data['power']:.6g} W dissipated{supplied}"
     if data["floating_nodes"]:
-        names = data["floating_nodes"]
-        more = f" and {len(names) - 5:,} more" if len(names) > 5 else ""
-        yield f"  floating            {', '.join(names[:5])}{more}: no voltage"
+        yield f"  floating            {some(data['floating_nodes'], len(data['floating_nodes']))}: no voltage"
     yield f"  solver              {data['solver']}"
     worst = data["worst_drops"]
     if worst:

@@ -31,6 +31,7 @@ class OperatingAnalysis:
     * analyses of lesson.cir
     * ngspice -n -b -r analyses.raw lesson.cir.ngspice
     .include "lesson.cir"
+    .options klu
     .op
     .end
     """

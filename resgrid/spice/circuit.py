@@ -121,6 +121,8 @@ class Circuit:
         At the nominal temperature, in ohms; zero and negative values as written, multipliers ``m=`` applied.
     source_nodes, source_volts : ndarray, shapes (s, 2) and (s,)
         Voltage sources (plus, minus; volts at direct current) and, as 0 V, inductors.
+    is_inductor : ndarray of bool, shape (s,)
+        Which of them stand for inductors.
     current_nodes, current_amps : ndarray, shapes (c, 2) and (c,)
         Node the current is taken from, node it is fed into (SPICE's plus and minus); amperes.
     capacitor_nodes, capacitance : ndarray, shapes (k, 2) and (k,)
@@ -155,6 +157,7 @@ class Circuit:
     resistance: NDArray[np.float64]
     source_nodes: NDArray[np.int32]
     source_volts: NDArray[np.float64]
+    is_inductor: NDArray[np.bool_]
     current_nodes: NDArray[np.int32]
     current_amps: NDArray[np.float64]
     capacitor_nodes: NDArray[np.int32]
@@ -175,7 +178,12 @@ class Circuit:
     given: Netlist | None = None
 
     def __post_init__(self) -> None:
-        for array in (self.resistance, *(getattr(self, name) for name in _SHARED), *self.place.values()):
+        for array in (
+            self.resistance,
+            self.is_inductor,
+            *(getattr(self, name) for name in _SHARED),
+            *self.place.values(),
+        ):
             if array is not None:
                 array.flags.writeable = False
 
@@ -196,6 +204,7 @@ class Circuit:
             dialect="network",
             node_names=circuit.node_names or (),
             resistance=resistance,
+            is_inductor=np.zeros(len(circuit.source_volts), dtype=np.bool_),
             element_names=circuit.element_names or {},
             place={},
             files=(path,) if path else (),
@@ -227,14 +236,6 @@ class Circuit:
     def degree(self) -> NDArray[np.int64]:
         """Number of element ends at every node, shape (nodes,)."""
         return np.asarray(sum(np.bincount(ends.ravel(), minlength=self.node_count) for ends in self.ends.values()))
-
-    @cached_property
-    def is_inductor(self) -> NDArray[np.bool_]:
-        """Which voltage sources of a deck stand for inductors, shape (voltage sources,)."""
-        if not self.is_deck or not (self.source_volts == 0).any():
-            return np.zeros(len(self.source_volts), dtype=np.bool_)
-        names = self.element_names["voltage source"]
-        return np.array([name.rpartition(".")[2][:1] in ("l", "L") for name in names], dtype=np.bool_)
 
     @cached_property
     def trapped_sources(self) -> NDArray[np.int64]:

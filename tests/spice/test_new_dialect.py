@@ -24,7 +24,6 @@ SPARROW = Dialect(
     expression="'{value}'",
     parameter=".define {name}={value}",
     nonlinear_resistor="{name} {a} {b} i={current}*tanh(v({a},{b})/{voltage})",
-    commands='* run {deck}\n.include "{deck}"\n.op\n.end\n',
     statements=Statements(
         first=("* sparrow {deck}.sparrow",),
         operating=(".op",),
@@ -48,7 +47,9 @@ def sparrow(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_deck_is_written_and_read_back(tmp_path: Path) -> None:
     op = rg.solve(random_grid(3))
     written = rg.write_spice(op, tmp_path / "a.cir", "sparrow")
-    assert written.commands.read_text() == '* run a.cir\n.include "a.cir"\n.op\n.end\n'
+    assert written.commands.read_text() == (
+        '* operating point of a.cir\n* sparrow a.cir.sparrow\n.op\n.include "a.cir"\n.end\n'
+    )
     read = rg.read_spice(written.path)
     assert read.dialect == "sparrow"
     names = op.netlist.names_of(np.arange(op.netlist.node_count))

@@ -23,17 +23,9 @@ HSPICE = Dialect(
     spread_resistor="{name} {a} {b} 'gauss({value},{sigma},1)'",
     expression="'{value}'",
     precise=".option reli=1e-12 absi=1e-18 absv=1e-12 relv=1e-12",
-    commands=(
-        "* operating point of {deck}\n"
-        "* hspice {deck}.hspice\n"
-        ".option post=1 numdgt=10 ingold=2\n"
-        ".op\n"
-        ".print dc v(*)\n"
-        '.include "{deck}"\n'
-        ".end\n"
-    ),
     statements=Statements(
         first=("* hspice {deck}.hspice", ".option post=1 numdgt=10 ingold=2"),
+        operating=(".op", ".print dc v(*)"),
         transient=(".option delmax={step}", ".tran {step} {stop}"),
         noise=(".ac dec {points} {start} {stop}", ".noise v({node}) {source} {points}", ".print noise onoise"),
         temperature=(".dc temp poi {count} {temperatures}",),

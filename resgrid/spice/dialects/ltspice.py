@@ -21,9 +21,6 @@ LTSPICE = Dialect(
     temperature_coefficients=" tc={tc1}, {tc2}",
     parameters=" params: {values}",
     instance_parameters=" params:",
-    commands=(
-        '* operating point of {deck}\n* LTspice -b {deck}.ltspice\n.options numdgt=15\n.op\n.include "{deck}"\n.end\n'
-    ),
     statements=Statements(
         first=("* LTspice -b {deck}.ltspice", ".options numdgt=15"),
         one_a_run=True,

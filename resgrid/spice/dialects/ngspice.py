@@ -40,8 +40,9 @@ from __future__ import annotations
 from resgrid.spice.dialects.record import FUNCTIONS, Costs, Dialect, Quirks, ReadingRules, Statements
 
 _STATEMENTS = Statements(
-    first=("* ngspice -n -b -r analyses.raw {deck}.ngspice",),
+    first=("* ngspice -n -b -r {results}.raw {deck}.ngspice",),
     deck_first=True,
+    operating=(".options klu", ".op"),
     temperature=(
         ".control",
         "foreach celsius {temperatures}",
@@ -76,14 +77,6 @@ NGSPICE = Dialect(
     name="ngspice",
     label="ngspice",
     reserved=frozenset({"gnd"}),
-    commands=(
-        "* operating point of {deck}\n"
-        "* ngspice -n -b -r operating_point.raw {deck}.ngspice\n"
-        '.include "{deck}"\n'
-        ".options klu\n"
-        ".op\n"
-        ".end\n"
-    ),
     statements=_STATEMENTS,
     quirks=Quirks(
         basis="measured",

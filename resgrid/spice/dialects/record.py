@@ -109,8 +109,8 @@ class ReadingRules:
 class Statements:
     """How a simulator is asked for analyses; templates for `str.format`, a line each.
 
-    Fields are those of `resgrid.spice.analyses`, and ``deck``, ``source`` (a voltage source of the deck, for analyses
-    that need one) and its ``volts``.
+    Fields are those of `resgrid.spice.analyses`, and ``deck``, ``results`` (the name of a file), ``source`` (a voltage
+    source of the deck, for analyses that need one) and its ``volts``.
 
     `first, last`: lines in front of all others, and behind them; `deck_first`: whether the deck is included before
     the statements, not after them; `operating, transient, noise, temperature, mismatch`: the analyses;
@@ -197,28 +197,26 @@ class Dialect:
     lines that every deck begins with, behind its title; `resistor, voltage_source, current_source, capacitor`: a line
     of each kind; values in SI units; `nonlinear_resistor`: the same for ``I = current * tanh(V / voltage)``;
     `behavioural_current`: a source of the current ``value``, an expression; `spread_resistor`: a resistor whose value
-    the simulator draws: normal, ``sigma`` times the value its standard deviation; `spread_preamble`: what that needs
-    in front, for ``sigma``; `temperature_coefficients`: what is added to a resistor's line, for ``tc1`` in 1/K and
-    ``tc2`` in 1/K^2; `piecewise`: what is added to a source's line to make it move in time: ``points``, pairs of time
-    and value; `small_signal`: what is added to the line of a source of 1 V in a small-signal analysis; `voltage`: the
+    the simulator draws: normal, ``sigma`` times the value its standard deviation; `spread_preamble`: what that needs in
+    front, for ``sigma``; `temperature_coefficients`: what is added to a resistor's line, for ``tc1`` in 1/K and ``tc2``
+    in 1/K^2; `piecewise`: what is added to a source's line to make it move in time: ``points``, pairs of time and
+    value; `small_signal`: what is added to the line of a source of 1 V in a small-signal analysis; `voltage`: the
     voltage between ``a`` and ``b`` in an expression; `expression`: how an expression ``value`` stands where a number
     would; `parameter`: definition of the parameter ``name``; `subcircuit, parameters, instance, end_subcircuit`: first
     line of a subcircuit (``name``, ``nodes``, ``defaults``), how its parameters are introduced (in the body or in that
     line, see `parameters_in_body`), an instance (``name``, ``nodes``, ``master``, ``values``), and the last line;
-    `instance_parameters`: what stands in front of an instance's values; `parameters_in_body`: whether the parameters
-    of a subcircuit stand in a line of their own; `include`: the statement that includes ``file``; `precise`: the
-    options that make Newton's method agree to 1e-9 where there are nonlinear resistors; `end`: last line of a deck;
-    may be empty; `commands`: the second file, that includes the deck and asks for its operating point: ``deck``, and
-    ``source``, the name of a voltage source, with its ``volts``; `statements`: other analyses; `quirks`: where it
-    errs; `nominal_temperature`: at which values hold unless a deck says otherwise, in degrees Celsius; `engines`:
-    programs that run its decks here, and what they cost; `checks_itself`: whether its decks have a companion;
-    `reading`: how its decks are read.
+    `instance_parameters`: what stands in front of an instance's values; `parameters_in_body`: whether the parameters of
+    a subcircuit stand in a line of their own; `include`: the statement that includes ``file``; `precise`: the options
+    that make Newton's method agree to 1e-9 where there are nonlinear resistors; `end`: last line of a deck; may be
+    empty; `statements`: the second file, that includes the deck and asks for analyses; `quirks`: where it errs;
+    `nominal_temperature`: at which values hold unless a deck says otherwise, in degrees Celsius; `engines`: programs
+    that run its decks here, and what they cost; `checks_itself`: whether its decks have a companion; `reading`: how its
+    decks are read.
     """
 
     name: str
     label: str
     reserved: frozenset[str]
-    commands: str
     statements: Statements
     quirks: Quirks
     ground: str = "0"

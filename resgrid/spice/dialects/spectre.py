@@ -57,13 +57,6 @@ SPECTRE = Dialect(
     include='include "{file}"',
     precise="precise options reltol=1e-12 vabstol=1e-12 iabstol=1e-18",
     end="",
-    commands=(
-        "// operating point of {deck}\n"
-        "// spectre {deck}.spectre\n"
-        "simulator lang=spectre\n"
-        'include "{deck}"\n'
-        "operating_point dc oppoint=rawfile\n"
-    ),
     statements=Statements(
         first=("// spectre {deck}.spectre", "simulator lang=spectre"),
         last=(),

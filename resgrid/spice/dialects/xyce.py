@@ -21,14 +21,6 @@ XYCE = Dialect(
     parameters=" params: {values}",
     instance_parameters=" params:",
     precise=".options nonlin reltol=1e-12 abstol=1e-15",
-    commands=(
-        "* operating point of {deck}\n"
-        "* Xyce {deck}.xyce\n"
-        f"{_SWEEP}\n"
-        ".print dc format=csv precision=16 v(*)\n"
-        '.include "{deck}"\n'
-        ".end\n"
-    ),
     statements=Statements(
         first=("* Xyce {deck}.xyce",),
         one_a_run=True,

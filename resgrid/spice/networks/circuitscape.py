@@ -12,6 +12,7 @@ import configparser
 import os
 import re
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,6 @@ _FLAGS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0"
 _CONFLICTS = ("keepall", "rmvsrc", "rmvgnd", "rmvall")
 _UNSUPPORTED = ("use_mask", "use_reclass_table", "use_variable_source_strengths", "use_included_pairs")
 _KEYS = frozenset({"ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "nodata_value"})
-_MAX_CELLS = 2**28
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _LIST = re.compile(r"\s*([-+.\deE]+[ \t,]+){2}[-+.\deE]+[ \t]*\n")
 
@@ -121,41 +121,26 @@ def _settled(configuration: _Configuration, network: Network) -> Network:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Raster:
-    """Values (rows, columns), top row first, and which cells have one."""
-
-    source: str
-    values: NDArray[np.float64]
-    present: NDArray[np.bool_]
-
-    @property
-    def filled(self) -> NDArray[np.float64]:
-        """Values, 0 where there is none."""
-        return np.where(self.present, self.values, 0.0)
-
-    def siemens(self, measure: Measure) -> NDArray[np.float64]:
-        """Conductance of every cell, 0 where there is nothing."""
-        if measure == "conductance":
-            return self.filled
-        with np.errstate(divide="ignore"):
-            return np.where(self.present, 1.0 / self.values, 0.0)
-
-
 def _read_rasters(configuration: _Configuration) -> tuple[Network, NDArray[np.int64]]:
-    habitat = _read_raster(configuration.file("habitat_file"))
-    measure = configuration.measure("habitat_map_is_resistances")
-    wrong = habitat.present & ((habitat.values < 0) | ((habitat.values == 0) & (measure == "resistance")))
+    path = configuration.file("habitat_file")
+    habitat, measure = _read_raster(path), configuration.measure("habitat_map_is_resistances")
+    wrong = (habitat < 0) | ((habitat == 0) & (measure == "resistance"))
     if wrong.any():
         row, column = np.argwhere(wrong)[0].tolist()
         raise InputError(
-            f"{habitat.source}: the cell in row {row}, column {column} (from 0) has a {measure} of "
-            f"{habitat.values[row, column]:g}; regions without resistance are short-circuit polygons"
+            f"{path}: the cell in row {row}, column {column} (from 0) has a {measure} of {habitat[row, column]:g}; "
+            "regions without resistance are short-circuit polygons"
         )
-    conductance = habitat.siemens(measure)
-    polygon = np.zeros(conductance.shape)
-    if configuration.flag("use_polygons"):
-        polygon = np.maximum(_like(configuration, "polygon_file", habitat).filled, 0.0)
+
+    def raster_of(key: str) -> NDArray[np.float64]:
+        other = _read_raster(configuration.file(key))
+        if other.shape != habitat.shape:
+            sizes = (f"{rows} x {columns} cells" for rows, columns in (other.shape, habitat.shape))
+            raise InputError(f"{configuration.file(key)} has {next(sizes)}, but the habitat has {next(sizes)}")
+        return other
+
+    conductance = _siemens(habitat, measure)
+    polygon = raster_of("polygon_file") if configuration.flag("use_polygons") else np.zeros(habitat.shape)
     node, names = _number_cells(conductance, polygon)
     edges, value = _links(
         conductance,
@@ -163,23 +148,21 @@ def _read_rasters(configuration: _Configuration) -> tuple[Network, NDArray[np.in
         mean_resistance=configuration.flag("connect_using_avg_resistances"),
         diagonals=not configuration.flag("connect_four_neighbors_only"),
     )
-    ground = _like(configuration, "ground_file", habitat)
-    if np.any(ground.filled < 0):
-        raise InputError(f"{ground.source}: a ground has a negative value")
-    amps = _like(configuration, "source_file", habitat).filled
-    tied = ground.siemens(configuration.measure("ground_file_is_resistances"))
-    network = Network(names, edges, value, _gathered(amps, node, len(names)), _gathered(tied, node, len(names)))
-    return _settled(configuration, network), node
+    ground = raster_of("ground_file")
+    if np.any(ground < 0):
+        raise InputError(f"{configuration.file('ground_file')}: a ground has a negative value")
+    tied = _siemens(ground, configuration.measure("ground_file_is_resistances"))
+    amps, to_ground = (
+        np.bincount(node[node >= 0], cells[node >= 0], len(names))
+        for cells in (_siemens(raster_of("source_file"), "conductance"), tied)
+    )
+    return _settled(configuration, Network(names, edges, value, amps, to_ground)), node
 
 
-def _like(configuration: _Configuration, key: str, habitat: _Raster) -> _Raster:
-    raster = _read_raster(configuration.file(key))
-    if raster.values.shape != habitat.values.shape:
-        raise InputError(
-            f"{raster.source} has {raster.values.shape[0]} x {raster.values.shape[1]} cells, but the habitat has "
-            f"{habitat.values.shape[0]} x {habitat.values.shape[1]}"
-        )
-    return raster
+def _siemens(cells: NDArray[np.float64], measure: Measure) -> NDArray[np.float64]:
+    """Conductance of every cell, 0 where there is nothing."""
+    with np.errstate(divide="ignore"):
+        return np.where(np.isnan(cells), 0.0, cells if measure == "conductance" else 1.0 / cells)
 
 
 def _number_cells(
@@ -218,55 +201,28 @@ def _links(
     return np.concatenate(pairs).astype(np.int32), np.concatenate(values)
 
 
-def _gathered(values: NDArray[np.float64], node: NDArray[np.int64], count: int) -> NDArray[np.float64]:
-    """Sum of the cells of every node."""
-    there = node >= 0
-    return np.asarray(np.bincount(node[there], values[there], count), dtype=np.float64)
-
-
-def _read_raster(path: Path) -> _Raster:
-    """Read an ESRI ASCII grid."""
-    source = str(path)
-    data = deck_bytes(path, source)
+def _read_raster(path: Path) -> NDArray[np.float64]:
+    """Read an ESRI ASCII grid: cells (rows, columns), top row first, NaN where there is nothing."""
+    data = deck_bytes(path, str(path))
     if data.startswith(_TIFF):
-        raise InputError(f"{source} is a GeoTIFF, which is not read here; write it as an ESRI ASCII grid (.asc)")
-    header, body = _header(decode(normalise(data, source)), source)
-    if not header and _LIST.match(body):
-        raise InputError(f"{source} is a list of points, which is not read here; write it as an ESRI ASCII grid (.asc)")
-    rows, columns = (_count(header, key, source) for key in ("nrows", "ncols"))
-    if rows * columns > _MAX_CELLS:
-        raise InputError(f"{source}: {rows} x {columns} cells are too many; at most {_MAX_CELLS} are read")
-    words = body.split()
-    if len(words) != rows * columns:
-        raise InputError(f"{source}: it holds {len(words)} cells, but its header says {rows} x {columns}")
+        raise InputError(f"{path} is a GeoTIFF, which is not read here; write it as an ESRI ASCII grid (.asc)")
+    text = decode(normalise(data, str(path)))
+    if _LIST.match(text):
+        raise InputError(f"{path} is a list of points, which is not read here; write it as an ESRI ASCII grid (.asc)")
+    words = text.split()
+    keys = [key.lower() for key in takewhile(lambda word: word.lower() in _KEYS, words[::2])]
     try:
-        values = np.array(list(map(float, words)), dtype=np.float64).reshape(rows, columns)
+        numbers = np.array(words[1 : 2 * len(keys) : 2] + words[2 * len(keys) :], dtype=np.float64)
     except ValueError as error:
-        raise InputError(f"{source}: a cell is no number ({error})") from None
-    if np.isinf(values).any():
-        raise InputError(f"{source}: a cell is infinite")
-    return _Raster(source, values, np.isfinite(values) & (values != header.get("nodata_value", -9999.0)))
-
-
-def _header(text: str, source: str) -> tuple[dict[str, float], str]:
-    """What the lines in front of the cells say, and the rest of the text."""
-    header: dict[str, float] = {}
-    lines = text.split("\n")
-    for number, line in enumerate(lines):
-        words = line.split()
-        if not words:
-            continue
-        if words[0].lower() not in _KEYS:
-            return header, "\n".join(lines[number:])
-        try:
-            header[words[0].lower()] = float(words[1])
-        except (IndexError, ValueError):
-            raise InputError(f"{source}: the header line {words[0]!r} has no number") from None
-    return header, ""
-
-
-def _count(header: dict[str, float], key: str, source: str) -> int:
-    value = header.get(key, 0.0)
-    if not (value >= 1 and value == int(value)):
-        raise InputError(f"{source}: the header must say {key}, a whole number of at least 1")
-    return int(value)
+        raise InputError(f"{path}: cells and what the header says are numbers ({error})") from None
+    header = dict(zip(keys, numbers.tolist(), strict=False))
+    rows, columns = (header.get(key, 0.0) for key in ("nrows", "ncols"))
+    if not (rows >= 1 and columns >= 1 and rows.is_integer() and columns.is_integer()):
+        raise InputError(f"{path}: the header must say nrows and ncols, whole numbers of at least 1")
+    cells = numbers[len(keys) :]
+    if len(cells) != rows * columns:
+        raise InputError(f"{path}: it holds {len(cells)} cells, but its header says {rows:g} x {columns:g}")
+    if np.isinf(cells).any():
+        raise InputError(f"{path}: a cell is infinite")
+    cells[cells == header.get("nodata_value", -9999.0)] = np.nan
+    return cells.reshape(int(rows), int(columns))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,6 @@ from resgrid.spice.read.collect import Collector
 from resgrid.spice.read.commands import Contents
 from resgrid.spice.read.diagnostics import CardError, Diagnostics, Spot
 from resgrid.spice.read.files import Source
-from resgrid.spice.read.plain import Bulk
 from resgrid.spice.read.scopes import Scope
 from resgrid.spice.read.subcircuits import Expander
 from resgrid.spice.read.tables import WIDTHS, Elements, LateNames, NodeTable, Part, joined_parts
@@ -31,8 +29,8 @@ def assemble_deck(collector: Collector, source: Source, limit: int | None) -> Ci
     expander = Expander(contents)
     elements = Elements(expander.node_table())
     elements.nodes.of("0", 0)
-    for origin, bulk in collector.bulks:
-        _add_bulk(bulk, origin, elements)
+    for origin, plain in collector.plain:
+        plain.enter(origin.number, elements)
     expander.check_size(limit)
     diagnostics.raise_errors()
     expander.fill(scope, elements, contents.top.cards)
@@ -49,6 +47,7 @@ def assemble_deck(collector: Collector, source: Source, limit: int | None) -> Ci
     usual = DIALECTS[contents.rules.name].nominal_temperature
     ohms, tc1, tc2 = _at_nominal(parts["resistor"], usual if nominal is None else nominal)
     columns: dict[str, Any] = {"resistance": ohms, "tc1": tc1, "tc2": tc2}
+    columns["is_inductor"] = parts["voltage source"].values[:, 1:].any(axis=1)
     for kind, (ends, values) in ELEMENTS.items():
         columns[ends] = numbers[parts[kind].nodes]
         if kind != "resistor":
@@ -68,18 +67,6 @@ def assemble_deck(collector: Collector, source: Source, limit: int | None) -> Ci
         subcircuits=tuple(sorted(expander.used)),
         **columns,
     )
-
-
-def _add_bulk(bulk: Bulk, source: Source, elements: Elements) -> None:
-    numbers = elements.nodes.of_all(bulk.node_names, source.number << 40 | bulk.node_line, bulk.short)
-    for code, kind in enumerate(KINDS[:4]):
-        chosen = bulk.kind == code
-        if not chosen.any():
-            continue
-        line = bulk.line[chosen]
-        place = np.stack([np.full(len(line), source.number), line], axis=1)
-        values = bulk.value[chosen][:, np.newaxis]
-        elements.parts[kind].append(Part(partial(bulk.names, chosen), numbers[bulk.nodes[chosen]], values, place, None))
 
 
 def _settle_title(contents: Contents, scope: Scope, elements: Elements, expander: Expander) -> None:

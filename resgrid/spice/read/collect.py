@@ -5,15 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from itertools import chain
+from itertools import chain, islice
 
 from resgrid.errors import BudgetError, InputError
 from resgrid.spice.read import spectre
 from resgrid.spice.read.cards import Card, Token, cards, settings, split_positional, tokenise
 from resgrid.spice.read.commands import COMMANDS, Contents
-from resgrid.spice.read.diagnostics import CardError, Spot, TooManyErrorsError
+from resgrid.spice.read.diagnostics import CardError, DeckError, Spot
 from resgrid.spice.read.files import Library, Source, decode
-from resgrid.spice.read.plain import Bulk, plain_lines, scan
+from resgrid.spice.read.plain import PlainCards, plain_lines
 
 MAX_INCLUDES = 20
 """How deep files may include each other."""
@@ -46,7 +46,8 @@ class Collector:
     library: Library
     contents: Contents
     quick: bool
-    bulks: list[tuple[Source, Bulk]] = field(default_factory=list)
+    plain: list[tuple[Source, PlainCards]] = field(default_factory=list)
+    _skipping: bool = False
     _including: list[tuple[Source, str | None]] = field(default_factory=list)
     _inclusions: int = 0
     _noted: set[Spot] = field(default_factory=set)
@@ -87,15 +88,10 @@ class Collector:
         return "element" if words[0][0] in _ELEMENT_LETTERS and (len(words) > 3 or continued) else "title"
 
     def _with_first_command(self, stream: Iterator[Card]) -> Iterator[Card]:
-        first = next(stream, None)
-        if first is None:
-            return
-        if first.first_word == ".title":
-            self.contents.title = first.text.split(maxsplit=1)[1] if " " in first.text else None
-        else:
-            self.contents.diagnostics.warn(
-                first.spot(), "the first line is a command, not a title: it is obeyed; SPICE would ignore it"
-            )
+        for first in islice(stream, 1):
+            if first.first_word != ".title":
+                text = "the first line is a command, not a title: it is obeyed; SPICE would ignore it"
+                self.contents.diagnostics.warn(first.spot(), text)
             yield first
         yield from stream
 
@@ -104,13 +100,11 @@ class Collector:
 
     def _lines(self, source: Source, start: int) -> Iterator[tuple[int, str]]:
         """Lines that need a closer look."""
-        bulk = None
-        if self.quick and len(self.contents.open) == 1 and not self.contents.rules.instances:
-            bulk = scan(source.data, start, self.contents.rules)
-        if bulk is None:
+        if not self.quick or self.contents.rules.instances:
             return plain_lines(source.data, start)
-        self.bulks.append((source, bulk))
-        return bulk.others(source.data)
+        plain = PlainCards(source.data, start, self.contents.rules)
+        self.plain.append((source, plain))
+        return plain.others(lambda: len(self.contents.open) == 1 and not self._skipping)
 
     def _take(self, stream: Iterable[Card], source: Source) -> None:
         contents = self.contents
@@ -132,14 +126,12 @@ class Collector:
                     break
                 if outcome == "end":
                     end = end or card
-            except TooManyErrorsError:
+            except DeckError:
                 raise
             except CardError as error:
                 contents.diagnostics.error(error)
             except InputError as error:
                 contents.diagnostics.error(card.error(0, str(error)))
-        if end is not None and any((bulk.line > end.line).any() for origin, bulk in self.bulks if origin is source):
-            self._note_text_after(end)
         begin, end_word = (spectre.word_for(contents.rules, dot) for dot in (".subckt", ".ends"))
         for block in contents.open[depth:]:
             contents.diagnostics.error(CardError(block.spot, f"{begin} {block.name} has no {end_word}"))
@@ -192,8 +184,10 @@ class Collector:
             raise card.error(0, f"the command {word[:40]} is not known")
 
     def _skip(self, card: Card, stream: Iterable[Card], until: str) -> None:
+        self._skipping = True
         if not any(skipped.first_word == until for skipped in stream):
             raise card.error(0, f"{card.text.split()[0]} has no {until}")
+        self._skipping = False
 
     def _skip_braces(self, card: Card, stream: Iterable[Card]) -> None:
         depth = card.text.count("{") - card.text.count("}")

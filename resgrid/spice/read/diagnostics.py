@@ -30,8 +30,8 @@ class CardError(InputError):
         super().__init__(f"{spot}: {text[:_MAX_TEXT]}")
 
 
-class TooManyErrorsError(InputError):
-    """Reading was given up."""
+class DeckError(InputError):
+    """A deck that cannot be read; an error a line."""
 
 
 @dataclass
@@ -51,7 +51,7 @@ class Diagnostics:
     def raise_errors(self) -> None:
         """Raise everything that was kept as one InputError."""
         if self.errors:
-            raise TooManyErrorsError("\n".join(self.errors))
+            raise DeckError("\n".join(self.errors))
 
     def warn(self, spot: Spot, text: str, count: int = 1) -> None:
         """Note something that simulators disagree about, or that was probably not meant."""
@@ -67,7 +67,7 @@ class Diagnostics:
         self._notes[severity, text] = (first, seen + count)
 
     def notes(self) -> tuple[Note, ...]:
-        """Everything that was noted, in the order of places."""
+        """Everything that was noted, in the order in which it first was."""
         return tuple(
             Note(severity, spot.file, spot.line, spot.column, text if count == 1 else f"{text} ({count} times)")
             for (severity, text), (spot, count) in self._notes.items()

@@ -245,7 +245,7 @@ def _read_source(kind: str, card: Card, scope: Scope, elements: Elements) -> Non
         inner = f"{name}.rser"
         elements.add("resistor", inner, (nodes[0], inner), _plain(source.series), card)
         nodes = [inner, nodes[1]]
-    elements.add(kind, name, nodes, (value,), card)
+    elements.add(kind, name, nodes, (value,) if kind == "current source" else (value, 0.0), card)
 
 
 def _plain(ohms: float) -> tuple[float, ...]:
@@ -287,7 +287,7 @@ def _read_inductor(card: Card, scope: Scope, elements: Elements) -> None:
             "is said; it is a short here",
         )
     scope.diagnostics.inform(card.spot(), "an inductor is a short at direct current: a source of 0 V bears its name")
-    elements.add("voltage source", element.name, element.nodes, (0.0,), card)
+    elements.add("voltage source", element.name, element.nodes, (0.0, 1.0), card)
 
 
 def _read_switch(card: Card, scope: Scope, elements: Elements) -> None:

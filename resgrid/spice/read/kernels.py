@@ -18,9 +18,6 @@ from resgrid.jit import inner, kernel
 
 Bytes = NDArray[np.uint8]
 
-DONE, TOO_HARD = 0, 1
-"""Outcomes of `cut`: finished, or a file to be read line by line (conditions, sections, strange blanks)."""
-
 BAD, NAME, BLANK = 0, 1, 2
 _OFFSET = np.uint64(14695981039346656037)
 _PRIME = np.uint64(1099511628211)
@@ -133,81 +130,61 @@ def _node(text: Bytes, start: int, stop: int, key: np.uint64, known: NodeHash, c
 
 
 @kernel
-def cut(  # noqa: PLR0912, PLR0915
+def cut(
     text: Bytes,
     start: int,
-    first_line: int,
+    line: int,
     has_slashes: bool,
     comments: NDArray[np.bool_],
-    words: tuple[Bytes, ...],
+    dc: Bytes,
     known: NodeHash,
     cards: CardTable,
     other: NDArray[np.int64],
-) -> tuple[int, int, int, int]:
-    """Cut a file into plain cards and other lines.  Shapes: `comments` (256,), `other` (.., 3)."""
-    end_, alter, subckt, macro, ends, eom, control, endc, endl, if_, data, dc = words
-    position, number = start, first_line - 1
-    card, others, node_count = 0, 0, 0
-    depth = 0
-    in_control = False
-    last_is_plain = False
-    last_start, last_stop, last_number = 0, 0, 0
+    card: int,
+    others: int,
+    node_count: int,
+) -> tuple[int, int, int, int, int]:
+    """Cut lines into plain cards and others, up to a command or a strange line, or behind one that holds a backslash.
+
+    Returns where that is, the number of the line there, and how many cards, other lines and nodes there are.
+    Shapes: `comments` (256,), `other` (.., 3).
+    """
+    position, number = start, line
+    last_start, last_stop, last_number = -1, 0, 0  # of a plain card that may go on
     while position < len(text):
-        number += 1
         begin = position
         i = _skip_blanks(text, begin)
         c = text[i]
-        if KINDS[c] != NO_KIND and depth == 0 and not in_control:
+        if KINDS[c] != NO_KIND:
             stop, node_count = _card(text, i, KINDS[c], has_slashes, dc, known, node_count, number, cards, card)
             if stop >= 0:
                 cards.kind[card] = KINDS[c]
                 cards.line[card] = number
                 card += 1
-                last_is_plain = True
                 last_start, last_stop, last_number = begin, stop, number
-                position = stop + 1
+                position, number = stop + 1, number + 1
                 continue
-        stop = i
+        stop, goes_on = i, False
         while text[stop] != 10:
+            goes_on |= text[stop] == 92
             stop += 1
-        position = stop + 1
-        if i == stop or c == 42 or (comments[c] and (c != 47 or text[i + 1] == 47)):
-            continue
-        if _is_strange(c) or (stop - i >= 2 and text[stop - 1] == 92 and text[stop - 2] == 92):
-            return TOO_HARD, 0, 0, 0
-        if c == 43 and last_is_plain:
+        is_comment = i == stop or c == 42 or (comments[c] and (c != 47 or text[i + 1] == 47))
+        is_strange = (c < 32 or c > 126) and not is_comment
+        if (c == 43 or is_strange) and last_start >= 0:
             card -= 1
             other[others, 0], other[others, 1], other[others, 2] = last_start, last_stop, last_number
             others += 1
-        last_is_plain = False
-        other[others, 0], other[others, 1], other[others, 2] = begin, stop, number
-        others += 1
-        if c != 46:
-            continue
-        j = i
-        while text[j] != 32 and text[j] != 9 and j < stop:
-            if _is_strange(text[j]):
-                return TOO_HARD, 0, 0, 0
-            j += 1
-        if in_control:
-            in_control = not _is(text, i, j, endc)
-        elif _is(text, i, j, subckt) or _is(text, i, j, macro):
-            depth += 1
-        elif _is(text, i, j, ends) or _is(text, i, j, eom):
-            depth = max(depth - 1, 0)
-        elif _is(text, i, j, control):
-            in_control = True
-        elif _is(text, i, j, endl) or _is(text, i, j, if_) or _is(text, i, j, data):
-            return TOO_HARD, 0, 0, 0
-        elif _is(text, i, j, end_) or _is(text, i, j, alter):
+        if c == 46 or is_strange:
             break
-    return DONE, card, others, node_count
-
-
-@njit(cache=True, inline="always")
-def _is_strange(c: int) -> bool:
-    """Whether it is a control character, or part of one that may be blank beyond ASCII."""
-    return c < 32 or c > 126
+        position, number = stop + 1, number + 1
+        if is_comment:
+            continue
+        last_start = -1
+        other[others, 0], other[others, 1], other[others, 2] = begin, stop, number - 1
+        others += 1
+        if goes_on:
+            break
+    return position, number, card, others, node_count
 
 
 @njit(cache=True, inline="always")

@@ -8,14 +8,12 @@ from typing import NamedTuple
 
 from resgrid.spice.dialects.record import ReadingRules
 
-_NUMBER = re.compile(r"([+-]?)(\d++(?:\.\d*+)?|\.\d++)(?:[eE]([+-]?\d{1,9}))?([^\W\d_]*+)")
-_D_NUMBER = re.compile(r"([+-]?)(\d++(?:\.\d*+)?|\.\d++)(?:[eEdD]([+-]?\d{1,9}))?([^\W\d_]*+)")
+_NUMBER = re.compile(r"([+-]?)(\d++(?:\.\d*+)?|\.\d++)(?:([eEdD])([+-]?\d{1,9}))?([^\W\d_]*+)")
 _INFIX = re.compile(r"([+-]?)(\d++)(meg|[tgkmunpfµμ])(\d++)[^\W\d_]*+", re.IGNORECASE)
 MIL = 25.4e-6
 """The suffix ``mil``, a thousandth of an inch, in metres."""
 
 _UNIT = "Ω"
-_NO_D = "{} does not everywhere take D for an exponent; write e"
 
 
 class Numeral(NamedTuple):
@@ -39,20 +37,21 @@ def parse_numeral(text: str, rules: ReadingRules, *, computed: bool = False) -> 
     >>> parse_numeral("out", DIALECTS["ngspice"].reading) is None
     True
     """
-    match = (_D_NUMBER if rules.d_exponents else _NUMBER).fullmatch(text)
+    match = _NUMBER.fullmatch(text)
     if match is None:
-        return _infix(text, rules) if _D_NUMBER.fullmatch(text) is None else f"{text!r}: {_NO_D.format(rules.name)}"
-    sign, digits, exponent, letters = match.groups()
+        return _infix(text, rules)
+    sign, digits, mark, exponent, letters = match.groups()
+    if mark in ("d", "D") and not rules.d_exponents:
+        return f"{text!r}: {rules.name} does not everywhere take D for an exponent; write e"
     power, unit, warning = _suffix(letters, rules)
     if rules.instances and unit:
         return f"{text!r} has letters behind its suffix: in Spectre M is mega, m is milli, and units are not written"
     if power is None and computed and rules.milli_mil:
         return f"{text!r}: mil is milli in an expression of {rules.name}, and 25.4e-6 elsewhere; write what is meant"
-    if power is None:
-        return _checked(text, float(f"{sign}{digits}e{exponent or 0}") * MIL, digits, warning)
     if not unit.isascii() and unit != _UNIT:
         return f"{text!r} has the unit {unit!r}; only ASCII letters make one"
-    return _checked(text, float(f"{sign}{digits}e{int(exponent or 0) + power}"), digits, warning)
+    value = float(f"{sign}{digits}e{int(exponent or 0) + (power or 0)}")
+    return _checked(text, value * MIL if power is None else value, digits, warning)
 
 
 def _suffix(letters: str, rules: ReadingRules) -> tuple[int | None, str, str]:

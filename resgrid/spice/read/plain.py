@@ -1,17 +1,20 @@
-"""The short way for plain cards: compiled loops cut a whole file, and keep aside what needs a closer look."""
+"""The short way for plain cards: compiled loops cut them out of a file, and leave what needs a closer look."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from functools import partial
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.spice.dialects.record import ReadingRules
+from resgrid.spice.read.cards import strip_comment
 from resgrid.spice.read.files import decode
 from resgrid.spice.read.numerals import Numeral, parse_numeral
+from resgrid.spice.read.tables import Elements, Part
 
 if TYPE_CHECKING:
     from resgrid.spice.read.kernels import CardTable
@@ -19,43 +22,9 @@ if TYPE_CHECKING:
 LEAST_BYTES = 40_000
 """Below this size the compiled loops cost more to load than they save."""
 
-_CAPACITOR = 3
-_WORDS = tuple(
-    np.frombuffer(word, dtype=np.uint8)
-    for word in b".end .alter .subckt .macro .ends .eom .control .endc .endl .if .data dc".split()
-)
-_NO_WORD = np.frombuffer(b" ", dtype=np.uint8)
-
-
-@dataclass(frozen=True, eq=False)
-class Bulk:
-    """Plain cards of one file.
-
-    `node_names`: as spelt first; `node_line` (nodes,): where that is; `short`: nodes whose names are short enough to
-    be ground's; `kind` (n,): 0 resistor, 1 voltage source, 2 current source, 3 capacitor; `text`: the file; `span`
-    (n, 2): where the names of the elements stand in it; `nodes` (n, 2): index into ``node_names``; `value` (n,);
-    `line` (n,); `other` (k, 3): first and last byte and number of every line that was not plain.
-    """
-
-    node_names: list[str]
-    node_line: NDArray[np.int64]
-    short: list[int]
-    kind: NDArray[np.uint8]
-    text: NDArray[np.uint8]
-    span: NDArray[np.int32]
-    nodes: NDArray[np.int32]
-    value: NDArray[np.float64]
-    line: NDArray[np.int32]
-    other: NDArray[np.int64]
-
-    def names(self, which: NDArray[np.bool_]) -> list[str]:
-        """Names of some elements."""
-        return _words_at(self.text, self.span[which])
-
-    def others(self, data: bytes) -> Iterator[tuple[int, str]]:
-        """Lines that were not plain."""
-        for first, last, number in self.other.tolist():
-            yield number, decode(data[first:last])
+_KINDS = ("resistor", "voltage source", "current source", "capacitor")
+"""What the kinds of plain cards are."""
+_DC = np.frombuffer(b"dc", dtype=np.uint8)
 
 
 def plain_lines(data: bytes, start: int) -> Iterator[tuple[int, str]]:
@@ -64,52 +33,98 @@ def plain_lines(data: bytes, start: int) -> Iterator[tuple[int, str]]:
     return enumerate(map(decode, data[start:].split(b"\n")), number)
 
 
-def scan(data: bytes, start: int, rules: ReadingRules) -> Bulk | None:
-    """Cut a file into plain cards and others; None if it must be read line by line."""
-    from resgrid.spice.read.kernels import TOO_HARD, CardTable, NodeHash, cut
+class PlainCards:
+    """The plain cards of a file, cut away from its other lines while those are read."""
 
-    text = np.frombuffer(data, dtype=np.uint8)
-    rows = data.count(b"\n", start)
-    known = NodeHash(
-        slots=np.full(1 << max(6, (4 * rows).bit_length()), -1, dtype=np.int32),
-        keys=np.empty(2 * rows + 1, dtype=np.uint64),
-        spans=np.empty((2 * rows + 1, 3), dtype=np.int64),
-    )
-    cards = CardTable(
-        kind=np.empty(rows, dtype=np.uint8),
-        name=np.empty((rows, 2), dtype=np.int32),
-        nodes=np.empty((rows, 2), dtype=np.int32),
-        value=np.empty((rows, 2), dtype=np.int32),
-        decimal=np.empty(rows, dtype=np.bool_),
-        line=np.empty(rows, dtype=np.int32),
-    )
-    other = np.empty((rows + 1, 3), dtype=np.int64)
-    first_line = data.count(b"\n", 0, start) + 1
-    comments = np.zeros(256, dtype=np.bool_)  # bytes that make a line a comment when they stand first
-    comments[[ord(mark[0]) for mark in (*rules.comments, *("$" * rules.dollar_comments))]] = True
-    words = (_NO_WORD, *_WORDS[1:]) if rules.end_is_comment else _WORDS
-    ended, count, others, node_count = cut(text, start, first_line, b"//" in data, comments, words, known, cards, other)
-    if ended == TOO_HARD:
-        return None
-    cards = CardTable._make(column[:count] for column in cards)
-    value = _values(text, cards, rules)
-    plain = np.isfinite(value) & ((cards.kind != _CAPACITOR) | (value >= 0))
-    other = _with_demoted(other[:others], cards.line[~plain], data)
-    keep = slice(count) if plain.all() else np.flatnonzero(plain)
-    spans = known.spans[:node_count]
-    longest = max(map(len, rules.grounds))
-    return Bulk(
-        node_names=_words_at(text, spans[:, :2]),
-        node_line=spans[:, 2],
-        short=np.flatnonzero(spans[:, 1] - spans[:, 0] <= longest).tolist(),
-        kind=cards.kind[keep],
-        text=text,
-        span=cards.name[keep],
-        nodes=cards.nodes[keep],
-        value=value[keep],
-        line=cards.line[keep],
-        other=other,
-    )
+    def __init__(self, data: bytes, start: int, rules: ReadingRules) -> None:
+        from resgrid.spice.read.kernels import CardTable, NodeHash
+
+        rows = data.count(b"\n", start)
+        self._data, self._text, self._rules = data, np.frombuffer(data, dtype=np.uint8), rules
+        self._position, self._line = start, data.count(b"\n", 0, start) + 1
+        self._counts = (0, 0, 0)  # of cards, other lines, and nodes
+        self._known = NodeHash(
+            slots=np.full(1 << max(6, (4 * rows).bit_length()), -1, dtype=np.int32),
+            keys=np.empty(2 * rows + 1, dtype=np.uint64),
+            spans=np.empty((2 * rows + 1, 3), dtype=np.int64),
+        )
+        self._cards = CardTable(
+            kind=np.empty(rows, dtype=np.uint8),
+            name=np.empty((rows, 2), dtype=np.int32),
+            nodes=np.empty((rows, 2), dtype=np.int32),
+            value=np.empty((rows, 2), dtype=np.int32),
+            decimal=np.empty(rows, dtype=np.bool_),
+            line=np.empty(rows, dtype=np.int32),
+        )
+        self._value = np.empty(rows)
+        self._other = np.empty((rows + 1, 3), dtype=np.int64)
+        self._has_slashes = b"//" in data
+        self._comments = np.zeros(256, dtype=np.bool_)  # bytes that make a line a comment when they stand first
+        self._comments[[ord(mark[0]) for mark in (*rules.comments, *("$" * rules.dollar_comments))]] = True
+
+    def others(self, may_cut: Callable[[], bool]) -> Iterator[tuple[int, str]]:
+        """The lines that are not plain cards, and where none may be cut away, all.
+
+        What a command changes is known when the next card has begun: that one is never cut away.
+        """
+        of_command = goes_on = False
+        while self._position < len(self._data):
+            if may_cut() and not (of_command or goes_on):
+                lines = self._cut()
+                yield from lines
+                goes_on = bool(lines) and "\\" in lines[-1][1]
+                if self._position == len(self._data):
+                    break
+            number, line = self._next_line()
+            yield number, line
+            bare = strip_comment(line, self._rules).strip()
+            if bare:
+                of_command = bare[0] == "." or (of_command and (goes_on or bare[0] == "+"))
+                goes_on = "\\" in bare
+
+    def _next_line(self) -> tuple[int, str]:
+        stop = self._data.index(b"\n", self._position)
+        line = self._line, decode(self._data[self._position : stop])
+        self._position, self._line = stop + 1, self._line + 1
+        return line
+
+    def _cut(self) -> list[tuple[int, str]]:
+        """Cut cards away up to the next command, and return the other lines before it."""
+        from resgrid.spice.read.kernels import cut
+
+        first_card, first_other, _ = self._counts
+        self._position, self._line, *counts = cut(
+            self._text, self._position, self._line, self._has_slashes, self._comments, _DC,
+            self._known, self._cards, self._other, *self._counts,
+        )  # fmt: skip
+        self._counts = tuple(counts)
+        kind, name, *_, line = cards = type(self._cards)._make(one[first_card : counts[0]] for one in self._cards)
+        value = _values(self._text, cards, self._rules)
+        value[(kind == _KINDS.index("capacitor")) & (value < 0)] = np.nan
+        self._value[first_card : counts[0]] = value
+        doubtful = np.flatnonzero(~np.isfinite(value))
+        starts = [self._data.rfind(b"\n", 0, first) + 1 for first in name[doubtful, 0].tolist()]
+        rows = self._other[first_other : counts[1]].tolist()
+        rows += [(start, self._data.index(b"\n", start), at) for start, at in zip(starts, line[doubtful], strict=True)]
+        rows = sorted(rows, key=itemgetter(2)) if starts else rows
+        return [(number, decode(self._data[first:last])) for first, last, number in rows]
+
+    def enter(self, file: int, elements: Elements) -> None:
+        """Enter what was cut away of a file into the elements of the deck."""
+        count, _, nodes = self._counts
+        plain = np.isfinite(self._value[:count])
+        spans = self._known.spans[:nodes]
+        short = np.flatnonzero(spans[:, 1] - spans[:, 0] <= max(map(len, self._rules.grounds)))
+        names = _words_at(self._text, spans[:, :2])
+        numbers = elements.nodes.of_all(names, file << 40 | spans[:, 2], short.tolist())
+        for code, kind in enumerate(_KINDS):
+            own = np.flatnonzero(plain & (self._cards.kind[:count] == code))
+            if own.size:
+                line = self._cards.line[own].astype(np.int64)
+                place = np.stack([np.full(len(line), file), line], axis=1)
+                names_of = partial(_words_at, self._text, self._cards.name[own])
+                ends, value = numbers[self._cards.nodes[own]], self._value[own, np.newaxis]
+                elements.parts[kind].append(Part(names_of, ends, value, place, None))
 
 
 def _values(text: NDArray[np.uint8], cards: CardTable, rules: ReadingRules) -> NDArray[np.float64]:
@@ -127,15 +142,6 @@ def _values(text: NDArray[np.uint8], cards: CardTable, rules: ReadingRules) -> N
             read[word] = numeral.value if isinstance(numeral, Numeral) and not numeral.warning else np.nan
         value[card] = read[word]
     return value
-
-
-def _with_demoted(other: NDArray[np.int64], lines: NDArray[np.int32], data: bytes) -> NDArray[np.int64]:
-    """Other lines, with some whose card turned out not to be plain."""
-    if not lines.size:
-        return other.copy()
-    ends = np.append(-1, np.flatnonzero(np.frombuffer(data, dtype=np.uint8) == ord("\n")))  # of line 0, 1, ...
-    rows = np.concatenate([other, np.stack([ends[lines - 1] + 1, ends[lines], lines], axis=1)])
-    return rows[np.argsort(rows[:, 2], kind="stable")]
 
 
 def _words_at(text: NDArray[np.uint8], spans: NDArray[np.integer[Any]]) -> list[str]:

@@ -14,7 +14,7 @@ from resgrid.spice.read.cards import Card
 
 WIDTHS = {
     "resistor": (2, 6),
-    "voltage source": (2, 1),
+    "voltage source": (2, 2),
     "current source": (2, 1),
     "capacitor": (2, 1),
     "nonlinear resistor": (2, 2),
@@ -23,7 +23,8 @@ WIDTHS = {
 """Per kind the number of nodes and of values.
 
 A resistor's values: ohms, tc1, tc2, by how much its temperature lies above the circuit's, its own temperature and its
-own nominal temperature (NaN where it has none).  A nonlinear resistor's: amperes and volts.  A switch's: ohms when on,
+own nominal temperature (NaN where it has none).  A voltage source's: volts, and 1 if it stands for an inductor.  A
+nonlinear resistor's: amperes and volts.  A switch's: ohms when on,
 ohms when off, the voltages above (or below) which it is on and off, and the state between (1, 0).
 """
 
@@ -116,8 +117,8 @@ class NodeTable:
 class Part:
     """Elements of one kind as arrays.
 
-    `names`: makes their names; `nodes` (n, nodes); `values` (n, values): or, for resistors that have nothing else,
-    ohms alone, shape (n, 1); `place` (n, 2): file and line of the card that describes the element; `order` (n,): file
+    `names`: makes their names; `nodes` (n, nodes); `values` (n, values): or, where they have nothing else, ohms or
+    volts alone, shape (n, 1); `place` (n, 2): file and line of the card that describes the element; `order` (n,): file
     and line of the card of the deck that brings it, as one number; None if that is its own place, and the elements are
     in order.
     """
@@ -190,7 +191,7 @@ def joined_parts(kind: str, parts: list[Part]) -> Part:
 
 
 def widened(kind: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """All values of elements, of resistors that were given by their ohms alone, too."""
+    """All values of elements, of those that were given by their first alone, too."""
     if values.shape[1] == WIDTHS[kind][1]:
         return values
     full = np.zeros((len(values), WIDTHS[kind][1]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 
 from resgrid.spice.read.cards import Card, Token
@@ -33,16 +33,74 @@ def source_value(card: Card, tokens: list[Token], scope: Scope) -> SourceValue:
 
     A value (with or without ``DC``) is the source's; failing that, the waveform's at time 0; failing that, 0.
     """
-    source = _Source(card, tokens, scope)
-    while source.position < len(tokens):
-        source.read_next()
-    value = source.value
-    if value is None and source.waveform is not None:
+    rest, keys = tokens[::-1], dict[str, float]()
+    value: float | None = None
+    waveform: tuple[Token, list[float], dict[str, float]] | None = None
+    own_keys = ("m", "rser") if card.rules.series_resistance else ("m",)
+    while rest:
+        token = rest.pop()
+        word = token.text.lower() if token.kind == "word" else ""
+        keyed = _takes(rest, "=")
+        if word in _IGNORED:
+            for _ in range(2):
+                if rest and _begins_number(rest[-1]):
+                    scope.number(card, rest.pop())
+        elif word in _DELAYS and not keyed:
+            waveform = _waveform(card, token, rest, scope)
+        elif word in own_keys and keyed:
+            keys[word] = _number(card, token, rest, scope)
+        elif word != "dc" and (keyed or word in _OTHER_WAVEFORMS):
+            raise card.error(token.offset, f"{token.text!r} is not understood in a source at direct current")
+        else:
+            stated = _number(card, token, rest, scope) if word == "dc" else scope.number(card, token)
+            if waveform is not None and word != "dc":
+                text = f"a value after a waveform, which ngspice drops: write DC {token.text}"
+                raise card.error(token.offset, text)
+            if value is not None:
+                raise card.error(token.offset, "a second value: the source has one already")
+            value = stated
+    if value is None and waveform is not None:
         scope.diagnostics.inform(card.spot(), "a source without DC value has its waveform's value at time 0")
-        value = _at_zero(card, *source.waveform)
+        value = _at_zero(card, *waveform)
     if not tokens:
         scope.diagnostics.warn(card.spot(), "a source without any value is 0")
-    return SourceValue(0.0 if value is None else value, source.keys.get("m", 1.0), source.keys.get("rser", 0.0))
+    return SourceValue(0.0 if value is None else value, keys.get("m", 1.0), keys.get("rser", 0.0))
+
+
+def _waveform(card: Card, token: Token, rest: list[Token], scope: Scope) -> tuple[Token, list[float], dict[str, float]]:
+    """Take what follows a waveform's word from the tokens that are left, the next one last: values, and keyed ones."""
+    bracketed, word = _takes(rest, "("), token.text.lower()
+    values: list[float] = []
+    keys: dict[str, float] = {}
+    while rest and not rest[-1].is_mark(")") and (bracketed or _begins_number(rest[-1])):
+        entry = rest.pop()
+        if not _takes(rest, "="):
+            values.append(scope.number(card, entry))
+        elif word == "pwl" and entry.text.lower() in ("r", "td", "repeat"):
+            keys[entry.text.lower()] = _number(card, entry, rest, scope)
+        else:
+            raise card.error(entry.offset, f"{entry.text!r} is not understood in {word}")
+    if bracketed and not _takes(rest, ")"):
+        raise card.error(token.offset, f"the parenthesis after {token.text} is not closed")
+    if len(values) < 2:
+        raise card.error(token.offset, f"{token.text} needs two values at least, not {len(values)}")
+    return token, values, keys
+
+
+def _takes(rest: list[Token], mark: str) -> bool:
+    """Take a mark, if that is what comes next."""
+    return bool(rest) and rest[-1].is_mark(mark) and bool(rest.pop())
+
+
+def _number(card: Card, after: Token, rest: list[Token], scope: Scope) -> float:
+    """Take the number behind a word."""
+    if not rest:
+        raise card.error(after.offset, f"{after.text!r} has no value")
+    return scope.number(card, rest.pop())
+
+
+def _begins_number(token: Token) -> bool:
+    return token.kind == "expression" or (token.kind == "word" and token.text[0] in "0123456789.+-")
 
 
 def _at_zero(card: Card, token: Token, values: list[float], keys: dict[str, float]) -> float:
@@ -72,84 +130,3 @@ def _at_zero(card: Card, token: Token, values: list[float], keys: dict[str, floa
     if text.lower() in ("sin", "sine") and len(values) > 5:
         return values[0] + values[1] * math.sin(math.radians(values[5]))
     return values[0]
-
-
-@dataclass
-class _Source:
-    """What was read of a source; of its waveform the word, the values, and those that have a key."""
-
-    card: Card
-    tokens: list[Token]
-    scope: Scope
-    position: int = 0
-    value: float | None = None
-    waveform: tuple[Token, list[float], dict[str, float]] | None = None
-    keys: dict[str, float] = field(default_factory=dict)
-
-    def read_next(self) -> None:
-        token = self.tokens[self.position]
-        word = token.text.lower() if token.kind == "word" else ""
-        keyed = self._is_mark(self.position + 1, "=")
-        own_keys = ("m", "rser") if self.card.rules.series_resistance else ("m",)
-        if word == "dc":
-            self.position += 1 + keyed
-            self._state(token, self._number(token))
-        elif word in _IGNORED:
-            self.position += 1 + keyed
-            for _ in range(2):
-                if self.position < len(self.tokens) and self._begins_number():
-                    self._number(self.tokens[self.position])
-        elif word in _DELAYS and not keyed:
-            self.position += 1
-            self._read_waveform(token)
-        elif word in own_keys and keyed:
-            self.position += 2
-            self.keys[word] = self._number(token)
-        elif word in _OTHER_WAVEFORMS or keyed:
-            raise self.card.error(token.offset, f"{token.text!r} is not understood in a source at direct current")
-        else:
-            self._state(token, self._number(token))
-
-    def _state(self, token: Token, value: float) -> None:
-        if self.waveform is not None and token.text.lower() != "dc":
-            raise self.card.error(token.offset, f"a value after a waveform, which ngspice drops: write DC {token.text}")
-        if self.value is not None:
-            raise self.card.error(token.offset, "a second value: the source has one already")
-        self.value = value
-
-    def _is_mark(self, i: int, text: str) -> bool:
-        return i < len(self.tokens) and self.tokens[i].is_mark(text)
-
-    def _number(self, after: Token) -> float:
-        if self.position >= len(self.tokens):
-            raise self.card.error(after.offset, f"{after.text!r} has no value")
-        self.position += 1
-        return self.scope.number(self.card, self.tokens[self.position - 1])
-
-    def _begins_number(self) -> bool:
-        token = self.tokens[self.position]
-        return token.kind == "expression" or (token.kind == "word" and token.text[0] in "0123456789.+-")
-
-    def _read_waveform(self, token: Token) -> None:
-        bracketed = self._is_mark(self.position, "(")
-        self.position += bracketed
-        values: list[float] = []
-        keys: dict[str, float] = {}
-        while self.position < len(self.tokens) and not self._is_mark(self.position, ")"):
-            if not bracketed and not self._begins_number():
-                break
-            if self._is_mark(self.position + 1, "="):
-                key = self.tokens[self.position]
-                if token.text.lower() != "pwl" or key.text.lower() not in ("r", "td", "repeat"):
-                    raise self.card.error(key.offset, f"{key.text!r} is not understood in {token.text.lower()}")
-                self.position += 2
-                keys[key.text.lower()] = self._number(key)
-            else:
-                values.append(self._number(token))
-        if bracketed:
-            if not self._is_mark(self.position, ")"):
-                raise self.card.error(token.offset, f"the parenthesis after {token.text} is not closed")
-            self.position += 1
-        if len(values) < 2:
-            raise self.card.error(token.offset, f"{token.text} needs two values at least, not {len(values)}")
-        self.waveform = token, values, keys

@@ -16,7 +16,6 @@ from types import MappingProxyType
 import numpy as np
 
 from resgrid.errors import BudgetError, InputError, ToolMissingError
-from resgrid.spice.dialects.ngspice import NGSPICE
 from resgrid.spice.run.rawfile import RawFile, read_rawfile
 
 EXECUTABLE_VARIABLE = "RESGRID_NGSPICE"
@@ -25,6 +24,7 @@ _INSTALL = (
     f"'brew install ngspice' (macOS), or set {EXECUTABLE_VARIABLE} to the program"
 )
 _DECK, RAW, _LOG = "deck.cir", "operating_point.raw", "log.txt"
+_RUN = '* operating point of {deck}\n.include "{deck}"\n.options klu\n.op\n.end\n'
 _PLOT = "Operating Point"
 _MAX_LOG = 2**20
 _MAX_COMPLAINTS = 10
@@ -91,7 +91,7 @@ def simulate(
             (own / where).parent.mkdir(parents=True, exist_ok=True)
             (own / where).write_bytes(content)
         if not direct:
-            (folder / "run.cir").write_text(NGSPICE.commands.format(deck=place), encoding="ascii")
+            (folder / "run.cir").write_text(_RUN.format(deck=place), encoding="ascii")
         words = [program, "-n", "-b", "-r", str(folder / RAW), place if direct else "run.cir"]
         status = run_quietly(words, folder, timeout, source, cwd=own)
         return result_in(folder, "ngspice", version, status)

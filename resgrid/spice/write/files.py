@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 import os
 from collections.abc import Mapping, Sequence
@@ -21,8 +20,8 @@ from resgrid.spice.analyses import Analysis, MismatchAnalysis, TransientAnalysis
 from resgrid.spice.dialects import dialect_named
 from resgrid.spice.write.companion import LARGEST, format_companion
 from resgrid.spice.write.flat import Deck, flatten
-from resgrid.spice.write.sidecar import expect, format_sidecar, sidecar_path
-from resgrid.spice.write.statements import additions, first_source, format_analyses, only_one
+from resgrid.spice.write.sidecar import digest, expect, format_sidecar, sidecar_path
+from resgrid.spice.write.statements import additions, format_commands, only_one
 from resgrid.spice.write.tile_deck import write_tiles
 from resgrid.spice.write.tiles import difference_from_ideal, tile_values
 
@@ -122,20 +121,18 @@ def write_spice(
     if form == "cells":
         chip = Chip() if chip is None else chip
         deck = write_tiles(op.netlist, chip, target.name, dialect=dialect, title=title, additions=added)
-        parts = {f"{target.name}.{suffix}": _hash(text) for suffix, text in deck.parts.items()}
+        parts = {f"{target.name}.{suffix}": digest(text.encode()) for suffix, text in deck.parts.items()}
         more = {"form": form, "tile": tile_values(op.netlist, chip), "files": parts}
     else:
         deck = flatten(op.netlist, dialect=dialect, title=title, additions=added)
     answers = expect(deck, op)
-    if asked:
-        commands = format_analyses(target.name, deck, asked)
-    else:
-        commands = deck.dialect.commands.format(deck=target.name, **first_source(deck))
-    beside = {**deck.parts, deck.dialect.name: commands}
+    beside = {**deck.parts, deck.dialect.name: format_commands(target.name, deck, asked)}
     checks = len(answers.voltage) + len(answers.source_current) + len(deck.resistors)
     if verify and deck.dialect.checks_itself and not added.spread and checks <= LARGEST:
-        beside["verify"] = format_companion(target.name, deck, answers, _hash(deck.text))
-    companions = {f"{target.name}.{key}": _hash(text) for key, text in beside.items() if key not in deck.parts}
+        beside["verify"] = format_companion(target.name, deck, answers, digest(deck.text.encode()))
+    companions = {
+        f"{target.name}.{key}": digest(text.encode()) for key, text in beside.items() if key not in deck.parts
+    }
     more = {"companions": companions, **more}
     if analyses:
         more["analyses"] = [_described(item) for item in analyses]
@@ -153,12 +150,12 @@ def write_spice(
     files = {key: target.with_name(f"{target.name}.{key}") for key in beside}
     with ExitStack() as stack:  # all aside, then renamed, the deck last: an interrupted set contradicts its hashes
         for path, text in ((target, deck.text), *((files[key], text) for key, text in reversed(beside.items()))):
-            stack.enter_context(atomic_path(path)).write_bytes(text.encode("utf-8"))
+            stack.enter_context(atomic_path(path)).write_bytes(text.encode())
     return WrittenDeck(
         path=target,
         commands=files[deck.dialect.name],
         sidecar=files["json"],
-        sha256=_hash(deck.text),
+        sha256=digest(deck.text.encode()),
         companion=files.get("verify"),
         chip=files.get("chip"),
         pattern=files.get("pattern"),
@@ -200,7 +197,3 @@ def _described(analysis: Analysis) -> dict[str, Any]:
         changed = analysis.after is not None
         return {"kind": "transient", "stop": analysis.stop, "step": analysis.step, "changes_scene": changed}
     return {"kind": kind_of(analysis), **dataclasses.asdict(analysis)}
-
-
-def _hash(text: str) -> str:
-    return hashlib.sha256(text.encode("utf-8")).hexdigest()

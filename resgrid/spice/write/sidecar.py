@@ -95,6 +95,11 @@ def expect(deck: Deck, op: OperatingPoint) -> Expected:
     )
 
 
+def digest(data: bytes) -> str:
+    """SHA-256 of bytes, hexadecimal."""
+    return hashlib.sha256(data).hexdigest()
+
+
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
@@ -151,7 +156,7 @@ def format_sidecar(deck_name: str, deck: Deck, expected: Expected, more: Mapping
         "schema": SCHEMA,
         "own_sha256": _BLANK,
         "deck": deck_name,
-        "sha256": hashlib.sha256(data).hexdigest(),
+        "sha256": digest(data),
         "dialect": deck.dialect.name,
         "title": deck.title,
         "supply": expected.supply,
@@ -167,7 +172,7 @@ def format_sidecar(deck_name: str, deck: Deck, expected: Expected, more: Mapping
     fields = [f"{json.dumps(key)}: {json.dumps(value, sort_keys=True, allow_nan=False)}" for key, value in head.items()]
     fields.append('"nodes": {\n' + ",\n".join(_node_lines(deck, expected)) + "\n}")
     blank = "{\n" + ",\n".join(fields) + "\n}\n"
-    return blank.replace(_BLANK, hashlib.sha256(blank.encode("utf-8")).hexdigest(), 1)
+    return blank.replace(_BLANK, digest(blank.encode()), 1)
 
 
 def _node_lines(deck: Deck, expected: Expected) -> Iterator[str]:
@@ -195,7 +200,7 @@ def read_sidecar(deck: Path) -> Sidecar:
     data = read_bytes(path, _MAX_BYTES)
     own = _OWN.search(data)
     blank = _OWN.sub(_BLANK.encode(), data, count=1)
-    intact = own is not None and hashlib.sha256(blank).hexdigest().encode() == own[0]
+    intact = own is not None and digest(blank).encode() == own[0]
     try:
         return Sidecar.model_validate_json(data).model_copy(update={"path": path, "intact": intact})
     except ValidationError as error:
@@ -208,10 +213,8 @@ def read_sidecar(deck: Path) -> Sidecar:
 def block_hashes(data: bytes, lines: int) -> list[str]:
     """Beginnings of the SHA-256 of every ``lines`` lines of a text."""
     rows = data.split(b"\n")
-    return [
-        hashlib.sha256(b"\n".join(rows[start : start + lines])).hexdigest()[:_BLOCK_DIGITS]
-        for start in range(0, len(rows), lines)
-    ]
+    blocks = (b"\n".join(rows[start : start + lines]) for start in range(0, len(rows), lines))
+    return [digest(block)[:_BLOCK_DIGITS] for block in blocks]
 
 
 def altered_lines(data: bytes, sidecar: Sidecar) -> list[tuple[int, int]]:
@@ -232,7 +235,7 @@ def altered_files(data: bytes, sidecar: Sidecar) -> list[str]:
     """What differs from what was written, the deck and the files beside it; a companion that is absent is no matter."""
     name = sidecar.path.name
     problems = []
-    if hashlib.sha256(data).hexdigest() != sidecar.sha256:
+    if digest(data) != sidecar.sha256:
         ranges = altered_lines(data, sidecar)
         shown = some([f"{first}-{last}" for first, last in ranges], len(ranges))
         where = f"lines {shown} differ" if ranges else "the hash in the sidecar differs, though no line does,"
@@ -241,7 +244,7 @@ def altered_files(data: bytes, sidecar: Sidecar) -> list[str]:
         problems.append(f"{name} differs from what resgrid wrote (its own SHA-256)")
     for other, sha256 in {**sidecar.files, **sidecar.companions}.items():
         path = sidecar.path.with_name(Path(other).name)
-        if path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest() != sha256:
+        if path.is_file() and digest(path.read_bytes()) != sha256:
             problems.append(f"{path.name} differs from what resgrid wrote (SHA-256 in {name})")
     return problems
 

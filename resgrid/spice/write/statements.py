@@ -88,8 +88,10 @@ def _sums(netlist: Netlist, kind: str, key: str) -> dict[tuple[str, str], float]
     return total
 
 
-def format_analyses(name: str, deck: Deck, analyses: Sequence[Analysis]) -> str:
-    """Write the file that includes a deck and asks for analyses."""
+def format_commands(name: str, deck: Deck, asked: Sequence[Analysis]) -> str:
+    """Write the file that includes a deck and asks for analyses, for the operating point where none is asked for."""
+    analyses = asked or [OperatingAnalysis()]
+    what = "analyses" if asked else "operating point"
     rules, words = deck.dialect, deck.dialect.statements
     _check_names(deck, analyses)
     runs = [kind_of(item) for item in analyses if type(item) in _KINDS]
@@ -100,8 +102,8 @@ def format_analyses(name: str, deck: Deck, analyses: Sequence[Analysis]) -> str:
     if ".control" in statements and any(line.startswith(".o") for line in statements):
         statements += words.run  # with a control block ngspice runs nothing by itself: the others are started in one
     lines = [
-        f"{rules.comment}analyses of {name}",
-        *(line.format(deck=name) for line in words.first),
+        f"{rules.comment}{what} of {name}",
+        *(line.format(deck=name, results=what.replace(" ", "_")) for line in words.first),
         *(include if words.deck_first else []),
         *_change(deck, only_one(analyses, TransientAnalysis)),
         *_probes(words, analyses),
@@ -135,7 +137,7 @@ def _check_names(deck: Deck, analyses: Sequence[Analysis]) -> None:
 def _statement(words: Statements, name: str, deck: Deck, analysis: Analysis) -> list[str]:
     if type(analysis) not in _KINDS:
         return []
-    values: dict[str, Any] = {"deck": name, **first_source(deck)}
+    values: dict[str, Any] = {"deck": name, **_first_source(deck)}
     for key in fields(analysis):
         value = getattr(analysis, key.name)
         values[key.name] = repr(float(value)) if key.type == "float" else value  # by its annotation
@@ -148,7 +150,7 @@ def _statement(words: Statements, name: str, deck: Deck, analysis: Analysis) -> 
     return [template.format(**values) for template in templates]
 
 
-def first_source(deck: Deck) -> dict[str, str]:
+def _first_source(deck: Deck) -> dict[str, str]:
     """Name and volts of the first voltage source of a deck, which some statements need."""
     if not deck.source_names:
         return {"source": "", "volts": ""}

@@ -8,22 +8,33 @@ from support.decks import outcome, same
 
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.read.deck import read_with
-from resgrid.spice.read.plain import scan
+from resgrid.spice.read.plain import PlainCards
+from resgrid.spice.read.tables import Elements, NodeTable
 
 floats = st.one_of(
     st.floats(allow_nan=False, allow_infinity=False),
     st.integers(0, 2**64 - 1).map(lambda bits: struct.unpack("<d", bits.to_bytes(8, "little"))[0]),
 ).filter(lambda x: np.isfinite(x) and x != 0)
+
+
+def cut(text: str) -> tuple[list[str], list[float]]:
+    """Names and values of the plain resistors of a text."""
+    cards, elements = PlainCards(text.encode(), 0, DIALECTS["ngspice"].reading), Elements(NodeTable(frozenset({"0"})))
+    elements.nodes.of("0", 0)
+    for _ in cards.others(lambda: True):
+        pass
+    cards.enter(0, elements)
+    found = elements.joined("resistor")
+    return found.names(), found.values[:, 0].tolist()
+
+
 spellings = st.sampled_from(("%r", "%.17g", "%.3e", "%.20f", "%.25e", "%g", "%.16e"))
 
 
 @given(st.lists(st.tuples(floats, spellings), min_size=1, max_size=50))
 def test_numbers_are_the_nearest_doubles(wanted: list[tuple[float, str]]) -> None:
     words = [spelling % value for value, spelling in wanted]
-    data = "".join(f"R{i} a b {word}\n" for i, word in enumerate(words)).encode()
-    found = scan(data, 0, DIALECTS["ngspice"].reading)
-    assert found is not None
-    kept = dict(zip(found.names(found.kind == 0), found.value.tolist(), strict=True))
+    kept = dict(zip(*cut("".join(f"R{i} a b {word}\n" for i, word in enumerate(words))), strict=True))
     for i, word in enumerate(words):
         if f"R{i}" in kept:
             assert kept[f"R{i}"] == float(word), word
@@ -38,9 +49,8 @@ def test_halfway_cases_round_to_even() -> None:
         mantissa = pick.randrange(2**52, 2**53)
         words.append(f"{2 * mantissa + 1}e{pick.randrange(-20, 20)}")
         words.append(repr(pick.uniform(0, 1) * 10.0 ** pick.randrange(-60, 60)))
-    found = scan("".join(f"R{i} a b {word}\n" for i, word in enumerate(words)).encode(), 0, DIALECTS["ngspice"].reading)
-    assert found is not None
-    assert found.value.tolist() == [float(word) for word in words]
+    _, found = cut("".join(f"R{i} a b {word}\n" for i, word in enumerate(words)))
+    assert found == [float(word) for word in words]
 
 
 CARDS = st.sampled_from(
@@ -69,6 +79,9 @@ CARDS = st.sampled_from(
         *("R10 a b 1e999", "R11 a b -0", "R12 a b 1M", "C2 a b -1", ".param x=1", "R13 a b x", "L1 d e 1", "x1 a b s"),
         *(
             ".subckt s p q\nR1 p q 1\n.ends",
+            ".subckt s p\n; of the subcircuit\n+ q\nR1 p q 1\n.ends",
+            ".subckt s \\\\ \n\np q\nR1 p q 1\nR2 q p 1\n.ends",
+            ".subckt s p q\n.param r=1\nR1 p q {r}\nR2 p q 1\n.ends\nR30 p q 1",
             ".control\nR1 q q 1\n.endc",
             "+",
             "R14 a b 5\n* no\n\n+ m=3",
