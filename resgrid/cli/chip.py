@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import resgrid as rg
 from resgrid.chip import ANALYSES
 from resgrid.cli.check import check_written
 from resgrid.cli.options import (
@@ -55,7 +56,7 @@ class Names(Suggested):
     ),
 )
 @with_source()
-@output_option("Folder for the report.  [default: out/SCENE_chip]", metavar="DIR")
+@output_option("Folder for the report.  [default: out/SCENE_chip]", of_folder=True)
 @click.option("--only", metavar="NAMES", type=Names(), default=",".join(ANALYSES), help="Some analyses, with commas.")
 @click.option("--half-width", metavar="W", type=share(0.5), default=0.01, help="Stop when the yield is known so well.")
 @click.option("--most", metavar="N", type=click.IntRange(1), default=2000, help="Chips after which trials stop.")
@@ -86,13 +87,12 @@ def command(
     from resgrid.chip.decks import described_files
     from resgrid.chip.report import Effort, checkpoints_beside, report_markdown
     from resgrid.io.tables import html_page, json_text
-    from resgrid.workers import open_executor
 
     folder = folder_of(output, source, "_chip")
     if len(sweep) not in (0, 2):
         raise InputError("--sweep explores two values: give it twice, or not at all")
     effort = Effort(half_width, most, seconds, tuple(_sweep(text) for text in sweep))
-    with open_executor(executor) if executor else nullcontext() as workers, whole_folder(folder) as work:
+    with rg.open_executor(executor) if executor else nullcontext() as workers, whole_folder(folder) as work:
         job = open_job(source)
         study = _open(job)
         effort = replace(effort, executor=workers, checkpoints=checkpoints_beside(folder, study, effort.sweep))
@@ -131,10 +131,9 @@ def _sweep(text: str) -> tuple[str, tuple[float | int, ...]]:
 
 
 def _open(job: Job) -> Study:
-    from resgrid.chip.studies import study
 
     with stage("build the chip"):
-        chip = study(job.scene, space=job.space)
+        chip = rg.study(job.scene, space=job.space)
     nodes = chip.netlist.node_count
     compute("solve the chip", lambda: chip.op, seconds=0.5 + 3e-8 * nodes**1.5)
     return chip

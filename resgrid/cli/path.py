@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+import resgrid as rg
 from resgrid.cli.options import NUMBERS, POSITIVE, Amount, Source, output_option, verb, with_method, with_source
 from resgrid.cli.paths import answer_queries, plan_routes, route_line
 from resgrid.cli.report import NEGATIVE, finish
@@ -15,7 +16,6 @@ from resgrid.errors import InputError
 
 if TYPE_CHECKING:
     from resgrid.io.paths import Route
-    from resgrid.space import ConfigurationSpace
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Motion:
         if self.clearance and not self.shorten:
             raise InputError("--keep-clearance is for shortcuts: give --shorten too")
 
-    def check_axes(self, space: ConfigurationSpace) -> None:
+    def check_axes(self, space: rg.ConfigurationSpace) -> None:
         """Refuse limits that do not fit the axes."""
         for option, limits in (("--speed", self.speed), ("--acceleration", self.acceleration)):
             if len(limits) not in (0, 1, space.ndim):
@@ -52,14 +52,11 @@ class Motion:
 
     def applied(self, route: Route) -> Route:
         """A route shortened and timed, as far as it is asked for."""
-        from resgrid.planning.shortcut import shorten
-        from resgrid.planning.timing import time_path
-
         if self.shorten and route.reached:
-            short = shorten(route.streamline, clearance=self.clearance)
+            short = rg.shorten(route.streamline, clearance=self.clearance)
             route = dataclasses.replace(route, short=short)
         if self.speed:
-            timed = time_path(
+            timed = rg.time_path(
                 route.short or route.streamline, velocity_limits=_one_or_each(self.speed),
                 acceleration_limits=_one_or_each(self.acceleration) if self.acceleration else None,
             )  # fmt: skip

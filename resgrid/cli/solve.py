@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+import resgrid as rg
 from resgrid.cli.decks import deck_data, is_deck, open_deck, solve_deck
 from resgrid.cli.options import Source, Suggested, output_option, verb, with_method, with_source
 from resgrid.cli.report import finish, stage
 from resgrid.cli.scenes import open_job, ranked_summary, say_unheeded, size_of, solution_summary
-
-if TYPE_CHECKING:
-    from resgrid.circuit.operating_point import OperatingPoint
-    from resgrid.planning.fields import Field
 
 
 @verb(
@@ -41,9 +38,9 @@ def command(source: Source, output: str | None, worst: int, raw: str, method: st
     Of a DECK, the worst drops from the supply are listed, and FILE holds the voltage of every node and the current and
     power of every element, by their names; FILE.raw opens in a waveform viewer.
     """
-    from resgrid.io.solutions import check_solution_file, solution_record, write_solution
+    from resgrid.io.solutions import check_solution_file, solution_record
 
-    answer: OperatingPoint | Field
+    answer: rg.OperatingPoint | rg.Field
     about: dict[str, Any]
     given = is_deck(source)
     if output is not None:
@@ -69,7 +66,7 @@ def command(source: Source, output: str | None, worst: int, raw: str, method: st
             lines = _scene_lines(data, job.space.shape)
     if output is not None:
         with stage("write the solution"):
-            write_solution(answer, output, title=title, form=raw, about=about)
+            rg.write_solution(answer, output, title=title, form=raw, about=about)
         data["file"] = output
     finish(data, lines, written=output, more=True)
     return 0

@@ -40,11 +40,10 @@ from resgrid.plot.chip_maps import (
     draw_yield,
 )  # fmt: skip
 from resgrid.plot.circuits import MOST_CELLS_A_SIDE
-from resgrid.plot.control import draw_run, draw_runs
-from resgrid.plot.diagrams import draw_wavefront
+from resgrid.plot.control import draw_run, draw_runs, draw_wavefront
+from resgrid.plot.fields import draw_field
 from resgrid.plot.figures import render_figure
 from resgrid.plot.graphs import draw_circuit
-from resgrid.plot.pages import draw_field
 from resgrid.plot.panels import draw_space
 from resgrid.plot.paths import draw_clearance_curve, draw_line, draw_path, draw_separation, draw_streamlines
 from resgrid.plot.workspace import draw_scene
