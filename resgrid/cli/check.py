@@ -11,7 +11,7 @@ import click
 import resgrid as rg
 from resgrid.cli.decks import is_deck, open_deck, refuse_scene_options, solve_deck
 from resgrid.cli.options import POSITIVE, Source, Suggested, share, verb, with_source
-from resgrid.cli.report import NEGATIVE, NOT_VERIFIED, detail, finish, say, stage
+from resgrid.cli.report import NEGATIVE, NOT_VERIFIED, counted, detail, finish, say, stage
 from resgrid.cli.scenes import open_job, say_unheeded
 from resgrid.errors import InputError, ResgridError, ToolMissingError
 
@@ -211,12 +211,13 @@ def _comparison(agreement: Agreement, words: str) -> str:
     largest = "" if error is None else f"; the largest error is {error:.1e} of the supply"
     if agreement.agrees:
         return f"{simulator} agrees with {words} on all {agreement.nodes:,} nodes{largest}"
-    return f"{simulator} DISAGREES with {words} ({agreement.nodes:,} nodes compared{largest})"
+    return f"{simulator} DISAGREES with {words} ({counted(agreement.nodes, 'node')} compared{largest})"
 
 
 def _rules_lines(violations: Sequence[Violation], predictions: Sequence[Prediction]) -> Iterable[str]:
-    counts = {severity: sum(v.severity == severity for v in violations) for severity in ("error", "warning", "info")}
-    yield f"electrical rules: {counts['error']} errors, {counts['warning']} warnings, {counts['info']} remarks"
+    nouns = {"error": "error", "warning": "warning", "info": "remark"}
+    counts = (counted(sum(v.severity == severity for v in violations), noun) for severity, noun in nouns.items())
+    yield f"electrical rules: {', '.join(counts)}"
     yield from _violation_lines(violations)
     yield "will your simulator get it right?"
     yield from (f"  {prediction}" for prediction in predictions)

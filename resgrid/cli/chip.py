@@ -91,6 +91,9 @@ def command(
     folder = folder_of(output, source, "_chip")
     if len(sweep) not in (0, 2):
         raise InputError("--sweep explores two values: give it twice, or not at all")
+    for option, given, name in (("--sweep", sweep, "exploration"), ("--at-least", at_least is not None, "yield")):
+        if given and name not in only:
+            raise InputError(f"{option} belongs to the {name}: name {name} in --only, too, or leave {option} out")
     effort = Effort(half_width, most, seconds, tuple(_sweep(text) for text in sweep))
     with rg.open_executor(executor) if executor else nullcontext() as workers, whole_folder(folder) as work:
         job = open_job(source)

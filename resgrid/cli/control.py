@@ -12,7 +12,7 @@ import click
 import resgrid as rg
 from resgrid.cli.options import NUMBERS, WRITTEN, Source, output_option, verb, with_source
 from resgrid.cli.plot import check_picture
-from resgrid.cli.report import NEGATIVE, finish, say, stage
+from resgrid.cli.report import NEGATIVE, counted, finish, say, stage
 from resgrid.cli.scenes import open_job, place_of, require_starts, say_unheeded
 from resgrid.errors import InputError
 from resgrid.scene import Control
@@ -150,9 +150,8 @@ def _draw(file: str, value: rg.Run | Wavefront, **options: Any) -> None:
 def _line(start: Sequence[float], run: rg.Run) -> str:
     """A run in one line, for people."""
     head = f"start {place_of(start)}, k = {run.field.k:g}: {run.ending} after {run.time[-1]:.4g} s"
-    solves = "1 re-solve" if len(run.lessons) == 1 else f"{len(run.lessons)} re-solves"
-    learnt = f", {int(run.learnt.sum())} cells learnt in {solves}" if run.lessons else ""
-    count = len(run.contacts.step)
-    contacts = f", {count} contact{'s' if count > 1 else ''}" if count else ""
+    solves = counted(len(run.lessons), "re-solve")
+    learnt = f", {counted(int(run.learnt.sum()), 'cell')} learnt in {solves}" if run.lessons else ""
+    contacts = f", {counted(len(run.contacts.step), 'contact')}" if len(run.contacts.step) else ""
     why = "" if str(run.ending) == "arrived" else f": {run.message}"
     return f"{head}{contacts}{learnt}{why}"

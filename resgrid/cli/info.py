@@ -11,7 +11,7 @@ import click
 import resgrid as rg
 from resgrid.cli.decks import deck_data, is_deck, open_deck
 from resgrid.cli.options import Source, verb, with_source
-from resgrid.cli.report import finish
+from resgrid.cli.report import counted, finish
 from resgrid.cli.scenes import Job, free_counts, open_job, say_unheeded, several_k, size_of
 from resgrid.errors import CircuitError, InputError, ToolMissingError
 
@@ -217,7 +217,7 @@ def _lines(data: dict[str, Any]) -> Iterable[str]:
     lost = f", of which {data['unreachable_cells']:,} have no way to a goal" if data["goals"] else ""
     yield f"  free          {data['free_cells']:,}{lost}"
     yield f"  obstacle      {data['obstacle_cells']:,}"
-    regions = f" in {data['goals']} region{'s' if data['goals'] > 1 else ''}" if data["goals"] else ""
+    regions = f" in {counted(data['goals'], 'region')}" if data["goals"] else ""
     yield f"  goal          {data['goal_cells']:,}{regions}"
     yield f"  starts        {len(data['starts'])}"
     drive = f", drive {data['drive']}" if data["drive"] else ""

@@ -14,7 +14,7 @@ from resgrid.cli.compile import write_deck
 from resgrid.cli.options import Source, dialect_option, folder_of, output_option, verb, with_source
 from resgrid.cli.paths import Plan, plan_routes, route_line
 from resgrid.cli.plot import draw_all
-from resgrid.cli.report import NEGATIVE, NOT_VERIFIED, finish, stage
+from resgrid.cli.report import NEGATIVE, NOT_VERIFIED, counted, finish, stage
 from resgrid.cli.scenes import Job, open_job, say_unheeded, size_of, solution_summary
 from resgrid.files import SUMMARY, whole_folder
 
@@ -120,8 +120,7 @@ def _summary(
 
 def _lines(job: Job, plan: Plan, folder: Path, files: Mapping[str, str], checks: Checks) -> Iterator[str]:
     space = job.space
-    goals = "1 goal" if space.goal_count == 1 else f"{space.goal_count} goals"
-    yield f"{job.scene.title or job.scene.source}: {size_of(space.shape)} cells, {goals}"
+    yield f"{job.scene.title or job.scene.source}: {size_of(space.shape)} cells, {counted(space.goal_count, 'goal')}"
     yield "paths"
     if not plan.routes:
         yield "  none: the scene has no start; add one with --start X,Y"

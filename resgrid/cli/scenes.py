@@ -98,13 +98,22 @@ def _load_scene(source: Source) -> rg.Scene:
     from resgrid.scene.overrides import apply_overrides
     from resgrid.scene.read import is_link, read_link
 
+    if source.dialect != "auto" or source.root is not None:
+        raise InputError(f"{source.file} is no deck: --read-as and --root say how decks are read; remove them")
     if is_link(source.file):
+        _refuse_map_options(source)
         scene = read_link(source.file)
     elif Path(source.file).suffix.lower() in DECK_SUFFIXES:
         raise InputError(f"{source.file}: this is a deck, and a scene or a map is needed; decks go to 'resgrid check'")
     else:
         scene = _piped_scene(source) if source.file == "-" else rg.read_scene(source.file, **source.map_options)
     return apply_overrides(scene, source.changes) if source.changes else scene
+
+
+def _refuse_map_options(source: Source) -> None:
+    if source.map_options:
+        options = ", ".join(source.map_options)
+        raise InputError(f"{source.file}: this scene reads no map, so {options} would do nothing; leave that out")
 
 
 def _piped_scene(source: Source) -> rg.Scene:
@@ -121,6 +130,7 @@ def _piped_scene(source: Source) -> rg.Scene:
         not data.startswith(tuple(begin for entry in FORMATS.values() for begin in entry.magic))
         and source.map_options.get("format") is None
     ):
+        _refuse_map_options(source)
         return rg.parse_scene(decode(data, Path("standard input")), "standard input")
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "standard_input"
