@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from resgrid.spice.check.agreement import Agreement
     from resgrid.spice.check.predictions import Prediction
-    from resgrid.spice.circuit import Circuit, Severity, Violation
+    from resgrid.spice.circuit import Circuit, Violation
 
 _WORDS = {"sidecar": "the sidecar", "scene": "the scene's solution", "solve": "our solution"}
 _LONG = 10.0
@@ -128,34 +128,30 @@ def _check_deck(source: Source, limits: dict[str, Any]) -> Agreement:
             f"{path}: no simulator reads this; make a deck of it (resgrid convert {path} -o FILE.cir) and check that"
         )
     if sidecar_path(path).exists():
-        _forecast(_readable(source), limits)
+        try:
+            written = open_deck(source)
+        except ResgridError:  # it was changed: the comparison says where
+            written = None
+        if written is not None:
+            _forecast(written, limits)
         with stage("simulate"):
             return rg.check_deck(path, **limits)
     deck = open_deck(source)
     violations = [violation for violation in rg.check_rules(deck) if violation.rule != "reading"]
-    for line in _violation_lines(violations, least="warning"):
-        say(line)
+    for violation in violations:
+        if violation.severity != "info":
+            say(f"  {violation}")
     op = solve_deck(deck)
     _forecast(deck, limits)
     with stage("simulate"):
         return rg.check_deck(deck, reference=op, root=source.root, **limits)
 
 
-def _readable(source: Source) -> Circuit | None:
-    """A deck of our own, unless it was changed so that it cannot be read: the comparison will say where."""
-    try:
-        return open_deck(source)
-    except ResgridError:
-        return None
-
-
-def _forecast(circuit: rg.Netlist | Circuit | None, limits: dict[str, Any]) -> None:
+def _forecast(circuit: rg.Netlist | Circuit, limits: dict[str, Any]) -> None:
     """Say what the simulator will take, and refuse what will not end in time."""
     from resgrid.spice.run.forecast import forecast, require_time
     from resgrid.spice.run.ngspice import ngspice_version
 
-    if circuit is None:
-        return
     version = ngspice_version() if limits["engine"] == "ngspice" else ""
     expected = forecast(circuit, limits["engine"], version)
     require_time(expected, limits["timeout"])
@@ -218,14 +214,6 @@ def _rules_lines(violations: Sequence[Violation], predictions: Sequence[Predicti
     nouns = {"error": "error", "warning": "warning", "info": "remark"}
     counts = (counted(sum(v.severity == severity for v in violations), noun) for severity, noun in nouns.items())
     yield f"electrical rules: {', '.join(counts)}"
-    yield from _violation_lines(violations)
+    yield from (f"  {violation}" for violation in violations)
     yield "will your simulator get it right?"
     yield from (f"  {prediction}" for prediction in predictions)
-
-
-def _violation_lines(violations: Iterable[Violation], least: Severity = "info") -> Iterable[str]:
-    """One line a violation, down to a severity."""
-    from resgrid.spice.circuit import SEVERITIES
-
-    worst = SEVERITIES[: SEVERITIES.index(least) + 1]
-    return (f"  {violation}" for violation in violations if violation.severity in worst)

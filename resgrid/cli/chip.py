@@ -44,7 +44,7 @@ class Names(Suggested):
         """The analyses that a text names."""
         names = {word.strip() for word in value.split(",") if word.strip()}
         if not names or names - set(ANALYSES):
-            self.fail(f"{value}: choose some of {', '.join(ANALYSES)}", param, ctx)
+            self.fail(f"{value!r}: choose some of {', '.join(ANALYSES)}", param, ctx)
         return tuple(name for name in ANALYSES if name in names)
 
 
@@ -129,7 +129,10 @@ def _sweep(text: str) -> tuple[str, tuple[float | int, ...]]:
     key, equals, words = text.partition("=")
     if not equals or not words.strip():
         raise InputError(f"--sweep {text}: expected KEY=VALUE,VALUE,..., such as readout.bits=8,10,12")
-    values = [parse_share(word.strip()) for word in words.split(",")]
+    try:
+        values = [parse_share(word.strip()) for word in words.split(",")]
+    except InputError as error:
+        raise InputError(f"--sweep {text}: {error}") from None
     return key.strip(), tuple(int(value) if key.strip().endswith(("bits", "seed")) else value for value in values)
 
 

@@ -11,7 +11,6 @@ import click
 
 import resgrid as rg
 from resgrid.cli.options import NUMBERS, WRITTEN, Source, output_option, verb, with_source
-from resgrid.cli.plot import check_picture
 from resgrid.cli.report import NEGATIVE, counted, finish, say, stage
 from resgrid.cli.scenes import open_job, place_of, require_starts, say_unheeded
 from resgrid.errors import InputError
@@ -79,9 +78,7 @@ def command(
 
     if output is not None:
         check_run_file(output)
-    _check_films(animate, wavefront)
-    if picture is not None:
-        check_picture(picture)
+    _check_pictures(picture, animate, wavefront)
     changes = {f"control.{key}": value for key, value in keys.items() if value not in (None, ())}
     job = open_job(replace(source, changes={**source.changes, **changes}))
     scene = job.scene
@@ -121,11 +118,14 @@ def command(
     return 0 if all(str(run.ending) == "arrived" for _, run in runs) else NEGATIVE
 
 
-def _check_films(*files: str | None) -> None:
-    """Refuse animations that cannot be made, before anything is computed."""
+def _check_pictures(picture: str | None, *films: str | None) -> None:
+    """Refuse what cannot be drawn, before anything is computed."""
     from resgrid.plot.animations import check_animation
+    from resgrid.plot.figures import picture_format
 
-    for file in files:
+    if picture is not None:
+        picture_format(picture)
+    for file in films:
         if file is not None:
             check_animation(file)
 

@@ -48,8 +48,6 @@ def command(source: Source, output: str, dialect: str | None, bare: bool) -> int
     is_network = output != "-" and suffix in NETWORK_SUFFIXES
     if is_network and (dialect is not None or bare):
         raise InputError(f"-o {output}: this is no deck, so it has no dialect and no sidecar; leave the option out")
-    if output != "-" and Path(output).exists() and Path(source.file).exists() and Path(output).samefile(source.file):
-        raise InputError(f"-o {output}: this is the input; name another file")
     alone = bare or output == "-"
     netlist, title, op, unheeded = _circuit(source, solve=not (alone or is_network))
     data: dict[str, Any] = {"file": output, **element_counts(netlist)}

@@ -213,13 +213,22 @@ def with_source(metavar: str = "SCENE", *, required: bool = True) -> Decorator:
         def bundled(file: str | None, **values: Any) -> Any:
             given: dict[str, dict[str, Any]] = {KEYS: {}, MAP: {}, DECK: {}}
             for option in click.get_current_context().command.params:
+                name = option.name or ""
                 if isinstance(option, Shared) and option.group in given:
-                    given[option.group][option.name or ""] = values.pop(option.name or "")
+                    given[option.group][name] = values.pop(name)
+                elif isinstance(option.type, Written) and file is not None:
+                    _require_another(option.opts[0], values[name], file)
             return function(source=None if file is None else _source(file, *given.values()), **values)
 
         return click.argument("file", metavar=metavar, type=SOURCE, required=required)(_decorated(bundled, options))
 
     return decorate
+
+
+def _require_another(option: str, output: str | None, file: str) -> None:
+    """Refuse to write over what is read."""
+    if output is not None and Path(output).exists() and Path(file).exists() and Path(output).samefile(file):
+        raise InputError(f"{option} {output}: this is the input; name another file")
 
 
 def output_option(help_text: str, *, required: bool = False, of_folder: bool = False) -> Decorator:

@@ -15,7 +15,6 @@ from resgrid.cli.report import finish, stage
 from resgrid.cli.scenes import Job, open_job, say_unheeded
 from resgrid.errors import InputError
 
-SUFFIXES = (".png", ".pdf", ".svg")
 PICTURES = ("page", "space", "potential", "currents", "paths", "circuit", "slices", "robot")
 PAGE_AXES = 3
 """Most axes of a space that is drawn."""
@@ -38,7 +37,10 @@ def command(source: Source, output: str, what: str) -> int:
     for several blends, the first is drawn; choose one with --k. '--what space' draws the cells alone: a map needs no
     goal for that.
     """
-    suffix = check_picture(output)
+    from resgrid.io.tables import emit
+    from resgrid.plot.figures import picture_format, render_figure
+
+    suffix = "png" if output == "-" else picture_format(output)
     job = open_job(source, require_goal=what != "space")
     if what == "currents" and job.space.ndim != 2:
         raise InputError(f"--what {what}: it needs two axes, and this space has {job.space.ndim}; 'page' shows up to 3")
@@ -49,21 +51,10 @@ def command(source: Source, output: str, what: str) -> int:
     if not plan.fields and what != "space":
         raise InputError("no start can be driven, so there is no field to draw: use --drive uniform, or move the start")
     with stage("draw the picture"):
-        from resgrid.io.tables import emit
-        from resgrid.plot.figures import render_figure
-
         picture = _draw(what, job, plan, plan.fields[0] if plan.fields else None)
-        emit(output, render_figure(picture, suffix.lstrip(".")))
+        emit(output, render_figure(picture, suffix))
     finish({"file": output, "what": what, **unheeded}, written=output)
     return 0
-
-
-def check_picture(file: str) -> str:
-    """The format of a picture; refused where there is none."""
-    suffix = ".png" if file == "-" else Path(file).suffix.lower()
-    if suffix not in SUFFIXES:
-        raise InputError(f"{file}: a picture is written as {', '.join(SUFFIXES)}; name the file so")
-    return suffix
 
 
 def draw_all(folder: Path, job: Job, plan: Plan) -> dict[str, str]:

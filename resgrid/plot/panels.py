@@ -74,7 +74,7 @@ class Panel:
         edges = self.space.axes[0].edges
         for where, colour, label in masks:
             for left, right in zip(edges[:-1][where], edges[1:][where], strict=True):
-                self.axes.axvspan(left, right, color=colour, linewidth=0, label=label, zorder=order / 4)
+                self.axes.axvspan(left, right, color=colour, linewidth=0, label=label, zorder=0.5)
 
     def draw_cells(self) -> None:
         """Draw obstacles, goals and unreachable cells, limits and labels."""

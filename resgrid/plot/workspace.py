@@ -24,7 +24,7 @@ from resgrid.planning.streamline import AnyPath, Polyline, Streamline
 from resgrid.planning.workspace import dense
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, caption_height, new_figure
 from resgrid.plot.panels import draw_space
-from resgrid.plot.paths import draw_line, draw_separation, draw_streamlines
+from resgrid.plot.paths import draw_line, draw_path, draw_separation
 from resgrid.plot.plane import kinds_of, paint, plane_of
 from resgrid.plot.style import (
     FAILURE,
@@ -60,9 +60,7 @@ def draw_scene(scene: Scene, ax: Axes | None = None) -> Axes:
     return axes
 
 
-def draw_robot(
-    path: Way, scene: Scene, ax: Axes | None = None, *, ghosts: int = _GHOSTS, colour: str = PATHS[0]
-) -> Axes:
+def draw_robot(path: Way, scene: Scene, ax: Axes | None = None, *, ghosts: int = _GHOSTS) -> Axes:
     """Draw a scene's robot along a path: black at the start, blue at the end, pale between; and its reference point.
 
     Parameters
@@ -75,8 +73,6 @@ def draw_robot(
         Made when None.
     ghosts : int
         How many poses to draw, at least 1; evenly spaced along the way that the robot's points move.
-    colour : str
-        Of the path of the reference point (an arm's tip).
 
     Returns
     -------
@@ -104,7 +100,7 @@ def draw_robot(
     if len(tip) > 1:
         effects = [Stroke(linewidth=2.4, foreground="white"), Normal()]
         label = f"path of the {robot.reference}"
-        axes.plot(tip[:, 0], tip[:, 1], color=colour, linewidth=1.4, zorder=6, path_effects=effects, label=label)
+        axes.plot(tip[:, 0], tip[:, 1], color=PATHS[0], linewidth=1.4, zorder=6, path_effects=effects, label=label)
         mark(tip[:1], axes, "start", "")
         mark(tip[-1:], axes, "goal", "")
     if robot.base is not None:
@@ -156,7 +152,6 @@ def draw_pair(
     path: AnyPath,
     scene: Scene,
     *,
-    others: Sequence[Streamline] = (),
     virtual: NDArray[np.bool_] | None = None,
     verdict: Separation | None = None,
     separating: Sequence[Shape] = (),
@@ -173,8 +168,6 @@ def draw_pair(
         In a space of two axes.  The robot is drawn along it; at its start alone where it goes nowhere.
     scene : Scene
         Of a robot that moves in the plane.
-    others : sequence of Streamline
-        More paths for the configuration space.
     virtual : ndarray of bool, shape of the space, optional
         Obstacle cells that stand for no body, such as strips along singularities; drawn paler.
     verdict : Separation, optional
@@ -209,10 +202,9 @@ def draw_pair(
         draw_separation(verdict, right, virtual=virtual)
     else:
         draw_space(path.space, right, virtual=virtual)
-        lines = [path, *others] if isinstance(path, Streamline) else list(others)
-        if lines:
-            draw_streamlines(lines, right)
-        if not isinstance(path, Streamline):
+        if isinstance(path, Streamline):
+            draw_path(path, right)
+        else:
             draw_line(path, right)
     right.set_title("Configuration space", fontsize=TEXT)
     add_title(figure, title, caption)

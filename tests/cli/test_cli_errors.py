@@ -239,6 +239,16 @@ def test_a_file_that_cannot_be_written_is_refused_before_anything_is_read(call, 
     check_refusal(call(verb, "no.toml", option, " "), 2, [option, "empty"])
 
 
+@pytest.mark.parametrize(("verb", "option", "name"), TARGETS)
+def test_what_is_read_is_not_written_over(call, tmp_path, verb, option, name):
+    """Under its own name, or that of a link."""
+    (tmp_path / name).write_text("the only copy")
+    (tmp_path / f"link{Path(name).suffix}").symlink_to(tmp_path / name)
+    for target in tmp_path.iterdir():
+        check_refusal(call(verb, tmp_path / name, option, target), 2, [option, "the input"])
+    assert (tmp_path / name).read_text() == "the only copy"
+
+
 @pytest.mark.parametrize("options", [("--read-as", "xyce"), ("--root", ".")])
 @pytest.mark.parametrize("verb", ["solve", "check", "info", "convert"])
 def test_options_of_decks_are_refused_for_scenes(call, room, tmp_path, verb, options):
@@ -279,8 +289,7 @@ def test_a_fault_of_our_own_asks_for_a_report(call, room, monkeypatch):
     def broken(*_args, **_more):
         raise ZeroDivisionError("oops")
 
-    monkeypatch.setattr("resgrid.scene.sampling.sample", broken)
-    monkeypatch.setattr("resgrid.scene.sample", broken)
+    monkeypatch.setattr("resgrid.sample", broken)
     plain, debug = call("path", room), call("path", room, "--debug")
     assert plain.exit_code == debug.exit_code == 70
     assert "Traceback" not in plain.stderr and "ZeroDivisionError: oops" in plain.stderr and "--debug" in plain.stderr
