@@ -88,7 +88,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     The temporary file lies in the same folder and has the same suffix (writers that judge by it see what they
     expect).  A symbolic link is followed; a device such as ``/dev/stdout`` is written to once the content is complete.
     """
-    target = _target(Path(path))
+    target = target_of(Path(path))
     is_device = Path(path).exists() and not Path(path).is_file()
     temporary = _create_temporary(Path(tempfile.gettempdir()) if is_device else target.parent, target, Path(path))
     try:
@@ -173,11 +173,14 @@ def temporary_place(folder: Path, stem: str, suffix: str = "") -> Path:
     return folder / f".{stem}-{secrets.token_hex(6)}{suffix}"
 
 
-def _target(path: Path) -> Path:
+def target_of(path: Path) -> Path:
+    """The file itself that a name, perhaps of a link, stands for; refused where there can be none."""
     try:
         target = path.resolve()
         if target.is_dir():
             raise InputError(f"cannot write {path}: it is a directory; name a file")
+        if not target.parent.exists():
+            raise InputError(f"cannot write {path}: there is no folder {target.parent}; make it first")
     except (OSError, RuntimeError, ValueError) as error:  # a loop of links, a NUL in the name
         raise _unwritable(path, error) from error
     return target
@@ -189,9 +192,7 @@ def _create_temporary(folder: Path, target: Path, path: Path) -> Path:
     try:
         os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
     except OSError as error:
-        if not isinstance(error, FileNotFoundError) or folder.is_dir():
-            raise _unwritable(path, error) from error
-        raise InputError(f"cannot write {path}: there is no folder {folder}; make it first") from error
+        raise _unwritable(path, error) from error
     return temporary
 
 

@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import resgrid as rg
 from resgrid.cli.decks import is_deck, open_deck, refuse_scene_options, solve_deck
 from resgrid.cli.options import POSITIVE, Source, Suggested, share, verb, with_source
-from resgrid.cli.report import NEGATIVE, NOT_VERIFIED, detail, finish, say, stage
+from resgrid.cli.report import NEGATIVE, NOT_VERIFIED, counted, detail, finish, say, stage
 from resgrid.cli.scenes import open_job, say_unheeded
 from resgrid.errors import InputError, ResgridError, ToolMissingError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from resgrid.netlist import Netlist
     from resgrid.spice.check.agreement import Agreement
     from resgrid.spice.check.predictions import Prediction
-    from resgrid.spice.circuit import Circuit, Severity, Violation
+    from resgrid.spice.circuit import Circuit, Violation
 
 _WORDS = {"sidecar": "the sidecar", "scene": "the scene's solution", "solve": "our solution"}
 _LONG = 10.0
@@ -83,10 +83,8 @@ def command(source: Source, rules: bool, deck: str | None, tolerance: float, tim
 
 
 def _check_rules(source: Source, given: bool) -> int:
-    from resgrid.spice.check.predictions import predict_simulators
-    from resgrid.spice.check.rules import check_rules
 
-    circuit: Netlist | Circuit
+    circuit: rg.Netlist | Circuit
     unheeded: dict[str, list[str]] = {}
     if given:
         circuit = open_deck(source)
@@ -95,9 +93,9 @@ def _check_rules(source: Source, given: bool) -> int:
         unheeded = say_unheeded(job, "circuit")
         circuit = job.compile(job.problem.only_wiring()[1], scaled=False)
     with stage("check the rules"):
-        violations = check_rules(circuit)
+        violations = rg.check_rules(circuit)
     with stage("ask what simulators would make of it"):
-        predictions = predict_simulators(circuit, violations)
+        predictions = rg.predict_simulators(circuit, violations)
     passes = not any(violation.severity == "error" for violation in violations)
     data = {
         "passes": passes,
@@ -110,20 +108,16 @@ def _check_rules(source: Source, given: bool) -> int:
 
 def _check_scene(source: Source, deck: str | None, limits: dict[str, Any]) -> tuple[Agreement, dict[str, list[str]]]:
     """A scene is held against its own deck, or against one that is given."""
-    from resgrid.spice.check.deck import check_deck
-
     job = open_job(source)
     unheeded = say_unheeded(job, "circuit")
     op = job.solve(job.problem.only_wiring()[1])
     _forecast(op.netlist, limits)
     with stage("simulate"):
-        return check_deck(deck or op, reference=op if deck else None, **limits), unheeded
+        return rg.check_deck(deck or op, reference=op if deck else None, **limits), unheeded
 
 
 def _check_deck(source: Source, limits: dict[str, Any]) -> Agreement:
     """A deck with a sidecar is held against that, any other against its own solution."""
-    from resgrid.spice.check.deck import check_deck
-    from resgrid.spice.check.rules import check_rules
     from resgrid.spice.read.deck import is_network
     from resgrid.spice.write.sidecar import sidecar_path
 
@@ -134,43 +128,38 @@ def _check_deck(source: Source, limits: dict[str, Any]) -> Agreement:
             f"{path}: no simulator reads this; make a deck of it (resgrid convert {path} -o FILE.cir) and check that"
         )
     if sidecar_path(path).exists():
-        _forecast(_readable(source), limits)
+        try:
+            written = open_deck(source)
+        except ResgridError:  # it was changed: the comparison says where
+            written = None
+        if written is not None:
+            _forecast(written, limits)
         with stage("simulate"):
-            return check_deck(path, **limits)
+            return rg.check_deck(path, **limits)
     deck = open_deck(source)
-    violations = [violation for violation in check_rules(deck) if violation.rule != "reading"]
-    for line in _violation_lines(violations, least="warning"):
-        say(line)
+    violations = [violation for violation in rg.check_rules(deck) if violation.rule != "reading"]
+    for violation in violations:
+        if violation.severity != "info":
+            say(f"  {violation}")
     op = solve_deck(deck)
     _forecast(deck, limits)
     with stage("simulate"):
-        return check_deck(deck, reference=op, root=source.root, **limits)
+        return rg.check_deck(deck, reference=op, root=source.root, **limits)
 
 
-def _readable(source: Source) -> Circuit | None:
-    """A deck of our own, unless it was changed so that it cannot be read: the comparison will say where."""
-    try:
-        return open_deck(source)
-    except ResgridError:
-        return None
-
-
-def _forecast(circuit: Netlist | Circuit | None, limits: dict[str, Any]) -> None:
+def _forecast(circuit: rg.Netlist | Circuit, limits: dict[str, Any]) -> None:
     """Say what the simulator will take, and refuse what will not end in time."""
     from resgrid.spice.run.forecast import forecast, require_time
     from resgrid.spice.run.ngspice import ngspice_version
 
-    if circuit is None:
-        return
     version = ngspice_version() if limits["engine"] == "ngspice" else ""
     expected = forecast(circuit, limits["engine"], version)
     require_time(expected, limits["timeout"])
     (say if expected.seconds > _LONG else detail)(str(expected))
 
 
-def check_written(deck: Path, netlist: Netlist, asked: bool | None, folder: Path) -> Agreement | str:
+def check_written(deck: Path, netlist: rg.Netlist, asked: bool | None, folder: Path) -> Agreement | str:
     """The simulator's verdict on a deck that was just written, or why there is none."""
-    from resgrid.spice.check.deck import check_deck
     from resgrid.spice.run.forecast import forecast
     from resgrid.spice.run.ngspice import ngspice_version
 
@@ -182,7 +171,7 @@ def check_written(deck: Path, netlist: Netlist, asked: bool | None, folder: Path
             timeout = f" --timeout {3 * expected.seconds:.0f}" if 3 * expected.seconds > TIMEOUT else ""
             return f"not simulated, for {expected}; 'resgrid check {folder / deck.name}{timeout}' does it"
         with stage(f"simulate {deck.name}", seconds=expected.seconds):
-            return check_deck(deck, timeout=max(TIMEOUT, 10 * expected.seconds))
+            return rg.check_deck(deck, timeout=max(TIMEOUT, 10 * expected.seconds))
     except ToolMissingError as error:
         if asked:
             raise
@@ -218,20 +207,13 @@ def _comparison(agreement: Agreement, words: str) -> str:
     largest = "" if error is None else f"; the largest error is {error:.1e} of the supply"
     if agreement.agrees:
         return f"{simulator} agrees with {words} on all {agreement.nodes:,} nodes{largest}"
-    return f"{simulator} DISAGREES with {words} ({agreement.nodes:,} nodes compared{largest})"
+    return f"{simulator} DISAGREES with {words} ({counted(agreement.nodes, 'node')} compared{largest})"
 
 
 def _rules_lines(violations: Sequence[Violation], predictions: Sequence[Prediction]) -> Iterable[str]:
-    counts = {severity: sum(v.severity == severity for v in violations) for severity in ("error", "warning", "info")}
-    yield f"electrical rules: {counts['error']} errors, {counts['warning']} warnings, {counts['info']} remarks"
-    yield from _violation_lines(violations)
+    nouns = {"error": "error", "warning": "warning", "info": "remark"}
+    counts = (counted(sum(v.severity == severity for v in violations), noun) for severity, noun in nouns.items())
+    yield f"electrical rules: {', '.join(counts)}"
+    yield from (f"  {violation}" for violation in violations)
     yield "will your simulator get it right?"
     yield from (f"  {prediction}" for prediction in predictions)
-
-
-def _violation_lines(violations: Iterable[Violation], least: Severity = "info") -> Iterable[str]:
-    """One line a violation, down to a severity."""
-    from resgrid.spice.circuit import SEVERITIES
-
-    worst = SEVERITIES[: SEVERITIES.index(least) + 1]
-    return (f"  {violation}" for violation in violations if violation.severity in worst)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import resgrid as rg
 from resgrid.chip import ANALYSES
 from resgrid.cli.check import check_written
 from resgrid.cli.options import (
@@ -43,7 +44,7 @@ class Names(Suggested):
         """The analyses that a text names."""
         names = {word.strip() for word in value.split(",") if word.strip()}
         if not names or names - set(ANALYSES):
-            self.fail(f"{value}: choose some of {', '.join(ANALYSES)}", param, ctx)
+            self.fail(f"{value!r}: choose some of {', '.join(ANALYSES)}", param, ctx)
         return tuple(name for name in ANALYSES if name in names)
 
 
@@ -55,7 +56,7 @@ class Names(Suggested):
     ),
 )
 @with_source()
-@output_option("Folder for the report.  [default: out/SCENE_chip]", metavar="DIR")
+@output_option("Folder for the report.  [default: out/SCENE_chip]", of_folder=True)
 @click.option("--only", metavar="NAMES", type=Names(), default=",".join(ANALYSES), help="Some analyses, with commas.")
 @click.option("--half-width", metavar="W", type=share(0.5), default=0.01, help="Stop when the yield is known so well.")
 @click.option("--most", metavar="N", type=click.IntRange(1), default=2000, help="Chips after which trials stop.")
@@ -86,13 +87,15 @@ def command(
     from resgrid.chip.decks import described_files
     from resgrid.chip.report import Effort, checkpoints_beside, report_markdown
     from resgrid.io.tables import html_page, json_text
-    from resgrid.workers import open_executor
 
     folder = folder_of(output, source, "_chip")
     if len(sweep) not in (0, 2):
         raise InputError("--sweep explores two values: give it twice, or not at all")
+    for option, given, name in (("--sweep", sweep, "exploration"), ("--at-least", at_least is not None, "yield")):
+        if given and name not in only:
+            raise InputError(f"{option} belongs to the {name}: name {name} in --only, too, or leave {option} out")
     effort = Effort(half_width, most, seconds, tuple(_sweep(text) for text in sweep))
-    with open_executor(executor) if executor else nullcontext() as workers, whole_folder(folder) as work:
+    with rg.open_executor(executor) if executor else nullcontext() as workers, whole_folder(folder) as work:
         job = open_job(source)
         study = _open(job)
         effort = replace(effort, executor=workers, checkpoints=checkpoints_beside(folder, study, effort.sweep))
@@ -126,15 +129,17 @@ def _sweep(text: str) -> tuple[str, tuple[float | int, ...]]:
     key, equals, words = text.partition("=")
     if not equals or not words.strip():
         raise InputError(f"--sweep {text}: expected KEY=VALUE,VALUE,..., such as readout.bits=8,10,12")
-    values = [parse_share(word.strip()) for word in words.split(",")]
+    try:
+        values = [parse_share(word.strip()) for word in words.split(",")]
+    except InputError as error:
+        raise InputError(f"--sweep {text}: {error}") from None
     return key.strip(), tuple(int(value) if key.strip().endswith(("bits", "seed")) else value for value in values)
 
 
 def _open(job: Job) -> Study:
-    from resgrid.chip.studies import study
 
     with stage("build the chip"):
-        chip = study(job.scene, space=job.space)
+        chip = rg.study(job.scene, space=job.space)
     nodes = chip.netlist.node_count
     compute("solve the chip", lambda: chip.op, seconds=0.5 + 3e-8 * nodes**1.5)
     return chip

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import resgrid as rg
 from resgrid.cli.options import Source, dialect_option, output_option, verb, with_source
 from resgrid.cli.report import finish, say, stage, verbosity
 from resgrid.cli.scenes import Job, element_counts, open_job, say_unheeded
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
-    from resgrid.circuit.operating_point import OperatingPoint
-    from resgrid.scene import Chip
     from resgrid.spice.write.files import Form, WrittenDeck
 
 
@@ -79,7 +78,7 @@ def command(source: Source, output: str | None, dialect: str, form: Form) -> int
     return 0
 
 
-def _require_tiles(chip: Chip) -> None:
+def _require_tiles(chip: rg.Chip) -> None:
     """Refuse a chip that an array of tiles cannot be."""
     from resgrid.chip.build import READING, keys_not_held
 
@@ -103,14 +102,12 @@ def _assume_switches(job: Job, boundary: str) -> tuple[Job, dict[str, float]]:
 
 
 def write_deck(
-    target: str | Path, job: Job, name: str, op: OperatingPoint, dialect: str, form: Form = "flat"
+    target: str | Path, job: Job, name: str, op: rg.OperatingPoint, dialect: str, form: Form = "flat"
 ) -> WrittenDeck:
     """Write a chip's deck with its sidecar, commands and companion."""
-    from resgrid.spice.write.files import write_spice
-
     source = Path(job.scene.source or "-")
     with stage("write the deck", seconds=5e-6 * len(op.netlist.conductance)):
-        return write_spice(
+        return rg.write_spice(
             op,
             target,
             dialect,

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin, get_type_h
 
 import click
 
-from resgrid.cli.options import NUMBERS, Source, output_option, verb, with_source
-from resgrid.cli.plot import check_picture
-from resgrid.cli.report import NEGATIVE, finish, say, stage
+import resgrid as rg
+from resgrid.cli.options import NUMBERS, WRITTEN, Source, output_option, verb, with_source
+from resgrid.cli.report import NEGATIVE, counted, finish, say, stage
 from resgrid.cli.scenes import open_job, place_of, require_starts, say_unheeded
 from resgrid.errors import InputError
 from resgrid.scene import Control
@@ -19,7 +19,6 @@ from resgrid.scene.table import described_keys
 
 if TYPE_CHECKING:
     from resgrid.control.announced import Wavefront
-    from resgrid.control.log import Run
     from resgrid.control.simulation import Simulation
 
 FRAMES = 120
@@ -62,9 +61,9 @@ def _option(key: str, hint: Any, default: Any, meaning: str) -> Callable[..., An
 )
 @with_source()
 @output_option("Write a log of every step to FILE.csv, .json or .npz; - prints CSV.")
-@click.option("--picture", metavar="FILE", type=click.Path(), help="Draw the first run: .png, .pdf or .svg.")
-@click.option("--animate", metavar="FILE", type=click.Path(), help="Write an animation: .gif, or .mp4 with ffmpeg.")
-@click.option("--wavefront", metavar="FILE", type=click.Path(), help="With --announce: animate the potential's change.")
+@click.option("--picture", metavar="FILE", type=WRITTEN, help="Draw the first run: .png, .pdf or .svg.")
+@click.option("--animate", metavar="FILE", type=WRITTEN, help="Write an animation: .gif, or .mp4 with ffmpeg.")
+@click.option("--wavefront", metavar="FILE", type=WRITTEN, help="With --announce: animate the potential's change.")
 @_control_options
 def command(
     source: Source, output: str | None, picture: str | None, animate: str | None, wavefront: str | None, **keys: Any
@@ -75,14 +74,11 @@ def command(
     same seed gives the same run. Options stand in for keys of the scene's [control] table. Of a scene that asks for
     several blends, the first is used; choose others with --k. Exits with 1 if some run does not arrive.
     """
-    from resgrid.control.simulation import simulation
-    from resgrid.io.runs import check_run_file, run_record, write_run
+    from resgrid.io.runs import check_run_file, run_record
 
     if output is not None:
         check_run_file(output)
-    _check_films(animate, wavefront)
-    if picture is not None:
-        check_picture(picture)
+    _check_pictures(picture, animate, wavefront)
     changes = {f"control.{key}": value for key, value in keys.items() if value not in (None, ())}
     job = open_job(replace(source, changes={**source.changes, **changes}))
     scene = job.scene
@@ -96,21 +92,19 @@ def command(
     unheeded = say_unheeded(job, "grid", k=tuple(k for k in scene.k if k not in shares))
     if (picture or animate or wavefront) and len(shares) * len(scene.starts) > 1:
         say("of several runs, the first is drawn; choose one with --start X,Y and --k K")
-    runs: list[tuple[Simulation, Run]] = []
+    runs: list[tuple[Simulation, rg.Run]] = []
     starts = [start for _ in shares for start in scene.starts]
     for k in shares:
         with stage("solve the field", seconds=1.0):
-            sim = simulation(scene, k=k)
+            sim = rg.simulation(scene, k=k)
         with stage("move the robot", steps=len(scene.starts)) as progress:
             for start in scene.starts:
                 runs.append((sim, sim.run(start)))
                 progress.advance()
     if output is not None:
-        write_run([run for _, run in runs], output)
+        rg.write_run([run for _, run in runs], output)
     if picture is not None:
-        from resgrid.plot import draw, save_figure
-
-        say(f"wrote {save_figure(draw(runs[0][1]), picture)}")
+        say(f"wrote {rg.save_figure(rg.draw(runs[0][1]), picture)}")
     if animate is not None:
         _draw(animate, runs[0][1], count=FRAMES)
     if wavefront is not None:
@@ -124,41 +118,40 @@ def command(
     return 0 if all(str(run.ending) == "arrived" for _, run in runs) else NEGATIVE
 
 
-def _check_films(*files: str | None) -> None:
-    """Refuse animations that cannot be made, before anything is computed."""
+def _check_pictures(picture: str | None, *films: str | None) -> None:
+    """Refuse what cannot be drawn, before anything is computed."""
     from resgrid.plot.animations import check_animation
+    from resgrid.plot.figures import picture_format
 
-    for file in files:
+    if picture is not None:
+        picture_format(picture)
+    for file in films:
         if file is not None:
             check_animation(file)
 
 
-def _front(sim: Simulation, run: Run) -> Wavefront:
+def _front(sim: Simulation, run: rg.Run) -> Wavefront:
     """The change of the potential for as long as the robot was on its way."""
     import numpy as np
 
-    from resgrid.control.announced import wavefront
-
     crossed = float(run.time[-1]) * sim.controller.speed / float(sim.space.spacing.min())
     with stage("follow the wavefront", seconds=10.0):
-        return wavefront(sim, np.linspace(0.0, crossed, FRAMES))
+        return rg.wavefront(sim, np.linspace(0.0, crossed, FRAMES))
 
 
-def _draw(file: str, value: Run | Wavefront, **options: Any) -> None:
-    from resgrid.plot import animate
+def _draw(file: str, value: rg.Run | Wavefront, **options: Any) -> None:
 
     say(f"drawing {FRAMES} frames for {file}")
     with stage(f"draw {Path(file).name}", steps=FRAMES) as progress:
-        animate(value, file, progress=lambda _: progress.advance(), **options)
+        rg.animate(value, file, progress=lambda _: progress.advance(), **options)
     say(f"wrote {file}")
 
 
-def _line(start: Sequence[float], run: Run) -> str:
+def _line(start: Sequence[float], run: rg.Run) -> str:
     """A run in one line, for people."""
     head = f"start {place_of(start)}, k = {run.field.k:g}: {run.ending} after {run.time[-1]:.4g} s"
-    solves = "1 re-solve" if len(run.lessons) == 1 else f"{len(run.lessons)} re-solves"
-    learnt = f", {int(run.learnt.sum())} cells learnt in {solves}" if run.lessons else ""
-    count = len(run.contacts.step)
-    contacts = f", {count} contact{'s' if count > 1 else ''}" if count else ""
+    solves = counted(len(run.lessons), "re-solve")
+    learnt = f", {counted(int(run.learnt.sum()), 'cell')} learnt in {solves}" if run.lessons else ""
+    contacts = f", {counted(len(run.contacts.step), 'contact')}" if len(run.contacts.step) else ""
     why = "" if str(run.ending) == "arrived" else f": {run.message}"
     return f"{head}{contacts}{learnt}{why}"

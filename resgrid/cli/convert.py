@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import resgrid as rg
 from resgrid.cli.decks import is_deck, open_deck, solve_deck
 from resgrid.cli.options import Source, dialect_option, output_option, verb, with_source
 from resgrid.cli.report import finish, say, stage
@@ -16,9 +17,6 @@ from resgrid.spice.dialects import DECK_SUFFIXES, OWN_SUFFIXES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-
-    from resgrid.circuit.operating_point import OperatingPoint
-    from resgrid.netlist import Netlist
 
 
 @verb(
@@ -41,7 +39,7 @@ def command(source: Source, output: str, dialect: str | None, bare: bool) -> int
     read, too, and so are Circuitscape configurations (.ini). In JSON, "nodes" and kinds of elements count what was
     read, and "left_out" how many of each kind FILE does not hold.
     """
-    from resgrid.io.networks import NETWORK_SUFFIXES, left_out, write_network
+    from resgrid.io.networks import NETWORK_SUFFIXES, left_out
 
     suffix = Path(output).suffix.lower()
     known = (*DECK_SUFFIXES, *NETWORK_SUFFIXES)
@@ -50,8 +48,6 @@ def command(source: Source, output: str, dialect: str | None, bare: bool) -> int
     is_network = output != "-" and suffix in NETWORK_SUFFIXES
     if is_network and (dialect is not None or bare):
         raise InputError(f"-o {output}: this is no deck, so it has no dialect and no sidecar; leave the option out")
-    if output != "-" and Path(output).exists() and Path(source.file).exists() and Path(output).samefile(source.file):
-        raise InputError(f"-o {output}: this is the input; name another file")
     alone = bare or output == "-"
     netlist, title, op, unheeded = _circuit(source, solve=not (alone or is_network))
     data: dict[str, Any] = {"file": output, **element_counts(netlist)}
@@ -59,7 +55,7 @@ def command(source: Source, output: str, dialect: str | None, bare: bool) -> int
     if is_network:
         missing = left_out(netlist, output)
         with stage("write it", seconds=5e-6 * data["resistors"]):
-            write_network(netlist, output)
+            rg.write_network(netlist, output)
     else:
         data["dialect"] = dialect or OWN_SUFFIXES.get(suffix, "ngspice")
         with stage("write it", seconds=5e-6 * data["resistors"]):
@@ -74,7 +70,9 @@ def command(source: Source, output: str, dialect: str | None, bare: bool) -> int
     return 0
 
 
-def _circuit(source: Source, *, solve: bool) -> tuple[Netlist, str | None, OperatingPoint | None, dict[str, list[str]]]:
+def _circuit(
+    source: Source, *, solve: bool
+) -> tuple[rg.Netlist, str | None, rg.OperatingPoint | None, dict[str, list[str]]]:
     """The netlist, its title, where it is asked for its solution, and what was not heeded of a scene."""
     if not is_deck(source):
         job = open_job(source)
@@ -89,7 +87,7 @@ def _circuit(source: Source, *, solve: bool) -> tuple[Netlist, str | None, Opera
 
 
 def _write_deck(
-    netlist: Netlist, title: str | None, op: OperatingPoint | None, output: str, dialect: str
+    netlist: rg.Netlist, title: str | None, op: rg.OperatingPoint | None, output: str, dialect: str
 ) -> tuple[dict[str, Any], Mapping[str, int]]:
     """Write a deck with its sidecar, or without a solution the deck alone; what it does not hold of the circuit."""
     if op is None:
@@ -100,8 +98,7 @@ def _write_deck(
         deck = flatten(netlist, dialect=dialect, title=title)
         click.echo(deck.text, nl=False) if output == "-" else write_text(output, deck.text)
         return {}, left_out_of(deck)
-    from resgrid.spice.write.files import write_spice
 
-    written = write_spice(op, output, dialect, title=title)
+    written = rg.write_spice(op, output, dialect, title=title)
     beside = {"sidecar": written.sidecar, "commands": written.commands, "sha256": written.sha256}
     return beside, written.left_out

@@ -8,12 +8,12 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import resgrid as rg
 from resgrid.cli.report import compute, detail, say, stage
 from resgrid.errors import CircuitError, InputError
 from resgrid.spice.dialects import DECK_SUFFIXES
 
 if TYPE_CHECKING:
-    from resgrid.circuit.operating_point import OperatingPoint
     from resgrid.cli.options import Source
     from resgrid.spice.circuit import Circuit
 
@@ -46,14 +46,12 @@ def refuse_scene_options(source: Source) -> None:
 
 def open_deck(source: Source) -> Circuit:
     """Read a deck, or a network as if it were one."""
-    from resgrid.spice.read.deck import read_spice
-
     refuse_scene_options(source)
     path = Path(source.file)
     size = path.stat().st_size if path.is_file() else 0
     with stage("read the deck", seconds=0.5 + _READ_SECONDS * size):
         circuit = sys.stdin.buffer if source.file == "-" else path
-        deck = read_spice(circuit, dialect=source.dialect, root=source.root)
+        deck = rg.read_spice(circuit, dialect=source.dialect, root=source.root)
     _say_notes(deck)
     return deck
 
@@ -70,19 +68,16 @@ def _say_notes(deck: Circuit) -> None:
             detail(str(note))
 
 
-def solve_deck(deck: Circuit, method: str = "auto") -> OperatingPoint:
+def solve_deck(deck: Circuit, method: str = "auto") -> rg.OperatingPoint:
     """Solve a deck; as `resgrid.solve`, but where there is no answer the message names the lines at fault."""
-    from resgrid.circuit.solve import solve
-    from resgrid.spice.check.rules import check_rules
-
     try:
         with stage("assemble it"):
             netlist = deck.netlist()
         seconds = 0.5 + _SOLVE_SECONDS * len(netlist.conductance)
-        op: OperatingPoint = compute("solve the deck", partial(solve, method=method), netlist, seconds=seconds)
+        op: rg.OperatingPoint = compute("solve the deck", partial(rg.solve, method=method), netlist, seconds=seconds)
         return op
     except CircuitError as error:
-        errors = [finding for finding in check_rules(deck) if finding.severity == "error"]
+        errors = [finding for finding in rg.check_rules(deck) if finding.severity == "error"]
         lines = (f"{finding.place}: {finding.message}; {finding.remedy}" for finding in errors[:_NOTES])
         raise CircuitError("\n".join(lines) or str(error)) from error
 

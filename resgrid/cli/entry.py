@@ -154,7 +154,10 @@ def _complain(failure: Failure, *, as_json: bool) -> None:
     if as_json:
         from resgrid.io.tables import json_text
 
-        click.echo(json_text({"error": failure.message, "kind": failure.kind, "exit_code": failure.code}))
+        try:
+            click.echo(json_text({"error": failure.message, "kind": failure.kind, "exit_code": failure.code}))
+        except OSError:  # standard output may be what fails
+            _drop_stdout()
 
 
 def _show_warning(message: Warning | str, *_where: object, **_more: object) -> None:

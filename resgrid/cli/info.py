@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import resgrid as rg
 from resgrid.cli.decks import deck_data, is_deck, open_deck
 from resgrid.cli.options import Source, verb, with_source
-from resgrid.cli.report import finish
+from resgrid.cli.report import counted, finish
 from resgrid.cli.scenes import Job, free_counts, open_job, say_unheeded, several_k, size_of
 from resgrid.errors import CircuitError, InputError, ToolMissingError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from resgrid.space import ConfigurationSpace
     from resgrid.spice.circuit import Circuit
 
 PACKAGES = ("numpy", "scipy", "numba", "networkx", "shapely", "matplotlib", "pydantic", "click", "rich")
@@ -44,9 +44,7 @@ def command(source: Source | None, schema: bool, versions: bool) -> int:
     if (source is not None) + schema + versions != 1:
         raise InputError("give a SCENE, or --schema, or --versions (one of them)")
     if schema:
-        from resgrid.scene.schema import scene_schema
-
-        click.echo(json.dumps(scene_schema(), indent=2))
+        click.echo(json.dumps(rg.scene_schema(), indent=2))
     elif versions:
         data = installed_versions()
         finish({"versions": data}, (f"{name:12} {version or 'not installed'}" for name, version in data.items()))
@@ -63,7 +61,6 @@ def command(source: Source | None, schema: bool, versions: bool) -> int:
 def describe(job: Job) -> dict[str, Any]:
     """What there is in a scene, as ``--json`` gives it."""
     from resgrid.scene.maps.formats import describe_map
-    from resgrid.space import Cell
 
     scene, space = job.scene, job.space
     starts = [scene.frame.from_world(start).tolist() for start in scene.starts]
@@ -80,8 +77,8 @@ def describe(job: Job) -> dict[str, Any]:
         "sketch": _sketch(space, starts) if space.ndim == 2 else None,
         "cells": space.cell.size,
         **free_counts(space),
-        "obstacle_cells": int((space.cell == Cell.OBSTACLE).sum()),
-        "goal_cells": int((space.cell == Cell.GOAL).sum()),
+        "obstacle_cells": int((space.cell == rg.Cell.OBSTACLE).sum()),
+        "goal_cells": int((space.cell == rg.Cell.GOAL).sum()),
         "goals": space.goal_count,
         "starts": [list(start) for start in scene.starts],
         "boundary": scene.boundary,
@@ -92,19 +89,17 @@ def describe(job: Job) -> dict[str, Any]:
     }
 
 
-def _sketch(space: ConfigurationSpace, starts: Sequence[Sequence[float]]) -> list[str]:
+def _sketch(space: rg.ConfigurationSpace, starts: Sequence[Sequence[float]]) -> list[str]:
     """Rows of letters, the top one first: the first axis to the right, the second one upwards."""
     import numpy as np
     from PIL import Image
-
-    from resgrid.space import Cell
 
     x, y = space.axes
     # A letter is twice as high as it is wide, and axes of unlike units share the space evenly.
     shape = (y.upper - y.lower) / (x.upper - x.lower) if x.unit == y.unit else 0.75
     columns = max(min(_WIDTH, 2 * x.cells, ceil(2 * _HEIGHT / shape)), 1)
     rows = min(max(round(columns * shape / 2), 1), _HEIGHT, y.cells)
-    pictures = (Image.fromarray((space.cell == code).astype(np.float32)) for code in (Cell.OBSTACLE, Cell.GOAL))
+    pictures = (Image.fromarray((space.cell == code).astype(np.float32)) for code in (rg.Cell.OBSTACLE, rg.Cell.GOAL))
     blocked, goal = (np.asarray(each.resize((rows, columns), Image.Resampling.BOX)) for each in pictures)
     letters = np.where(blocked > 1 - 1e-5, "#", np.where(blocked == 0.0, ".", "+"))
     letters[goal > 0] = "G"
@@ -222,7 +217,7 @@ def _lines(data: dict[str, Any]) -> Iterable[str]:
     lost = f", of which {data['unreachable_cells']:,} have no way to a goal" if data["goals"] else ""
     yield f"  free          {data['free_cells']:,}{lost}"
     yield f"  obstacle      {data['obstacle_cells']:,}"
-    regions = f" in {data['goals']} region{'s' if data['goals'] > 1 else ''}" if data["goals"] else ""
+    regions = f" in {counted(data['goals'], 'region')}" if data["goals"] else ""
     yield f"  goal          {data['goal_cells']:,}{regions}"
     yield f"  starts        {len(data['starts'])}"
     drive = f", drive {data['drive']}" if data["drive"] else ""

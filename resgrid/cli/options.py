@@ -15,6 +15,7 @@ from click.shell_completion import CompletionItem
 
 from resgrid.cli.report import Verbosity, require_one_output
 from resgrid.errors import InputError
+from resgrid.files import target_of
 from resgrid.spice.dialects import DIALECTS
 
 if TYPE_CHECKING:
@@ -107,7 +108,21 @@ class Verb(click.Command):
                 formatter.write(f"  {example}\n")
 
 
+class Written(click.Path):
+    """What results go to; a file that cannot be written is refused before anything is computed."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:  # noqa: ARG002
+        """The name as it stands."""
+        if not value.strip():
+            option = param.opts[0] if param else "the output"
+            raise InputError(f"{option}: the name is empty; name a file, or - for standard output")
+        if value != "-" and not self.dir_okay:
+            target_of(Path(value))
+        return str(value)
+
+
 SOURCE = click.Path(path_type=str, allow_dash=True)
+WRITTEN, FOLDER = Written(dir_okay=False), Written()
 NUMBERS = Numbers()
 POSITIVE = Amount(0, min_open=True)
 OUTPUT, KEYS, MAP, DECK = "Output", "In place of the scene's keys", "Of a map", "Of a deck"
@@ -198,8 +213,11 @@ def with_source(metavar: str = "SCENE", *, required: bool = True) -> Decorator:
         def bundled(file: str | None, **values: Any) -> Any:
             given: dict[str, dict[str, Any]] = {KEYS: {}, MAP: {}, DECK: {}}
             for option in click.get_current_context().command.params:
+                name = option.name or ""
                 if isinstance(option, Shared) and option.group in given:
-                    given[option.group][option.name or ""] = values.pop(option.name or "")
+                    given[option.group][name] = values.pop(name)
+                elif isinstance(option.type, Written) and file is not None:
+                    _require_another(option.opts[0], values[name], file)
             return function(source=None if file is None else _source(file, *given.values()), **values)
 
         return click.argument("file", metavar=metavar, type=SOURCE, required=required)(_decorated(bundled, options))
@@ -207,17 +225,16 @@ def with_source(metavar: str = "SCENE", *, required: bool = True) -> Decorator:
     return decorate
 
 
-def output_option(help_text: str, *, required: bool = False, metavar: str = "FILE") -> Decorator:
+def _require_another(option: str, output: str | None, file: str) -> None:
+    """Refuse to write over what is read."""
+    if output is not None and Path(output).exists() and Path(file).exists() and Path(output).samefile(file):
+        raise InputError(f"{option} {output}: this is the input; name another file")
+
+
+def output_option(help_text: str, *, required: bool = False, of_folder: bool = False) -> Decorator:
     """The option ``-o``."""
-    return _output(
-        "-o", "--output", metavar=metavar, type=SOURCE, required=required, help=help_text, callback=_not_empty
-    )
-
-
-def _not_empty(_context: click.Context, _option: click.Parameter, value: str | None) -> str | None:
-    if value is not None and not value.strip():
-        raise InputError("-o: the name is empty; name a file, or - for standard output")
-    return value
+    metavar, kind = ("DIR", FOLDER) if of_folder else ("FILE", WRITTEN)
+    return _output("-o", "--output", metavar=metavar, type=kind, required=required, help=help_text)
 
 
 def with_method(function: Callable[..., Any]) -> Callable[..., Any]:

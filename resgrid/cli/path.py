@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import click
 
+import resgrid as rg
 from resgrid.cli.options import NUMBERS, POSITIVE, Amount, Source, output_option, verb, with_method, with_source
 from resgrid.cli.paths import answer_queries, plan_routes, route_line
 from resgrid.cli.report import NEGATIVE, finish
@@ -15,56 +16,6 @@ from resgrid.errors import InputError
 
 if TYPE_CHECKING:
     from resgrid.io.paths import Route
-    from resgrid.space import ConfigurationSpace
-
-
-@dataclasses.dataclass(frozen=True)
-class Motion:
-    """What the command line asks of every route: to be shortened, timed, sampled.
-
-    `clearance`: that shortcuts keep; `speed, acceleration`: limits, one for the robot or one for each coordinate; empty
-    for none; `rate`: samples a second.
-    """
-
-    shorten: bool
-    clearance: float
-    speed: tuple[float, ...]
-    acceleration: tuple[float, ...]
-    rate: float | None
-
-    def __post_init__(self) -> None:
-        if self.acceleration and not self.speed:
-            raise InputError("--acceleration times a path only together with --speed")
-        if self.rate is not None and not self.speed:
-            raise InputError("--rate samples a timed path: give --speed too")
-        if self.clearance and not self.shorten:
-            raise InputError("--keep-clearance is for shortcuts: give --shorten too")
-
-    def check_axes(self, space: ConfigurationSpace) -> None:
-        """Refuse limits that do not fit the axes."""
-        for option, limits in (("--speed", self.speed), ("--acceleration", self.acceleration)):
-            if len(limits) not in (0, 1, space.ndim):
-                names = ", ".join(axis.name for axis in space.axes)
-                raise InputError(f"{option}: {len(limits)} numbers for {names}; give one, or one for each with commas")
-            if not all(limit > 0 for limit in limits):
-                text = ",".join(f"{limit:g}" for limit in limits)
-                raise InputError(f"{option} {text}: a limit is positive and finite")
-
-    def applied(self, route: Route) -> Route:
-        """A route shortened and timed, as far as it is asked for."""
-        from resgrid.planning.shortcut import shorten
-        from resgrid.planning.timing import time_path
-
-        if self.shorten and route.reached:
-            short = shorten(route.streamline, clearance=self.clearance)
-            route = dataclasses.replace(route, short=short)
-        if self.speed:
-            timed = time_path(
-                route.short or route.streamline, velocity_limits=_one_or_each(self.speed),
-                acceleration_limits=_one_or_each(self.acceleration) if self.acceleration else None,
-            )  # fmt: skip
-            route = dataclasses.replace(route, motion=timed if self.rate is None else timed.resampled(self.rate))
-        return route
 
 
 @verb(
@@ -103,7 +54,14 @@ def command(
     """
     from resgrid.io.paths import check_routes_file, route_record, write_routes
 
-    motion = Motion(shorten, keep_clearance, speed, acceleration, rate)
+    if acceleration and not speed:
+        raise InputError("--acceleration times a path only together with --speed")
+    if rate is not None and not speed:
+        raise InputError("--rate samples a timed path: give --speed too")
+    if keep_clearance and not shorten:
+        raise InputError("--keep-clearance is for shortcuts: give --shorten too")
+    if limit is not None and queries is None:
+        raise InputError("--limit counts queries: give --queries too")
     if output is not None and queries is None:
         check_routes_file(output)
     job = open_job(source, require_goal=queries is None, method=method, ranks=ranks)
@@ -113,11 +71,16 @@ def command(
             raise InputError("--queries answers with lengths alone: leave out --shorten and --speed")
         return answer_queries(job, queries, limit, output, unheeded)
     require_starts(job.scene)
-    motion.check_axes(job.space)
+    _check_limits("--speed", speed, job.space)
+    _check_limits("--acceleration", acceleration, job.space)
     if output is not None:
         check_routes_file(output, job.space, timed=bool(speed))
     plan = plan_routes(job)
-    routes = [motion.applied(route) for route in plan.routes]
+    routes = plan.routes
+    if shorten:
+        routes = [_shortened(route, keep_clearance) for route in routes]
+    if speed:
+        routes = [_timed(route, speed, acceleration, rate) for route in routes]
     if output is not None:
         write_routes(routes, output)
     data = {"scene": job.scene.title, "paths": [route_record(route) for route in routes], **unheeded}
@@ -125,5 +88,22 @@ def command(
     return 0 if plan.complete else NEGATIVE
 
 
-def _one_or_each(limits: tuple[float, ...]) -> float | tuple[float, ...]:
-    return limits[0] if len(limits) == 1 else limits
+def _check_limits(option: str, limits: tuple[float, ...], space: rg.ConfigurationSpace) -> None:
+    """Refuse limits that are not one for the robot, or one for each coordinate."""
+    if len(limits) not in (0, 1, space.ndim):
+        names = ", ".join(axis.name for axis in space.axes)
+        raise InputError(f"{option}: {len(limits)} numbers for {names}; give one, or one for each with commas")
+    if not all(limit > 0 for limit in limits):
+        text = ",".join(f"{limit:g}" for limit in limits)
+        raise InputError(f"{option} {text}: a limit is positive and finite")
+
+
+def _shortened(route: Route, clearance: float) -> Route:
+    return replace(route, short=rg.shorten(route.streamline, clearance=clearance)) if route.reached else route
+
+
+def _timed(route: Route, speed: tuple[float, ...], acceleration: tuple[float, ...], rate: float | None) -> Route:
+    """A route with its times, at `rate` samples a second if that is given."""
+    velocity, change = (limits[0] if len(limits) == 1 else limits or None for limits in (speed, acceleration))
+    motion = rg.time_path(route.short or route.streamline, velocity_limits=velocity, acceleration_limits=change)
+    return replace(route, motion=motion if rate is None else motion.resampled(rate))

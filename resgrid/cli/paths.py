@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
+import resgrid as rg
 from resgrid.cli.report import NEGATIVE, finish, quietly, say, stage
 from resgrid.cli.scenes import Job, place_of, size_of
 from resgrid.errors import InputError
@@ -13,9 +14,7 @@ from resgrid.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from resgrid.circuit.operating_point import OperatingPoint
     from resgrid.io.paths import Route
-    from resgrid.planning.fields import Field
     from resgrid.scene import Query
 
 
@@ -23,8 +22,8 @@ if TYPE_CHECKING:
 class Plan:
     """The solved circuits of a scene by name, the fields that flow, and the routes."""
 
-    operating_points: Mapping[str, OperatingPoint]
-    fields: list[Field]
+    operating_points: Mapping[str, rg.OperatingPoint]
+    fields: list[rg.Field]
     routes: list[Route]
 
     @property
@@ -36,8 +35,6 @@ class Plan:
 def plan_routes(job: Job) -> Plan:
     """Follow the current from every start, in every field that the scene asks for; each route is certified."""
     from resgrid.io.paths import Route
-    from resgrid.planning.certify import certify
-    from resgrid.planning.trace import streamline
 
     solution = job.solution()
     for name in solution.flat:
@@ -45,8 +42,8 @@ def plan_routes(job: Job) -> Plan:
     routes = []
     with stage("follow the current", steps=len(solution.tasks)) as progress:
         for field, number in solution.tasks:
-            path = streamline(field, job.scene.starts[number])
-            certify(path)
+            path = rg.streamline(field, job.scene.starts[number])
+            rg.certify(path)
             routes.append(Route(path, job.scene.starts[number]))
             progress.advance()
     return Plan(solution.operating_points, [field for field in solution.fields if field.is_flowing], routes)
@@ -70,11 +67,10 @@ def route_line(route: Route) -> str:
 def answer_queries(job: Job, file: str, limit: int | None, output: str | None, unheeded: dict[str, list[str]]) -> int:
     """Answer the queries of a MovingAI scenario file on one map."""
     from resgrid.io.tables import suffix_of, write
-    from resgrid.scene import read_queries
 
     if output is not None:
         suffix_of(output, ("record",), "answers to queries")
-    queries = list(islice(read_queries(file), limit))
+    queries = list(islice(rg.read_queries(file), limit))
     answers = []
     with stage(f"answer {len(queries)} queries", steps=len(queries)) as progress:
         for query in queries:
@@ -91,23 +87,19 @@ def answer_queries(job: Job, file: str, limit: int | None, output: str | None, u
 
 def _answers(job: Job, query: Query, file: str) -> list[dict[str, Any]]:
     """What becomes of a query, for each k: its goal makes circuits of its own."""
-    from resgrid.planning.certify import certify
-    from resgrid.planning.trace import streamline
-    from resgrid.space import Cell
-
     if job.space.shape != (query.width, query.height):
         own = size_of(job.space.shape)
         raise InputError(f"{file}: these queries are for a map of {query.width} x {query.height} cells, this has {own}")
     common = {"start": query.start, "goal_cell": query.goal, "optimal_length": query.optimal_length}
-    if job.space.cell[query.goal] == Cell.OBSTACLE:
+    if job.space.cell[query.goal] == rg.Cell.OBSTACLE:
         return [{"outcome": "goal_blocked", "k": None, "length": None, **common}]
     cell = job.space.cell.copy()
-    cell[cell == Cell.GOAL] = Cell.FREE
-    cell[query.goal] = Cell.GOAL
+    cell[cell == rg.Cell.GOAL] = rg.Cell.FREE
+    cell[query.goal] = rg.Cell.GOAL
     answers = []
     for field in Job(job.scene, job.space.with_cells(cell)).solution().fields:
-        path = streamline(field, cell=query.start)
-        certify(path)
+        path = rg.streamline(field, cell=query.start)
+        rg.certify(path)
         figures = {"outcome": str(path.outcome), "k": field.k, "length": path.length, "clearance": path.clearance}
         answers.append({**figures, **common})
     return answers

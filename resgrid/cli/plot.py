@@ -4,20 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+import resgrid as rg
 from resgrid.cli.options import Source, output_option, verb, with_source
 from resgrid.cli.paths import Plan, plan_routes
 from resgrid.cli.report import finish, stage
 from resgrid.cli.scenes import Job, open_job, say_unheeded
 from resgrid.errors import InputError
 
-if TYPE_CHECKING:
-    from resgrid.planning.fields import Field
-
-SUFFIXES = (".png", ".pdf", ".svg")
 PICTURES = ("page", "space", "potential", "currents", "paths", "circuit", "slices", "robot")
 PAGE_AXES = 3
 """Most axes of a space that is drawn."""
@@ -40,7 +37,10 @@ def command(source: Source, output: str, what: str) -> int:
     for several blends, the first is drawn; choose one with --k. '--what space' draws the cells alone: a map needs no
     goal for that.
     """
-    suffix = check_picture(output)
+    from resgrid.io.tables import emit
+    from resgrid.plot.figures import picture_format, render_figure
+
+    suffix = "png" if output == "-" else picture_format(output)
     job = open_job(source, require_goal=what != "space")
     if what == "currents" and job.space.ndim != 2:
         raise InputError(f"--what {what}: it needs two axes, and this space has {job.space.ndim}; 'page' shows up to 3")
@@ -51,35 +51,22 @@ def command(source: Source, output: str, what: str) -> int:
     if not plan.fields and what != "space":
         raise InputError("no start can be driven, so there is no field to draw: use --drive uniform, or move the start")
     with stage("draw the picture"):
-        from resgrid.io.tables import emit
-        from resgrid.plot.figures import render_figure
-
         picture = _draw(what, job, plan, plan.fields[0] if plan.fields else None)
-        emit(output, render_figure(picture, suffix.lstrip(".")))
+        emit(output, render_figure(picture, suffix))
     finish({"file": output, "what": what, **unheeded}, written=output)
     return 0
 
 
-def check_picture(file: str) -> str:
-    """The format of a picture; refused where there is none."""
-    suffix = ".png" if file == "-" else Path(file).suffix.lower()
-    if suffix not in SUFFIXES:
-        raise InputError(f"{file}: a picture is written as {', '.join(SUFFIXES)}; name the file so")
-    return suffix
-
-
 def draw_all(folder: Path, job: Job, plan: Plan) -> dict[str, str]:
     """Draw every picture that a scene of this kind has; what each shows, by its file."""
-    from resgrid.plot import save_figure
-
     files = {}
     for name, caption, what, field in _album(job, plan):
-        save_figure(_draw(what, job, plan, field), folder / f"{name}.png")
+        rg.save_figure(_draw(what, job, plan, field), folder / f"{name}.png")
         files[f"{name}.png"] = caption
     return files
 
 
-def _album(job: Job, plan: Plan) -> Iterator[tuple[str, str, str, Field | None]]:
+def _album(job: Job, plan: Plan) -> Iterator[tuple[str, str, str, rg.Field | None]]:
     """Pictures of a plan: file name, caption, which picture it is, and of which field."""
     several = len(plan.fields) > 1
     for number, field in enumerate(plan.fields if job.space.ndim <= PAGE_AXES else ()):
@@ -94,42 +81,26 @@ def _album(job: Job, plan: Plan) -> Iterator[tuple[str, str, str, Field | None]]
         yield "circuit", "the chip as a circuit, with its voltages", "circuit", None
 
 
-def _draw(what: str, job: Job, plan: Plan, field: Field | None) -> Any:
+def _draw(what: str, job: Job, plan: Plan, field: rg.Field | None) -> Any:
     """One of `PICTURES`, as an ax or a figure."""
-    from resgrid import plot
-
     lines = [route.streamline for route in plan.routes]
-    picture: Any
     match what:
-        case "space":
-            picture = plot.draw(job.space)
-        case "potential" | "currents":
-            picture = plot.draw(field, quantity=what)
-        case "paths":
-            ks = [line.field.k for line in lines]
-            several = job.space.ndim > 2 and lines  # which are drawn in slices
-            picture = plot.draw(lines, k=ks) if several else plot.draw(job.space)
-            if lines and not several:
-                plot.draw(lines, picture, k=ks)
-        case "circuit":
-            picture = plot.draw(next(iter(plan.operating_points.values())))
         case "robot":
-            picture = _draw_robot(job, plan)
-        case "slices":
-            assert field is not None
-            picture = plot.draw_slices(field, paths=[line for line in lines if line.field.is_flowing])
-        case _:
-            assert field is not None
-            lines = [
-                route.streamline
-                for route in plan.routes
-                if not route.streamline.field.is_flowing or route.streamline.field is field
-            ]
-            picture = plot.draw_page(field, lines, title=_title(job, plan, field))
-    return picture
+            return _draw_robot(job, plan)
+        case "circuit":
+            return rg.draw(next(iter(plan.operating_points.values())))
+        case "potential" | "currents":
+            return rg.draw(field, quantity=what)
+        case "paths" if lines:
+            return rg.draw(lines, k=[line.field.k for line in lines])
+        case "space" | "paths":
+            return rg.draw(job.space)
+    assert field is not None
+    own = [line for line in lines if not line.field.is_flowing or line.field is field]
+    return rg.draw_page(field, own, title=_title(job, plan, field))
 
 
-def _title(job: Job, plan: Plan, field: Field) -> str:
+def _title(job: Job, plan: Plan, field: rg.Field) -> str:
     pure = {0.0: " (Neumann)", 1.0: " (wall)" if job.scene.boundary == "wall" else " (Dirichlet)"}.get(field.k, "")
     mark = f"k = {field.k:g}{pure}" if len(plan.fields) > 1 and job.scene.drive != "start" else ""
     return ", ".join(part for part in (job.scene.title, mark) if part)
@@ -137,8 +108,6 @@ def _title(job: Job, plan: Plan, field: Field) -> str:
 
 def _draw_robot(job: Job, plan: Plan) -> Any:
     """The robot in its workspace along its first path, beside its configuration space where that is a plane."""
-    from resgrid import plot
-
     if job.scene.robot.moves_in_workspace:
         raise InputError(
             "--what robot: this robot is a point or a disc, whose picture is 'paths'; it draws arms and polygons"
@@ -146,8 +115,10 @@ def _draw_robot(job: Job, plan: Plan) -> Any:
     path = next((route.streamline for route in plan.routes if route.reached), None)
     if path is None:
         raise InputError("--what robot: no path reaches a goal, so there is nothing to drive along")
+    from resgrid.plot import add_title, figure_of
+
     if job.space.ndim == 2:
-        return plot.draw_pair(path, job.scene, title=job.scene.title)
-    figure = plot.figure_of(plot.draw_robot(path, job.scene))
-    plot.add_title(figure, job.scene.title)
+        return rg.draw_pair(path, job.scene, title=job.scene.title)
+    figure = figure_of(rg.draw_robot(path, job.scene))
+    add_title(figure, job.scene.title)
     return figure

@@ -75,6 +75,11 @@ def say(message: str) -> None:
         click.echo(message, err=True)
 
 
+def counted(count: int, noun: str) -> str:
+    """How many there are of something, for people."""
+    return f"{count:,} {noun}" if count == 1 else f"{count:,} {noun}s"
+
+
 def detail(message: str) -> None:
     """A message for people who want to know more."""
     if verbosity().verbose:

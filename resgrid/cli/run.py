@@ -8,20 +8,20 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import resgrid as rg
 from resgrid.cli.check import agreement_data, agreement_lines, check_written
 from resgrid.cli.compile import write_deck
 from resgrid.cli.options import Source, dialect_option, folder_of, output_option, verb, with_source
 from resgrid.cli.paths import Plan, plan_routes, route_line
 from resgrid.cli.plot import draw_all
-from resgrid.cli.report import NEGATIVE, NOT_VERIFIED, finish, stage
+from resgrid.cli.report import NEGATIVE, NOT_VERIFIED, counted, finish, stage
 from resgrid.cli.scenes import Job, open_job, say_unheeded, size_of, solution_summary
 from resgrid.files import SUMMARY, whole_folder
 
 if TYPE_CHECKING:
-    from resgrid.circuit.operating_point import OperatingPoint
     from resgrid.spice.check.agreement import Agreement
 
-    Circuits = Mapping[str, OperatingPoint]
+    Circuits = Mapping[str, rg.OperatingPoint]
     Checks = Mapping[str, Agreement | str]
 
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     ),
 )
 @with_source()
-@output_option("Folder for the results.  [default: out/SCENE]", metavar="DIR")
+@output_option("Folder for the results.  [default: out/SCENE]", of_folder=True)
 @click.option("--check/--no-check", "asked", default=None, help="Simulate the decks, however long it takes; or do not.")
 @dialect_option()
 def command(source: Source, output: str | None, asked: bool | None, dialect: str) -> int:
@@ -62,17 +62,16 @@ def command(source: Source, output: str | None, asked: bool | None, dialect: str
     return NOT_VERIFIED if asked and None in verdicts else 0
 
 
-def _described(job: Job, op: OperatingPoint) -> OperatingPoint:
+def _described(job: Job, op: rg.OperatingPoint) -> rg.OperatingPoint:
     """The circuit that the scene describes, of which decks are written, in place of its ideal grid."""
     return op if job.is_ideal else job.solve(op.netlist.cells.wiring)
 
 
 def _write_all(
-    work: Path, job: Job, plan: Plan, circuits: Mapping[str, OperatingPoint], dialect: str
+    work: Path, job: Job, plan: Plan, circuits: Mapping[str, rg.OperatingPoint], dialect: str
 ) -> dict[str, str]:
     """Write everything but the summary; what each file is, by its name."""
     from resgrid.io.paths import write_routes
-    from resgrid.io.solutions import write_solution
 
     files: dict[str, str] = {}
     with stage("draw the pictures"):
@@ -88,7 +87,7 @@ def _write_all(
         files[deck.commands.name] = "commands for the simulator"
         if deck.companion is not None:
             files[deck.companion.name] = "makes ngspice print PASS or FAIL"
-        write_solution(plan.operating_points[name], work / f"{name}.npz")
+        rg.write_solution(plan.operating_points[name], work / f"{name}.npz")
         whose = "its" if job.is_ideal else "its ideal grid's"
         files[f"{name}.npz"] = f"{whose} potential, log_drop and cells as arrays"
     files[SUMMARY] = "this summary as JSON"
@@ -98,7 +97,7 @@ def _write_all(
 def _summary(
     job: Job,
     plan: Plan,
-    circuits: Mapping[str, OperatingPoint],
+    circuits: Mapping[str, rg.OperatingPoint],
     files: Mapping[str, str],
     checks: Mapping[str, Agreement | str],
 ) -> dict[str, Any]:
@@ -121,8 +120,7 @@ def _summary(
 
 def _lines(job: Job, plan: Plan, folder: Path, files: Mapping[str, str], checks: Checks) -> Iterator[str]:
     space = job.space
-    goals = "1 goal" if space.goal_count == 1 else f"{space.goal_count} goals"
-    yield f"{job.scene.title or job.scene.source}: {size_of(space.shape)} cells, {goals}"
+    yield f"{job.scene.title or job.scene.source}: {size_of(space.shape)} cells, {counted(space.goal_count, 'goal')}"
     yield "paths"
     if not plan.routes:
         yield "  none: the scene has no start; add one with --start X,Y"

@@ -12,7 +12,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-import resgrid
+import resgrid as rg
 from resgrid.cli.options import Source
 from resgrid.cli.report import compute, say, stage
 from resgrid.errors import InputError
@@ -20,21 +20,16 @@ from resgrid.spice.dialects import DECK_SUFFIXES
 
 if TYPE_CHECKING:
     from resgrid.chip.build import Form
-    from resgrid.circuit.operating_point import OperatingPoint
-    from resgrid.netlist import Netlist
     from resgrid.planning.ranked import Ranked
     from resgrid.planning.road import Problem, Solution, Work
-    from resgrid.scene import Scene
-    from resgrid.space import ConfigurationSpace
-    from resgrid.wiring import Wiring
 
 
 @dataclass(frozen=True, eq=False)
 class Job:
     """A scene, the space that was cut from it, and how it is solved: on how many threads, by which method and ranks."""
 
-    scene: Scene
-    space: ConfigurationSpace
+    scene: rg.Scene
+    space: rg.ConfigurationSpace
     threads: int = 1
     method: str = "auto"
     ranks: int | None = None
@@ -59,21 +54,20 @@ class Job:
 
         return solve_problem(self.problem, scaled=True, work=self._work)
 
-    def solve(self, wiring: Wiring, *, ideal: bool = False) -> OperatingPoint:
+    def solve(self, wiring: rg.Wiring, *, ideal: bool = False) -> rg.OperatingPoint:
         """One circuit of the scene, as its chip is or as an ideal grid."""
         return self._work.solve(self.compile(wiring, ideal=ideal), f"solve the {wiring.boundary} chip")
 
-    def compile(self, wiring: Wiring, *, ideal: bool = False, scaled: bool = True) -> Netlist:
+    def compile(self, wiring: rg.Wiring, *, ideal: bool = False, scaled: bool = True) -> rg.Netlist:
         """The same circuit unsolved; not scaled, the drive of an ideal one is left as it was compiled."""
-        from resgrid.chip.build import build_chip
         from resgrid.planning.road import compile_circuit
 
         if ideal or self.is_ideal:
             return compile_circuit(self.space, wiring, scaled=scaled, work=self._work)
-        passes = partial(build_chip, chip=self.scene.chip)
+        passes = partial(rg.build_chip, chip=self.scene.chip)
         return compile_circuit(self.space, replace(wiring, rails="cells"), passes=passes, work=self._work)
 
-    def solve_ranked(self, wiring: Wiring) -> Ranked:
+    def solve_ranked(self, wiring: rg.Wiring) -> Ranked:
         """One circuit of the scene by method "petsc"; its chip must be ideal."""
         if not self.is_ideal:
             raise InputError("method 'petsc' solves the ideal grid, and [chip] describes another: remove its keys")
@@ -88,8 +82,6 @@ class Job:
 
 def open_job(source: Source, *, require_goal: bool = True, method: str | None = None, ranks: int | None = None) -> Job:
     """Read a scene with its changes, and cut it into cells, if what its method takes fits in memory."""
-    from resgrid.scene import sample
-
     with stage("read the scene"):
         scene = _load_scene(source)
     if method not in (None, "petsc"):
@@ -98,30 +90,37 @@ def open_job(source: Source, *, require_goal: bool = True, method: str | None = 
         require_room(tuple(axis.cells for axis in scene.axes))
     cells = math.prod(axis.cells for axis in scene.axes)
     with stage("cut it into cells", seconds=3e-7 * cells) as progress:
-        space = sample(scene, require_goal=require_goal, progress=progress.count)
+        space = rg.sample(scene, require_goal=require_goal, progress=progress.count)
     return Job(scene, space, source.threads, method or "auto", ranks)
 
 
-def _load_scene(source: Source) -> Scene:
-    from resgrid.scene import read_scene
+def _load_scene(source: Source) -> rg.Scene:
     from resgrid.scene.overrides import apply_overrides
     from resgrid.scene.read import is_link, read_link
 
+    if source.dialect != "auto" or source.root is not None:
+        raise InputError(f"{source.file} is no deck: --read-as and --root say how decks are read; remove them")
     if is_link(source.file):
+        _refuse_map_options(source)
         scene = read_link(source.file)
     elif Path(source.file).suffix.lower() in DECK_SUFFIXES:
         raise InputError(f"{source.file}: this is a deck, and a scene or a map is needed; decks go to 'resgrid check'")
     else:
-        scene = _piped_scene(source) if source.file == "-" else read_scene(source.file, **source.map_options)
+        scene = _piped_scene(source) if source.file == "-" else rg.read_scene(source.file, **source.map_options)
     return apply_overrides(scene, source.changes) if source.changes else scene
 
 
-def _piped_scene(source: Source) -> Scene:
+def _refuse_map_options(source: Source) -> None:
+    if source.map_options:
+        options = ", ".join(source.map_options)
+        raise InputError(f"{source.file}: this scene reads no map, so {options} would do nothing; leave that out")
+
+
+def _piped_scene(source: Source) -> rg.Scene:
     """A scene from standard input: TOML, or a map known by its first bytes."""
     import tempfile
 
     from resgrid.files import decode
-    from resgrid.scene import parse_scene, read_scene
     from resgrid.scene.maps.formats import FORMATS
 
     data = sys.stdin.buffer.read()
@@ -131,11 +130,12 @@ def _piped_scene(source: Source) -> Scene:
         not data.startswith(tuple(begin for entry in FORMATS.values() for begin in entry.magic))
         and source.map_options.get("format") is None
     ):
-        return parse_scene(decode(data, Path("standard input")), "standard input")
+        _refuse_map_options(source)
+        return rg.parse_scene(decode(data, Path("standard input")), "standard input")
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "standard_input"
         file.write_bytes(data)
-        return read_scene(file, **source.map_options)
+        return rg.read_scene(file, **source.map_options)
 
 
 FIRST_RUN = (
@@ -150,7 +150,7 @@ def is_first_run() -> bool:
     kept = os.environ.get("NUMBA_CACHE_DIR")
     if kept:
         return not any(Path(kept).glob(f"*/{_KEPT_LOOP}"))
-    return not any((Path(resgrid.__file__).parent / "solvers" / "__pycache__").glob(_KEPT_LOOP))
+    return not any((Path(rg.__file__).parent / "solvers" / "__pycache__").glob(_KEPT_LOOP))
 
 
 def _load_numba() -> None:
@@ -175,7 +175,7 @@ def _observe(name: str, function: Callable[..., Any], *arguments: Any, iterates:
     return compute(name, function, *arguments, iterates=iterates, **options)
 
 
-def require_starts(scene: Scene) -> None:
+def require_starts(scene: rg.Scene) -> None:
     """Refuse a scene without a start."""
     if not scene.starts:
         where = scene.source or "scene"
@@ -192,7 +192,7 @@ def place_of(point: Sequence[float]) -> str:
     return "(" + ", ".join(f"{value:.6g}" for value in point) + ")"
 
 
-def element_counts(netlist: Netlist) -> dict[str, int]:
+def element_counts(netlist: rg.Netlist) -> dict[str, int]:
     """How many nodes and elements a circuit has, as ``--json`` gives it."""
     return {
         "nodes": netlist.node_count,
@@ -204,15 +204,13 @@ def element_counts(netlist: Netlist) -> dict[str, int]:
     }
 
 
-def free_counts(space: ConfigurationSpace) -> dict[str, int]:
+def free_counts(space: rg.ConfigurationSpace) -> dict[str, int]:
     """How many cells are free, and how many of these lead to no goal, as ``--json`` gives it."""
-    from resgrid.space import Cell
-
-    free = space.cell == Cell.FREE
+    free = space.cell == rg.Cell.FREE
     return {"free_cells": int(free.sum()), "unreachable_cells": int((free & ~space.goal_connected).sum())}
 
 
-def solution_summary(name: str, op: OperatingPoint, space: ConfigurationSpace) -> dict[str, Any]:
+def solution_summary(name: str, op: rg.OperatingPoint, space: rg.ConfigurationSpace) -> dict[str, Any]:
     """The figures of a solved chip, as ``--json`` gives them."""
     return {
         "chip": name,
@@ -282,6 +280,6 @@ def say_unheeded(job: Job, form: Form | Literal["chip"], *, k: Sequence[float] =
     return {"not_heeded": [*keys, *(["k"] if k else []), *(["drive"] if drive else [])]}
 
 
-def several_k(scene: Scene) -> tuple[float, ...]:
+def several_k(scene: rg.Scene) -> tuple[float, ...]:
     """The blends of a scene that asks for several."""
     return scene.k if len(scene.k) > 1 else ()

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+import resgrid as rg
 from resgrid.cli.decks import deck_data, is_deck, open_deck, solve_deck
 from resgrid.cli.options import Source, Suggested, output_option, verb, with_method, with_source
 from resgrid.cli.report import finish, stage
 from resgrid.cli.scenes import open_job, ranked_summary, say_unheeded, size_of, solution_summary
-
-if TYPE_CHECKING:
-    from resgrid.circuit.operating_point import OperatingPoint
-    from resgrid.planning.fields import Field
+from resgrid.errors import InputError
 
 
 @verb(
@@ -24,13 +22,14 @@ if TYPE_CHECKING:
 )
 @with_source("SCENE|DECK")
 @output_option("Write the solution: a scene's to FILE.npz, a deck's to FILE.csv, .json, .npz or .raw.")
-@click.option("--worst", metavar="N", type=click.IntRange(0), default=10, help="Deck: worst drops to list.")
+@click.option("--worst", metavar="N", type=click.IntRange(0), help="Deck: worst drops to list.  [default: 10]")
 @click.option(
-    "--raw", type=Suggested("form", "binary", "ascii"), default="binary",
-    help="Deck: a .raw file is binary or ascii.",
+    "--raw", type=Suggested("form", "binary", "ascii"), help="Deck: a .raw file is binary or ascii.  [default: binary]",
 )  # fmt: skip
 @with_method
-def command(source: Source, output: str | None, worst: int, raw: str, method: str, ranks: int | None) -> int:
+def command(
+    source: Source, output: str | None, worst: int | None, raw: str | None, method: str, ranks: int | None
+) -> int:
     """Solve the resistor grid of SCENE, or a resistive DECK, and print what its meters read.
 
     Of a SCENE, FILE.npz holds potential (1 on obstacles, 0 on goals; NaN where there is no node), log_drop (the
@@ -41,18 +40,20 @@ def command(source: Source, output: str | None, worst: int, raw: str, method: st
     Of a DECK, the worst drops from the supply are listed, and FILE holds the voltage of every node and the current and
     power of every element, by their names; FILE.raw opens in a waveform viewer.
     """
-    from resgrid.io.solutions import check_solution_file, solution_record, write_solution
+    from resgrid.io.solutions import check_solution_file, solution_record
 
-    answer: OperatingPoint | Field
+    answer: rg.OperatingPoint | rg.Field
     about: dict[str, Any]
     given = is_deck(source)
+    if not given and (worst is not None or raw is not None):
+        raise InputError(f"{source.file} is no deck: --worst and --raw are for decks; leave them out")
     if output is not None:
         check_solution_file(output, of_space=not given)
     if given:
         deck = open_deck(source)
         answer = op = solve_deck(deck, method)
         about, title = deck_data(deck), deck.title or deck.path
-        data = {**about, **solution_record(op, worst)}
+        data = {**about, **solution_record(op, 10 if worst is None else worst)}
         lines = _deck_lines(data)
     else:
         job = open_job(source, method=method, ranks=ranks)
@@ -69,7 +70,7 @@ def command(source: Source, output: str | None, worst: int, raw: str, method: st
             lines = _scene_lines(data, job.space.shape)
     if output is not None:
         with stage("write the solution"):
-            write_solution(answer, output, title=title, form=raw, about=about)
+            rg.write_solution(answer, output, title=title, form=raw or "binary", about=about)
         data["file"] = output
     finish(data, lines, written=output, more=True)
     return 0

@@ -1,9 +1,9 @@
 """Pictures: `draw` takes a value and an axes, draws, and returns the axes; only `save_figure` and `animate` write."""
 
 from resgrid.plot.animations import animate
-from resgrid.plot.diagrams import draw_dirichlet_share, draw_velocities
+from resgrid.plot.control import draw_dirichlet_share, draw_velocities
+from resgrid.plot.fields import draw_page
 from resgrid.plot.figures import add_title, figure_of, new_figure, render_figure, save_figure
-from resgrid.plot.pages import draw_page, draw_slices
 from resgrid.plot.pictures import draw
 from resgrid.plot.workspace import draw_pair, draw_robot, draw_tips
 
@@ -15,7 +15,6 @@ __all__ = [
     "draw_page",
     "draw_pair",
     "draw_robot",
-    "draw_slices",
     "draw_tips",
     "draw_velocities",
     "figure_of",

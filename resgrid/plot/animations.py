@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Callable, Iterator
 from itertools import chain
 from pathlib import Path
@@ -25,17 +26,19 @@ from resgrid.files import atomic_path
 from resgrid.plot.control import (
     FORCE,
     MODES,
+    add_change_bar,
+    draw_change,
     draw_configurations,
+    draw_forces,
     draw_lessons,
-    force_scale,
+    draw_moment,
     panel_aspect,
     scene_of,
-)  # fmt: skip
-from resgrid.plot.diagrams import add_change_bar, draw_change, draw_moment
+)
 from resgrid.plot.figures import new_figure, panel_height
 from resgrid.plot.plane import plane_of, seam_shifts, wrapped
 from resgrid.plot.style import TEXT, mark, refresh_legend
-from resgrid.plot.workspace import draw_robot, fill, skeleton
+from resgrid.plot.workspace import draw_pose, draw_robot
 
 ROBOT = "#0072B2"
 SUFFIXES = (".gif", ".mp4")
@@ -169,14 +172,13 @@ def _palette(frames: Iterator[NDArray[np.uint32]]) -> tuple[NDArray[np.uint8], N
     """
     from scipy.spatial import KDTree
 
-    counts = dict[int, int]()
+    counts = Counter[int]()
     last: NDArray[np.uint32] | None = None
     for frame in frames:
         values, number = np.unique(frame if last is None else frame[frame != last], return_counts=True)
-        for colour, more in zip(values.tolist(), number.tolist(), strict=True):
-            counts[colour] = counts.get(colour, 0) + more
+        counts.update(dict(zip(values.tolist(), number.tolist(), strict=True)))
         last = frame
-    seen = np.array(sorted(counts, key=lambda colour: -counts[colour]), dtype=np.uint32)
+    seen = np.array([colour for colour, _ in counts.most_common()], dtype=np.uint32)
     points = np.stack([seen >> 16, seen >> 8 & 255, seen & 255], axis=1).astype(np.float64)
     chosen = list(range(min(len(seen), _COLOURS // 2)))
     distance = np.asarray(KDTree(points[chosen]).query(points)[0])
@@ -227,25 +229,13 @@ def _workspace(run: Run, axes: Axes) -> Callable[[int], list[Artist]]:
     axes.plot([], [], color=ROBOT, linewidth=0, marker="o", label="robot")
     if len(contacts.step):
         axes.plot([], [], color=FORCE, linewidth=2, label="contact force")
-    scale = force_scale(contacts, axes) if len(contacts.step) else 0.0
     refresh_legend(axes)
 
     def at(row: int) -> list[Artist]:
-        pose = run.configuration[row]
         moving: list[Artist] = [*axes.plot(*tips[: row + 1].T, color=ROBOT, linewidth=1.0, alpha=0.7, zorder=4)]
-        bodies = [shape for shape in robot.shapes_at(pose) if shape.area]
-        for shape in bodies:
-            moving += fill(shape, axes, color=ROBOT, alpha=0.6, zorder=7.5)
-        joints = skeleton(robot, pose)
-        if len(joints):
-            moving += axes.plot(*joints.T, color=ROBOT, linewidth=3, marker="o", zorder=8)
-        elif not bodies:
-            moving += axes.plot(*tips[row], color=ROBOT, marker="o", markersize=7, zorder=8)
-        for number in np.flatnonzero(contacts.step == row).tolist():
-            tail, force = contacts.point[number], contacts.force[number] * scale
-            moving += axes.plot(*np.stack([tail, tail + force]).T, color=FORCE, linewidth=2, zorder=9)
-            moving += axes.plot(*tail, "o", color=FORCE, markersize=4, zorder=9)
-        return moving
+        body = draw_pose(robot, run.configuration[row], axes, ROBOT)
+        touches = draw_forces(contacts, np.flatnonzero(contacts.step == row), axes)
+        return moving + (body or axes.plot(*tips[row], color=ROBOT, marker="o", markersize=7, zorder=8)) + touches
 
     return at
 
@@ -279,7 +269,6 @@ def _wavefront_frames(front: Wavefront, run: Run | None) -> Iterator[Figure]:
     figure = new_figure(5.2, panel_height(_PANEL, plane_of(front.after).aspect) + 0.2)
     axes = figure.add_subplot()
     image = draw_moment(front, 0, axes)
-    aspect = axes.get_aspect()
     add_change_bar(image, axes)
     image.set_visible(False)
     places = None if run is None else _places(front, run)
@@ -290,7 +279,6 @@ def _wavefront_frames(front: Wavefront, run: Run | None) -> Iterator[Figure]:
     _settle_layout(figure)
     for row in range(len(front.cells)):
         moving: list[Artist] = [draw_change(front, row, axes)]
-        axes.set_aspect(aspect)
         if places is not None:
             moving += axes.plot(*places[: row + 1].T, ".", color="black", markersize=2, zorder=5)
             moving += axes.plot(*places[row], "o", color="black", markersize=6, zorder=9)

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm, Normalize
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
 from resgrid.chip.criticality import Criticality
@@ -22,8 +23,8 @@ from resgrid.errors import InputError
 from resgrid.grids import crossed_faces
 from resgrid.netlist import CellMap, Netlist
 from resgrid.plot.figures import axes_or_new
-from resgrid.plot.plane import draw_cells, draw_image, finish, paint_cells, plane_of
-from resgrid.plot.style import FAILURE, TEXT, add_colour_bar, add_swatch, plain_decades, refresh_legend, strength_map
+from resgrid.plot.plane import draw_cells, draw_image, finish, paint, plane_of
+from resgrid.plot.style import FAILURE, TEXT, add_colour_bar, add_swatch, refresh_legend, strength_map
 from resgrid.scene.quantities import format_quantity, prefix_of
 from resgrid.space import Cell, ConfigurationSpace
 
@@ -113,7 +114,7 @@ def draw_sensitivity(result: Sensitivity, ax: Axes | None = None, *, drift: floa
     flips = result.flips(drift)
     marked = draw_resistors(netlist, flips[flips < len(netlist.conductance)], axes)
     marked.set(color=FAILURE, linewidth=2.4, label=f"{len(flips)} resistors: {100 * drift:g} % suffices")
-    x, y = plane.place(space.axis_centre(result.cells)).T
+    x, y = space.centre(result.cells).T
     axes.scatter(x, y, s=9, color="white", edgecolor="black", linewidth=0.7, zorder=5, label="decisions")
     finish(plane, axes, columns=2)
     return axes
@@ -129,7 +130,7 @@ def draw_precision(
     norm = None if most is None else Normalize(0.0, most)
     axes = draw_map(result.space, shown, ax, label, "bit", norm=norm)
     never = np.isinf(values) & result.space.goal_connected
-    paint_cells(plane_of(result.space), never, _NO_BITS_DO, "no number of bits will do", axes)
+    paint(plane_of(result.space), axes, (never, _NO_BITS_DO, "no number of bits will do"))
     refresh_legend(axes)
     axes.set_title(result.sentence(), fontsize=TEXT)
     return axes
@@ -165,7 +166,7 @@ def draw_criticality(result: Criticality, ax: Axes | None = None, *, fault: Lite
     lines.set(array=value[order], cmap=strength_map(), norm=norm, linewidth=2.0)
     cell, worst = _switches(netlist, lost)
     if cell.size:
-        x, y = plane.place(cells.space.axis_centre(np.stack(np.unravel_index(cell, cells.space.shape), axis=1))).T
+        x, y = cells.space.centre(np.stack(np.unravel_index(cell, cells.space.shape), axis=1)).T
         axes.scatter(
             x, y, c=worst, cmap=strength_map(), norm=norm, s=16, marker="s", edgecolor="white", linewidth=0.4,
             zorder=5, label="a switch or load of the cell",
@@ -230,7 +231,10 @@ def _plain_ticks(mappable: ScalarMappable) -> None:
     bar = mappable.colorbar
     low, high = mappable.get_clim()
     if bar is not None and low and high:
-        plain_decades(bar.ax.yaxis, (1.0,) if high > 1e3 * low else (1.0, 2.0, 5.0))
+        axis = bar.ax.yaxis
+        axis.set_major_locator(LogLocator(subs=(1.0,) if high > 1e3 * low else (1.0, 2.0, 5.0), numticks=12))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_locator(NullLocator())
 
 
 def draw_resistors(

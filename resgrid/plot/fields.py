@@ -1,49 +1,146 @@
-"""Pictures of spaces and fields in the plane: cells, potential with equipotentials, currents."""
+"""Pictures of fields of one to three axes: potential with equipotentials, currents; and a page of both with paths."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap
+from matplotlib.cm import ScalarMappable
+from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
 from resgrid.planning.fields import Field
-from resgrid.plot.figures import axes_or_new
-from resgrid.plot.plane import (
-    MOST_CELLS,
-    Plane,
-    block_means,
-    block_size,
-    draw_cells,
-    draw_image,
-    finish,
-    plane_of,
-)  # fmt: skip
+from resgrid.planning.streamline import Streamline
+from resgrid.plot.figures import PAGE, add_title, axes_or_new, figure_of, new_figure, panel_height
+from resgrid.plot.panels import Panel, draw_panels
+from resgrid.plot.paths import mark_outcome, path_layer, require_paths
+from resgrid.plot.plane import MOST_CELLS, Plane, block_means, block_size, draw_cells, draw_image, finish, plane_of
 from resgrid.plot.shading import Scale, Shading, add_border, fill_open_walls, no_drop, shading_of, span
-from resgrid.plot.style import NO_DROP, add_colour_bar, add_swatch, spanning, strength_map
+from resgrid.plot.style import NO_DROP, TEXT, add_colour_bar, spanning, strength_map
+from resgrid.space import Cell
 
 _ARROWS = 26
 _ARROW_LENGTH = 0.85
 """In blocks of cells."""
 
+_WIDE = 0.55
+"""Height over width below which a map is so wide that panels are stacked."""
 
-def draw_potential(field: Field, ax: Axes | None = None, *, scale: Scale = "auto", contours: bool = True) -> Axes:
-    """Draw the potential of a field of two axes as an image with equipotential lines."""
-    plane = plane_of(field.space)
+
+def draw_field(
+    field: Field,
+    ax: Axes | None = None,
+    *,
+    quantity: Literal["potential", "currents"] = "potential",
+    scale: Scale = "auto",
+    contours: bool = True,
+    axis: int | None = None,
+    indices: Sequence[int] | None = None,
+) -> Axes | Figure:
+    """Draw the potential of a field, as a profile, an image or slices by its number of axes, or its currents."""
+    if quantity == "currents":
+        return draw_currents(field, ax)
+    return _draw_potential(field, ax, scale=scale, contours=contours, axis=axis, indices=indices)
+
+
+def _draw_potential(
+    field: Field,
+    ax: Axes | None = None,
+    *,
+    scale: Scale,
+    contours: bool = True,
+    axis: int | None = None,
+    indices: Sequence[int] | None = None,
+    paths: Sequence[Streamline] = (),
+    k: Sequence[float] | None = None,
+) -> Axes | Figure:
+    """Draw the potential and paths; those of a space with one axis start on its curve."""
     shading = shading_of(field, scale)
-    axes = axes_or_new(ax, plane.aspect)
-    image = draw_shading(plane, shading, shading.values, axes, contours=contours)
-    draw_no_drop(plane, no_drop(field, shading), axes)
-    draw_cells(plane, axes)
-    finish(plane, axes)
-    add_colour_bar(image, axes, shading.label)
-    return axes
+    shown = np.where(field.space.cell == Cell.OBSTACLE, np.nan, shading.values)
+    high = no_drop(field, shading)
+
+    def potential(panel: Panel) -> tuple[ScalarMappable, str] | None:
+        if panel.plane is None:
+            panel.draw_cells()
+            panel.plot_curve(shown, shading.label, label="cells")
+            for path in paths:
+                mark_outcome(path, (path.axis_points[0, 0], shown[int(path.cells[0, 0])]), panel.axes)
+            return None
+        edge = tuple(rule for number, rule in enumerate(shading.edge) if number != panel.normal)
+        values, flat = panel.of(shading.values), replace(shading, edge=edge)
+        image = draw_shading(panel.plane, flat, values, panel.axes, contours=contours)
+        panel.paint((high, NO_DROP, "at the high rail"), order=1.0)
+        panel.draw_cells()
+        return image, shading.label
+
+    layers = [potential, path_layer(paths, k)] if paths and field.space.ndim > 1 else [potential]
+    return draw_panels(field.space, ax, *layers, axis=axis, indices=indices, strip=0.6)
+
+
+def draw_page(
+    field: Field, paths: Sequence[Streamline] = (), *, k: Sequence[float] | None = None, title: str = "",
+    scale: Scale = "auto",
+) -> Figure:  # fmt: skip
+    """Draw the overview of a field and its paths, whatever its dimension.
+
+    Two axes: obstacles, potential, equipotentials and paths beside the currents (below, where the map is wide).  One
+    axis: a profile.  Three axes: slices through the goal.
+
+    Parameters
+    ----------
+    field : Field
+        Of one to three axes.
+    paths : sequence of Streamline
+        To draw on it.
+    k : sequence of float, optional
+        Blend of each path.
+    title : str
+        Above the figure.
+    scale : {"auto", "linear", "log"}
+        As in `draw`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        17 to 19 cm wide, which a page of two columns bears unscaled.
+
+    Raises
+    ------
+    InputError
+        If the space has four axes, or the paths are not of this space.
+
+    Examples
+    --------
+    >>> planner = rg.plan(rg.read_scene("examples/scenes/lesson.toml"))
+    >>> figure = rg.draw_page(planner.field, planner.paths(), title="Eight by eight")
+    """
+    require_paths(paths, field.space)
+    if field.space.ndim == 2:
+        figure = _plane_page(field, paths, k, scale)
+    else:
+        figure = figure_of(_draw_potential(field, scale=scale, paths=paths, k=k))
+    add_title(figure, title)
+    return figure
+
+
+def _plane_page(field: Field, paths: Sequence[Streamline], k: Sequence[float] | None, scale: Scale) -> Figure:
+    aspect = plane_of(field.space).aspect
+    stacked = aspect < _WIDE
+    width = PAGE if stacked else PAGE / 2
+    height = panel_height(width - 1.1, aspect) + 0.25
+    figure = new_figure(PAGE, 2 * height if stacked else height)
+    left, right = figure.subplots(2, 1) if stacked else figure.subplots(1, 2)
+    _draw_potential(field, left, scale=scale, paths=paths, k=k)
+    left.set_title("Potential and paths" if paths else "Potential", fontsize=TEXT)
+    draw_currents(field, right)
+    right.set_title("Current", fontsize=TEXT)
+    return figure
 
 
 def draw_currents(field: Field, ax: Axes | None = None) -> Axes:
@@ -55,7 +152,7 @@ def draw_currents(field: Field, ax: Axes | None = None) -> Axes:
     if len(arrows.tail):
         width = max(0.06 * axes.get_window_extent().width / min(plane.cells_shown, _ARROWS), 1.0)
         quiver = axes.quiver(
-            *plane.place(field.space.axis_centre(arrows.tail)).T, *plane.turn(arrows.vector).T, arrows.decades,
+            *field.space.centre(arrows.tail).T, *plane.frame.turned_to_world(arrows.vector).T, arrows.decades,
             cmap=strength_map(), norm=spanning(*span(arrows.decades)), angles="xy", scale_units="xy", scale=1.0,
             pivot="mid", units="dots", width=width, zorder=3,
         )  # fmt: skip
@@ -77,13 +174,6 @@ def draw_shading(
     return image
 
 
-def draw_no_drop(plane: Plane, where: NDArray[np.bool_], axes: Axes) -> None:
-    """Colour the cells that stay at the high rail."""
-    if where.any():
-        draw_image(plane, np.where(where, 1.0, np.nan), axes, cmap=ListedColormap([NO_DROP]), zorder=1.0)
-        add_swatch(axes, "at the high rail", NO_DROP)
-
-
 def _draw_contours(plane: Plane, shading: Shading, values: NDArray[np.float64], axes: Axes) -> None:
     block = block_size(values.shape, MOST_CELLS)
     coarse = block_means(values, block)
@@ -99,7 +189,7 @@ def _draw_contours(plane: Plane, shading: Shading, values: NDArray[np.float64], 
     index = np.stack(np.meshgrid(*(np.arange(n) for n in coarse.shape), indexing="ij"), axis=-1)
     corner = np.array([plane.x.lower, plane.y.lower])
     spacing = np.array([plane.x.spacing, plane.y.spacing])
-    where = plane.place(corner + (index - 0.5) * block * spacing)
+    where = plane.frame.to_world(corner + (index - 0.5) * block * spacing)
     lines = axes.contour(
         where[..., 0], where[..., 1], np.ma.masked_invalid(coarse), levels=levels, colors="black", alpha=0.55,
         linewidths=0.5, linestyles="solid", zorder=1.5,

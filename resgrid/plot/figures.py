@@ -20,6 +20,8 @@ FORMATS = ("png", "pdf", "svg")
 PAGE = 7.4
 """Width in inches of a figure that a page of two columns bears unscaled."""
 
+NOTEBOOK_DPI = 100
+
 # What would otherwise hold the date or the version of matplotlib.
 _NO_METADATA: dict[str, dict[str, None]] = {
     "png": {"Software": None},
@@ -29,9 +31,25 @@ _NO_METADATA: dict[str, dict[str, None]] = {
 _SETTINGS: Any = {"svg.hashsalt": "resgrid", "pdf.fonttype": 42}
 
 
+class _Picture(Figure):
+    """A figure that a notebook shows, though no window knows of it."""
+
+    def add_subplot(self, *place: Any, **options: Any) -> Any:
+        """Add axes that a notebook shows, too."""
+        return super().add_subplot(*place, **{"axes_class": _PictureAxes} | options)
+
+    def _repr_png_(self) -> bytes:
+        return render_figure(self, "png", dpi=NOTEBOOK_DPI)
+
+
+class _PictureAxes(Axes):
+    def _repr_png_(self) -> bytes:
+        return render_figure(self, "png", dpi=NOTEBOOK_DPI)
+
+
 def new_figure(width: float, height: float) -> Figure:
     """Make a figure that no window knows of."""
-    figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
+    figure = _Picture(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
@@ -106,8 +124,13 @@ def save_figure(picture: Axes | Figure, file: str | os.PathLike[str], *, dpi: fl
     >>> rg.save_figure(ax, "scene.svg").name
     'scene.svg'
     """
+    return write_bytes(file, render_figure(picture, picture_format(file), dpi=dpi))
+
+
+def picture_format(file: str | os.PathLike[str]) -> str:
+    """The format that a file's name says; refused where there is none."""
     suffix = Path(file).suffix.lower().lstrip(".")
     if suffix not in FORMATS:
         allowed = ", ".join("." + name for name in FORMATS)
         raise InputError(f"cannot save a picture as {str(file)!r}: its suffix must be one of {allowed}")
-    return write_bytes(file, render_figure(picture, suffix, dpi=dpi))
+    return suffix

@@ -6,9 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import shapely
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
+from shapely.geometry.base import BaseGeometry
 
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import InputError
@@ -44,7 +46,7 @@ _ELEMENTS = {
 Place = NDArray[np.float64]
 Elements = list[tuple[str, float, bool]]
 Groups = dict[tuple[int, int], Elements]
-Text = tuple[str, Place, Place]
+Shapes = list[BaseGeometry]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,15 +59,17 @@ class Branch:
     end: Place
     outward: Place
 
+    @property
     def half_width(self) -> float:
         """Half the width of the symbol across the branch."""
         return _HALF_SYMBOL if "source" in self.kind else 0.1
 
-    def points(self) -> Place:
-        """Points on the symbol."""
+    @property
+    def symbol(self) -> BaseGeometry:
+        """The area of its symbol."""
         along = np.array([self.outward[1], -self.outward[0]])
-        points: Place = _box(np.zeros(2), np.array([_HALF_SYMBOL, self.half_width()])) @ np.array([along, self.outward])
-        return points + (self.start + self.end) / 2
+        ends = (self.start + self.end) / 2 + np.outer((-_HALF_SYMBOL, _HALF_SYMBOL), along)
+        return shapely.LineString(ends).buffer(self.half_width, cap_style="flat")
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,15 +80,17 @@ class Bundle:
     wires: list[tuple[Place, Place]]
     ground: tuple[Place, Place] | None = None
 
-    def points(self) -> Place:
-        """Points on everything drawn, closer together than a letter is wide."""
-        end = [] if self.ground is None else [_box(self.ground[0] + 0.1 * self.ground[1], np.full(2, 0.1))]
-        return np.concatenate([self.body(), *(_line(*wire) for wire in self.wires[:2]), *end])
+    @property
+    def body(self) -> Shapes:
+        """Its elements and what joins them, without the two wires that lead there."""
+        lines = [*self.wires[2:], *((branch.start, branch.end) for branch in self.branches)]
+        return [*(branch.symbol for branch in self.branches), *map(shapely.LineString, lines)]
 
-    def body(self) -> Place:
-        """Those on its elements and between them, without the two wires that lead there."""
-        lines = self.wires[2:] + [(branch.start, branch.end) for branch in self.branches]
-        return np.concatenate([*(branch.points() for branch in self.branches), *(_line(*line) for line in lines)])
+    @property
+    def shapes(self) -> Shapes:
+        """Everything drawn."""
+        ground = [] if self.ground is None else [shapely.Point(self.ground[0] + 0.1 * self.ground[1]).buffer(0.1)]
+        return [*self.body, *map(shapely.LineString, self.wires[:2]), *ground]
 
 
 def draw_circuit(netlist: Netlist, ax: Axes | None = None, *, op: OperatingPoint | None = None) -> Axes:
@@ -119,8 +125,8 @@ def _draw_graph(netlist: Netlist, op: OperatingPoint | None, ax: Axes | None) ->
     place = _places(netlist, groups)
     bundles = _bundles(groups, place)
     texts = _texts(netlist, op, place, bundles)
-    drawn = np.concatenate([place[1:], *(bundle.points() for bundle in bundles), *(box for *_, box in texts)])
-    (left, bottom), (right, top) = drawn.min(axis=0) - 0.2, drawn.max(axis=0) + 0.2
+    drawn = [*shapely.points(place[1:]), *_all_shapes(bundles), *(box for _, box in texts)]
+    left, bottom, right, top = (shapely.total_bounds(drawn) + np.array([-0.2, -0.2, 0.2, 0.2])).tolist()
     width, height = max(0.8 * (right - left), 2.0), max(0.8 * (top - bottom), 2.0)
     axes = new_figure(width, height).add_subplot() if ax is None else ax
     with symbols_on(axes) as drawing:
@@ -132,8 +138,9 @@ def _draw_graph(netlist: Netlist, op: OperatingPoint | None, ax: Axes | None) ->
             if bundle.ground is not None:
                 add_ground(drawing, *bundle.ground)
     axes.scatter(place[1:, 0], place[1:, 1], s=20, color=INK, zorder=4)
-    for text, (x, y), _ in texts:
-        axes.text(float(x), float(y), text, ha="center", va="center", fontsize=SMALL, path_effects=HALO, zorder=6)
+    for text, box in texts:
+        x, y = box.centroid.x, box.centroid.y
+        axes.text(x, y, text, ha="center", va="center", fontsize=SMALL, path_effects=HALO, zorder=6)
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
     axes.set_axis_off()
     return axes
@@ -188,54 +195,50 @@ def _lying(places: Place) -> Place:
     return np.asarray(centred * (scale or 1.0))
 
 
-def _closeness(edges: NDArray[np.float64]) -> int:
-    """How many points of the edges, shape (edges, 2, 2), come close to another edge away from their ends."""
-    lines = [_line(*(edge + 0.15 * (edge[::-1] - edge))) for edge in edges]
-    owner = np.repeat(np.arange(len(lines)), np.array([len(line) for line in lines], dtype=int))
-    pairs = KDTree(np.concatenate([np.zeros((0, 2)), *lines])).query_pairs(0.3, output_type="ndarray")
-    return int(np.count_nonzero(owner[pairs[:, 0]] != owner[pairs[:, 1]]))
+def _closeness(edges: NDArray[np.float64]) -> float:
+    """Length on which edges, shape (edges, 2, 2), run close to others away from their ends."""
+    lines = shapely.linestrings(edges + 0.15 * (edges[:, ::-1] - edges))
+    near = shapely.length(shapely.intersection(lines[:, None], shapely.buffer(lines, 0.3)))
+    return float(near.sum() - near.trace())
 
 
 def _bundles(groups: Groups, place: Place) -> list[Bundle]:
     """Places of all elements: first those between nodes, then those to ground where there is room."""
-    lines = {pair: _line(*place[list(pair)]) for pair in groups if GROUND not in pair and pair[0] != pair[1]}
+    nodes = list(shapely.points(place[1:]))
+    lines = {pair: shapely.LineString(place[list(pair)]) for pair in groups if GROUND not in pair and len({*pair}) == 2}
     bundles: list[Bundle] = []
     for pair in lines:
         a, b = place[pair[0]], place[pair[1]]
         choices = [_bundle(groups[pair], a, b, slide) for slide in (0.5, 0.4, 0.6, 0.32, 0.68)]
-        drawn = [place[1:], *(lines[other] for other in lines if other != pair), *(done.points() for done in bundles)]
-        bundles.append(choices[_roomiest([choice.body() for choice in choices], np.concatenate(drawn), 0.2)])
+        drawn = [*nodes, *(lines[other] for other in lines if other != pair), *_all_shapes(bundles)]
+        bundles.append(choices[_roomiest([choice.body for choice in choices], drawn, 0.2)])
     for (node, low), elements in groups.items():
         if node != GROUND and low in (GROUND, node):
-            others = np.concatenate([place[1:], *(bundle.points() for bundle in bundles)])
             to_where = _to_ground if low == GROUND else _to_itself
-            bundles.append(to_where(elements, place[node], others))
+            bundles.append(to_where(elements, place[node], [*nodes, *_all_shapes(bundles)]))
     return bundles
 
 
-def _to_ground(elements: Elements, node: Place, drawn: Place) -> Bundle:
+def _to_ground(elements: Elements, node: Place, drawn: Shapes) -> Bundle:
     """Elements from a node to ground: downwards if that is free, else into the widest sector that is."""
-    arms = drawn[np.abs(np.linalg.norm(drawn - node, axis=1) - 0.4) < 0.1] - node
+    around = shapely.Point(node).buffer(0.4).boundary
+    arms = shapely.get_coordinates(shapely.intersection(drawn, around)) - node
     angles = np.sort(np.arctan2(arms[:, 1], arms[:, 0])) if len(arms) else np.zeros(1)
     sectors = np.diff(angles, append=angles[0] + 2 * np.pi)
     middles = (angles + sectors / 2)[np.argsort(-sectors)[:4]].tolist()
-    directions = [-np.pi / 2, *middles, 0.0, np.pi, np.pi / 2]
     choices = [
         _bundle(elements, node, node + length * np.array([np.cos(angle), np.sin(angle)]), slide, grounded=True)
         for length, slide in ((1.15, 0.6), (1.7, 0.72))
-        for angle in directions
+        for angle in (-np.pi / 2, *middles, 0.0, np.pi, np.pi / 2)
     ]
-    clouds = [drawn, *(choice.points() for choice in choices)]
-    beyond, *bodies = (points[np.linalg.norm(points - node, axis=1) > 0.3] for points in clouds)
-    return choices[_roomiest(bodies, beyond, 0.3)]
+    return choices[_roomiest([choice.shapes for choice in choices], drawn, 0.28, shapely.Point(node).buffer(0.3))]
 
 
-def _to_itself(elements: Elements, node: Place, drawn: Place) -> Bundle:
+def _to_itself(elements: Elements, node: Place, drawn: Shapes) -> Bundle:
     """Elements from a node back to it: loops one around the other, into the direction with most room."""
-    angles = np.pi / 4 * np.arange(8)
+    angles = np.pi / 4 * (np.arange(8) + 2)
     choices = [_loop(elements, node, np.array([np.cos(angle), np.sin(angle)])) for angle in angles.tolist()]
-    beyond = drawn[np.linalg.norm(drawn - node, axis=1) > 0.3]
-    return choices[_roomiest([choice.body() for choice in choices], beyond, 0.4)] if len(beyond) else choices[2]
+    return choices[_roomiest([choice.body for choice in choices], drawn, 0.4, shapely.Point(node).buffer(0.3))]
 
 
 def _loop(elements: Elements, node: Place, out: Place) -> Bundle:
@@ -269,25 +272,27 @@ def _bundle(elements: Elements, a: Place, b: Place, slide: float, *, grounded: b
     return Bundle(branches, wires, (b, along) if grounded else None)
 
 
-def _texts(netlist: Netlist, op: OperatingPoint | None, place: Place, bundles: list[Bundle]) -> list[Text]:
-    """Values beside their elements and names beside their nodes, each with its place and points in its box."""
-    drawn = [place[1:], *(bundle.points() for bundle in bundles)]
-    texts: list[Text] = []
+def _texts(
+    netlist: Netlist, op: OperatingPoint | None, place: Place, bundles: list[Bundle]
+) -> list[tuple[str, BaseGeometry]]:
+    """Values beside their elements and names beside their nodes, each with its box."""
+    drawn = [*shapely.points(place[1:]), *_all_shapes(bundles)]
+    texts: list[tuple[str, BaseGeometry]] = []
 
     def write(text: str, anchors: list[tuple[Place, Place]]) -> None:
         lines = text.split("\n")
         half = _LETTER * (max(map(len, lines)), len(lines)) / 2
         centres = [at + side * (np.abs(side) @ half) for at, side in anchors]
-        boxes = [_box(centre, half) for centre in centres]
-        best = _roomiest(boxes, np.concatenate(drawn), 0.07)
-        texts.append((text, centres[best], boxes[best]))
-        drawn.append(boxes[best])
+        boxes = [shapely.box(*(centre - half), *(centre + half)) for centre in centres]
+        best = boxes[_roomiest([[box] for box in boxes], drawn, 0.07)]
+        texts.append((text, best))
+        drawn.append(best)
 
     centre = place[1:].mean(axis=0)
     for branch, lone in ((branch, len(bundle.branches) == 1) for bundle in bundles for branch in bundle.branches):
         middle, along = (branch.start + branch.end) / 2, branch.end - branch.start
         first = -branch.outward if lone and branch.outward @ (middle - centre) < -0.3 else branch.outward
-        gap, sides = 0.08 + branch.half_width(), (first, -first)
+        gap, sides = 0.08 + branch.half_width, (first, -first)
         anchors = [(middle + gap * side + slide * along, side) for slide in (0.0, 0.25, -0.25) for side in sides]
         write(format_quantity(branch.value, _ELEMENTS[branch.kind][2], 3), anchors)
     nodes = np.arange(1, netlist.node_count)
@@ -300,19 +305,16 @@ def _texts(netlist: Netlist, op: OperatingPoint | None, place: Place, bundles: l
     return texts
 
 
-def _roomiest(choices: list[Place], drawn: Place, enough: float) -> int:
-    """The first choice of points that are this far from all that is drawn, or else the farthest."""
-    tree = KDTree(drawn)
-    room = [min(float(np.min(tree.query(points)[0])), enough) for points in choices]
+def _all_shapes(bundles: list[Bundle]) -> Shapes:
+    return [shape for bundle in bundles for shape in bundle.shapes]
+
+
+def _roomiest(choices: list[Shapes], drawn: Shapes, enough: float, within: BaseGeometry | None = None) -> int:
+    """The first choice of shapes that are this far from all that is drawn, or else the farthest.
+
+    `within`: where they may touch, such as the node that all of them lead to.
+    """
+    touched = shapely.Point() if within is None else within
+    others, *bodies = (shapely.difference(shapes, touched) for shapes in (drawn, *choices))
+    room = [np.fmin.reduce(shapely.distance(body[:, np.newaxis], others), axis=None, initial=enough) for body in bodies]
     return int(np.argmax(room))
-
-
-def _line(a: Place, b: Place) -> Place:
-    return np.linspace(a, b, 2 + int(np.linalg.norm(b - a) / 0.06))
-
-
-def _box(centre: Place, half: Place) -> Place:
-    """Points in a rectangle."""
-    counts = np.maximum(5, 2 + (2 * half / 0.08).astype(int))
-    x, y = (np.linspace(-extent, extent, count) for extent, count in zip(half, counts, strict=True))
-    return np.asarray(centre + np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))

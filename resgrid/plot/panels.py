@@ -16,25 +16,13 @@ from matplotlib.ticker import AutoLocator
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.plot.figures import PAGE, axes_or_new, new_figure, panel_height
-from resgrid.plot.plane import (
-    VIRTUAL,
-    Plane,
-    draw_cells,
-    draw_image,
-    finish,
-    kinds_of,
-    leading_on,
-    paint_cells,
-    plane_of,
-    plane_slice,
-)  # fmt: skip
+from resgrid.plot.figures import PAGE, axes_or_new, figure_of, new_figure, panel_height
+from resgrid.plot.plane import Mask, Plane, draw_cells, draw_image, finish, kinds_of, leading_on, paint, plane_of
 from resgrid.plot.style import (
     PATHS,
     SMALL,
     TEXT,
     add_colour_bar,
-    add_scale,
     axis_label,
     dress,
     height_map,
@@ -43,11 +31,10 @@ from resgrid.plot.style import (
 )
 from resgrid.space import Cell, ConfigurationSpace
 
-_PANELS = 6
-_CONDUCTIVITY = "conductivity (relative)"
+VIRTUAL = "#8c8c8c"
+"""Colour of obstacle cells that stand for no body."""
 
-Mask = tuple[NDArray[np.bool_], str, str]
-"""Cells of a space, their colour and their name."""
+_MOST_SLICES = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +58,7 @@ class Panel:
         """Points in axis units (n, ndim) on paper (n, 2); those of three axes as seen along the normal."""
         if self.plane is None:
             return np.column_stack([points, np.full(len(points), np.mean(self.axes.get_ylim()))])
-        return self.plane.place(points if self.normal is None else np.delete(points, self.normal, axis=1))
+        return self.plane.frame.to_world(points if self.normal is None else np.delete(points, self.normal, axis=1))
 
     def holds(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Which points (n, 3) lie in the slice."""
@@ -79,47 +66,86 @@ class Panel:
         lower, upper = self.space.axes[self.normal].edges[[self.index, self.index + 1]]
         return np.asarray((points[:, self.normal] >= lower) & (points[:, self.normal] <= upper))
 
-    def paint(self, mask: NDArray[np.bool_], colour: str, label: str) -> None:
-        """Paint cells over whatever else there is, and name them in the legend, if there are any."""
-        if self.plane is None:
-            _draw_bands(self.space, self.axes, (mask, colour, label), 0.6)
-        else:
-            paint_cells(self.plane, self.of(mask), colour, label, self.axes)
+    def paint(self, *masks: Mask, order: float = 2.2) -> None:
+        """Paint cells of the space over whatever else there is, and put those there are into the legend."""
+        if self.plane is not None:
+            paint(self.plane, self.axes, *((self.of(where), *named) for where, *named in masks), order=order)
+            return
+        edges = self.space.axes[0].edges
+        for where, colour, label in masks:
+            for left, right in zip(edges[:-1][where], edges[1:][where], strict=True):
+                self.axes.axvspan(left, right, color=colour, linewidth=0, label=label, zorder=0.5)
+
+    def draw_cells(self) -> None:
+        """Draw obstacles, goals and unreachable cells, limits and labels."""
+        if self.plane is not None:
+            draw_cells(self.plane, self.axes)
+            finish(self.plane, self.axes, columns=0)
+            return
+        self.paint(*kinds_of(self.space.cell, leading_on(self.space)), order=2.0)
+        axis = self.space.axes[0]
+        self.axes.set(xlim=(axis.lower, axis.upper), xlabel=axis_label(axis))
+        self.axes.set_yticks([])
+        dress(self.axes)
+
+    def plot_curve(self, values: NDArray[np.float64], quantity: str, **style: Any) -> None:
+        """Draw values over the only axis of the space."""
+        centres = self.space.axes[0].centres
+        self.axes.plot(centres, values, "o-", markersize=3, linewidth=1.2, color=PATHS[3], **style)
+        self.axes.set_ylabel(quantity, fontsize=TEXT)
+        self.axes.yaxis.set_major_locator(AutoLocator())
+
+
+Layer = Callable[[Panel], tuple[ScalarMappable, str] | None]
+"""Draws on a panel; returns the colours that a bar must explain, and what they mean, if there are any."""
 
 
 def draw_panels(
     space: ConfigurationSpace,
     ax: Axes | None,
-    paint: Callable[[Panel], None],
-    *,
-    over: bool = False,
+    *layers: Layer,
     axis: int | None = None,
     indices: Sequence[int] | None = None,
     through: Sequence[int] | None = None,
     columns: int = 3,
+    strip: float = 0.3,
 ) -> Axes | Figure:
-    """Draw a space on an ax, or in slices, and what `paint` adds to every panel.
+    """Draw layers, one over the other, on an ax, or of a space with three axes in slices.
 
-    `over`: an ax that is given shows the space already; `axis, indices, through`: as `draw_in_slices` takes them;
-    `columns`: of the legend.
+    `axis, indices`: the slices, by default one normal to each axis; `through`: a cell they hold, by default a goal's;
+    `columns`: of the legend; `strip`: height over width of a space with one axis.
     """
     if space.ndim <= 2:
         plane = plane_of(space) if space.ndim == 2 else None
-        panel = Panel(space, axes_or_new(ax, 0.3 if plane is None else plane.aspect), plane)
-        if ax is None or not over:
-            _draw_known(panel)
-        paint(panel)
-        refresh_legend(panel.axes, columns)
-        return panel.axes
+        panels = [Panel(space, axes_or_new(ax, strip if plane is None else plane.aspect), plane)]
+    else:
+        panels = _slices(space, ax, _cuts(space, axis, indices, through))
+    shown: Axes | Figure = panels[0].axes if space.ndim <= 2 else figure_of(panels[0].axes)
+    for layer in layers:
+        bars = [layer(panel) for panel in panels]
+        if bars[0] is not None:
+            colours, label = bars[0]
+            add_colour_bar(colours, shown, label)
+    if isinstance(shown, Axes):
+        refresh_legend(shown, columns)
+    else:
+        _add_legend(shown, panels)
+    return shown
 
-    def whole(panel: Panel) -> None:
-        _draw_known(panel)
-        paint(panel)
 
-    figure = draw_in_slices(space, ax, whole, axis=axis, indices=indices, through=through)
-    if space.conductivity is not None:
-        add_scale(figure, ScalarMappable(**_conductivity_style(space.conductivity)), _CONDUCTIVITY)
-    return figure
+def draw_known(panel: Panel) -> tuple[ScalarMappable, str] | None:
+    """The cells, and their conductivity if there is one: as colours, of one axis as a curve."""
+    panel.draw_cells()
+    conductivity, label = panel.space.conductivity, "conductivity (relative)"
+    if conductivity is None:
+        return None
+    if panel.plane is None:
+        panel.plot_curve(conductivity, label)
+        return None
+    low, high = float(conductivity.min()), float(conductivity.max())
+    norm = LogNorm(low, high) if high > 30 * low else spanning(low, high)
+    image = draw_image(panel.plane, panel.of(conductivity), panel.axes, cmap=height_map(), norm=norm, zorder=0.5)
+    return image, label
 
 
 def draw_space(
@@ -131,12 +157,12 @@ def draw_space(
     indices: Sequence[int] | None = None,
 ) -> Axes | Figure:
     """Draw obstacles, goals, the conductivity if there is one; obstacle cells that stand for no body are paler."""
+    return draw_panels(space, ax, draw_known, painter(*virtual_cells(virtual)), axis=axis, indices=indices)
 
-    def paint(panel: Panel) -> None:
-        for mask in virtual_cells(virtual):
-            panel.paint(*mask)
 
-    return draw_panels(space, ax, paint, axis=axis, indices=indices)
+def painter(*masks: Mask) -> Layer:
+    """A layer of painted cells."""
+    return lambda panel: panel.paint(*masks)
 
 
 def virtual_cells(virtual: NDArray[np.bool_] | None) -> list[Mask]:
@@ -144,96 +170,33 @@ def virtual_cells(virtual: NDArray[np.bool_] | None) -> list[Mask]:
     return [] if virtual is None else [(virtual, VIRTUAL, "virtual obstacle")]
 
 
-def draw_strip(space: ConfigurationSpace, axes: Axes) -> None:
-    """Draw the cells of a space with one axis as bands."""
-    for label, colour, where in kinds_of(space.cell, leading_on(space)):
-        _draw_bands(space, axes, (where, colour, label), 0.5)
-    axis = space.axes[0]
-    axes.set(xlim=(axis.lower, axis.upper), xlabel=axis_label(axis))
-    dress(axes)
-
-
-def _draw_bands(space: ConfigurationSpace, axes: Axes, mask: Mask, order: float) -> None:
-    where, colour, label = mask
-    edges = space.axes[0].edges
-    for index in np.flatnonzero(where).tolist():
-        axes.axvspan(edges[index], edges[index + 1], color=colour, linewidth=0, label=label, zorder=order)
-
-
-def _draw_known(panel: Panel) -> None:
-    """The cells, and their conductivity if there is one: as colours, of one axis as a curve."""
-    space, axes, plane = panel.space, panel.axes, panel.plane
-    if plane is None:
-        draw_strip(space, axes)
-        axes.set_yticks([])
-        if space.conductivity is not None:
-            axes.plot(space.axes[0].centres, space.conductivity, "o-", markersize=3, linewidth=1.2, color=PATHS[3])
-            axes.set_ylabel(_CONDUCTIVITY, fontsize=TEXT)
-            axes.yaxis.set_major_locator(AutoLocator())
-        return
-    if space.conductivity is not None:
-        colours = _conductivity_style(space.conductivity)
-        image = draw_image(plane, panel.of(space.conductivity), axes, **colours, zorder=0.5)
-        if panel.normal is None:
-            add_colour_bar(image, axes, _CONDUCTIVITY)
-    draw_cells(plane, axes)
-    finish(plane, axes, columns=0)
-
-
-def _conductivity_style(conductivity: NDArray[np.float64]) -> dict[str, Any]:
-    """Colours and their scale for the conductivity of all cells of a space."""
-    low, high = float(conductivity.min()), float(conductivity.max())
-    return {"cmap": height_map(), "norm": LogNorm(low, high) if high > 30 * low else spanning(low, high)}
-
-
-def draw_in_slices(
-    space: ConfigurationSpace,
-    ax: Axes | None,
-    paint: Callable[[Panel], None],
-    *,
-    axis: int | None = None,
-    indices: Sequence[int] | None = None,
-    through: Sequence[int] | None = None,
-) -> Figure:
-    """Draw what `paint` draws in slices of a space with three axes.
-
-    `ax`: refused; `axis, indices`: the slices, by default one normal to each axis; `through`: a cell they hold, by
-    default a goal's.
-    """
-    if space.ndim != 3:
-        raise InputError(f"a space of {space.ndim} axes has no picture: fix an axis, and draw what is left")
+def _slices(space: ConfigurationSpace, ax: Axes | None, cuts: list[tuple[int, int]]) -> list[Panel]:
+    """A panel for each axis and index along it."""
     if ax is not None:
         raise InputError("what has 3 axes is drawn in several slices, not into one ax: leave ax out")
-    cuts = _cuts(space, axis, indices, through)
-    planes = [plane_slice(space, *cut) for cut in cuts]
+    planes = [plane_of(space, cut) for cut in cuts]
     columns = min(3, len(cuts))
     rows = -(-len(cuts) // columns)
     height = panel_height(PAGE / 3 - 0.6, max(plane.aspect for plane in planes)) - 0.5
     figure = new_figure(max(PAGE * columns / 3, 3.4), rows * height + 0.9)
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
-    for axes, plane, cut in zip(grid, planes, cuts, strict=False):
-        panel = Panel(space, axes, plane, *cut)
-        paint(panel)
-        panel.axes.set_title(_title(panel), fontsize=TEXT)
     for unused in grid[len(cuts) :]:
         unused.set_axis_off()
-    _add_legend(figure, grid[: len(cuts)])
-    return figure
-
-
-def _title(panel: Panel) -> str:
-    """Which slice it is."""
-    assert panel.normal is not None and panel.plane is not None
-    axis = panel.space.axes[panel.normal]
-    name = axis_label(replace(axis, unit=""), of_map=panel.plane.of_map)
-    through_goal = " (through a goal)" if np.any(panel.plane.cell == Cell.GOAL) else ""
-    return f"{name} = {axis.centres[panel.index]:.3g} {axis.unit}{through_goal}"
+    panels = [Panel(space, axes, plane, *cut) for axes, plane, cut in zip(grid, planes, cuts, strict=False)]
+    for panel, plane, (normal, index) in zip(panels, planes, cuts, strict=True):
+        axis = space.axes[normal]
+        name = axis_label(replace(axis, unit=""), of_map=plane.of_map)
+        through_goal = " (through a goal)" if np.any(plane.cell == Cell.GOAL) else ""
+        panel.axes.set_title(f"{name} = {axis.centres[index]:.3g} {axis.unit}{through_goal}", fontsize=TEXT)
+    return panels
 
 
 def _cuts(
     space: ConfigurationSpace, axis: int | None, indices: Sequence[int] | None, through: Sequence[int] | None
 ) -> list[tuple[int, int]]:
     """Axis and index of every slice."""
+    if space.ndim != 3:
+        raise InputError(f"a space of {space.ndim} axes has no picture: fix an axis, and draw what is left")
     goals = np.argwhere(space.cell == Cell.GOAL)
     middle = goals[0] if len(goals) else np.array(space.shape) // 2
     centre = middle if through is None else np.asarray(through)
@@ -245,7 +208,7 @@ def _cuts(
         raise InputError(f"axis = {axis}, but the space has axes 0, 1 and 2")
     size = space.shape[axis]
     if indices is None:
-        spread = np.linspace(0, size - 1, min(_PANELS, size)).round().astype(int)
+        spread = np.linspace(0, size - 1, min(_MOST_SLICES, size)).round().astype(int)
         spread[np.abs(spread - centre[axis]).argmin()] = centre[axis]
         indices = np.unique(spread).tolist()
     wrong = [index for index in indices if not 0 <= index < size]
@@ -254,10 +217,10 @@ def _cuts(
     return [(axis, int(index)) for index in indices]
 
 
-def _add_legend(figure: Figure, panels: NDArray[np.object_]) -> None:
+def _add_legend(figure: Figure, panels: list[Panel]) -> None:
     entries: dict[str, Artist] = {}
     for panel in panels:
-        handles, labels = panel.get_legend_handles_labels()
+        handles, labels = panel.axes.get_legend_handles_labels()
         entries.update(zip(labels, handles, strict=True))
     figure.legend(
         handles=list(entries.values()), labels=list(entries), loc="outside lower center", ncols=4, fontsize=SMALL,

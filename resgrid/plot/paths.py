@@ -20,12 +20,11 @@ from resgrid.planning.planner import ClearanceCurve
 from resgrid.planning.separation import SceneSeparation, Separation
 from resgrid.planning.streamline import Outcome, Polyline, ShortPath, Streamline, unwrap
 from resgrid.plot.figures import axes_or_new
-from resgrid.plot.panels import Panel, draw_panels, virtual_cells
+from resgrid.plot.panels import Layer, Panel, draw_known, draw_panels, painter, virtual_cells
 from resgrid.plot.plane import finish, seam_shifts
-from resgrid.plot.style import FAILURE, GOAL, LINE_STYLES, PATHS, TEXT, dress, mark
+from resgrid.plot.style import FAILURE, FEW, LINE_STYLES, PATHS, TEXT, dress, mark
 from resgrid.space import Cell, ConfigurationSpace
 
-_FEW = 40
 _PIECES = 256
 _REGION = "#9ecae1"
 _REACHABLE, _SEPARATING = "can be reached from the start", "must go for a goal to be reached"
@@ -50,49 +49,50 @@ def draw_streamlines(
 
     Their starts and ends are marked, and a cross where a start leads nowhere; those of one k share a colour.
     """
+    return draw_panels(paths[0].space, ax, *_ground(ax), path_layer(paths, k), axis=axis, indices=indices)
+
+
+def _ground(ax: Axes | None) -> list[Layer]:
+    """What lies under paths: an ax that is given shows the space already."""
+    return [draw_known] if ax is None else []
+
+
+def path_layer(paths: Sequence[Streamline], k: Sequence[float] | None) -> Layer:
+    """The paths of every k that reach a goal, and the ends of all."""
     groups = by_blend(paths, k)
+    reached = [path for path in paths if path.outcome is Outcome.REACHED]
 
-    def paint(panel: Panel) -> None:
-        paint_paths(groups, paths, panel)
+    def ends(some: Sequence[Streamline], panel: Panel, row: int) -> NDArray[np.float64]:
+        return panel.seen(np.unique([path.axis_points[row] for path in some], axis=0))
 
-    return draw_panels(paths[0].space, ax, paint, over=True, axis=axis, indices=indices)
+    def layer(panel: Panel) -> None:
+        for rank, (blend, own) in enumerate(groups):
+            _draw_lines([line for path in own for line in seam_pieces(path)], panel, _blend_label(blend), rank)
+        if reached:
+            mark(ends(reached, panel, 0), panel.axes, "start")
+            mark(ends(reached, panel, -1), panel.axes, "goal", "goal reached")
+        for outcome, count in sorted(Counter(path.outcome for path in paths if path not in reached).items()):
+            failed = ends([path for path in paths if path.outcome == outcome], panel, 0)
+            label = f"{outcome.value.replace('_', ' ')} ({count} start{'s' if count > 1 else ''})"
+            mark(failed, panel.axes, "failure", label)
+        if panel.plane is not None:
+            finish(panel.plane, panel.axes, [panel.seen(path.axis_points) for path in paths], columns=0)
 
-
-Groups = list[tuple[float | None, list[Streamline]]]
-
-
-def paint_paths(groups: Groups, paths: Sequence[Streamline], panel: Panel) -> None:
-    """Draw the paths of every k that reach a goal, and the ends of all."""
-    for rank, (blend, own) in enumerate(groups):
-        lines = [line for path in own for line in seam_pieces(path)]
-        if panel.normal is not None:
-            _draw_in_slice(lines, panel, PATHS[rank % len(PATHS)], _blend_label(blend))
-        elif own:
-            _draw_lines([panel.seen(line) for line in lines], panel.axes, rank, blend)
-    if panel.plane is None or panel.normal is not None:
-        for path in paths:
-            mark_outcome(path, panel.seen(path.axis_points[:1]), panel.axes)
-        return
-    if reached := [path for path in paths if path.outcome is Outcome.REACHED]:
-        _draw_ends(reached, panel)
-    _draw_failures([path for path in paths if path.outcome is not Outcome.REACHED], panel)
-    finish(panel.plane, panel.axes, [path.axis_points for path in paths], columns=0)
+    return layer
 
 
-def by_blend(paths: Sequence[Streamline], k: Sequence[float] | None) -> Groups:
+def by_blend(paths: Sequence[Streamline], k: Sequence[float] | None) -> list[tuple[float | None, list[Streamline]]]:
     """Every k in ascending order, None where none is given, and those of its paths that reach a goal."""
     if k is not None and len(k) != len(paths):
         raise InputError(f"{len(k)} values of k for {len(paths)} paths; give one for each")
     if paths:
         require_paths(paths, paths[0].space)
     blends: Sequence[float | None] = [None] * len(paths) if k is None else k
-    return [
-        (
-            blend,
-            [path for path, at in zip(paths, blends, strict=True) if at == blend and path.outcome == Outcome.REACHED],
-        )
-        for blend in sorted(set(blends), key=lambda blend: blend or 0.0)
-    ]
+    groups: dict[float | None, list[Streamline]] = {blend: [] for blend in sorted(set(blends), key=lambda b: b or 0.0)}
+    for path, blend in zip(paths, blends, strict=True):
+        if path.outcome is Outcome.REACHED:
+            groups[blend].append(path)
+    return list(groups.items())
 
 
 def _blend_label(k: float | None) -> str:
@@ -101,14 +101,26 @@ def _blend_label(k: float | None) -> str:
     return "path" if k is None else f"$k$ = {k:g}{kind}"
 
 
-def _draw_in_slice(lines: Sequence[NDArray[np.float64]], panel: Panel, colour: str, label: str) -> None:
-    """Draw lines of three axes, shape (n, 3) in axis units: faintly, and boldly where the slice holds them."""
-    for line in lines:
-        inside, seen = panel.holds(line), panel.seen(line)
-        panel.axes.plot(*seen.T, color=colour, linewidth=0.7, alpha=0.7, zorder=4, label=f"{label}, projected")
-        if inside.any():
-            bold = np.where(inside[:, None], seen, np.nan)
-            panel.axes.plot(*bold.T, color=colour, linewidth=2.2, zorder=5, label=f"{label} in the slice")
+def _draw_lines(lines: list[NDArray[np.float64]], panel: Panel, label: str, rank: int = 0) -> None:
+    """Draw lines in axis units; those of three axes faintly, and boldly where the slice holds them."""
+    axes, colour = panel.axes, PATHS[rank % len(PATHS)]
+    if panel.normal is not None:
+        for line in lines:
+            inside, seen = panel.holds(line), panel.seen(line)
+            axes.plot(*seen.T, color=colour, linewidth=0.7, alpha=0.7, zorder=4, label=f"{label}, projected")
+            if inside.any():
+                bold = np.where(inside[:, None], seen, np.nan)
+                axes.plot(*bold.T, color=colour, linewidth=2.2, zorder=5, label=f"{label} in the slice")
+    elif lines:
+        few = len(lines) <= FEW
+        width = 1.5 if few else 0.5
+        effects: list[Any] = [Stroke(linewidth=width + 1.4, foreground="white"), Normal()] if few else []
+        drawn = LineCollection(
+            [panel.seen(line) for line in lines], colors=colour, linewidths=width, alpha=1.0 if few else 0.6,
+            linestyles=[LINE_STYLES[rank % len(LINE_STYLES)]] if few else "solid", path_effects=effects, zorder=4,
+            label=label,
+        )  # fmt: skip
+        axes.add_collection(drawn, autolim=False)
 
 
 def mark_outcome(path: Streamline, place: ArrayLike, axes: Axes) -> None:
@@ -138,42 +150,6 @@ def seam_pieces(path: Streamline) -> list[NDArray[np.float64]]:
     return [np.concatenate([starts[first:last], ends[last - 1 : last]]) for first, last in pairwise(bounds)]
 
 
-def _draw_lines(lines: list[NDArray[np.float64]], axes: Axes, rank: int, k: float | None) -> None:
-    few = len(lines) <= _FEW
-    width = 1.5 if few else 0.5
-    effects: list[Any] = [Stroke(linewidth=width + 1.4, foreground="white"), Normal()] if few else []
-    drawn = LineCollection(
-        lines, colors=PATHS[rank % len(PATHS)], linestyles=[LINE_STYLES[rank % len(LINE_STYLES)]] if few else "solid",
-        linewidths=width, alpha=1.0 if few else 0.6, path_effects=effects, zorder=4,
-        label=_blend_label(k),
-    )  # fmt: skip
-    axes.add_collection(drawn, autolim=False)
-
-
-def _draw_ends(paths: list[Streamline], panel: Panel) -> None:
-    few = len(paths) <= _FEW
-    starts = panel.seen(np.unique([path.axis_points[0] for path in paths], axis=0))
-    ends = panel.seen(np.unique([path.axis_points[-1] for path in paths], axis=0))
-    panel.axes.scatter(
-        starts[:, 0], starts[:, 1], s=22 if few else 1.5, marker="o", facecolor="white" if few else "black",
-        edgecolor="black", linewidth=0.9 if few else 0.0, label="start", zorder=5,
-    )  # fmt: skip
-    panel.axes.scatter(
-        ends[:, 0], ends[:, 1], s=70 if few else 8, marker="*", facecolor=GOAL, edgecolor="black",
-        linewidth=0.7 if few else 0.2, label="goal reached", zorder=6,
-    )  # fmt: skip
-
-
-def _draw_failures(paths: list[Streamline], panel: Panel) -> None:
-    for outcome, count in sorted(Counter(path.outcome for path in paths).items()):
-        starts = panel.seen(np.array([path.axis_points[0] for path in paths if path.outcome == outcome]))
-        panel.axes.scatter(
-            starts[:, 0], starts[:, 1], s=34 if count <= _FEW else 4, marker="x", color=FAILURE, linewidth=1.6,
-            label=f"{outcome.value.replace('_', ' ')} ({count} start{'s' if count > 1 else ''})", zorder=6,
-            path_effects=[Stroke(linewidth=3.0, foreground="white"), Normal()] if count <= _FEW else [],
-        )  # fmt: skip
-
-
 def draw_line(
     path: Polyline | ShortPath,
     ax: Axes | None = None,
@@ -184,16 +160,13 @@ def draw_line(
     """Draw a path of straight lines over what the ax shows, on cells of its space if there is none."""
     space, points = path.space, unwrap(path)
     copies = [space.from_world(points + shift) for shift in seam_shifts(space)] if len(points) > 1 else []
+    lines = [_subdivided(line) if space.ndim == 3 else line for line in copies]
 
-    def paint(panel: Panel) -> None:
-        if panel.normal is not None:
-            _draw_in_slice([_subdivided(line) for line in copies], panel, PATHS[0], "path")
-        else:
-            for line in copies:
-                panel.axes.plot(*panel.seen(line).T, color=PATHS[0], linewidth=1.5, zorder=4, label="path")
+    def layer(panel: Panel) -> None:
+        _draw_lines(lines, panel, "path")
         mark(panel.seen(space.from_world(points[:1])), panel.axes, "start")
 
-    return draw_panels(space, ax, paint, over=True, axis=axis, indices=indices)
+    return draw_panels(space, ax, *_ground(ax), layer, axis=axis, indices=indices)
 
 
 def _subdivided(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -215,16 +188,15 @@ def draw_separation(
     reachable = result.region & (space.cell == Cell.FREE)
     masks = [(reachable, _REGION, _REACHABLE), (result.mask, FAILURE, _SEPARATING)]
 
-    def paint(panel: Panel) -> None:
-        for mask in (*virtual_cells(virtual), *masks):
-            panel.paint(*mask)
+    def start(panel: Panel) -> None:
         x, y = panel.seen(space.axis_centre(result.start)[np.newaxis]).T
         panel.axes.scatter(
             x, y, s=34, marker="o" if outcome is Outcome.REACHED else "X", facecolor="white", edgecolor="black",
             linewidth=0.9, zorder=6, label=f"start: {outcome.value.replace('_', ' ')}",
         )  # fmt: skip
 
-    return draw_panels(space, ax, paint, axis=axis, indices=indices, through=result.start, columns=2)
+    layers = draw_known, painter(*virtual_cells(virtual), *masks), start
+    return draw_panels(space, ax, *layers, axis=axis, indices=indices, through=result.start, columns=2)
 
 
 def draw_clearance_curve(curve: ClearanceCurve, ax: Axes | None = None, *, unit: str = "", cell: float = 0.0) -> Axes:

@@ -40,11 +40,10 @@ from resgrid.plot.chip_maps import (
     draw_yield,
 )  # fmt: skip
 from resgrid.plot.circuits import MOST_CELLS_A_SIDE
-from resgrid.plot.control import draw_run, draw_runs
-from resgrid.plot.diagrams import draw_wavefront
-from resgrid.plot.figures import render_figure
+from resgrid.plot.control import draw_run, draw_runs, draw_wavefront
+from resgrid.plot.fields import draw_field
+from resgrid.plot.figures import NOTEBOOK_DPI, render_figure
 from resgrid.plot.graphs import draw_circuit
-from resgrid.plot.pages import draw_field
 from resgrid.plot.panels import draw_space
 from resgrid.plot.paths import draw_clearance_curve, draw_line, draw_path, draw_separation, draw_streamlines
 from resgrid.plot.workspace import draw_scene
@@ -52,7 +51,6 @@ from resgrid.scene.scene import Scene
 from resgrid.space import ConfigurationSpace
 from resgrid.spice.circuit import Circuit
 
-_NOTEBOOK_DPI = 100
 Picture = Callable[..., Axes | Figure]
 
 
@@ -181,7 +179,7 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
 def image_html(value: object) -> str | None:
     """The picture of a value as an image in HTML; None where it cannot be drawn."""
     try:
-        content = render_figure(draw(value), "png", dpi=_NOTEBOOK_DPI)
+        content = render_figure(draw(value), "png", dpi=NOTEBOOK_DPI)
     except ResgridError:
         return None
     return f'<img src="data:image/png;base64,{b64encode(content).decode()}" alt="picture of {_named(value)}">'

@@ -14,19 +14,17 @@ from matplotlib.colors import to_rgba
 from matplotlib.image import AxesImage
 from matplotlib.patches import Polygon
 from matplotlib.transforms import Affine2D
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from resgrid.axis import Axis
 from resgrid.errors import InputError
+from resgrid.frame import Frame
 from resgrid.grids import label_regions
 from resgrid.plot.style import GOAL, OBSTACLE, UNREACHABLE, add_swatch, axis_label, dress, refresh_legend
 from resgrid.space import Cell, ConfigurationSpace
 
 MOST_CELLS = 1024
 """Cells along an axis above which pictures show means over blocks."""
-
-VIRTUAL = "#8c8c8c"
-"""Colour of obstacle cells that stand for no body."""
 
 _VISIBLE = 0.015
 _SMALL_PART = 0.6
@@ -35,24 +33,19 @@ _MOST_RINGS = 30
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """Two axes, the cells between them, and the affine map from there to the picture.
+    """Two axes, the cells between them, and where they lie in the picture.
 
     `x, y`: across and up; `cell` (x.cells, y.cells): `Cell` codes; `connected`: free cells that lead to a goal (in
-    the whole space, if this is a slice); `matrix` (3, 3): homogeneous matrix from axis units to the picture's
-    coordinates; `of_map`: whether these are a map's own, which is turned or moved in the world.
+    the whole space, if this is a slice); `frame`: from axis units to the picture's coordinates; `of_map`: whether these
+    are a map's own, which is turned or moved in the world.
     """
 
     x: Axis
     y: Axis
     cell: NDArray[np.uint8]
     connected: NDArray[np.bool_]
-    matrix: NDArray[np.float64]
+    frame: Frame
     of_map: bool = False
-
-    @property
-    def is_turned(self) -> bool:
-        """Whether the picture's coordinates are not the axes' own."""
-        return not np.array_equal(self.matrix, np.eye(3))
 
     @property
     def aspect(self) -> float:
@@ -89,43 +82,33 @@ class Plane:
         (left, right), (bottom, top) = (
             axis.edges[[part.start, part.stop]] for axis, part in ((self.x, across), (self.y, up))
         )
-        return self.place([(left, bottom), (right, bottom), (right, top), (left, top)])
+        return self.frame.to_world([(left, bottom), (right, bottom), (right, top), (left, top)])
 
     @property
     def centres(self) -> NDArray[np.float64]:
         """Both coordinates of the cells' centres in the picture, shape (2, x.cells, y.cells)."""
         own = np.stack(np.meshgrid(self.x.centres, self.y.centres, indexing="ij"), axis=-1)
-        return np.moveaxis(self.place(own), -1, 0)
+        return np.moveaxis(self.frame.to_world(own), -1, 0)
 
     @property
     def cells_shown(self) -> int:
         """Cells along the longer side of the window."""
         return max(int(part.stop - part.start) for part in self.window)
 
-    def place(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Picture coordinates of points in axis units, shape ``(..., 2)``."""
-        return np.asarray(np.asarray(points) @ self.matrix[:2, :2].T + self.matrix[:2, 2])
 
-    def turn(self, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Picture components of vectors in axis units, shape ``(..., 2)``."""
-        return np.asarray(vectors @ self.matrix[:2, :2].T)
-
-
-def plane_of(space: ConfigurationSpace) -> Plane:
-    """Plane of a space with two axes, in the world."""
+def plane_of(space: ConfigurationSpace, cut: tuple[int, int] | None = None) -> Plane:
+    """Plane of a space with two axes, in the world; or of three, through the cells at an index along an axis."""
+    connected = leading_on(space)
+    if cut is not None:
+        normal, index = cut
+        x, y = (axis for number, axis in enumerate(space.axes) if number != normal)
+        cell, leading = (np.moveaxis(values, normal, 0)[index] for values in (space.cell, connected))
+        return Plane(x, y, cell, leading, Frame(), not space.frame.is_world)
     if space.ndim != 2:
         raise InputError(
             f"this picture needs a space of two axes, this one has {space.ndim}; draw(field) shows one to three axes"
         )
-    x, y = space.axes
-    return Plane(x, y, space.cell, leading_on(space), _matrix(space))
-
-
-def plane_slice(space: ConfigurationSpace, axis: int, index: int) -> Plane:
-    """Plane through the cells ``index`` along ``axis`` of a space with three axes."""
-    x, y = (a for number, a in enumerate(space.axes) if number != axis)
-    cell, connected = np.moveaxis(space.cell, axis, 0)[index], np.moveaxis(leading_on(space), axis, 0)[index]
-    return Plane(x, y, cell, connected, np.eye(3), not space.frame.is_world)
+    return Plane(*space.axes, space.cell, connected, space.frame)
 
 
 def leading_on(space: ConfigurationSpace) -> NDArray[np.bool_]:
@@ -133,12 +116,16 @@ def leading_on(space: ConfigurationSpace) -> NDArray[np.bool_]:
     return space.goal_connected if (space.cell == Cell.GOAL).any() else np.ones(space.shape, dtype=np.bool_)
 
 
-def kinds_of(cell: NDArray[np.uint8], connected: NDArray[np.bool_]) -> list[tuple[str, str, NDArray[np.bool_]]]:
-    """Label, colour and cells of what is drawn over a field; free cells without a way to a goal among them."""
+Mask = tuple[NDArray[np.bool_], str, str]
+"""Cells, their colour and their name."""
+
+
+def kinds_of(cell: NDArray[np.uint8], connected: NDArray[np.bool_]) -> list[Mask]:
+    """What is drawn over a field; free cells without a way to a goal among it."""
     return [
-        ("obstacle", OBSTACLE, cell == Cell.OBSTACLE),
-        ("goal", GOAL, cell == Cell.GOAL),
-        ("no way to a goal", UNREACHABLE, (cell == Cell.FREE) & ~connected),
+        (cell == Cell.OBSTACLE, OBSTACLE, "obstacle"),
+        (cell == Cell.GOAL, GOAL, "goal"),
+        ((cell == Cell.FREE) & ~connected, UNREACHABLE, "no way to a goal"),
     ]
 
 
@@ -151,21 +138,30 @@ def draw_image(plane: Plane, values: NDArray[Any], axes: Axes, **style: Any) -> 
         (axis.lower, axis.lower + count * block * axis.spacing)
         for axis, count in zip((plane.x, plane.y), pixels.shape, strict=False)
     )
-    image = axes.imshow(pixels.swapaxes(0, 1), origin="lower", extent=(*across, *up), aspect="auto", **style)
-    if plane.is_turned:
-        image.set_transform(Affine2D(plane.matrix) + axes.transData)
+    extent, aspect = (*across, *up), axes.get_aspect()
+    image = axes.imshow(pixels.swapaxes(0, 1), origin="lower", extent=extent, aspect=aspect, **style)
+    if not plane.frame.is_world:
+        turned = Affine2D().rotate(plane.frame.yaw).translate(plane.frame.x, plane.frame.y)
+        image.set_transform(turned + axes.transData)
     return image
 
 
 def draw_cells(plane: Plane, axes: Axes) -> None:
     """Draw obstacles, goals and unreachable cells over whatever else there is, and put them into the legend."""
-    colours = np.zeros((*plane.cell.shape, 4), dtype=np.uint8)
-    for label, colour, where in kinds_of(plane.cell, plane.connected):
-        if where.any():
-            colours[where] = np.round(255 * np.array(to_rgba(colour)))
-            add_swatch(axes, label, colour)
+    paint(plane, axes, *kinds_of(plane.cell, plane.connected), order=2.0)
     _ring_small_goals(plane, axes)
-    draw_image(plane, colours, axes, zorder=2.0)
+
+
+def paint(plane: Plane, axes: Axes, *masks: Mask, order: float = 2.2) -> None:
+    """Paint cells over whatever else there is, each kind in its colour, and put those there are into the legend."""
+    there = [mask for mask in masks if mask[0].any()]
+    if not there:
+        return
+    pixels = np.zeros((*plane.cell.shape, 4), dtype=np.uint8)
+    for where, colour, label in there:
+        pixels[where] = np.round(255 * np.array(to_rgba(colour)))
+        add_swatch(axes, label, colour)
+    draw_image(plane, pixels, axes, zorder=order)
 
 
 def _ring_small_goals(plane: Plane, axes: Axes) -> None:
@@ -177,7 +173,7 @@ def _ring_small_goals(plane: Plane, axes: Axes) -> None:
     if not small or len(small) > _MOST_RINGS:
         return
     middle = np.array([[(part.start + part.stop) / 2 for part in box] for box in small])
-    centres = plane.place((plane.x.lower, plane.y.lower) + middle * (plane.x.spacing, plane.y.spacing))
+    centres = plane.frame.to_world((plane.x.lower, plane.y.lower) + middle * (plane.x.spacing, plane.y.spacing))
     for width, colour in ((2.6, "white"), (1.4, GOAL)):
         axes.scatter(
             centres[:, 0], centres[:, 1], s=70, marker="o", facecolor="none", edgecolor=colour, linewidth=width,
@@ -186,37 +182,17 @@ def _ring_small_goals(plane: Plane, axes: Axes) -> None:
 
 
 def finish(plane: Plane, axes: Axes, points: Sequence[NDArray[np.float64]] = (), columns: int = 3) -> None:
-    """Set limits that hold the given points, equal aspect where both axes have the same unit, labels, legend."""
-    shown = np.concatenate([plane.view, *(plane.place(part) for part in points)])
+    """Set limits that hold points on paper, too, equal aspect where both axes have the same unit, labels, legend."""
+    shown = np.concatenate([plane.view, *points])
     (left, bottom), (right, top) = shown.min(axis=0), shown.max(axis=0)
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal" if plane.x.unit == plane.y.unit else "auto")
-    if plane.is_turned:
+    if not plane.frame.is_world:
         axes.add_patch(Polygon(plane.corners, fill=False, edgecolor=OBSTACLE, linewidth=0.6, zorder=2.5))
-    axes.set_xlabel(axis_label(plane.x, world=plane.is_turned, of_map=plane.of_map))
-    axes.set_ylabel(axis_label(plane.y, world=plane.is_turned, of_map=plane.of_map))
+    axes.set_xlabel(axis_label(plane.x, world=not plane.frame.is_world, of_map=plane.of_map))
+    axes.set_ylabel(axis_label(plane.y, world=not plane.frame.is_world, of_map=plane.of_map))
     dress(axes)
     if columns:
         refresh_legend(axes, columns)
-
-
-def _matrix(space: ConfigurationSpace) -> NDArray[np.float64]:
-    matrix = np.eye(3)
-    if not space.frame.is_world:
-        matrix[:2, :2] = space.frame.turned_to_world(np.eye(2)).T
-        matrix[:2, 2] = space.to_world((0.0, 0.0))
-    return matrix
-
-
-def paint_cells(plane: Plane, mask: NDArray[np.bool_], colour: str, label: str, axes: Axes) -> None:
-    """Paint the cells of a mask over whatever else there is, and name them in the legend, if there are any."""
-    if not mask.any():
-        return
-    pixels = np.zeros((*mask.shape, 4), dtype=np.uint8)
-    pixels[mask] = np.round(255 * np.array(to_rgba(colour)))
-    aspect = axes.get_aspect()
-    draw_image(plane, pixels, axes, zorder=2.2)
-    axes.set_aspect(aspect)
-    add_swatch(axes, label, colour)
 
 
 def seam_shifts(space: ConfigurationSpace) -> list[NDArray[np.float64]]:
@@ -250,13 +226,14 @@ def block_colours(colours: NDArray[np.uint8], block: int) -> NDArray[np.uint8]:
     """Blend colours over square blocks of cells; as `block_means` otherwise.  Shapes: `colours` (n, m, 4)."""
     if block == 1:
         return colours
-    opacity = colours[..., 3].astype(np.float64)
-    weight = _block_sums(opacity, block)
-    parts = [_block_sums(colours[..., part] * opacity, block) / np.maximum(weight, 1.0) for part in range(3)]
-    return np.round(np.stack([*parts, weight / block**2], axis=-1)).astype(np.uint8)
+    opacity = colours[..., 3:].astype(np.float32)
+    blended = _block_sums(np.concatenate([colours[..., :3] * opacity, opacity], axis=-1), block)
+    blended[..., :3] /= np.maximum(blended[..., 3:], 1.0)
+    blended[..., 3] /= block**2
+    return np.round(blended).astype(np.uint8)
 
 
-def _block_sums(values: NDArray[Any], block: int) -> NDArray[np.float64]:
-    padded = np.pad(values, [(0, -size % block) for size in values.shape])
-    rows, columns = (size // block for size in padded.shape)
-    return np.asarray(padded.reshape(rows, block, columns, block).sum(axis=(1, 3)), dtype=np.float64)
+def _block_sums(values: NDArray[Any], block: int) -> NDArray[Any]:
+    for axis in (0, 1):
+        values = np.add.reduceat(values, np.arange(0, values.shape[axis], block), axis=axis)
+    return values

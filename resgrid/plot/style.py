@@ -7,18 +7,16 @@ repeat what colours say.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import XAxis, YAxis
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import ArrayLike
 
 from resgrid.axis import Axis
@@ -42,8 +40,22 @@ LINE_STYLES: tuple[str | tuple[int, tuple[float, ...]], ...] = (
 _MARKS: dict[str, dict[str, Any]] = {
     "start": {"s": 22, "marker": "o", "facecolor": "white", "edgecolor": "black", "linewidth": 0.8},
     "goal": {"s": 70, "marker": "*", "facecolor": GOAL, "edgecolor": "black", "linewidth": 0.8},
-    "failure": {"s": 34, "marker": "x", "color": FAILURE, "linewidth": 1.6},
+    "failure": {
+        "s": 34,
+        "marker": "x",
+        "color": FAILURE,
+        "linewidth": 1.6,
+        "path_effects": [Stroke(linewidth=3.0, foreground="white"), Normal()],
+    },
 }
+_AMONG_MANY: dict[str, dict[str, Any]] = {
+    "start": {"s": 1.5, "facecolor": "black", "linewidth": 0.0},
+    "goal": {"s": 8, "linewidth": 0.2},
+    "failure": {"s": 4, "path_effects": []},
+}
+FEW = 40
+"""Things that a picture shows large; more of them are drawn small."""
+
 TEXT = 8.0
 SMALL = 7.0
 DPI = 200
@@ -95,14 +107,8 @@ def mark(places: ArrayLike, axes: Axes, kind: str, label: str | None = None) -> 
     """Mark starts, goals or failures, shape (n, 2); the legend calls them by their kind unless told otherwise."""
     x, y = np.reshape(places, (-1, 2)).T
     if len(x):
-        axes.scatter(x, y, zorder=8, label=kind if label is None else label, **_MARKS[kind])
-
-
-def plain_decades(axis: XAxis | YAxis, steps: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
-    """Write 0.01, 20, 500 along a logarithmic scale."""
-    axis.set_major_locator(LogLocator(subs=steps, numticks=12))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_locator(NullLocator())
+        style = _MARKS[kind] if len(x) <= FEW else _MARKS[kind] | _AMONG_MANY[kind]
+        axes.scatter(x, y, zorder=8, label=kind if label is None else label, **style)
 
 
 def refresh_legend(axes: Axes, columns: int = 3, gap: float = 4.6) -> None:
@@ -118,27 +124,17 @@ def refresh_legend(axes: Axes, columns: int = 3, gap: float = 4.6) -> None:
         )  # fmt: skip
 
 
-def add_colour_bar(mappable: ScalarMappable, axes: Axes, label: str) -> None:
-    """Add a colour bar beside the axes, as tall as they are."""
-    bar = axes.figure.colorbar(mappable, cax=axes.inset_axes((1.03, 0.0, 0.035, 1.0)), extend=_beyond(mappable))
-    bar.set_label(label, fontsize=SMALL)
-    bar.ax.tick_params(labelsize=SMALL, width=0.6, length=2.5)
-    bar.ax.yaxis.get_offset_text().set_fontsize(SMALL)
-
-
-def _beyond(mappable: ScalarMappable) -> Literal["min", "neither"]:
-    """Whether values lie below the colour scale."""
-    values, lowest = mappable.get_array(), mappable.norm.vmin
-    return "min" if values is not None and lowest is not None and np.any(values < lowest) else "neither"
-
-
-def add_scale(
-    figure: Figure, colours: ScalarMappable, label: str, extend: Literal["min", "neither"] = "neither"
-) -> None:
-    """Add one colour bar beside all axes of a figure."""
-    bar = figure.colorbar(colours, ax=figure.axes, fraction=0.03, pad=0.02, aspect=30, extend=extend)
+def add_colour_bar(colours: ScalarMappable, where: Axes | Figure, label: str) -> None:
+    """Add a colour bar beside axes, as tall as they are, or one beside all axes of a figure."""
+    values, lowest = colours.get_array(), colours.norm.vmin
+    below = values is not None and lowest is not None and bool(np.any(values < lowest))
+    place: dict[str, Any] = {"ax": where.axes, "fraction": 0.03, "pad": 0.02, "aspect": 30}
+    if isinstance(where, Axes):
+        place = {"cax": where.inset_axes((1.03, 0.0, 0.035, 1.0))}
+    bar = where.get_figure(root=True).colorbar(colours, extend="min" if below else "neither", **place)
     bar.set_label(label, fontsize=SMALL)
     bar.ax.tick_params(which="both", labelsize=SMALL, width=0.6, length=2.5)
+    bar.ax.yaxis.get_offset_text().set_fontsize(SMALL)
 
 
 def spanning(low: float, high: float) -> Normalize:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import shapely
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex, to_rgb
@@ -23,8 +24,8 @@ from resgrid.planning.streamline import AnyPath, Polyline, Streamline
 from resgrid.planning.workspace import dense
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, caption_height, new_figure
 from resgrid.plot.panels import draw_space
-from resgrid.plot.paths import draw_line, draw_separation, draw_streamlines
-from resgrid.plot.plane import paint_cells, plane_of
+from resgrid.plot.paths import draw_line, draw_path, draw_separation
+from resgrid.plot.plane import kinds_of, paint, plane_of
 from resgrid.plot.style import (
     FAILURE,
     GOAL,
@@ -45,7 +46,8 @@ from resgrid.space import Cell, ConfigurationSpace
 Way = AnyPath | ArrayLike
 
 _GHOSTS = 12
-_START, _EARLY, _LATE, _END = "#2b2b2b", "#b5b5b5", "#7fb2d6", "#0072B2"
+_START, _END = "#2b2b2b", "#0072B2"
+_EARLY, _LATE = np.array(to_rgb("#b5b5b5")), np.array(to_rgb("#7fb2d6"))
 
 
 def draw_scene(scene: Scene, ax: Axes | None = None) -> Axes:
@@ -58,9 +60,7 @@ def draw_scene(scene: Scene, ax: Axes | None = None) -> Axes:
     return axes
 
 
-def draw_robot(
-    path: Way, scene: Scene, ax: Axes | None = None, *, ghosts: int = _GHOSTS, colour: str = PATHS[0]
-) -> Axes:
+def draw_robot(path: Way, scene: Scene, ax: Axes | None = None, *, ghosts: int = _GHOSTS) -> Axes:
     """Draw a scene's robot along a path: black at the start, blue at the end, pale between; and its reference point.
 
     Parameters
@@ -73,8 +73,6 @@ def draw_robot(
         Made when None.
     ghosts : int
         How many poses to draw, at least 1; evenly spaced along the way that the robot's points move.
-    colour : str
-        Of the path of the reference point (an arm's tip).
 
     Returns
     -------
@@ -97,13 +95,12 @@ def draw_robot(
     axes = _draw_surroundings(scene, ax)
     along = np.concatenate([[0.0], np.cumsum(robot.travel(poses[:-1], poses[1:]))])
     shown = poses[np.unique(np.searchsorted(along, np.linspace(0.0, along[-1], ghosts)).clip(0, len(poses) - 1))]
-    for number, pose in enumerate(shown):
-        _draw_pose(robot, pose, axes, number, len(shown))
+    _draw_poses(robot, shown, axes)
     tip = robot.reference_point(poses)
     if len(tip) > 1:
         effects = [Stroke(linewidth=2.4, foreground="white"), Normal()]
         label = f"path of the {robot.reference}"
-        axes.plot(tip[:, 0], tip[:, 1], color=colour, linewidth=1.4, zorder=6, path_effects=effects, label=label)
+        axes.plot(tip[:, 0], tip[:, 1], color=PATHS[0], linewidth=1.4, zorder=6, path_effects=effects, label=label)
         mark(tip[:1], axes, "start", "")
         mark(tip[-1:], axes, "goal", "")
     if robot.base is not None:
@@ -144,9 +141,8 @@ def draw_tips(paths: Sequence[Streamline], scene: Scene, ax: Axes | None = None)
     lines = [robot.reference_point(_dense(path, scene)) for path in paths]
     label = f"paths of the {robot.reference}"
     axes.add_collection(LineCollection(lines, colors=PATHS[0], linewidths=0.6, alpha=0.8, zorder=4, label=label))
-    for row, size, face in ((0, 5, "white"), (-1, 4, GOAL)):
-        ends = np.array([line[row] for line in lines]).reshape(-1, 2)
-        axes.scatter(ends[:, 0], ends[:, 1], s=size, facecolor=face, edgecolor="black", linewidth=0.3, zorder=5)
+    mark([line[0] for line in lines], axes, "start", "")
+    mark([line[-1] for line in lines], axes, "goal", "")
     _frame(axes, scene, lines)
     refresh_legend(axes)
     return axes
@@ -156,7 +152,6 @@ def draw_pair(
     path: AnyPath,
     scene: Scene,
     *,
-    others: Sequence[Streamline] = (),
     virtual: NDArray[np.bool_] | None = None,
     verdict: Separation | None = None,
     separating: Sequence[Shape] = (),
@@ -173,8 +168,6 @@ def draw_pair(
         In a space of two axes.  The robot is drawn along it; at its start alone where it goes nowhere.
     scene : Scene
         Of a robot that moves in the plane.
-    others : sequence of Streamline
-        More paths for the configuration space.
     virtual : ndarray of bool, shape of the space, optional
         Obstacle cells that stand for no body, such as strips along singularities; drawn paler.
     verdict : Separation, optional
@@ -209,10 +202,9 @@ def draw_pair(
         draw_separation(verdict, right, virtual=virtual)
     else:
         draw_space(path.space, right, virtual=virtual)
-        lines = [path, *others] if isinstance(path, Streamline) else list(others)
-        if lines:
-            draw_streamlines(lines, right)
-        if not isinstance(path, Streamline):
+        if isinstance(path, Streamline):
+            draw_path(path, right)
+        else:
             draw_line(path, right)
     right.set_title("Configuration space", fontsize=TEXT)
     add_title(figure, title, caption)
@@ -252,8 +244,8 @@ def _draw_surroundings(scene: Scene, ax: Axes | None) -> Axes:
     axes = axes_or_new(ax)
     if scene.map is not None:
         known = ConfigurationSpace(scene.map.axes, scene.map.cell, frame=scene.map.frame)
-        for code, colour, label in ((Cell.OBSTACLE, OBSTACLE, "obstacle"), (Cell.GOAL, GOAL, "goal")):
-            paint_cells(plane_of(known), known.cell == code, colour, label, axes)
+        obstacles, goals, _ = kinds_of(known.cell, known.cell != Cell.FREE)
+        paint(plane_of(known), axes, obstacles, goals)
     mark_shapes(scene.obstacles, axes, OBSTACLE, "obstacle", 2.0)
     mark_shapes(scene.hidden, axes, HIDDEN, "hidden obstacle", 2.4)
     mark_shapes(_goal_regions(scene), axes, GOAL, "goal", 1.5)
@@ -297,27 +289,34 @@ def _dense(path: Way, scene: Scene) -> NDArray[np.float64]:
     return own.space.to_world(dense(own, travel / 400)[0] if travel else own.line)
 
 
-def _draw_pose(robot: Robot, pose: NDArray[np.float64], axes: Axes, number: int, count: int) -> None:
-    """One pose of several: strong at both ends."""
-    label = {0: "robot at the start", count - 1: "robot at the end"}.get(number) if number else "robot at the start"
-    share = number / max(count - 1, 1)
-    pale = (1 - share) * np.array(to_rgb(_EARLY)) + share * np.array(to_rgb(_LATE))
-    colour = to_rgb(_START if number == 0 else _END) if label else tuple(pale)
-    order = 3.0 + share / 2 + bool(label)
-    bodies = [shape for shape in robot.shapes_at(pose) if shape.area]
-    for shape in bodies:
-        fill(
-            shape, axes, facecolor=(*colour, 0.75 if label else 0.25), edgecolor=colour,
-            linewidth=1.2 if label else 0.6, zorder=order,
-        )  # fmt: skip
+def _draw_poses(robot: Robot, poses: NDArray[np.float64], axes: Axes) -> None:
+    """Poses along a path: strong at both ends."""
+    ends = {len(poses) - 1: ("robot at the end", _END), 0: ("robot at the start", _START)}
+    for number, (pose, share) in enumerate(zip(poses, np.linspace(0.0, 1.0, len(poses)).tolist(), strict=True)):
+        label, colour = ends.get(number, ("", to_hex((1 - share) * _EARLY + share * _LATE)))
+        draw_pose(robot, pose, axes, colour, label, bold=bool(label), order=3.0 + share / 2 + bool(label))
+
+
+def draw_pose(
+    robot: Robot, pose: NDArray[np.float64], axes: Axes, colour: str, label: str = "", *, bold: bool = True,
+    order: float = 7.5,
+) -> list[Artist]:  # fmt: skip
+    """Draw the bodies of a robot in a pose, and its joints; nothing of a point."""
+    drawn: list[Artist] = []
+    for shape in robot.shapes_at(pose):
+        if shape.area:
+            face, width = (colour, 0.75 if bold else 0.25), 1.2 if bold else 0.6
+            drawn += fill(shape, axes, facecolor=face, edgecolor=colour, linewidth=width, zorder=order)
     joints = skeleton(robot, pose)
     if len(joints):
-        axes.plot(
-            *joints.T, color=colour, linewidth=2.4 if label else 1.0, marker="o",
-            markersize=3.6 if label else 1.6, solid_capstyle="round", zorder=order, label=label,
+        width, size = (2.4, 3.6) if bold else (1.0, 1.6)
+        drawn += axes.plot(
+            *joints.T, color=colour, linewidth=width, marker="o", markersize=size, solid_capstyle="round",
+            zorder=order, label=label,
         )  # fmt: skip
-    elif label and bodies:
-        add_swatch(axes, label, to_hex(colour))
+    elif label and drawn:
+        add_swatch(axes, label, colour)
+    return drawn
 
 
 def skeleton(robot: Robot, pose: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -70,8 +70,10 @@ def read_scene(file: str | os.PathLike[str], **options: Any) -> Scene:
     table = {key: options.pop(key) for key in map_keys if key in options}
     if path.suffix.lower() == ".toml":
         raw, lines = _toml(decode(read_bytes(path), path), str(path))
-        if table and isinstance(raw.get("map", {}), dict):
-            raw["map"] = {**raw.get("map", {}), **table}
+        if table and "map" not in raw:
+            raise InputError(f"{path}: this scene has no map, so {', '.join(table)} would do nothing; leave that out")
+        if table and isinstance(raw["map"], dict):
+            raw["map"] |= table
     else:
         table |= {"file": path.name, "format": format_of(path, table)}
         raw, lines = {"schema": 1, "title": path.stem, "map": table}, {}

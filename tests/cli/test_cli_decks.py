@@ -131,7 +131,7 @@ def test_rules_end_with_one_where_there_are_errors(answer, call, deck, island, l
     assert set(verdict) == {"ngspice", "ltspice", "xyce", "hspice", "spectre"}
     assert answer("check", "--rules", lesson)["passes"]
     printed = call("check", "--rules", island).stdout
-    assert "1 errors" in printed and "will your simulator get it right?" in printed
+    assert "1 error," in printed and "will your simulator get it right?" in printed
 
 
 def test_check_holds_ngspice_against_our_solution(answer, call, deck, island, tmp_path):

@@ -223,6 +223,61 @@ def test_targets_that_cannot_be_written(call, room, tmp_path, verb):
         assert result.exit_code == 2 and "absent" in result.stderr
 
 
+TARGETS = [(verb, *option) for verb, option in VERBS.items() if option and verb != "run"] + [
+    ("control", "-o", "log.csv"),
+    ("control", "--picture", "run.png"),
+    ("control", "--animate", "run.gif"),
+    ("control", "--wavefront", "front.gif"),
+]
+
+
+@pytest.mark.parametrize(("verb", "option", "name"), TARGETS)
+def test_a_file_that_cannot_be_written_is_refused_before_anything_is_read(call, tmp_path, verb, option, name):
+    check_refusal(call(verb, "no.toml", option, tmp_path / "absent" / name), 2, ["no folder", "absent"])
+    (tmp_path / name).mkdir()
+    check_refusal(call(verb, "no.toml", option, tmp_path / name), 2, ["directory"])
+    check_refusal(call(verb, "no.toml", option, " "), 2, [option, "empty"])
+
+
+@pytest.mark.parametrize(("verb", "option", "name"), TARGETS)
+def test_what_is_read_is_not_written_over(call, tmp_path, verb, option, name):
+    """Under its own name, or that of a link."""
+    (tmp_path / name).write_text("the only copy")
+    (tmp_path / f"link{Path(name).suffix}").symlink_to(tmp_path / name)
+    for target in tmp_path.iterdir():
+        check_refusal(call(verb, tmp_path / name, option, target), 2, [option, "the input"])
+    assert (tmp_path / name).read_text() == "the only copy"
+
+
+@pytest.mark.parametrize("options", [("--read-as", "xyce"), ("--root", ".")])
+@pytest.mark.parametrize("verb", ["solve", "check", "info", "convert"])
+def test_options_of_decks_are_refused_for_scenes(call, room, tmp_path, verb, options):
+    target = ("-o", tmp_path / VERBS[verb][1]) if VERBS[verb] else ()
+    check_refusal(call(verb, room, *options, *target), 2, ["no deck", "--read-as"])
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["path", "--limit", "3"], ["--limit", "--queries"]),
+        (["solve", "--worst", "3"], ["--worst", "decks"]),
+        (["solve", "--raw", "ascii"], ["--raw", "decks"]),
+        (["chip", "--only", "power", "--at-least", "0.9"], ["--at-least", "yield"]),
+        (["chip", "--only", "power", "--sweep", "mismatch=0,1", "--sweep", "readout.bits=4,8"], ["exploration"]),
+    ],
+)
+def test_options_that_would_do_nothing_are_refused(call, room, tmp_path, monkeypatch, words, expected):
+    monkeypatch.chdir(tmp_path)
+    check_refusal(call(words[0], room, *words[1:]), 2, expected)
+    assert [file.name for file in tmp_path.iterdir()] == ["room.toml"]
+
+
+def test_options_of_maps_are_refused_where_there_is_no_map(call, room):
+    check_refusal(call("path", room, "--threshold", "4"), 2, ["no map", "threshold"])
+    result = call("path", "-", "--threshold", "4", piped=room.read_text())
+    check_refusal(result, 2, ["no map", "threshold"])
+
+
 def test_an_error_is_an_object_where_json_is_asked_for(call, tmp_path):
     result = call("path", tmp_path / "no.toml", "--json")
     data = json.loads(result.stdout)
@@ -234,8 +289,7 @@ def test_a_fault_of_our_own_asks_for_a_report(call, room, monkeypatch):
     def broken(*_args, **_more):
         raise ZeroDivisionError("oops")
 
-    monkeypatch.setattr("resgrid.scene.sampling.sample", broken)
-    monkeypatch.setattr("resgrid.scene.sample", broken)
+    monkeypatch.setattr("resgrid.sample", broken)
     plain, debug = call("path", room), call("path", room, "--debug")
     assert plain.exit_code == debug.exit_code == 70
     assert "Traceback" not in plain.stderr and "ZeroDivisionError: oops" in plain.stderr and "--debug" in plain.stderr

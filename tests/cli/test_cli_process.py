@@ -72,6 +72,16 @@ def test_a_reader_that_leaves_is_no_error(scenes):
         assert process.wait(timeout=60) == 141
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is always full")
+@pytest.mark.parametrize("options", [(), ("--json",)])
+def test_standard_output_that_is_full_is_one_error(scenes, options):
+    words = [*COMMAND, "path", str(scenes / "lesson.toml"), *options]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1 and "No space left" in done.stderr
+
+
 @pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_an_interrupt_leaves_nothing_half_written(scenes, tmp_path, sent, code):
     words = [*COMMAND, "run", str(scenes / "rooms.toml"), "-o", str(tmp_path / "out"), "-v"]

@@ -184,6 +184,11 @@ def test_an_axes_given_is_used_and_returned(field: rg.Field) -> None:
     assert [text.get_text() for text in axes.get_legend().get_texts()].count("obstacle") == 1
 
 
+def test_a_notebook_shows_what_was_drawn(field: rg.Field, cube: rg.Field) -> None:
+    for picture in (rg.draw(field), rg.draw(field).figure, rg.draw(cube), rg.draw_page(field)):
+        assert picture._repr_png_() == render_figure(picture, "png", dpi=100)
+
+
 def test_central_values_have_a_repr_of_one_line_and_a_picture_in_a_notebook(run: rg.Run, field: rg.Field) -> None:
     op = rg.solve(rg.compile_space(small_space()))
     pictured = (run.scene, field.space, field, op, small_op(), run, rg.study(small_op()).power())

@@ -13,7 +13,7 @@ from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.planning.planner import Planner
-from resgrid.plot.plane import VIRTUAL
+from resgrid.plot.panels import VIRTUAL
 from resgrid.plot.style import FAILURE
 
 ARM = rg.Arm((1.0, 0.5), widths=(0.1, 0.0))
@@ -150,8 +150,8 @@ def test_short_paths_and_separations_of_scenes_have_pictures() -> None:
     scene = rg.parse_scene(ROOM, "room")
     short = rg.shorten(rg.plan(scene).path((0.5, 0.5)))
     for path in (short, rg.Polyline(short.points, short.space)):
-        (line,) = [line for line in rg.draw(path).lines if line.get_label() == "path"]
-        np.testing.assert_allclose(line.get_xydata(), short.points)
+        (lines,) = [lines for lines in rg.draw(path).collections if lines.get_label() == "path"]
+        assert any(np.array_equal(line, short.points) for line in lines.get_segments())
     verdict = rg.separation(scene, (5.5, 4.5))
     assert verdict.separating == ("obstacle[0]",) and rg.draw(verdict).get_legend() is not None
     for value in (
