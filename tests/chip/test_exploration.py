@@ -67,9 +67,13 @@ def test_a_sweep_is_taken_up_where_it_was_killed(tmp_path: Path) -> None:
     with pytest.raises(rg.InputError, match="belongs to another run"):
         rg.study(cells(), kind).exploration(*axes, trials=13, checkpoint=file)
     line = data.splitlines(keepends=True)[4]
-    for damaged in (line.replace(b'"number":3,', b'"number":4,'), b'{"number":3,"served":"64"}\n'):
+    for damaged, why in (
+        (line.replace(b'"chip":3,', b'"chip":4,'), "line 5: its parts do not agree"),
+        (line.replace(b'"starts":"', b'"starts":"AAAA'), "line 5: "),
+        (b'{"chip":3,"served":64}\n', "line 5: the key 'starts' is missing"),
+    ):
         file.write_bytes(data.replace(line, damaged))
-        with pytest.raises(rg.InputError, match="is not that of chip 3"):
+        with pytest.raises(rg.InputError, match=why):
             explored(checkpoint=file)
 
 
