@@ -203,21 +203,20 @@ def faulty_voltages(
 class _Change:
     """A change of the conductance of one element, between nodes `a` and `b`, of a linear circuit.
 
-    `volts` (nodes,): before it; `w` (rows,); `z` (nodes,): ``A^-1 w``, 0 where voltages are known.
+    `volts` (nodes,): before it; `z` (nodes,): ``A^-1 w``, 0 where voltages are known.
     """
 
     rows: Dynamics
     solve: Solve
     volts: NDArray[np.float64]
     element: int
-    w: NDArray[np.float64]
     z: NDArray[np.float64]
 
     @classmethod
     def of(cls, rows: Dynamics, solve: Solve, volts: NDArray[np.float64], element: int) -> _Change:
         """Find what a current through the element does."""
         w = rows.injection(rows.netlist.resistor_nodes[element], np.array([1.0, -1.0]))
-        return cls(rows, solve, volts, element, w, rows.at_nodes(solve(w)))
+        return cls(rows, solve, volts, element, rows.at_nodes(solve(w)))
 
     def _across(self, volts: NDArray[np.float64]) -> float:
         a, b = self.rows.netlist.resistor_nodes[self.element]
@@ -231,10 +230,18 @@ class _Change:
             return None
         changed = self.volts - delta * self._across(self.volts) / rest * self.z
         if rest < _LEAKY:
-            lacking = self.rows.imbalance(self.rows.state(changed)) - delta * self._across(changed) * self.w
-            y = self.rows.at_nodes(self.solve(lacking))
+            y = self.rows.at_nodes(self.solve(self._lacking(changed, siemens)))
             changed += y - delta * self._across(y) / rest * self.z
         return np.asarray(changed)
+
+    def _lacking(self, volts: NDArray[np.float64], siemens: float) -> NDArray[np.float64]:
+        """Current that KCL lacks at every row at voltages (nodes,) and another conductance, in amperes."""
+        netlist = self.rows.netlist
+        conductance = netlist.conductance.copy()
+        conductance[self.element] = siemens
+        ends = np.concatenate([netlist.resistor_nodes, netlist.current_nodes])
+        flow = np.append(conductance * np.subtract(*volts[netlist.resistor_nodes.T]), netlist.current_amps)
+        return self.rows.injection(ends[:, 1], flow) - self.rows.injection(ends[:, 0], flow)
 
 
 def _solved(netlist: Netlist, element: int, siemens: float) -> NDArray[np.float64]:

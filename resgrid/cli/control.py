@@ -18,9 +18,8 @@ from resgrid.scene import Control
 from resgrid.scene.table import described_keys
 
 if TYPE_CHECKING:
-    from resgrid.control.announced import Wavefront
     from resgrid.control.log import Run
-    from resgrid.control.simulation import Simulation
+    from resgrid.control.simulation import Simulation, Wavefront
 
 FRAMES = 120
 
@@ -137,7 +136,7 @@ def _front(sim: Simulation, run: Run) -> Wavefront:
     """The change of the potential for as long as the robot was on its way."""
     import numpy as np
 
-    from resgrid.control.announced import wavefront
+    from resgrid.control.simulation import wavefront
 
     crossed = float(run.time[-1]) * sim.controller.speed / float(sim.space.spacing.min())
     with stage("follow the wavefront", seconds=10.0):

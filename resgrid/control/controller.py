@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import check_number, checked
+from resgrid.arguments import check_number, checked, per_axis
 from resgrid.control.exits import RECOVERY, exits
 from resgrid.errors import InputError
 from resgrid.frozen import frozen
@@ -88,7 +88,8 @@ class Controller:
         check_number("speed", self.speed, "the nominal speed: finite and above 0", above=0.0)
         object.__setattr__(self, "speed", float(self.speed))
         object.__setattr__(self, "admittance", admittance_matrix(self.admittance, ndim))
-        object.__setattr__(self, "speed_limits", _checked_limits(self.speed_limits, ndim))
+        limits = per_axis("speed_limits", self.speed_limits, ndim, "above 0", above=0.0, most=np.inf)
+        object.__setattr__(self, "speed_limits", limits)
         check_number("threshold", self.threshold, "finite and not negative", least=0.0)
 
     def command(self, configuration: ArrayLike, force: ArrayLike | None = None) -> NDArray[np.float64]:
@@ -283,21 +284,13 @@ def make_controller(
     pace = float((space.upper - space.lower).max()) / 20 if speed is None else speed
     check_number("speed", pace, "the nominal speed: finite and above 0", above=0.0)
     fastest = min(5.0 * float(pace), float(np.finfo(np.float64).max))
-    try:
-        limits = np.asarray(fastest if speed_limits is None else speed_limits, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError("speed_limits must be numbers") from None
-    limits = np.full(space.ndim, limits.ravel()[0]) if limits.size == 1 else limits
-    matrix = admittance_matrix(pace if admittance is None else admittance, space.ndim)
-    return Controller(field, matrix, pace, limits, response)
-
-
-def _checked_limits(limits: ArrayLike, ndim: int) -> NDArray[np.float64]:
-    values = np.array(limits, dtype=np.float64)
-    if values.shape != (ndim,) or not np.all(values > 0):
-        raise InputError(f"speed_limits needs {ndim} speeds above 0, one per axis, got {values.tolist()}")
-    values.flags.writeable = False
-    return values
+    return Controller(
+        field=field,
+        admittance=admittance_matrix(pace if admittance is None else admittance, space.ndim),
+        speed=pace,
+        speed_limits=np.asarray(fastest if speed_limits is None else speed_limits),
+        response=response,
+    )
 
 
 def equipotential_velocity(streamline_velocity: ArrayLike, force: ArrayLike, *, c: float = 1.0) -> NDArray[np.float64]:

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.control.announced import Wavefront
 from resgrid.control.controller import following_velocity, make_controller
+from resgrid.control.simulation import Wavefront
 from resgrid.errors import InputError
 from resgrid.planning.blend import dirichlet_share
 from resgrid.planning.fields import Field

@@ -11,9 +11,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 from PIL import Image
+from resgrid.control.announced import Wavefront, wavefront
 
 import resgrid as rg
-from resgrid.control.announced import Wavefront, wavefront
 from resgrid.control.log import Mode
 from resgrid.errors import InputError, ToolMissingError
 from resgrid.plot.animations import check_animation, frame_rows
