@@ -33,7 +33,7 @@ from resgrid.circuit.nonlinear import small_signal
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
 from resgrid.die import NOISE, OFFSET, Seed, generator, seed_of
-from resgrid.errors import CircuitError
+from resgrid.errors import CircuitError, InputError
 from resgrid.executors import Part, in_order
 from resgrid.grids import before_and_behind, slab, with_margin
 from resgrid.journal import Journal
@@ -191,6 +191,8 @@ def prepare(
     """Do once what all trials share.  Shapes: `starts` as the space."""
     cells = cells_with_nodes(netlist, "robots that see the read-out")
     mask = cells.space.goal_connected if starts is None else cells.space.goal_connected & starts
+    if not mask.any():
+        raise InputError("there is no start: no free cell has a way to a goal")
     healthy = dataclasses.replace(chip.defects, open_density=0.0, short_density=0.0, open_at=())
     nominal = build_chip(netlist, dataclasses.replace(chip, mismatch=None, pelgrom=None, defects=healthy))
     op = solve(nominal)

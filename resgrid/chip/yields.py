@@ -145,8 +145,6 @@ def analyse_yield(
         starts = checked_starts(netlist.cells.space, starts)
     chip = chip or Chip()
     experiment = prepare(netlist, chip, [chip.readout], None if seed is None else seed_of(seed), starts)
-    if not experiment.starts.any():
-        raise InputError("there is no start: no free cell has a way to a goal")
     space, random = netlist.cells.space, experiment.random
     most, count = trials if random else 1, int(experiment.starts.sum())
     journal = None

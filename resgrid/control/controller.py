@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import check_number, checked, per_axis
 from resgrid.control.exits import RECOVERY, exits
+from resgrid.control.pushes import checked_force
 from resgrid.errors import InputError
 from resgrid.frozen import frozen
 from resgrid.planning.fields import Field
@@ -116,7 +117,7 @@ class Controller:
         """
         velocity = self.axis_nominal(self._along_axes(configuration)).velocity
         if force is not None:
-            along = self._frame.turned_from_world(self._checked_force(force))
+            along = self._frame.turned_from_world(checked_force(force, len(self.speed_limits), "the generalised force"))
             if self.response == "equipotential" and math.hypot(*along) > self.threshold:
                 velocity = following_velocity(velocity, along)
             else:
@@ -223,17 +224,6 @@ class Controller:
             )
         offset = near[0][1]
         return np.asarray(offset * (self.speed / np.linalg.norm(offset)))
-
-    def _checked_force(self, force: ArrayLike) -> NDArray[np.float64]:
-        try:
-            tau = np.asarray(force, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise InputError(f"a generalised force must be numbers, got {force!r}") from None
-        if tau.shape != self.speed_limits.shape:
-            raise InputError(f"a generalised force has {len(self.speed_limits)} entries here, got shape {tau.shape}")
-        if not np.isfinite(tau).all():
-            raise InputError(f"the generalised force {tau.tolist()} is not finite: stop the robot, check the sensor")
-        return tau
 
 
 _PLACES = ("free", "goal", "off")
