@@ -11,11 +11,10 @@ from .circuit.solve import factor as factor, scale_drive as scale_drive, solve a
 from .circuit.transient import transient as transient, transient_stepper as transient_stepper
 from .circuit.update import WarmStart as WarmStart
 from .compiler import compile_space as compile_space
-from .control.announced import wavefront as wavefront
 from .control.controller import equipotential_velocity as equipotential_velocity, make_controller as make_controller
 from .control.log import Ending as Ending, Mode as Mode, Run as Run
 from .control.pushes import Push as Push, random_pushes as random_pushes
-from .control.simulation import simulation as simulation
+from .control.simulation import simulation as simulation, wavefront as wavefront
 from .errors import (
     AccuracyError as AccuracyError,
     BudgetError as BudgetError,

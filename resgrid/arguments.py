@@ -20,7 +20,7 @@ from typing import IO, Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
 
@@ -63,6 +63,7 @@ SOURCES = {
 _ARRAY = frozenset(get_args(ArrayLike))
 _SHOWN = 60
 _LARGEST = 2**63 - 1
+_HUGE = sys.float_info.max
 
 
 def is_number(value: Any) -> bool:
@@ -96,6 +97,20 @@ def check_whole(name: str, value: Any, least: int) -> None:
     """Refuse what is no whole number of at least ``least``."""
     if not (is_whole(value) and int(value) >= least):
         raise InputError(f"{name} = {value!r} must be a whole number, at least {least}")
+
+
+def per_axis(
+    name: str, value: ArrayLike, ndim: int, words: str, *, least: float = -_HUGE, above: float = -math.inf,
+    most: float = _HUGE,
+) -> NDArray[np.float64]:  # fmt: skip
+    """A number for every axis, shape (ndim,), of one for all or one for each; refuse those beyond limits."""
+    try:
+        given = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        given = np.full(1, np.nan)
+    if given.shape not in ((), (1,), (ndim,)) or not np.all((given >= least) & (given > above) & (given <= most)):
+        raise InputError(f"{name} = {value!r} must be {words}, one for all or one for each of the {ndim} axes")
+    return np.array(np.broadcast_to(given, (ndim,)))
 
 
 def guarded(name: str, value: Any) -> Any:

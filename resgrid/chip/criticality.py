@@ -24,7 +24,7 @@ from resgrid.chip.figures import Figure, Result
 from resgrid.chip.passes.base import add_resistors, cells_with_nodes, select_resistors, without_stranded_currents
 from resgrid.chip.trials import arrivals, converter_of, neighbours_of
 from resgrid.chip.yields import checked_starts
-from resgrid.circuit.equations import Equations, assemble
+from resgrid.circuit.dynamics import Dynamics, dynamics_of
 from resgrid.circuit.solve import solve
 from resgrid.die import end_names
 from resgrid.errors import CircuitError, InputError
@@ -186,66 +186,62 @@ def faulty_voltages(
     netlist: Netlist, volts: NDArray[np.float64], order: NDArray[np.int64], short_resistance: float
 ) -> Iterator[tuple[int, NDArray[np.float64], NDArray[np.float64]]]:
     """An element after the other, and the voltages of all nodes when it is open, and when it is shorted."""
-    system = None if netlist.nonlinear_nodes.size else assemble(netlist)
-    solve = factor_supernodes(system.laplacian).solve if system is not None and system.size else np.copy
-    for begin in range(0, len(order), _BLOCK):
-        block = order[begin : begin + _BLOCK]
-        spread = np.empty(0) if system is None else _responses(system, solve, netlist.resistor_nodes[block])
-        for number, element in enumerate(block.tolist()):
-            voltages = []
-            for siemens in (0.0, 1.0 / short_resistance):
-                changed = None if system is None else _changed(system, solve, volts, element, siemens, spread[number])
-                voltages.append(_solved(netlist, element, siemens) if changed is None else changed)
-            yield element, voltages[0], voltages[1]
+    rows = solve_rows = None
+    if not netlist.nonlinear_nodes.size:
+        rows = dynamics_of(netlist.replace(capacitor_nodes=[], capacitance=[]))
+        solve_rows = factor_supernodes(rows.conductance).solve if rows.size else np.copy
+    for element in order.tolist():
+        change = None if rows is None or solve_rows is None else _Change.of(rows, solve_rows, volts, element)
+        voltages = []
+        for siemens in (0.0, 1.0 / short_resistance):
+            changed = None if change is None else change.voltages(siemens)
+            voltages.append(_solved(netlist, element, siemens) if changed is None else changed)
+        yield element, voltages[0], voltages[1]
 
 
-def _changed(
-    system: Equations, solve: Solve, volts: NDArray[np.float64], element: int, siemens: float, z: NDArray[np.float64]
-) -> NDArray[np.float64] | None:
-    """Voltages when an element has another conductance; None where the others do not determine them."""
-    a, b = system.netlist.resistor_nodes[element]
-    delta = siemens - float(system.netlist.conductance[element])
-    rest = 1.0 + delta * float(z[a] - z[b])
-    if not rest > _BRIDGE:
-        return None
-    changed = volts - delta * float(volts[a] - volts[b]) / rest * z
-    if rest < _LEAKY:
-        y = _spread(system, solve(_imbalance(system, changed, element, siemens)))
-        changed += y - delta * float(y[a] - y[b]) / rest * z
-    return np.asarray(changed)
+@dataclass(frozen=True, eq=False)
+class _Change:
+    """A change of the conductance of one element, between nodes `a` and `b`, of a linear circuit.
 
+    `volts` (nodes,): before it; `z` (nodes,): ``A^-1 w``, 0 where voltages are known.
+    """
 
-def _responses(system: Equations, solve: Solve, ends: NDArray[np.int32]) -> NDArray[np.float64]:
-    """``A^-1 w`` at all nodes for every element, shape (elements, nodes); 0 where voltages are known."""
-    w = np.zeros((system.size, len(ends)))
-    for column, sign in ((0, 1.0), (1, -1.0)):
-        row = system.unknown[ends[:, column]]
-        inside = np.flatnonzero(row >= 0)
-        w[row[inside], inside] += sign
-    return _spread(system, np.stack([solve(column) for column in w.T], axis=1))
+    rows: Dynamics
+    solve: Solve
+    volts: NDArray[np.float64]
+    element: int
+    z: NDArray[np.float64]
 
+    @classmethod
+    def of(cls, rows: Dynamics, solve: Solve, volts: NDArray[np.float64], element: int) -> _Change:
+        """Find what a current through the element does."""
+        w = rows.injection(rows.netlist.resistor_nodes[element], np.array([1.0, -1.0]))
+        return cls(rows, solve, volts, element, rows.at_nodes(solve(w)))
 
-def _spread(system: Equations, rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values of rows, shape (n,) or (n, k), at nodes, shape (nodes,) or (k, nodes); 0 where voltages are known."""
-    result = np.zeros((*rows.shape[1:], len(system.unknown)))
-    solved = np.flatnonzero(system.unknown >= 0)
-    result[..., solved] = rows.T[..., system.unknown[solved]]
-    return result
+    def _across(self, volts: NDArray[np.float64]) -> float:
+        a, b = self.rows.netlist.resistor_nodes[self.element]
+        return float(volts[a] - volts[b])
 
+    def voltages(self, siemens: float) -> NDArray[np.float64] | None:
+        """Voltages of all nodes at another conductance; None where the other elements do not determine them."""
+        delta = siemens - float(self.rows.netlist.conductance[self.element])
+        rest = 1.0 + delta * self._across(self.z)
+        if not rest > _BRIDGE:
+            return None
+        changed = self.volts - delta * self._across(self.volts) / rest * self.z
+        if rest < _LEAKY:
+            y = self.rows.at_nodes(self.solve(self._lacking(changed, siemens)))
+            changed += y - delta * self._across(y) / rest * self.z
+        return np.asarray(changed)
 
-def _imbalance(system: Equations, volts: NDArray[np.float64], element: int, siemens: float) -> NDArray[np.float64]:
-    """Current that KCL lacks at every row when an element has another conductance, in amperes, shape (n,)."""
-    netlist = system.netlist
-    conductance = netlist.conductance.copy()
-    conductance[element] = siemens
-    across = volts[netlist.resistor_nodes[:, 0]] - volts[netlist.resistor_nodes[:, 1]]
-    flow = np.append(conductance * across, netlist.current_amps)
-    row = system.unknown[np.concatenate([netlist.resistor_nodes, netlist.current_nodes])]
-    imbalance = np.zeros(system.size)
-    for end, sign in ((0, -1.0), (1, 1.0)):
-        inside = row[:, end] >= 0
-        imbalance += sign * np.bincount(row[inside, end], flow[inside], system.size)
-    return imbalance
+    def _lacking(self, volts: NDArray[np.float64], siemens: float) -> NDArray[np.float64]:
+        """Current that KCL lacks at every row at voltages (nodes,) and another conductance, in amperes."""
+        netlist = self.rows.netlist
+        conductance = netlist.conductance.copy()
+        conductance[self.element] = siemens
+        ends = np.concatenate([netlist.resistor_nodes, netlist.current_nodes])
+        flow = np.append(conductance * np.subtract(*volts[netlist.resistor_nodes.T]), netlist.current_amps)
+        return self.rows.injection(ends[:, 1], flow) - self.rows.injection(ends[:, 0], flow)
 
 
 def _solved(netlist: Netlist, element: int, siemens: float) -> NDArray[np.float64]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import os
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass
@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 from resgrid.arguments import check_share, check_whole, suggestion
 from resgrid.chip.build import chip_keys, ideal_netlist
 from resgrid.chip.figures import Figure, Result
-from resgrid.chip.trials import Experiment, differs, prepare, run_trials, taken_up, unpacked
+from resgrid.chip.trials import Experiment, Series, differs, prepare, run_series
 from resgrid.chip.yields import Progress, overall_share
 from resgrid.errors import InputError
-from resgrid.executors import Part
 from resgrid.journal import Journal
 from resgrid.netlist import Netlist
 from resgrid.scene.chip import Chip, Readout
@@ -131,11 +130,15 @@ def explore_yield(
         _Group(kind, places, [points[place].readout for place in places], trials)
         for kind, places in _groups(points).items()
     ]
+    journal = None
+    if checkpoint is not None:
+        digest = hashlib.sha256(f"{groups} {groups[0].experiment(netlist).fingerprint()}".encode())
+        journal = Journal(checkpoint, {"resgrid": "sweep", "fingerprint": digest.hexdigest()})
     share, low, high = np.empty((3, len(first[1]), len(second[1])))
     done = 0
-    with closing(_served(netlist, groups, executor, checkpoint)) as served:
+    with closing(run_series([group.series(netlist) for group in groups], starts, executor, journal)) as served:
         for group in groups:
-            counts = np.array([count for count, _ in islice(served, group.trials)])
+            counts = np.array([each.sum(axis=1) for each, _ in islice(served, group.trials)])
             for place, count in zip(group.places, counts.T, strict=True):
                 overall = overall_share(count, starts, confidence, random=group.random)
                 share[place], low[place], high[place] = overall.value, overall.low, overall.high
@@ -164,45 +167,14 @@ class _Group:
         """Chips to try."""
         return self.most if self.random else 1
 
+    def series(self, netlist: Netlist) -> Series:
+        """Its trials, prepared when it is their turn."""
+        return Series(self.trials, len(self.places), partial(self.experiment, netlist), f"chips of {self.kind},")
+
     def experiment(self, netlist: Netlist) -> Experiment:
         """What the trials share."""
         cells = netlist.cells
         return prepare(ideal_netlist(cells.space, self.kind, cells.wiring), self.kind, self.readouts)
-
-
-def _served(
-    netlist: Netlist, groups: Sequence[_Group], executor: Executor | None, checkpoint: str | os.PathLike[str] | None
-) -> Generator[tuple[list[int], bool], None, None]:
-    """How many starts every read-out of every chip serves, group by group, and whether the chip is new."""
-    widths = [len(group.places) for group in groups for _ in range(group.trials)]
-
-    def read(number: int, record: Mapping[str, Any]) -> list[int]:
-        counts = record["served"]
-        if record["number"] != number or not isinstance(counts, list) or len(counts) != widths[number]:
-            raise ValueError(f"it is not that of chip {number}")
-        return counts
-
-    def write(number: int, counts: list[int]) -> dict[str, Any]:
-        return {"number": number, "served": counts}
-
-    journal = None
-    if checkpoint is not None:
-        digest = hashlib.sha256(f"{groups} {groups[0].experiment(netlist).fingerprint()}".encode())
-        journal = Journal(checkpoint, {"resgrid": "sweep", "fingerprint": digest.hexdigest()})
-    return taken_up(journal, read, write, partial(_parts, netlist, groups), executor)
-
-
-def _parts(netlist: Netlist, groups: Sequence[_Group], done: int) -> Iterator[Part]:
-    """The trials of every group but the first ones, which are `done`; a group is prepared when it is its turn."""
-    for group in groups:
-        if done < group.trials:
-            yield Part(_run_counts, group.experiment(netlist), range(done, group.trials), f"chips of {group.kind},")
-        done = max(0, done - group.trials)
-
-
-def _run_counts(experiment: Experiment, numbers: Sequence[int]) -> list[list[int]]:
-    """How many starts every read-out serves, trial by trial."""
-    return [unpacked(experiment, bits).sum(axis=1).tolist() for bits in run_trials(experiment, numbers)]
 
 
 def _usual_sweep(chip: Chip) -> Sweep:

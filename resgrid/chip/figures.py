@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import html
 import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from statistics import NormalDist
@@ -47,16 +45,24 @@ def formatted(value: float | int | str | None, unit: str) -> str:
     return format_quantity(value, _UNITS.get(unit, unit))
 
 
-def html_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table for notebooks, in which what stands between double backquotes is code."""
-    lines = ["".join(f"<th>{html.escape(word)}</th>" for word in head)]
-    lines += ["".join(f"<td>{_marked(word)}</td>" for word in row) for row in rows]
-    return "<table>" + "".join(f"<tr>{line}</tr>" for line in lines) + "</table>"
+def table_lines(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """A table in Markdown, line by line."""
+    return [f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows)]
 
 
-def _marked(text: str) -> str:
-    """Text in HTML."""
-    return re.sub("``(.+?)``", r"<code>\1</code>", html.escape(text))
+def html_table(lines: Sequence[str]) -> str:
+    """A table in HTML, for notebooks."""
+    from markdown_it import MarkdownIt
+
+    return str(MarkdownIt("commonmark", {"html": False}).enable("table").render("\n".join(lines)))
+
+
+def figure_lines(figures: Mapping[str, Figure]) -> list[str]:
+    """A table of figures in Markdown, line by line."""
+    rows = (
+        (name.replace("_", " "), str(figure), figure.definition.replace("|", "\\|")) for name, figure in figures.items()
+    )
+    return table_lines(("figure", "value", "definition"), rows)
 
 
 class Result:
@@ -79,8 +85,7 @@ class Result:
         return f"{type(self).__name__}({figures})"
 
     def _repr_html_(self) -> str:
-        rows = [(name.replace("_", " "), str(figure), figure.definition) for name, figure in self.figures.items()]
-        return picture_of(self) + html_table(("figure", "value", "definition"), rows)
+        return picture_of(self) + html_table(figure_lines(self.figures))
 
 
 def defined(value: float) -> float | None:

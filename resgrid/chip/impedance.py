@@ -8,8 +8,6 @@ across their resistors.  So one node of such a part counts from the rail, and al
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
@@ -123,35 +121,26 @@ def _swinging(G: Laplacian) -> sparse.csr_array:
     return sparse.coo_array((entries[0], entries[1:]), shape=(n, n)).tocsr()
 
 
-@dataclass(frozen=True, eq=False)
-class Integrals:
-    """Effective resistances and integrals of ``Re Z`` over a band, row by row.
-
-    `resistance, resistance_error` (n,): in ohms; `area, area_error` (n,): in ohm hertz.
-    """
-
-    resistance: NDArray[np.float64]
-    resistance_error: NDArray[np.float64]
-    area: NDArray[np.float64]
-    area_error: NDArray[np.float64]
+Integrals = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+"""Effective resistances (n,), in ohms, and integrals of ``Re Z`` over a band (n,), in ohm hertz; errors behind both."""
 
 
 def find_exactly(dynamics: Dynamics, band: tuple[float, float] | None) -> Integrals:
     """Find them from the factors."""
     none = np.zeros(dynamics.size)
     if not dynamics.size:
-        return Integrals(none, none, none, none)
+        return none, none, none, none
     factors = factor_supernodes(dynamics.conductance)
     resistance = positive_inverse_diagonal(factors)
     if band is None:
-        return Integrals(resistance, none, none, none)
+        return resistance, none, none, none
     rounding = 2.0 * _EPS * factors.solve(_largest_currents(dynamics, band))
     _require_digits(dynamics, rounding, _MOST_ROUNDING)
     flat, frequency, weight = _quadrature(dynamics, band)
     area = flat * resistance
     for f, w in zip(frequency.tolist(), weight.tolist(), strict=True):
         area = area + w * inverse_diagonal(_admittance(dynamics, f)).real
-    return Integrals(resistance, none, area, rounding * area)
+    return resistance, none, area, rounding * area
 
 
 def estimate(dynamics: Dynamics, band: tuple[float, float] | None, signs: NDArray[np.float64]) -> Integrals:
@@ -161,14 +150,13 @@ def estimate(dynamics: Dynamics, band: tuple[float, float] | None, signs: NDArra
     digits = _ITERATED if factors.name == "multigrid" else 2.0 * _EPS
     _require_digits(dynamics, digits * factors.solve_nonnegative(currents)[0].plain, _MOST_ESTIMATED)
     at_rest = np.stack([factors.solve(column) for column in signs.T], axis=1)
-    resistance = estimate_diagonal(signs, at_rest)
-    if band is None:
-        return Integrals(*resistance, *np.zeros((2, dynamics.size)))
-    flat, frequency, weight = _quadrature(dynamics, band)
-    products = flat * at_rest
-    for f, w in zip(frequency.tolist(), weight.tolist(), strict=True):
-        products += w * symmetric_factors(_admittance(dynamics, f)).solve(signs.astype(np.complex128)).real
-    return Integrals(*resistance, *estimate_diagonal(signs, products))
+    products = np.zeros_like(at_rest)
+    if band is not None:
+        flat, frequency, weight = _quadrature(dynamics, band)
+        products = flat * at_rest
+        for f, w in zip(frequency.tolist(), weight.tolist(), strict=True):
+            products += w * symmetric_factors(_admittance(dynamics, f)).solve(signs.astype(np.complex128)).real
+    return *estimate_diagonal(signs, at_rest), *estimate_diagonal(signs, products)
 
 
 def _largest_currents(dynamics: Dynamics, band: tuple[float, float]) -> NDArray[np.float64]:

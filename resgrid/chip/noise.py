@@ -114,7 +114,7 @@ def analyse_noise(
     netlist: Netlist,
     *,
     band: tuple[float, float] | None = None,
-    temperature: float | None = None,
+    temperature: float = ROOM,
     method: Literal["auto", "exact", "estimate"] = "auto",
     samples: int = 64,
     seed: int = 0,
@@ -129,7 +129,7 @@ def analyse_noise(
     A node that resistors tie to no rail is a CircuitError; conductances that span so many decades that rounding may be
     more than 1e-3 of a density within the band, or a tenth of what is estimated, are an AccuracyError.
     """
-    kelvin = _checked_temperature(temperature)
+    _check_kelvin(temperature)
     check_whole("samples", samples, 2)
     check_whole("seed", seed, 0)
     if band is not None and not 0 <= band[0] < band[1] < _HIGHEST:
@@ -137,21 +137,21 @@ def analyse_noise(
     dynamics = dynamics_of(netlist)
     require_grounded(dynamics)
     exact = method == "exact" or (method == "auto" and _is_small(dynamics)) or not dynamics.size
-    integrals = (
+    resistance, resistance_error, area, area_error = (
         find_exactly(dynamics, band) if exact else estimate(dynamics, band, random_signs(dynamics.size, samples, seed))
     )
-    scale = BOLTZMANN * kelvin
+    scale = BOLTZMANN * temperature
     total = total_error = None
     if band is not None:
-        root = np.sqrt(4.0 * scale * np.maximum(integrals.area, 0.0))
+        root = np.sqrt(4.0 * scale * np.maximum(area, 0.0))
         with np.errstate(divide="ignore", invalid="ignore"):
-            total_error = dynamics.at_nodes(np.nan_to_num(2.0 * scale * integrals.area_error / root))
+            total_error = dynamics.at_nodes(np.nan_to_num(2.0 * scale * area_error / root))
         total = dynamics.at_nodes(root)
     return Noise(
         netlist=netlist,
-        temperature=kelvin,
-        resistance=dynamics.at_nodes(integrals.resistance),
-        resistance_error=dynamics.at_nodes(integrals.resistance_error),
+        temperature=float(temperature),
+        resistance=dynamics.at_nodes(resistance),
+        resistance_error=dynamics.at_nodes(resistance_error),
         limit=dynamics.at_nodes(np.sqrt(scale * _elastance(dynamics))),
         band=None if band is None else (float(band[0]), float(band[1])),
         total=total,
@@ -161,7 +161,7 @@ def analyse_noise(
 
 
 def noise_density(
-    netlist: Netlist, nodes: ArrayLike, frequencies: ArrayLike, *, temperature: float | None = None
+    netlist: Netlist, nodes: ArrayLike, frequencies: ArrayLike, *, temperature: float = ROOM
 ) -> NDArray[np.float64]:
     """Spot density of thermal noise, ``4 k T Re Z(f)``, in V^2/Hz; 0 on rails, NaN where a node floats.
 
@@ -173,7 +173,7 @@ def noise_density(
     """
     node = _checked_nodes(netlist, nodes)
     when = _checked_frequencies(frequencies)
-    kelvin = _checked_temperature(temperature)
+    _check_kelvin(temperature)
     dynamics = dynamics_of(netlist)
     rows = dynamics.row[node].astype(np.int64)
     density = np.zeros((len(when), len(node)))
@@ -183,16 +183,16 @@ def noise_density(
         if not when.all():
             require_grounded(dynamics)
         density[:, inside] = resistive_parts(dynamics, rows[inside], when)
-    return 4.0 * BOLTZMANN * kelvin * density
+    return 4.0 * BOLTZMANN * temperature * density
 
 
-def noise_covariance(netlist: Netlist, nodes: ArrayLike, *, temperature: float | None = None) -> NDArray[np.float64]:
+def noise_covariance(netlist: Netlist, nodes: ArrayLike, *, temperature: float = ROOM) -> NDArray[np.float64]:
     """Covariance ``k T C^-1`` of node voltages from 0 Hz to infinity, in V^2; 0 on rails, NaN where a node floats.
 
     `nodes` (k,): each tied to a rail by capacitances, for the noise of others is unbounded; `temperature`: in kelvin,
     by default the die's; returns (k, k).
     """
-    kelvin = _checked_temperature(temperature)
+    _check_kelvin(temperature)
     node = _checked_nodes(netlist, nodes)
     dynamics = dynamics_of(netlist)
     tied = _tied_by_capacitors(dynamics)
@@ -209,7 +209,7 @@ def noise_covariance(netlist: Netlist, nodes: ArrayLike, *, temperature: float |
         covariance[np.ix_(inside, inside)] = columns[:, place]
     floating = np.isnan(dynamics.fixed[node])
     covariance[floating] = covariance[:, floating] = np.nan
-    return BOLTZMANN * kelvin * covariance
+    return BOLTZMANN * temperature * covariance
 
 
 def _tied_by_capacitors(dynamics: Dynamics) -> NDArray[np.bool_]:
@@ -249,8 +249,5 @@ def _checked_frequencies(frequencies: ArrayLike) -> NDArray[np.float64]:
     return hertz
 
 
-def _checked_temperature(temperature: float | None) -> float:
-    if temperature is None:
-        return ROOM
+def _check_kelvin(temperature: float) -> None:
     check_number("temperature", temperature, "positive and finite, in kelvin", above=0.0)
-    return float(temperature)

@@ -21,6 +21,7 @@ from resgrid.arguments import check_number, check_share
 from resgrid.chip.figures import Figure, Result, defined
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import InputError
+from resgrid.grids import before_and_behind, with_margin
 from resgrid.netlist import CellMap
 from resgrid.space import Cell, ConfigurationSpace
 
@@ -110,15 +111,9 @@ def _across_elements(
 
 def _cells_of_faces(space: ConfigurationSpace) -> NDArray[np.int64]:
     """Flat index of the cells below and above every face, -1 beyond the edge; shape (faces, 2)."""
-    flat = np.arange(space.cell.size).reshape(space.shape)
-    parts = []
-    for axis in range(space.ndim):
-        lines = np.moveaxis(flat, axis, 0)
-        beyond = lines[[-1, 0]] if space.axes[axis].periodic else np.full((2, *lines.shape[1:]), -1)
-        below = np.moveaxis(np.concatenate([beyond[:1], lines]), 0, axis)
-        above = np.moveaxis(np.concatenate([lines, beyond[1:]]), 0, axis)
-        parts.append(np.stack([below.ravel(), above.ravel()], axis=1))
-    return np.concatenate(parts)
+    wide = with_margin(np.arange(space.cell.size).reshape(space.shape), space.periodic, beyond=-1)
+    sides = (before_and_behind(wide, axis) for axis in range(space.ndim))
+    return np.concatenate([np.stack([below.ravel(), above.ravel()], axis=1) for below, above in sides])
 
 
 @dataclass(frozen=True, eq=False, repr=False)

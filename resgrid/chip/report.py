@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,7 +14,7 @@ import numpy as np
 from resgrid.chip.build import value_text
 from resgrid.chip.criticality import Criticality
 from resgrid.chip.exploration import Sweep
-from resgrid.chip.figures import Figure, Result, formatted
+from resgrid.chip.figures import Figure, Result, figure_lines, formatted, table_lines
 from resgrid.chip.precision import Precision
 from resgrid.chip.studies import Study, study
 from resgrid.die import end_names
@@ -319,17 +319,8 @@ def report_markdown(chip: Study, parts: Sequence[Section], decks: Mapping[str, s
     for section in parts:
         lines += [f"## {section.title}", "", " ".join(section.text), ""]
         if section.figures:
-            lines += [*_table(("figure", "value", "definition"), _rows(section.figures)), ""]
+            lines += [*figure_lines(section.figures), ""]
         lines += [f"![{picture.caption}]({picture.name}.png)\n\n*{picture.caption}*\n" for picture in section.pictures]
     lines += ["## Decks", "", _DECKS, "", verdict, "", *(f"- `{name}`: {what}" for name, what in decks.items()), ""]
     rows = ((f"`{key}`", value, meaning) for key, value, meaning in chip.parameters)
-    return "\n".join([*lines, "## The chip", "", *_table(("key", "value", "meaning"), rows)]) + "\n"
-
-
-def _rows(figures: Mapping[str, Figure]) -> Iterator[tuple[str, str, str]]:
-    for name, figure in figures.items():
-        yield name.replace("_", " "), str(figure), figure.definition.replace("|", "\\|")
-
-
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    return [f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows)]
+    return "\n".join([*lines, "## The chip", "", *table_lines(("key", "value", "meaning"), rows)]) + "\n"

@@ -29,6 +29,7 @@ from resgrid.circuit.nonlinear import small_signal
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.die import end_names, ends_of
 from resgrid.errors import AccuracyError, InputError
+from resgrid.planning.trace import cell_indices
 from resgrid.solvers.extended import Scaled, logarithm, power
 from resgrid.solvers.monitor import Watch
 from resgrid.space import Cell, ConfigurationSpace
@@ -164,12 +165,7 @@ def _decision(steps: Steps, cell: int) -> tuple[int, int, float, float]:
 
 
 def _checked_cells(space: ConfigurationSpace, cells: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    where = np.asarray(cells)
-    if where.dtype.kind not in "iu" or where.ndim not in {1, 2} or where.shape[-1] != space.ndim:
-        raise InputError(f"cells must be cell indices, {space.ndim} integers each")
-    where = where.reshape(-1, space.ndim).astype(np.int64)
-    if np.any((where < 0) | (where >= space.shape)):
-        raise InputError(f"a cell lies outside the grid of {space.shape} cells")
+    where = cell_indices(space, cells).reshape(-1, space.ndim)
     code = space.cell[tuple(where.T)]
     where = where[code != Cell.GOAL]
     if np.any(code == Cell.OBSTACLE) or not len(where):

@@ -18,7 +18,7 @@ from resgrid.chip.build import build_chip, conductance_samples, described, ideal
 from resgrid.chip.criticality import analyse_criticality
 from resgrid.chip.decks import noise_band, write_decks
 from resgrid.chip.exploration import explore_yield
-from resgrid.chip.figures import html_table
+from resgrid.chip.figures import html_table, table_lines
 from resgrid.chip.noise import analyse_noise, noise_covariance, noise_density
 from resgrid.chip.power import analyse_power
 from resgrid.chip.precision import analyse_precision
@@ -207,7 +207,7 @@ class Study:
 
     def _repr_html_(self) -> str:
         picture = "" if self.ideal.cell_map is None else picture_of(self.ideal.cells.space)
-        return picture + html_table(("key", "value", "meaning"), self.parameters)
+        return picture + html_table(table_lines(("key", "value", "meaning"), self.parameters))
 
 
 def study(

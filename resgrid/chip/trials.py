@@ -9,14 +9,15 @@ measurement.
 
 from __future__ import annotations
 
+import base64
 import dataclasses
 import hashlib
 import zlib
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,14 +33,13 @@ from resgrid.circuit.nonlinear import small_signal
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
 from resgrid.die import NOISE, OFFSET, Seed, generator, seed_of
-from resgrid.errors import CircuitError
+from resgrid.errors import CircuitError, InputError
 from resgrid.executors import Part, in_order
+from resgrid.grids import before_and_behind, slab, with_margin
 from resgrid.journal import Journal
 from resgrid.netlist import CellMap, Netlist
 from resgrid.scene.chip import Chip, Readout
 from resgrid.space import Cell
-
-Trial = TypeVar("Trial")
 
 _SCHEMA = 2
 
@@ -65,13 +65,11 @@ def neighbours_of(cells: CellMap) -> Neighbours:
     space = cells.space
     walkable = enterable(space) & (cells.node >= 0)
     flat = np.where(walkable, np.arange(space.cell.size).reshape(space.shape), -1)
-    around = []
-    for axis in range(space.ndim):
-        for step in (1, -1):
-            there = np.roll(flat, step, axis)
-            if not space.axes[axis].periodic:
-                np.moveaxis(there, axis, 0)[0 if step > 0 else -1] = -1
-            around.append(np.where(space.cell == Cell.FREE, there, -1).ravel())
+    wide, around = with_margin(flat, space.periodic, beyond=-1), []
+    for axis, count in enumerate(space.shape):
+        below, above = before_and_behind(wide, axis)
+        around += [slab(below, axis, 0, count), slab(above, axis, 1, count + 1)]
+    around = [np.where(space.cell == Cell.FREE, there, -1).ravel() for there in around]
     node = np.where(cells.node >= 0, cells.node, 0)
     return Neighbours(np.stack(around, axis=1), (space.cell == Cell.GOAL).ravel(), node.ravel())
 
@@ -193,6 +191,8 @@ def prepare(
     """Do once what all trials share.  Shapes: `starts` as the space."""
     cells = cells_with_nodes(netlist, "robots that see the read-out")
     mask = cells.space.goal_connected if starts is None else cells.space.goal_connected & starts
+    if not mask.any():
+        raise InputError("there is no start: no free cell has a way to a goal")
     healthy = dataclasses.replace(chip.defects, open_density=0.0, short_density=0.0, open_at=())
     nominal = build_chip(netlist, dataclasses.replace(chip, mismatch=None, pelgrom=None, defects=healthy))
     op = solve(nominal)
@@ -230,34 +230,62 @@ def run_trials(experiment: Experiment, numbers: Sequence[int]) -> list[NDArray[n
     return results
 
 
-def taken_up(
-    journal: Journal | None,
-    read: Callable[[int, Mapping[str, Any]], Trial],
-    write: Callable[[int, Trial], dict[str, Any]],
-    parts: Callable[[int], Iterable[Part]],
-    executor: Executor | None,
-) -> Generator[tuple[Trial, bool], None, None]:
-    """Results of trials, and whether each is new: those in a journal, then those of the parts that begin after them."""
+def unpacked(bits: NDArray[np.uint8], starts: int) -> NDArray[np.bool_]:
+    """Whether each start is served, shape (readouts, starts)."""
+    return np.unpackbits(bits, axis=-1, count=starts).view(np.bool_)
+
+
+class Series(NamedTuple):
+    """Trials of one kind of chip: how many, through how many read-outs, and what they share when it is their turn."""
+
+    trials: int
+    readouts: int
+    prepare: Callable[[], Experiment]
+    name: str = "chips"
+
+
+def run_series(
+    series: Sequence[Series], starts: int, executor: Executor | None, journal: Journal | None
+) -> Generator[tuple[NDArray[np.bool_], bool], None, None]:
+    """Whether each start is served, shape (readouts, starts), chip by chip, and whether the chip is new.
+
+    Those in the journal come first; the others are added to it.
+    """
+    readouts = [each.readouts for each in series for _ in range(each.trials)]
     done = 0
     for record in journal or ():
+        assert journal is not None
         try:
-            result = read(done, record)
+            served = _recorded(record, done, (readouts[done], starts))
         except (KeyError, TypeError, ValueError, zlib.error) as error:
-            assert journal is not None
             why = f"the key {error} is missing" if isinstance(error, KeyError) else error
             raise journal.damaged(f"line {done + 2}: {why}") from error
+        yield served, False
         done += 1
-        yield result, False
-    with closing(in_order(parts(done), executor)) as results:
-        for number, result in enumerate(results, done):
+    with closing(in_order(_parts(series, done), executor)) as results:
+        for number, bits in enumerate(results, done):
+            served = unpacked(bits, starts)
             if journal is not None:
-                journal.append(write(number, result))
-            yield result, True
+                text = base64.b64encode(zlib.compress(bits.tobytes())).decode()
+                journal.append({"chip": number, "served": int(served.sum()), "starts": text})
+            yield served, True
 
 
-def unpacked(experiment: Experiment, bits: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Whether each start is served, shape (readouts, starts)."""
-    return np.unpackbits(bits, axis=-1, count=int(experiment.starts.sum())).view(np.bool_)
+def _recorded(record: Mapping[str, Any], number: int, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """What a line of a journal says of a chip, shape (readouts, starts)."""
+    data = zlib.decompress(base64.b64decode(record["starts"], validate=True))
+    bits = np.frombuffer(data, dtype=np.uint8).reshape(shape[0], -1)
+    if bits.shape[1] != -(-shape[1] // 8) or (record["chip"], record["served"]) != (number, np.unpackbits(bits).sum()):
+        raise ValueError("its parts do not agree")
+    return unpacked(bits, shape[1])
+
+
+def _parts(series: Sequence[Series], done: int) -> Iterator[Part]:
+    """The trials of all series but the first ones, which are `done`."""
+    for each in series:
+        if done < each.trials:
+            yield Part(run_trials, each.prepare(), range(done, each.trials), each.name)
+        done = max(0, done - each.trials)
 
 
 def _walks(experiment: Experiment, seeds: Sequence[Seed]) -> Iterator[tuple[int, int, NDArray[np.bool_]]]:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import base64
 import os
-import zlib
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass
@@ -17,10 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import check_number, check_whole
 from resgrid.chip.figures import Figure, Proportion, Result, defined, effective_trials, proportion, quantile, wilson
-from resgrid.chip.trials import Experiment, prepare, run_trials, taken_up, unpacked
+from resgrid.chip.trials import Series, prepare, run_series
 from resgrid.die import seed_of
 from resgrid.errors import InputError
-from resgrid.executors import Part
 from resgrid.journal import Journal
 from resgrid.netlist import Netlist
 from resgrid.scene.chip import Chip
@@ -148,20 +145,20 @@ def analyse_yield(
         starts = checked_starts(netlist.cells.space, starts)
     chip = chip or Chip()
     experiment = prepare(netlist, chip, [chip.readout], None if seed is None else seed_of(seed), starts)
-    if not experiment.starts.any():
-        raise InputError("there is no start: no free cell has a way to a goal")
     space, random = netlist.cells.space, experiment.random
-    most = trials if random else 1
+    most, count = trials if random else 1, int(experiment.starts.sum())
+    journal = None
+    if checkpoint is not None and random:
+        journal = Journal(checkpoint, {"resgrid": "chips", "fingerprint": experiment.fingerprint()})
     reached = np.zeros(space.cell.size, dtype=np.int64)
     served: list[int] = []
-    with closing(_trials(experiment, most, executor, checkpoint if random else None)) as results:
-        for bits, new in islice(results, most):
-            starts_served = unpacked(experiment, bits)[0]
+    with closing(run_series([Series(most, 1, lambda: experiment)], count, executor, journal)) as results:
+        for (starts_served,), new in islice(results, most):
             reached[experiment.starts] += starts_served
             served.append(int(starts_served.sum()))
             if len(served) % batch:
                 continue
-            share = overall_share(np.array(served), len(starts_served), confidence, random=random)
+            share = overall_share(np.array(served), count, confidence, random=random)
             if progress is not None and new:
                 # Intervals shrink as the square root of the trials.
                 needed = int(len(served) * max(share.half_width / half_width, 1.0) ** 2)
@@ -170,32 +167,6 @@ def analyse_yield(
                 break
     shape, counts = space.shape, np.array(served, dtype=np.int64)
     return Yield(space, experiment.starts.reshape(shape), reached.reshape(shape), counts, random, confidence)
-
-
-def _trials(
-    experiment: Experiment, most: int, executor: Executor | None, checkpoint: str | os.PathLike[str] | None
-) -> Generator[tuple[NDArray[np.uint8], bool], None, None]:
-    """Which starts every chip serves, as bits, shape (1, bytes), and whether it is new."""
-
-    def read(number: int, record: Mapping[str, Any]) -> NDArray[np.uint8]:
-        data = zlib.decompress(base64.b64decode(record["starts"], validate=True))
-        served = int(np.unpackbits(np.frombuffer(data, dtype=np.uint8)).sum())
-        whole = (record["chip"], record["served"]) == (number, served)
-        if not whole or len(data) != -(-int(experiment.starts.sum()) // 8):
-            raise ValueError("its parts do not agree")
-        return np.frombuffer(data, dtype=np.uint8)[np.newaxis]
-
-    def write(number: int, bits: NDArray[np.uint8]) -> dict[str, Any]:
-        text = base64.b64encode(zlib.compress(bits.tobytes())).decode()
-        return {"chip": number, "served": int(unpacked(experiment, bits).sum()), "starts": text}
-
-    def parts(done: int) -> list[Part]:
-        return [Part(run_trials, experiment, range(done, most), "chips")]
-
-    journal = None
-    if checkpoint is not None:
-        journal = Journal(checkpoint, {"resgrid": "chips", "fingerprint": experiment.fingerprint()})
-    return taken_up(journal, read, write, parts, executor)
 
 
 def overall_share(served: NDArray[np.int64], starts: int, confidence: float, *, random: bool) -> Proportion:

@@ -18,8 +18,7 @@ from resgrid.scene import Control
 from resgrid.scene.table import described_keys
 
 if TYPE_CHECKING:
-    from resgrid.control.announced import Wavefront
-    from resgrid.control.simulation import Simulation
+    from resgrid.control.simulation import Simulation, Wavefront
 
 FRAMES = 120
 

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import check_number, checked
+from resgrid.arguments import check_number, checked, per_axis
 from resgrid.control.exits import RECOVERY, exits
+from resgrid.control.pushes import checked_force
 from resgrid.errors import InputError
 from resgrid.frozen import frozen
 from resgrid.planning.fields import Field
@@ -88,7 +89,8 @@ class Controller:
         check_number("speed", self.speed, "the nominal speed: finite and above 0", above=0.0)
         object.__setattr__(self, "speed", float(self.speed))
         object.__setattr__(self, "admittance", admittance_matrix(self.admittance, ndim))
-        object.__setattr__(self, "speed_limits", _checked_limits(self.speed_limits, ndim))
+        limits = per_axis("speed_limits", self.speed_limits, ndim, "above 0", above=0.0, most=np.inf)
+        object.__setattr__(self, "speed_limits", limits)
         check_number("threshold", self.threshold, "finite and not negative", least=0.0)
 
     def command(self, configuration: ArrayLike, force: ArrayLike | None = None) -> NDArray[np.float64]:
@@ -115,7 +117,7 @@ class Controller:
         """
         velocity = self.axis_nominal(self._along_axes(configuration)).velocity
         if force is not None:
-            along = self._frame.turned_from_world(self._checked_force(force))
+            along = self._frame.turned_from_world(checked_force(force, len(self.speed_limits), "the generalised force"))
             if self.response == "equipotential" and math.hypot(*along) > self.threshold:
                 velocity = following_velocity(velocity, along)
             else:
@@ -223,17 +225,6 @@ class Controller:
         offset = near[0][1]
         return np.asarray(offset * (self.speed / np.linalg.norm(offset)))
 
-    def _checked_force(self, force: ArrayLike) -> NDArray[np.float64]:
-        try:
-            tau = np.asarray(force, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise InputError(f"a generalised force must be numbers, got {force!r}") from None
-        if tau.shape != self.speed_limits.shape:
-            raise InputError(f"a generalised force has {len(self.speed_limits)} entries here, got shape {tau.shape}")
-        if not np.isfinite(tau).all():
-            raise InputError(f"the generalised force {tau.tolist()} is not finite: stop the robot, check the sensor")
-        return tau
-
 
 _PLACES = ("free", "goal", "off")
 
@@ -283,21 +274,13 @@ def make_controller(
     pace = float((space.upper - space.lower).max()) / 20 if speed is None else speed
     check_number("speed", pace, "the nominal speed: finite and above 0", above=0.0)
     fastest = min(5.0 * float(pace), float(np.finfo(np.float64).max))
-    try:
-        limits = np.asarray(fastest if speed_limits is None else speed_limits, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError("speed_limits must be numbers") from None
-    limits = np.full(space.ndim, limits.ravel()[0]) if limits.size == 1 else limits
-    matrix = admittance_matrix(pace if admittance is None else admittance, space.ndim)
-    return Controller(field, matrix, pace, limits, response)
-
-
-def _checked_limits(limits: ArrayLike, ndim: int) -> NDArray[np.float64]:
-    values = np.array(limits, dtype=np.float64)
-    if values.shape != (ndim,) or not np.all(values > 0):
-        raise InputError(f"speed_limits needs {ndim} speeds above 0, one per axis, got {values.tolist()}")
-    values.flags.writeable = False
-    return values
+    return Controller(
+        field=field,
+        admittance=admittance_matrix(pace if admittance is None else admittance, space.ndim),
+        speed=pace,
+        speed_limits=np.asarray(fastest if speed_limits is None else speed_limits),
+        response=response,
+    )
 
 
 def equipotential_velocity(streamline_velocity: ArrayLike, force: ArrayLike, *, c: float = 1.0) -> NDArray[np.float64]:

@@ -112,10 +112,10 @@ def control_pushes(control: Control, seed: int, space: ConfigurationSpace, speed
 def force_of(pushes: Sequence[Push] | Force, ndim: int) -> Force:
     """One function of time and configuration for what may be a list of pushes or a function."""
     if callable(pushes):
-        return lambda time, configuration: _checked(pushes(time, configuration), ndim, time)
+        return lambda time, configuration: checked_force(pushes(time, configuration), ndim, f"the push at {time:g} s")
     schedule = list(pushes)
     for push in schedule:
-        _checked(push.force, ndim, push.start)
+        checked_force(push.force, ndim, f"the push at {push.start:g} s")
 
     def total(time: float, _configuration: NDArray[np.float64]) -> NDArray[np.float64]:
         force = np.zeros(ndim)
@@ -127,10 +127,14 @@ def force_of(pushes: Sequence[Push] | Force, ndim: int) -> Force:
     return total
 
 
-def _checked(force: ArrayLike, ndim: int, time: float) -> NDArray[np.float64]:
-    tau = np.asarray(force, dtype=np.float64)
+def checked_force(force: ArrayLike, ndim: int, name: str) -> NDArray[np.float64]:
+    """A generalised force, shape (ndim,): finite numbers."""
+    try:
+        tau = np.asarray(force, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be numbers, got {force!r}") from None
     if tau.shape != (ndim,):
-        raise InputError(f"the push at {time:g} s has shape {tau.shape}, but there are {ndim} axes")
+        raise InputError(f"{name} has shape {tau.shape}, but there are {ndim} axes")
     if not np.isfinite(tau).all():
-        raise InputError(f"the push at {time:g} s is not finite: {tau.tolist()}; stop the robot, check the sensor")
+        raise InputError(f"{name} is not finite: {tau.tolist()}; stop the robot, check the sensor")
     return tau

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import check_whole
+from resgrid.arguments import check_whole, per_axis
 from resgrid.axis import Axis
 from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
@@ -118,22 +118,12 @@ def _model_space(model: ConfigurationSpace | ArrayLike, spacing: float | Sequenc
                 f"a model is a boolean array of one to four axes, True inside; got {inside.dtype} of shape "
                 f"{inside.shape} (compare an image with its threshold first)"
             )
-        axes, frame = _array_axes(inside.shape, spacing), None
+        widths = per_axis("spacing", spacing, inside.ndim, "positive and finite", above=0.0).tolist()
+        sizes = zip("xyzw", inside.shape, widths, strict=False)
+        axes, frame = tuple(Axis(name, 0.0, count * width, count) for name, count, width in sizes), None
     if not inside.any():
         raise InputError("the model is empty: no cell of it is solid")
     return ConfigurationSpace(axes, np.where(inside, Cell.GOAL, Cell.FREE), frame=frame)
-
-
-def _array_axes(shape: tuple[int, ...], spacing: float | Sequence[float]) -> tuple[Axis, ...]:
-    try:
-        widths = np.broadcast_to(np.asarray(spacing, dtype=np.float64), (len(shape),))
-    except (TypeError, ValueError):
-        widths = np.array([np.nan])
-    if not np.all(np.isfinite(widths) & (widths > 0)):
-        raise InputError(f"spacing = {spacing!r} must be one positive number, or one for each of {len(shape)} axes")
-    return tuple(
-        Axis("xyzw"[number], 0.0, n * h, n) for number, (n, h) in enumerate(zip(shape, widths.tolist(), strict=True))
-    )
 
 
 def _places(

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import check_number
+from resgrid.arguments import check_number, per_axis
 from resgrid.errors import InputError
 from resgrid.frozen import frozen
 from resgrid.planning.streamline import AnyPath, Polyline, robot_of, unwrap
@@ -184,24 +184,10 @@ def _default_tolerance(path: AnyPath) -> float:
 
 def _load(name: str, limits: Limits, path: AnyPath) -> Load:
     """How limits weigh vectors of the world."""
-    each = _checked_limits(name, limits, path.space)
+    each = per_axis(name, limits, path.space.ndim, "positive and finite", above=0.0)
     if np.ndim(limits) == 0 and robot_of(path).moves_in_workspace:
         return lambda vectors: np.asarray(np.linalg.norm(vectors, axis=1) / each[0])
     return lambda vectors: np.asarray((np.abs(vectors) / each).max(axis=1))
-
-
-def _checked_limits(name: str, limits: Limits, space: ConfigurationSpace) -> NDArray[np.float64]:
-    try:
-        given = np.asarray(limits, dtype=np.float64)
-        each = np.full(space.ndim, float(given)) if given.ndim == 0 else given
-    except (TypeError, ValueError):
-        raise InputError(f"{name}: expected a number, or one for each axis, got {limits!r}") from None
-    if each.shape != (space.ndim,):
-        raise InputError(f"{name}: {each.size} values for {space.ndim} axes; give one for all or one for each")
-    if not np.all(np.isfinite(each) & (each > 0)):
-        wrong = space.axes[int(np.argmin(np.isfinite(each) & (each > 0)))].name
-        raise InputError(f"{name}: the limit of axis {wrong!r} must be positive and finite, got {each.tolist()}")
-    return each
 
 
 def _distinct(points: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -19,8 +19,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
-from resgrid.control.announced import Wavefront
 from resgrid.control.log import Mode, Run
+from resgrid.control.simulation import Wavefront
 from resgrid.errors import InputError, ToolMissingError
 from resgrid.files import atomic_path
 from resgrid.plot.control import (

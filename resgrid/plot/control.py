@@ -14,10 +14,10 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.control.announced import Wavefront
 from resgrid.control.controller import following_velocity, make_controller
 from resgrid.control.log import ContactLog, Ending, Mode, Run
 from resgrid.control.plant import plant_of
+from resgrid.control.simulation import Wavefront
 from resgrid.errors import InputError
 from resgrid.planning.blend import dirichlet_share
 from resgrid.planning.fields import Field

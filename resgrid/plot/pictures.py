@@ -22,8 +22,8 @@ from resgrid.chip.settling import Settling
 from resgrid.chip.studies import Study
 from resgrid.chip.yields import Yield
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.control.announced import Wavefront
 from resgrid.control.log import Run
+from resgrid.control.simulation import Wavefront
 from resgrid.errors import InputError, ResgridError
 from resgrid.netlist import Netlist
 from resgrid.planning.fields import Field, field

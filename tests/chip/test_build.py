@@ -141,4 +141,4 @@ def test_the_chip_of_a_scene_is_built_as_its_table_says() -> None:
     again = rg.build_chip(rg.study(rg.sample(found), found.chip).ideal, found.chip, 11)
     np.testing.assert_array_equal(chip.netlist.conductance, again.conductance)
     assert repr(chip) == "Study(chip: 6 x 6 cells, dirichlet, 38 nodes)"
-    assert "<td>mismatch</td><td>0.05</td>" in chip._repr_html_()
+    assert "<td>mismatch</td>\n<td>0.05</td>" in chip._repr_html_()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -67,9 +68,13 @@ def test_a_sweep_is_taken_up_where_it_was_killed(tmp_path: Path) -> None:
     with pytest.raises(rg.InputError, match="belongs to another run"):
         rg.study(cells(), kind).exploration(*axes, trials=13, checkpoint=file)
     line = data.splitlines(keepends=True)[4]
-    for damaged in (line.replace(b'"number":3,', b'"number":4,'), b'{"number":3,"served":"64"}\n'):
+    for damaged, why in (
+        (line.replace(b'"chip":3,', b'"chip":4,'), "line 5: its parts do not agree"),
+        (line.replace(b'"starts":"', b'"starts":"AAAA'), "line 5: "),
+        (b'{"chip":3,"served":64}\n', "line 5: the key 'starts' is missing"),
+    ):
         file.write_bytes(data.replace(line, damaged))
-        with pytest.raises(rg.InputError, match="is not that of chip 3"):
+        with pytest.raises(rg.InputError, match=why):
             explored(checkpoint=file)
 
 
@@ -94,3 +99,13 @@ def test_wrong_keys_and_values_are_named() -> None:
             rg.study(cells(), CHIP).exploration(first, ("supply", [1.0]))
     with pytest.raises(rg.InputError, match="trials"):
         rg.study(cells(), CHIP).exploration(("mismatch", [0.1]), ("supply", [1.0]), trials=0)
+
+
+@pytest.mark.parametrize("readout", [rg.Readout(), rg.Readout(bits=8)])
+def test_without_a_start_there_is_nothing_to_sweep(readout: rg.Readout) -> None:
+    """A goal walled in: its own cell and what lies beyond the wall are between the rails, but nobody can come."""
+    space = space_of(np.array([[2, 1, 0, 0, 1]], dtype=np.uint8))
+    made = rg.study(space, rg.Chip(readout=readout, mismatch=0.1, goal_switch_off=1e8))
+    for ask in (made.yields, partial(made.exploration, ("mismatch", [0.1]), ("supply", [1.0]), trials=2)):
+        with pytest.raises(rg.InputError, match="no free cell has a way to a goal"):
+            ask()

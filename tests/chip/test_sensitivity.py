@@ -240,7 +240,7 @@ def test_readings_name_the_weakest_resistors() -> None:
 
 @pytest.mark.parametrize(
     ("cells", "word"),
-    [((99, 0), "outside"), ((4, 7), "free"), ((11, 2), "free"), (3, "2 integers"), ([0.5, 1], "integers")],
+    [((99, 0), "not in the grid"), ((4, 7), "free"), ((11, 2), "free"), (3, "2 whole"), ([0.5, 1], "whole indices")],
 )
 def test_bad_cells_are_named(cells: object, word: str) -> None:
     with pytest.raises(rg.InputError, match=word):

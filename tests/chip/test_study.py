@@ -58,7 +58,7 @@ def test_every_question_has_figures_that_show_themselves(made: Study, question: 
     assert "array" not in repr(result)
     assert len(repr(result)) < 1000
     for name, figure in result.figures.items():
-        assert f"<td>{name.replace('_', ' ')}</td><td>{figure}</td>" in result._repr_html_()
+        assert f"<td>{name.replace('_', ' ')}</td>\n<td>{figure}</td>" in result._repr_html_()
         assert result.to_json()[name]["value"] == figure.value
     with pytest.raises(ValueError, match="read-only"):
         next(value for value in vars(result).values() if isinstance(value, np.ndarray) and value.size)[...] = 0

@@ -129,7 +129,7 @@ def test_from_a_cell_without_a_path_it_leads_to_the_nearest_with_one() -> None:
         ([-0.5, 1.0], None, "outside the grid"),
         ([1.0], None, "2 coordinates"),
         ([1.0, 1.0], [np.nan, 0.0], "generalised force .* not finite"),
-        ([1.0, 1.0], [0.0, 0.0, 0.0], "2 entries"),
+        ([1.0, 1.0], [0.0, 0.0, 0.0], "there are 2 axes"),
     ],
 )
 def test_what_cannot_be_commanded_is_said(point, force, says) -> None:

@@ -15,11 +15,10 @@ from resgrid.axis import Axis
 from resgrid.circuit.solve import solve
 from resgrid.circuit.transient import transient
 from resgrid.compiler import compile_space
-from resgrid.control.announced import wavefront
 from resgrid.control.log import Ending, Mode
 from resgrid.control.plant import make_plant
 from resgrid.control.relaxation import TICK, Relaxation, RelaxingGrid, field_now
-from resgrid.control.simulation import Simulation, announce_hidden
+from resgrid.control.simulation import Simulation, announce_hidden, wavefront
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND
 from resgrid.robots import Box, PointRobot

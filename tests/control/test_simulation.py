@@ -269,7 +269,11 @@ def test_the_same_seed_gives_the_same_run() -> None:
 
 @pytest.mark.parametrize(
     ("options", "says"),
-    [({"bias": np.nan}, "bias"), ({"noise": [1.0, 2.0, 3.0]}, "noise"), ({"bias": "left"}, "bias must be a number")],
+    [
+        ({"bias": np.nan}, "bias"),
+        ({"noise": [1.0, 2.0, 3.0]}, "noise"),
+        ({"bias": "left"}, "bias = 'left' must be"),
+    ],
 )
 def test_impossible_beliefs_are_refused(options, says) -> None:
     with pytest.raises(InputError, match=says):

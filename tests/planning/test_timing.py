@@ -137,11 +137,11 @@ def test_a_single_point_takes_no_time() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"velocity_limits": 0}, "axis 'x' must be positive"),
-        ({"velocity_limits": (1, float("nan"))}, "axis 'y' must be positive"),
-        ({"velocity_limits": (1, 1, 1)}, "3 values for 2 axes"),
-        ({"velocity_limits": "fast"}, "expected a number"),
-        ({"velocity_limits": 1, "acceleration_limits": -1}, "acceleration_limits: the limit"),
+        ({"velocity_limits": 0}, "velocity_limits = 0 must be positive"),
+        ({"velocity_limits": (1, float("nan"))}, r"velocity_limits = \(1, nan\) must be positive"),
+        ({"velocity_limits": (1, 1, 1)}, "one for each of the 2 axes"),
+        ({"velocity_limits": "fast"}, "velocity_limits = 'fast' must be"),
+        ({"velocity_limits": 1, "acceleration_limits": -1}, "acceleration_limits = -1 must be"),
         ({"velocity_limits": 1, "tolerance": 0.1}, "give acceleration_limits"),
         ({"velocity_limits": 1, "acceleration_limits": 1, "tolerance": -1}, "tolerance = -1"),
     ],

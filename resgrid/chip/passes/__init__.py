@@ -37,7 +37,7 @@ from resgrid.chip.passes.values import (
 from resgrid.die import seed_of
 from resgrid.errors import InputError
 from resgrid.scene.chip import Chip
-from resgrid.scene.table import fields_of
+from resgrid.scene.table import fields_of, plain
 
 PASSES: dict[str, type[Pass]] = {
     "preferred_values": PreferredValues,
@@ -67,15 +67,7 @@ def of_chip(chip: Chip, seed: Any = None) -> tuple[Pass, ...]:
 def to_json(passes: Iterable[Pass]) -> list[dict[str, Any]]:
     """Passes as plain values."""
     names = {kind: name for name, kind in PASSES.items()}
-    return [
-        {"pass": names[type(effect)]}
-        | {
-            item.name: list(value) if isinstance(value, tuple) else value
-            for item in dataclasses.fields(effect)
-            if (value := getattr(effect, item.name)) is not None
-        }
-        for effect in checked(passes)
-    ]
+    return [{"pass": names[type(effect)], **plain(effect)} for effect in checked(passes)]
 
 
 def from_json(entries: Sequence[Mapping[str, Any]]) -> tuple[Pass, ...]:

@@ -19,6 +19,7 @@ from resgrid.errors import InputError
 from resgrid.netlist import GROUND, CellMap, Netlist
 from resgrid.scene.chip import Chip
 from resgrid.scene.table import check_fields
+from resgrid.spice.circuit import connected_parts
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,8 @@ class Pass:
     KEYS: ClassVar[Mapping[str, str]] = {}
 
     def __post_init__(self) -> None:
+        if hasattr(self, "seed"):
+            object.__setattr__(self, "seed", seed_of(self.seed))
         check_fields(self)
 
     @classmethod
@@ -45,12 +48,6 @@ class Pass:
     def apply(self, netlist: Netlist) -> Netlist:
         """The netlist with this effect."""
         raise NotImplementedError
-
-
-def check_seeded(effect: Any) -> None:
-    """Check the fields of an effect that has a seed."""
-    object.__setattr__(effect, "seed", seed_of(effect.seed))
-    check_fields(effect)
 
 
 def checked(passes: Iterable[Pass]) -> Iterator[Pass]:
@@ -153,13 +150,8 @@ def without_stranded_currents(netlist: Netlist) -> Netlist:
     """Leave out current sources that feed parts which nothing ties to ground: their currents have nowhere to go."""
     if not netlist.current_nodes.size:
         return netlist
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     ties = np.concatenate([netlist.resistor_nodes, netlist.source_nodes, netlist.nonlinear_nodes])
-    count = netlist.node_count
-    graph = coo_array((np.ones(len(ties), dtype=np.int8), (ties[:, 0], ties[:, 1])), shape=(count, count))
-    part = connected_components(graph, directed=False)[1]
+    part = connected_parts(ties, netlist.node_count)
     kept = (part[netlist.current_nodes] == part[GROUND]).all(axis=1)
     return netlist.replace(
         current_nodes=netlist.current_nodes[kept], current_amps=netlist.current_amps[kept], element_names=None

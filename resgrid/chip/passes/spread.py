@@ -10,14 +10,13 @@ from annotated_types import Ge, Len, Lt
 from numpy.typing import NDArray
 
 from resgrid import die
-from resgrid.chip.passes.base import Pass, add_resistors, check_seeded, select_resistors, without_stranded_currents
+from resgrid.chip.passes.base import Pass, add_resistors, select_resistors, without_stranded_currents
 from resgrid.die import DEFECTS, Seed, generator, mismatch_factors
 from resgrid.errors import InputError
 from resgrid.grids import face_counts, face_shape
 from resgrid.netlist import CellMap, Netlist
 from resgrid.scene.chip import Chip, Density, Metres, Ohms, Place
 from resgrid.scene.quantities import Listed, Quantity
-from resgrid.scene.table import check_fields
 from resgrid.space import ConfigurationSpace
 
 
@@ -33,7 +32,7 @@ class Gradient(Pass):
     shares: Annotated[tuple[Annotated[float, Quantity("", share=True)], ...], Len(1, 4), Listed()]
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         if sum(abs(share) for share in self.shares) >= 2:
             raise InputError(f"gradient = {list(self.shares)} takes a resistance below 0 in a corner of the die")
 
@@ -74,7 +73,7 @@ class Mismatch(Pass):
     seed: Seed = 0
 
     def __post_init__(self) -> None:
-        check_seeded(self)
+        super().__post_init__()
         if (self.sigma is None) == (self.pelgrom is None):
             raise InputError("mismatch needs either sigma or pelgrom")
         if self.pelgrom is not None and (
@@ -133,7 +132,7 @@ class Faults(Pass):
     open_at: tuple[Place, ...] = ()
 
     def __post_init__(self) -> None:
-        check_seeded(self)
+        super().__post_init__()
         if self.open_density + self.short_density > 1:
             raise InputError(
                 f"open_density = {self.open_density:g} and short_density = {self.short_density:g} must be shares of "
