@@ -40,6 +40,9 @@ _LEFT = 16 * ROUNDING
 _FORBIDDEN = 1e-9
 """Error, as the nominal chip tells it, that is let pass where rounding forbids a smaller one."""
 
+_PLAIN = 1e5
+"""Between a chip's conductances, up to which rounding of the residual hides no error that matters."""
+
 
 class Chip(NamedTuple):
     """Equations of a chip whose nodes are joined as the nominal one's are.
@@ -193,7 +196,27 @@ class FactoredBatch:
             diagonal = other.sum(axis=1) + chip.ground / unit
             x[:] = self.start
             least = chip.least / chip.mostly
-            reached[number] = _conjugate_gradients(other, diagonal, chip.drive / unit, self._factors, least, rtol, x)
+            reached[number] = _conjugate_gradients(
+                other, diagonal, chip.drive / unit, self._factors, least, rtol, x
+            ) and self._resolves(other, diagonal, least, rtol, x)
+
+    def _resolves(
+        self,
+        coupling: sparse.csr_array,
+        degree: NDArray[np.float64],
+        least: float,
+        rtol: float,
+        x: NDArray[np.float64],
+    ) -> bool:
+        """Whether what rounding hides in the residual, ``eps (|A| |x|)``, changes no voltage by more than is let pass.
+
+        Stiff parts hide what weak ones hold them by.  Shapes: `degree, x` (n,).
+        """
+        if degree.max() <= _PLAIN * min(degree.min(), coupling.data.min(initial=np.inf)):
+            return True
+        hidden = ROUNDING * (degree * np.abs(x) + coupling @ np.abs(x))
+        error = float(np.abs(self._factors.solve(hidden)).max())
+        return error <= max(rtol, _FORBIDDEN) * least * float(np.abs(x).max())
 
     @cached_property
     def _factors(self) -> Any:
@@ -250,6 +273,8 @@ def _conjugate_gradients(
         p, rz = np.zeros_like(r), np.inf
         while left > 0 and np.abs(z).max() > 0.5 * rtol * size:
             before, rz = rz, float(r @ z)
+            if not rz > 0.0:
+                break
             p = z + (rz / before) * p
             q = degree * p - coupling @ p
             energy = float(p @ q)

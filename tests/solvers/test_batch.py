@@ -192,3 +192,30 @@ def test_switches_as_good_as_wires_hide_nothing(on: float) -> None:
     for volts, conductance in zip(rg.solve_many(built, chips), chips, strict=True):
         alone = rg.solve(built.replace(conductance=conductance)).voltage
         np.testing.assert_allclose(volts, alone, rtol=0, atol=2e-8)
+
+
+def test_stiff_parts_of_a_chip_do_not_hide_what_weak_ones_hold_them_by() -> None:
+    """Two nodes that are one, to the last digits, and weakly tied to the rails: rounding hides their residual."""
+    ends = [[1, 0], [2, 0], [3, 2], [4, 2], [5, 4], [6, 5], [7, 5], [8, 6], [9, 7], [10, 9], [7, 6]]
+    nominal = [
+        242.94735833203677, 8.156223174342891, 0.27470256639614615, 1.5564604637947583, 0.028363311037768485,
+        10.142588980395097, 0.3787807626204636, 19.758061420025744, 0.004521932355358756, 6.165325563429716,
+        0.0020847058661289945,
+    ]  # fmt: skip
+    wild = [
+        776974772.4223409, 196.86383251908683, 5154.746875782792, 6.974357707731618e-06, 84044155.37090617,
+        2.5090991512889663e-07, 6.353097757428127e-05, 358693.24585274694, 59.74793020569362, 8.54608005119265,
+        180.29309761650362,
+    ]  # fmt: skip
+    netlist = rg.Netlist(11, ends, nominal, source_nodes=[[0, 9]], source_volts=[-5.0])
+    up, down = wild[5] + wild[6], wild[3]  # nodes 2 and 6, 7 are at the rails, but for some 1e-7
+    assert rg.solve_many(netlist, [wild])[0, 4] == pytest.approx(5.0 * up / (up + down), rel=1e-6)
+
+
+def test_products_of_residuals_may_underflow() -> None:
+    netlist = rg.Netlist(
+        4, [[1, 0], [2, 0], [3, 1], [1, 3]], [1e-12, 1e12, 1e-12, 1e12],
+        source_nodes=[[3, 0], [2, 0]], source_volts=[-1.0, -1.0],
+    )  # fmt: skip
+    chip = [2.2817240247438017e-17, 446932994385.402, 2.455655477476633e-13, 1.2704184391898117e25]
+    assert rg.solve_many(netlist, [chip])[0, 1] == pytest.approx(-1.0)
