@@ -15,9 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.solvers.connections import count_connections
-from resgrid.solvers.laplacian import Laplacian, Rows
-from resgrid.solvers.rails import Rails, Ties
+from resgrid.solvers.laplacian import Laplacian, Rails, Rows, Ties, count_connections
 
 if TYPE_CHECKING:
     from resgrid.solvers.star_mesh_kernels import Log, QuotientGraph

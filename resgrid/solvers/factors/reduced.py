@@ -11,7 +11,7 @@ from resgrid.errors import AccuracyError
 from resgrid.solvers.extended import Scaled
 from resgrid.solvers.factors.factor import Factor, refine_normwise
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.refine import conductances, entry_bound, scaled_currents
+from resgrid.solvers.refine import entry_bound, scaled_currents
 from resgrid.solvers.star_mesh import StarMesh
 
 ELIMINATION = "elimination"
@@ -87,7 +87,7 @@ class ReducedFactor(Factor):
         hi[kept], lo[kept], e[kept] = core.hi, core.lo, core.exponent
         kernels.backward_scaled(mesh.log, hi, lo, e)
         x, out = Scaled(hi, lo, e, core.noise), (np.empty(len(hi)), np.empty(len(hi), dtype=np.int64))
-        error, violation = exact_residual(conductances(self.laplacian), (current, scale), x, out)
+        error, violation = exact_residual(self.laplacian.conductances, (current, scale), x, out)
         if watch is not None:
             watch.done(max(error, core_error), entry_bound(violation))
         return x, max(error, core_error)
