@@ -16,9 +16,8 @@ from resgrid.solvers.decay import VOLUME, foresee_decades, h_transform_pays, h_t
 from resgrid.solvers.factors.direct import EXACT_ROWS, factor_direct
 from resgrid.solvers.factors.factor import Factor
 from resgrid.solvers.factors.multigrid import factor_multigrid
-from resgrid.solvers.factors.reduced import ReducedFactor
 from resgrid.solvers.laplacian import Laplacian, count_connections
-from resgrid.solvers.star_mesh import may_shrink, shrink
+from resgrid.solvers.star_mesh import ReducedFactor, may_shrink, shrink
 from resgrid.solvers.supernodal import ON_ROWS, Symbolic, order_by_degree, order_by_distance
 from resgrid.solvers.team import ALONE, Team
 
