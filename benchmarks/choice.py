@@ -1,6 +1,6 @@
 """What ``method="auto"`` loses against the best method: resgrid's own methods on circuits of every kind, in turn.
 
-The constants in `resgrid.solvers.costs` were fitted to these runs.
+The constants in `resgrid.solvers.choose` were fitted to these runs.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ goals, or current sources at the nodes (Tarassenko & Blake 1991; Connolly & Grup
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
@@ -80,7 +80,7 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     require_room(space.shape)
     if not space.goal_count:
         raise InputError("the space has no goal cell: add a goal, or make it at least one cell large")
-    contacts = contacts_of_rows(space, wiring, 0, space.shape[0])
+    contacts = contacts_of_box(space, wiring)
     nodes = _number_nodes(space, wiring, contacts.kind)
     pairs, conductance, face, upward = _join(space, contacts, nodes)
     cell_map = CellMap(
@@ -165,10 +165,10 @@ class Kind(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """All contacts of a slab of cells, rows of the first axis, without node numbers.
+    """All contacts of a box of cells, without node numbers.
 
-    `code, kind, conductivity`: of every cell of the slab and of those around it, a margin of one cell along each axis,
-    wrapped where the axis is periodic; `joined`: per axis, which faces of the slab's cells have a contact, one more
+    `code, kind, conductivity`: of every cell of the box and of those around it, a margin of one cell along each axis,
+    wrapped where the axis is periodic; `joined`: per axis, which faces of the box' cells have a contact, one more
     along that axis than cells.
     """
 
@@ -196,32 +196,38 @@ class Contacts:
 
     @cached_property
     def conductance(self) -> tuple[NDArray[np.float64], ...]:
-        """Per axis, conductances through all faces of the slab's cells, in siemens; 0 where there is no contact."""
+        """Per axis, conductances through all faces of the box' cells, in siemens; 0 where there is no contact."""
         faces = tuple(np.zeros(joined.shape) for joined in self.joined)
         for axis, (siemens, joined) in enumerate(zip(faces, self.joined, strict=True)):
             siemens[joined] = self.siemens(axis, 0, joined.shape[axis])
         return faces
 
 
-def contacts_of_rows(space: ConfigurationSpace, wiring: Wiring, first: int, last: int) -> Contacts:
-    """The contacts of the rows from ``first`` to ``last``; `wiring` as ``wiring.on(space)`` returns it."""
-    rows = (first, last)
-    code = with_margin(space.cell, space.periodic, rows, beyond=Cell.OBSTACLE)
+def contacts_of_box(
+    space: ConfigurationSpace, wiring: Wiring, box: Sequence[tuple[int, int]] = (), *, connected: bool = True
+) -> Contacts:
+    """The contacts of a box of cells, ranges of the first axes; `wiring` as ``wiring.on(space)`` returns it.
+
+    With open obstacles free cells are nodes where a goal is reached from them, or all where this is not asked
+    (`connected`).
+    """
+    code = with_margin(space.cell, space.periodic, box, beyond=Cell.OBSTACLE)
     high, low = (Kind.HIGH, Kind.LOW) if wiring.rails == "merged" else (Kind.NODE, Kind.NODE)
     is_open = wiring.boundary == "neumann"
-    kinds = (Kind.NONE, Kind.NONE, low) if is_open else (Kind.NODE, high, low)
-    kind = np.array(kinds, dtype=np.uint8)[code]
-    if is_open:
-        kind = np.where(with_margin(space.goal_connected, space.periodic, rows), np.uint8(Kind.NODE), kind)
-    for axis, size in enumerate(space.shape):
-        _set_beyond(kind, axis, wiring, size, (first == 0, last == size) if axis == 0 else (True, True))
-    c = None if space.conductivity is None else with_margin(space.conductivity, space.periodic, rows)
+    free = Kind.NONE if is_open and connected else Kind.NODE
+    kind = np.array((free, Kind.NONE if is_open else high, low), dtype=np.uint8)[code]
+    if is_open and connected:
+        kind = np.where(with_margin(space.goal_connected, space.periodic, box), np.uint8(Kind.NODE), kind)
+    ranges = [*box, *((0, size) for size in space.shape[len(box) :])]
+    for axis, (size, (first, last)) in enumerate(zip(space.shape, ranges, strict=True)):
+        _set_beyond(kind, axis, wiring, size, (first == 0, last == size))
+    c = None if space.conductivity is None else with_margin(space.conductivity, space.periodic, box)
     sides = (before_and_behind(kind, axis) for axis in range(space.ndim))
     joined = tuple((np.minimum(*both) == Kind.NODE) & (np.maximum(*both) != Kind.NONE) for both in sides)
     if wiring.start is not None:
         at = (np.arange(size) == place for size, place in zip(space.shape, wiring.start, strict=True))
-        ranges = (rows, *[None] * (space.ndim - 1))
-        kind[np.ix_(*map(with_margin, at, space.periodic[:, np.newaxis], ranges))] = Kind.HIGH
+        along = zip(at, space.periodic[:, np.newaxis], ([ends] for ends in ranges), strict=True)
+        kind[np.ix_(*(with_margin(*each) for each in along))] = Kind.HIGH
     return Contacts(wiring, space.spacing, code, kind, c, joined)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import product
 from typing import Any
 
@@ -109,22 +110,24 @@ def slab(array: NDArray[Any], axis: int, start: int, stop: int) -> NDArray[Any]:
 
 
 def with_margin(
-    array: NDArray[Any], periodic: NDArray[np.bool_], rows: tuple[int, int] | None = None, beyond: Any = None
+    array: NDArray[Any], periodic: NDArray[np.bool_], box: Sequence[tuple[int, int]] = (), beyond: Any = None
 ) -> NDArray[Any]:
-    """A copy of a range of rows (all by default) with one more cell on every side, wrapped where an axis is periodic.
+    """A copy of a box (all by default) with one more cell on every side, wrapped where an axis is periodic.
 
-    At borders it is what lies `beyond`, or the cell repeated.
+    At borders it is what lies `beyond`, or the cell repeated.  `box`: ranges of cells of the first axes; others are
+    taken whole.
     """
-    size = len(array)
-    first, last = rows or (0, size)
-    row = np.arange(first - 1, last + 1)
-    wide = array[row % size if periodic[0] else row.clip(0, size - 1)]
-    if beyond is not None and not periodic[0]:
-        wide[(row < 0) | (row >= size)] = beyond
     at_border: dict[str, Any] = {"mode": "edge"} if beyond is None else {"constant_values": beyond}
-    for axis in range(1, array.ndim):
-        margins = [(int(other == axis),) * 2 for other in range(array.ndim)]
-        wide = np.pad(wide, margins, **({"mode": "wrap"} if periodic[axis] else at_border))
+    wide = array
+    for axis, size in enumerate(array.shape):
+        first, last = box[axis] if axis < len(box) else (0, size)
+        if periodic[axis] and (first, last) != (0, size):
+            wide = np.take(wide, np.arange(first - 1, last + 1) % size, axis=axis)
+            continue
+        inside = slab(wide, axis, max(first - 1, 0), min(last + 1, size))
+        margins = [(0, 0)] * array.ndim
+        margins[axis] = (int(first == 0), int(last == size))
+        wide = np.pad(inside, margins, **({"mode": "wrap"} if periodic[axis] else at_border))
     return wide
 
 

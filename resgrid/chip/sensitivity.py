@@ -23,8 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.chip.figures import Figure, Result, defined
 from resgrid.chip.precision import Steps, steps_of
-from resgrid.circuit.circuit_factor import CircuitFactor, factor_circuit
 from resgrid.circuit.equations import assemble
+from resgrid.circuit.linear import CircuitFactor, factor_circuit
 from resgrid.circuit.nonlinear import small_signal
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.die import end_names, ends_of

@@ -69,19 +69,6 @@ def number_parts(part: Indices) -> int:
 
 
 @kernel
-def known_range(pairs: Indices, known: Floats, part: Indices, lowest: Floats, highest: Floats) -> None:
-    """Widen every part's range of known voltages that its resistors reach, in place; contacts alone do."""
-    for k in range(len(pairs)):
-        a, b = pairs[k, 0], pairs[k, 1]
-        if (part[a] >= 0) == (part[b] >= 0):
-            continue
-        if part[b] >= 0:
-            a, b = b, a
-        lowest[part[a]] = min(lowest[part[a]], known[b])
-        highest[part[a]] = max(highest[part[a]], known[b])
-
-
-@kernel
 def mark_fed(pairs: Indices, amps: Floats, part: Indices, fed: NDArray[np.bool_]) -> None:
     """Mark the parts that current sources feed, in place."""
     for k in range(len(pairs)):
@@ -94,98 +81,33 @@ def mark_fed(pairs: Indices, amps: Floats, part: Indices, fed: NDArray[np.bool_]
 
 
 @kernel
-def number_rows(
-    part: Indices, driven: NDArray[np.bool_], lowest: Floats, root: Integers
-) -> tuple[int, Integers, Floats, Integers]:
+def number_rows(part: Indices, solved: NDArray[np.bool_], root: Integers) -> int:
     """Turn the number of every node's part into its row in the equations, in place; -1 where it has none.
 
-    A node of a part that is not driven has the lowest known voltage there, the only one, and floats where that is
-    infinite.  Nodes of one ``root``, which comes before them, share its row; empty where every node is its own.
-    Returns the number of rows, the nodes that are not driven, their voltages, and the nodes that float.
+    Nodes of one ``root``, which comes before them, share its row; empty where every node is its own.  Returns the
+    number of rows.
     """
-    flat = floating = 0
+    rows = 0
     for node in range(len(part)):
-        if part[node] >= 0 and not driven[part[node]]:
-            if lowest[part[node]] < np.inf:
-                flat += 1
-            else:
-                floating += 1
-    undriven, volts, loose = np.empty(flat, np.int64), np.empty(flat), np.empty(floating, np.int64)
-    rows = flat = floating = 0
-    for node in range(len(part)):
-        own = part[node]
-        if own < 0:
+        if part[node] < 0:
             continue
-        if driven[own]:
-            if len(root) > 0 and root[node] != node:
-                part[node] = part[root[node]]
-            else:
-                part[node] = rows
-                rows += 1
-            continue
-        part[node] = -1
-        if lowest[own] < np.inf:
-            undriven[flat], volts[flat] = node, lowest[own]
-            flat += 1
+        if not solved[part[node]]:
+            part[node] = -1
+        elif len(root) > 0 and root[node] != node:
+            part[node] = part[root[node]]
         else:
-            loose[floating] = node
-            floating += 1
-    return rows, undriven, volts, loose
+            part[node] = rows
+            rows += 1
+    return rows
 
 
 @kernel
-def add_contacts(
-    pairs: Indices, conductance: Floats, row: Indices, offset: Floats, low: float, high: float, ground: Floats,
-    feed: Floats,
-) -> bool:  # fmt: skip
-    """Add what ties rows to nodes of known voltage, and the current that these, and offsets, drive from ``low`` up.
-
-    Returns whether all known voltages there are ``low`` or ``high``.
-    """
-    two = True
-    for k in range(len(pairs)):
-        a, b = pairs[k, 0], pairs[k, 1]
-        i, j = row[a], row[b]
-        if i == j:
-            continue
-        if i >= 0 and j >= 0:
-            feed[i] -= conductance[k] * (offset[a] - offset[b])
-            feed[j] += conductance[k] * (offset[a] - offset[b])
-            continue
-        if i < 0:
-            i, a, b = j, b, a
-        ground[i] += conductance[k]
-        if offset[b] != low or offset[a] != 0.0:
-            feed[i] += conductance[k] * ((offset[b] - low) - offset[a])
-            two &= offset[b] == low or offset[b] == high
-    return two
-
-
-@kernel
-def rail_contacts(
-    pairs: Indices, conductance: Floats, row: Indices, known: Floats, high: float, to_high: Floats, to_low: Floats
-) -> None:
-    """Add the conductances of contacts between rows and two rails."""
-    for k in range(len(pairs)):
-        a, b = pairs[k, 0], pairs[k, 1]
-        i = row[a]
-        if (i >= 0) == (row[b] >= 0):
-            continue
-        if i < 0:
-            i, b = row[b], a
-        if known[b] == high:
-            to_high[i] += conductance[k]
-        else:
-            to_low[i] += conductance[k]
-
-
-@kernel
-def add_injected(pairs: Indices, amps: Floats, row: Indices, injected: Floats) -> None:
+def add_injected(pairs: Indices, amps: Floats, row: Indices, injected: Floats, rest: Floats) -> None:
     """Add the currents of current sources to the rows they lead to, and take them from those they come from.
 
-    The sum of a row is rounded once: several sources may nearly cancel.
+    The sum of a row is rounded once: several sources may nearly cancel.  Shapes: `injected, rest` (rows,): the latter
+    comes as 0.
     """
-    rest = np.zeros_like(injected)
     for k in range(len(pairs)):
         i, j = row[pairs[k, 0]], row[pairs[k, 1]]
         if i >= 0:

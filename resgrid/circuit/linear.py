@@ -1,14 +1,17 @@
-"""Solve a linear circuit: assemble, factor, substitute, read off, and refuse what is not as accurate as promised."""
+"""Solve a linear circuit: assemble, factor, substitute, read off, and refuse what is not as accurate as promised.
+
+Or factor it once, for many right-hand sides.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.node_values import CERTAIN, node_values, values_above
@@ -17,8 +20,10 @@ from resgrid.circuit.readout import DIRECTION_RESIDUAL, OUT_OF_RANGE, read_entry
 from resgrid.errors import AccuracyError, CircuitError
 from resgrid.netlist import Netlist
 from resgrid.solvers.choose import factor_laplacian
-from resgrid.solvers.connections import count_connections
+from resgrid.solvers.extended import Scaled
 from resgrid.solvers.factors.direct import EXACT_ROWS
+from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.laplacian import count_connections
 from resgrid.solvers.monitor import Progress, Watch
 from resgrid.solvers.refine import is_answer
 from resgrid.solvers.team import Team
@@ -126,3 +131,34 @@ def _check_direction(point: OperatingPoint, residual: NDArray[np.float64], doubt
             "method, or accuracy = 'normwise'",
             point,
         )
+
+
+@dataclass(frozen=True, eq=False)
+class CircuitFactor:
+    """A circuit's equations and the factors of their matrix.
+
+    `system`: which node has which row, and what drives the rows; `factors`: of ``system.laplacian``.
+    """
+
+    system: Equations
+    factors: Factor
+
+    @property
+    def name(self) -> str:
+        """The method."""
+        return self.factors.name
+
+    def solve(
+        self, rhs: ArrayLike, *, rtol: float = 1e-10, guess: ArrayLike | None = None, watch: Watch | None = None
+    ) -> NDArray[np.float64]:
+        """Solve to a normwise backward error.  Shapes: `rhs` (n,), `guess` (n,); returns (n,)."""
+        return self.factors.solve(rhs, rtol=rtol, guess=guess, watch=watch)
+
+    def solve_nonnegative(self, rhs: ArrayLike | Scaled, *, watch: Watch | None = None) -> tuple[Scaled, float]:
+        """Solve for a right-hand side without negative entries, entry by entry.  Shapes: `rhs` (n,)."""
+        return self.factors.solve_nonnegative(rhs, watch=watch)
+
+
+def factor_circuit(system: Equations, method: str = "auto") -> CircuitFactor:
+    """Factor the matrix of a circuit's equations."""
+    return CircuitFactor(system, factor_laplacian(system.laplacian, method))

@@ -15,9 +15,10 @@ from resgrid.circuit.linear import solve_linear
 from resgrid.errors import InputError
 from resgrid.executors import Part, in_order
 from resgrid.netlist import Netlist
-from resgrid.solvers.batch import Chip, FactoredBatch, GridBatch, factored_batch, grid_batch
+from resgrid.solvers.batch import Chip, FactoredBatch, GridBatch, grid_batch
 from resgrid.solvers.factors.factor import check_rtol
 from resgrid.solvers.laplacian import EdgeList, Laplacian
+from resgrid.solvers.supernodal import order_rows
 
 _SMALL = 1000
 """Rows up to which factors are quicker than multigrid."""
@@ -28,38 +29,33 @@ _FEW = 1000
 _MOST_CONTRAST = 1e3
 """Between the nominal chip's conductances, up to which its levels precondition others."""
 
-_MOST_FACTORED = 1e10
-"""Between its conductances, up to which its factors in double precision tell how far off others are."""
-
 
 @dataclass(frozen=True, eq=False)
 class Batch:
     """What all chips of a kind share.
 
     `system`: the nominal chip's equations; rows and entries stay where they are; `source` (entries,): the resistor
-    behind every entry of its matrix's edges; None where resistors are in parallel; `solver`: solves for chips; None
-    where they have too little in common, so that each is solved by itself.
+    behind every entry of its matrix's edges; None where resistors are in parallel; `solver`: solves for chips.
     """
 
     system: Equations
     source: NDArray[np.int64] | None
-    solver: GridBatch | FactoredBatch | None
+    solver: GridBatch | FactoredBatch
 
     @property
     def name(self) -> str:
         """The method."""
-        return "one by one" if self.solver is None else self.solver.name
+        return self.solver.name
 
     def chip(self, conductance: NDArray[np.float64]) -> Chip:
         """The equations of a chip of other conductances, shape (resistors,), in siemens."""
         system = self.system
         matrix, feed = system.with_conductance(conductance)
         entries = matrix.edges.data if self.source is None else conductance[self.source]
+        few = slice(None, None, max(1, len(conductance) // _FEW))
         with np.errstate(over="ignore"):
-            times = conductance / system.netlist.conductance
-        few = times[:: max(1, len(times) // _FEW)]
-        mostly = float(2.0 ** np.round(np.log2(np.median(few))))
-        return Chip(entries, matrix.ground, feed + system.injected, mostly, float(times.min()))
+            times = np.median(conductance[few] / system.netlist.conductance[few])
+        return Chip(entries, matrix.ground, feed + system.injected, float(2.0 ** np.round(np.log2(times))))
 
     def voltages(self, solution: NDArray[np.float64]) -> NDArray[np.float64]:
         """Voltages of all nodes, shape (chips, nodes), from those of the rows, (chips, n); NaN where a node floats."""
@@ -77,11 +73,11 @@ def solve_many(
 ) -> NDArray[np.float64]:
     """Find the node voltages of many chips that differ in their conductances only.
 
-    The equations are laid out once.  Every chip is solved by conjugate gradients from the voltages of the nominal one,
-    preconditioned by the nominal chip's coarse levels and its own finest one (grids), or by the nominal factors (other
-    circuits, small ones).  Chips that are too far from the nominal one for that, as with conductances many decades
-    larger than any of its own, are solved one by one (`resgrid.solve`).  A chip's answer does not depend on which
-    others are solved beside it.
+    The equations are laid out once.  Chips of a grid are solved by conjugate gradients from the voltages of the nominal
+    one, preconditioned by its coarse levels and their own finest one; other circuits, and small ones, by elimination in
+    the nominal chip's order.  Chips for which that does not do, as with conductances many decades larger than any of
+    the nominal one's, are solved one by one (`resgrid.solve`).  A chip's answer does not depend on which others are
+    solved beside it.
 
     Parameters
     ----------
@@ -92,8 +88,7 @@ def solve_many(
     rtol : float
         Of grids by multigrid, a bound on the norm of the residual relative to that of the currents that the sources
         drive in, nodes that are tied more stiffly than any of the nominal chip's counting as those; of other circuits,
-        on the error of voltages, as the residual and the nominal chip tell it, relative to the largest; or what
-        rounding allows.
+        on the error of voltages relative to the largest; or what rounding allows.
     executor : concurrent.futures.Executor, optional
         Chips are solved in its threads (the loops release the lock) or processes, instead of one after the other.
 
@@ -149,7 +144,7 @@ def prepare_batch(netlist: Netlist) -> Batch | None:
         solver = grid_batch(matrix, system.drive)
         if solver is not None:
             return Batch(system, source, solver)
-    return Batch(system, source, factored_batch(matrix, system.drive) if contrast <= _MOST_FACTORED else None)
+    return Batch(system, source, FactoredBatch(order_rows(matrix)))
 
 
 def _solve_some(shared: tuple[Batch, float], conductance: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -161,8 +156,7 @@ def solve_batch(batch: Batch, conductance: NDArray[np.float64], *, rtol: float =
     """Voltages of some chips, shape (chips, nodes)."""
     count = len(conductance)
     solution, reached = np.zeros((count, batch.system.size)), np.zeros(count, dtype=np.bool_)
-    if batch.solver is not None:
-        batch.solver.solve(map(batch.chip, conductance), rtol, solution, reached)
+    batch.solver.solve(map(batch.chip, conductance), rtol, solution, reached)
     voltage = batch.voltages(solution)
     for chip in np.flatnonzero(~reached):
         voltage[chip] = _alone(batch.system.netlist, conductance[chip])

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from resgrid.circuit.equations import Equations
 from resgrid.solvers.extended import Scaled, logarithm, power
 from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.laplacian import Rails
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.rails import Rails
 from resgrid.solvers.team import Team
 
 _LEAST_REST = 1e-3

@@ -18,7 +18,7 @@ from resgrid.circuit.operating_point import Ammeters, OperatingPoint, Readings
 from resgrid.circuit.sources import SourceForest, source_currents
 from resgrid.errors import CircuitError
 from resgrid.netlist import GROUND, Netlist
-from resgrid.solvers.extended import Scaled, logarithm, power
+from resgrid.solvers.extended import Scaled, canonical, logarithm, power
 from resgrid.solvers.team import ALONE, Team
 
 OUT_OF_RANGE = (
@@ -57,8 +57,8 @@ def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
     """Current that the current sources feed into every node, in amperes; shape (nodes,)."""
     from resgrid.circuit.kernels import add_injected
 
-    injected = np.zeros(netlist.node_count)
-    add_injected(netlist.current_nodes, netlist.current_amps, np.arange(len(injected), dtype=np.int32), injected)
+    injected, rest = np.zeros((2, netlist.node_count))
+    add_injected(netlist.current_nodes, netlist.current_amps, np.arange(len(injected), dtype=np.int32), injected, rest)
     return injected
 
 
@@ -228,7 +228,6 @@ def _plain_where_possible(values: NodeValues, netlist: Netlist) -> tuple[Scaled,
 def _balance(netlist: Netlist, amps: NDArray[np.float64], exponent: NDArray[np.int64]) -> Balance:
     """Sum the currents at every node, relative to the largest one there.  Shapes: `amps, exponent` (resistors,)."""
     from resgrid.circuit.kernels import add_currents, frames
-    from resgrid.solvers.extended_kernels import canonical
 
     net = injected_currents(netlist)
     frame = np.zeros(len(net), dtype=np.int64)

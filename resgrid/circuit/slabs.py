@@ -17,7 +17,7 @@ from numpy.lib.format import open_memmap
 from numpy.typing import NDArray
 
 from resgrid.circuit.readout import DIRECTION_RESIDUAL
-from resgrid.compiler import Kind, contacts_of_rows
+from resgrid.compiler import Kind, contacts_of_box
 from resgrid.errors import CircuitError
 from resgrid.grids import before_and_behind, with_margin
 from resgrid.space import Cell, ConfigurationSpace
@@ -50,7 +50,7 @@ def write_equations(space: ConfigurationSpace, wiring: Wiring, folder: Path, rto
         open_memmap(folder / f"{name}.npy", mode="w+", dtype=np.float64, shape=space.shape) for name in names
     )
     for first, last in slabs(space):
-        contacts = contacts_of_rows(space, wiring, first, last)
+        contacts = contacts_of_box(space, wiring, [(first, last)])
         inner = contacts.kind[(slice(1, -1),) * space.ndim] == Kind.NODE
         ties, fed = np.zeros(inner.shape), np.zeros(inner.shape)
         for axis, siemens in enumerate(contacts.conductance):
@@ -92,9 +92,9 @@ def read_rows(
     space: ConfigurationSpace, wiring: Wiring, answer: NDArray[np.float64], rows: tuple[int, int]
 ) -> SlabReading:
     """Read an answer off, and check it cell by cell.  Shapes: `answer` that of the space."""
-    contacts = contacts_of_rows(space, wiring, *rows)
+    contacts = contacts_of_box(space, wiring, [rows])
     falls = wiring.drive != "uniform"  # a drop grows from the high rail to the goals
-    value = np.where(contacts.kind == Kind.NODE, with_margin(answer, space.periodic, rows), np.nan)
+    value = np.where(contacts.kind == Kind.NODE, with_margin(answer, space.periodic, [rows]), np.nan)
     value[contacts.kind == Kind.LOW] = 1.0 if falls else 0.0
     value[contacts.kind == Kind.HIGH] = 0.0
     filled = np.nan_to_num(value)

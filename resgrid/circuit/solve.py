@@ -7,9 +7,8 @@ from typing import Protocol
 import numpy as np
 
 from resgrid.arguments import check_whole
-from resgrid.circuit.circuit_factor import CircuitFactor, factor_circuit
 from resgrid.circuit.equations import assemble
-from resgrid.circuit.linear import solve_linear
+from resgrid.circuit.linear import CircuitFactor, factor_circuit, solve_linear
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist

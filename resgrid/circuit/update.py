@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.circuit_factor import factor_circuit
 from resgrid.circuit.equations import Equations, assemble
-from resgrid.circuit.linear import solve_linear
+from resgrid.circuit.linear import factor_circuit, solve_linear
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.readout import read_normwise
 from resgrid.circuit.window import boxes_around, rows_after, window_of

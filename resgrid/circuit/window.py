@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.conductances import behind_wall, has_wall, in_series, of_face
-from resgrid.grids import label_regions, slab
+from resgrid.compiler import Kind, contacts_of_box
+from resgrid.grids import before_and_behind, label_regions, slab
 from resgrid.solvers.warm import Window, neighbours
-from resgrid.space import Cell, ConfigurationSpace
+from resgrid.space import ConfigurationSpace
 from resgrid.wiring import Wiring
 
 _WINDOW, _SHARE = 12_000, 16
@@ -24,26 +24,22 @@ _MOST = 4
 """Share of the space beyond which windows are no gain."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Codes:
-    """What the cells of a box are: solved for or free to be (`free`), at the high rail, at the low one."""
+class _Cells(NamedTuple):
+    """What the cells of a box are, of its shape: nodes, or at either rail; and whether they touch either rail."""
 
     free: NDArray[np.bool_]
-    high: NDArray[np.bool_]
     low: NDArray[np.bool_]
+    high: NDArray[np.bool_]
+    by_low: NDArray[np.bool_]
+    by_high: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, space: ConfigurationSpace, wiring: Wiring, box: tuple[slice, ...]) -> _Codes:
-        cell = space.cell[box]
-        free, high = cell == Cell.FREE, cell == Cell.OBSTACLE
-        if wiring.boundary == "neumann":
-            high = np.zeros_like(high)
-        if wiring.start is not None and all(
-            ends.start <= i < ends.stop for i, ends in zip(wiring.start, box, strict=True)
-        ):
-            start = tuple(int(i) - ends.start for i, ends in zip(wiring.start, box, strict=True))
-            free[start], high[start] = False, True
-        return cls(free, high, cell == Cell.GOAL)
+    def of(cls, space: ConfigurationSpace, wiring: Wiring, box: Box) -> _Cells:
+        """The cells of a space."""
+        kind = contacts_of_box(space, wiring, _ranges(box), connected=False).kind
+        is_kind = (kind == Kind.NODE, kind == Kind.LOW, kind == Kind.HIGH)
+        inside = (slice(1, -1),) * space.ndim
+        return cls(*(cells[inside] for cells in (*is_kind, _grown(is_kind[1]), _grown(is_kind[2]))))
 
 
 def boxes_around(space: ConfigurationSpace, cells: NDArray[np.int64]) -> list[tuple[Box, Box]] | None:
@@ -103,27 +99,26 @@ def rows_after(
     which they lose a contact; but for parts that are cut off within the box, and from the low rail.  Shapes, as the
     box: `before` (which had rows).
     """
-    was, codes = _Codes.of(old, wiring, box), _Codes.of(new, wiring, box)
-    changed = (was.free != codes.free) | (was.low != codes.low) | (was.high != codes.high)
-    near, stays, edge = _grown(changed), before & codes.free, _beyond(new, wiring, box)
-    if np.any(codes.free & near & ~changed & ~before):
+    was, now = (_Cells.of(space, wiring, box) for space in (old, new))
+    changed, free = (was.free != now.free) | (was.low != now.low) | (was.high != now.high), now.free
+    near, stays = _grown(changed), before & free
+    if np.any(free & near & ~changed & ~before):
         return None  # a part that carried no current is joined
-    part = label_regions(stays | (codes.free & changed), (False,) * new.ndim)
+    part = label_regions(stays | (free & changed), (False,) * new.ndim)
     held, leading_out = np.unique(part[near & stays]), np.unique(part[_rim(new, box)])
     main = held if len(held) == 1 else np.intersect1d(held, leading_out)
     if len(main) > 1 or (len(main) == 0 and np.any(before & changed)):
         return None
     joined = np.isin(part, main)
     cut_off = np.isin(part, np.setdiff1d(held, main))
-    apart = cut_off | (codes.free & changed & ~joined)
-    to_low, to_high = _grown(codes.low), _grown(codes.high) | edge
-    if np.any(apart & to_low):
+    apart = cut_off | (free & changed & ~joined)
+    if np.any(apart & now.by_low):
         return None
-    lost_low = changed & (was.low | (before & _grown(was.low)))
-    lost_high = cut_off & to_high | changed & (was.high | (before & (_grown(was.high) | edge)))
-    if np.any(lost_low) and not np.any(joined & to_low):
+    lost_low = changed & (was.low | (before & was.by_low))
+    lost_high = cut_off & now.by_high | changed & (was.high | (before & was.by_high))
+    if np.any(lost_low) and not np.any(joined & now.by_low):
         return None
-    if wiring.drive != "uniform" and np.any(lost_high) and not np.any(joined & to_high):
+    if wiring.drive != "uniform" and np.any(lost_high) and not np.any(joined & now.by_high):
         return None
     return np.asarray(joined | (stays & ~cut_off))
 
@@ -140,24 +135,17 @@ def window_of(
 
     Shapes: `row` as the box.  None if the change meets the seam of a periodic axis.
     """
-    codes, cell = _Codes.of(space, wiring, box), space.cell[box]
-    conductivity = None if space.conductivity is None else space.conductivity[box]
+    contacts = contacts_of_box(space, wiring, _ranges(box), connected=False)
     ground, drive = np.zeros(row.shape), np.where(row, amps, 0.0)
     edges = []
-    for axis in range(space.ndim):
-        edge = _across(space, wiring, axis, cell, conductivity)
-        (row_below, row_above), (high_below, high_above) = neighbours(row, axis), neighbours(codes.high, axis)
-        low_below, low_above = neighbours(codes.low, axis)
-        ground_below, ground_above = neighbours(ground, axis)
-        drive_below, drive_above = neighbours(drive, axis)
-        ground_below += np.where(row_below & (high_above | low_above), edge, 0.0)
-        ground_above += np.where(row_above & (high_below | low_below), edge, 0.0)
-        drive_below += np.where(row_below & high_above, edge, 0.0)
-        drive_above += np.where(row_above & high_below, edge, 0.0)
-        edges.append(np.where(row_below & row_above, edge, 0.0))
-        tie = _to_edge(space, wiring, box, axis, conductivity)
-        ground += np.where(row, tie, 0.0)
-        drive += np.where(row, tie, 0.0)
+    for axis, siemens in enumerate(contacts.conductance):
+        cells = row.shape[axis]
+        for kind, first in zip(before_and_behind(contacts.kind, axis), (0, 1), strict=True):
+            tie, beside = slab(siemens, axis, first, first + cells), slab(kind, axis, first, first + cells)
+            ground += np.where(row & (beside != Kind.NODE), tie, 0.0)
+            drive += np.where(row & (beside == Kind.HIGH), tie, 0.0)
+        below, above = neighbours(row, axis)
+        edges.append(np.where(below & above, slab(siemens, axis, 1, cells), 0.0))
     core = []
     for ends, near, size, along in zip(box, changed, space.shape, space.axes, strict=True):
         begin = 0 if ends.start == 0 and not along.periodic else 1
@@ -176,54 +164,8 @@ def window_of(
     )
 
 
-def _across(
-    space: ConfigurationSpace,
-    wiring: Wiring,
-    axis: int,
-    cell: NDArray[np.uint8],
-    conductivity: NDArray[np.float64] | None,
-) -> NDArray[np.float64]:
-    """Conductances from every cell of a box to the next one along an axis, whatever the two are."""
-    below, above = neighbours(cell, axis)
-    edge = np.full(below.shape, of_face(space.spacing, axis, wiring.resistance))
-    if conductivity is not None:
-        edge *= in_series(*neighbours(conductivity, axis), below == Cell.FREE, above == Cell.FREE)
-    wall = has_wall(below == Cell.OBSTACLE, above == Cell.OBSTACLE)
-    edge[wall] = 0.0 if wiring.boundary == "neumann" else behind_wall(edge[wall], wiring.wall_resistance)
-    return edge
-
-
-def _to_edge(
-    space: ConfigurationSpace,
-    wiring: Wiring,
-    box: tuple[slice, ...],
-    axis: int,
-    conductivity: NDArray[np.float64] | None,
-) -> NDArray[np.float64]:
-    """Conductances to the edge of the grid across an axis, where it is an obstacle; of the box's shape."""
-    tie = np.zeros([ends.stop - ends.start for ends in box])
-    size = tie.shape[axis]
-    for at_edge, end in ((box[axis].start == 0, (0, 1)), (box[axis].stop == space.shape[axis], (size - 1, size))):
-        if at_edge:
-            cells = slab(tie, axis, *end)
-            cells += _edge_tie(space, wiring, axis, None if conductivity is None else slab(conductivity, axis, *end))
-    return tie
-
-
-def _edge_tie(
-    space: ConfigurationSpace, wiring: Wiring, axis: int, conductivity: NDArray[np.float64] | None
-) -> NDArray[np.float64] | float:
-    """Conductances from cells at the edge of the grid to the rail beyond it, 0 where there is none; as the cells'."""
-    if wiring.boundary == "neumann" or wiring.edges(space)[axis] != "obstacle":
-        return 0.0
-    one = np.asarray(of_face(space.spacing, axis, wiring.resistance) * (1.0 if conductivity is None else conductivity))
-    return behind_wall(one, wiring.wall_resistance)
-
-
-def _beyond(space: ConfigurationSpace, wiring: Wiring, box: tuple[slice, ...]) -> NDArray[np.bool_]:
-    """Cells of a box at an edge of the grid that counts as an obstacle."""
-    ties = [_to_edge(space, wiring, box, axis, None) for axis in range(space.ndim)]
-    return np.asarray(sum(ties) > 0.0)
+def _ranges(box: Box) -> list[tuple[int, int]]:
+    return [(ends.start, ends.stop) for ends in box]
 
 
 def _rim(space: ConfigurationSpace, box: tuple[slice, ...]) -> NDArray[np.bool_]:

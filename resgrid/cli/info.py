@@ -112,8 +112,7 @@ def _sketch(space: rg.ConfigurationSpace, starts: Sequence[Sequence[float]]) -> 
 def _cost(job: Job) -> dict[str, Any]:
     """Size of the circuit and memory of its solution; nothing where the scene has no circuit yet."""
     from resgrid.circuit.equations import assemble
-    from resgrid.solvers.choose import choose_method
-    from resgrid.solvers.costs import estimate_memory
+    from resgrid.solvers.choose import choose_method, estimate_memory
 
     if not job.space.goal_count:
         return {"nodes": None, "resistors": None, "memory_bytes": None, "no_circuit": "no goal yet: say --goal X,Y"}

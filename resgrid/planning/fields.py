@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.compiler import Kind, contacts_of_rows
+from resgrid.compiler import Kind, contacts_of_box
 from resgrid.errors import AccuracyError, CircuitError, InputError
 from resgrid.frozen import frozen, picture_html
 from resgrid.grids import before_and_behind, by_axis, face_counts, face_shape, with_margin
@@ -266,7 +266,7 @@ def read_cells(space: ConfigurationSpace, wiring: Wiring, voltage: NDArray[np.fl
         volts[wiring.start] = wiring.high
     height = (volts - wiring.goal_voltage) * np.sign(wiring.supply)
     unit = np.nanmax(height) if wiring.drive == "uniform" else abs(wiring.supply)
-    contacts = contacts_of_rows(space, wiring.on(space), 0, space.shape[0])
+    contacts = contacts_of_box(space, wiring.on(space))
     wide = with_margin(volts, space.periodic)
     wide[contacts.kind == Kind.HIGH] = wiring.high
     drops = (np.subtract(*before_and_behind(wide, axis)) for axis in range(space.ndim))

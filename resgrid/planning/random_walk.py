@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.budget import require_memory
-from resgrid.circuit.circuit_factor import CircuitFactor
+from resgrid.circuit.linear import CircuitFactor
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import factor
 from resgrid.errors import AccuracyError, InputError

@@ -1,35 +1,27 @@
-"""Many chips of one circuit: what the nominal one was prepared with preconditions all others.
+"""Many chips of one circuit: what the nominal one was prepared with serves all others.
 
-A chip of a grid has its own finest level, and the nominal coarse ones; of other circuits, the nominal factors.
+A chip of a grid has its own finest level, and the nominal coarse ones; of other circuits, the nominal order.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
+from resgrid.errors import AccuracyError
 from resgrid.jit import kernel
 from resgrid.solvers.laplacian import Laplacian
-from resgrid.solvers.multigrid.conjugate_gradients import (
-    LEAST_GAIN,
-    MOST_ITERATIONS,
-    ROUNDING,
-    GridProblem,
-    Stop,
-    converge,
-    iterate,
-)
+from resgrid.solvers.multigrid.conjugate_gradients import ROUNDING, GridProblem, Stop, converge, iterate
 from resgrid.solvers.multigrid.grid_level import compensate
 from resgrid.solvers.multigrid.hierarchy import Hierarchy, build_hierarchy
 from resgrid.solvers.multigrid.krylov import gather_rows, norm, scatter_rows
 from resgrid.solvers.multigrid.packing import with_work
 from resgrid.solvers.multigrid.red_black import Floats, Indices, Integers, Stencil
+from resgrid.solvers.supernodal import Symbolic, factor_in_order
 
 _DEPTH = 12
 """Steps that are kept before they are gone: a whole burst."""
@@ -37,25 +29,24 @@ _DEPTH = 12
 _LEFT = 16 * ROUNDING
 """Share of ``|A| |x|`` up to which a residual may be what rounding leaves."""
 
-_FORBIDDEN = 1e-9
-"""Error, as the nominal chip tells it, that is let pass where rounding forbids a smaller one."""
+_ROUNDINGS = 1e-13
+"""What factors in positive numbers make of roundings."""
 
-_PLAIN = 1e5
-"""Between a chip's conductances, up to which rounding of the residual hides no error that matters."""
+_FORBIDDEN = 1e-9
+"""Error that is let pass where rounding forbids a smaller one."""
 
 
 class Chip(NamedTuple):
     """Equations of a chip whose nodes are joined as the nominal one's are.
 
     `entries` (entries,): of the edges, row by row, in siemens; `ground` (n,): in siemens; `drive` (n,): in amperes;
-    `mostly, least`: by how much its conductances exceed the nominal ones: mostly, as a power of two, and at least.
+    `mostly`: by how much most of its conductances exceed the nominal ones, as a power of two.
     """
 
     entries: NDArray[np.float64]
     ground: NDArray[np.float64]
     drive: NDArray[np.float64]
     mostly: float
-    least: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,114 +164,23 @@ def _refill(
 
 @dataclass(frozen=True, eq=False)
 class FactoredBatch:
-    """A circuit made ready for other conductances.
+    """An order of elimination for a circuit, whatever its conductances."""
 
-    `start` (n,): where the iteration begins, in volts.
-    """
-
-    laplacian: Laplacian
-    start: NDArray[np.float64]
+    order: Symbolic
     name = "direct"
 
     def solve(
         self, chips: Iterable[Chip], rtol: float, solution: NDArray[np.float64], reached: NDArray[np.bool_]
     ) -> None:
-        """As `GridBatch.solve`.
-
-        ``rtol`` bounds the error, as the residual and the nominal chip tell it, relative to the largest voltage.
-        """
-        edges, nominal = self.laplacian.edges, power_of_two(self.laplacian.diagonal)
-        for number, (x, chip) in enumerate(zip(solution, chips, strict=True)):
-            unit = nominal * chip.mostly
-            other = sparse.csr_array((chip.entries / unit, edges.indices, edges.indptr), shape=edges.shape)
-            diagonal = other.sum(axis=1) + chip.ground / unit
-            x[:] = self.start
-            least = chip.least / chip.mostly
-            reached[number] = _conjugate_gradients(
-                other, diagonal, chip.drive / unit, self._factors, least, rtol, x
-            ) and self._resolves(other, diagonal, least, rtol, x)
-
-    def _resolves(
-        self,
-        coupling: sparse.csr_array,
-        degree: NDArray[np.float64],
-        least: float,
-        rtol: float,
-        x: NDArray[np.float64],
-    ) -> bool:
-        """Whether what rounding hides in the residual, ``eps (|A| |x|)``, changes no voltage by more than is let pass.
-
-        Stiff parts hide what weak ones hold them by.  Shapes: `degree, x` (n,).
-        """
-        if degree.max() <= _PLAIN * min(degree.min(), coupling.data.min(initial=np.inf)):
-            return True
-        hidden = ROUNDING * (degree * np.abs(x) + coupling @ np.abs(x))
-        error = float(np.abs(self._factors.solve(hidden)).max())
-        return error <= max(rtol, _FORBIDDEN) * least * float(np.abs(x).max())
-
-    @cached_property
-    def _factors(self) -> Any:
-        return _factors(self.laplacian)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Without factors, which no process can hand to another."""
-        return {"laplacian": self.laplacian, "start": self.start}
-
-
-def factored_batch(laplacian: Laplacian, drive: NDArray[np.float64]) -> FactoredBatch:
-    """Factor the nominal circuit.  Shapes: `drive` (n,)."""
-    start = np.asarray(_factors(laplacian).solve(drive / power_of_two(laplacian.diagonal)))
-    return FactoredBatch(laplacian, start)
-
-
-def power_of_two(degree: NDArray[np.float64]) -> float:
-    """The power of two at or below the largest conductance, in siemens: all others are told in it, without rounding."""
-    return float(2.0 ** np.floor(np.log2(degree.max())))
-
-
-def _factors(laplacian: Laplacian) -> Any:
-    from resgrid.solvers.superlu import symmetric_factors
-
-    return symmetric_factors(laplacian.matrix / power_of_two(laplacian.diagonal))
-
-
-def _conjugate_gradients(
-    coupling: sparse.csr_array,
-    degree: NDArray[np.float64],
-    b: NDArray[np.float64],
-    factors: Any,
-    least: float,
-    rtol: float,
-    x: NDArray[np.float64],
-) -> bool:
-    """Conjugate gradients in place, begun anew from the true residual; returns whether the error is small.
-
-    No residual, however small beside what stiff parts carry, hides what it does to weak ones: if all conductances are
-    at least ``least`` times the nominal ones, then ``A >= least * A0``, and ``A^-1 r`` is at most ``A0^-1 r / least``
-    (in energy; of single voltages it is an estimate).
-    """
-    rtol *= least
-    left, last = MOST_ITERATIONS, np.inf
-    while True:
-        r = b - (degree * x - coupling @ x)
-        z = factors.solve(r)
-        error, size = float(np.abs(z).max()), float(np.abs(x).max())
-        if error <= rtol * size:
-            return True
-        if not (error < LEAST_GAIN * last and left > 0):
-            return error <= max(rtol, _FORBIDDEN * least) * size
-        last = error
-        p, rz = np.zeros_like(r), np.inf
-        while left > 0 and np.abs(z).max() > 0.5 * rtol * size:
-            before, rz = rz, float(r @ z)
-            if not rz > 0.0:
-                break
-            p = z + (rz / before) * p
-            q = degree * p - coupling @ p
-            energy = float(p @ q)
-            if not energy > 0.0:
-                break
-            x += rz / energy * p
-            r -= rz / energy * q
-            z = factors.solve(r)
-            left -= 1
+        """As `GridBatch.solve`; ``rtol`` bounds the error of voltages, relative to the largest."""
+        matrix = self.order.reduced.whole
+        for number, chip in enumerate(chips):
+            try:
+                factors = factor_in_order(self.order.of(matrix._replace(edges=chip.entries, ground=chip.ground)))
+            except AccuracyError:
+                continue
+            solution[number] = factors.solve(chip.drive)
+            # Entries of a solution for currents of one sign are right to some roundings.
+            summed = factors.solve(np.abs(chip.drive)) if chip.drive.min() < 0.0 else solution[number]
+            rounding = _ROUNDINGS * np.abs(summed).max()
+            reached[number] = rounding <= max(rtol, _FORBIDDEN) * np.abs(solution[number]).max()

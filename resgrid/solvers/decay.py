@@ -12,9 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.solvers.connections import count_connections
-from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian, once
-from resgrid.solvers.rails import Rails
+from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian, Rails, count_connections, once
 
 if TYPE_CHECKING:
     from scipy import sparse

@@ -51,6 +51,15 @@ class Scaled(NamedTuple):
         return logarithm(self.hi, self.exponent)
 
 
+def canonical(m: NDArray[np.float64], e: NDArray[np.int64], *rest: NDArray[np.float64]) -> None:
+    """Make scaled numbers canonical, ``2**-128 <= |m| < 2**128`` or 0, and what is added to them, in place."""
+    steps = (np.frexp(m)[1] + (BITS // 2 - 1)) // BITS
+    if steps.any():
+        e += steps
+        for part in (m, *rest):
+            np.ldexp(part, -BITS * steps, out=part)
+
+
 def power(exponent: NDArray[np.int64]) -> NDArray[np.float64]:
     """``2**(256 exponent)``: 0 or infinity beyond the range of a double."""
     return np.asarray(_POWERS[np.clip(exponent, _LEAST, _MOST) - _LEAST])

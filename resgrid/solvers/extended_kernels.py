@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inlined, kernel
+from resgrid.jit import inlined
 from resgrid.solvers.extended import BITS
 
 _BASE = 2.0**BITS
@@ -62,13 +62,6 @@ def _add_product(m: float, e: int, factor: float, v: float, ve: int) -> tuple[fl
     """A scaled number and a double times another."""
     t, te = _canonical(factor * v, ve)
     return _add(m, e, t, te)
-
-
-@kernel
-def canonical(m: Floats, e: Integers) -> None:
-    """Make scaled numbers canonical, in place."""
-    for i in range(len(m)):
-        m[i], e[i] = _canonical(m[i], e[i])
 
 
 @inlined

@@ -1,17 +1,19 @@
-"""The one matrix of all solvers: a graph of conductances, and what ties its rows to nodes of known voltage."""
+"""The one matrix of all solvers: a graph of conductances, and what ties its rows to nodes of known voltage.
+
+Beside it the few numbers that a method is chosen by.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, wraps
+from functools import cached_property, partial, wraps
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import BudgetError
-from resgrid.solvers.rails import Rails
 
 if TYPE_CHECKING:
     from scipy import sparse
@@ -19,6 +21,10 @@ if TYPE_CHECKING:
 _Found = TypeVar("_Found")
 
 _MOST_ENTRIES = 2**31 - 1
+
+
+WEAK = 0.1
+"""A conductance is weak below this share of the strongest one at either of its ends."""
 
 
 class EdgeList(NamedTuple):
@@ -62,6 +68,15 @@ class Rows(NamedTuple):
         return array
 
 
+class Conductances(NamedTuple):
+    """A matrix as loops take it, in siemens: `indptr` (n + 1,), `indices, edges` (entries,), `ground` (n,)."""
+
+    indptr: NDArray[np.int32]
+    indices: NDArray[np.int32]
+    edges: NDArray[np.float64]
+    ground: NDArray[np.float64]
+
+
 @dataclass(frozen=True, eq=False)
 class Grid:
     """Where the vertices of a grid lie: `vertex`, of the grid's shape, -1 for none; `periodic`: axes that are rings."""
@@ -83,6 +98,62 @@ class Grid:
         """The same grid with rows for vertices.  Shapes: `row` (vertices,)."""
         rows = np.where(self.vertex >= 0, np.append(row, -1)[self.vertex], -1).astype(np.int32)
         return Grid(rows, self.periodic)
+
+
+Ties = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+@dataclass(frozen=True, eq=False)
+class Rails:
+    """The two voltages that a circuit with two rails hangs between.
+
+    `high, low`: voltages in volts; ``high`` is the obstacle rail (or the driven start) where there is a map of cells;
+    `ties`: returns `to_high` and `to_low`.
+    """
+
+    high: float
+    low: float
+    ties: Callable[[], Ties]
+
+    @cached_property
+    def _tied(self) -> Ties:
+        return self.ties()
+
+    @property
+    def to_high(self) -> NDArray[np.float64]:
+        """Conductance from every row to the high rail, in siemens, shape (n,); found when first asked for."""
+        return self._tied[0]
+
+    @property
+    def to_low(self) -> NDArray[np.float64]:
+        """The same for the low rail."""
+        return self._tied[1]
+
+    def tied(self, to_high: NDArray[np.float64], to_low: NDArray[np.float64]) -> Rails:
+        """Return the same rails, with other ties of the rows to them."""
+        return Rails(self.high, self.low, partial(_pair, to_high, to_low))
+
+
+def _pair(to_high: NDArray[np.float64], to_low: NDArray[np.float64]) -> Ties:
+    return to_high, to_low
+
+
+@dataclass(frozen=True)
+class Connections:
+    """Counts over the conductances between rows.
+
+    `entries`: twice their number: the entries of the `coupling`; `few`: number of rows with at most two neighbours;
+    `weak`: share of conductances that are weak beside the strongest one at either of their ends; `mean`: mean
+    conductance, in siemens; 0 where there is none; `smallest, largest`: the range of the conductances, those to rails
+    included, in siemens.
+    """
+
+    entries: int
+    few: int
+    weak: float
+    mean: float
+    smallest: float
+    largest: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +217,17 @@ class Laplacian:
                 f"the matrix has up to {entries:,} entries, and its rows are numbered with 32 bits, up to "
                 f"{_MOST_ENTRIES:,}: choose larger cells, accuracy = 'normwise', or method = 'petsc'"
             )
-        return Rows(*conductances_by_row(*self.listed, self.size))
+        indptr, place = np.zeros(self.size + 1, dtype=np.int32), np.empty((2, self.size), dtype=np.int32)
+        indices, data = np.empty(entries, dtype=np.int32), np.empty(entries)
+        ordered = conductances_by_row(*self.listed, indptr, indices, data, place)
+        return Rows(indptr, indices[: indptr[-1]], data[: indptr[-1]], ordered)
+
+    @property
+    def conductances(self) -> Conductances:
+        """The whole matrix as loops take it, every row sorted by column."""
+        rows = self.sorted_rows
+        indptr, indices = (part.astype(np.int32, copy=False) for part in (rows.indptr, rows.indices))
+        return Conductances(indptr, indices, rows.data, self.ground)
 
     @cached_property
     def diagonal(self) -> NDArray[np.float64]:
@@ -237,3 +318,37 @@ def once(find: Callable[[Laplacian], _Found]) -> Callable[[Laplacian], _Found]:
         return found
 
     return remembered
+
+
+@once
+def count_connections(laplacian: Laplacian) -> Connections:
+    """Count the neighbours of all rows, and compare their conductances.
+
+    On a grid the resistors are counted one by one, so that no compressed rows are needed; there only the two across
+    a ring of two cells are parallel.
+    """
+    from resgrid.solvers import row_kernels as kernels
+
+    listed, grid = laplacian.listed, laplacian.grid
+    if listed is not None and grid is not None and grid.simple:
+        neighbours = np.zeros(laplacian.size, dtype=np.int8)
+        inner, smallest, largest, half = kernels.count_neighbours(*listed, neighbours)
+        some = smallest < WEAK * largest
+        weak = kernels.weak_pairs(*listed, laplacian.size, WEAK) / inner if some else 0.0
+        entries, few = 2 * inner, int(np.count_nonzero(neighbours <= 2))
+        total = 2.0 * half
+    else:
+        rows = laplacian.any_rows
+        entries, few = len(rows.indices), int(np.count_nonzero(np.diff(rows.indptr) <= 2))
+        weak = kernels.weak_share(rows.indptr, rows.indices, rows.data, WEAK)
+        smallest, largest = rows.data.min(initial=np.inf), rows.data.max(initial=0.0)
+        total = rows.data.sum()
+    present = laplacian.ground[laplacian.ground > 0]
+    return Connections(
+        entries=entries,
+        few=few,
+        weak=float(weak),
+        mean=float(total) / entries if entries else 0.0,
+        smallest=float(min(smallest, present.min(initial=np.inf))),
+        largest=float(max(largest, present.max(initial=0.0))),
+    )

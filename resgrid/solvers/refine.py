@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.solvers.extended import BITS, NOISE, Scaled, power
-from resgrid.solvers.laplacian import Laplacian
+from resgrid.solvers.extended import BITS, NOISE, Scaled, canonical, power
+from resgrid.solvers.laplacian import Conductances, Laplacian
 from resgrid.solvers.team import ALONE, Team
 
 if TYPE_CHECKING:
-    from resgrid.solvers.refine_kernels import Conductances, Imbalance
+    from resgrid.solvers.refine_kernels import Imbalance
 
 _CONVERGED = 1e-12
 """Componentwise backward error up to which an answer is one, whatever is proved of its entries."""
@@ -129,7 +129,7 @@ def refine(
     """
     from resgrid.solvers.refine_kernels import exact_residual
 
-    matrix, current = conductances(laplacian), scaled_currents(rhs)
+    matrix, current = laplacian.conductances, scaled_currents(rhs)
     doubles = None if exact else _as_doubles(*current)
     if doubles is not None:
         current = doubles, _NONE
@@ -171,14 +171,6 @@ def refine(
     return Refined(answer, float(best.error), best.bound)
 
 
-def conductances(laplacian: Laplacian) -> Conductances:
-    """A matrix as the loops take it."""
-    from resgrid.solvers.refine_kernels import Conductances
-
-    rows = laplacian.sorted_rows
-    return Conductances(rows.indptr, rows.indices, rows.data, laplacian.ground)
-
-
 def _imbalance(
     matrix: Conductances, current: Numbers, x: Scaled, floor: float, step: int, rows: NDArray[np.int32], out: Numbers,
     team: Team,
@@ -213,8 +205,6 @@ def _corrected(x: Scaled, m: NDArray[np.float64], e: NDArray[np.int64]) -> tuple
 
 def _replaced(x: Scaled, rows: NDArray[np.int64], values: Numbers) -> tuple[Scaled, NDArray[np.bool_]]:
     """Values of which some have been found anew, and which."""
-    from resgrid.solvers.extended_kernels import canonical
-
     m, e = values
     new = Scaled(x.hi.copy(), x.lo.copy(), x.exponent.copy())
     if new.exponent.size:
@@ -249,18 +239,14 @@ def _log_size(residual: Numbers, found: Imbalance | None = None) -> float:
 
 def _with_exponents(x: Scaled) -> Scaled:
     """A copy in canonical numbers."""
-    from resgrid.solvers.refine_kernels import canonical_pairs
-
     e = x.exponent.copy() if x.exponent.size else np.zeros(len(x.hi), dtype=np.int64)
     new = Scaled(x.hi.copy(), x.lo.copy(), e)
-    canonical_pairs(*new[:3])
+    canonical(new.hi, new.exponent, new.lo)
     return new
 
 
 def _alike(x: Scaled, numbers: Numbers) -> Numbers:
     """Numbers with exponents where ``x`` has some."""
-    from resgrid.solvers.extended_kernels import canonical
-
     if not x.exponent.size or numbers[1].size:
         return numbers
     m, e = numbers[0].copy(), np.zeros(len(numbers[0]), dtype=np.int64)
@@ -287,8 +273,6 @@ def _as_doubles(m: NDArray[np.float64], e: NDArray[np.int64]) -> NDArray[np.floa
 
 def scaled_currents(rhs: NDArray[np.float64] | Scaled) -> Numbers:
     """Currents as canonical scaled numbers of their own; ``lo`` is left out."""
-    from resgrid.solvers.extended_kernels import canonical
-
     if isinstance(rhs, Scaled):
         current, scale = rhs.hi.copy(), rhs.exponent.copy()
     else:

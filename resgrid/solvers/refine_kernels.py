@@ -23,6 +23,7 @@ from resgrid.solvers.extended_kernels import (
     _two_product,
     _two_sum,
 )
+from resgrid.solvers.laplacian import Conductances
 
 Numbers = tuple[Floats, Integers]
 
@@ -63,13 +64,6 @@ def correct(hi: Floats, lo: Floats, e: Integers, m: Floats, me: Integers) -> Non
 
 
 @kernel
-def canonical_pairs(hi: Floats, lo: Floats, e: Integers) -> None:
-    """Make scaled double-doubles canonical, in place."""
-    for i in range(len(hi)):
-        hi[i], lo[i], e[i] = _canonical_pair(hi[i], lo[i], e[i])
-
-
-@kernel
 def corrected(hi: Floats, lo: Floats, m: Floats, new_hi: Floats, new_lo: Floats) -> None:
     """Add doubles to double-doubles."""
     for i in range(len(hi)):
@@ -95,15 +89,6 @@ def _find_exponents(
             if hi[indices[k]] != 0.0:
                 most = max(most, e[indices[k]])
         top[i] = most
-
-
-class Conductances(NamedTuple):
-    """A matrix as loops take it: its edges in compressed rows, and the ground conductances."""
-
-    indptr: Indices
-    indices: Indices
-    edges: Floats
-    ground: Floats
 
 
 class Imbalance(NamedTuple):

@@ -16,36 +16,37 @@ _FEW, _MANY = 5, 16
 
 @kernel
 def conductances_by_row(
-    pairs: Indices, conductance: Floats, row: Indices, size: int
-) -> tuple[Indices, Indices, Floats, bool]:
+    pairs: Indices, conductance: Floats, row: Indices, indptr: Indices, indices: Indices, data: Floats, place: Indices
+) -> bool:
     """Symmetric compressed rows of the conductances between rows, parallel resistors summed, and no diagonal.
 
     Rows are filled with lower neighbours from the front and with upper ones from behind: where a grid's resistors come
-    axis by axis, they are sorted then.  Whether they are is told as well.
+    axis by axis, they are sorted then.  Returns whether they are.
+
+    Shapes: `indptr` (n + 1,), comes as 0; `indices, data` (2 m,): room for all entries; `place` (2, n).
     """
-    indptr = np.zeros(size + 1, np.int32)
+    size, front, back = len(indptr) - 1, place[0], place[1]
     for k in range(len(pairs)):
         i, j = row[pairs[k, 0]], row[pairs[k, 1]]
         if i >= 0 and j >= 0 and i != j:
             indptr[i + 1] += 1
             indptr[j + 1] += 1
     for i in range(size):
+        front[i] = indptr[i]
         indptr[i + 1] += indptr[i]
-    indices = np.empty(indptr[size], np.int32)
-    data = np.empty(indptr[size])
-    front, back = indptr[:-1].copy(), indptr[1:].copy()
+        back[i] = indptr[i + 1]
     for k in range(len(pairs)):
         i, j = row[pairs[k, 0]], row[pairs[k, 1]]
         if i >= 0 and j >= 0 and i != j:
-            lower, upper = min(i, j), max(i, j)
+            lower, upper = (i, j) if i < j else (j, i)
             back[lower] -= 1
             indices[back[lower]], data[back[lower]] = upper, conductance[k]
             indices[front[upper]], data[front[upper]] = lower, conductance[k]
             front[upper] += 1
     if _ascending(indptr, indices):
-        return indptr, indices, data, True
-    size = _unite(indptr, indices, data)
-    return indptr, indices[:size], data[:size], False
+        return True
+    _unite(indptr, indices, data, front)
+    return False
 
 
 @inner
@@ -59,10 +60,11 @@ def _ascending(indptr: Indices, indices: Indices) -> bool:
 
 
 @inner
-def _unite(indptr: Indices, indices: Indices, data: Floats) -> int:
-    """Sum entries of one column and close the gaps, in place; returns how many are left."""
-    place = np.full(len(indptr) - 1, -1, np.int32)
-    size, end = 0, 0
+def _unite(indptr: Indices, indices: Indices, data: Floats, place: Indices) -> None:
+    """Sum entries of one column and close the gaps, in place; ``place`` (n,) is room."""
+    for i in range(len(place)):
+        place[i] = -1
+    size, end = 0, indptr[0]
     for i in range(len(indptr) - 1):
         begin, end = end, indptr[i + 1]
         indptr[i] = size
@@ -74,7 +76,6 @@ def _unite(indptr: Indices, indices: Indices, data: Floats) -> int:
                 place[column], indices[size], data[size] = size, column, data[k]
                 size += 1
     indptr[len(indptr) - 1] = size
-    return size
 
 
 @kernel

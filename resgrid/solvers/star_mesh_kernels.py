@@ -58,11 +58,6 @@ class Log(NamedTuple):
 
 
 @inner
-def _plus(a: float, a_low: float, b: float, b_low: float) -> tuple[float, float]:
-    return _sum(a, a_low, b, b_low)
-
-
-@inner
 def _times(a: float, a_low: float, b: float, b_low: float) -> tuple[float, float]:
     p, q = _two_product(a, b)
     q += a * b_low + a_low * b
@@ -74,8 +69,8 @@ def _times(a: float, a_low: float, b: float, b_low: float) -> tuple[float, float
 def _reciprocal(d: float, d_low: float) -> tuple[float, float]:
     first = 1.0 / d
     p, q = _times(d, d_low, first, 0.0)
-    rest, _ = _plus(1.0, 0.0, -p, -q)
-    return _plus(first, 0.0, rest / d, 0.0)
+    rest, _ = _sum(1.0, 0.0, -p, -q)
+    return _sum(first, 0.0, rest / d, 0.0)
 
 
 @kernel
@@ -131,7 +126,7 @@ def _join(graph: QuotientGraph, k: int, m: int, g: float, g_low: float) -> int:
     a, b = graph.neighbour[k], graph.neighbour[m]
     there = _find(graph, a, b)
     if there >= 0:
-        s, t = _plus(graph.g[there], graph.g_low[there], g, g_low)
+        s, t = _sum(graph.g[there], graph.g_low[there], g, g_low)
         _assign(graph, there, s, t)
         _drop(graph, a, graph.twin[k])
         _drop(graph, b, graph.twin[m])
@@ -147,7 +142,7 @@ def _join(graph: QuotientGraph, k: int, m: int, g: float, g_low: float) -> int:
 def _add_ground(graph: QuotientGraph, row: int, share: float, share_low: float, e: float, e_low: float) -> None:
     """Add a share of a conductance to the ground to a row."""
     t, t_low = _times(share, share_low, e, e_low)
-    graph.ground[row], graph.ground_low[row] = _plus(graph.ground[row], graph.ground_low[row], t, t_low)
+    graph.ground[row], graph.ground_low[row] = _sum(graph.ground[row], graph.ground_low[row], t, t_low)
 
 
 @inner
@@ -164,11 +159,11 @@ def _eliminate_row(graph: QuotientGraph, row: int, entry: Indices, weight: Float
     if degree > 1:
         b, g2, g2_low = graph.neighbour[m], graph.g[m], graph.g_low[m]
     if degree > 1 and a == b:
-        g1, g1_low = _plus(g1, g1_low, g2, g2_low)
+        g1, g1_low = _sum(g1, g1_low, g2, g2_low)
         b, g2, g2_low = -1, 0.0, 0.0
     e, e_low = graph.ground[row], graph.ground_low[row]
-    d, d_low = _plus(g1, g1_low, g2, g2_low)
-    d, d_low = _plus(d, d_low, e, e_low)
+    d, d_low = _sum(g1, g1_low, g2, g2_low)
+    d, d_low = _sum(d, d_low, e, e_low)
     if (a >= 0 and g1 < _LEAST_RATIO * d) or (b >= 0 and g2 < _LEAST_RATIO * d) or not d > 0.0:
         return -1
     inverse, inverse_low = _reciprocal(d, d_low)
@@ -253,7 +248,7 @@ def merge_parallel(graph: QuotientGraph) -> None:
             other = graph.neighbour[k]
             slot = seen[other]
             if first <= slot < k and graph.neighbour[slot] == other:
-                s, t = _plus(graph.g[slot], graph.g_low[slot], graph.g[k], graph.g_low[k])
+                s, t = _sum(graph.g[slot], graph.g_low[slot], graph.g[k], graph.g_low[k])
                 _assign(graph, slot, s, t)
                 _drop(graph, other, graph.twin[k])
                 _drop(graph, row, k)
@@ -324,7 +319,7 @@ def _scaled_plus(hi: float, lo: float, e: int, t: float, t_low: float, te: int) 
         hi, lo, e = hi * _INVERSE, lo * _INVERSE, te
     elif te < e:
         t, t_low = t * _INVERSE, t_low * _INVERSE
-    s, s_low = _plus(hi, lo, t, t_low)
+    s, s_low = _sum(hi, lo, t, t_low)
     return _settle(s, s_low, e)
 
 

@@ -1,7 +1,8 @@
 """Supernodal factors ``P A P^T = L D L^T`` of an M-matrix, in sums, products and quotients of positive numbers alone.
 
 Every entry is right to some roundings, whatever the conductances (Grassmann, Taksar & Heyman 1985; O'Cinneide 1993).
-Every other layer of rows is eliminated beforehand (`resgrid.solvers.odd_even`); the others come in one of two orders:
+Every other layer of rows is eliminated beforehand, where they are independent (odd-even reduction): factors of what is
+left have half of the entries, and take half of the products.  The others come in one of two orders:
 
 - *by distance* from the ground, far ends first: along the corridors of a maze a row is joined to those across the
   corridor alone, and fewer operations come of it than a general order takes to be found;
@@ -10,7 +11,7 @@ Every other layer of rows is eliminated beforehand (`resgrid.solvers.odd_even`);
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -19,8 +20,7 @@ from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
 from resgrid.solvers.extended import unscaled
-from resgrid.solvers.laplacian import Laplacian
-from resgrid.solvers.odd_even import OddEven, reduce_odd_even
+from resgrid.solvers.laplacian import Conductances, Laplacian
 from resgrid.solvers.refine import Numbers
 
 if TYPE_CHECKING:
@@ -39,6 +39,41 @@ _DENSE = 10.0
 
 _STRETCH = 2_000
 """Supernodes eliminated at a time."""
+
+
+@dataclass(frozen=True, eq=False)
+class OddEven:
+    """A matrix of which every other layer of rows has been eliminated: of a grid, the cells of one colour.
+
+    `whole`: all rows (n,); `left`: the rows kept (kept,), entries in any order; `number` (n,): of the rows kept; -1 for
+    the others; `pivot` (n,): of the rows eliminated, in siemens; 0 for the others.
+    """
+
+    whole: Conductances
+    left: Conductances
+    number: NDArray[np.int32]
+    pivot: NDArray[np.float64]
+
+    @property
+    def size(self) -> int:
+        """Number of rows kept."""
+        return len(self.left.ground)
+
+    def feed_kept(self, m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
+        """What is fed into the rows kept, (kept,), of what is fed into all, (n,), in scaled numbers."""
+        from resgrid.solvers import symbolic_kernels as kernels
+
+        kept = np.empty(self.size), np.empty(self.size, dtype=np.int64)
+        kernels.feed_kept(self.whole, self.number, self.pivot, m, e, *kept)
+        return kept
+
+    def put_back(self, kept: Numbers, m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
+        """All voltages, (n,), from those of the rows kept and from what is fed into all."""
+        from resgrid.solvers import symbolic_kernels as kernels
+
+        solution = m.copy(), e.copy()
+        kernels.put_back(self.whole, self.number, self.pivot, *kept, *solution)
+        return solution
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +108,10 @@ class Symbolic:
         """Rows of every supernode."""
         return np.diff(self.nodes.start)
 
+    def of(self, matrix: Conductances) -> Symbolic:
+        """The same order for other conductances between the same rows."""
+        return replace(self, reduced=_joined(matrix, self.reduced.number))
+
     @property
     def memory(self) -> float:
         """Peak memory of a solution in this order, in bytes, about."""
@@ -92,12 +131,12 @@ class SupernodalFactors:
 
     def substitute(self, m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
         """Both substitutions, in scaled numbers; ``m`` and ``e``, shape (n,), stay as they are."""
-        from resgrid.solvers import substitution_kernels as kernels
+        from resgrid.solvers.supernodal_kernels import substitute
 
         reduced, pattern, nodes = self.symbolic.reduced, self.symbolic.pattern, self.symbolic.nodes
         kept, scale = reduced.feed_kept(m, e)
         kept, scale = kept[pattern.order], scale[pattern.order]
-        kernels.substitute(nodes, self.values, self.pivot, kept, scale, np.empty(_longest(self.symbolic)))
+        substitute(nodes, self.values, self.pivot, kept, scale, np.empty(_longest(self.symbolic)))
         return reduced.put_back((kept[pattern.rank], scale[pattern.rank]), m, e)
 
     def solve(self, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -108,15 +147,19 @@ class SupernodalFactors:
 
 def factor_supernodes(laplacian: Laplacian, symbolic: Symbolic | None = None) -> SupernodalFactors:
     """Factor a matrix, in an order that is there, or the one that suits it."""
-    if symbolic is None:
-        symbolic = order_by_distance(laplacian) or order_by_degree(laplacian)
+    return factor_in_order(symbolic or order_rows(laplacian))
+
+
+def order_rows(laplacian: Laplacian) -> Symbolic:
+    """Order the rows of a matrix as suits it."""
+    symbolic = order_by_distance(laplacian) or order_by_degree(laplacian)
     assert symbolic is not None
-    return _factor(symbolic)
+    return symbolic
 
 
 def order_by_distance(laplacian: Laplacian) -> Symbolic | None:
     """Order the rows of a matrix by their distance from the ground; None where it is not narrow."""
-    reduced = reduce_odd_even(laplacian, _layers(laplacian))
+    reduced = _reduce_odd_even(laplacian)
     return _analyse(reduced, np.arange(reduced.size, dtype=np.int32), _room(laplacian))
 
 
@@ -124,7 +167,7 @@ def order_by_degree(laplacian: Laplacian, most: float = np.inf) -> Symbolic | No
     """Order the rows of a matrix by approximate minimum degree; None for more than ``most`` entries of the factors."""
     from resgrid.solvers.minimum_degree_kernels import minimum_degree
 
-    reduced = reduce_odd_even(laplacian, _layers(laplacian))
+    reduced = _reduce_odd_even(laplacian)
     n, indptr = reduced.size, reduced.left.indptr
     quotient = quotient_graph(indptr, reduced.left.indices[: indptr[-1]], int(indptr[-1]) + 2 * n)
     step = np.empty(n, dtype=np.int32)
@@ -148,14 +191,36 @@ def quotient_graph(indptr: NDArray[np.int32], indices: NDArray[np.int32], room: 
     )  # fmt: skip
 
 
-def _layers(laplacian: Laplacian) -> NDArray[np.int32]:
-    """The rows by their distance from the one that is most tied to the lower rail, the farthest first."""
+def _reduce_odd_even(laplacian: Laplacian) -> OddEven:
+    """Eliminate every other layer of rows, by their distance from the one that is most tied to the lower rail."""
+    from resgrid.solvers import symbolic_kernels as kernels
     from resgrid.solvers.numbering_kernels import breadth_first
 
     tied = laplacian.ground if laplacian.rails is None else laplacian.rails.to_low
-    edges = laplacian.sorted_rows
-    indptr, indices = edges.indptr.astype(np.int32, copy=False), edges.indices.astype(np.int32, copy=False)
-    return np.ascontiguousarray(breadth_first(indptr, indices, int(np.argmax(tied)))[::-1])
+    whole, n = laplacian.conductances, laplacian.size
+    order = np.ascontiguousarray(breadth_first(whole.indptr, whole.indices, int(np.argmax(tied)))[::-1])
+    number = np.empty(n, dtype=np.int32)
+    kernels.number_kept(whole.indptr, whole.indices, order, number, _none(n))
+    return _joined(whole, number)
+
+
+def _joined(whole: Conductances, number: NDArray[np.int32]) -> OddEven:
+    """Eliminate the rows that are not numbered, (n,)."""
+    from resgrid.solvers.symbolic_kernels import join_kept
+
+    kept = np.argsort(number, kind="stable")[np.count_nonzero(number < 0) :].astype(np.int32)
+    degree = np.diff(whole.indptr)[number < 0].astype(np.int64)
+    size, most = len(kept), len(whole.indices) + int(np.sum(degree * (degree - 3)))
+    left = Conductances(
+        np.empty(size + 1, dtype=np.int32), np.empty(most, dtype=np.int32), np.empty(most), np.empty(size)
+    )
+    pivot = np.zeros(len(number))
+    join_kept(whole, number, kept, pivot, left, _none(size))
+    return OddEven(whole, left, number, pivot)
+
+
+def _none(n: int) -> NDArray[np.int32]:
+    return np.full(n, -1, dtype=np.int32)
 
 
 def _analyse(reduced: OddEven, order: NDArray[np.int32], most: float) -> Symbolic | None:
@@ -167,13 +232,12 @@ def _analyse(reduced: OddEven, order: NDArray[np.int32], most: float) -> Symboli
     rank, parent = np.empty(size, dtype=np.int32), np.empty(size, dtype=np.int32)
     rank[order] = np.arange(size, dtype=np.int32)
     pattern = kernels.Pattern(indptr, indices, order, rank)
-    kernels.elimination_tree(pattern, parent)
-    kernels.postorder(parent, pattern)
+    kernels.postorder(pattern, order.copy(), parent, _none(size), np.empty(size, dtype=np.int32))
     first, start = np.empty((2, size + 1), dtype=np.int32)
     room, count = 8 * size, -2
     while count == -2:
         rows = np.empty(room + 2 * size, dtype=np.int32)
-        count = kernels.list_supernodes(pattern, float(most), first, start, rows)
+        count = kernels.list_supernodes(pattern, float(most), first, start, rows, *(_none(size) for _ in range(3)))
         room *= 4
     if count < 0:
         return None
@@ -193,7 +257,7 @@ def _longest(symbolic: Symbolic) -> int:
     return int(symbolic.lengths.max(initial=0))
 
 
-def _factor(symbolic: Symbolic) -> SupernodalFactors:
+def factor_in_order(symbolic: Symbolic) -> SupernodalFactors:
     """Factor a matrix in an order."""
     from resgrid.solvers.supernodal_kernels import Entries, Workspace, eliminate
 
@@ -206,8 +270,7 @@ def _factor(symbolic: Symbolic) -> SupernodalFactors:
         after=np.empty(count, dtype=np.int32),
         place=np.empty(n, dtype=np.int32),
         column=np.empty(_longest(symbolic)),
-        weight=np.empty(widest),
-        weights=np.empty((widest, 4)),
+        weight=np.empty((widest, 4)),
     )
     matrix, pattern, nodes = symbolic.reduced.left, symbolic.pattern, symbolic.nodes
     in_range = bool(np.all(np.isfinite(symbolic.reduced.pivot)))

@@ -1,7 +1,8 @@
-"""Compiled loops of the supernodal elimination of an M-matrix, ``P A P^T = L D L^T``, in positive numbers alone.
+"""Compiled loops of the supernodal elimination of an M-matrix, ``P A P^T = L D L^T``, and of substitution.
 
 A *supernode* is a run of columns of ``L`` that are kept as one dense block over the rows that any of them has entries
-in, its own first (Ashcraft & Grimes 1989).  Elimination then adds up dense columns, for the most part.
+in, its own first (Ashcraft & Grimes 1989).  Elimination then adds up dense columns, for the most part.  All numbers are
+positive; those of substitution are scaled (`resgrid.solvers.extended_kernels`).
 
 Numba takes seconds to import: only functions that are about to solve import this module.
 """
@@ -15,12 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.jit import ZERO, inlined, inner_fast, kernel
-from resgrid.solvers.odd_even_kernels import Rows
+from resgrid.solvers.extended_kernels import _add_product, _canonical, _shift
+from resgrid.solvers.laplacian import Conductances
 from resgrid.solvers.symbolic_kernels import Pattern
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Indices = NDArray[np.int32]
+
+_LEAST, _MOST = 2.0**-700, 2.0**700
+"""Range in which a sum of doubles has lost nothing that counts to underflow, and overflows nowhere."""
 
 
 class Supernodes(NamedTuple):
@@ -55,7 +60,7 @@ class Workspace(NamedTuple):
     `node_of` (n,): supernode of every column; `waiting, following` (supernodes,): lists of the supernodes that are next
     to be added to one: the first, and the one after each; -1 at the end; `after` (supernodes,): which of their rows
     that one begins at; `place` (n,): places of the rows of the supernode that is being eliminated; `column`: as long as
-    the longest one; `weight` (columns,); `weights` (columns, 4): as long as the widest one.
+    the longest one; `weight` (columns, 4): as the widest one.
     """
 
     node_of: Indices
@@ -65,12 +70,11 @@ class Workspace(NamedTuple):
     place: Indices
     column: Floats
     weight: Floats
-    weights: Floats
 
 
 @kernel
 def eliminate(
-    matrix: Rows, pattern: Pattern, nodes: Supernodes, entries: Entries, work: Workspace, begin: int, end: int
+    matrix: Conductances, pattern: Pattern, nodes: Supernodes, entries: Entries, work: Workspace, begin: int, end: int
 ) -> bool:
     """Factor some supernodes in order, in sums, products and quotients of positive numbers alone.
 
@@ -104,7 +108,9 @@ def _wait(nodes: Supernodes, work: Workspace, node: int) -> None:
 
 
 @inlined
-def _load(matrix: Rows, pattern: Pattern, nodes: Supernodes, entries: Entries, work: Workspace, node: int) -> None:
+def _load(
+    matrix: Conductances, pattern: Pattern, nodes: Supernodes, entries: Entries, work: Workspace, node: int
+) -> None:
     """Fill a supernode with the conductances of the matrix."""
     indptr, indices, data, ground = matrix
     order, rank = pattern.order, pattern.rank
@@ -138,13 +144,14 @@ def _update(nodes: Supernodes, entries: Entries, work: Workspace, other: int, no
     while at < end and rows[at] < nodes.first[node + 1]:
         here, left = source + at - begin, end - at - 1
         there = nodes.offset[node] + place[rows[at]] * (length + 1)
-        if follow_on and left > 2 and rows[at + 3] < nodes.first[node + 1]:
+        four = follow_on and left > 2 and rows[at + 3] < nodes.first[node + 1]
+        for beside in range(4 if four else 1):
+            _weigh(values, pivot, grounded, first, columns, here + beside, apart, rows[at] + beside, weight, beside)
+        if four:
             # The same rows for all four: what that adds above the diagonal is cleared when they are eliminated.
-            _weigh_four(values, pivot, grounded, first, columns, here, apart, rows[at], work.weights)
-            _add_to_four(values, there + 1, length, here + 1, apart, work.weights, columns, left)
+            _add_to_four(values, there + 1, length, here + 1, apart, weight, columns, left)
             at += 4
             continue
-        _weigh(values, pivot, grounded, first, columns, here, apart, rows[at], weight)
         if follow_on:
             _add_columns(values, there + 1, values, here + 1, apart, weight, columns, left)
         else:
@@ -161,53 +168,27 @@ def _update(nodes: Supernodes, entries: Entries, work: Workspace, other: int, no
 @inlined
 def _weigh(
     values: Floats, pivot: Floats, grounded: Floats, first: int, columns: int, here: int, apart: int, row: int,
-    weight: Floats,
+    weight: Floats, beside: int,
 ) -> None:  # fmt: skip
     """Conductances from eliminated columns to a row, which their shares count by; adds what goes to the ground."""
     total = 0.0
     for k in range(columns):
-        weight[k] = pivot[first + k] * values[here + k * apart]
-        total += weight[k] * grounded[first + k]
+        w = pivot[first + k] * values[here + k * apart]
+        weight[k, beside] = w
+        total += w * grounded[first + k]
     grounded[row] += total
 
 
 @inlined
-def _weigh_four(
-    values: Floats, pivot: Floats, grounded: Floats, first: int, columns: int, here: int, apart: int, row: int,
-    weights: Floats,
-) -> None:  # fmt: skip
-    """The same for four rows, one behind the other."""
-    a, b, c, d = 0.0, 0.0, 0.0, 0.0
-    for k in range(columns):
-        own, rails, at = pivot[first + k], grounded[first + k], here + k * apart
-        w, x, y, z = own * values[at], own * values[at + 1], own * values[at + 2], own * values[at + 3]
-        weights[k, 0], weights[k, 1], weights[k, 2], weights[k, 3] = w, x, y, z
-        a, b, c, d = a + w * rails, b + x * rails, c + y * rails, d + z * rails
-    grounded[row] += a
-    grounded[row + 1] += b
-    grounded[row + 2] += c
-    grounded[row + 3] += d
-
-
-@inlined
 def _eliminate_within(nodes: Supernodes, entries: Entries, work: Workspace, node: int) -> bool:
-    """Eliminate the columns of a supernode that everything before has been added to.
-
-    Four at a time receive all that comes before the first of them; only the others among the four are left then.
-    """
+    """Eliminate the columns of a supernode that everything before has been added to."""
     values, pivot, grounded = entries
     first, base, width = nodes.first[node], nodes.offset[node], nodes.first[node + 1] - nodes.first[node]
-    length, weight, done = nodes.start[node + 1] - nodes.start[node], work.weight, 0
+    length, weight = nodes.start[node + 1] - nodes.start[node], work.weight
     for c in range(width):
         k, below, end = first + c, base + c * length + c + 1, base + (c + 1) * length
-        if c % 4 == 0:
-            done = 0
-            if 0 < c <= width - 4:
-                _weigh_four(values, pivot, grounded, first, c, base + c, length, k, work.weights)
-                _add_to_four(values, below, length, base + c + 1, length, work.weights, c, end - below)
-                done = c
-        _weigh(values, pivot, grounded, first + done, c - done, base + done * length + c, length, k, weight)
-        _add_columns(values, below, values, base + done * length + c + 1, length, weight, c - done, end - below)
+        _weigh(values, pivot, grounded, first, c, base + c, length, k, weight, 0)
+        _add_columns(values, below, values, base + c + 1, length, weight, c, end - below)
         total = grounded[k] + _sum(values, below, end)
         if not (total > 0.0 and math.isfinite(total)):
             return False
@@ -235,7 +216,7 @@ def _add_columns(
     """Add columns of values that begin ``apart``, by their weights, four at a time."""
     t, k = np.uint64(there), 0
     while k + 4 <= columns:
-        w0, w1, w2, w3 = weight[k], weight[k + 1], weight[k + 2], weight[k + 3]
+        w0, w1, w2, w3 = weight[k, 0], weight[k + 1, 0], weight[k + 2, 0], weight[k + 3, 0]
         s0, s1 = np.uint64(here + k * apart), np.uint64(here + (k + 1) * apart)
         s2, s3 = np.uint64(here + (k + 2) * apart), np.uint64(here + (k + 3) * apart)
         for each in range(count):
@@ -243,7 +224,7 @@ def _add_columns(
             target[t + i] += (w0 * values[s0 + i] + w1 * values[s1 + i]) + (w2 * values[s2 + i] + w3 * values[s3 + i])
         k += 4
     while k < columns:
-        w, s = weight[k], np.uint64(here + k * apart)
+        w, s = weight[k, 0], np.uint64(here + k * apart)
         for each in range(count):
             target[t + np.uint64(each)] += w * values[s + np.uint64(each)]
         k += 1
@@ -251,33 +232,127 @@ def _add_columns(
 
 @inner_fast
 def _add_to_four(
-    values: Floats, there: int, beside: int, here: int, apart: int, weights: Floats, columns: int, count: int
+    values: Floats, there: int, beside: int, here: int, apart: int, weight: Floats, columns: int, count: int
 ) -> None:
-    """Add columns to four that begin ``beside`` each other, by the weights of each, four at a time."""
+    """Add columns to four that begin ``beside`` each other, by the weights of each, two at a time."""
     t0, t1 = np.uint64(there), np.uint64(there + beside)
-    t2, t3, k = np.uint64(there + 2 * beside), np.uint64(there + 3 * beside), 0
-    while k + 4 <= columns:
-        a0, a1, a2, a3 = weights[k, 0], weights[k + 1, 0], weights[k + 2, 0], weights[k + 3, 0]
-        b0, b1, b2, b3 = weights[k, 1], weights[k + 1, 1], weights[k + 2, 1], weights[k + 3, 1]
-        c0, c1, c2, c3 = weights[k, 2], weights[k + 1, 2], weights[k + 2, 2], weights[k + 3, 2]
-        d0, d1, d2, d3 = weights[k, 3], weights[k + 1, 3], weights[k + 2, 3], weights[k + 3, 3]
-        s0, s1 = np.uint64(here + k * apart), np.uint64(here + (k + 1) * apart)
-        s2, s3 = np.uint64(here + (k + 2) * apart), np.uint64(here + (k + 3) * apart)
+    t2, t3 = np.uint64(there + 2 * beside), np.uint64(there + 3 * beside)
+    for k in range(0, columns, 2):
+        last, share = (k + 1, 1.0) if k + 1 < columns else (k, 0.0)  # the last of an odd number counts once
+        a0, a1, a2, a3 = weight[k, 0], weight[k, 1], weight[k, 2], weight[k, 3]
+        b0, b1 = share * weight[last, 0], share * weight[last, 1]
+        b2, b3 = share * weight[last, 2], share * weight[last, 3]
+        s0, s1 = np.uint64(here + k * apart), np.uint64(here + last * apart)
         for each in range(count):
             i = np.uint64(each)
-            u, v, w, x = values[s0 + i], values[s1 + i], values[s2 + i], values[s3 + i]
-            values[t0 + i] += (a0 * u + a1 * v) + (a2 * w + a3 * x)
-            values[t1 + i] += (b0 * u + b1 * v) + (b2 * w + b3 * x)
-            values[t2 + i] += (c0 * u + c1 * v) + (c2 * w + c3 * x)
-            values[t3 + i] += (d0 * u + d1 * v) + (d2 * w + d3 * x)
-        k += 4
-    while k < columns:
-        a, b, c, d, s = weights[k, 0], weights[k, 1], weights[k, 2], weights[k, 3], np.uint64(here + k * apart)
-        for each in range(count):
-            i = np.uint64(each)
-            u = values[s + i]
-            values[t0 + i] += a * u
-            values[t1 + i] += b * u
-            values[t2 + i] += c * u
-            values[t3 + i] += d * u
-        k += 1
+            u, v = values[s0 + i], values[s1 + i]
+            values[t0 + i] += a0 * u + b0 * v
+            values[t1 + i] += a1 * u + b1 * v
+            values[t2 + i] += a2 * u + b2 * v
+            values[t3 + i] += a3 * u + b3 * v
+
+
+@kernel
+def substitute(nodes: Supernodes, values: Floats, pivot: Floats, m: Floats, e: Integers, column: Floats) -> None:
+    """Solve ``L D L^T x = b`` in place, in scaled numbers.
+
+    Within a supernode numbers have one exponent in common, the largest; where a sum leaves the range of doubles so, the
+    supernode is gone through again number by number.
+
+    Shapes: `m, e` (n,).
+    """
+    for i in range(len(m)):
+        m[i], e[i] = _canonical(m[i], e[i])
+    for node in range(len(nodes.first) - 1):
+        _forward(nodes, values, m, e, column, node)
+    for node in range(len(nodes.first) - 2, -1, -1):
+        _backward(nodes, values, pivot, m, e, column, node)
+
+
+@inlined
+def _forward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column: Floats, node: int) -> None:
+    """Spread what is fed into the columns of a supernode over its rows."""
+    begin, base = nodes.start[node], nodes.offset[node]
+    length, columns = nodes.start[node + 1] - begin, nodes.first[node + 1] - nodes.first[node]
+    fed = 0
+    while fed < columns and m[nodes.rows[begin + fed]] == 0.0:
+        fed += 1
+    if fed == columns:
+        return
+    common = _align(nodes.rows, begin, fed, length, m, e, column)
+    for c in range(fed, columns):
+        _add_times(column, values, base + c * length, c + 1, length, column[c])
+    if _smallest(column, fed, length) >= _LEAST:
+        for r in range(fed, length):
+            row = nodes.rows[begin + r]
+            m[row], e[row] = _canonical(column[r], common)
+        return
+    for c in range(fed, columns):
+        value, scale = m[nodes.rows[begin + c]], e[nodes.rows[begin + c]]
+        for r in range(c + 1, length):
+            row = nodes.rows[begin + r]
+            t, te = _add_product(m[row], e[row], values[base + c * length + r], value, scale)
+            m[row], e[row] = _canonical(t, te)
+
+
+@inlined
+def _backward(
+    nodes: Supernodes, values: Floats, pivot: Floats, m: Floats, e: Integers, column: Floats, node: int
+) -> None:
+    """Solve for the rows of a supernode's columns, from those of the later ones."""
+    begin, base, first = nodes.start[node], nodes.offset[node], nodes.first[node]
+    length, columns = nodes.start[node + 1] - begin, nodes.first[node + 1] - first
+    common = _align(nodes.rows, begin, ZERO, length, m, e, column)
+    plain = True
+    for c in range(columns - 1, -1, -1):
+        column[c] = column[c] / pivot[first + c] + _product(column, values, base + c * length, c + 1, length)
+        plain = plain and _LEAST <= abs(column[c]) <= _MOST
+    if plain:
+        for c in range(columns):
+            m[first + c], e[first + c] = _canonical(column[c], common)
+        return
+    for c in range(columns - 1, -1, -1):
+        value, scale = _canonical(m[first + c] / pivot[first + c], e[first + c])
+        for r in range(c + 1, length):
+            row = nodes.rows[begin + r]
+            value, scale = _add_product(value, scale, values[base + c * length + r], m[row], e[row])
+        m[first + c], e[first + c] = _canonical(value, scale)
+
+
+@inlined
+def _align(rows: Indices, begin: int, skipped: int, length: int, m: Floats, e: Integers, column: Floats) -> int:
+    """Write some rows as doubles; returns the largest of their exponents, which is common to all then."""
+    common, found = int(e[rows[begin + skipped]]), m[rows[begin + skipped]] != 0.0
+    for r in range(skipped + 1, length):
+        row = rows[begin + r]
+        if m[row] != 0.0 and (not found or e[row] > common):
+            common, found = int(e[row]), True
+    for r in range(skipped, length):
+        row = rows[begin + r]
+        column[r] = _shift(m[row], e[row] - common)
+    return common
+
+
+@inner_fast
+def _smallest(column: Floats, begin: int, end: int) -> float:
+    least = np.inf
+    for i in range(begin, end):
+        least = min(least, abs(column[np.uint64(i)]))
+    return least
+
+
+@inner_fast
+def _add_times(column: Floats, values: Floats, base: int, begin: int, end: int, value: float) -> None:
+    b = np.uint64(base)
+    for each in range(begin, end):
+        i = np.uint64(each)
+        column[i] += value * values[b + i]
+
+
+@inner_fast
+def _product(column: Floats, values: Floats, base: int, begin: int, end: int) -> float:
+    total, b = 0.0, np.uint64(base)
+    for each in range(begin, end):
+        i = np.uint64(each)
+        total += column[i] * values[b + i]
+    return total

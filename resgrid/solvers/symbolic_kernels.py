@@ -1,4 +1,6 @@
-"""Compiled loops over the graph of a matrix: its elimination tree, and the supernodes of its factor.
+"""Compiled loops before factors: odd-even reduction of a matrix, its elimination tree, the supernodes of its factor.
+
+Reduction eliminates rows that no conductance joins to each other.
 
 Numba takes seconds to import: only functions that are about to solve import this module.
 """
@@ -10,9 +12,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import ZERO, inlined, kernel
+from resgrid.jit import ZERO, inlined, inner, kernel
+from resgrid.solvers.extended_kernels import _add_product, _canonical
+from resgrid.solvers.laplacian import Conductances
 
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 Indices = NDArray[np.int32]
+
+_MOST_NEIGHBOURS = 8
+"""Of a row that is reduced away: they are joined to each other."""
 
 _WIDEST, _FEW, _SHARE = 16, 20.0, 0.2
 """Most columns of a supernode, and how many of its entries may be zeros: so many, and such a share of all."""
@@ -32,12 +41,141 @@ class Pattern(NamedTuple):
 
 
 @kernel
-def elimination_tree(pattern: Pattern, parent: Indices) -> None:
+def number_kept(indptr: Indices, indices: Indices, order: Indices, number: Indices, depth: Indices) -> int:
+    """Number the rows that are kept as they come in an order; -1 for the others.  Returns how many are kept.
+
+    The order is breadth first, backwards.  Not kept are the rows an odd number of steps from the last one that have
+    few neighbours, and none as far from it: of a grid's cells, all of one colour.
+
+    Shapes: `order, number, depth` (n,): the last comes as -1.
+    """
+    n, count = len(order), 0
+    for k in range(n - 1, -1, -1):
+        i = order[k]
+        depth[i] = max(depth[i], 0)
+        for entry in range(indptr[i], indptr[i + 1]):
+            if depth[indices[entry]] < 0:
+                depth[indices[entry]] = depth[i] + 1
+    for k in range(n):
+        i = order[k]
+        alone = depth[i] % 2 == 1 and indptr[i + 1] - indptr[i] <= _MOST_NEIGHBOURS
+        for entry in range(indptr[i], indptr[i + 1]):
+            alone = alone and depth[indices[entry]] != depth[i]
+        number[i] = -1 if alone else count
+        count += not alone
+    return count
+
+
+@kernel
+def join_kept(
+    whole: Conductances, number: Indices, kept: Indices, pivot: Floats, left: Conductances, place: Indices
+) -> None:
+    """Eliminate all rows that are not kept, ``g_ij += g_ik g_kj / d_k``; fills `pivot` (n,), ``d``, and `left`.
+
+    Shapes: `number` (n,), `kept, place` (kept,): the last comes as -1.
+    """
+    indptr, indices, data, ground = whole
+    for i in range(len(number)):
+        if number[i] < 0:
+            total = ground[i]
+            for entry in range(indptr[i], indptr[i + 1]):
+                total += data[entry]
+            pivot[i] = total
+    count = 0
+    left.indptr[0] = 0
+    for row in range(len(kept)):
+        i, begin, grounded = kept[row], count, ground[kept[row]]
+        for entry in range(indptr[i], indptr[i + 1]):
+            j, first, last, share = indices[entry], entry, entry + 1, 1.0
+            if number[j] < 0:
+                first, last, share = indptr[j], indptr[j + 1], data[entry] / pivot[j]
+                grounded += share * ground[j]
+            for other in range(first, last):
+                column = number[indices[other]]
+                if column == row:
+                    continue
+                if place[column] < begin:
+                    place[column], left.indices[count], left.edges[count] = count, column, 0.0
+                    count += 1
+                left.edges[place[column]] += share * data[other]
+        left.indptr[row + 1], left.ground[row] = count, grounded
+
+
+@kernel
+def feed_kept(
+    whole: Conductances, number: Indices, pivot: Floats, m: Floats, e: Integers, kept_m: Floats, kept_e: Integers
+) -> None:
+    """What is fed into the rows kept once the others are eliminated, ``b_i += g_ik b_k / d_k``, in scaled numbers."""
+    indptr, indices, data, _ = whole
+    for i in range(len(number)):
+        if number[i] >= 0:
+            kept_m[number[i]], kept_e[number[i]] = _canonical(m[i], e[i])
+    for i in range(len(number)):
+        if number[i] >= 0 or m[i] == 0.0:
+            continue
+        value, scale = _canonical(m[i], e[i])
+        for entry in range(indptr[i], indptr[i + 1]):
+            k = number[indices[entry]]
+            kept_m[k], kept_e[k] = _add_product(kept_m[k], kept_e[k], data[entry] / pivot[i], value, scale)
+
+
+@kernel
+def put_back(
+    whole: Conductances, number: Indices, pivot: Floats, kept_m: Floats, kept_e: Integers, m: Floats, e: Integers
+) -> None:
+    """Solve for all rows from those kept, ``x_k = (b_k + sum g_ki x_i) / d_k``, in place of what is fed into them."""
+    indptr, indices, data, _ = whole
+    for i in range(len(number)):
+        if number[i] >= 0:
+            m[i], e[i] = kept_m[number[i]], kept_e[number[i]]
+            continue
+        value, scale = _canonical(m[i], e[i])
+        value, scale = _canonical(value / pivot[i], scale)
+        for entry in range(indptr[i], indptr[i + 1]):
+            k = number[indices[entry]]
+            value, scale = _add_product(value, scale, data[entry] / pivot[i], kept_m[k], kept_e[k])
+        m[i], e[i] = _canonical(value, scale)
+
+
+@kernel
+def postorder(pattern: Pattern, before: Indices, parent: Indices, ancestor: Indices, path: Indices) -> None:
+    """Renumber the rows so that every branch of the elimination tree stands together; it fills as before.
+
+    Shapes: `before` (n,): the order so far; `parent, ancestor, path` (n,): `ancestor` comes as -1.
+    """
+    _elimination_tree(pattern, parent, ancestor)
+    order, rank, n = pattern.order, pattern.rank, len(parent)
+    child, sibling = ancestor, order  # neither is of use any more
+    for k in range(n):
+        child[k] = -1
+    for k in range(n - 1, -1, -1):
+        if parent[k] >= 0:
+            sibling[k] = child[parent[k]]
+            child[parent[k]] = k
+    count = 0
+    for root in range(n):
+        if parent[root] >= 0:
+            continue
+        path[0], length = root, 1
+        while length > 0:
+            k = path[length - 1]
+            if child[k] >= 0:
+                path[length] = child[k]
+                length += 1
+                child[k] = sibling[child[k]]
+            else:
+                length -= 1
+                rank[before[k]] = count
+                count += 1
+    for i in range(n):
+        order[rank[i]] = i
+
+
+@inner
+def _elimination_tree(pattern: Pattern, parent: Indices, ancestor: Indices) -> None:
     """The first later row that every row is joined to once it is eliminated; -1 for none (Liu 1990)."""
     indptr, indices, order, rank = pattern
-    n = len(order)
-    ancestor = np.full(n, -1, np.int32)
-    for k in range(n):
+    for k in range(len(order)):
         parent[k] = -1
         for entry in range(indptr[order[k]], indptr[order[k] + 1]):
             j = rank[indices[entry]]
@@ -52,44 +190,19 @@ def elimination_tree(pattern: Pattern, parent: Indices) -> None:
 
 
 @kernel
-def postorder(parent: Indices, pattern: Pattern) -> None:
-    """Renumber the rows so that every branch of the elimination tree stands together; it fills as before."""
-    order, rank, n = pattern.order, pattern.rank, len(parent)
-    child, sibling = np.full(n, -1, np.int32), np.empty(n, np.int32)
-    for k in range(n - 1, -1, -1):
-        if parent[k] >= 0:
-            sibling[k] = child[parent[k]]
-            child[parent[k]] = k
-    before, path = order.copy(), np.empty(n, np.int32)
-    count = 0
-    for root in range(n):
-        if parent[root] >= 0:
-            continue
-        path[0], length = root, 1
-        while length > 0:
-            k = path[length - 1]
-            if child[k] >= 0:
-                path[length] = child[k]
-                length += 1
-                child[k] = sibling[child[k]]
-            else:
-                length -= 1
-                order[count], rank[before[k]] = before[k], count
-                count += 1
-
-
-@kernel
-def list_supernodes(pattern: Pattern, most: float, first: Indices, start: Indices, rows: Indices) -> int:
+def list_supernodes(
+    pattern: Pattern, most: float, first: Indices, start: Indices, rows: Indices, seen: Indices, branch: Indices,
+    sibling: Indices,
+) -> int:  # fmt: skip
     """Gather columns of the factor into supernodes, and list their rows (`resgrid.solvers.supernodal_kernels`).
 
     A column has entries in the rows that it is joined to, and in those of the supernodes whose first row behind their
     own it is (Liu 1990).  It goes with the supernode before where that fills few rows of the others with zeros.
 
-    Shapes: `first, start` (n + 1,).  Returns the number of supernodes; -1 where their entries come to be more than
-    ``most``, -2 where ``rows`` is too short.
+    Shapes: `first, start` (n + 1,); `seen, branch, sibling` (n,): all come as -1.  Returns the number of supernodes; -1
+    where their entries come to be more than ``most``, -2 where ``rows`` is too short.
     """
     n = len(pattern.order)
-    seen, branch, sibling = np.full(n, -1, np.int32), np.full(n, -1, np.int32), np.empty(n, np.int32)
     node, area, end, columns, zeros = ZERO - 1, 0.0, ZERO, 0, 0
     share = most / (n + n // 8)
     for k in range(n):

@@ -17,7 +17,7 @@ from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
 from resgrid.netlist import Netlist
 from resgrid.solvers.choose import choose_method
-from resgrid.solvers.connections import WEAK, count_connections
+from resgrid.solvers.laplacian import WEAK, count_connections
 from resgrid.solvers.star_mesh import may_shrink
 from resgrid.space import ConfigurationSpace
 from resgrid.spice.read.deck import read_spice

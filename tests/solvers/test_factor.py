@@ -12,7 +12,7 @@ import resgrid as rg
 from resgrid.solvers import choose as methods
 from resgrid.solvers.extended import Scaled
 from resgrid.solvers.factors.factor import Factor
-from resgrid.solvers.factors.reduced import ReducedFactor
+from resgrid.solvers.star_mesh import ReducedFactor
 
 
 def room(*shape: int) -> rg.Netlist:

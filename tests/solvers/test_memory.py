@@ -10,7 +10,7 @@ from resgrid.circuit.equations import assemble
 from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.netlist import Netlist
-from resgrid.solvers.costs import estimate_memory
+from resgrid.solvers.choose import estimate_memory
 from resgrid.solvers.supernodal import order_by_distance
 from resgrid.space import Cell, ConfigurationSpace
 

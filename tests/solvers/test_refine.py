@@ -16,8 +16,9 @@ from resgrid.errors import CircuitError
 from resgrid.solvers import choose as methods, refine
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.extended import Scaled, power
+from resgrid.solvers.laplacian import Conductances
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.refine_kernels import Conductances, residual
+from resgrid.solvers.refine_kernels import residual
 from resgrid.space import ConfigurationSpace
 
 

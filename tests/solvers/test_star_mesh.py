@@ -19,9 +19,8 @@ from resgrid.netlist import Netlist
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.extended import Scaled
 from resgrid.solvers.factors.factor import Factor
-from resgrid.solvers.factors.reduced import ReducedFactor
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.star_mesh import may_shrink, shrink
+from resgrid.solvers.star_mesh import ReducedFactor, may_shrink, shrink
 
 
 def grounded(pairs: np.ndarray, conductance: np.ndarray) -> Equations:
