@@ -87,18 +87,18 @@ def test_both_ends_of_k_are_shown(shown: Page):
     settle(shown)
     repelled = lines(shown)[0]
     shown.locator("#show-ends").check()
-    until(shown, "live.view.ends.length === 2")
-    ends = shown.evaluate("live.view.ends.map((lines) => Array.from(lines[0]))")
+    until(shown, "live.view.others.length === 2")
+    ends = shown.evaluate("live.view.others.map(({ lines }) => Array.from(lines[0]))")
     assert np.array_equal(np.reshape(ends[1], (-1, 2)), repelled)
     shown.locator("#k").fill("0")
     settle(shown)
     assert np.array_equal(np.reshape(ends[0], (-1, 2)), lines(shown)[0])
-    assert shown.evaluate("live.view.ends.length") == 2
+    assert shown.evaluate("live.view.others.length") == 2
     drag(shown, [(60, 10), (60, 20)])
     settle(shown)
-    until(shown, "live.view.ends.length === 2")
+    until(shown, "live.view.others.length === 2 && live.view.others[0].scene === live.model.scene")
     shown.locator("#show-ends").uncheck()
-    until(shown, "live.view.ends.length === 0")
+    until(shown, "live.view.others.length === 0")
 
 
 def test_the_path_shown_is_that_of_the_shared_link(shown: Page):
@@ -131,7 +131,10 @@ def test_flaws_are_shown_beside_the_ideal_path(shown: Page):
     shown.mouse.click(*point_on(shown, (np.floor(middle[0]) + 0.97, np.floor(middle[1]) + 0.5)))
     settle(shown)
     assert shown.evaluate("live.model.scene.broken.length") == 1
-    assert shown.evaluate("live.view.ideal.length") == 1
+    until(shown, "live.view.others.length === 1")
+    ideal = np.reshape(shown.evaluate("Array.from(live.view.others[0].lines[0])"), (-1, 2))
+    np.testing.assert_array_equal(ideal, before)
+    assert not np.array_equal(lines(shown)[0], before)  # the path flips
     shown.locator("#mismatch").fill("30")
     settle(shown)
     first = lines(shown)[0]
