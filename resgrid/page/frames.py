@@ -15,7 +15,7 @@ from resgrid.errors import InputError
 from resgrid.grids import crossed_faces
 from resgrid.page.drawing import Drawing
 from resgrid.page.messages import in_page_words
-from resgrid.page.solving import Frame, solve_drawing
+from resgrid.page.solving import Frame, solve_drawing, without_flaws
 from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.space import Cell
@@ -55,14 +55,20 @@ def describe(frame: Frame) -> tuple[dict[str, Any], list[bytes]]:
     return head | {"scale": scale}, [part.tobytes() for part in body]
 
 
-def describe_ends(drawing: Drawing) -> tuple[dict[str, Any], list[bytes]]:
-    """Certified paths of a drawing for k = 0 and for k = 1, as lines like those of `describe`."""
-    if drawing.driven:
-        raise InputError("a grid that the start drives has no k: choose the uniform drive")
-    ends = [solve_drawing(replace(drawing, k=k), exact=True) for k in (0.0, 1.0)]
-    lines = [[_line(path) for path in frame.paths] for frame in ends]
-    body = [line.astype("<f4").tobytes() for end in lines for line in end]
-    return {"points": [[len(line) for line in end] for end in lines]}, body
+def describe_others(drawing: Drawing, names: Sequence[str]) -> tuple[dict[str, Any], list[bytes]]:
+    """Certified paths to compare with those of a drawing, as lines like those of `describe`.
+
+    ``"ideal"``: of its chip without flaws; ``"k = 0"`` and ``"k = 1"``: of both ends of the blend.
+    """
+    others = {"ideal": without_flaws(drawing)}
+    if not drawing.driven:
+        others |= {"k = 0": replace(drawing, k=0.0), "k = 1": replace(drawing, k=1.0)}
+    missing = [name for name in names if name not in others]
+    if missing:
+        raise InputError(f"a grid that the start drives has no {missing[0]}: choose the uniform drive")
+    lines = [[_line(path) for path in solve_drawing(others[name], exact=True).paths] for name in names]
+    body = [line.astype("<f4").tobytes() for other in lines for line in other]
+    return {"points": [[len(line) for line in other] for other in lines]}, body
 
 
 def _line(path: Streamline | None) -> NDArray[np.float64]:

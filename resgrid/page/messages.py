@@ -70,10 +70,11 @@ class File(Table):
 class Request(Table):
     """What the page asks for."""
 
-    type: Literal["solve", "ends", "save", "probe", "settle", "world", "example", "files", "link"]
+    type: Literal["solve", "paths", "save", "probe", "settle", "world", "example", "files", "link"]
     seq: Annotated[int, Ge(0)]
     drawing: DrawingHead | None = None
     exact: bool = True
+    paths: Annotated[list[Literal["ideal", "k = 0", "k = 1"]], Len(1, 3)] | None = None
     format: Literal["toml", "json", "csv", "deck", "svg", "circuit"] | None = None
     cell: Annotated[list[int], Len(2, 2)] | None = None
     name: str | None = None

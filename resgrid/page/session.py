@@ -13,7 +13,7 @@ from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import InputError, ResgridError
 from resgrid.page.arms import pose, poses, resample
 from resgrid.page.drawing import Drawing, drawing_of
-from resgrid.page.frames import describe, describe_ends, probe
+from resgrid.page.frames import describe, describe_others, probe
 from resgrid.page.messages import Request, in_page_words, pack, read_drawing, read_request, write_drawing
 from resgrid.page.opening import examples, open_document, open_example, open_files
 from resgrid.page.solving import Frame, WarmFields, solve_drawing
@@ -66,8 +66,8 @@ class Session:
                     raise InputError("nothing has been solved yet")
                 told = probe(self.frame, request.cell or ())
                 return {"probe": told | {"pose": pose(self.frame, told["centre"])}}, []
-            case "ends":
-                return describe_ends(self._drawing(request, body))
+            case "paths":
+                return describe_others(self._drawing(request, body), request.paths or ())
             case "settle":
                 from resgrid.page.settle import settle
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -115,6 +115,12 @@ def flaws_of(drawing: Drawing) -> list[Pass]:
 
     mismatch = [Mismatch(sigma=sigma, seed=chip.get("seed", 0))] if sigma else []
     return [*mismatch, *([Faults(open_at=drawing.broken)] if drawing.broken else [])]
+
+
+def without_flaws(drawing: Drawing) -> Drawing:
+    """The drawing of the same chip as it was meant."""
+    chip = {key: value for key, value in (drawing.chip or {}).items() if key not in ("mismatch", "seed")}
+    return replace(drawing, chip=chip, broken=())
 
 
 def _flawed(solver: Solver, flaws: list[Pass]) -> Solver:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import io
 import random
+import re
 
 import numpy as np
 import pytest
+from matplotlib import colormaps
 from PIL import Image
 from playwright.sync_api import Browser, Page
 from support.cli import answer
@@ -87,18 +89,18 @@ def test_both_ends_of_k_are_shown(shown: Page):
     settle(shown)
     repelled = lines(shown)[0]
     shown.locator("#show-ends").check()
-    until(shown, "live.view.ends.length === 2")
-    ends = shown.evaluate("live.view.ends.map((lines) => Array.from(lines[0]))")
+    until(shown, "live.view.others.length === 2")
+    ends = shown.evaluate("live.view.others.map(({ lines }) => Array.from(lines[0]))")
     assert np.array_equal(np.reshape(ends[1], (-1, 2)), repelled)
     shown.locator("#k").fill("0")
     settle(shown)
     assert np.array_equal(np.reshape(ends[0], (-1, 2)), lines(shown)[0])
-    assert shown.evaluate("live.view.ends.length") == 2
+    assert shown.evaluate("live.view.others.length") == 2
     drag(shown, [(60, 10), (60, 20)])
     settle(shown)
-    until(shown, "live.view.ends.length === 2")
+    until(shown, "live.view.others.length === 2 && live.view.others[0].scene === live.model.scene")
     shown.locator("#show-ends").uncheck()
-    until(shown, "live.view.ends.length === 0")
+    until(shown, "live.view.others.length === 0")
 
 
 def test_the_path_shown_is_that_of_the_shared_link(shown: Page):
@@ -131,7 +133,10 @@ def test_flaws_are_shown_beside_the_ideal_path(shown: Page):
     shown.mouse.click(*point_on(shown, (np.floor(middle[0]) + 0.97, np.floor(middle[1]) + 0.5)))
     settle(shown)
     assert shown.evaluate("live.model.scene.broken.length") == 1
-    assert shown.evaluate("live.view.ideal.length") == 1
+    until(shown, "live.view.others.length === 1")
+    ideal = np.reshape(shown.evaluate("Array.from(live.view.others[0].lines[0])"), (-1, 2))
+    np.testing.assert_array_equal(ideal, before)
+    assert not np.array_equal(lines(shown)[0], before)  # the path flips
     shown.locator("#mismatch").fill("30")
     settle(shown)
     first = lines(shown)[0]
@@ -364,6 +369,91 @@ def test_what_stands_around_an_arm_is_moved_by_keys(shown: Page):
     until(shown, f"live.model.past.length === {past + 1} && live.model.before === null")
     settle(shown)
     assert shown.evaluate(lower) > before
+
+
+def test_a_finger_drags_a_stroke(served: LivePage, chromium: Browser):
+    context = chromium.new_context(viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
+    page = context.new_page()
+    page.goto(f"{served.url}?tour=0")
+    settle(page)
+    page.locator("#brush").fill("1")
+    finger = context.new_cdp_session(page)
+    for kind, cell in (("touchStart", 30), ("touchMove", 40), ("touchMove", 50), ("touchEnd", None)):
+        points = [] if cell is None else [dict(zip("xy", point_on(page, (cell + 0.5, 20.5)), strict=True))]
+        finger.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    until(page, "live.model.before === null")
+    assert page.evaluate(WALL) == 21
+    settle(page)
+    context.close()
+
+
+def test_a_link_with_a_broken_resistor_shows_the_ideal_path_too(
+    shown: Page, served: LivePage, chromium: Browser
+):
+    whole = lines(shown)[0]
+    middle = np.floor(whole[len(whole) // 2]).astype(int).tolist()
+    shown.evaluate(f"live.model.replace({{ broken: [[{middle[0] + 1}, {middle[1]}, 0]] }})")
+    settle(shown)
+    other = chromium.new_context().new_page()
+    other.goto(link_of(shown).replace("/#", "/?tour=0#"))
+    until(other, "live.view.others.length === 1 && live.view.others[0].name === 'ideal'")
+    ideal = np.reshape(other.evaluate("Array.from(live.view.others[0].lines[0])"), (-1, 2))
+    np.testing.assert_array_equal(ideal, whole)
+    other.context.close()
+
+
+def test_switches_behind_the_address(served: LivePage, chromium: Browser):
+    context = chromium.new_context()
+    page = context.new_page()
+    page.goto(f"{served.url}?tour=0&panel=0&edit=0&theme=dark")
+    settle(page)
+    assert page.evaluate("document.getElementById('page').dataset.theme") == "dark"
+    for part in ("header", "#panel", "#tools"):
+        assert not page.locator(part).is_visible()
+    first = kept(page)
+    drag(page, [(40, 20), (40, 40)])
+    page.keyboard.press("Control+z")
+    assert kept(page) == first
+    context.close()
+
+
+def test_the_tour_is_shown_once_and_the_theme_is_kept(served: LivePage, chromium: Browser):
+    context = chromium.new_context(color_scheme="light")
+    page = context.new_page()
+    page.goto(served.url)
+    until(page, "document.getElementById('tour').open")
+    assert page.locator("#tour li").count() == 5
+    page.keyboard.press("Escape")
+    page.get_by_role("button", name="Dark or light").click()
+    assert page.evaluate("document.getElementById('page').dataset.theme") == "dark"
+    page.reload()
+    settle(page)
+    assert not page.evaluate("document.getElementById('tour').open")
+    assert page.evaluate("document.getElementById('page').dataset.theme") == "dark"
+    context.close()
+
+
+def test_colours_are_viridis_which_the_colour_blind_read(shown: Page):
+    stops = shown.evaluate("import('/static/pictures.js').then((pictures) => pictures.GRADIENT)")
+    colours = np.reshape([int(number) for number in re.findall(r"\d+", stops)], (-1, 3))
+    places = np.linspace(0.0, 1.0, len(colours))
+    np.testing.assert_allclose(colours / 255.0, colormaps["viridis"](places)[:, :3], atol=0.01)
+
+
+def test_goals_and_broken_resistors_are_made_by_keys_alone(shown: Page):
+    for _ in range(40):
+        if shown.evaluate("document.activeElement.id") == "canvas":
+            break
+        shown.keyboard.press("Tab")
+    assert shown.evaluate("document.activeElement.id") == "canvas"
+    shown.keyboard.press("x")
+    shown.keyboard.press("ArrowRight")
+    shown.keyboard.press("Enter")
+    assert shown.evaluate("live.model.scene.broken") == [[50, 48, 0]]
+    for key in ("s", "ArrowUp", " "):
+        shown.keyboard.press(key)
+    assert shown.evaluate("live.model.scene.starts.length") == 2
+    settle(shown)
 
 
 def test_a_stopped_server_is_said_and_the_page_goes_on(chromium: Browser):

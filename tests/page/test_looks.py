@@ -115,7 +115,7 @@ def ends(page: Page) -> None:
     drag(page, [(45, 30), (45, 90)])
     page.locator("#k").fill("400")
     page.locator("#show-ends").check()
-    until(page, "live.view.ends.length === 2")
+    until(page, "live.view.others.length === 2")
 
 
 def keys(page: Page) -> None:

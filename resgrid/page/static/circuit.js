@@ -1,8 +1,9 @@
 // The circuit of a small grid: a symbol for every resistor and supply, over the field.
 
-import { numberOf, OBSTACLE, sizeOf } from "./model.js";
+import { cellOf, isWall, numberOf, sizeOf } from "./model.js";
 
 /** @typedef {import("./frame.js").Circuit} Circuit */
+/** @typedef {import("./model.js").Scene} Scene */
 /** @typedef {import("./view.js").View} View */
 
 const ROOMY = 44;
@@ -20,75 +21,67 @@ export function engineering(value, unit, digits = 4) {
 }
 
 /** Where the ends of a resistor are, in cells: rails lie at the border of their cells.
- * @param {View} view @param {number[]} resistor @param {(cell: number[]) => boolean} isRail */
-function ends({ scene }, [axis, i, j], isRail) {
+ * @param {Scene} scene @param {number[]} resistor @param {(cell: number[]) => boolean} isRail */
+function ends(scene, [axis, i, j], isRail) {
   return [-1, 1].map((side) => {
-    const cell = [i, j], point = [i + 0.5, j + 0.5], border = [i, j][axis];
+    const cell = [i, j], point = [i + 0.5, j + 0.5], border = [i, j][axis], { cells, periodic } = scene.axes[axis];
     if (side < 0) cell[axis] -= 1;
-    const { cells, periodic } = /** @type {import("./model.js").Scene} */ (scene).axes[axis];
     const isBeyond = cell[axis] < 0 || cell[axis] >= cells;
     point[axis] = border + side * (isBeyond && !periodic ? 0 : !isBeyond && isRail(cell) ? 0.2 : 0.5);
     return point;
   });
 }
 
+/** @param {Circuit} circuit */
+const valuesOf = ({ resistors }) => [...new Set(resistors.map((resistor) => resistor[3]))];
+
 /** @param {View} view @param {Circuit} circuit @param {string} ink */
 export function paintCircuit(view, circuit, ink) {
-  const scene = /** @type {import("./model.js").Scene} */ (view.scene), { context, ratio } = view, { w, h } = view.box;
-  const goals = new Set(scene.goals.flat()), wires = new Path2D(), nodes = new Path2D(), [nx, ny] = sizeOf(scene);
-  const isRail = (/** @type {number[]} */ cell) => goals.has(numberOf(scene, cell)) || Boolean(scene.cells[numberOf(scene, cell)] & OBSTACLE);
-  const isVaried = new Set(circuit.resistors.map((resistor) => resistor[3])).size > 1, labels = [];
-  for (const resistor of circuit.resistors) {
-    const [[a, b], [c, d]] = ends(view, resistor, isRail), [x, y] = view.toPixels([a, b]), dx = (c - a) * w, dy = (b - d) * h;
-    wires.addPath(ZIGZAG, new DOMMatrix([dx, dy, -dy, dx, x, y]));
-    labels.push([resistor[0], resistor[1], resistor[3], x + dx / 2, y + dy / 2]);
+  const scene = /** @type {Scene} */ (view.scene), { context, ratio, matrix } = view, [nx, ny] = sizeOf(scene);
+  const goals = new Set(scene.goals.flat()), wires = new Path2D(), isRoomy = matrix.a > ROOMY * ratio;
+  const isRail = (/** @type {number[]} */ cell) => goals.has(numberOf(scene, cell)) || isWall(scene, cell);
+  const placed = circuit.resistors.map((resistor) => ({ resistor, ends: ends(scene, resistor, isRail) }));
+  for (const { ends: [[a, b], [c, d]] } of placed) {
+    wires.addPath(ZIGZAG, matrix.multiply(new DOMMatrix([c - a, d - b, b - d, c - a, a, b])));
   }
-  for (let i = 0; i < nx; i++) {
-    for (let j = 0; j < ny; j++) {
-      if (isRail([i, j])) continue;
-      const [x, y] = view.toPixels([i + 0.5, j + 0.5]);
-      nodes.moveTo(x, y);
-      nodes.arc(x, y, 2.5 * ratio, 0, 2 * Math.PI);
-      if (circuit.fed !== null) wires.addPath(FED, new DOMMatrix([w, 0, 0, -h, x, y]));
-    }
+  const cells = Array.from({ length: nx * ny }, (_, number) => cellOf(scene, number));
+  for (const [i, j] of cells.filter((cell) => !isRail(cell))) {
+    view.disc([i + 0.5, j + 0.5], 2.5 * ratio);
+    view.fill(ink);
+    if (circuit.fed !== null) wires.addPath(FED, matrix.translate(i + 0.5, j + 0.5));
   }
-  context.strokeStyle = context.fillStyle = ink;
+  context.strokeStyle = ink;
   context.lineWidth = Math.max(1, 1.2 * ratio);
   context.lineJoin = "miter";
+  context.setLineDash([]);
   context.stroke(wires);
-  context.fill(nodes);
-  if (!isVaried || w < ROOMY * ratio) return;
-  context.font = `${9 * ratio}px system-ui, sans-serif`;
-  context.textBaseline = "middle";
-  for (const [axis, i, ohms, x, y] of labels) {
-    const side = i === nx - 1 ? -1 : 1;
-    context.textAlign = axis ? (side > 0 ? "left" : "right") : "center";
-    context.fillText(engineering(ohms, "Ω", 3), axis ? x + 0.12 * side * w : x, axis ? y : y - 0.16 * w);
+  for (const { resistor: [axis, i, , ohms], ends: [[a, b], [c, d]] } of isRoomy && valuesOf(circuit).length > 1 ? placed : []) {
+    const side = i === nx - 1 ? -1 : 1, middle = [(a + c) / 2 + (axis ? 0.12 * side : 0), (b + d) / 2 + (axis ? 0 : 0.16)];
+    view.write(engineering(ohms, "Ω", 3), ...view.toPixels(middle), ink, axis ? (side > 0 ? "left" : "right") : "center", 9);
   }
 }
 
-/** Rails and what they give, as symbols beside the grid, in pixels of the page from a corner.
- * @param {CanvasRenderingContext2D} context @param {Circuit} circuit @param {string} ink @param {(rail: string) => string} colour */
-export function paintSupplies(context, { resistors, supplies, fed }, ink, colour) {
-  const values = new Set(resistors.map((resistor) => resistor[3]));
-  const notes = [values.size === 1 ? `R = ${engineering([...values][0], "Ω", 3)}` : "R as written"];
+/** Rails and what they give, as symbols beside the grid. @param {View} view @param {Circuit} circuit
+ * @param {ReturnType<typeof import("./pictures.js").inks>} ink @param {{goal: string, start: string}} colours */
+export function paintSupplies(view, circuit, ink, colours) {
+  const { context, ratio } = view, { supplies, fed } = circuit, values = valuesOf(circuit), [x, y] = view.toPixels(sizeOf(/** @type {Scene} */ (view.scene)));
+  const notes = [values.length === 1 ? `R = ${engineering(values[0], "Ω", 3)}` : "R as written"];
   if (fed !== null) notes.push(`↗ ${engineering(fed, "A", 3)} each`);
-  context.font = "10px system-ui, sans-serif";
-  context.textAlign = "left";
-  context.textBaseline = "middle";
-  context.strokeStyle = context.fillStyle = ink;
-  context.lineWidth = 1.2;
-  notes.forEach((note, n) => context.fillText(note, 0, 14 * n));
-  context.translate(0, 14 * notes.length);
-  for (const { rail, volts, amperes } of supplies) {
+  const say = (/** @type {string} */ text, /** @type {number} */ left, /** @type {number} */ top) => (
+    view.write(text, x + left * ratio, y + top * ratio, ink.text, "left", 10));
+  notes.forEach((note, n) => say(note, 14, 8 + 14 * n));
+  supplies.forEach(({ rail, volts, amperes }, n) => {
+    const top = 8 + 14 * notes.length + 63 * n;
+    context.setTransform(ratio, 0, 0, ratio, x + 14 * ratio, y + top * ratio);
+    context.strokeStyle = ink.text;
+    context.lineWidth = 1.2;
     context.stroke(SUPPLY);
-    context.fillStyle = colour(rail);
+    context.fillStyle = rail.startsWith("goal") ? colours.goal : rail === "start" ? colours.start : ink.edge;
     context.fillRect(-1.5, -1.5, 17, 3);
-    context.fillStyle = ink;
+    context.resetTransform();
     const lines = [rail, engineering(volts, "V", 3), `${amperes < 0 ? "takes" : "gives"} ${engineering(Math.abs(amperes), "A", 3)}`];
-    lines.forEach((text, row) => context.fillText(text, 20, 6 + 11 * row));
-    context.translate(0, 63);
-  }
+    lines.forEach((text, row) => say(text, 34, top + 6 + 11 * row));
+  });
 }
 
 /** What is known of a resistor, as rows. @param {number[]} resistor @returns {[string, string][]} */

@@ -26,8 +26,10 @@ const KEPT_BYTES = 64e6;
 export const sizeOf = (scene) => [scene.axes[0].cells, scene.axes[1].cells];
 /** @param {Scene} scene @param {number[]} cell */
 export const numberOf = (scene, [i, j]) => i * scene.axes[1].cells + j;
-/** @param {Scene} scene @param {number} number */
+/** @param {Scene} scene @param {number} number @returns {[number, number]} */
 export const cellOf = (scene, number) => [Math.floor(number / scene.axes[1].cells), number % scene.axes[1].cells];
+/** @param {Scene} scene @param {number[]} cell */
+export const isWall = (scene, cell) => Boolean(scene.cells[numberOf(scene, cell)] & OBSTACLE);
 /** @param {Axis} axis */
 export const spacingOf = (axis) => (axis.upper - axis.lower) / axis.cells;
 

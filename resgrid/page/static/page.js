@@ -20,7 +20,9 @@ import { World } from "./world.js";
 
 const KEPT = "resgrid drawing", THEME = "resgrid theme", SEEN = "resgrid tour";
 const SLOW_MS = 700, KEEP_MS = 400, TOAST_MS = 7000, MOST_BYTES = 5e6;
-const KIN = /** @type {const} */ (["cells", "palette", "goals", "starts", "wall", "driven", "edge"]);
+const DRAWN = ["cells", "palette", "goals", "starts", "wall", "driven", "edge"];
+/** What must be the same for paths to compare with to be those of another scene. @type {Record<string, string[]>} */
+const SAME = { ideal: [...DRAWN, "k"], "k = 0": [...DRAWN, "chip", "broken"], "k = 1": [...DRAWN, "chip", "broken"] };
 
 export class Page {
   /** The scene of the frame that is shown. @type {Scene | null} */ solved = null;
@@ -30,12 +32,10 @@ export class Page {
   #isClosed = false;
   #keeping = 0;
   #hiding = 0;
-  /** The last certified paths of a chip without flaws, and what they belong to. @type {{scene: Scene, lines: Float32Array[]} | null} */ #ideal = null;
   /** The point under the pointer, in cells. @type {number[] | null} */ #hovered = null;
-  /** The scene whose paths for both ends of k are known. @type {Scene | null} */ #endsOf = null;
   #solve = newest(() => this.#askField());
   #probe = newest(() => this.#askCell());
-  #compareEnds = newest(() => this.#askEnds());
+  #compare = newest(() => this.#askOthers());
 
   /** @param {HTMLElement} root @param {() => import("./wire.js").Socket} dial
    * @param {{switches: URLSearchParams, shelf: Shelf, keys: EventTarget, address: string, fragment: string}} about
@@ -113,7 +113,7 @@ export class Page {
       this.#openFiles(input("file").files ?? []);
       input("file").value = "";
     });
-    get("show-ends").addEventListener("change", () => this.#compareEnds());
+    get("show-ends").addEventListener("change", () => this.#compare());
   }
 
   /** @param {EventTarget} keys */
@@ -258,41 +258,33 @@ export class Page {
       clearInterval(slow);
     }
     this.#probe();
-    this.#compareEnds();
+    this.#compare();
   }
 
   /** @param {Frame} frame @param {Scene} scene that it is of */
   #showFrame(frame, scene) {
     this.solved = scene;
     this.view.setFrame(frame);
-    this.#compare(scene, frame);
     this.world.poses = frame.poses.find((poses) => poses.length > 1) ?? [];
     this.panel.showFrame(frame, scene);
     const current = frame.exact && scene === this.model.scene;
     this.#tell(current ? "certified" : "preview", current ? verdict(frame) : "preview, not certified: let go");
   }
 
-  /** Keep the paths of the chip without flaws beside those of the same drawing with some. @param {Scene} scene @param {Frame} frame */
-  #compare(scene, frame) {
-    const isFlawed = scene.broken.length > 0 || "mismatch" in scene.chip;
-    if (!isFlawed && frame.exact) this.#ideal = { scene, lines: frame.lines };
-    const ideal = this.#ideal, isKin = ideal !== null && ideal.scene.k === scene.k && areKin(ideal.scene, scene);
-    this.view.ideal = isFlawed && ideal && isKin ? ideal.lines : [];
-  }
-
-  /** Paths for both ends of k, which are the same for every k. */
-  async #askEnds() {
-    const { model: { scene }, view } = this, known = this.#endsOf;
-    const isKnown = scene && known && areKin(scene, known) && scene.chip === known.chip && scene.broken === known.broken;
-    if (isKnown && view.shows.ends) return;
-    view.ends = [];
-    this.#endsOf = null;
-    if (!view.shows.ends || !scene || scene !== this.solved || scene.driven || !view.frame?.exact) return;
+  /** Paths to compare with, and those alone: of the chip without flaws, and of both ends of k. */
+  async #askOthers() {
+    const { model: { scene }, view } = this;
+    if (!scene) return;
+    const wanted = view.shows.ends && !scene.driven ? ["k = 0", "k = 1"] : [];
+    if (scene.broken.length || "mismatch" in scene.chip) wanted.unshift("ideal");
+    view.others = view.others.filter(({ name, scene: other }) => wanted.includes(name) && areSame(SAME[name], other, scene));
+    const missing = wanted.filter((name) => view.others.every((known) => known.name !== name));
+    if (!missing.length || scene !== this.solved || !view.frame?.exact) return;
     try {
-      const [{ points }, body] = await this.wire.ask({ type: "ends" }, scene), lines = readLines(body, points.flat());
+      const [{ points }, body] = await this.wire.ask({ type: "paths", paths: missing }, scene), lines = readLines(body, points.flat());
       if (scene !== this.model.scene) return;
-      view.ends = [lines.slice(0, points[0].length), lines.slice(points[0].length)];
-      this.#endsOf = scene;
+      const known = missing.map((name, n) => ({ name, scene, lines: lines.splice(0, points[n].length) }));
+      view.others = [...view.others, ...known];
     } catch (error) {
       this.#complain(error);
     }
@@ -371,8 +363,8 @@ export class Page {
   }
 }
 
-/** Whether two scenes differ at most in k and the chip's flaws. @param {Scene} one @param {Scene} other */
-const areKin = (one, other) => KIN.every((key) => one[key] === other[key]);
+/** Whether two scenes agree in some properties. @param {string[]} keys @param {any} one @param {any} other */
+const areSame = (keys, one, other) => keys.every((key) => one[key] === other[key]);
 
 /** @param {Frame} frame */
 function verdict(frame) {

@@ -24,6 +24,7 @@ const HTML = `
     <div class="ends"><span>0 grazes</span><span>1 repels</span></div>
     ${check("ends", "Paths of both ends")}
     ${slider("wall", "Wall resistance", WALL_STEPS)}
+    <span class="note">of every contact with an obstacle: a chip has one</span>
     ${select("edge", "Border", [["obstacle", "obstacle"], ["open", "open"]])}
     ${select("driven", "Drive", [["", "uniform"], ["start", "the start"]])}
   </section>

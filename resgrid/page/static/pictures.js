@@ -1,4 +1,4 @@
-// Pictures of one pixel a cell (the field, and what is drawn), equipotentials, and the colours of both themes.
+// Pictures of one pixel a cell (the field, and what is drawn), equipotentials, arrows, and the colours of both themes.
 
 import { NOTHING } from "./frame.js";
 import { sizeOf } from "./model.js";
@@ -35,13 +35,14 @@ export const inks = (dark) => ({
   edge: dark ? "#5b6575" : "#1f2933",
 });
 
-/** @param {HTMLCanvasElement} canvas @param {number[]} size @param {(cell: number) => number} colourOf a cell's number */
+/** One pixel a cell, the second axis downwards. @param {HTMLCanvasElement} canvas @param {number[]} size
+ * @param {(cell: number) => number} colourOf a cell's number */
 function paint(canvas, [nx, ny], colourOf) {
   if (canvas.width !== nx) canvas.width = nx;
   if (canvas.height !== ny) canvas.height = ny;
   const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d")), image = context.createImageData(nx, ny);
   const pixels = new Uint32Array(image.data.buffer);
-  for (let i = 0, at = 0; i < nx; i++) for (let j = ny - 1; j >= 0; j--, at++) pixels[j * nx + i] = colourOf(at);
+  for (let i = 0, at = 0; i < nx; i++) for (let j = 0; j < ny; j++, at++) pixels[j * nx + i] = colourOf(at);
   context.putImageData(image, 0, 0);
 }
 
@@ -81,6 +82,25 @@ export function traceEquipotentials(context, { nx, ny, picture, scale }) {
           if (n % 2) context.lineTo(x, y);
           else context.moveTo(x, y);
         });
+      }
+    }
+  }
+}
+
+/** Trace the directions of the current, some thirty arrows across. @param {CanvasRenderingContext2D} context @param {Frame} frame */
+export function traceArrows(context, { nx, ny, currents, speed }) {
+  const every = Math.max(1, Math.ceil(Math.max(nx, ny) / 32));
+  for (let i = every >> 1; i < nx; i += every) {
+    for (let j = every >> 1; j < ny; j += every) {
+      const cell = i * ny + j, face = 4 * cell;
+      if (!speed[cell]) continue;
+      const u = currents[face] + currents[face + 1], v = currents[face + 2] + currents[face + 3], size = Math.hypot(u, v) || 1;
+      const dx = (0.4 * every * u) / size, dy = (0.4 * every * v) / size, x = i + 0.5 + dx, y = j + 0.5 + dy;
+      context.moveTo(x - 2 * dx, y - 2 * dy);
+      context.lineTo(x, y);
+      for (const side of [0.36, -0.36]) {
+        context.moveTo(x, y);
+        context.lineTo(x - 0.6 * dx - side * dy, y - 0.6 * dy + side * dx);
       }
     }
   }

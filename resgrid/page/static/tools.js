@@ -1,15 +1,15 @@
 // Tools: what pointer, finger and keys do on the canvas.
 
 import { make } from "./layout.js";
-import { cellAt, insideOf, numberOf, OBSTACLE, sizeOf } from "./model.js";
+import { cellAt, insideOf, isWall, numberOf, sizeOf } from "./model.js";
 import { brushed, costing, faceAt, flood, free, goalMoved, line, rectangle, startMoved, wall, withBroken, withConductivity, withGoal,
   without, withStart } from "./shapes.js";
-import { pixelUnder } from "./view.js";
+import { stepOf } from "./surface.js";
 
 /** @typedef {import("./model.js").Scene} Scene */
 /** @typedef {import("./shapes.js").Stroke} Stroke */
 /** @typedef {["goals" | "starts", number]} Handle */
-/** @typedef {{move?: (cell: number[]) => void, end?: () => void}} Gesture */
+/** @typedef {import("./surface.js").Gesture} Gesture what follows the cell, or point, under the pointer */
 
 /** Name, label, key, what it does, and its icon. */
 export const TOOLS = [
@@ -25,26 +25,19 @@ export const TOOLS = [
 ];
 const REACH = 16;
 
-/** What arrow keys say. @param {KeyboardEvent} event @returns {number[] | undefined} */
-export const stepOf = (event) => ({ ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] })[event.key];
-
 export class Tools {
   tool = "draw";
   brush = 2;
   conductivity = 0.1;
   canDraw = true;
-  /** @type {Gesture | null} */ #gesture = null;
 
   /** @param {import("./model.js").Model} model @param {import("./view.js").View} view @param {HTMLElement} bar for its buttons */
   constructor(model, view, bar) {
     this.model = model;
     this.view = view;
     this.bar = bar;
-    const { canvas } = view;
-    canvas.addEventListener("pointerdown", (event) => this.#down(event));
-    canvas.addEventListener("pointermove", (event) => this.#move(event));
-    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => this.#end());
-    canvas.addEventListener("keydown", (event) => this.#key(event));
+    view.hear((point) => this.#press(point));
+    view.canvas.addEventListener("keydown", (event) => this.#key(event));
     for (const [name, label, key, about, icon] of TOOLS) {
       const button = make("button", { title: `${about} (${key})`, onclick: () => this.choose(name) });
       button.innerHTML = `<svg viewBox="0 0 20 20" fill="none" stroke="currentColor" stroke-width="2" aria-hidden="true">${icon}</svg>${label}`;
@@ -64,29 +57,17 @@ export class Tools {
     return /** @type {Scene} */ (this.model.scene);
   }
 
-  /** The cell under the pointer, which may lie outside. @param {PointerEvent} event */
-  #cell(event) {
-    return this.view.pointOf(event).map(Math.floor);
+  /** Pointer or finger come down at a point in cells, which may lie outside. @param {number[]} point @returns {Gesture | null} */
+  #press(point) {
+    if (!this.model.scene) return null;
+    if (this.tool === "snap" && this.canDraw) return this.#snap(point);
+    const cell = point.map(Math.floor), gesture = this.#begin(cell, this.#handleAt(point));
+    return gesture && { move: (next) => gesture.move?.(next.map(Math.floor)), end: () => this.#end(gesture) };
   }
 
-  /** @param {PointerEvent} event */
-  #down(event) {
-    if (event.button !== 0 || !this.model.scene || this.#gesture) return;
-    this.view.canvas.setPointerCapture(event.pointerId);
-    if (this.tool === "snap" && this.canDraw) this.#snap(this.view.pointOf(event));
-    else this.#begin(this.#cell(event), this.#handleAt(event));
-  }
-
-  /** @param {PointerEvent} event */
-  #move(event) {
-    if (!this.#gesture) return;
-    for (const step of event.getCoalescedEvents?.().slice(0, -1) ?? []) this.#gesture.move?.(this.#cell(step));
-    this.#gesture.move?.(this.#cell(event));
-  }
-
-  #end() {
-    this.#gesture?.end?.();
-    this.#gesture = null;
+  /** @param {Gesture | null} gesture */
+  #end(gesture) {
+    gesture?.end?.();
     this.view.rectangle = null;
     this.model.commit();
   }
@@ -94,6 +75,7 @@ export class Tools {
   /** @param {number[]} point in cells */
   #snap(point) {
     if (insideOf(this.#scene, point.map(Math.floor))) this.model.replace(withBroken(this.#scene, faceAt(this.#scene, point)));
+    return null;
   }
 
   /** The first start, or else goal, of which something is true.
@@ -103,14 +85,14 @@ export class Tools {
     return start >= 0 ? ["starts", start] : goal >= 0 ? ["goals", goal] : null;
   }
 
-  /** A goal or start near the pointer. @param {PointerEvent} event */
-  #handleAt(event) {
-    const { view } = this, [x, y] = pixelUnder(view.canvas, event), number = numberOf(this.#scene, this.#cell(event));
-    const near = (/** @type {number[]} */ point) => {
-      const [px, py] = view.toPixels(point);
+  /** A goal or start near a point. @param {number[]} point */
+  #handleAt(point) {
+    const { view } = this, [x, y] = view.toPixels(point), number = numberOf(this.#scene, point.map(Math.floor));
+    const isNear = (/** @type {number[]} */ other) => {
+      const [px, py] = view.toPixels(other);
       return Math.hypot(px - x, py - y) < REACH * view.ratio;
     };
-    return this.#handle((start) => near(view.startPoint(start)), (goal) => near(view.goalPoint(goal)) || goal.includes(number));
+    return this.#handle((start) => isNear(view.startPoint(start)), (goal) => isNear(view.goalPoint(goal)) || goal.includes(number));
   }
 
   /** A goal or start on a cell. @param {number[]} cell */
@@ -119,11 +101,12 @@ export class Tools {
     return this.#handle((start) => numberOf(this.#scene, cellAt(this.#scene, start)) === number, (goal) => goal.includes(number));
   }
 
-  /** @param {number[]} cell @param {Handle | null} handle */
+  /** @param {number[]} cell @param {Handle | null} handle @returns {Gesture | null} */
   #begin(cell, handle) {
     this.model.begin();
-    this.#gesture = handle ? this.#drag(cell, ...handle) : this.canDraw && this.tool !== "look" ? this.#stroke(cell) : null;
-    if (!this.#gesture) this.model.commit();
+    const gesture = handle ? this.#drag(cell, ...handle) : this.canDraw && this.tool !== "look" ? this.#stroke(cell) : null;
+    if (!gesture) this.model.commit();
+    return gesture;
   }
 
   /** Move a goal or a start; its own tool removes it where it is not moved.
@@ -148,8 +131,7 @@ export class Tools {
   #stroke(cell) {
     const { model, tool } = this, first = this.#scene, inside = insideOf(first, cell);
     if (!inside && ["goal", "start", "fill"].includes(tool)) return null;
-    const isOnWall = inside !== null && Boolean(first.cells[numberOf(first, inside)] & OBSTACLE);
-    const [scene, stroke] = this.#strokeOf(first, isOnWall);
+    const [scene, stroke] = this.#strokeOf(first, inside !== null && isWall(first, inside));
     let last = cell;
     const paint = (/** @type {Iterable<number[]>} */ cells) => model.show(brushed({ ...this.#scene, palette: scene.palette }, cells, stroke));
     const span = (/** @type {number[]} */ next) => {
@@ -205,17 +187,16 @@ export class Tools {
     this.view.cursor = to;
     this.view.canvas.dispatchEvent(new CustomEvent("walk", { detail: to }));
     if (!handle) return;
-    this.#begin(from, handle);
-    this.#gesture?.move?.(to);
-    this.#end();
+    const gesture = this.#begin(from, handle);
+    gesture?.move?.(to);
+    this.#end(gesture);
   }
 
   /** Use the tool at the cursor. */
   #use() {
     const cell = this.#cursor, handle = this.#handleOn(cell);
     this.view.cursor = cell;
-    if (this.tool === "snap") return this.#snap([cell[0] + 0.9, cell[1] + 0.5]);
-    this.#begin(cell, handle?.[0] === `${this.tool}s` ? handle : null);
-    return this.#end();
+    if (this.tool === "snap") this.#snap([cell[0] + 0.9, cell[1] + 0.5]);
+    else this.#end(this.#begin(cell, handle?.[0] === `${this.tool}s` ? handle : null));
   }
 }
