@@ -25,7 +25,10 @@ BATCH = 4096
 """Configurations looked at in one go."""
 
 SLACK = 1e-9
-"""Share of the farthest motion by which the default rule errs on the side of collision."""
+"""Share of the farthest motion by which the default rule errs on the side of collision, ..."""
+
+ULPS = 64
+"""... and units in the last place of the coordinates."""
 
 
 class Robot(ABC):
@@ -130,7 +133,9 @@ class Robot(ABC):
         reach = 0.0
         if rule == "conservative":
             corners = np.array(list(product(*([0.0, axis.spacing / 2] for axis in axes))))
-            reach = float(self.travel(np.zeros_like(corners), corners).max()) * (1.0 + SLACK)
+            extent = max(abs(end) for axis in axes for end in (axis.lower, axis.upper))
+            rounding = ULPS * float(np.spacing(max([extent, *(obstacle.extent for obstacle in solid)])))
+            reach = float(self.travel(np.zeros_like(corners), corners).max()) * (1.0 + SLACK) + rounding
         shape = tuple(axis.cells for axis in axes)
         blocked = np.zeros(int(np.prod(shape)), dtype=np.bool_)
         for first in range(0, blocked.size, BATCH):

@@ -60,6 +60,13 @@ class Obstacle:
     radius: float = 0.0
     half_plane: HalfSpace | None = None
 
+    @property
+    def extent(self) -> float:
+        """Largest coordinate that distances from it are computed with."""
+        if self.half_plane is not None:
+            return float(abs(_unit_normal(self.half_plane)[-1]))
+        return float(np.abs(self.core.bounds).max())
+
     def core_distance(self, part: Part) -> NDArray[np.float64]:
         """Distance of the cores, shape (n,): 0 where they meet, but below 0 behind the border of a half-plane."""
         import shapely
