@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.conductances import behind_wall, has_wall, in_series, of_face
+from resgrid.compiler import behind_wall, has_wall, in_series, of_face
 from resgrid.grids import label_regions, slab
 from resgrid.solvers.warm import Window, neighbours
 from resgrid.space import Cell, ConfigurationSpace

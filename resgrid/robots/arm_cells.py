@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from resgrid.axis import Axis, Point
 from resgrid.errors import InputError
-from resgrid.robots.cells import Progress, Sampling
+from resgrid.robots.cells import GoalCells, Progress, Sampling
 from resgrid.robots.geometry import Links, Part, obstacle_arrays, obstacles_of
-from resgrid.robots.goals import GoalCells
 from resgrid.robots.shapes import Box, Shape, require_plane
 
 CHUNK = 1 << 17

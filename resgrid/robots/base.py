@@ -13,9 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.axis import Axis, Point
 from resgrid.errors import InputError
-from resgrid.robots.cells import Progress, Sampling
+from resgrid.robots.cells import GoalCells, Progress, Sampling, cells_of_place
 from resgrid.robots.geometry import Part, Pose, obstacles_of
-from resgrid.robots.goals import GoalCells, cells_of_place
 from resgrid.robots.shapes import Shape, require_plane
 
 if TYPE_CHECKING:
