@@ -112,4 +112,5 @@ def _distances(place: Shape, base: Point) -> tuple[float, float]:
     nearest = float(obstacle.distance(Part(np.array([shapely.Point(base)]), 0.0))[0])
     if obstacle.core is None:
         return nearest, inf
-    return nearest, float(shapely.hausdorff_distance(shapely.Point(base), obstacle.core)) + obstacle.radius
+    farthest = np.hypot(*(shapely.get_coordinates(obstacle.core) - base).T).max()  # a corner
+    return nearest, float(farthest) + obstacle.radius
