@@ -24,7 +24,7 @@ BATCH = 4096
 """Configurations looked at in one go."""
 
 SLACK = 1e-9
-"""Share of the farthest motion by which the default rule errs on the side of collision, ..."""
+"""Share of the farthest motion by which the conservative rule errs on the side of collision, ..."""
 
 ULPS = 64
 """... and units in the last place of the coordinates."""

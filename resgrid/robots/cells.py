@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.axis import Axis, Point, split_points
+from resgrid.axis import Axis, Point, rounding, split_points
 from resgrid.errors import InputError
 from resgrid.robots.geometry import copies, edges_of
 from resgrid.robots.shapes import Ball, Bounds, Box, CellSet, HalfSpace, Polygon, Shape, Solid, rings_of
@@ -28,16 +28,13 @@ FAR = 1e3
 Grids = Sequence[NDArray[np.float64]]
 """Coordinates of cells along every axis, shaped to broadcast over a block."""
 
-RIM = 1e-9
-"""Share of a cell's width that its interior leaves out on every side."""
-
 HALVINGS = 60
 """So often is the way to a region halved to find where it begins: to the last bit."""
 
 
 def rims(axes: Sequence[Axis]) -> list[float]:
-    """Width of the rim that a cell's interior leaves out, per axis: 1e-9 cells, or some rounding errors."""
-    return [max(RIM * axis.spacing, 8 * float(np.spacing(max(abs(axis.lower), abs(axis.upper))))) for axis in axes]
+    """Width of the rim that a cell's interior leaves out, per axis, for an edge that is meant to lie on a border."""
+    return [share * axis.spacing for share, axis in zip(rounding(axes).tolist(), axes, strict=True)]
 
 
 def halves(axes: Sequence[Axis], bounds: Bounds, reach: float, rule: Sampling) -> tuple[float, ...]:
