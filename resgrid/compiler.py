@@ -1,7 +1,28 @@
 """From a configuration space to a netlist: which cells have nodes, what joins them, and what drives them.
 
-Face neighbours are joined by resistors, by the rules of `resgrid.conductances`; voltage sources stand at obstacles and
-goals, or current sources at the nodes (Tarassenko & Blake 1991; Connolly & Grupen 1992, section 2).
+Face neighbours are joined by resistors; voltage sources stand at obstacles and goals, or current sources at the nodes
+(Tarassenko & Blake 1991; Connolly & Grupen 1992, section 2).
+
+Along axis ``a`` the conductance is ``(h_ref / h_a)**2 / R`` times the series combination ``2 c_i c_j / (c_i + c_j)`` of
+the cells' conductivities, ``h_ref`` being the smallest spacing.  Kirchhoff's current law at a node is then the
+finite-volume form of ``div(c grad phi) = 0``.
+
+Two neighbours have a contact of this kind, whatever they are:
+
+=================  ==========  ============================  =======================
+neighbours         dirichlet   wall                          neumann
+=================  ==========  ============================  =======================
+free, free         ``G``       ``G``                         ``G``
+free, goal         ``G``       ``G``                         ``G``
+goal, goal         ``G``       ``G``                         ``G``
+free, obstacle     ``G``       ``1 / (1 / G + R_wall)``      none
+goal, obstacle     ``G``       ``1 / (1 / G + R_wall)``      none
+obstacle, obstacle ``G``       ``G``                         none
+=================  ==========  ============================  =======================
+
+Where just one of two cells is free, its conductivity counts alone.  Beyond an edge that counts as an obstacle lies an
+obstacle cell, of the conductivity of the cell at the edge, that is on the obstacle rail; beyond an open edge lies
+nothing.  Resistors between cells of the rails exist only where these have nodes (``rails="cells"``, chips, tiles).
 """
 
 from __future__ import annotations
@@ -16,7 +37,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.budget import require_grid_memory
-from resgrid.conductances import behind_wall, has_wall, in_series, of_face
 from resgrid.errors import CircuitError, InputError
 from resgrid.grids import before_and_behind, face_counts, face_shape, slab, with_margin
 from resgrid.netlist import GROUND, MOST_NODES, CellMap, Netlist
@@ -275,3 +295,30 @@ def _uniform_drive(wiring: Wiring, nodes: _Nodes) -> tuple[NDArray[np.int32], ND
     pairs = np.empty((fed.size, 2), dtype=np.int32)
     pairs[:, 0], pairs[:, 1] = GROUND, fed
     return pairs, np.full(fed.size, wiring.supply / (wiring.resistance * fed.size))
+
+
+def of_face(spacing: NDArray[np.float64], axis: int, resistance: float) -> float:
+    """Return the conductance across a face between cells of conductivity 1, in siemens; `spacing` (ndim,)."""
+    return float((spacing.min() / spacing[axis]) ** 2 / resistance)
+
+
+def in_series(
+    lower: NDArray[np.float64],
+    upper: NDArray[np.float64],
+    lower_free: NDArray[np.bool_] | bool,
+    upper_free: NDArray[np.bool_] | bool,
+) -> NDArray[np.float64]:
+    """Combine the conductivities of two half cells; against a rail the free cell's counts alone."""
+    lower = np.where(upper_free & ~np.asarray(lower_free), upper, lower)
+    upper = np.where(lower_free & ~np.asarray(upper_free), lower, upper)
+    return lower * (2.0 * upper / (lower + upper))
+
+
+def has_wall(lower_obstacle: NDArray[np.bool_] | bool, upper_obstacle: NDArray[np.bool_] | bool) -> NDArray[np.bool_]:
+    """Return which contacts have the wall in series: those of an obstacle with what is none."""
+    return np.not_equal(lower_obstacle, upper_obstacle)
+
+
+def behind_wall(conductance: NDArray[np.float64], wall_resistance: float | None) -> NDArray[np.float64]:
+    """Return contacts with obstacles, in siemens, with the resistance of their wall in series; 0 ohms for none."""
+    return 1.0 / (1.0 / conductance + wall_resistance) if wall_resistance else conductance

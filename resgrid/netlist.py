@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -290,11 +290,10 @@ class Netlist:
 
     def replace(self, **changes: Any) -> Netlist:
         """Return a copy with some fields changed."""
-        current = {item.name: getattr(self, item.name) for item in fields(self)}
-        unknown = set(changes) - set(current)
-        if unknown:
-            raise InputError(f"a netlist has no field {sorted(unknown)}; it has {sorted(current)}")
-        return Netlist(**{**current, **changes})
+        known = {item.name for item in fields(self)}
+        if changes.keys() - known:
+            raise InputError(f"a netlist has no field {sorted(changes.keys() - known)}; it has {sorted(known)}")
+        return replace(self, **changes)
 
 
 def _all_within(value: NDArray[np.float64], low: float, high: float) -> bool:

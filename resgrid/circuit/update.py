@@ -1,7 +1,7 @@
 """Circuits of a space that changes, each solved from the one before.
 
 What a change of cells does to the equations is found in a window around it, by the compiler's rules
-(`resgrid.conductances`), so that neither a netlist nor its equations are made before somebody asks for them.
+(`resgrid.compiler`), so that neither a netlist nor its equations are made before somebody asks for them.
 """
 
 from __future__ import annotations

@@ -2,9 +2,8 @@
 
 from resgrid.robots.arm import Arm as Arm
 from resgrid.robots.base import Robot as Robot
-from resgrid.robots.cells import Progress as Progress, Sampling as Sampling
+from resgrid.robots.cells import GoalCells as GoalCells, Progress as Progress, Sampling as Sampling
 from resgrid.robots.geometry import Part as Part, Pose as Pose
-from resgrid.robots.goals import GoalCells as GoalCells
 from resgrid.robots.point import DiscRobot as DiscRobot, PointRobot as PointRobot
 from resgrid.robots.polygon import PolygonRobot as PolygonRobot
 from resgrid.robots.shapes import (

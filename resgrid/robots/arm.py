@@ -18,9 +18,8 @@ from resgrid.axis import Axis, Coordinate, Point
 from resgrid.errors import InputError
 from resgrid.robots.arm_cells import arm_goal_cells, arm_occupancy
 from resgrid.robots.base import Robot
-from resgrid.robots.cells import Progress, Sampling
+from resgrid.robots.cells import GoalCells, Progress, Sampling
 from resgrid.robots.geometry import Links, Part, Pose
-from resgrid.robots.goals import GoalCells
 from resgrid.robots.shapes import Shape
 from resgrid.space import MAX_DIMENSIONS
 

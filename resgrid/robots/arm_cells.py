@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from resgrid.axis import Axis, Point
 from resgrid.errors import InputError
-from resgrid.robots.cells import Progress, Sampling
+from resgrid.robots.cells import GoalCells, Progress, Sampling
 from resgrid.robots.geometry import Links, Part, obstacle_arrays, obstacles_of
-from resgrid.robots.goals import GoalCells
 from resgrid.robots.shapes import Box, Shape, require_plane
 
 CHUNK = 1 << 17
@@ -113,4 +112,5 @@ def _distances(place: Shape, base: Point) -> tuple[float, float]:
     nearest = float(obstacle.distance(Part(np.array([shapely.Point(base)]), 0.0))[0])
     if obstacle.core is None:
         return nearest, inf
-    return nearest, float(shapely.hausdorff_distance(shapely.Point(base), obstacle.core)) + obstacle.radius
+    farthest = np.hypot(*(shapely.get_coordinates(obstacle.core) - base).T).max()  # a corner
+    return nearest, float(farthest) + obstacle.radius

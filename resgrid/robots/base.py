@@ -13,9 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.axis import Axis, Point
 from resgrid.errors import InputError
-from resgrid.robots.cells import Progress, Sampling
+from resgrid.robots.cells import GoalCells, Progress, Sampling, cells_of_place
 from resgrid.robots.geometry import Part, Pose, obstacles_of
-from resgrid.robots.goals import GoalCells, cells_of_place
 from resgrid.robots.shapes import Shape, require_plane
 
 if TYPE_CHECKING:
@@ -25,7 +24,10 @@ BATCH = 4096
 """Configurations looked at in one go."""
 
 SLACK = 1e-9
-"""Share of the farthest motion by which the default rule errs on the side of collision."""
+"""Share of the farthest motion by which the conservative rule errs on the side of collision, ..."""
+
+ULPS = 64
+"""... and units in the last place of the coordinates."""
 
 
 class Robot(ABC):
@@ -130,7 +132,9 @@ class Robot(ABC):
         reach = 0.0
         if rule == "conservative":
             corners = np.array(list(product(*([0.0, axis.spacing / 2] for axis in axes))))
-            reach = float(self.travel(np.zeros_like(corners), corners).max()) * (1.0 + SLACK)
+            extent = max(abs(end) for axis in axes for end in (axis.lower, axis.upper))
+            rounding = ULPS * float(np.spacing(max([extent, *(obstacle.extent for obstacle in solid)])))
+            reach = float(self.travel(np.zeros_like(corners), corners).max()) * (1.0 + SLACK) + rounding
         shape = tuple(axis.cells for axis in axes)
         blocked = np.zeros(int(np.prod(shape)), dtype=np.bool_)
         for first in range(0, blocked.size, BATCH):

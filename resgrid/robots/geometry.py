@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
-from math import ceil, floor, hypot, isinf
+from math import ceil, floor, hypot, isinf, prod
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,6 +59,13 @@ class Obstacle:
     core: Any
     radius: float = 0.0
     half_plane: HalfSpace | None = None
+
+    @property
+    def extent(self) -> float:
+        """Largest coordinate that distances from it are computed with."""
+        if self.half_plane is not None:
+            return float(abs(_unit_normal(self.half_plane)[-1]))
+        return float(np.abs(self.core.bounds).max())
 
     def core_distance(self, part: Part) -> NDArray[np.float64]:
         """Distance of the cores, shape (n,): 0 where they meet, but below 0 behind the border of a half-plane."""
@@ -204,7 +211,10 @@ def copies(shape: Solid, axes: Sequence[Axis], reach: Sequence[float]) -> Iterat
 
 def turns(bounds: Bounds, axes: Sequence[Axis], reach: Sequence[float]) -> Iterator[tuple[float, ...]]:
     """Whole turns that bring a shape within some distance of the grid, however many away it is described."""
-    yield from product(*map(_shifts, axes, *bounds, reach))
+    shifts = list(map(_shifts, axes, *bounds, reach))
+    if prod(map(len, shifts)) > MAX_COPIES:
+        raise InputError(f"a shape winds around the periodic axes more than {MAX_COPIES} times; make it smaller")
+    yield from product(*shifts)
 
 
 def _shifts(axis: Axis, lower: float, upper: float, reach: float) -> list[float]:

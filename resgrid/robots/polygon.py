@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.arguments import checked
 from resgrid.axis import Axis, Point
 from resgrid.errors import InputError
-from resgrid.robots.base import Robot
+from resgrid.robots.base import SLACK, ULPS, Robot
 from resgrid.robots.cells import Progress, Sampling, near_half_space, outline
 from resgrid.robots.geometry import Part, Pose
 from resgrid.robots.shapes import Ball, Box, CellSet, HalfSpace, Polygon, Shape, require_plane
@@ -24,12 +24,6 @@ if TYPE_CHECKING:
 
 PARTS = 3
 """With the conservative rule every slice is cut into so many thinner ones, and blocked where any of them is."""
-
-SLACK = 1e-9
-"""Obstacles grow by this share of the polygon's size, against rounding, ..."""
-
-ULPS = 64
-"""... and by so many units in the last place of the coordinates."""
 
 
 @checked

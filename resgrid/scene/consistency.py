@@ -12,6 +12,7 @@ from resgrid.robots import Ball, Box, HalfSpace, Polygon, Robot, Shape
 from resgrid.scene.goals import CostArea, GoalCell, GoalJoints
 from resgrid.scene.messages import Problem
 from resgrid.scene.toml_lines import Path
+from resgrid.space import MAX_DIMENSIONS
 
 
 def inconsistencies(
@@ -30,8 +31,8 @@ def inconsistencies(
     """
     ndim = len(names)
     return [
-        *_unique_names(names),
-        *_robot_axes(robot, axes),
+        *_names(names),
+        *_axes(robot, axes),
         *_edges(said.edge, axes, ndim),
         *_boundary(said, values, has_wall),
         *_coordinates(robot, ndim, values),
@@ -40,14 +41,16 @@ def inconsistencies(
     ]
 
 
-def _unique_names(names: Sequence[str | None]) -> Iterator[Problem]:
+def _names(names: Sequence[str | None]) -> Iterator[Problem]:
     for number, name in enumerate(names):
         if name is not None and name in names[:number]:
             yield ("grid", "axes", number, "name"), f"another axis is called {name!r} already; choose another name"
 
 
-def _robot_axes(robot: Robot | type[Robot] | None, axes: Sequence[Axis] | None) -> Iterator[Problem]:
-    if isinstance(robot, Robot) and axes is not None:
+def _axes(robot: Robot | type[Robot] | None, axes: Sequence[Axis] | None) -> Iterator[Problem]:
+    if axes is not None and not 1 <= len(axes) <= MAX_DIMENSIONS:
+        yield ("grid", "axes"), f"a scene has 1 to {MAX_DIMENSIONS} axes, got {len(axes)}"
+    elif isinstance(robot, Robot) and axes is not None:
         try:
             robot.check_axes(axes)
         except InputError as error:

@@ -86,9 +86,11 @@ def apply_overrides(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     for key, value in changes_by_key.items():
         if key not in PLACES:
             _set(document, key, value)
-    if "grid.cells" in changes_by_key and isinstance(document.get("grid"), dict):
-        for axis in document["grid"].get("axes", []):
-            axis.pop("cells", None)
+    grid = document.get("grid")
+    if "grid.cells" in changes_by_key and isinstance(grid, dict) and isinstance(grid.get("axes"), list):
+        for axis in grid["axes"]:
+            if isinstance(axis, dict):
+                axis.pop("cells", None)
     is_same_map = scene.map is not None and document.get("map") == plain(scene.map.table)
     return build_scene(document, scene.source or "scene", Path(), known=scene.map if is_same_map else None)
 

@@ -12,7 +12,7 @@ from resgrid.axis import Point
 from resgrid.budget import require_grid_memory
 from resgrid.errors import InputError
 from resgrid.robots import Box, GoalCells, PointRobot, Progress, Shape
-from resgrid.robots.goals import joined
+from resgrid.robots.cells import joined
 from resgrid.scene.goals import Goal, GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.maps.formats import format_of
 from resgrid.scene.maps.pictures import THRESHOLD, read_raster

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +42,18 @@ def test_no_configuration_in_a_free_cell_collides() -> None:
     solid = shapely.union_all([to_shapely(shape) for shape in OBSTACLES])
     for end in ROBOT.ends(chosen * [axis.spacing for axis in AXES]):
         assert shapely.distance(shapely.points(end), solid).min() > ROBOT.radius
+
+
+@pytest.mark.parametrize("far", [1e3, 1e15, 3e15])
+def test_corners_far_away_hide_no_collision(far: float) -> None:
+    """Against whole numbers: an edge through the grid whose corners are so far away that distances from it round."""
+    below = rg.Polygon(((-far, -far / 2 + 0.3), (2.7 * far, 1.35 * far + 0.3), (2.7 * far, -3 * far)))
+    free = np.argwhere(~ROBOT.occupancy(AXES, [below], "conservative"))
+    assert len(free) or far > 1e9
+    (ax, ay), (bx, by) = (tuple(map(Fraction, corner)) for corner in below.vertices[:2])
+    for x, y in np.concatenate(ROBOT.ends((free + 0.5) * [axis.spacing for axis in AXES])).tolist():
+        height = (bx - ax) * (Fraction(y) - ay) - (by - ay) * (Fraction(x) - ax)
+        assert height > 0 and height**2 > Fraction(ROBOT.radius) ** 2 * ((bx - ax) ** 2 + (by - ay) ** 2)
 
 
 def test_it_is_planned_for_replayed_drawn_and_controlled() -> None:
@@ -116,9 +129,9 @@ def test_one_line_in_the_registry_takes_it_through_the_command_line(tmp_path: Pa
 
     def call(*words: str) -> str:
         command = [sys.executable, "-c", REGISTERED, *words]
-        path = str(Path(__file__).parents[1])
+        path = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
         done = subprocess.run(
-            command, cwd=tmp_path, capture_output=True, text=True, check=False, env={"PYTHONPATH": path, **os.environ}
+            command, cwd=tmp_path, capture_output=True, text=True, check=False, env=os.environ | {"PYTHONPATH": path}
         )
         assert done.returncode == 0, done.stderr
         return done.stdout

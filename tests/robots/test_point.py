@@ -242,6 +242,9 @@ def test_impossible_shapes_are_refused():
         PointRobot().occupancy(ring, [HalfSpace((1, 0), 3)], "conservative")
     with pytest.raises(InputError, match="winds around"):
         PointRobot().occupancy(ring, [Box((0, 0), (1e12, 1))], "conservative")
+    rings = tuple(Axis(name, 0, 4, 4, periodic=True) for name in "xyz")
+    with pytest.raises(InputError, match="more than 1000 times"):
+        PointRobot().goal_cells(rings, Ball((0, 0, 0), 100))
     with pytest.raises(InputError, match="3 coordinates"):
         PointRobot().occupancy(ring, [Ball((0, 0, 0), 1)], "conservative")
     with pytest.raises(InputError, match="not simple"):

@@ -1,4 +1,6 @@
 import io
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -288,6 +290,36 @@ def test_a_format_of_ones_own_is_a_reader_and_a_line(tmp_path, monkeypatch):
     assert rg.read_scene(file, goal=(0.2, 0.2), spacing=0.5).axes[0].upper == 1.0
     with pytest.raises(InputError, match=r"map\.format: 'cvs' is unknown: it may be .*; did you mean 'csv'"):
         rg.read_scene(file, format="cvs")
+
+
+WITH_OPTION = '''
+import numpy as np
+import resgrid as rg
+from resgrid.scene.maps.formats import FORMATS, MapFormat
+
+def read_csv(path, delimiter: str = ","):
+    """Read a table of cells.
+
+    Parameters
+    ----------
+    delimiter
+        What stands between columns.
+    """
+    return np.loadtxt(path, delimiter=delimiter, dtype=np.uint8)
+
+FORMATS["csv"] = MapFormat(read_csv, (".csv",))
+print(rg.read_scene("a.toml").map.cell.tolist(), rg.read_scene("a.csv", delimiter=";").map.cell.tolist())
+print(rg.scene_schema()["$defs"]["Map"]["properties"]["delimiter"]["description"])
+'''
+
+
+def test_options_of_a_reader_are_keys_of_the_map(tmp_path):
+    write(tmp_path / "a.csv", "0;1\n0;0\n")
+    write(tmp_path / "a.toml", 'schema = 1\n[map]\nfile = "a.csv"\ndelimiter = ";"\n')
+    done = subprocess.run(
+        [sys.executable, "-c", WITH_OPTION], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.stdout == "[[0, 1], [0, 0]] [[0, 1], [0, 0]]\nWhat stands between columns (csv).\n", done.stderr
 
 
 @pytest.mark.parametrize("mode", ["L", "RGBA"])

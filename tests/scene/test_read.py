@@ -233,6 +233,8 @@ def test_overrides_are_checked_like_the_file():
         ({"chip.resistance": "10ohm"}, "chip.resistance"),
         ({"obstacle[3].radius": 1}, "there is no entry '3'"),
         ({"title.x": 1}, "plain value"),
+        ({"grid.axes": "1,2", "grid.cells": "4"}, "grid.axes[0]: must be a table of keys, got 1"),
+        ({"grid.axes": "2026-01-01", "grid.cells": "4"}, "grid.axes: must be a list"),
         ({"goal": "1,2,3"}, "needs 2 coordinates"),
         ({"goal": "nowhere"}, "must be a list"),
         ({"start": (float("nan"), 1)}, "must be a finite number"),

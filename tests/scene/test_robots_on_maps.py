@@ -152,6 +152,8 @@ def test_a_whole_scene_is_made_without_a_file() -> None:
     [
         ({"boundary": "wall"}, "scene: boundary: boundary = \"wall\" needs wall_resistance in [chip]"),
         ({"edge": "periodic"}, "edge[0]: axis 0 is not periodic"),
+        ({"axes": ()}, "grid.axes: a scene has 1 to 4 axes, got 0"),
+        ({"axes": tuple(rg.Axis(name, 0.0, 1.0, 1) for name in "abcde")}, "a scene has 1 to 4 axes, got 5"),
         ({"k": 2.0}, "k[0] = 2.0 must be a finite number at least 0 and at most 1"),
         ({"goal": (1, 2, 3)}, "goal[0].point: needs 2 coordinates, one for each axis, got 3"),
         ({"start": [(1, 2), (1,)]}, "starts[1]: needs 2 coordinates, one for each axis, got 1"),

@@ -62,11 +62,12 @@ def map_options() -> dict[str, Any]:
     """The options of all readers as fields of a table, each with the formats that take it."""
     options = {name: entry.options for name, entry in FORMATS.items()}
     takers = {key: [name for name in options if key in options[name]] for known in options.values() for key in known}
-    fields = {key: options[names[0]][key] for key, names in takers.items()}
-    return {
-        key: (hint, Field(field.default, description=f"{field.description[:-1]} ({', '.join(takers[key])})."))
-        for key, (hint, field) in fields.items()
-    }
+    fields: dict[str, Any] = {}
+    for key, names in takers.items():
+        hint, field = options[names[0]][key]
+        about = str(field.description or key).removesuffix(".")
+        fields[key] = hint, Field(field.default, description=f"{about} ({', '.join(names)}).")
+    return fields
 
 
 def read_map(table: Mapping[str, Any]) -> MapCells:

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
-from resgrid.compiler import compile_space
-from resgrid.conductances import has_wall
+from resgrid.compiler import compile_space, has_wall
 from resgrid.errors import CircuitError, InputError
 from resgrid.grids import face_counts
 from resgrid.netlist import Netlist
