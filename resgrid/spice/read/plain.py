@@ -24,7 +24,6 @@ LEAST_BYTES = 40_000
 
 _KINDS = ("resistor", "voltage source", "current source", "capacitor")
 """What the kinds of plain cards are."""
-_DC = np.frombuffer(b"dc", dtype=np.uint8)
 
 
 def plain_lines(data: bytes, start: int) -> Iterator[tuple[int, str]]:
@@ -94,7 +93,7 @@ class PlainCards:
 
         first_card, first_other, _ = self._counts
         self._position, self._line, *counts = cut(
-            self._text, self._position, self._line, self._has_slashes, self._comments, _DC,
+            self._text, self._position, self._line, self._has_slashes, self._comments,
             self._known, self._cards, self._other, *self._counts,
         )  # fmt: skip
         self._counts = tuple(counts)
@@ -103,10 +102,11 @@ class PlainCards:
         value[(kind == _KINDS.index("capacitor")) & (value < 0)] = np.nan
         self._value[first_card : counts[0]] = value
         doubtful = np.flatnonzero(~np.isfinite(value))
-        starts = [self._data.rfind(b"\n", 0, first) + 1 for first in name[doubtful, 0].tolist()]
         rows = self._other[first_other : counts[1]].tolist()
-        rows += [(start, self._data.index(b"\n", start), at) for start, at in zip(starts, line[doubtful], strict=True)]
-        rows = sorted(rows, key=itemgetter(2)) if starts else rows
+        for place, number in zip(name[doubtful, 0].tolist(), line[doubtful].tolist(), strict=True):
+            rows.append((self._data.rfind(b"\n", 0, place) + 1, self._data.index(b"\n", place), number))
+        if doubtful.size:
+            rows.sort(key=itemgetter(2))
         return [(number, decode(self._data[first:last])) for first, last, number in rows]
 
     def enter(self, file: int, elements: Elements) -> None:

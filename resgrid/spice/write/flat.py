@@ -50,6 +50,11 @@ class Deck:
     parts: Mapping[str, str] = field(default_factory=dict)
     dropped: Mapping[str, int] = field(default_factory=dict)
 
+    @property
+    def missing(self) -> dict[str, int]:
+        """How many nodes and elements of the netlist it does not hold, by kind."""
+        return {**({"floating node": len(self.left_out)} if self.left_out else {}), **self.dropped}
+
 
 @dataclass(frozen=True, eq=False)
 class Additions:

@@ -127,3 +127,13 @@ def test_a_node_is_spelt_as_where_it_stands_first_whichever_way_the_file_is_read
     path.write_text("title\nR1 a4 0 {1}\nR2 (A4 0) 2\nI1 a4 0 0.7M\nV1 x A4 1\n")
     for least_bytes in (0, 10**9):
         assert read_with(path, least_bytes=least_bytes).node_names == ("0", "a4", "x")
+
+
+def test_files_that_are_included_are_read_alike(tmp_path) -> None:
+    path = tmp_path / "deck.cir"
+    path.write_text("title\nV1 a 0 1\n.include more.inc\nR1 a 0 1\n.include more.inc\nR2 a b 2\n")
+    (tmp_path / "more.inc").write_text("R3 a B 1M\n+ m=2\nR4 b 0 5M\n.subckt s p q\nR1 p q 1\n.ends\nR5 b 0 1k\n")
+    assert same(outcome(path, 10**9), outcome(path, 0))
+    path.write_text(path.read_text().replace("R1 a 0 1\n.include more.inc\n", ""))
+    assert same(outcome(path, 10**9), outcome(path, 0))
+    assert sorted(read_with(path, least_bytes=0).resistance.tolist()) == [5e-4, 5e-3, 2.0, 1e3]
