@@ -192,7 +192,7 @@ def _is_decimal(text: Bytes, start: int, stop: int) -> bool:
     if i < stop and text[i] | 32 == 101:
         i += 1
         i += i < stop and (text[i] == 45 or text[i] == 43)
-        digits *= i < stop
+        digits *= 0 < stop - i <= 9  # as many as are read of an exponent
         while i < stop and _is_digit(text[i]):
             i += 1
     return i == stop and digits > 0

@@ -99,6 +99,8 @@ CARDS = st.sampled_from(
             "I7 0 a 1.5.2",
             ".if 1",
             "R21 a b 1e",
+            "R22 a b 1e000000001",
+            "R23 a b 1e0000000001",
         ),
     )
 )
