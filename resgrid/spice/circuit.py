@@ -24,6 +24,9 @@ SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
 KINDS = tuple(ARRAYS)
 """The kinds of element, as in `Netlist`."""
 
+TOLERANCE = 1e-9
+"""Largest error of an answer that counts as right: of a voltage relative to the largest, of a current likewise."""
+
 SHOWN = 5
 """How many names a message holds."""
 

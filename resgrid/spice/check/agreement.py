@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from resgrid.spice.circuit import SHOWN, some
+from resgrid.spice.circuit import SHOWN, TOLERANCE, some
 from resgrid.spice.run import SIMULATED
 from resgrid.spice.run.ngspice import VERSIONS, Simulation
 from resgrid.spice.write.sidecar import Expected
@@ -69,7 +69,7 @@ def compare(
     expected: Expected,
     simulation: Simulation,
     *,
-    tolerance: float = 1e-9,
+    tolerance: float = TOLERANCE,
     reference: Reference = "solve",
     findings: Sequence[str] = (),
 ) -> Agreement:

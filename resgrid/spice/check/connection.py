@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.sources import tie_sources
+from resgrid.circuit.sources import LOOP_TOLERANCE, tie_sources
 from resgrid.netlist import GROUND, Netlist
 from resgrid.spice.circuit import CONDUCTING, SHOWN, Circuit, Severity, Violation, some
 
 _MOST = 10
-_TOLERANCE = 1e-9
 
 
 def ground(circuit: Circuit) -> Iterator[Violation]:
@@ -113,7 +112,7 @@ def loops_of(circuit: Circuit) -> Loops:
     number = np.concatenate([order, zero])
     closing = ~np.isnan(rest)
     with np.errstate(invalid="ignore"):
-        bad = closing & (np.abs(rest) > _TOLERANCE * np.max(np.abs(volts), initial=0.0))
+        bad = closing & (np.abs(rest) > LOOP_TOLERANCE * np.max(np.abs(volts), initial=0.0))
     place = np.flatnonzero(closing & ~bad)
     own, short = number[place[place < sources]], number[place[place >= sources]]
     is_inductor = circuit.is_inductor[own]

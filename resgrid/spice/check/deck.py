@@ -17,7 +17,7 @@ from resgrid.spice.check.agreement import Agreement, Reference, compare, unverif
 from resgrid.spice.check.external import expected_of, places_of, runnable, written_anew
 from resgrid.spice.check.kirchhoff import inspect_deck
 from resgrid.spice.check.predictions import predict_simulators
-from resgrid.spice.circuit import Circuit
+from resgrid.spice.circuit import TOLERANCE, Circuit
 from resgrid.spice.dialects import dialect_named
 from resgrid.spice.read.deck import read_spice
 from resgrid.spice.run import SIMULATED, engine_named
@@ -47,7 +47,7 @@ class _Limits:
 def check_deck(
     deck: str | os.PathLike[str] | Circuit | Netlist | OperatingPoint,
     *,
-    tolerance: float = 1e-9,
+    tolerance: float = TOLERANCE,
     reference: OperatingPoint | None = None,
     dialect: str = "auto",
     root: str | os.PathLike[str] | None = None,

@@ -20,16 +20,13 @@ from resgrid.graphs import ARRAYS
 from resgrid.netlist import GROUND, Netlist
 from resgrid.spice.check.connection import Loops, loops_of
 from resgrid.spice.check.rules import check_rules
-from resgrid.spice.circuit import Circuit, Violation, connected_parts, rebase
+from resgrid.spice.circuit import TOLERANCE, Circuit, Violation, connected_parts, rebase
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.dialects.record import Basis, Quirks
 from resgrid.spice.read.numerals import Numeral, parse_numeral
 
 Outcome = Literal["right", "wrong", "fails", "unsure"]
 _Result = tuple[Outcome, float | None, str | None, tuple[str, ...]]
-
-TOLERANCE = 1e-9
-"""Largest error of an answer that counts as right, relative to the largest voltage."""
 
 _LARGEST = 300_000
 _SAFE_SPREAD = 1e12
