@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,12 +65,10 @@ def _wrong_sources(circuit: Circuit, voltage: NDArray[np.float64], allowed: floa
 
 def _wrong_nodes(circuit: Circuit, voltage: NDArray[np.float64], tolerance: float) -> list[str]:
     count = circuit.node_count
-    net, through, noise = np.zeros(count), np.zeros(count), np.zeros(count)
-    for ends, current, rounding in _currents(circuit, voltage):
-        for column, sign in ((0, 1.0), (1, -1.0)):
-            net += np.bincount(ends[:, column], sign * current, count)
-            through += np.bincount(ends[:, column], np.abs(current), count)
-            noise += np.bincount(ends[:, column], rounding, count)
+    ends, current, rounding = _currents(circuit, voltage)
+    out, into = (np.bincount(column, current, count) for column in ends.T)
+    through, noise = (np.bincount(ends.ravel(), np.repeat(size, 2), count) for size in (np.abs(current), rounding))
+    net = out - into
     held = np.zeros(count, dtype=np.bool_)
     held[[0, *circuit.source_nodes.ravel()]] = True
     allowed = tolerance * through + noise
@@ -86,18 +83,21 @@ def _wrong_nodes(circuit: Circuit, voltage: NDArray[np.float64], tolerance: floa
 
 def _currents(
     circuit: Circuit, voltage: NDArray[np.float64]
-) -> Iterator[tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]]:
-    """Ends of elements, their currents from the first to the second, and what rounding of voltages may change in it."""
-    first, second = voltage[circuit.resistor_nodes].T
+) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
+    """Ends of elements, their currents from the first to the second, and what rounding of voltages may change in them.
+
+    Shapes: `voltage` (nodes,); returns (elements, 2), (elements,) and (elements,).
+    """
+    sizes = len(circuit.resistance), len(circuit.current_amps)
+    ends = np.concatenate([circuit.resistor_nodes, circuit.current_nodes, circuit.nonlinear_nodes])
+    first, second = voltage[ends].T
+    over_resistor, _, over_nonlinear = np.split(first - second, np.cumsum(sizes))
     positive = circuit.resistance > 0
     conductance = np.where(positive, 1 / np.where(positive, circuit.resistance, 1.0), 0.0)
-    size = _ROUNDING * (np.abs(first) + np.abs(second))
-    yield circuit.resistor_nodes, conductance * (first - second), conductance * size
-    yield circuit.current_nodes, circuit.current_amps, np.zeros(len(circuit.current_amps))
-    first, second = voltage[circuit.nonlinear_nodes].T
-    current, scale = circuit.nonlinear_current, circuit.nonlinear_voltage
-    size = _ROUNDING * (np.abs(first) + np.abs(second))
-    yield circuit.nonlinear_nodes, current * np.tanh((first - second) / scale), current / scale * size
+    amps, volts = circuit.nonlinear_current, circuit.nonlinear_voltage
+    parts = conductance * over_resistor, circuit.current_amps, amps * np.tanh(over_nonlinear / volts)
+    slope = np.concatenate([conductance, np.zeros(len(circuit.current_amps)), amps / volts])
+    return ends, np.concatenate(parts), _ROUNDING * slope * (np.abs(first) + np.abs(second))
 
 
 def _lines_at(circuit: Circuit, node: int) -> list[int]:
