@@ -275,7 +275,7 @@ class Circuit:
     def place_of_nodes(self, nodes: NDArray[np.integer[Any]]) -> str:
         """``file:line`` of the first element at some nodes, or their cells, or their names."""
         if self.given is None:
-            return self._line_of_nodes(nodes)
+            return next((f"{self.files[file]}:{line}" for file, line in self.places_at(nodes).tolist()), self.path)
         cell_map = self.given.cell_map
         cell = np.empty(0, dtype=np.int64) if cell_map is None else self.given.cell_of_node()[nodes]
         if cell_map is None or (cell < 0).all():
@@ -284,17 +284,12 @@ class Circuit:
         places = ["(" + ", ".join(map(str, place)) + ")" for place in cells[:SHOWN].tolist()]
         return f"cell{'s' if len(cells) > 1 else ''} {some(places, len(cells))}"
 
-    def _line_of_nodes(self, nodes: NDArray[np.integer[Any]]) -> str:
+    def places_at(self, nodes: NDArray[np.integer[Any]]) -> NDArray[np.int64]:
+        """File and line of every element of a deck at some nodes, in their order; shape (lines, 2)."""
         touched = np.zeros(self.node_count, dtype=np.bool_)
         touched[nodes] = True
-        firsts = []
-        for kind, place in self.place.items():
-            touching = np.flatnonzero(touched[self.ends[kind]].any(axis=1))
-            if touching.size:
-                files, lines = place[touching].T
-                first = int(touching[np.lexsort((lines, files))[0]])
-                firsts.append((*place[first].tolist(), kind, first))
-        return self.place_of(*min(firsts)[2:]) if firsts else self.path
+        there = [place[touched[self.ends[kind]].any(axis=1)] for kind, place in self.place.items()]
+        return np.unique(np.concatenate(there), axis=0)
 
     @property
     def heating(self) -> float:

@@ -36,7 +36,7 @@ def inspect_deck(data: bytes, expected: Expected, tolerance: float) -> list[str]
     ]
     strangers = [number for number, name in enumerate(circuit.node_names) if number and name not in expected.voltage]
     problems += [
-        f"line {_lines_at(circuit, number)[0]} names the node {circuit.node_names[number]}, which is not expected"
+        f"line {circuit.places_at(np.array([number]))[0, 1]} names the node {circuit.node_names[number]}, which is not expected"
         for number in strangers[:_MAX_FINDINGS]
     ]
     missing = sorted(expected.voltage.keys() - set(circuit.node_names))
@@ -75,7 +75,7 @@ def _wrong_nodes(circuit: Circuit, voltage: NDArray[np.float64], tolerance: floa
     excess = np.where(held, 0.0, np.abs(net)) / np.where(allowed > 0, allowed, 1.0)
     return [
         f"at node {circuit.node_names[node]} the currents do not add up: {abs(net[node]):.3g} A is left over "
-        f"(lines {_shown(_lines_at(circuit, node))})"
+        f"(lines {_lines_at(circuit, node)})"
         for node in np.argsort(-excess, kind="stable")[:_MAX_FINDINGS].tolist()
         if excess[node] > 1
     ]
@@ -100,10 +100,6 @@ def _currents(
     return ends, np.concatenate(parts), _ROUNDING * slope * (np.abs(first) + np.abs(second))
 
 
-def _lines_at(circuit: Circuit, node: int) -> list[int]:
-    lines = [circuit.place[kind][(ends == node).any(axis=1), 1] for kind, ends in circuit.ends.items()]
-    return list(np.sort(np.concatenate(lines)).tolist())
-
-
-def _shown(lines: list[int]) -> str:
-    return some(list(map(str, lines)), len(lines))
+def _lines_at(circuit: Circuit, node: int) -> str:
+    lines = [str(line) for _, line in circuit.places_at(np.array([node])).tolist()]
+    return some(lines, len(lines))
