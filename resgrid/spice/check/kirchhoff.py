@@ -35,10 +35,9 @@ def inspect_deck(data: bytes, expected: Expected, tolerance: float) -> list[str]
         for i in np.flatnonzero(~(circuit.resistance > 0))[:_MAX_FINDINGS].tolist()
     ]
     strangers = [number for number, name in enumerate(circuit.node_names) if number and name not in expected.voltage]
-    problems += [
-        f"line {circuit.places_at(np.array([number]))[0, 1]} names the node {circuit.node_names[number]}, which is not expected"
-        for number in strangers[:_MAX_FINDINGS]
-    ]
+    for number in strangers[:_MAX_FINDINGS]:
+        line = circuit.places_at(np.array([number]))[0, 1]
+        problems.append(f"line {line} names the node {circuit.node_names[number]}, which is not expected")
     missing = sorted(expected.voltage.keys() - set(circuit.node_names))
     problems += [f"node {name} has no element" for name in missing[:_MAX_FINDINGS]]
     if not strangers:
