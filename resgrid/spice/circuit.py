@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from resgrid.errors import InputError
 from resgrid.graphs import ARRAYS
-from resgrid.netlist import Netlist
+from resgrid.netlist import GROUND, Netlist
 from resgrid.spice.dialects import DIALECTS
 
 Severity = Literal["error", "warning", "info"]
@@ -234,6 +234,11 @@ class Circuit:
     def part(self) -> NDArray[np.int64]:
         """Number of the part each node belongs to: nodes that elements which conduct join; shape (nodes,)."""
         return connected_parts(np.concatenate([self.ends[kind] for kind in CONDUCTING]), self.node_count)
+
+    @cached_property
+    def is_floating(self) -> NDArray[np.bool_]:
+        """Which nodes nothing that conducts joins to ground, shape (nodes,)."""
+        return self.part != self.part[GROUND]
 
     @cached_property
     def degree(self) -> NDArray[np.int64]:

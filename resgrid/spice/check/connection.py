@@ -29,7 +29,7 @@ def ground(circuit: Circuit) -> Iterator[Violation]:
 
 def islands(circuit: Circuit) -> Iterator[Violation]:
     """Parts without a path to ground, those that capacitors hold told apart."""
-    floating = np.flatnonzero(circuit.part != circuit.part[GROUND])
+    floating = np.flatnonzero(circuit.is_floating)
     if not floating.size:
         return
     held = np.zeros(int(circuit.part.max()) + 1, dtype=np.bool_)  # parts that capacitors touch
@@ -180,10 +180,8 @@ def shorted(circuit: Circuit) -> Iterator[Violation]:
 
 def dangling(circuit: Circuit) -> Iterator[Violation]:
     """Nodes with a single element, which carry no current."""
-    loose = circuit.degree == 1
-    loose[GROUND] = False
-    loose &= circuit.part == circuit.part[GROUND]
-    nodes = np.flatnonzero(loose)
+    loose = (circuit.degree == 1) & ~circuit.is_floating
+    nodes = np.flatnonzero(loose[1:]) + 1  # ground may be touched once
     if nodes.size:
         yield Violation(
             "info",

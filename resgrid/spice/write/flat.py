@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from resgrid.errors import CircuitError, InputError
 from resgrid.graphs import ELEMENTS
-from resgrid.netlist import GROUND, Netlist
+from resgrid.netlist import Netlist
 from resgrid.spice.circuit import Circuit
 from resgrid.spice.dialects import dialect_named
 from resgrid.spice.dialects.record import Dialect
@@ -184,7 +184,7 @@ def _held_nodes(netlist: Netlist) -> NDArray[np.bool_]:
             f"current source {source} from node {where[0]} to node {where[1]} feeds a floating part that lets no "
             "current out: remove it, or join the part to ground"
         )
-    held: NDArray[np.bool_] = circuit.part == circuit.part[GROUND]
+    held = ~circuit.is_floating
     if held.sum() < 2:
         raise InputError("nothing is left to write: no node has a path of resistors or voltage sources to ground")
     return held
