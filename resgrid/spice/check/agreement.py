@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -72,8 +72,9 @@ def compare(
     tolerance: float = TOLERANCE,
     reference: Reference = "solve",
     findings: Sequence[str] = (),
+    place_of: Callable[[str], str] = lambda _: "",
 ) -> Agreement:
-    """Compare what a simulator said with what is expected."""
+    """Compare what a simulator said with what is expected; ``place_of`` says where a node stands in the deck."""
     error = _errors(expected.voltage, simulation.voltage)
     largest = next(iter(error.values()), np.inf)
     compared: tuple[tuple[str, str, Mapping[str, float | None], Mapping[str, float], float], ...] = (
@@ -84,11 +85,11 @@ def compare(
     for what, _, known, got, _ in compared:
         problems += _unmatched(known, got, what)
     for what, unit, known, got, scale in compared:
-        problems += [
-            f"{what} {name}: {simulation.simulator} finds {got[name]!r} {unit}, expected {known[name]!r} {unit}"
-            for name, distance in list(_errors(known, got).items())[:SHOWN]
-            if distance > tolerance * scale
-        ]
+        for name, distance in list(_errors(known, got).items())[:SHOWN]:
+            if distance > tolerance * scale:
+                where = place_of(name) if what == "node" else ""
+                finds = f"{simulation.simulator} finds {got[name]!r} {unit}, expected {known[name]!r} {unit}"
+                problems.append(f"{where}{what} {name}: {finds}")
     unknown = simulation.simulator == SIMULATED and simulation.version not in (*VERSIONS, "not run")
     tried = f"resgrid is tried with {SIMULATED} {' and '.join(VERSIONS)}; this is version {simulation.version}"
     silent = bool(expected.voltage) and not simulation.voltage and not findings
