@@ -69,9 +69,9 @@ class PlainCards:
         of_command = goes_on = False
         while self._position < len(self._data):
             if may_cut() and not (of_command or goes_on):
-                lines = self._cut()
-                yield from lines
-                goes_on = bool(lines) and "\\" in lines[-1][1]
+                for first, last, number in self._cut():
+                    yield number, decode(self._data[first:last])
+                    goes_on = b"\\" in self._data[first:last]
                 if self._position == len(self._data):
                     break
             number, line = self._next_line()
@@ -87,8 +87,8 @@ class PlainCards:
         self._position, self._line = stop + 1, self._line + 1
         return line
 
-    def _cut(self) -> list[tuple[int, str]]:
-        """Cut cards away up to the next command, and return the other lines before it."""
+    def _cut(self) -> list[tuple[int, int, int]]:
+        """Cut cards away up to the next command: first and last byte and number of every other line before it."""
         from resgrid.spice.read.kernels import cut
 
         first_card, first_other, _ = self._counts
@@ -102,12 +102,12 @@ class PlainCards:
         value[(kind == _KINDS.index("capacitor")) & (value < 0)] = np.nan
         self._value[first_card : counts[0]] = value
         doubtful = np.flatnonzero(~np.isfinite(value))
-        rows = self._other[first_other : counts[1]].tolist()
+        rows: list[tuple[int, int, int]] = self._other[first_other : counts[1]].tolist()
         for place, number in zip(name[doubtful, 0].tolist(), line[doubtful].tolist(), strict=True):
             rows.append((self._data.rfind(b"\n", 0, place) + 1, self._data.index(b"\n", place), number))
         if doubtful.size:
             rows.sort(key=itemgetter(2))
-        return [(number, decode(self._data[first:last])) for first, last, number in rows]
+        return rows
 
     def enter(self, file: int, elements: Elements) -> None:
         """Enter what was cut away of a file into the elements of the deck."""
