@@ -238,7 +238,7 @@ class Circuit:
     @cached_property
     def is_floating(self) -> NDArray[np.bool_]:
         """Which nodes nothing that conducts joins to ground, shape (nodes,)."""
-        return self.part != self.part[GROUND]
+        return np.asarray(self.part != self.part[GROUND])
 
     @cached_property
     def degree(self) -> NDArray[np.int64]:

@@ -92,17 +92,17 @@ class PlainCards:
         from resgrid.spice.read.kernels import cut
 
         first_card, first_other, _ = self._counts
-        self._position, self._line, *counts = cut(
+        self._position, self._line, count, others, nodes = cut(
             self._text, self._position, self._line, self._has_slashes, self._comments,
             self._known, self._cards, self._other, *self._counts,
         )  # fmt: skip
-        self._counts = tuple(counts)
-        kind, name, *_, line = cards = type(self._cards)._make(one[first_card : counts[0]] for one in self._cards)
+        self._counts = count, others, nodes
+        kind, name, *_, line = cards = type(self._cards)._make(one[first_card:count] for one in self._cards)
         value = _values(self._text, cards, self._rules)
         value[(kind == _KINDS.index("capacitor")) & (value < 0)] = np.nan
-        self._value[first_card : counts[0]] = value
+        self._value[first_card:count] = value
         doubtful = np.flatnonzero(~np.isfinite(value))
-        rows: list[tuple[int, int, int]] = self._other[first_other : counts[1]].tolist()
+        rows: list[tuple[int, int, int]] = self._other[first_other:others].tolist()
         for place, number in zip(name[doubtful, 0].tolist(), line[doubtful].tolist(), strict=True):
             rows.append((self._data.rfind(b"\n", 0, place) + 1, self._data.index(b"\n", place), number))
         if doubtful.size:
