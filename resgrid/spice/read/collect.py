@@ -46,7 +46,7 @@ class Collector:
     library: Library
     contents: Contents
     quick: bool
-    plain: list[tuple[Source, PlainCards]] = field(default_factory=list)
+    plain: list[PlainCards] = field(default_factory=list)
     _skipping: bool = False
     _including: list[tuple[Source, str | None]] = field(default_factory=list)
     _inclusions: int = 0
@@ -102,9 +102,8 @@ class Collector:
         """Lines that need a closer look."""
         if not self.quick or self.contents.rules.instances:
             return plain_lines(source.data, start)
-        plain = PlainCards(source.data, start, self.contents.rules)
-        self.plain.append((source, plain))
-        return plain.others(lambda: len(self.contents.open) == 1 and not self._skipping)
+        self.plain.append(PlainCards(source, start, self.contents.rules))
+        return self.plain[-1].others(lambda: len(self.contents.open) == 1 and not self._skipping)
 
     def _take(self, stream: Iterable[Card], source: Source) -> None:
         contents = self.contents

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from resgrid.spice.dialects.record import ReadingRules
 from resgrid.spice.read.cards import strip_comment
-from resgrid.spice.read.files import decode
+from resgrid.spice.read.files import Source, decode
 from resgrid.spice.read.numerals import Numeral, parse_numeral
 from resgrid.spice.read.tables import Elements, Part
 
@@ -35,11 +35,13 @@ def plain_lines(data: bytes, start: int) -> Iterator[tuple[int, str]]:
 class PlainCards:
     """The plain cards of a file, cut away from its other lines while those are read."""
 
-    def __init__(self, data: bytes, start: int, rules: ReadingRules) -> None:
+    def __init__(self, source: Source, start: int, rules: ReadingRules) -> None:
         from resgrid.spice.read.kernels import CardTable, NodeHash
 
+        data = source.data
         rows = data.count(b"\n", start)
-        self._data, self._text, self._rules = data, np.frombuffer(data, dtype=np.uint8), rules
+        self._file, self._data, self._text = source.number, data, np.frombuffer(data, dtype=np.uint8)
+        self._rules = rules
         self._position, self._line = start, data.count(b"\n", 0, start) + 1
         self._counts = (0, 0, 0)  # of cards, other lines, and nodes
         self._known = NodeHash(
@@ -109,19 +111,19 @@ class PlainCards:
             rows.sort(key=itemgetter(2))
         return rows
 
-    def enter(self, file: int, elements: Elements) -> None:
-        """Enter what was cut away of a file into the elements of the deck."""
+    def enter(self, elements: Elements) -> None:
+        """Enter what was cut away into the elements of the deck."""
         count, _, nodes = self._counts
         plain = np.isfinite(self._value[:count])
         spans = self._known.spans[:nodes]
         short = np.flatnonzero(spans[:, 1] - spans[:, 0] <= max(map(len, self._rules.grounds)))
         names = _words_at(self._text, spans[:, :2])
-        numbers = elements.nodes.of_all(names, file << 40 | spans[:, 2], short.tolist())
+        numbers = elements.nodes.of_all(names, self._file << 40 | spans[:, 2], short.tolist())
         for code, kind in enumerate(_KINDS):
             own = np.flatnonzero(plain & (self._cards.kind[:count] == code))
             if own.size:
                 line = self._cards.line[own].astype(np.int64)
-                place = np.stack([np.full(len(line), file), line], axis=1)
+                place = np.stack([np.full(len(line), self._file), line], axis=1)
                 names_of = partial(_words_at, self._text, self._cards.name[own])
                 ends, value = numbers[self._cards.nodes[own]], self._value[own, np.newaxis]
                 elements.parts[kind].append(Part(names_of, ends, value, place, None))

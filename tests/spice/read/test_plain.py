@@ -8,6 +8,7 @@ from support.decks import outcome, same
 
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.read.deck import read_with
+from resgrid.spice.read.files import Source
 from resgrid.spice.read.plain import PlainCards
 from resgrid.spice.read.tables import Elements, NodeTable
 
@@ -19,11 +20,12 @@ floats = st.one_of(
 
 def cut(text: str) -> tuple[list[str], list[float]]:
     """Names and values of the plain resistors of a text."""
-    cards, elements = PlainCards(text.encode(), 0, DIALECTS["ngspice"].reading), Elements(NodeTable(frozenset({"0"})))
+    cards = PlainCards(Source(0, "deck", None, text.encode()), 0, DIALECTS["ngspice"].reading)
+    elements = Elements(NodeTable(frozenset({"0"})))
     elements.nodes.of("0", 0)
     for _ in cards.others(lambda: True):
         pass
-    cards.enter(0, elements)
+    cards.enter(elements)
     found = elements.joined("resistor")
     return found.names(), found.values[:, 0].tolist()
 
