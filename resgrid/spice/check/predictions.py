@@ -266,8 +266,7 @@ def _shunt(quirks: Quirks, case: _Case) -> tuple[float, tuple[str, ...]]:
 
 def _option(deck: Circuit, name: str) -> float:
     """Value of an option, 0 where it is not set or no positive number."""
-    rules = DIALECTS[deck.dialect].reading if deck.dialect in DIALECTS else None
-    number = None if rules is None else parse_numeral(deck.options.get(name, "0"), rules)
+    number = parse_numeral(deck.options.get(name, "0"), DIALECTS[deck.dialect].reading)
     return number.value if isinstance(number, Numeral) and number.value > 0 else 0.0
 
 

@@ -219,6 +219,7 @@ class Dialect:
     reserved: frozenset[str]
     statements: Statements
     quirks: Quirks
+    reading: ReadingRules
     ground: str = "0"
     comment: str = "* "
     preamble: tuple[str, ...] = ()
@@ -248,4 +249,3 @@ class Dialect:
     nominal_temperature: float = 27.0
     engines: Mapping[str, Costs] = field(default_factory=dict)
     checks_itself: bool = False
-    reading: ReadingRules | None = None
