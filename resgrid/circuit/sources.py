@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from resgrid.errors import CircuitError
 from resgrid.netlist import GROUND, Netlist
 
-_TOLERANCE = 1e-12
+LOOP_TOLERANCE = 1e-12
+"""Share of the largest voltage up to which the sources of a loop agree."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +139,7 @@ def _tree_sources(ends: NDArray[np.int64], parent: NDArray[np.int64]) -> NDArray
 
 def _check_loops(netlist: Netlist, left_over: NDArray[np.float64], closing: NDArray[np.bool_]) -> None:
     scale = np.max(np.abs(netlist.source_volts), initial=0.0)
-    bad = np.flatnonzero(closing & (np.abs(left_over) > _TOLERANCE * scale))
+    bad = np.flatnonzero(closing & (np.abs(left_over) > LOOP_TOLERANCE * scale))
     if bad.size:
         source = int(bad[0])
         names = netlist.names_of(netlist.source_nodes[source])

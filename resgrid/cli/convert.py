@@ -92,12 +92,11 @@ def _write_deck(
     """Write a deck with its sidecar, or without a solution the deck alone; what it does not hold of the circuit."""
     if op is None:
         from resgrid.files import write_text
-        from resgrid.spice.write.files import left_out_of
         from resgrid.spice.write.flat import flatten
 
         deck = flatten(netlist, dialect=dialect, title=title)
         click.echo(deck.text, nl=False) if output == "-" else write_text(output, deck.text)
-        return {}, left_out_of(deck)
+        return {}, deck.missing
 
     written = rg.write_spice(op, output, dialect, title=title)
     beside = {"sidecar": written.sidecar, "commands": written.commands, "sha256": written.sha256}

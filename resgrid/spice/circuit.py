@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from resgrid.errors import InputError
 from resgrid.graphs import ARRAYS
-from resgrid.netlist import Netlist
+from resgrid.netlist import GROUND, Netlist
 from resgrid.spice.dialects import DIALECTS
 
 Severity = Literal["error", "warning", "info"]
@@ -23,6 +23,9 @@ SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
 
 KINDS = tuple(ARRAYS)
 """The kinds of element, as in `Netlist`."""
+
+TOLERANCE = 1e-9
+"""Largest error of an answer that counts as right: of a voltage relative to the largest, of a current likewise."""
 
 SHOWN = 5
 """How many names a message holds."""
@@ -233,6 +236,11 @@ class Circuit:
         return connected_parts(np.concatenate([self.ends[kind] for kind in CONDUCTING]), self.node_count)
 
     @cached_property
+    def is_floating(self) -> NDArray[np.bool_]:
+        """Which nodes nothing that conducts joins to ground, shape (nodes,)."""
+        return np.asarray(self.part != self.part[GROUND])
+
+    @cached_property
     def degree(self) -> NDArray[np.int64]:
         """Number of element ends at every node, shape (nodes,)."""
         return np.asarray(sum(np.bincount(ends.ravel(), minlength=self.node_count) for ends in self.ends.values()))
@@ -272,7 +280,7 @@ class Circuit:
     def place_of_nodes(self, nodes: NDArray[np.integer[Any]]) -> str:
         """``file:line`` of the first element at some nodes, or their cells, or their names."""
         if self.given is None:
-            return self._line_of_nodes(nodes)
+            return next((f"{self.files[file]}:{line}" for file, line in self.places_at(nodes).tolist()), self.path)
         cell_map = self.given.cell_map
         cell = np.empty(0, dtype=np.int64) if cell_map is None else self.given.cell_of_node()[nodes]
         if cell_map is None or (cell < 0).all():
@@ -281,17 +289,12 @@ class Circuit:
         places = ["(" + ", ".join(map(str, place)) + ")" for place in cells[:SHOWN].tolist()]
         return f"cell{'s' if len(cells) > 1 else ''} {some(places, len(cells))}"
 
-    def _line_of_nodes(self, nodes: NDArray[np.integer[Any]]) -> str:
+    def places_at(self, nodes: NDArray[np.integer[Any]]) -> NDArray[np.int64]:
+        """File and line of every element of a deck at some nodes, in their order; shape (lines, 2)."""
         touched = np.zeros(self.node_count, dtype=np.bool_)
         touched[nodes] = True
-        firsts = []
-        for kind, place in self.place.items():
-            touching = np.flatnonzero(touched[self.ends[kind]].any(axis=1))
-            if touching.size:
-                files, lines = place[touching].T
-                first = int(touching[np.lexsort((lines, files))[0]])
-                firsts.append((*place[first].tolist(), kind, first))
-        return self.place_of(*min(firsts)[2:]) if firsts else self.path
+        there = [place[touched[self.ends[kind]].any(axis=1)] for kind, place in self.place.items()]
+        return np.unique(np.concatenate(there), axis=0)
 
     @property
     def heating(self) -> float:

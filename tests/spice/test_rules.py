@@ -8,7 +8,9 @@ from hypothesis import given, settings, strategies as st
 from support.circuits import ladder, random_grid
 
 from resgrid.axis import Axis
+from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
+from resgrid.errors import CircuitError
 from resgrid.netlist import Netlist
 from resgrid.space import ConfigurationSpace
 from resgrid.spice.check.connection import loop_voltages
@@ -152,6 +154,15 @@ def test_places_in_a_scene_are_cells() -> None:
     assert subject.place_of_nodes(np.array([corner])) == "cell (3, 0)"
     assert subject.place_of_nodes(np.array([corner, middle])) == "cells (3, 0), (0, 2)"
     assert subject.place_of_nodes(np.array([0])) == "0"
+
+
+@pytest.mark.parametrize(("volts", "contradicts"), [(1.0, False), (1.0 + 1e-13, False), (1.0 + 1e-10, True)])
+def test_a_loop_contradicts_itself_where_it_has_no_solution(volts: float, contradicts: bool) -> None:
+    netlist = Netlist(2, [[1, 0]], [1.0], source_nodes=[[1, 0], [1, 0]], source_volts=[1.0, volts])
+    assert any(violation.severity == "error" for violation in check_rules(netlist)) == contradicts
+    if contradicts:
+        with pytest.raises(CircuitError, match="contradicts"):
+            solve(netlist)
 
 
 @given(st.lists(st.tuples(st.integers(0, 7), st.integers(0, 7), st.integers(-3, 3)), max_size=14))

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from resgrid.spice.circuit import SHOWN, some
+from resgrid.spice.circuit import SHOWN, TOLERANCE, some
 from resgrid.spice.run import SIMULATED
 from resgrid.spice.run.ngspice import VERSIONS, Simulation
 from resgrid.spice.write.sidecar import Expected
@@ -69,58 +69,53 @@ def compare(
     expected: Expected,
     simulation: Simulation,
     *,
-    tolerance: float = 1e-9,
+    tolerance: float = TOLERANCE,
     reference: Reference = "solve",
     findings: Sequence[str] = (),
+    place_of: Callable[[str], str] = lambda _: "",
 ) -> Agreement:
-    """Compare what a simulator said with what is expected."""
-    volts = {name: volts for name, volts in expected.voltage.items() if name in simulation.voltage}
-    error = _errors(volts, simulation.voltage)
+    """Compare what a simulator said with what is expected; ``place_of`` says where a node stands in the deck."""
+    error = _errors(expected.voltage, simulation.voltage)
     largest = next(iter(error.values()), np.inf)
-    amps = {name: amps for name, amps in expected.source_current.items() if amps is not None}
-    problems = [
-        *findings,
-        *simulation.complaints,
-        *_unmatched(expected.voltage, simulation.voltage, "node"),
-        *_unmatched(expected.source_current, simulation.source_current, "voltage source"),
-        *_differences("node", "V", volts, simulation.voltage, simulation.simulator, tolerance * expected.supply),
-        *_differences("voltage source", "A", amps, simulation.source_current, simulation.simulator,
-                      tolerance * expected.current_scale),
-    ]  # fmt: skip
+    compared: tuple[tuple[str, str, Mapping[str, float | None], Mapping[str, float], float], ...] = (
+        ("node", "V", expected.voltage, simulation.voltage, expected.supply),
+        ("voltage source", "A", expected.source_current, simulation.source_current, expected.current_scale),
+    )
+    problems = [*findings, *simulation.complaints]
+    for what, _, known, got, _ in compared:
+        problems += _unmatched(known, got, what)
+    for what, unit, known, got, scale in compared:
+        for name, distance in list(_errors(known, got).items())[:SHOWN]:
+            if distance > tolerance * scale:
+                where = place_of(name) if what == "node" else ""
+                finds = f"{simulation.simulator} finds {got[name]!r} {unit}, expected {known[name]!r} {unit}"
+                problems.append(f"{where}{what} {name}: {finds}")
     unknown = simulation.simulator == SIMULATED and simulation.version not in (*VERSIONS, "not run")
     tried = f"resgrid is tried with {SIMULATED} {' and '.join(VERSIONS)}; this is version {simulation.version}"
     silent = bool(expected.voltage) and not simulation.voltage and not findings
     return Agreement(
         reference=reference,
-        agrees=None if silent else not problems and bool(volts),
+        agrees=None if silent else not problems and bool(error),
         max_abs_error=largest if np.isfinite(largest) else None,
         max_relative_error=largest / expected.supply if np.isfinite(largest) else None,
-        nodes=len(volts),
+        nodes=len(error),
         simulator=simulation.simulator,
         version=simulation.version,
         tolerance=tolerance,
         findings=tuple(problems),
-        worst=tuple((name, volts[name], simulation.voltage[name]) for name in list(error)[:SHOWN] if error[name] > 0),
+        worst=tuple(
+            (name, expected.voltage[name], simulation.voltage[name]) for name in list(error)[:SHOWN] if error[name] > 0
+        ),
         remark=f"{simulation.simulator} found no operating point" if silent else tried if unknown else "",
         verified=not silent,
     )
 
 
-def _errors(expected: Mapping[str, float], got: Mapping[str, float]) -> dict[str, float]:
+def _errors(expected: Mapping[str, float | None], got: Mapping[str, float]) -> dict[str, float]:
     """Distances of what both have, the largest first; NaN is larger than every number."""
-    distance = {name: abs(got[name] - value) for name, value in expected.items() if name in got}
+    distance = {name: abs(got[name] - value) for name, value in expected.items() if name in got and value is not None}
     finite = {name: error if error < np.inf else np.inf for name, error in distance.items()}
     return dict(sorted(finite.items(), key=lambda entry: -entry[1]))
-
-
-def _differences(
-    what: str, unit: str, expected: Mapping[str, float], got: Mapping[str, float], simulator: str, allowed: float
-) -> list[str]:
-    return [
-        f"{what} {name}: {simulator} finds {got[name]!r} {unit}, expected {expected[name]!r} {unit}"
-        for name, error in list(_errors(expected, got).items())[:SHOWN]
-        if error > allowed
-    ]
 
 
 def _unmatched(expected: Mapping[str, object], got: Mapping[str, object], what: str) -> list[str]:

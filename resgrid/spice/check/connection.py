@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.sources import tie_sources
+from resgrid.circuit.sources import LOOP_TOLERANCE, tie_sources
 from resgrid.netlist import GROUND, Netlist
 from resgrid.spice.circuit import CONDUCTING, SHOWN, Circuit, Severity, Violation, some
 
 _MOST = 10
-_TOLERANCE = 1e-9
 
 
 def ground(circuit: Circuit) -> Iterator[Violation]:
@@ -30,7 +29,7 @@ def ground(circuit: Circuit) -> Iterator[Violation]:
 
 def islands(circuit: Circuit) -> Iterator[Violation]:
     """Parts without a path to ground, those that capacitors hold told apart."""
-    floating = np.flatnonzero(circuit.part != circuit.part[GROUND])
+    floating = np.flatnonzero(circuit.is_floating)
     if not floating.size:
         return
     held = np.zeros(int(circuit.part.max()) + 1, dtype=np.bool_)  # parts that capacitors touch
@@ -113,7 +112,7 @@ def loops_of(circuit: Circuit) -> Loops:
     number = np.concatenate([order, zero])
     closing = ~np.isnan(rest)
     with np.errstate(invalid="ignore"):
-        bad = closing & (np.abs(rest) > _TOLERANCE * np.max(np.abs(volts), initial=0.0))
+        bad = closing & (np.abs(rest) > LOOP_TOLERANCE * np.max(np.abs(volts), initial=0.0))
     place = np.flatnonzero(closing & ~bad)
     own, short = number[place[place < sources]], number[place[place >= sources]]
     is_inductor = circuit.is_inductor[own]
@@ -181,10 +180,8 @@ def shorted(circuit: Circuit) -> Iterator[Violation]:
 
 def dangling(circuit: Circuit) -> Iterator[Violation]:
     """Nodes with a single element, which carry no current."""
-    loose = circuit.degree == 1
-    loose[GROUND] = False
-    loose &= circuit.part == circuit.part[GROUND]
-    nodes = np.flatnonzero(loose)
+    loose = (circuit.degree == 1) & ~circuit.is_floating
+    nodes = np.flatnonzero(loose[1:]) + 1  # ground may be touched once
     if nodes.size:
         yield Violation(
             "info",

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +14,10 @@ from resgrid.errors import InputError
 from resgrid.files import read_bytes
 from resgrid.netlist import Netlist
 from resgrid.spice.check.agreement import Agreement, Reference, compare, unverified
-from resgrid.spice.check.external import expected_of, places_of, runnable, written_anew
+from resgrid.spice.check.external import expected_of, place_of, runnable, written_anew
 from resgrid.spice.check.kirchhoff import inspect_deck
 from resgrid.spice.check.predictions import predict_simulators
-from resgrid.spice.circuit import Circuit
+from resgrid.spice.circuit import TOLERANCE, Circuit
 from resgrid.spice.dialects import dialect_named
 from resgrid.spice.read.deck import read_spice
 from resgrid.spice.run import SIMULATED, engine_named
@@ -47,7 +47,7 @@ class _Limits:
 def check_deck(
     deck: str | os.PathLike[str] | Circuit | Netlist | OperatingPoint,
     *,
-    tolerance: float = 1e-9,
+    tolerance: float = TOLERANCE,
     reference: OperatingPoint | None = None,
     dialect: str = "auto",
     root: str | os.PathLike[str] | None = None,
@@ -163,17 +163,12 @@ def _check_external(
     job = runnable(deck, data, root=None if root is None else Path(root), engine=limits.engine)
     options = {"files": job.files, "place": job.place} if job.files else {}
     simulation = limits.run(job.data, deck.path, direct=True, **options)
-    agreement = compare(expected_of(deck, op, as_written=not job.why), simulation, tolerance=limits.tolerance)
+    expected = expected_of(deck, op, as_written=not job.why)
     if job.why:
-        return unverified(agreement, job.why)
+        return unverified(compare(expected, simulation, tolerance=limits.tolerance), job.why)
+    agreement = compare(expected, simulation, tolerance=limits.tolerance, place_of=partial(place_of, deck))
     if agreement.agrees:
         return agreement
-    places = places_of(deck, [name for name, *_ in agreement.worst])
     prediction = next(item for item in predict_simulators(deck) if item.simulator == SIMULATED)
     known = [] if prediction.outcome == "right" else [f"this was to be expected: {prediction}"]
-    return replace(agreement, findings=(*(_with_place(finding, places) for finding in agreement.findings), *known))
-
-
-def _with_place(finding: str, places: Mapping[str, str]) -> str:
-    name = finding.removeprefix("node ").partition(":")[0]
-    return f"{places[name]}: {finding}" if finding.startswith("node ") and name in places else finding
+    return replace(agreement, findings=(*agreement.findings, *known))

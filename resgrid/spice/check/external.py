@@ -179,8 +179,7 @@ def expected_of(deck: Circuit, op: OperatingPoint, *, as_written: bool) -> Expec
     return Expected.of(op, voltage, dict(zip(names, amps, strict=True)))
 
 
-def places_of(deck: Circuit, names: Iterable[str]) -> dict[str, str]:
-    """Where some nodes, by their folded names, first occur in a deck."""
-    folded = set(names)
-    number = {name.lower(): i for i, name in enumerate(deck.node_names) if name.lower() in folded}
-    return {name: deck.place_of_nodes(np.array([node])) for name, node in number.items()}
+def place_of(deck: Circuit, name: str) -> str:
+    """Where a node, by its folded name, first occurs in a deck."""
+    numbers = [number for number, spelt in enumerate(deck.node_names) if spelt.lower() == name]
+    return f"{deck.place_of_nodes(np.array(numbers))}: " if numbers else ""

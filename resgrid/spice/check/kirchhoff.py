@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,10 +35,9 @@ def inspect_deck(data: bytes, expected: Expected, tolerance: float) -> list[str]
         for i in np.flatnonzero(~(circuit.resistance > 0))[:_MAX_FINDINGS].tolist()
     ]
     strangers = [number for number, name in enumerate(circuit.node_names) if number and name not in expected.voltage]
-    problems += [
-        f"line {_lines_at(circuit, number)[0]} names the node {circuit.node_names[number]}, which is not expected"
-        for number in strangers[:_MAX_FINDINGS]
-    ]
+    for number in strangers[:_MAX_FINDINGS]:
+        line = circuit.places_at(np.array([number]))[0, 1]
+        problems.append(f"line {line} names the node {circuit.node_names[number]}, which is not expected")
     missing = sorted(expected.voltage.keys() - set(circuit.node_names))
     problems += [f"node {name} has no element" for name in missing[:_MAX_FINDINGS]]
     if not strangers:
@@ -66,19 +64,17 @@ def _wrong_sources(circuit: Circuit, voltage: NDArray[np.float64], allowed: floa
 
 def _wrong_nodes(circuit: Circuit, voltage: NDArray[np.float64], tolerance: float) -> list[str]:
     count = circuit.node_count
-    net, through, noise = np.zeros(count), np.zeros(count), np.zeros(count)
-    for ends, current, rounding in _currents(circuit, voltage):
-        for column, sign in ((0, 1.0), (1, -1.0)):
-            net += np.bincount(ends[:, column], sign * current, count)
-            through += np.bincount(ends[:, column], np.abs(current), count)
-            noise += np.bincount(ends[:, column], rounding, count)
+    ends, current, rounding = _currents(circuit, voltage)
+    out, into = (np.bincount(column, current, count) for column in ends.T)
+    through, noise = (np.bincount(ends.ravel(), np.repeat(size, 2), count) for size in (np.abs(current), rounding))
+    net = out - into
     held = np.zeros(count, dtype=np.bool_)
     held[[0, *circuit.source_nodes.ravel()]] = True
     allowed = tolerance * through + noise
     excess = np.where(held, 0.0, np.abs(net)) / np.where(allowed > 0, allowed, 1.0)
     return [
         f"at node {circuit.node_names[node]} the currents do not add up: {abs(net[node]):.3g} A is left over "
-        f"(lines {_shown(_lines_at(circuit, node))})"
+        f"(lines {_lines_at(circuit, node)})"
         for node in np.argsort(-excess, kind="stable")[:_MAX_FINDINGS].tolist()
         if excess[node] > 1
     ]
@@ -86,24 +82,23 @@ def _wrong_nodes(circuit: Circuit, voltage: NDArray[np.float64], tolerance: floa
 
 def _currents(
     circuit: Circuit, voltage: NDArray[np.float64]
-) -> Iterator[tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]]:
-    """Ends of elements, their currents from the first to the second, and what rounding of voltages may change in it."""
-    first, second = voltage[circuit.resistor_nodes].T
+) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
+    """Ends of elements, their currents from the first to the second, and what rounding of voltages may change in them.
+
+    Shapes: `voltage` (nodes,); returns (elements, 2), (elements,) and (elements,).
+    """
+    sizes = len(circuit.resistance), len(circuit.current_amps)
+    ends = np.concatenate([circuit.resistor_nodes, circuit.current_nodes, circuit.nonlinear_nodes])
+    first, second = voltage[ends].T
+    over_resistor, _, over_nonlinear = np.split(first - second, np.cumsum(sizes))
     positive = circuit.resistance > 0
     conductance = np.where(positive, 1 / np.where(positive, circuit.resistance, 1.0), 0.0)
-    size = _ROUNDING * (np.abs(first) + np.abs(second))
-    yield circuit.resistor_nodes, conductance * (first - second), conductance * size
-    yield circuit.current_nodes, circuit.current_amps, np.zeros(len(circuit.current_amps))
-    first, second = voltage[circuit.nonlinear_nodes].T
-    current, scale = circuit.nonlinear_current, circuit.nonlinear_voltage
-    size = _ROUNDING * (np.abs(first) + np.abs(second))
-    yield circuit.nonlinear_nodes, current * np.tanh((first - second) / scale), current / scale * size
+    amps, volts = circuit.nonlinear_current, circuit.nonlinear_voltage
+    parts = conductance * over_resistor, circuit.current_amps, amps * np.tanh(over_nonlinear / volts)
+    slope = np.concatenate([conductance, np.zeros(len(circuit.current_amps)), amps / volts])
+    return ends, np.concatenate(parts), _ROUNDING * slope * (np.abs(first) + np.abs(second))
 
 
-def _lines_at(circuit: Circuit, node: int) -> list[int]:
-    lines = [circuit.place[kind][(ends == node).any(axis=1), 1] for kind, ends in circuit.ends.items()]
-    return list(np.sort(np.concatenate(lines)).tolist())
-
-
-def _shown(lines: list[int]) -> str:
-    return some(list(map(str, lines)), len(lines))
+def _lines_at(circuit: Circuit, node: int) -> str:
+    lines = [str(line) for _, line in circuit.places_at(np.array([node])).tolist()]
+    return some(lines, len(lines))

@@ -20,16 +20,13 @@ from resgrid.graphs import ARRAYS
 from resgrid.netlist import GROUND, Netlist
 from resgrid.spice.check.connection import Loops, loops_of
 from resgrid.spice.check.rules import check_rules
-from resgrid.spice.circuit import Circuit, Violation, connected_parts, rebase
+from resgrid.spice.circuit import TOLERANCE, Circuit, Violation, connected_parts, rebase
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.dialects.record import Basis, Quirks
 from resgrid.spice.read.numerals import Numeral, parse_numeral
 
 Outcome = Literal["right", "wrong", "fails", "unsure"]
 _Result = tuple[Outcome, float | None, str | None, tuple[str, ...]]
-
-TOLERANCE = 1e-9
-"""Largest error of an answer that counts as right, relative to the largest voltage."""
 
 _LARGEST = 300_000
 _SAFE_SPREAD = 1e12
@@ -76,7 +73,6 @@ class _Case:
     deck: Circuit
     duplicates: tuple[str, ...]
     loops: Loops
-    floating: NDArray[np.int64]
     voltage: NDArray[np.float64] | None
 
 
@@ -109,9 +105,8 @@ def predict_simulators(
     errors = [item for item in violations or check_rules(circuit) if item.severity == "error"]
     if circuit.is_deck:
         duplicates = tuple(error.place for error in errors if error.rule == "names")
-        floating = np.flatnonzero(circuit.part != circuit.part[GROUND])
         right = _voltages(circuit.netlist) if circuit.node_count <= _LARGEST else None
-        case = _Case(circuit, duplicates, loops_of(circuit), floating, right)
+        case = _Case(circuit, duplicates, loops_of(circuit), right)
         outcomes = [_of_deck(dialect.quirks, case) for dialect in DIALECTS.values()]
     else:
         outcomes = [_of_netlist(dialect.quirks, circuit.resistance, errors) for dialect in DIALECTS.values()]
@@ -182,7 +177,7 @@ def _doubts(quirks: Quirks, case: _Case, resistance: NDArray[np.float64]) -> tup
         place = case.deck.place_of("voltage source", int(numbers[0]))
         what = "the answer is what a transient comes to, and may be anything" if answered else "it may fail"
         doubts += (f"a loop of {kind} ({place}): {what}",)
-    if case.floating.size and quirks.floating == "unknown":
+    if case.deck.is_floating.any() and quirks.floating == "unknown":
         doubts += ("it is not known here what it makes of floating nodes",)
     if quirks.smallest_resistance is None and (case.deck.resistance == 0).any():
         doubts += ("it is not known here what it makes of 0 ohm",)
@@ -257,12 +252,13 @@ def _shunt(quirks: Quirks, case: _Case) -> tuple[float, tuple[str, ...]]:
         if value:
             siemens += 1 / value if unit == "ohms" else value
             reasons.append(f".option {option}={value:g} ties every node to ground")
-    if case.floating.size and quirks.floating == "everywhere":
+    floating = int(case.deck.is_floating.sum())
+    if floating and quirks.floating == "everywhere":
         given = (_option(case.deck, option) for option in quirks.gmin_options)
         gmin = next((value for value in given if value), quirks.gmin)
         siemens += gmin
         reasons.append(
-            f"{case.floating.size:,} floating nodes: the answer comes, with exit status 0, as if {gmin:g} S led from "
+            f"{floating:,} floating nodes: the answer comes, with exit status 0, as if {gmin:g} S led from "
             "every node to ground"
         )
     return siemens, tuple(reasons)
@@ -270,8 +266,7 @@ def _shunt(quirks: Quirks, case: _Case) -> tuple[float, tuple[str, ...]]:
 
 def _option(deck: Circuit, name: str) -> float:
     """Value of an option, 0 where it is not set or no positive number."""
-    rules = DIALECTS[deck.dialect].reading if deck.dialect in DIALECTS else None
-    number = None if rules is None else parse_numeral(deck.options.get(name, "0"), rules)
+    number = parse_numeral(deck.options.get(name, "0"), DIALECTS[deck.dialect].reading)
     return number.value if isinstance(number, Numeral) and number.value > 0 else 0.0
 
 

@@ -243,7 +243,7 @@ def misread(circuit: Circuit) -> Iterator[Violation]:
 
 
 def _simulators(trap: _Trap) -> str:
-    labels = [item.label for item in DIALECTS.values() if item.reading is not None and trap.misreads(item.reading)]
+    labels = [item.label for item in DIALECTS.values() if trap.misreads(item.reading)]
     return " and ".join(filter(None, (", ".join(labels[:-1]), labels[-1])))
 
 

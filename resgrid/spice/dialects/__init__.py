@@ -19,7 +19,7 @@ from resgrid.spice.dialects.xyce import XYCE
 DIALECTS = {dialect.name: dialect for dialect in (NGSPICE, LTSPICE, XYCE, HSPICE, SPECTRE)}
 """Every simulator by its name."""
 
-OWN_SUFFIXES = {item.reading.suffix: item.name for item in DIALECTS.values() if item.reading and item.reading.suffix}
+OWN_SUFFIXES = {item.reading.suffix: item.name for item in DIALECTS.values() if item.reading.suffix}
 """Ends of files' names that say whose deck it is."""
 
 DECK_SUFFIXES = (".cir", ".sp", ".spice", ".ckt", ".net", ".cdl", *OWN_SUFFIXES)

@@ -20,6 +20,9 @@ from typing import Literal
 
 Basis = Literal["measured", "documented"]
 
+GROUND_NAME = "0"
+"""What every simulator calls the reference node."""
+
 
 SUFFIXES = {"t": 12, "g": 9, "meg": 6, "k": 3, "m": -3, "u": -6, "µ": -6, "μ": -6, "n": -9, "p": -12, "f": -15}
 """Powers of ten of the suffixes that all but Spectre know, in lower case."""
@@ -192,26 +195,25 @@ class Dialect:
 
     Templates are for `str.format`; their fields are ``name``, ``a`` and ``b`` (nodes), ``value``, and what is named.
 
-    `name`: what the user calls it; `label`: what it calls itself; `ground`: name of the reference node; `reserved`:
-    legal words that mean something else as a node name; `comment`: what a full-line comment begins with; `preamble`:
-    lines that every deck begins with, behind its title; `resistor, voltage_source, current_source, capacitor`: a line
-    of each kind; values in SI units; `nonlinear_resistor`: the same for ``I = current * tanh(V / voltage)``;
-    `behavioural_current`: a source of the current ``value``, an expression; `spread_resistor`: a resistor whose value
-    the simulator draws: normal, ``sigma`` times the value its standard deviation; `spread_preamble`: what that needs in
-    front, for ``sigma``; `temperature_coefficients`: what is added to a resistor's line, for ``tc1`` in 1/K and ``tc2``
-    in 1/K^2; `piecewise`: what is added to a source's line to make it move in time: ``points``, pairs of time and
-    value; `small_signal`: what is added to the line of a source of 1 V in a small-signal analysis; `voltage`: the
-    voltage between ``a`` and ``b`` in an expression; `expression`: how an expression ``value`` stands where a number
-    would; `parameter`: definition of the parameter ``name``; `subcircuit, parameters, instance, end_subcircuit`: first
-    line of a subcircuit (``name``, ``nodes``, ``defaults``), how its parameters are introduced (in the body or in that
-    line, see `parameters_in_body`), an instance (``name``, ``nodes``, ``master``, ``values``), and the last line;
-    `instance_parameters`: what stands in front of an instance's values; `parameters_in_body`: whether the parameters of
-    a subcircuit stand in a line of their own; `include`: the statement that includes ``file``; `precise`: the options
-    that make Newton's method agree to 1e-9 where there are nonlinear resistors; `end`: last line of a deck; may be
-    empty; `statements`: the second file, that includes the deck and asks for analyses; `quirks`: where it errs;
-    `nominal_temperature`: at which values hold unless a deck says otherwise, in degrees Celsius; `engines`: programs
-    that run its decks here, and what they cost; `checks_itself`: whether its decks have a companion; `reading`: how its
-    decks are read.
+    `name`: what the user calls it; `label`: what it calls itself; `reserved`: legal words that mean something else as a
+    node name; `comment`: what a full-line comment begins with; `preamble`: lines that every deck begins with, behind
+    its title; `resistor, voltage_source, current_source, capacitor`: a line of each kind; values in SI units;
+    `nonlinear_resistor`: the same for ``I = current * tanh(V / voltage)``; `behavioural_current`: a source of the
+    current ``value``, an expression; `spread_resistor`: a resistor whose value the simulator draws: normal, ``sigma``
+    times the value its standard deviation; `spread_preamble`: what that needs in front, for ``sigma``;
+    `temperature_coefficients`: what is added to a resistor's line, for ``tc1`` in 1/K and ``tc2`` in 1/K^2;
+    `piecewise`: what is added to a source's line to make it move in time: ``points``, pairs of time and value;
+    `small_signal`: what is added to the line of a source of 1 V in a small-signal analysis; `expression`: how an
+    expression ``value`` stands where a number would; `parameter`: definition of the parameter ``name``; `subcircuit,
+    parameters, instance, end_subcircuit`: first line of a subcircuit (``name``, ``nodes``, ``defaults``), how its
+    parameters are introduced (in the body or in that line, see `parameters_in_body`), an instance (``name``, ``nodes``,
+    ``master``, ``values``), and the last line; `instance_parameters`: what stands in front of an instance's values;
+    `parameters_in_body`: whether the parameters of a subcircuit stand in a line of their own; `include`: the statement
+    that includes ``file``; `precise`: the options that make Newton's method agree to 1e-9 where there are nonlinear
+    resistors; `end`: last line of a deck; may be empty; `statements`: the second file, that includes the deck and asks
+    for analyses; `quirks`: where it errs; `nominal_temperature`: at which values hold unless a deck says otherwise, in
+    degrees Celsius; `engines`: programs that run its decks here, and what they cost; `checks_itself`: whether its decks
+    have a companion; `reading`: how its decks are read.
     """
 
     name: str
@@ -219,7 +221,7 @@ class Dialect:
     reserved: frozenset[str]
     statements: Statements
     quirks: Quirks
-    ground: str = "0"
+    reading: ReadingRules
     comment: str = "* "
     preamble: tuple[str, ...] = ()
     resistor: str = "{name} {a} {b} {value}"
@@ -233,7 +235,6 @@ class Dialect:
     temperature_coefficients: str = " tc1={tc1} tc2={tc2}"
     piecewise: str = " pwl({points})"
     small_signal: str = " ac 1"
-    voltage: str = "v({a},{b})"
     expression: str = "{{{value}}}"
     parameter: str = ".param {name}={value}"
     subcircuit: str = ".subckt {name} {nodes}{defaults}"
@@ -248,4 +249,3 @@ class Dialect:
     nominal_temperature: float = 27.0
     engines: Mapping[str, Costs] = field(default_factory=dict)
     checks_itself: bool = False
-    reading: ReadingRules | None = None

@@ -153,7 +153,7 @@ def _read_rasters(configuration: _Configuration) -> tuple[Network, NDArray[np.in
         raise InputError(f"{configuration.file('ground_file')}: a ground has a negative value")
     tied = _siemens(ground, configuration.measure("ground_file_is_resistances"))
     amps, to_ground = (
-        np.bincount(node[node >= 0], cells[node >= 0], len(names))
+        np.asarray(np.bincount(node[node >= 0], cells[node >= 0], len(names)), dtype=np.float64)
         for cells in (_siemens(raster_of("source_file"), "conductance"), tied)
     )
     return _settled(configuration, Network(names, edges, value, amps, to_ground)), node

@@ -29,8 +29,8 @@ def assemble_deck(collector: Collector, source: Source, limit: int | None) -> Ci
     expander = Expander(contents)
     elements = Elements(expander.node_table())
     elements.nodes.of("0", 0)
-    for origin, plain in collector.plain:
-        plain.enter(origin.number, elements)
+    for plain in collector.plain:
+        plain.enter(elements)
     expander.check_size(limit)
     diagnostics.raise_errors()
     expander.fill(scope, elements, contents.top.cards)

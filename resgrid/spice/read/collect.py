@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from itertools import chain, islice
+from itertools import accumulate, chain, islice
 
 from resgrid.errors import BudgetError, InputError
 from resgrid.spice.read import spectre
@@ -46,7 +46,7 @@ class Collector:
     library: Library
     contents: Contents
     quick: bool
-    plain: list[tuple[Source, PlainCards]] = field(default_factory=list)
+    plain: list[PlainCards] = field(default_factory=list)
     _skipping: bool = False
     _including: list[tuple[Source, str | None]] = field(default_factory=list)
     _inclusions: int = 0
@@ -102,9 +102,8 @@ class Collector:
         """Lines that need a closer look."""
         if not self.quick or self.contents.rules.instances:
             return plain_lines(source.data, start)
-        plain = PlainCards(source.data, start, self.contents.rules)
-        self.plain.append((source, plain))
-        return plain.others(lambda: len(self.contents.open) == 1 and not self._skipping)
+        self.plain.append(PlainCards(source, start, self.contents.rules))
+        return self.plain[-1].others(lambda: len(self.contents.open) == 1 and not self._skipping)
 
     def _take(self, stream: Iterable[Card], source: Source) -> None:
         contents = self.contents
@@ -155,7 +154,7 @@ class Collector:
             return "stop"
         if word in _BLOCKS:
             self._skip(card, stream, _BLOCKS[word])
-        if rules.instances and card.text.count("{") > card.text.count("}"):
+        if rules.instances and _opened(card) > 0:
             self._skip_braces(card, stream)
         if word in _INCLUSIONS:
             self._include(card, word, source, stream)
@@ -190,12 +189,8 @@ class Collector:
         self._skipping = False
 
     def _skip_braces(self, card: Card, stream: Iterable[Card]) -> None:
-        depth = card.text.count("{") - card.text.count("}")
-        for skipped in stream:
-            depth += skipped.text.count("{") - skipped.text.count("}")
-            if depth <= 0:
-                return
-        raise card.error(0, f"the brace of {card.text.split()[0]} is not closed")
+        if not any(depth <= 0 for depth in accumulate(map(_opened, chain([card], stream)))):
+            raise card.error(0, f"the brace of {card.text.split()[0]} is not closed")
 
     def _include(self, card: Card, word: str, source: Source, stream: Iterable[Card]) -> None:
         words, section, place = _file_and_section(card, word)
@@ -243,6 +238,11 @@ class Collector:
                 yield card
         if not exists:
             self.contents.diagnostics.error(CardError(asked, f"{source.name} has no section {section!r}"))
+
+
+def _opened(card: Card) -> int:
+    """How many braces it opens and does not close."""
+    return card.text.count("{") - card.text.count("}")
 
 
 def _file_and_section(card: Card, word: str) -> tuple[list[Token], str | None, int]:

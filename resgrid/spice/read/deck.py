@@ -10,8 +10,7 @@ from typing import IO
 
 from resgrid.errors import InputError
 from resgrid.spice.circuit import Circuit
-from resgrid.spice.dialects import DIALECTS
-from resgrid.spice.dialects.record import ReadingRules
+from resgrid.spice.dialects import DIALECTS, dialect_named
 from resgrid.spice.networks.circuitscape import read_circuitscape
 from resgrid.spice.networks.edges import is_edge_list, read_edges
 from resgrid.spice.networks.graphs import GRAPH_SUFFIXES, read_graph
@@ -115,26 +114,15 @@ def read_with(
 ) -> Circuit:
     """Read a deck as `read_spice`; files of at least so many bytes go through the compiled loops."""
     if dialect != "auto":
-        _rules_of(dialect)
+        dialect_named(dialect)
     library, source = _open(path, root)
-    rules = _rules_of(_dialect_of(source) if dialect == "auto" else dialect)
+    rules = dialect_named(_dialect_of(source) if dialect == "auto" else dialect).reading
     collector = Collector(library, Contents(rules, Diagnostics()), quick=len(source.data) >= least_bytes)
     try:
         collector.deck(source)
         return assemble_deck(collector, source, max_elements)
     except RecursionError:
         raise InputError(f"{source.name}: something in it is nested too deeply to be read") from None
-
-
-def _readable() -> dict[str, ReadingRules]:
-    return {dialect.name: dialect.reading for dialect in DIALECTS.values() if dialect.reading is not None}
-
-
-def _rules_of(dialect: str) -> ReadingRules:
-    known = _readable()
-    if dialect not in known:
-        raise InputError(f"decks of dialect {dialect!r} cannot be read; those of {', '.join(known)} can")
-    return known[dialect]
 
 
 def _open(
@@ -175,7 +163,6 @@ def _dialect_of(source: Source) -> str:
             return stated.group(1).decode()
     data = source.data
     text = b"\n" + (data[:_LOOKED_AT] + data[-_LOOKED_AT:] if len(data) > 2 * _LOOKED_AT else data).lower()
-    rules = list(_readable().values())
-    named = (rule.name for rule in rules if suffix and rule.suffix == suffix)
-    signed = (rule.name for rule in rules if any(sign in text for sign in rule.signs))
+    named = (name for name, item in DIALECTS.items() if suffix and item.reading.suffix == suffix)
+    signed = (name for name, item in DIALECTS.items() if any(sign in text for sign in item.reading.signs))
     return next(chain(named, signed), "ngspice")

@@ -158,12 +158,7 @@ def _read_resistor(card: Card, scope: Scope, elements: Elements) -> None:
     element = _cut(card, scope, "r resistance l w")
     if card.rules.spaced_lists:
         _refuse_unspaced(card, element.pairs)
-    model, stated = _model_and_values(element, scope, RESISTOR_KINDS)
-    stated += [element.keys[key][0] for key in ("r", "resistance") if key in element.keys]
-    if len(stated) > 1:
-        offset = element.positional[-1].offset if element.positional else None
-        raise card.error(offset, "more than one resistance is given")
-    ohms = stated[0] if stated else None
+    model, ohms = _model_and_value(element, scope, RESISTOR_KINDS, "resistance", "r", "resistance")
     first, second, nominal = 0.0, 0.0, math.nan
     if model is not None:
         length, width = (element.keys[key][0] if key in element.keys else None for key in ("l", "w"))
@@ -198,8 +193,13 @@ def _refuse_unspaced(card: Card, pairs: list[Setting]) -> None:
             )
 
 
-def _model_and_values(element: Element, scope: Scope, kinds: frozenset[str]) -> tuple[Model | None, list[float]]:
-    """What stands without a key: the name of a model, values."""
+def _model_and_value(
+    element: Element, scope: Scope, kinds: frozenset[str], what: str, *keys: str
+) -> tuple[Model | None, float | None]:
+    """The model that an element names, and its value, without a key or behind one of these.
+
+    `what`: what the value is; empty where it does not matter how many there are.
+    """
     card, model, values = element.card, None, []
     for token in element.positional:
         named = scope.block.model(token.text.lower()) if token.kind == "word" else None
@@ -218,7 +218,11 @@ def _model_and_values(element: Element, scope: Scope, kinds: frozenset[str]) -> 
             )
         else:
             model = named
-    return model, values
+    values += [element.keys[key][0] for key in keys if key in element.keys]
+    if len(values) > 1 and what:
+        offset = element.positional[-1].offset if element.positional else None
+        raise card.error(offset, f"more than one {what} is given")
+    return model, values[0] if values else None
 
 
 def _is_literal(token: Token) -> bool:
@@ -255,16 +259,13 @@ def _plain(ohms: float) -> tuple[float, ...]:
 
 def _read_capacitor(card: Card, scope: Scope, elements: Elements) -> None:
     element = _cut(card, scope, "c l w rser v irms")
-    model, stated = _model_and_values(element, scope, frozenset({"c", "cap", "capacitor"}))
-    stated += element.keys.get("c", [])
-    if len(stated) > 1:
-        raise card.error(None, "more than one capacitance is given")
-    if not stated:
+    model, farads = _model_and_value(element, scope, frozenset({"c", "cap", "capacitor"}), "capacitance", "c")
+    if farads is None:
         if model is None:
             raise card.error(None, f"{element.name} has no value")
         text = "the capacitance of a model is not computed: it is open at direct current"
         scope.diagnostics.inform(card.spot(), text)
-    farads = stated[0] * multiplier(card, element.value("m", 1.0)) if stated else 0.0
+    farads = (farads or 0.0) * multiplier(card, element.value("m", 1.0))
     if not 0 <= farads < math.inf:
         raise card.error(None, f"{element.name} has {farads:g} F; a capacitance must not be negative")
     elements.add("capacitor", element.name, element.nodes, (farads,), card)
@@ -272,8 +273,8 @@ def _read_capacitor(card: Card, scope: Scope, elements: Elements) -> None:
 
 def _read_inductor(card: Card, scope: Scope, elements: Elements) -> None:
     element = _cut(card, scope, "l nt rser ipk r")
-    model, stated = _model_and_values(element, scope, frozenset({"l", "ind", "inductor"}))
-    if not stated and model is None and "l" not in element.keys:
+    model, henries = _model_and_value(element, scope, frozenset({"l", "ind", "inductor"}), "", "l")
+    if henries is None and model is None:
         raise card.error(None, f"{element.name} has no value")
     series = element.value("rser", element.value("r", 0.0))
     if series:

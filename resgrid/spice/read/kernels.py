@@ -39,17 +39,6 @@ for _kind, _letters in enumerate((b"rR", b"vV", b"iI", b"cC")):
     KINDS[list(_letters)] = _kind
 
 
-@inner
-def _is(text: Bytes, start: int, stop: int, word: Bytes) -> bool:
-    """Whether a word, given in lower case, stands there."""
-    if stop - start != len(word):
-        return False
-    for i in range(len(word)):  # noqa: SIM110
-        if FOLDED[text[start + i]] != word[i]:
-            return False
-    return True
-
-
 @njit(cache=True, inline="always")
 def _token_end(text: Bytes, start: int) -> int:
     """End of a run of characters that a plain card may hold; the line ends at the latest."""
@@ -136,7 +125,6 @@ def cut(
     line: int,
     has_slashes: bool,
     comments: NDArray[np.bool_],
-    dc: Bytes,
     known: NodeHash,
     cards: CardTable,
     other: NDArray[np.int64],
@@ -156,7 +144,7 @@ def cut(
         i = _skip_blanks(text, begin)
         c = text[i]
         if KINDS[c] != NO_KIND:
-            stop, node_count = _card(text, i, KINDS[c], has_slashes, dc, known, node_count, number, cards, card)
+            stop, node_count = _card(text, i, KINDS[c], has_slashes, known, node_count, number, cards, card)
             if stop >= 0:
                 cards.kind[card] = KINDS[c]
                 cards.line[card] = number
@@ -204,7 +192,7 @@ def _is_decimal(text: Bytes, start: int, stop: int) -> bool:
     if i < stop and text[i] | 32 == 101:
         i += 1
         i += i < stop and (text[i] == 45 or text[i] == 43)
-        digits *= i < stop
+        digits *= 0 < stop - i <= 9  # as many as are read of an exponent
         while i < stop and _is_digit(text[i]):
             i += 1
     return i == stop and digits > 0
@@ -225,7 +213,6 @@ def _card(
     start: int,
     kind: int,
     has_slashes: bool,
-    dc: Bytes,
     known: NodeHash,
     node_count: int,
     line: int,
@@ -241,8 +228,8 @@ def _card(
     v = _skip_blanks(text, b_stop)
     if kind == 0 and FOLDED[text[v]] == 114 and text[v + 1] == 61:
         v += 2
-    elif 1 <= kind <= 2 and _is(text, v, _token_end(text, v), dc):
-        v = _skip_blanks(text, v + 2)
+    elif 1 <= kind <= 2 and FOLDED[text[v]] == 100 and FOLDED[text[v + 1]] == 99 and CLASSES[text[v + 2]] == BLANK:
+        v = _skip_blanks(text, v + 2)  # behind DC
     v_stop = _token_end(text, v)
     stop = _skip_blanks(text, v_stop)
     if text[stop] != 10 or min(a - name_stop, b - a_stop, v - b_stop, v_stop - v) == 0:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from resgrid.spice.dialects.record import ReadingRules
 from resgrid.spice.read.cards import strip_comment
-from resgrid.spice.read.files import decode
+from resgrid.spice.read.files import Source, decode
 from resgrid.spice.read.numerals import Numeral, parse_numeral
 from resgrid.spice.read.tables import Elements, Part
 
@@ -24,7 +24,6 @@ LEAST_BYTES = 40_000
 
 _KINDS = ("resistor", "voltage source", "current source", "capacitor")
 """What the kinds of plain cards are."""
-_DC = np.frombuffer(b"dc", dtype=np.uint8)
 
 
 def plain_lines(data: bytes, start: int) -> Iterator[tuple[int, str]]:
@@ -36,11 +35,13 @@ def plain_lines(data: bytes, start: int) -> Iterator[tuple[int, str]]:
 class PlainCards:
     """The plain cards of a file, cut away from its other lines while those are read."""
 
-    def __init__(self, data: bytes, start: int, rules: ReadingRules) -> None:
+    def __init__(self, source: Source, start: int, rules: ReadingRules) -> None:
         from resgrid.spice.read.kernels import CardTable, NodeHash
 
+        data = source.data
         rows = data.count(b"\n", start)
-        self._data, self._text, self._rules = data, np.frombuffer(data, dtype=np.uint8), rules
+        self._file, self._data, self._text = source.number, data, np.frombuffer(data, dtype=np.uint8)
+        self._rules = rules
         self._position, self._line = start, data.count(b"\n", 0, start) + 1
         self._counts = (0, 0, 0)  # of cards, other lines, and nodes
         self._known = NodeHash(
@@ -70,9 +71,9 @@ class PlainCards:
         of_command = goes_on = False
         while self._position < len(self._data):
             if may_cut() and not (of_command or goes_on):
-                lines = self._cut()
-                yield from lines
-                goes_on = bool(lines) and "\\" in lines[-1][1]
+                for first, last, number in self._cut():
+                    yield number, decode(self._data[first:last])
+                    goes_on = b"\\" in self._data[first:last]
                 if self._position == len(self._data):
                     break
             number, line = self._next_line()
@@ -88,40 +89,41 @@ class PlainCards:
         self._position, self._line = stop + 1, self._line + 1
         return line
 
-    def _cut(self) -> list[tuple[int, str]]:
-        """Cut cards away up to the next command, and return the other lines before it."""
+    def _cut(self) -> list[tuple[int, int, int]]:
+        """Cut cards away up to the next command: first and last byte and number of every other line before it."""
         from resgrid.spice.read.kernels import cut
 
         first_card, first_other, _ = self._counts
-        self._position, self._line, *counts = cut(
-            self._text, self._position, self._line, self._has_slashes, self._comments, _DC,
+        self._position, self._line, count, others, nodes = cut(
+            self._text, self._position, self._line, self._has_slashes, self._comments,
             self._known, self._cards, self._other, *self._counts,
         )  # fmt: skip
-        self._counts = tuple(counts)
-        kind, name, *_, line = cards = type(self._cards)._make(one[first_card : counts[0]] for one in self._cards)
+        self._counts = count, others, nodes
+        kind, name, *_, line = cards = type(self._cards)._make(one[first_card:count] for one in self._cards)
         value = _values(self._text, cards, self._rules)
         value[(kind == _KINDS.index("capacitor")) & (value < 0)] = np.nan
-        self._value[first_card : counts[0]] = value
+        self._value[first_card:count] = value
         doubtful = np.flatnonzero(~np.isfinite(value))
-        starts = [self._data.rfind(b"\n", 0, first) + 1 for first in name[doubtful, 0].tolist()]
-        rows = self._other[first_other : counts[1]].tolist()
-        rows += [(start, self._data.index(b"\n", start), at) for start, at in zip(starts, line[doubtful], strict=True)]
-        rows = sorted(rows, key=itemgetter(2)) if starts else rows
-        return [(number, decode(self._data[first:last])) for first, last, number in rows]
+        rows: list[tuple[int, int, int]] = self._other[first_other:others].tolist()
+        for place, number in zip(name[doubtful, 0].tolist(), line[doubtful].tolist(), strict=True):
+            rows.append((self._data.rfind(b"\n", 0, place) + 1, self._data.index(b"\n", place), number))
+        if doubtful.size:
+            rows.sort(key=itemgetter(2))
+        return rows
 
-    def enter(self, file: int, elements: Elements) -> None:
-        """Enter what was cut away of a file into the elements of the deck."""
+    def enter(self, elements: Elements) -> None:
+        """Enter what was cut away into the elements of the deck."""
         count, _, nodes = self._counts
         plain = np.isfinite(self._value[:count])
         spans = self._known.spans[:nodes]
         short = np.flatnonzero(spans[:, 1] - spans[:, 0] <= max(map(len, self._rules.grounds)))
         names = _words_at(self._text, spans[:, :2])
-        numbers = elements.nodes.of_all(names, file << 40 | spans[:, 2], short.tolist())
+        numbers = elements.nodes.of_all(names, self._file << 40 | spans[:, 2], short.tolist())
         for code, kind in enumerate(_KINDS):
             own = np.flatnonzero(plain & (self._cards.kind[:count] == code))
             if own.size:
                 line = self._cards.line[own].astype(np.int64)
-                place = np.stack([np.full(len(line), file), line], axis=1)
+                place = np.stack([np.full(len(line), self._file), line], axis=1)
                 names_of = partial(_words_at, self._text, self._cards.name[own])
                 ends, value = numbers[self._cards.nodes[own]], self._value[own, np.newaxis]
                 elements.parts[kind].append(Part(names_of, ends, value, place, None))

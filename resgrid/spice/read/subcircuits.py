@@ -54,10 +54,9 @@ class Expander:
 
     contents: Contents
     used: set[str] = field(default_factory=set)
-    _flats: dict[object, Flat] = field(default_factory=dict)
-    _calls: dict[int, Call] = field(default_factory=dict)
-    _sizes: dict[int, int] = field(default_factory=dict)
-    _scopes: list[Scope] = field(default_factory=list)
+    _flats: dict[tuple[Scope, Block, tuple[tuple[str, float], ...]], Flat] = field(default_factory=dict)
+    _calls: dict[Card, Call] = field(default_factory=dict)
+    _sizes: dict[Block, int] = field(default_factory=dict)
 
     def node_table(self) -> NodeTable:
         """An empty table of nodes."""
@@ -65,7 +64,7 @@ class Expander:
 
     def fill(self, scope: Scope, elements: Elements, cards: Iterable[Card]) -> None:
         """Read the cards of a block into its elements, calls expanded."""
-        groups: dict[int, tuple[Flat, list[tuple[Call, float]]]] = {}
+        groups: dict[Flat, list[tuple[Call, float]]] = {}
         names: set[str] = set()
         for card in cards:
             try:
@@ -76,13 +75,12 @@ class Expander:
                         raise card.error(0, f"{call.name} is called twice; instances need names of their own")
                     names.add(call.name.lower())
                     given, factor = self._given(call, scope)
-                    flat = self._flat(call, given, scope)
-                    groups.setdefault(id(flat), (flat, []))[1].append((call, factor))
+                    groups.setdefault(self._flat(call, given, scope), []).append((call, factor))
                 else:
                     read_element(card, letter, scope, elements)
             except CardError as error:
                 scope.diagnostics.error(error)
-        for flat, calls in groups.values():
+        for flat, calls in groups.items():
             _stamp(flat, calls, elements)
         if elements.nodes.clashes:
             raise InputError(
@@ -103,8 +101,8 @@ class Expander:
             )
 
     def _size(self, block: Block, path: list[Block]) -> int:
-        if id(block) in self._sizes:
-            return self._sizes[id(block)]
+        if block in self._sizes:
+            return self._sizes[block]
         count = 0
         for card in block.cards:
             try:
@@ -120,13 +118,12 @@ class Expander:
                 self.contents.diagnostics.error(error)
                 continue
             count += max(1, self._size(call.block, [*path, block]))
-        self._sizes[id(block)] = count
+        self._sizes[block] = count
         return count
 
     def _call(self, card: Card, block: Block) -> Call:
-        known = self._calls.get(id(card))
-        if known is not None:
-            return known
+        if card in self._calls:
+            return self._calls[card]
         positional, tail = split_call(tokenise(card))
         if len(positional) < 2 or any(token.kind not in ("word", "string") for token in positional):
             raise card.error(None, f"{card.text.split()[0]} needs its nodes and the name of a subcircuit")
@@ -141,7 +138,7 @@ class Expander:
             text = f"{instance.text} has {len(nodes)} node(s), but {target.name} has {len(target.ports)}"
             raise card.error(name.offset, text)
         call = Call(card, instance.text, nodes, target, tuple(settings(card, tail)))
-        self._calls[id(card)] = call
+        self._calls[card] = call
         return call
 
     def _given(self, call: Call, scope: Scope) -> tuple[dict[str, float], float]:
@@ -200,7 +197,7 @@ class Expander:
 
     def _flat(self, call: Call, given: dict[str, float], outer: Scope) -> Flat:
         block = call.block
-        key = (id(block), tuple(sorted(given.items())), id(outer))
+        key = (outer, block, tuple(sorted(given.items())))
         if key in self._flats:
             return self._flats[key]
         self.used.add(block.name)
@@ -211,7 +208,6 @@ class Expander:
             words = f"{shared} is a terminal of {block.name} and {command}; simulators differ on that: rename one"
             raise CardError(block.spot, words)
         scope = Scope(block, outer.diagnostics, outer, given)
-        self._scopes.append(scope)  # identifies its flats for as long as this lives
         table = self.node_table()
         for i, port in enumerate(block.ports):
             table.names.append(port)

@@ -130,7 +130,6 @@ class Part:
     order: NDArray[np.int64] | None
 
     def __len__(self) -> int:
-        """How many elements they are."""
         return len(self.nodes)
 
     @property
@@ -213,25 +212,19 @@ def _sorted(part: Part) -> Part:
 
 
 class LateNames(Mapping[str, tuple[str, ...]]):
-    """Names of elements per kind, made when they are first asked for.
-
-    `makers`: what makes the names of each kind.
-    """
+    """Names of elements per kind, made when they are first asked for."""
 
     def __init__(self, makers: Mapping[str, Callable[[], Sequence[str]]]) -> None:
-        self._makers = dict(makers)
+        self._makers = makers
         self._made: dict[str, tuple[str, ...]] = {}
 
     def __getitem__(self, kind: str) -> tuple[str, ...]:
-        """Names of a kind."""
         if kind not in self._made:
             self._made[kind] = tuple(self._makers[kind]())
         return self._made[kind]
 
     def __iter__(self) -> Iterator[str]:
-        """Kinds."""
         return iter(self._makers)
 
     def __len__(self) -> int:
-        """Number of kinds."""
         return len(self._makers)

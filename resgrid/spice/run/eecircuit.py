@@ -39,7 +39,7 @@ def simulate_eecircuit(
     data: bytes, *, source: str = "deck", timeout: float = 600.0, direct: bool = False
 ) -> Simulation:
     """Find the operating point of a deck's content with ``eecircuit-engine``; as `ngspice.simulate`."""
-    node, module = find_program(os.environ.get(NODE_VARIABLE) or "node", _INSTALL), find_module()
+    node, module = find_program(NODE_VARIABLE, "node", _INSTALL), find_module()
     refuse_commands(data, source, models=direct)
     with tempfile.TemporaryDirectory(prefix="resgrid-") as name:
         folder = Path(name)

@@ -81,7 +81,7 @@ def simulate(
     ``source`` names it in messages; ``direct``: it asks for its analysis itself; ``files``: what it includes, by their
     places beside its own ``place``.  It may take ``timeout`` seconds.
     """
-    program = find_program(os.environ.get(EXECUTABLE_VARIABLE) or "ngspice", _INSTALL)
+    program = find_program(EXECUTABLE_VARIABLE, "ngspice", _INSTALL)
     refuse_commands(data, source, models=direct, includes=bool(files))
     with tempfile.TemporaryDirectory(prefix="resgrid-") as name:
         folder = Path(name)
@@ -100,14 +100,15 @@ def simulate(
 def ngspice_version() -> str:
     """Version of the installed ngspice, e.g. ``"39"``; ``"unknown"`` if it does not tell."""
     with tempfile.TemporaryDirectory(prefix="resgrid-") as name:
-        return _version(find_program(os.environ.get(EXECUTABLE_VARIABLE) or "ngspice", _INSTALL), Path(name))
+        return _version(find_program(EXECUTABLE_VARIABLE, "ngspice", _INSTALL), Path(name))
 
 
-def find_program(name: str, remedy: str) -> str:
-    """Absolute path of a program."""
-    path = shutil.which(name)
+def find_program(variable: str, name: str, remedy: str) -> str:
+    """Absolute path of a program, which a variable of the environment may name."""
+    named = os.environ.get(variable) or name
+    path = shutil.which(named)
     if path is None:
-        raise ToolMissingError(remedy.format(name=repr(name)))
+        raise ToolMissingError(remedy.format(name=repr(named)))
     return str(Path(path).absolute())
 
 

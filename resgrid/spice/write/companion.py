@@ -9,11 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from resgrid.spice.circuit import TOLERANCE
 from resgrid.spice.write.flat import Deck, plain
 from resgrid.spice.write.sidecar import Expected
 
-TOLERANCE = 1e-9
-"""Largest error of a voltage relative to the supply, of a current to the largest, of a value to itself."""
 LARGEST = 400_000
 """Number of comparisons beyond which no companion is written: ngspice would take hours for the deck alone."""
 _PER_LINE = 40

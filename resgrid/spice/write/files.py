@@ -19,7 +19,7 @@ from resgrid.scene.chip import Chip
 from resgrid.spice.analyses import Analysis, MismatchAnalysis, TransientAnalysis, kind_of
 from resgrid.spice.dialects import dialect_named
 from resgrid.spice.write.companion import LARGEST, format_companion
-from resgrid.spice.write.flat import Deck, flatten
+from resgrid.spice.write.flat import flatten
 from resgrid.spice.write.sidecar import digest, expect, format_sidecar, sidecar_path
 from resgrid.spice.write.statements import additions, format_commands, only_one
 from resgrid.spice.write.tile_deck import write_tiles
@@ -159,13 +159,8 @@ def write_spice(
         companion=files.get("verify"),
         chip=files.get("chip"),
         pattern=files.get("pattern"),
-        left_out=left_out_of(deck),
+        left_out=deck.missing,
     )
-
-
-def left_out_of(deck: Deck) -> dict[str, int]:
-    """How many nodes and elements of its circuit a deck does not hold, by kind."""
-    return {**({"floating node": len(deck.left_out)} if deck.left_out else {}), **deck.dropped}
 
 
 def _drawn(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from resgrid.errors import CircuitError, InputError
 from resgrid.graphs import ELEMENTS
-from resgrid.netlist import GROUND, Netlist
+from resgrid.netlist import Netlist
 from resgrid.spice.circuit import Circuit
 from resgrid.spice.dialects import dialect_named
 from resgrid.spice.dialects.record import Dialect
@@ -49,6 +49,11 @@ class Deck:
     resistor_value: NDArray[np.float64]
     parts: Mapping[str, str] = field(default_factory=dict)
     dropped: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def missing(self) -> dict[str, int]:
+        """How many nodes and elements of the netlist it does not hold, by kind."""
+        return {**({"floating node": len(self.left_out)} if self.left_out else {}), **self.dropped}
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +184,7 @@ def _held_nodes(netlist: Netlist) -> NDArray[np.bool_]:
             f"current source {source} from node {where[0]} to node {where[1]} feeds a floating part that lets no "
             "current out: remove it, or join the part to ground"
         )
-    held: NDArray[np.bool_] = circuit.part == circuit.part[GROUND]
+    held = ~circuit.is_floating
     if held.sum() < 2:
         raise InputError("nothing is left to write: no node has a path of resistors or voltage sources to ground")
     return held

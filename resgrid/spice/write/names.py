@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from resgrid.graphs import ELEMENTS
 from resgrid.netlist import GROUND, Netlist
-from resgrid.spice.dialects.record import Dialect
+from resgrid.spice.dialects.record import GROUND_NAME, Dialect
 
 INITIALS = {"voltage source": "v", "current source": "i", "resistor": "r", "nonlinear resistor": "b", "capacitor": "c"}
 """The first letter of every element's name, by its kind; in the order of a deck."""
@@ -31,7 +31,7 @@ def name_nodes(netlist: Netlist, dialect: Dialect, held: NDArray[np.bool_]) -> l
     names = [""] * netlist.node_count
     for node, name in zip(nodes.tolist(), given, strict=True):
         names[node] = name
-    names[GROUND] = dialect.ground
+    names[GROUND] = GROUND_NAME
     return names
 
 

@@ -22,7 +22,7 @@ from resgrid.spice.analyses import (
     TransientAnalysis,
     kind_of,
 )
-from resgrid.spice.dialects.record import Dialect, Statements
+from resgrid.spice.dialects.record import GROUND_NAME, Dialect, Statements
 from resgrid.spice.write.flat import Additions, Deck
 
 _KINDS: dict[type[Analysis], str] = {
@@ -190,24 +190,24 @@ def _change(deck: Deck, transient: TransientAnalysis | None) -> Iterator[str]:
         return
     rules, before, after = deck.dialect, deck.netlist, transient.after
     names = dict(zip(before.names_of(deck.nodes), deck.node_names, strict=True))
-    names[before.node_name(GROUND)] = rules.ground
+    names[before.node_name(GROUND)] = GROUND_NAME
     wave = rules.piecewise.format(points=f"0.0 0.0 {transient.step!r} 1.0")
     yield f"{rules.comment}the change of the scene"
-    yield rules.voltage_source.format(name="v_scene_step", a="scene_step", b=rules.ground, value="0.0") + wave
-    step = rules.voltage.format(a="scene_step", b=rules.ground)
+    yield rules.voltage_source.format(name="v_scene_step", a="scene_step", b=GROUND_NAME, value="0.0") + wave
+    step = f"v(scene_step,{GROUND_NAME})"
     siemens = _sums(after, "resistor", "conductance")
     for number, ((first, second), value) in enumerate(_sums(before, "resistor", "conductance").items()):
         difference = siemens[first, second] - value
         if difference and first in names and second in names:
             a, b = names[first], names[second]
-            current = f"({difference!r})*{rules.voltage.format(a=a, b=b)}*{step}"
+            current = f"({difference!r})*v({a},{b})*{step}"
             yield rules.behavioural_current.format(name=f"b_scene_{number}", a=a, b=b, value=current)
     fed = _fed(after)
     for node, amps in _fed(before).items():
         difference = fed[node] - amps
-        if difference and names.get(node, rules.ground) != rules.ground:
+        if difference and names.get(node, GROUND_NAME) != GROUND_NAME:
             name, current = f"b_drive_{names[node]}", f"({difference!r})*{step}"
-            yield rules.behavioural_current.format(name=name, a=rules.ground, b=names[node], value=current)
+            yield rules.behavioural_current.format(name=name, a=GROUND_NAME, b=names[node], value=current)
 
 
 def _fed(netlist: Netlist) -> dict[str, float]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from resgrid.netlist import Netlist
 from resgrid.scene.chip import Chip
-from resgrid.spice.dialects.record import Dialect
+from resgrid.spice.dialects.record import GROUND_NAME, Dialect
 from resgrid.spice.write.flat import Additions, Deck, fill, flatten, plain, spread_preamble
 from resgrid.spice.write.tiles import ENDS, RAILS, Tiles, tiles_of
 
@@ -57,7 +57,7 @@ def _deck_lines(tiles: Tiles, flat: Deck, name: str, additions: Additions) -> It
     supplies = zip(netlist.names_of(netlist.source_nodes[:, 0]), plain(netlist.source_volts), strict=True)
     suffixes = additions.of(range(len(netlist.source_volts)))
     for (node, volts), suffix in sorted(zip(supplies, suffixes, strict=True), reverse=True):
-        yield rules.voltage_source.format(name=f"v_{node}", a=node, b=rules.ground, value=volts) + suffix
+        yield rules.voltage_source.format(name=f"v_{node}", a=node, b=GROUND_NAME, value=volts) + suffix
     yield from [rules.end] if rules.end else []
 
 
@@ -162,10 +162,10 @@ def _elements(rules: Dialect, tiles: Tiles, axes: Sequence[int], spread: float) 
         ohms = expression(_switch(rail, closed.format("state")))
         yield rules.resistor.format(name=f"r_{rail}", a="n", b=rail, value=ohms)
     if tiles.capacitance:
-        yield rules.capacitor.format(name="c_node", a="n", b=rules.ground, value=expression("capacitance"))
+        yield rules.capacitor.format(name="c_node", a="n", b=GROUND_NAME, value=expression("capacitance"))
     if tiles.wiring.drive == "uniform":
         amps = expression(f"drive*{_FREE.format('state')}")
-        yield rules.current_source.format(name="i_drive", a=rules.ground, b="n", value=amps)
+        yield rules.current_source.format(name="i_drive", a=GROUND_NAME, b="n", value=amps)
 
 
 def _switch(name: str, closed: str) -> str:

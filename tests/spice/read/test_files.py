@@ -86,7 +86,7 @@ def test_decks_that_cannot_be_read(root: Path, name: str, says: str) -> None:
 
 def test_unknown_dialects_and_roots_are_refused(root: Path) -> None:
     path = write(root, "R1 a 0 1")
-    with pytest.raises(InputError, match="ngspice, ltspice, xyce, hspice"):
+    with pytest.raises(InputError, match="hspice, ltspice, ngspice, spectre, xyce"):
         read_spice(path, dialect="berkeley")
     with pytest.raises(InputError, match="no folder"):
         read_spice(path, root=root / "absent")

@@ -8,6 +8,7 @@ from support.decks import outcome, same
 
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.read.deck import read_with
+from resgrid.spice.read.files import Source
 from resgrid.spice.read.plain import PlainCards
 from resgrid.spice.read.tables import Elements, NodeTable
 
@@ -19,11 +20,12 @@ floats = st.one_of(
 
 def cut(text: str) -> tuple[list[str], list[float]]:
     """Names and values of the plain resistors of a text."""
-    cards, elements = PlainCards(text.encode(), 0, DIALECTS["ngspice"].reading), Elements(NodeTable(frozenset({"0"})))
+    cards = PlainCards(Source(0, "deck", None, text.encode()), 0, DIALECTS["ngspice"].reading)
+    elements = Elements(NodeTable(frozenset({"0"})))
     elements.nodes.of("0", 0)
     for _ in cards.others(lambda: True):
         pass
-    cards.enter(0, elements)
+    cards.enter(elements)
     found = elements.joined("resistor")
     return found.names(), found.values[:, 0].tolist()
 
@@ -99,6 +101,8 @@ CARDS = st.sampled_from(
             "I7 0 a 1.5.2",
             ".if 1",
             "R21 a b 1e",
+            "R22 a b 1e000000001",
+            "R23 a b 1e0000000001",
         ),
     )
 )
@@ -127,3 +131,13 @@ def test_a_node_is_spelt_as_where_it_stands_first_whichever_way_the_file_is_read
     path.write_text("title\nR1 a4 0 {1}\nR2 (A4 0) 2\nI1 a4 0 0.7M\nV1 x A4 1\n")
     for least_bytes in (0, 10**9):
         assert read_with(path, least_bytes=least_bytes).node_names == ("0", "a4", "x")
+
+
+def test_files_that_are_included_are_read_alike(tmp_path) -> None:
+    path = tmp_path / "deck.cir"
+    path.write_text("title\nV1 a 0 1\n.include more.inc\nR1 a 0 1\n.include more.inc\nR2 a b 2\n")
+    (tmp_path / "more.inc").write_text("R3 a B 1M\n+ m=2\nR4 b 0 5M\n.subckt s p q\nR1 p q 1\n.ends\nR5 b 0 1k\n")
+    assert same(outcome(path, 10**9), outcome(path, 0))
+    path.write_text(path.read_text().replace("R1 a 0 1\n.include more.inc\n", ""))
+    assert same(outcome(path, 10**9), outcome(path, 0))
+    assert sorted(read_with(path, least_bytes=0).resistance.tolist()) == [5e-4, 5e-3, 2.0, 1e3]
