@@ -108,7 +108,8 @@ def plane_of(space: ConfigurationSpace, cut: tuple[int, int] | None = None) -> P
         raise InputError(
             f"this picture needs a space of two axes, this one has {space.ndim}; draw(field) shows one to three axes"
         )
-    return Plane(*space.axes, space.cell, connected, space.frame)
+    x, y = space.axes
+    return Plane(x, y, space.cell, connected, space.frame)
 
 
 def leading_on(space: ConfigurationSpace) -> NDArray[np.bool_]:
