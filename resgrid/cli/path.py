@@ -104,6 +104,7 @@ def _shortened(route: Route, clearance: float) -> Route:
 
 def _timed(route: Route, speed: tuple[float, ...], acceleration: tuple[float, ...], rate: float | None) -> Route:
     """A route with its times, at `rate` samples a second if that is given."""
-    velocity, change = (limits[0] if len(limits) == 1 else limits or None for limits in (speed, acceleration))
-    motion = rg.time_path(route.short or route.streamline, velocity_limits=velocity, acceleration_limits=change)
+    velocity, change = (limits[0] if len(limits) == 1 else limits for limits in (speed, acceleration))
+    path = route.short or route.streamline
+    motion = rg.time_path(path, velocity_limits=velocity, acceleration_limits=change or None)
     return replace(route, motion=motion if rate is None else motion.resampled(rate))

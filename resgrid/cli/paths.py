@@ -7,7 +7,7 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import resgrid as rg
-from resgrid.cli.report import NEGATIVE, finish, quietly, say, stage
+from resgrid.cli.report import NEGATIVE, counted, finish, quietly, say, stage
 from resgrid.cli.scenes import Job, place_of, size_of
 from resgrid.errors import InputError
 
@@ -60,7 +60,7 @@ def route_line(route: Route) -> str:
     clearance = f", clearance {path.clearance:.4g}{unit}" if path.clearance < float("inf") else ""
     shorter = f", shortened to {route.short.length:.6g}{unit}" if route.short is not None else ""
     time = f", {route.motion.duration:.4g} s" if route.motion is not None else ""
-    size = f"{len(path.cells)} cells"
+    size = counted(len(path.cells), "cell")
     return f"{head}reached goal {path.goal}, length {path.length:.6g}{unit}{clearance}, {size}{shorter}{time}"
 
 

@@ -31,25 +31,27 @@ _NO_METADATA: dict[str, dict[str, None]] = {
 _SETTINGS: Any = {"svg.hashsalt": "resgrid", "pdf.fonttype": 42}
 
 
-class _Picture(Figure):
+class NotebookFigure(Figure):
     """A figure that a notebook shows, though no window knows of it."""
 
     def add_subplot(self, *place: Any, **options: Any) -> Any:
         """Add axes that a notebook shows, too."""
-        return super().add_subplot(*place, **{"axes_class": _PictureAxes} | options)
+        return super().add_subplot(*place, **{"axes_class": NotebookAxes} | options)
 
     def _repr_png_(self) -> bytes:
         return render_figure(self, "png", dpi=NOTEBOOK_DPI)
 
 
-class _PictureAxes(Axes):
+class NotebookAxes(Axes):
+    """Axes that a notebook shows, with their whole figure."""
+
     def _repr_png_(self) -> bytes:
         return render_figure(self, "png", dpi=NOTEBOOK_DPI)
 
 
 def new_figure(width: float, height: float) -> Figure:
     """Make a figure that no window knows of."""
-    figure = _Picture(figsize=(width, height), dpi=DPI, layout="constrained")
+    figure = NotebookFigure(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 

@@ -125,7 +125,7 @@ def _draw_graph(netlist: Netlist, op: OperatingPoint | None, ax: Axes | None) ->
     place = _places(netlist, groups)
     bundles = _bundles(groups, place)
     texts = _texts(netlist, op, place, bundles)
-    drawn = [*shapely.points(place[1:]), *_all_shapes(bundles), *(box for _, box in texts)]
+    drawn = [*map(shapely.Point, place[1:]), *_all_shapes(bundles), *(box for _, box in texts)]
     left, bottom, right, top = (shapely.total_bounds(drawn) + np.array([-0.2, -0.2, 0.2, 0.2])).tolist()
     width, height = max(0.8 * (right - left), 2.0), max(0.8 * (top - bottom), 2.0)
     axes = new_figure(width, height).add_subplot() if ax is None else ax
@@ -197,14 +197,14 @@ def _lying(places: Place) -> Place:
 
 def _closeness(edges: NDArray[np.float64]) -> float:
     """Length on which edges, shape (edges, 2, 2), run close to others away from their ends."""
-    lines = shapely.linestrings(edges + 0.15 * (edges[:, ::-1] - edges))
+    lines = np.array(shapely.linestrings(edges + 0.15 * (edges[:, ::-1] - edges)))
     near = shapely.length(shapely.intersection(lines[:, None], shapely.buffer(lines, 0.3)))
     return float(near.sum() - near.trace())
 
 
 def _bundles(groups: Groups, place: Place) -> list[Bundle]:
     """Places of all elements: first those between nodes, then those to ground where there is room."""
-    nodes = list(shapely.points(place[1:]))
+    nodes: Shapes = [*map(shapely.Point, place[1:])]
     lines = {pair: shapely.LineString(place[list(pair)]) for pair in groups if GROUND not in pair and len({*pair}) == 2}
     bundles: list[Bundle] = []
     for pair in lines:
@@ -276,7 +276,7 @@ def _texts(
     netlist: Netlist, op: OperatingPoint | None, place: Place, bundles: list[Bundle]
 ) -> list[tuple[str, BaseGeometry]]:
     """Values beside their elements and names beside their nodes, each with its box."""
-    drawn = [*shapely.points(place[1:]), *_all_shapes(bundles)]
+    drawn = [*map(shapely.Point, place[1:]), *_all_shapes(bundles)]
     texts: list[tuple[str, BaseGeometry]] = []
 
     def write(text: str, anchors: list[tuple[Place, Place]]) -> None:

@@ -69,7 +69,8 @@ class Panel:
     def paint(self, *masks: Mask, order: float = 2.2) -> None:
         """Paint cells of the space over whatever else there is, and put those there are into the legend."""
         if self.plane is not None:
-            paint(self.plane, self.axes, *((self.of(where), *named) for where, *named in masks), order=order)
+            own: list[Mask] = [(self.of(where), colour, label) for where, colour, label in masks]
+            paint(self.plane, self.axes, *own, order=order)
             return
         edges = self.space.axes[0].edges
         for where, colour, label in masks:
@@ -135,16 +136,16 @@ def draw_panels(
 
 def draw_known(panel: Panel) -> tuple[ScalarMappable, str] | None:
     """The cells, and their conductivity if there is one: as colours, of one axis as a curve."""
-    panel.draw_cells()
     conductivity, label = panel.space.conductivity, "conductivity (relative)"
-    if conductivity is None:
-        return None
-    if panel.plane is None:
-        panel.plot_curve(conductivity, label)
+    if conductivity is None or panel.plane is None:
+        panel.draw_cells()
+        if conductivity is not None:
+            panel.plot_curve(conductivity, label)
         return None
     low, high = float(conductivity.min()), float(conductivity.max())
     norm = LogNorm(low, high) if high > 30 * low else spanning(low, high)
     image = draw_image(panel.plane, panel.of(conductivity), panel.axes, cmap=height_map(), norm=norm, zorder=0.5)
+    panel.draw_cells()
     return image, label
 
 

@@ -59,8 +59,8 @@ def _ground(ax: Axes | None) -> list[Layer]:
 
 def path_layer(paths: Sequence[Streamline], k: Sequence[float] | None) -> Layer:
     """The paths of every k that reach a goal, and the ends of all."""
-    groups = by_blend(paths, k)
-    reached = [path for path in paths if path.outcome is Outcome.REACHED]
+    groups, reached = by_blend(paths, k), [path for path in paths if path.outcome is Outcome.REACHED]
+    failed = Counter(path.outcome for path in paths if path.outcome is not Outcome.REACHED)
 
     def ends(some: Sequence[Streamline], panel: Panel, row: int) -> NDArray[np.float64]:
         return panel.seen(np.unique([path.axis_points[row] for path in some], axis=0))
@@ -71,10 +71,9 @@ def path_layer(paths: Sequence[Streamline], k: Sequence[float] | None) -> Layer:
         if reached:
             mark(ends(reached, panel, 0), panel.axes, "start")
             mark(ends(reached, panel, -1), panel.axes, "goal", "goal reached")
-        for outcome, count in sorted(Counter(path.outcome for path in paths if path not in reached).items()):
-            failed = ends([path for path in paths if path.outcome == outcome], panel, 0)
+        for outcome, count in sorted(failed.items()):
             label = f"{outcome.value.replace('_', ' ')} ({count} start{'s' if count > 1 else ''})"
-            mark(failed, panel.axes, "failure", label)
+            mark(ends([path for path in paths if path.outcome == outcome], panel, 0), panel.axes, "failure", label)
         if panel.plane is not None:
             finish(panel.plane, panel.axes, [panel.seen(path.axis_points) for path in paths], columns=0)
 

@@ -37,7 +37,7 @@ class Plane:
 
     `x, y`: across and up; `cell` (x.cells, y.cells): `Cell` codes; `connected`: free cells that lead to a goal (in
     the whole space, if this is a slice); `frame`: from axis units to the picture's coordinates; `of_map`: whether these
-    are a map's own, which is turned or moved in the world.
+    are a map's own, which is turned or moved in the world; `obstacle`: what obstacle cells are called.
     """
 
     x: Axis
@@ -46,6 +46,7 @@ class Plane:
     connected: NDArray[np.bool_]
     frame: Frame
     of_map: bool = False
+    obstacle: str = "obstacle"
 
     @property
     def aspect(self) -> float:
@@ -108,7 +109,11 @@ def plane_of(space: ConfigurationSpace, cut: tuple[int, int] | None = None) -> P
         raise InputError(
             f"this picture needs a space of two axes, this one has {space.ndim}; draw(field) shows one to three axes"
         )
-    return Plane(*space.axes, space.cell, connected, space.frame)
+    x, y = space.axes
+    robot = space.robot
+    grown = robot is not None and robot.moves_in_workspace and any(part.area for part in robot.shapes_at((0.0, 0.0)))
+    obstacle = "obstacle, grown by the robot" if grown else "obstacle"
+    return Plane(x, y, space.cell, connected, space.frame, obstacle=obstacle)
 
 
 def leading_on(space: ConfigurationSpace) -> NDArray[np.bool_]:
@@ -120,10 +125,10 @@ Mask = tuple[NDArray[np.bool_], str, str]
 """Cells, their colour and their name."""
 
 
-def kinds_of(cell: NDArray[np.uint8], connected: NDArray[np.bool_]) -> list[Mask]:
+def kinds_of(cell: NDArray[np.uint8], connected: NDArray[np.bool_], obstacle: str = "obstacle") -> list[Mask]:
     """What is drawn over a field; free cells without a way to a goal among it."""
     return [
-        (cell == Cell.OBSTACLE, OBSTACLE, "obstacle"),
+        (cell == Cell.OBSTACLE, OBSTACLE, obstacle),
         (cell == Cell.GOAL, GOAL, "goal"),
         ((cell == Cell.FREE) & ~connected, UNREACHABLE, "no way to a goal"),
     ]
@@ -148,7 +153,7 @@ def draw_image(plane: Plane, values: NDArray[Any], axes: Axes, **style: Any) -> 
 
 def draw_cells(plane: Plane, axes: Axes) -> None:
     """Draw obstacles, goals and unreachable cells over whatever else there is, and put them into the legend."""
-    paint(plane, axes, *kinds_of(plane.cell, plane.connected), order=2.0)
+    paint(plane, axes, *kinds_of(plane.cell, plane.connected, plane.obstacle), order=2.0)
     _ring_small_goals(plane, axes)
 
 

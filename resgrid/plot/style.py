@@ -128,10 +128,12 @@ def add_colour_bar(colours: ScalarMappable, where: Axes | Figure, label: str) ->
     """Add a colour bar beside axes, as tall as they are, or one beside all axes of a figure."""
     values, lowest = colours.get_array(), colours.norm.vmin
     below = values is not None and lowest is not None and bool(np.any(values < lowest))
+    figure = where.get_figure(root=True)
+    assert figure is not None
     place: dict[str, Any] = {"ax": where.axes, "fraction": 0.03, "pad": 0.02, "aspect": 30}
     if isinstance(where, Axes):
         place = {"cax": where.inset_axes((1.03, 0.0, 0.035, 1.0))}
-    bar = where.get_figure(root=True).colorbar(colours, extend="min" if below else "neither", **place)
+    bar = figure.colorbar(colours, extend="min" if below else "neither", **place)
     bar.set_label(label, fontsize=SMALL)
     bar.ax.tick_params(which="both", labelsize=SMALL, width=0.6, length=2.5)
     bar.ax.yaxis.get_offset_text().set_fontsize(SMALL)

@@ -62,6 +62,14 @@ def test_a_frame_turns_the_picture(space: rg.ConfigurationSpace) -> None:
     assert axes.get_xlabel() == "x, world (m)"
 
 
+@pytest.mark.parametrize(("radius", "name"), [(0.0, "obstacle"), (0.2, "obstacle, grown by the robot")])
+def test_the_legend_says_where_obstacles_are_larger_than_they_are(radius: float, name: str) -> None:
+    axes = [rg.Axis(name, 0, 6, 6) for name in "xy"]
+    wall, goal = rg.Box((4, 0), (5, 1)), rg.GoalCell((0, 0))
+    scene = rg.Scene(axes, robot=rg.PointRobot(radius), obstacles=[wall], goals=[goal])
+    assert legend_of(rg.draw(rg.sample(scene))) == [name, "goal"]
+
+
 def test_decades_are_shown_where_the_drop_spans_them(field: rg.Field) -> None:
     drop = shown(rg.draw(field, scale="log"))
     free = field.space.goal_connected | (field.space.cell == rg.Cell.GOAL)
