@@ -170,7 +170,9 @@ def test_a_report_that_is_killed_takes_its_counts_up_again(scenes: Path, tmp_pat
     command = [*COMMAND, "chip", str(scenes / "chip.toml"), "-o", str(tmp_path / "out"), *words]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=dict(os.environ))
     end = time.monotonic() + 60
-    while not list(tmp_path.glob(".out-*.yield.jsonl")) and time.monotonic() < end and process.poll() is None:
+    while time.monotonic() < end and process.poll() is None:
+        if any(b"\n" in file.read_bytes() for file in tmp_path.glob(".out-*.yield.jsonl")):
+            break
         time.sleep(0.02)
     process.send_signal(signal.SIGKILL)
     process.communicate()
