@@ -11,10 +11,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 from PIL import Image
-from resgrid.control.announced import Wavefront, wavefront
 
 import resgrid as rg
 from resgrid.control.log import Mode
+from resgrid.control.simulation import Wavefront, wavefront
 from resgrid.errors import InputError, ToolMissingError
 from resgrid.plot.animations import check_animation, frame_rows
 
