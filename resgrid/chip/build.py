@@ -158,16 +158,10 @@ def value_text(value: Any, unit: str) -> str:
 
 def keys_not_held(chip: Chip, form: Form) -> tuple[str, ...]:
     """The keys of a chip that say something about it and that a form of its circuit does not hold."""
-    usual = dict(chip_keys(Chip()))
-    return tuple(
-        key
-        for key, value in chip_keys(chip)
-        if value != usual[key] and not _holds(form, key) and _matters(chip, key, usual[key])
-    )
-
-
-def _holds(form: Form, key: str) -> bool:
-    return key not in READING if form == "circuit" else key in _HELD[form]
+    usual, values = dict(chip_keys(Chip())), dict(chip_keys(chip))
+    held = values.keys() - set(READING) if form == "circuit" else _HELD[form]
+    said = (key for key, value in values.items() if key not in held and value != usual[key])
+    return tuple(key for key in said if _matters(chip, key, usual[key]))
 
 
 def _matters(chip: Chip, key: str, usual: Any) -> bool:

@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass
-from functools import partial
 from itertools import islice
 from typing import Any
 
@@ -126,55 +125,35 @@ def explore_yield(
         for j, b in enumerate(second[1])
     }
     starts = int(cells.space.goal_connected.sum())
-    groups = [
-        _Group(kind, places, [points[place].readout for place in places], trials)
-        for kind, places in _groups(points).items()
-    ]
+    kinds = _kinds(points)
+    series = [_series(netlist, kind, [points[at].readout for at in places], trials) for kind, places in kinds.items()]
     journal = None
     if checkpoint is not None:
-        digest = hashlib.sha256(f"{groups} {groups[0].experiment(netlist).fingerprint()}".encode())
+        digest = hashlib.sha256(f"{points} {trials} {series[0].prepare().fingerprint()}".encode())
         journal = Journal(checkpoint, {"resgrid": "sweep", "fingerprint": digest.hexdigest()})
     share, low, high = np.empty((3, len(first[1]), len(second[1])))
     done = 0
-    with closing(run_series([group.series(netlist) for group in groups], starts, executor, journal)) as served:
-        for group in groups:
-            counts = np.array([each.sum(axis=1) for each, _ in islice(served, group.trials)])
-            for place, count in zip(group.places, counts.T, strict=True):
-                overall = overall_share(count, starts, confidence, random=group.random)
+    with closing(run_series(series, starts, executor, journal)) as served:
+        for places, each in zip(kinds.values(), series, strict=True):
+            counts = np.array([chip.sum(axis=1) for chip, _ in islice(served, each.trials)])
+            for place, count in zip(places, counts.T, strict=True):
+                overall = overall_share(count, starts, confidence, random=each.random)
                 share[place], low[place], high[place] = overall.value, overall.low, overall.high
-            done += len(group.places)
+            done += len(places)
             if progress is not None:
                 progress(done * trials, share.size * trials, overall)
     return Exploration(first[0], second[0], tuple(first[1]), tuple(second[1]), share, low, high, trials, confidence)
 
 
-@dataclass(frozen=True)
-class _Group:
-    """Points that differ in the read-out only: they share their chips, of one `kind`, which are solved once."""
+def _series(netlist: Netlist, kind: Chip, readouts: Sequence[Readout], trials: int) -> Series:
+    """Trials of one kind of chip, seen by several read-outs: they share their chips, which are solved once."""
+    cells = netlist.cells
+    random = differs(kind) or any(item.offset or item.noise_bandwidth for item in readouts)
 
-    kind: Chip
-    places: Sequence[Point]
-    readouts: Sequence[Readout]
-    most: int
+    def prepared() -> Experiment:
+        return prepare(ideal_netlist(cells.space, kind, cells.wiring), kind, readouts)
 
-    @property
-    def random(self) -> bool:
-        """Whether chips, or what is seen of them, differ."""
-        return differs(self.kind) or any(item.offset or item.noise_bandwidth for item in self.readouts)
-
-    @property
-    def trials(self) -> int:
-        """Chips to try."""
-        return self.most if self.random else 1
-
-    def series(self, netlist: Netlist) -> Series:
-        """Its trials, prepared when it is their turn."""
-        return Series(self.trials, len(self.places), partial(self.experiment, netlist), f"chips of {self.kind},")
-
-    def experiment(self, netlist: Netlist) -> Experiment:
-        """What the trials share."""
-        cells = netlist.cells
-        return prepare(ideal_netlist(cells.space, self.kind, cells.wiring), self.kind, self.readouts)
+    return Series(trials if random else 1, len(readouts), prepared, f"chips of {kind},", random=random)
 
 
 def _usual_sweep(chip: Chip) -> Sweep:
@@ -184,13 +163,13 @@ def _usual_sweep(chip: Chip) -> Sweep:
     return "mismatch", _SHARES
 
 
-def _groups(points: Mapping[Point, Chip]) -> dict[Chip, list[Point]]:
+def _kinds(points: Mapping[Point, Chip]) -> dict[Chip, list[Point]]:
     """Points by what their chips are without the read-out's own errors."""
-    groups: dict[Chip, list[Point]] = {}
+    kinds: dict[Chip, list[Point]] = {}
     for place, chip in points.items():
         load = Readout(input_resistance=chip.readout.input_resistance)
-        groups.setdefault(dataclasses.replace(chip, readout=load), []).append(place)
-    return groups
+        kinds.setdefault(dataclasses.replace(chip, readout=load), []).append(place)
+    return kinds
 
 
 def chip_with(chip: Chip, values: Mapping[str, Any]) -> Chip:

@@ -15,8 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -128,7 +127,7 @@ def analyse_sensitivity(op: OperatingPoint, cells: ArrayLike) -> Sensitivity:
     steps = steps_of(op)
     where, flat = _checked_cells(steps.cells.space, cells)
     adjoint = adjoint_of(op)
-    count = len(adjoint.ends)
+    count = len(adjoint.row)
     flip, decision = np.full(count, np.inf), np.zeros(count, dtype=np.int64)
     best, runner_up, margin = np.empty_like(flat), np.empty_like(flat), np.empty(len(flat))
     node = steps.cells.node.ravel()
@@ -184,14 +183,14 @@ _EPS = float(np.finfo(np.float64).eps)
 class Adjoint:
     """A circuit made ready for derivatives around an operating point.
 
-    `factors`: of its small signals; None where the rails hold every node; `ends` (resistors, 2): nodes of the
-    resistors, nonlinear ones last; `conductance` (resistors,): theirs for small signals, in siemens; `log_amps`
-    (resistors,): natural logarithm of their currents, in amperes; `direction` (resistors,): sign of these; `height`
-    (n,): ``G^-1`` times 1 A in every row, in volts.
+    `factors`: of its small signals; None where the rails hold every node; `row` (resistors, 2): rows of the ends of the
+    resistors, nonlinear ones last, -1 where the voltage is known; `conductance` (resistors,): theirs for small signals,
+    in siemens; `log_amps` (resistors,): natural logarithm of their currents, in amperes; `direction` (resistors,): sign
+    of these; `height` (n,): ``G^-1`` times 1 A in every row, in volts.
     """
 
     factors: CircuitFactor | None
-    ends: NDArray[np.int32]
+    row: NDArray[np.int32]
     conductance: NDArray[np.float64]
     log_amps: NDArray[np.float64]
     direction: NDArray[np.int8]
@@ -202,7 +201,7 @@ class Adjoint:
 
         Shapes: `c` (nodes,); returns `sign` (resistors,), `log_size` (resistors,).
         """
-        nothing = np.zeros_like(self.direction), np.full(len(self.ends), -np.inf)
+        nothing = np.zeros_like(self.direction), np.full(len(self.row), -np.inf)
         if self.factors is None:
             return nothing
         row = self.factors.system.unknown
@@ -245,16 +244,11 @@ class Adjoint:
             residual += error * (matrix.diagonal * x.plain + matrix.edges @ x.plain + part)
             bound = max(bound, watch.bound)
         log_sum = np.append(np.logaddexp.reduce([x.log for x in parts]), -np.inf)
-        log_sum = np.logaddexp(*log_sum[self._row.T])
+        log_sum = np.logaddexp(*log_sum[self.row.T])
         log_doubt = self._log_doubt(residual)
         if np.isfinite(bound):
             log_doubt = np.minimum(log_doubt, np.log(bound + _EPS) + log_sum)
         return *self._across(parts), log_doubt
-
-    @cached_property
-    def _row(self) -> NDArray[np.int32]:
-        """Rows of the ends of every resistor, -1 where the voltage is known."""
-        return cast(CircuitFactor, self.factors).system.unknown[self.ends]
 
     def _log_doubt(self, residual: NDArray[np.float64]) -> NDArray[np.float64]:
         """Logarithm of the error across every resistor that a residual may leave."""
@@ -265,18 +259,13 @@ class Adjoint:
     def _across(self, parts: list[Scaled]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Sign and logarithm of the differences across resistors, of the first part less the second."""
         hi, lo, e = (
-            np.stack([np.append(getattr(x, name), 0)[self._row] for x in parts]) for name in ("hi", "lo", "exponent")
+            np.stack([np.append(getattr(x, name), 0)[self.row] for x in parts]) for name in ("hi", "lo", "exponent")
         )
         top = np.where(hi != 0.0, e, np.iinfo(np.int64).min).max(axis=(0, 2))
         shift = power(np.where(hi != 0.0, e, top[:, np.newaxis]) - top[:, np.newaxis])
-        high, low = (list(np.subtract(*np.moveaxis(value * shift, 2, 0))) for value in (hi, lo))
-        difference = _less(high) + _less(low)
+        high, low = (np.subtract.reduce(np.subtract(*np.moveaxis(value * shift, 2, 0))) for value in (hi, lo))
+        difference = high + low
         return np.sign(difference), logarithm(np.abs(difference), np.where(difference != 0.0, top, 0))
-
-
-def _less(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """The first part less the second, if there is one."""
-    return parts[0] if len(parts) == 1 else parts[0] - parts[1]
 
 
 def adjoint_of(op: OperatingPoint, factors: CircuitFactor | None = None) -> Adjoint:
@@ -285,13 +274,14 @@ def adjoint_of(op: OperatingPoint, factors: CircuitFactor | None = None) -> Adjo
     if factors is None:
         system = assemble(signals)
         factors = factor_circuit(system) if system.size else None
-    height = np.zeros(0)
+    row, height = np.full((len(signals.conductance), 2), -1, dtype=np.int32), np.zeros(0)
     if factors is not None:
+        row = factors.system.unknown[ends_of(op.netlist)]
         height = np.abs(factors.solve(np.ones(factors.system.size)))
         height += 1e-6 * height.max()  # what it may be off by
     return Adjoint(
         factors=factors,
-        ends=ends_of(op.netlist),
+        row=row,
         conductance=signals.conductance,
         log_amps=np.concatenate([op.resistor_log_current, op.nonlinear_log_amps]),
         direction=np.concatenate([op.resistor_direction, op.nonlinear_direction]),

@@ -242,6 +242,7 @@ class Series(NamedTuple):
     readouts: int
     prepare: Callable[[], Experiment]
     name: str = "chips"
+    random: bool = True
 
 
 def run_series(

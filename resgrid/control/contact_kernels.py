@@ -235,7 +235,7 @@ def _apart(segment: Floats, edge: Floats) -> tuple[float, float, float]:
 
 @inner
 def _free_of_edge(segment: Floats, moves: Floats, edge: Floats, keep: float) -> float:
-    """Until when some line keeps a moving segment this far from an edge."""
+    """Until when some line keeps a moving segment this far from an edge, or from a point twice."""
     ax, ay, bx, by = edge
     apart, nx, ny = _apart(segment, edge)
     free = 0.0
@@ -243,27 +243,13 @@ def _free_of_edge(segment: Floats, moves: Floats, edge: Floats, keep: float) -> 
         free = _beyond(nx, ny, segment, moves, max(nx * ax + ny * ay, nx * bx + ny * by) + keep)
     if free < 1.0:
         free = max(free, _beside(ax, ay, bx, by, segment, moves, keep))
-    if free < 1.0:
-        length = math.hypot(bx - ax, by - ay)
+    length = math.hypot(bx - ax, by - ay)
+    if free < 1.0 and length > 0.0:
         nx, ny = (by - ay) / length, (ax - bx) / length
         if nx * (segment[0] + segment[2] - ax - bx) + ny * (segment[1] + segment[3] - ay - by) < 0.0:
             nx, ny = -nx, -ny
         free = max(free, _beyond(nx, ny, segment, moves, max(nx * ax + ny * ay, nx * bx + ny * by) + keep))
     return free
-
-
-@inner
-def _free_of_disc(segment: Floats, moves: Floats, disc: Floats, keep: float) -> float:
-    """Until when some line keeps a moving segment this far from a disc."""
-    cx, cy, size = disc
-    t = share(cx, cy, segment[0], segment[1], segment[2], segment[3])
-    dx, dy = segment[0] + t * (segment[2] - segment[0]) - cx, segment[1] + t * (segment[3] - segment[1]) - cy
-    apart = math.hypot(dx, dy)
-    if apart == 0.0:
-        return 0.0
-    nx, ny = dx / apart, dy / apart
-    free = _beyond(nx, ny, segment, moves, nx * cx + ny * cy + size + keep)
-    return free if free >= 1.0 else max(free, _beside(cx, cy, cx, cy, segment, moves, size + keep))
 
 
 @inner
@@ -295,7 +281,7 @@ def free_share(pose: Pose, solid: ObstacleArrays, motion: Floats, least: float) 
     """
     segments, radius, part, lever = pose.segments, pose.radius, pose.part, pose.lever
     edges, discs, planes = solid.edges, solid.discs, solid.half_planes
-    free, moves, turn = 1.0, np.empty(7), pose.spin @ motion
+    free, moves, turn, centre = 1.0, np.empty(7), pose.spin @ motion, np.empty(4)
     for s in range(len(segments)):
         segment = segments[s]
         _moves(segment, part[s], pose.shift, pose.spin, pose.pivot, lever[s], motion, turn, moves)
@@ -308,9 +294,10 @@ def free_share(pose: Pose, solid: ObstacleArrays, motion: Floats, least: float) 
             if not misses(edges[e], x0, x1, y0, y1):
                 free = min(free, _free_of_edge(segment, moves, edges[e], keep))
         for d in range(len(discs)):
-            cx, cy, size = discs[d]
-            if x0 - size <= cx <= x1 + size and y0 - size <= cy <= y1 + size:
-                free = min(free, _free_of_disc(segment, moves, discs[d], keep))
+            size = discs[d, 2]
+            centre[:2], centre[2:] = discs[d, :2], discs[d, :2]
+            if not misses(centre, x0 - size, x1 + size, y0 - size, y1 + size):
+                free = min(free, _free_of_edge(segment, moves, centre, keep + size))
         for h in range(len(planes)):
             nx, ny, offset = planes[h]
             free = min(free, _beyond(nx, ny, segment, moves, offset + keep))

@@ -56,15 +56,6 @@ def ravel(cell: Integers, shape: Integers) -> int:
 
 
 @inlined
-def _unravel_box(number: int, low: Integers, high: Integers, at: Integers) -> None:
-    """Cell ``number`` of a box of cells, in C order."""
-    for axis in range(len(at) - 1, -1, -1):
-        width = high[axis] - low[axis] + 1
-        at[axis] = low[axis] + number % width
-        number //= width
-
-
-@inlined
 def _face(flow: Flow, cell: Integers, axis: int) -> int:
     """Number of the lower face of a cell across an axis."""
     face: int = flow.first_face[axis]
@@ -313,7 +304,7 @@ def clearance(
     diagonal = 0.0
     for axis in range(ndim):
         diagonal = math.hypot(diagonal, spacing[axis])
-    low, high, at = np.empty(ndim, np.int64), np.empty(ndim, np.int64), np.empty(ndim, np.int64)
+    low, extent, at = np.empty(ndim, np.int64), np.empty(ndim, np.int64), np.empty(ndim, np.int64)
     box_low, box_high = np.empty(ndim), np.empty(ndim)
     for k in range(len(cells)):
         if reach[k] - 2.0 * diagonal > best:
@@ -321,19 +312,19 @@ def clearance(
         within = min(best, reach[k])
         total = 1
         for axis in range(ndim):
-            cells_away = math.ceil(within / spacing[axis]) + 1
-            low[axis], high[axis] = -cells_away, cells_away
+            away = math.ceil(within / spacing[axis]) + 1
             if periodic[axis]:  # beyond half a turn another copy of the same box is nearer
-                half = shape[axis] // 2 + 1
-                low[axis], high[axis] = max(low[axis], -half), min(high[axis], half)
+                low[axis] = -min(away, shape[axis] // 2 + 1)
+                extent[axis] = 1 - 2 * low[axis]
             else:
-                low[axis] = max(low[axis], -cells[k, axis])
-                high[axis] = min(high[axis], shape[axis] - 1 - cells[k, axis])
-            total *= high[axis] - low[axis] + 1
+                low[axis] = max(-away, -cells[k, axis])
+                extent[axis] = min(away, shape[axis] - 1 - cells[k, axis]) - low[axis] + 1
+            total *= extent[axis]
         for number in range(total):
-            _unravel_box(number, low, high, at)
+            _unravel(number, extent, at)
             flat = 0
             for axis in range(ndim):
+                at[axis] += low[axis]
                 flat = flat * shape[axis] + (cells[k, axis] + at[axis]) % shape[axis]
             if not obstacle[flat]:
                 continue
@@ -359,7 +350,7 @@ def segment_is_free(
     for axis in range(1, ndim):
         if abs(end[axis] - start[axis]) > abs(end[major] - start[major]):
             major = axis
-    low, high, at = np.empty(ndim, np.int64), np.empty(ndim, np.int64), np.empty(ndim, np.int64)
+    low, extent, at = np.empty(ndim, np.int64), np.empty(ndim, np.int64), np.empty(ndim, np.int64)
     first = math.ceil(min(start[major], end[major]) - rim - 1.0)
     last = math.floor(max(start[major], end[major]) + rim)
     for slab in range(first, last + 1):
@@ -368,15 +359,14 @@ def segment_is_free(
         for axis in range(ndim):
             a = start[axis] + enter * (end[axis] - start[axis])
             b = start[axis] + leave * (end[axis] - start[axis])
-            low[axis] = math.ceil(min(a, b) - rim - 1.0)
-            high[axis] = math.floor(max(a, b) + rim)
-            if axis == major:
-                low[axis] = high[axis] = slab
-            total *= high[axis] - low[axis] + 1
+            low[axis] = slab if axis == major else math.ceil(min(a, b) - rim - 1.0)
+            extent[axis] = 1 if axis == major else math.floor(max(a, b) + rim) - low[axis] + 1
+            total *= extent[axis]
         for number in range(total):
-            _unravel_box(number, low, high, at)
+            _unravel(number, extent, at)
             flat, inside, t0, t1 = 0, True, 0.0, 1.0
             for axis in range(ndim - 1, -1, -1):
+                at[axis] += low[axis]
                 t0, t1 = _slab_shares(start[axis], end[axis], at[axis], rim, t0, t1)
             if t0 > t1:
                 continue

@@ -185,7 +185,7 @@ def _default_tolerance(path: AnyPath) -> float:
 def _load(name: str, limits: Limits, path: AnyPath) -> Load:
     """How limits weigh vectors of the world."""
     each = per_axis(name, limits, path.space.ndim, "positive and finite", above=0.0)
-    if np.ndim(limits) == 0 and robot_of(path).moves_in_workspace:
+    if np.size(limits) == 1 and robot_of(path).moves_in_workspace:
         return lambda vectors: np.asarray(np.linalg.norm(vectors, axis=1) / each[0])
     return lambda vectors: np.asarray((np.abs(vectors) / each).max(axis=1))
 

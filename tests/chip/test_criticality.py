@@ -10,7 +10,7 @@ from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.chip.criticality import faulty_voltages
-from resgrid.chip.passes.base import add_resistors, select_resistors
+from resgrid.chip.passes.base import add_nodes, add_resistors, select_resistors
 from resgrid.chip.trials import arrivals, converter_of, neighbours_of
 
 FLAWS = rg.Chip(
@@ -167,3 +167,12 @@ def test_faults_are_named() -> None:
 def test_bad_numbers_are_named(options: dict[str, object]) -> None:
     with pytest.raises(rg.InputError, match=next(iter(options))):
         rg.study(cells(), rg.Chip()).criticality(**options)
+
+
+def test_a_resistor_between_floating_nodes_costs_nothing() -> None:
+    netlist = rg.study(cells(), FLAWS).netlist
+    more, nodes = add_nodes(netlist, 2)
+    more = add_resistors(more, nodes[np.newaxis], np.array([1e-3]))
+    alone, beside = (rg.study(each).criticality() for each in (netlist, more))
+    for fault in ("open", "short"):
+        np.testing.assert_array_equal(beside.lost(fault), np.append(alone.lost(fault), 0.0))

@@ -169,7 +169,7 @@ def test_a_report_that_is_killed_takes_its_counts_up_again(scenes: Path, tmp_pat
     words = ["--only", "yield", "--half-width", "0.0005", "--most", "100000", "--no-check", "-q"]
     command = [*COMMAND, "chip", str(scenes / "chip.toml"), "-o", str(tmp_path / "out"), *words]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=dict(os.environ))
-    while not list(tmp_path.glob(".out-*.yield.jsonl")):
+    while not any(b"\n" in file.read_bytes() for file in tmp_path.glob(".out-*.yield.jsonl")):
         assert process.poll() is None
         time.sleep(0.02)
     process.send_signal(signal.SIGKILL)
