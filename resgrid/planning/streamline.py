@@ -45,8 +45,10 @@ _REASONS = {
 }
 """What to do about every outcome but success."""
 
-_UNSAFE = "the field is not direction-safe from cell {cell} on, as far as method 'petsc' solved it: use method 'auto', "
-_UNSAFE += "or open obstacles with --drive uniform"
+_UNSAFE = (
+    "the field is not direction-safe from cell {cell} on, as far as it was solved: solve with accuracy 'direction' "
+)
+_UNSAFE += "(method 'auto', no warm start), or open obstacles with --drive uniform"
 
 
 @frozen
