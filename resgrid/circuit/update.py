@@ -121,6 +121,8 @@ class WarmStart:
 
     def __init__(self, wiring: Wiring | None = None, *, rtol: float = 1e-8, **options: Any) -> None:
         check_rtol(rtol)
+        if not (wiring is None or isinstance(wiring, Wiring)):
+            raise InputError(f"wiring = {wiring!r} must be a Wiring (rg.Wiring(...)), or None")
         self.wiring, self.rtol = wiring_of(wiring, options), rtol
         if self.wiring.rails != "merged":
             raise InputError("a warm start needs rails = 'merged': with rails = 'cells', use resgrid.solve")

@@ -206,6 +206,10 @@ def field(op: OperatingPoint | WarmPoint) -> Field:
     array([0.652, 0.   , 0.574, 0.801, 0.908, 0.963, 1.   , 0.998])
     """
     if not isinstance(op, OperatingPoint):
+        from resgrid.circuit.update import WarmPoint
+
+        if not isinstance(op, WarmPoint):
+            raise InputError(f"op = {op!r} must be an OperatingPoint (rg.solve(netlist)) or what a warm start found")
         return read_cells(op.space, op.wiring, op.voltage)
     cells = op.netlist.cells
     if op.potential is None or op.method == "none":
