@@ -1,6 +1,7 @@
 """Threads inside one solve: the same digits, whatever their number, and nothing left behind when it ends early."""
 
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -167,5 +168,10 @@ def test_digits_do_not_depend_on_who_takes_a_job_first(shape: tuple[int, ...], m
     space = space_of(space.cell, periodic=periodic, conductivity=rng.uniform(0.2, 5.0, shape))
     netlist = rg.compile_space(space)
     one = rg.solve(netlist, method="multigrid")
-    monkeypatch.setattr(Team, "share", lambda self, part, parts: [part(number) for number in reversed(range(parts))])
+
+    def backwards(_: Team, part: Callable[[int], object], parts: int) -> None:
+        for number in reversed(range(parts)):
+            part(number)
+
+    monkeypatch.setattr(Team, "share", backwards)
     assert_same(one, rg.solve(netlist, method="multigrid", threads=2))
