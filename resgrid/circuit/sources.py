@@ -85,10 +85,12 @@ def tie_sources(netlist: Netlist) -> SourceForest:
     )
 
 
-def source_currents(netlist: Netlist, forest: SourceForest, outflow: NDArray[np.float64]) -> NDArray[np.float64]:
+def source_currents(
+    netlist: Netlist, forest: SourceForest, outflow: NDArray[np.float64], through: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Current into the plus terminal of every voltage source, from KCL on the forest.
 
-    Shapes: `outflow` (nodes,); returns (sources,).
+    Shapes: `outflow, through` (nodes,), the net current and half the sum of all magnitudes; returns (sources,).
     """
     current = np.full(len(netlist.source_volts), np.nan)
     remaining = {node: float(outflow[node]) for node in forest.order.tolist()}
@@ -99,7 +101,7 @@ def source_currents(netlist: Netlist, forest: SourceForest, outflow: NDArray[np.
             current[source] = -from_source if netlist.source_nodes[source, 0] == node else from_source
             remaining[above] += from_source
     if np.any(forest.base != GROUND):
-        _take_quieter_sides(netlist, forest, outflow, remaining, current)
+        _take_quieter_sides(netlist, forest, (outflow, through), remaining, current)
     if forest.loop.any():
         current[forest.loop] = np.nan
         warnings.warn(
@@ -111,16 +113,18 @@ def source_currents(netlist: Netlist, forest: SourceForest, outflow: NDArray[np.
 def _take_quieter_sides(
     netlist: Netlist,
     forest: SourceForest,
-    outflow: NDArray[np.float64],
+    nodes: tuple[NDArray[np.float64], NDArray[np.float64]],
     below: dict[int, float],
     current: NDArray[np.float64],
 ) -> None:
     """Sum the current of a floating source on that side of it where less flows, and less is lost to rounding.
 
-    Shapes: `outflow` (nodes,); `below`: the sums of all nodes that hang on a node; changes `current` (sources,).
+    `nodes`: outflow and through-current of each; `below`: the sums of all that hang on a node; changes `current`
+    (sources,).
     """
+    outflow, through = nodes
     ties = list(zip(forest.order.tolist(), forest.above.tolist(), forest.source.tolist(), strict=True))
-    flow = {node: abs(float(outflow[node])) for node in forest.order.tolist()}
+    flow = {node: float(through[node]) for node in forest.order.tolist()}
     hanging: dict[int, list[int]] = {node: [] for node in flow}
     for node, above, source in reversed(ties):
         if source >= 0:
