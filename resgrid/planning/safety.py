@@ -33,7 +33,7 @@ def safe_cells(op: OperatingPoint) -> NDArray[np.bool_] | None:
     rounding = _ROUNDING * netlist.conductance * (height[from_node] + height[to_node])
 
     def per_node(nodes: NDArray[np.int32], values: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.bincount(nodes, values, netlist.node_count)
+        return np.asarray(np.bincount(nodes, values, netlist.node_count), dtype=np.float64)
 
     injected = injected_currents(netlist)
     net = injected + per_node(to_node, amps) - per_node(from_node, amps)
@@ -43,7 +43,7 @@ def safe_cells(op: OperatingPoint) -> NDArray[np.bool_] | None:
     amps = amps * np.sign(cells.wiring.supply)
     leaving = per_node(from_node, np.maximum(amps, 0.0)) + per_node(to_node, np.maximum(-amps, 0.0))
     safe = (leaving > 0.0) & (off <= DIRECTION_RESIDUAL * through)
-    return (cells.space.cell == Cell.FREE) & (cells.node >= 0) & safe[cells.node]
+    return np.asarray((cells.space.cell == Cell.FREE) & (cells.node >= 0) & safe[cells.node], dtype=np.bool_)
 
 
 def safe_cells_of(space: ConfigurationSpace, currents: Faces, magnitudes: Faces, injected: float) -> NDArray[np.bool_]:
@@ -64,7 +64,8 @@ def safe_cells_of(space: ConfigurationSpace, currents: Faces, magnitudes: Faces,
         before, behind = (_sides(part, axis)[side] for side, part in enumerate(before_and_behind(solid, axis)))
         enters |= (before & (below < 0)) | (behind & (above > 0))
     off = np.abs(net) + _ROUNDING * rounding
-    return (space.cell == Cell.FREE) & leaves & ~enters & (off <= DIRECTION_RESIDUAL * 0.5 * total)
+    safe = (space.cell == Cell.FREE) & leaves & ~enters & (off <= DIRECTION_RESIDUAL * 0.5 * total)
+    return np.asarray(safe, dtype=np.bool_)
 
 
 def _sides(faces: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[Any]]:
