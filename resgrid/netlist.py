@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -155,7 +155,7 @@ class Netlist:
         for nodes, *values in ARRAYS.values():
             object.__setattr__(self, nodes, _numbers(nodes, getattr(self, nodes), self.node_count))
             for name in values:
-                if getattr(self, name) is not None:
+                if not (getattr(self, name) is None and name in ("tc1", "tc2")):
                     object.__setattr__(self, name, _column(name, getattr(self, name), 0, np.float64))
         for kind, names in ARRAYS.items():
             self._check_kind(kind, names)
@@ -174,6 +174,8 @@ class Netlist:
                     f"nonlinear resistor {bad} between nodes {self.nonlinear_nodes[bad].tolist()} has {name} = "
                     f"{getattr(self, name)[bad]} {unit}; it must be positive"
                 )
+        if not (self.node_names is None or isinstance(self.node_names, Sequence)):
+            raise InputError(f"node_names = {self.node_names!r} must be a list of texts, one a node")
         if self.node_names is not None and len(self.node_names) != self.node_count:
             raise InputError(f"{len(self.node_names)} node names for {self.node_count} nodes")
 
@@ -301,8 +303,21 @@ def _all_within(value: NDArray[np.float64], low: float, high: float) -> bool:
     return not value.size or bool(low < value.min() and value.max() < high)
 
 
+def _array(name: str, value: ArrayLike) -> NDArray[Any]:
+    """Real numbers; no complex ones, whose imaginary parts would be lost, and no text or dates."""
+    try:
+        array = np.asarray(value)
+        if array.size and array.dtype.kind not in "biuf":
+            array = array.astype(np.float64, casting="unsafe" if array.dtype.kind == "O" else "same_kind")
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{name} must be an array of real numbers") from None
+    if value is None:
+        raise InputError(f"{name} must be an array of real numbers, not None")
+    return array
+
+
 def _numbers(name: str, value: ArrayLike, node_count: int) -> NDArray[np.int32]:
-    array = np.asarray(value)
+    array = _array(name, value)
     if array.size and array.dtype.kind not in "iu":
         raise InputError(f"{name} must hold node numbers, got {array.dtype}")
     bits = np.ascontiguousarray(array).view(f"u{array.itemsize}")  # where negative numbers are huge
@@ -312,7 +327,7 @@ def _numbers(name: str, value: ArrayLike, node_count: int) -> NDArray[np.int32]:
 
 
 def _column(name: str, value: ArrayLike, width: int, dtype: Any) -> NDArray[Any]:
-    array = np.asarray(value)
+    array = _array(name, value)
     shape_ok = array.ndim == 2 and array.shape[1] == 2 if width else array.ndim == 1
     if not shape_ok and array.size:
         raise InputError(f"{name} has shape {array.shape}, expected {'(n, 2)' if width else '(n,)'}")

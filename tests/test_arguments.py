@@ -122,6 +122,13 @@ def test_values_that_no_array_holds_and_names_that_name_nothing_are_refused(tmp_
         lambda: rg.random_pushes(0, 0, until=1.0, size=1.0, duration=0.1),
         lambda: rg.random_pushes(0, 2, until=np.inf, size=1.0, duration=0.1),
         lambda: rg.draw(rg.separation(space, (0.5, 6.5)), virtual=np.zeros((8, 8))),
+        lambda: rg.draw_velocities(rg.plan(space).field, (0.7, 6.0), force=(np.inf, 0.0), admittance=np.eye(2)),
+        lambda: rg.field(None),
+        lambda: rg.Polyline([(0.5, 6.5)], None),
+        lambda: rg.Polyline(10**400, space),
+        lambda: rg.WarmStart(space),
+        lambda: rg.Measure("rise", "a", "crossing", at=np.inf),
+        lambda: rg.Box(np.array([np.inf, 0.0]), np.array([1.0, 1.0])),
     ):
         with pytest.raises(InputError):
             call()
@@ -144,6 +151,12 @@ RECORDS: dict[Any, dict[str, Any]] = {
     rg.GoalCell: {"cell": (1, 1)},
     rg.GoalJoints: {"lower": (0.0, 0.0), "upper": (1.0, 1.0)},
     rg.Push: {"start": 0.0, "duration": 1.0, "force": (1.0, 1.0)},
+    rg.TransientAnalysis: {"stop": 1.0, "step": 0.1},
+    rg.NoiseAnalysis: {"node": "a"},
+    rg.TemperatureAnalysis: {"celsius": (27.0,)},
+    rg.MismatchAnalysis: {"sigma": 0.1},
+    rg.Probe: {"nodes": ("a",)},
+    rg.Measure: {"name": "rise", "node": "a", "what": "crossing", "at": 0.5},
 }
 
 

@@ -66,6 +66,13 @@ def test_a_plain_graph_becomes_resistors() -> None:
         {"nonlinear_current": np.array([np.inf])},
         {"nonlinear_voltage": np.array([-1.0])},
         {"nonlinear_nodes": np.array([[2, 3]])},
+        {"conductance": None},
+        {"conductance": np.array([1.0, 1.0j])},
+        {"conductance": ["1k", "2k"]},
+        {"resistor_nodes": [1, [2]]},
+        {"source_volts": np.array([1.0 + 1.0j])},
+        {"nonlinear_current": None},
+        {"node_names": 3},
         {"colour": 1},
     ],
 )

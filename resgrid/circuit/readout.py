@@ -200,7 +200,7 @@ def _taken(
         resistor_current=amps if plain else amps * power(exponent),
         log_current=None if plain else partial(_log_current, amps, exponent),
         resistor_direction=np.sign(amps).astype(np.int8),
-        source_current=source_currents(netlist, forest, -sums.net * scale),
+        source_current=source_currents(netlist, forest, -sums.net * scale, sums.through * scale),
         power=float(power_sum),
         kcl_residual=float(residual.max(initial=0.0)),
     )

@@ -19,7 +19,7 @@ from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.readout import read_normwise
 from resgrid.circuit.window import boxes_around, rows_after, window_of
 from resgrid.compiler import compile_space
-from resgrid.errors import InputError
+from resgrid.errors import AccuracyError, InputError
 from resgrid.netlist import Netlist
 from resgrid.solvers.factors.factor import check_rtol
 from resgrid.solvers.monitor import Progress, Watch
@@ -95,7 +95,7 @@ class WarmStart:
     Where few cells have changed (obstacles set or freed, goals added, moved or taken away, conductivities), the finest
     level's equations are written over around them, the coarser levels are kept, and the iteration begins with the
     voltages there were, solved anew around the change.  Where many have, or parts of the circuit are joined or cut
-    off, it starts afresh (`WarmPoint.fresh` tells).
+    off, or the old levels do not serve, it starts afresh (`WarmPoint.fresh` tells).
 
     Parameters
     ----------
@@ -120,6 +120,8 @@ class WarmStart:
 
     def __init__(self, wiring: Wiring | None = None, *, rtol: float = 1e-8, **options: Any) -> None:
         check_rtol(rtol)
+        if not (wiring is None or isinstance(wiring, Wiring)):
+            raise InputError(f"wiring = {wiring!r} must be a Wiring (rg.Wiring(...)), or None")
         self.wiring, self.rtol = wiring_of(wiring, options), rtol
         if self.wiring.rails != "merged":
             raise InputError("a warm start needs rails = 'merged': with rails = 'cells', use resgrid.solve")
@@ -157,7 +159,12 @@ class WarmStart:
                 voltage = _solved_plainly(system, wiring, self.rtol, watch)
                 return WarmPoint(space, wiring, voltage, True, watch.iterations, watch.error)
         assert state is not None
-        voltage = state.solve(self.rtol, watch)
+        try:
+            voltage = state.solve(self.rtol, watch)
+        except AccuracyError:
+            if fresh:
+                raise
+            return self.solve(space, progress=progress)
         self._state = None if state.worn else state
         return WarmPoint(space, wiring, voltage, fresh, watch.iterations, watch.error)
 

@@ -18,7 +18,7 @@ from resgrid.errors import AccuracyError, CircuitError, InputError
 from resgrid.netlist import Netlist
 from resgrid.page.drawing import Drawing
 from resgrid.planning.certify import certify
-from resgrid.planning.fields import Field, field
+from resgrid.planning.fields import Field, read_cells
 from resgrid.planning.road import Problem, Solution, Solver, Work, solve_problem
 from resgrid.planning.streamline import Streamline
 from resgrid.planning.trace import follow, start_points
@@ -38,13 +38,14 @@ class WarmFields:
         self._starts: dict[str, WarmStart] = {}
 
     def solve(self, problem: Problem) -> Solution:
-        """The fields of a problem; errors as of `WarmStart.solve` and `resgrid.field`."""
+        """The fields of a problem; errors as of `WarmStart.solve` and `read_cells`."""
         pure = dict[str, Field]()
         for name, wiring in problem.wirings.items():
             start = self._starts.pop(name, None)  # one that fails is begun anew
             if start is None or start.wiring != wiring:
                 start = WarmStart(wiring, rtol=_TOLERANCE)
-            pure[name] = field(start.solve(problem.space))
+            point = start.solve(problem.space)
+            pure[name] = read_cells(point.space, point.wiring, point.voltage, check=False)
             self._starts[name] = start
         return Solution(problem, {}, pure)
 
@@ -94,6 +95,8 @@ def _solved(drawing: Drawing, exact: bool, warm: WarmFields | None) -> Solution:
 
 
 def _path(field: Field, point: NDArray[np.float64], exact: bool) -> Streamline | None:
+    if not exact:
+        field = replace(field, safe=None)
     try:
         path = follow(field, point)
     except AccuracyError:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +17,7 @@ from resgrid.frozen import frozen, picture_html
 from resgrid.grids import before_and_behind, by_axis, face_counts, face_shape, with_margin
 from resgrid.netlist import CellMap
 from resgrid.planning.clearance import obstacle_reach
+from resgrid.planning.safety import safe_cells, safe_cells_of
 from resgrid.space import Cell, ConfigurationSpace
 from resgrid.wiring import Wiring
 
@@ -54,7 +55,8 @@ class Field:
         Share of the Dirichlet field: 1 for Dirichlet and walls, 0 for Neumann.
     safe : ndarray of bool, shape of the space, or None
         Free cells in which the field is direction-safe; streamlines end at all others with ``no_current``.  None where
-        the field is direction-safe as a whole, as all are but those of ``method="petsc"``.
+        the field is direction-safe as a whole, as all are but those of ``method="petsc"``, of warm starts and of
+        ``accuracy="normwise"``.
 
     Examples
     --------
@@ -204,6 +206,10 @@ def field(op: OperatingPoint | WarmPoint) -> Field:
     array([0.652, 0.   , 0.574, 0.801, 0.908, 0.963, 1.   , 0.998])
     """
     if not isinstance(op, OperatingPoint):
+        from resgrid.circuit.update import WarmPoint
+
+        if not isinstance(op, WarmPoint):
+            raise InputError(f"op = {op!r} must be an OperatingPoint (rg.solve(netlist)) or what a warm start found")
         return read_cells(op.space, op.wiring, op.voltage)
     cells = op.netlist.cells
     if op.potential is None or op.method == "none":
@@ -223,7 +229,8 @@ def field(op: OperatingPoint | WarmPoint) -> Field:
     )
     if np.any(cells.resistor_face < 0):
         _check_walls(result)
-    return result
+    safe = safe_cells(op)
+    return result if safe is None else replace(result, safe=safe)
 
 
 Elements = tuple[NDArray[np.integer[Any]], NDArray[np.bool_], NDArray[np.int8], NDArray[np.float64]]
@@ -257,7 +264,7 @@ def read_field(
     )
 
 
-def read_cells(space: ConfigurationSpace, wiring: Wiring, voltage: NDArray[np.float64]) -> Field:
+def read_cells(space: ConfigurationSpace, wiring: Wiring, voltage: NDArray[np.float64], *, check: bool = True) -> Field:
     """Spread voltages of cells, shape of the space, over cells and faces; as they are, with no bound of their error."""
     at_goal = (space.cell == Cell.GOAL) | (space.goal_connected & np.isnan(voltage))
     volts = np.where(at_goal, wiring.goal_voltage, voltage)
@@ -269,10 +276,21 @@ def read_cells(space: ConfigurationSpace, wiring: Wiring, voltage: NDArray[np.fl
     contacts = contacts_of_box(space, wiring.on(space))
     wide = with_margin(volts, space.periodic)
     wide[contacts.kind == Kind.HIGH] = wiring.high
-    drops = (np.subtract(*before_and_behind(wide, axis)) for axis in range(space.ndim))
-    currents = [np.nan_to_num(g * drop) for g, drop in zip(contacts.conductance, drops, strict=True)]
+    sides = [before_and_behind(wide, axis) for axis in range(space.ndim)]
+    currents = [np.nan_to_num(g * np.subtract(*ends)) for g, ends in zip(contacts.conductance, sides, strict=True)]
     if not unit > 0.0 or not any(current.any() for current in currents):
         raise CircuitError("nothing is driven: no current flows between the goal and what is at another voltage")
+    safe = None
+    if check:
+        magnitudes = [
+            np.nan_to_num(g * (np.abs(before) + np.abs(behind)))
+            for g, (before, behind) in zip(contacts.conductance, sides, strict=True)
+        ]
+        fed = np.count_nonzero(space.goal_connected) if wiring.drive == "uniform" else 0
+        injected = abs(wiring.supply) / (wiring.resistance * fed) if fed else 0.0
+        safe = safe_cells_of(space, [np.sign(wiring.supply) * amps for amps in currents], magnitudes, injected)
+        if wiring.start is not None:
+            safe[wiring.start] = any(current.any() for current in currents)
     with np.errstate(divide="ignore"):
         log_current = tuple(np.log(np.abs(current) * (wiring.resistance / unit)) for current in currents)
     return Field(
@@ -283,6 +301,7 @@ def read_cells(space: ConfigurationSpace, wiring: Wiring, voltage: NDArray[np.fl
         face_direction=tuple(np.sign(current * np.sign(wiring.supply)).astype(np.int8) for current in currents),
         face_log_current=log_current,
         k=0.0 if wiring.is_driven else 1.0,
+        safe=safe,
     )
 
 

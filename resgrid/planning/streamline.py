@@ -45,8 +45,10 @@ _REASONS = {
 }
 """What to do about every outcome but success."""
 
-_UNSAFE = "the field is not direction-safe from cell {cell} on, as far as method 'petsc' solved it: use method 'auto', "
-_UNSAFE += "or open obstacles with --drive uniform"
+_UNSAFE = (
+    "the field is not direction-safe from cell {cell} on, as far as it was solved: solve with accuracy 'direction' "
+)
+_UNSAFE += "(method 'auto', no warm start), or open obstacles with --drive uniform"
 
 
 @frozen
@@ -234,8 +236,10 @@ class Polyline:
     def __init__(self, points: ArrayLike, space: ConfigurationSpace) -> None:
         try:
             table = np.array(points, dtype=np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise InputError("a path is a table of numbers, one point a row") from None
+        if not isinstance(space, ConfigurationSpace):
+            raise InputError(f"space = {space!r} must be a ConfigurationSpace (rg.sample(scene))")
         if table.ndim != 2 or table.shape[1] != space.ndim or not len(table):
             raise InputError(f"a path in this space has shape (points, {space.ndim}), got {table.shape}")
         if not np.isfinite(table).all():

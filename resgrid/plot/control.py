@@ -221,6 +221,8 @@ def draw_velocities(
     """
     plane = plane_of(field.space)
     at, push = np.asarray(point, dtype=np.float64), np.asarray(force, dtype=np.float64)
+    if push.shape != (2,) or not np.isfinite(push).all():
+        raise InputError(f"force = {push.tolist()} must be two finite numbers, in newtons")
     controller = make_controller(field, admittance=admittance)
     nominal = controller.nominal(at).velocity
     answer = controller.admittance @ push

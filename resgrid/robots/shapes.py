@@ -48,7 +48,7 @@ class Box:
     upper: Point
 
     def __post_init__(self) -> None:
-        if len(self.lower) != len(self.upper) or not self.lower:
+        if len(self.lower) != len(self.upper) or not len(self.lower):
             raise InputError(f"a box needs as many lower as upper coordinates, got {self.lower} and {self.upper}")
         if any(low > high for low, high in zip(self.lower, self.upper, strict=True)):
             raise InputError(f"a box needs lower <= upper in every coordinate, got {self.lower} and {self.upper}")

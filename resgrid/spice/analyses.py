@@ -15,10 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid import die
+from resgrid.arguments import checked
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
 
 
+@checked
 @dataclass(frozen=True)
 class OperatingAnalysis:
     """The operating point; what a deck is asked for when nothing else is.
@@ -37,6 +39,7 @@ class OperatingAnalysis:
     """
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class TransientAnalysis:
     """What the voltages do in time, from the operating point of the deck.
@@ -74,6 +77,7 @@ class TransientAnalysis:
             raise InputError(f"transient: step = {self.step} s must be positive and at most stop = {self.stop} s")
 
 
+@checked
 @dataclass(frozen=True)
 class NoiseAnalysis:
     """Noise voltage at a node.
@@ -113,6 +117,7 @@ class NoiseAnalysis:
             )
 
 
+@checked
 @dataclass(frozen=True)
 class TemperatureAnalysis:
     """Operating points at other temperatures.
@@ -138,12 +143,13 @@ class TemperatureAnalysis:
     celsius: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        if not self.celsius or not all(np.isfinite(value) and value > -273.15 for value in self.celsius):
+        if not len(self.celsius) or not all(np.isfinite(value) and value > -273.15 for value in self.celsius):
             raise InputError(
                 f"temperature: {self.celsius} must be a list of temperatures above -273.15 degrees Celsius"
             )
 
 
+@checked
 @dataclass(frozen=True)
 class MismatchAnalysis:
     """Resistors off their values, independently: those of one chip, or as many chips as the simulator draws.
@@ -198,6 +204,7 @@ class MismatchAnalysis:
         return die.scaled(netlist, self.factors(netlist))
 
 
+@checked
 @dataclass(frozen=True)
 class Probe:
     """What is kept of every analysis.
@@ -227,10 +234,11 @@ class Probe:
     sources: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        if not self.nodes and not self.sources:
+        if not len(self.nodes) and not len(self.sources):
             raise InputError("probe: name a node or a voltage source")
 
 
+@checked
 @dataclass(frozen=True)
 class Measure:
     """One number of a transient.
@@ -249,7 +257,7 @@ class Measure:
     Raises
     ------
     InputError
-        If the name holds other characters, or ``at`` is missing or does not belong to ``what``.
+        If the name holds other characters, or ``at`` is missing, not finite or does not belong to ``what``.
 
     Examples
     --------
@@ -270,6 +278,8 @@ class Measure:
             raise InputError(f"measure: {self.name!r} must be made of letters, digits and underscores")
         if self.what not in ("maximum", "minimum", "value", "crossing"):
             raise InputError(f"measure: {self.what!r} is unknown; choose maximum, minimum, value or crossing")
+        if self.at is not None and not np.isfinite(self.at):
+            raise InputError(f"measure {self.name}: at = {self.at} must be finite")
         if (self.at is None) == (self.what in ("value", "crossing")):
             raise InputError(f"measure {self.name}: only a value (at a time) and a crossing (of a voltage) take at")
 

@@ -84,3 +84,16 @@ def test_a_part_with_one_rail_is_flat_and_reported() -> None:
     point = solve(circuit(6, [(1, 2, 1.0), (2, 0, 1.0), (3, 4, 1.0), (4, 5, 1.0)], [(1, 0, 2.0), (3, 0, 1.5)]))
     assert point.undriven.tolist() == [4, 5]
     assert point.voltage[4:].tolist() == [1.5, 1.5]
+
+
+def test_a_floating_source_keeps_its_digits_beside_larger_currents() -> None:
+    """What a weak resistor takes from a node is what the only source there gives, with 5e8 A in the next one."""
+    netlist = Netlist(
+        6, [[3, 1], [4, 1], [1, 0], [1, 0], [2, 1], [3, 1], [4, 3], [5, 4]],
+        [100.0, 1e-11, 1e-06, 1e-08, 1e-10, 0.01, 0.0001, 1e8],
+        source_nodes=[[5, 3], [2, 5], [4, 5]], source_volts=[2.0, 2.0, 5.0],
+        current_nodes=[[4, 0], [1, 3]], current_amps=[-1.0, 0.001],
+    )  # fmt: skip
+    op = solve(netlist)
+    assert op.source_current[1] == pytest.approx(-op.resistor_current[4], rel=1e-9)
+    assert op.source_current == pytest.approx([0.9992999995288989, -4.0100089990953797e-10, -499999999.0007], rel=1e-9)

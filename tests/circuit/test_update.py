@@ -218,3 +218,18 @@ def test_changes_in_several_places_are_joined_where_their_windows_meet():
     """Two places apart, and a third that meets the second one alone."""
     boxes = boxes_around(plane((400, 400), 0), np.array([[8, 8], [300, 300], [330, 330]]))
     assert boxes is not None and len(boxes) == 2
+
+
+def test_levels_that_do_not_serve_any_more_are_made_anew():
+    """Goals, walls and conductivities over many decades: old levels stagnated, and no answer came."""
+    rng = np.random.default_rng(19)
+    shape, warm = (26, 65), rg.WarmStart(boundary="neumann", edge="open")
+    axes = [rg.Axis("x", 0.0, 26.0, 26), rg.Axis("y", 0.0, 65.0, 65)]
+    cell, cost = np.zeros(shape, dtype=np.uint8), 10.0 ** rng.uniform(-1, 1, shape)
+    cell[3, 3] = rg.Cell.GOAL
+    for _ in range(25):
+        at = tuple(slice(int(rng.integers(n)), None) for n in shape)
+        near = tuple(slice(part.start, part.start + 3) for part in at)
+        cost[near] *= 10.0 ** (6 * rng.standard_normal())
+        point = warm.solve(rg.ConfigurationSpace(axes, cell.copy(), cost.copy()))
+        assert point.backward_error <= 1e-8

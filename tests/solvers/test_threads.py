@@ -1,6 +1,7 @@
 """Threads inside one solve: the same digits, whatever their number, and nothing left behind when it ends early."""
 
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -156,3 +157,21 @@ def test_a_helper_without_a_core_is_not_waited_for() -> None:
 def test_threads_help_nothing_small() -> None:
     netlist = rg.compile_space(room((40, 40), 3))
     assert_same(rg.solve(netlist), rg.solve(netlist, threads=4))
+
+
+@pytest.mark.parametrize("shape", [(26, 25, 24), (40, 41)])
+def test_digits_do_not_depend_on_who_takes_a_job_first(shape: tuple[int, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    """On rings of an odd number of cells, which are no grid of two colours: jobs in turn, and the other way round."""
+    rng = np.random.default_rng(3)
+    space = room(shape, 3)
+    periodic = tuple(n % 2 == 1 for n in shape)
+    space = space_of(space.cell, periodic=periodic, conductivity=rng.uniform(0.2, 5.0, shape))
+    netlist = rg.compile_space(space)
+    one = rg.solve(netlist, method="multigrid")
+
+    def backwards(_: Team, part: Callable[[int], object], parts: int) -> None:
+        for number in reversed(range(parts)):
+            part(number)
+
+    monkeypatch.setattr(Team, "share", backwards)
+    assert_same(one, rg.solve(netlist, method="multigrid", threads=2))

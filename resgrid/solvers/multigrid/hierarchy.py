@@ -67,7 +67,8 @@ def build_hierarchy(laplacian: Laplacian, team: Team = ALONE) -> Hierarchy:
         if made is not None:
             true, finest, levels = made
             return Hierarchy(levels, slot, unit, unit * largest_degree(true), finest, true, box)
-    rows = laplacian.rows
+    # A grid's rows are sorted by a thread beside this one for refinement: their order is not to depend on who is first.
+    rows = laplacian.rows if laplacian.grid is None else laplacian.edges
     unit = float(rows.data.mean()) if rows.nnz else float(laplacian.ground.mean())
     levels, slot = pack_netlist(Graph(rows.indptr, rows.indices, rows.data / unit, laplacian.ground / unit))
     ground = np.empty(laplacian.size)
