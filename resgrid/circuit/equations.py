@@ -220,6 +220,11 @@ def number_rows(
     return size, unknown, other[~loose], volts[~loose], other[loose]
 
 
+def _summed(row: NDArray[np.int32], amount: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+    """Amounts summed row by row, shape (n,)."""
+    return np.bincount(row, amount, size) if len(row) else np.zeros(size)
+
+
 def ground_and_feed(
     ends: NDArray[np.int32],
     conductance: NDArray[np.float64],
@@ -238,14 +243,14 @@ def ground_and_feed(
     pairs, siemens, offset = np.take(ends, contacts, axis=0), conductance[contacts], forest.offset
     which, inner, outer = _crossing(pairs, unknown)
     row, tie, volts = unknown[inner], siemens[which], offset[outer]
-    feed = np.bincount(row, tie * ((volts - low) - offset[inner]), size)
+    feed = _summed(row, tie * ((volts - low) - offset[inner]), size)
     rows = unknown[pairs]
     inside = (rows >= 0).all(axis=1) & (rows[:, 0] != rows[:, 1])
     if inside.any():
         first, second = rows[inside].T
         lifted = siemens[inside] * (offset[pairs[inside, 0]] - offset[pairs[inside, 1]])
-        feed += np.bincount(second, lifted, size) - np.bincount(first, lifted, size)
-    return np.bincount(row, tie, size), feed, bool(np.all((volts == low) | (volts == high)))
+        feed += _summed(second, lifted, size) - _summed(first, lifted, size)
+    return _summed(row, tie, size), feed, bool(np.all((volts == low) | (volts == high)))
 
 
 def injected_into_rows(netlist: Netlist, unknown: NDArray[np.int32], size: int) -> NDArray[np.float64]:
@@ -316,4 +321,4 @@ def _ties(
     ends, siemens = np.take(netlist.resistor_nodes, contacts, axis=0), netlist.conductance[contacts]
     which, inner, outer = _crossing(ends, unknown)
     row, tie, to_high = unknown[inner], siemens[which], forest.offset[outer] == high
-    return np.bincount(row, tie * to_high, size), np.bincount(row, tie * ~to_high, size)
+    return _summed(row, tie * to_high, size), _summed(row, tie * ~to_high, size)
