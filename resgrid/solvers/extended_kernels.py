@@ -65,13 +65,6 @@ def _add_product(m: float, e: int, factor: float, v: float, ve: int) -> tuple[fl
 
 
 @inlined
-def _quotient(m: float, e: int, d: float) -> tuple[float, int]:
-    """A scaled number divided by a double."""
-    divisor, scale = _canonical(d, 0)
-    return _canonical(m / divisor, e - scale)
-
-
-@inlined
 def _two_sum(a: float, b: float) -> tuple[float, float]:
     s = a + b
     t = s - a

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.jit import ZERO, inlined, inner_fast, kernel
-from resgrid.solvers.extended_kernels import _add_product, _canonical, _quotient, _shift
+from resgrid.solvers.extended_kernels import _add_product, _canonical, _shift
 from resgrid.solvers.laplacian import Conductances
 from resgrid.solvers.symbolic_kernels import Pattern
 
@@ -266,7 +266,7 @@ def substitute(nodes: Supernodes, values: Floats, pivot: Floats, m: Floats, e: I
     for node in range(len(nodes.first) - 1):
         _forward(nodes, values, m, e, column, node)
     for k in range(len(m)):
-        m[k], e[k] = _quotient(m[k], e[k], pivot[k])
+        m[k], e[k] = _canonical(m[k] / pivot[k], e[k])
     for node in range(len(nodes.first) - 2, -1, -1):
         _backward(nodes, values, m, e, column, node)
 

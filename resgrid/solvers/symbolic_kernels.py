@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.jit import ZERO, inlined, inner, kernel
-from resgrid.solvers.extended_kernels import _add_product, _canonical, _quotient
+from resgrid.solvers.extended_kernels import _add_product, _canonical
 from resgrid.solvers.laplacian import Conductances
 
 Floats = NDArray[np.float64]
@@ -130,7 +130,7 @@ def put_back(
             m[i], e[i] = kept_m[number[i]], kept_e[number[i]]
             continue
         value, scale = _canonical(m[i], e[i])
-        value, scale = _quotient(value, scale, pivot[i])
+        value, scale = _canonical(value / pivot[i], scale)
         for entry in range(indptr[i], indptr[i + 1]):
             k = number[indices[entry]]
             value, scale = _add_product(value, scale, data[entry] / pivot[i], kept_m[k], kept_e[k])
