@@ -159,7 +159,7 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
     CircuitError
         If a current source feeds a part that nothing ties to ground.
     """
-    from resgrid.circuit.kernels import join_parts, mark_fed, number_parts
+    from resgrid.circuit.kernels import join_parts, known_range, mark_fed, number_parts
 
     part = np.arange(netlist.node_count, dtype=np.int32)
     part[forest.order[forest.base == GROUND]] = -1
@@ -168,10 +168,7 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
     join_parts(netlist.source_nodes, part, room)
     number = number_parts(part)
     lowest, highest = np.full(number, np.inf), np.full(number, -np.inf)
-    _, inner, outer = _crossing(np.take(elements, contacts, axis=0), part)
-    reached, volts = part[inner], forest.offset[outer]
-    np.minimum.at(lowest, reached, volts)
-    np.maximum.at(highest, reached, volts)
+    known_range(np.take(elements, contacts, axis=0), forest.offset, part, lowest, highest)
     fed = np.zeros(number, dtype=np.bool_)
     mark_fed(netlist.current_nodes, netlist.current_amps, part, fed)
     fed[part[forest.order[(forest.base != GROUND) & (forest.height != 0)]]] = True
@@ -179,16 +176,6 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
     if np.any(fed & parts.floating):
         _refuse_fed(netlist, parts)
     return parts
-
-
-def _crossing(
-    ends: NDArray[np.int32], number: NDArray[np.int32]
-) -> tuple[NDArray[np.bool_], NDArray[np.int32], NDArray[np.int32]]:
-    """Which elements (m, 2) lead from a numbered node to one that is not (-1), and these nodes of each."""
-    here, there = (number[ends] >= 0).T
-    which = here != there
-    first, second = ends[which].T
-    return which, np.where(here[which], first, second), np.where(here[which], second, first)
 
 
 def _refuse_fed(netlist: Netlist, parts: Parts) -> None:
@@ -235,17 +222,12 @@ def ground_and_feed(
     Shapes: `ends` (m, 2), `conductance` (m,), `contacts` (c,): the elements to look at; returns `ground` (n,), `feed`
     (n,), and whether all these voltages are ``low`` or ``high``.
     """
-    pairs, siemens, offset = np.take(ends, contacts, axis=0), conductance[contacts], forest.offset
-    which, inner, outer = _crossing(pairs, unknown)
-    row, tie, volts = unknown[inner], siemens[which], offset[outer]
-    feed = np.bincount(row, tie * ((volts - low) - offset[inner]), size)
-    rows = unknown[pairs]
-    inside = (rows >= 0).all(axis=1) & (rows[:, 0] != rows[:, 1])
-    if inside.any():
-        first, second = rows[inside].T
-        lifted = siemens[inside] * (offset[pairs[inside, 0]] - offset[pairs[inside, 1]])
-        feed += np.bincount(second, lifted, size) - np.bincount(first, lifted, size)
-    return np.bincount(row, tie, size), feed, bool(np.all((volts == low) | (volts == high)))
+    from resgrid.circuit.kernels import add_contacts
+
+    ground, feed = np.zeros(size), np.zeros(size)
+    pairs = np.take(ends, contacts, axis=0)
+    two = add_contacts(pairs, conductance[contacts], unknown, forest.offset, low, float(high), ground, feed)
+    return ground, feed, two
 
 
 def injected_into_rows(netlist: Netlist, unknown: NDArray[np.int32], size: int) -> NDArray[np.float64]:
@@ -312,8 +294,10 @@ def _ties(
     forest: SourceForest,
     high: float,
 ) -> Ties:
+    from resgrid.circuit.kernels import rail_contacts
+
     size = int(unknown.max(initial=-1)) + 1
-    ends, siemens = np.take(netlist.resistor_nodes, contacts, axis=0), netlist.conductance[contacts]
-    which, inner, outer = _crossing(ends, unknown)
-    row, tie, to_high = unknown[inner], siemens[which], forest.offset[outer] == high
-    return np.bincount(row, tie * to_high, size), np.bincount(row, tie * ~to_high, size)
+    to_high, to_low = np.zeros(size), np.zeros(size)
+    ends, conductance = np.take(netlist.resistor_nodes, contacts, axis=0), netlist.conductance[contacts]
+    rail_contacts(ends, conductance, unknown, forest.offset, high, to_high, to_low)
+    return to_high, to_low

@@ -69,6 +69,19 @@ def number_parts(part: Indices) -> int:
 
 
 @kernel
+def known_range(pairs: Indices, known: Floats, part: Indices, lowest: Floats, highest: Floats) -> None:
+    """Widen every part's range of known voltages that its resistors reach, in place; contacts alone do."""
+    for k in range(len(pairs)):
+        a, b = pairs[k, 0], pairs[k, 1]
+        if (part[a] >= 0) == (part[b] >= 0):
+            continue
+        if part[b] >= 0:
+            a, b = b, a
+        lowest[part[a]] = min(lowest[part[a]], known[b])
+        highest[part[a]] = max(highest[part[a]], known[b])
+
+
+@kernel
 def mark_fed(pairs: Indices, amps: Floats, part: Indices, fed: NDArray[np.bool_]) -> None:
     """Mark the parts that current sources feed, in place."""
     for k in range(len(pairs)):
@@ -99,6 +112,52 @@ def number_rows(part: Indices, solved: NDArray[np.bool_], root: Integers) -> int
             part[node] = rows
             rows += 1
     return rows
+
+
+@kernel
+def add_contacts(
+    pairs: Indices, conductance: Floats, row: Indices, offset: Floats, low: float, high: float, ground: Floats,
+    feed: Floats,
+) -> bool:  # fmt: skip
+    """Add what ties rows to nodes of known voltage, and the current that these, and offsets, drive from ``low`` up.
+
+    Returns whether all known voltages there are ``low`` or ``high``.
+    """
+    two = True
+    for k in range(len(pairs)):
+        a, b = pairs[k, 0], pairs[k, 1]
+        i, j = row[a], row[b]
+        if i == j:
+            continue
+        if i >= 0 and j >= 0:
+            feed[i] -= conductance[k] * (offset[a] - offset[b])
+            feed[j] += conductance[k] * (offset[a] - offset[b])
+            continue
+        if i < 0:
+            i, a, b = j, b, a
+        ground[i] += conductance[k]
+        if offset[b] != low or offset[a] != 0.0:
+            feed[i] += conductance[k] * ((offset[b] - low) - offset[a])
+            two &= offset[b] == low or offset[b] == high
+    return two
+
+
+@kernel
+def rail_contacts(
+    pairs: Indices, conductance: Floats, row: Indices, known: Floats, high: float, to_high: Floats, to_low: Floats
+) -> None:
+    """Add the conductances of contacts between rows and two rails."""
+    for k in range(len(pairs)):
+        a, b = pairs[k, 0], pairs[k, 1]
+        i = row[a]
+        if (i >= 0) == (row[b] >= 0):
+            continue
+        if i < 0:
+            i, b = row[b], a
+        if known[b] == high:
+            to_high[i] += conductance[k]
+        else:
+            to_low[i] += conductance[k]
 
 
 @kernel

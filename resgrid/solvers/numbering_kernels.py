@@ -23,14 +23,19 @@ def far_share(indptr: Indices, indices: Indices) -> float:
     return far / max(entries, 1)
 
 
-@kernel
 def breadth_first(indptr: Indices, indices: Indices, root: int = 0) -> Indices:
     """The nodes by their distance from a root, other parts behind: neighbours together (Cuthill & McKee 1969)."""
     n = len(indptr) - 1
-    order = np.empty(n + 1, np.int32)
-    seen = np.zeros(n, np.uint8)
+    order = np.empty(n + 1, dtype=np.int32)
+    _walk(indptr, indices, root, order, np.zeros(n, dtype=np.uint8))
+    return order[:n]
+
+
+@kernel
+def _walk(indptr: Indices, indices: Indices, root: int, order: Indices, seen: NDArray[np.uint8]) -> None:
+    """Number the nodes as they are reached.  Shapes: `order` (n + 1,), `seen` (n,): comes as 0."""
     size = 0
-    for other in range(-1, n):
+    for other in range(-1, len(seen)):
         first = root if other < 0 else other
         if seen[first]:
             continue
@@ -46,7 +51,6 @@ def breadth_first(indptr: Indices, indices: Indices, root: int = 0) -> Indices:
                 order[size] = j
                 size += 1 - seen[j]
                 seen[j] = 1
-    return order[:n]
 
 
 @kernel

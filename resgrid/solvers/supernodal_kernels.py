@@ -265,8 +265,10 @@ def substitute(nodes: Supernodes, values: Floats, pivot: Floats, m: Floats, e: I
         m[i], e[i] = _canonical(m[i], e[i])
     for node in range(len(nodes.first) - 1):
         _forward(nodes, values, m, e, column, node)
+    for k in range(len(m)):
+        m[k], e[k] = _canonical(m[k] / pivot[k], e[k])
     for node in range(len(nodes.first) - 2, -1, -1):
-        _backward(nodes, values, pivot, m, e, column, node)
+        _backward(nodes, values, m, e, column, node)
 
 
 @inlined
@@ -296,23 +298,21 @@ def _forward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column: 
 
 
 @inlined
-def _backward(
-    nodes: Supernodes, values: Floats, pivot: Floats, m: Floats, e: Integers, column: Floats, node: int
-) -> None:
+def _backward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column: Floats, node: int) -> None:
     """Solve for the rows of a supernode's columns, from those of the later ones."""
     begin, base, first = nodes.start[node], nodes.offset[node], nodes.first[node]
     length, columns = nodes.start[node + 1] - begin, nodes.first[node + 1] - first
     common = _align(nodes.rows, begin, ZERO, length, m, e, column)
     plain = True
     for c in range(columns - 1, -1, -1):
-        column[c] = column[c] / pivot[first + c] + _product(column, values, base + c * length, c + 1, length)
+        column[c] += _product(column, values, base + c * length, c + 1, length)
         plain = plain and _LEAST <= abs(column[c]) <= _MOST
     if plain:
         for c in range(columns):
             m[first + c], e[first + c] = _canonical(column[c], common)
         return
     for c in range(columns - 1, -1, -1):
-        value, scale = _canonical(m[first + c] / pivot[first + c], e[first + c])
+        value, scale = m[first + c], e[first + c]
         for r in range(c + 1, length):
             row = nodes.rows[begin + r]
             value, scale = _add_product(value, scale, values[base + c * length + r], m[row], e[row])

@@ -68,6 +68,16 @@ def test_every_digit_is_right_whatever_the_conductances(order: Order, size: int,
 
 
 @ORDERS
+@pytest.mark.parametrize("unit", [2.0**-530, 2.0**500, 2.0**900])
+def test_units_change_no_digit(order: Order, unit: float) -> None:
+    system = assemble(compile_space(space_of(serpentine(5, 20, 2))))
+    plain, rhs = system.laplacian, system.laplacian.ground
+    scaled = Laplacian(plain.ground * unit, compressed=plain.edges * unit)
+    expected = factor_supernodes(plain, order(plain)).solve(rhs)
+    np.testing.assert_allclose(factor_supernodes(scaled, order(scaled)).solve(rhs * unit), expected, rtol=1e-14)
+
+
+@ORDERS
 @settings(max_examples=60)
 @given(st.integers(3, 24), st.integers(0, 2**32 - 1))
 def test_currents_may_differ_by_thousands_of_decades_from_row_to_row(order: Order, size: int, seed: int) -> None:
