@@ -390,9 +390,7 @@ def test_a_finger_drags_a_stroke(served: LivePage, chromium: Browser):
     context.close()
 
 
-def test_a_link_with_a_broken_resistor_shows_the_ideal_path_too(
-    shown: Page, served: LivePage, chromium: Browser
-):
+def test_a_link_with_a_broken_resistor_shows_the_ideal_path_too(shown: Page, served: LivePage, chromium: Browser):
     whole = lines(shown)[0]
     middle = np.floor(whole[len(whole) // 2]).astype(int).tolist()
     shown.evaluate(f"live.model.replace({{ broken: [[{middle[0] + 1}, {middle[1]}, 0]] }})")
