@@ -123,7 +123,10 @@ def test_the_path_shown_is_that_of_the_shared_link(shown: Page):
         assert len(paths) == 1
         assert paths[0]["outcome"] == shown.evaluate("live.view.frame.paths[0].outcome")
         if len(line):
+            assert len(paths[0]["cells"]) == shown.evaluate("live.view.frame.paths[0].cells")
             np.testing.assert_allclose(line, paths[0]["points"], atol=1e-4)
+            inner = np.floor((line[:-1] + line[1:]) / 2)[np.abs(np.diff(line, axis=0)).sum(axis=1) > 1e-3]
+            assert {tuple(cell) for cell in inner.tolist()} <= {tuple(cell) for cell in paths[0]["cells"]}
 
 
 def test_flaws_are_shown_beside_the_ideal_path(shown: Page):
@@ -387,9 +390,7 @@ def test_a_finger_drags_a_stroke(served: LivePage, chromium: Browser):
     context.close()
 
 
-def test_a_link_with_a_broken_resistor_shows_the_ideal_path_too(
-    shown: Page, served: LivePage, chromium: Browser
-):
+def test_a_link_with_a_broken_resistor_shows_the_ideal_path_too(shown: Page, served: LivePage, chromium: Browser):
     whole = lines(shown)[0]
     middle = np.floor(whole[len(whole) // 2]).astype(int).tolist()
     shown.evaluate(f"live.model.replace({{ broken: [[{middle[0] + 1}, {middle[1]}, 0]] }})")

@@ -67,7 +67,8 @@ def tool(label: str) -> Callable[[Page], None]:
     def bring(page: Page) -> None:
         page.locator("#tools").get_by_role("button", name=label, exact=True).click()
         drag(page, [(30, 30), (45, 45)])
-        until(page, "live.solved === live.model.scene || document.getElementById('quality').dataset.state === 'error'")
+        nothing = "live.view.frame === null && document.getElementById('quality').dataset.state === 'error'"
+        until(page, f"live.frames.at(-1).exact && live.solved === live.model.scene || {nothing}")
 
     return bring
 
@@ -140,6 +141,10 @@ AFRESH = """() => {
     document.getElementById("panel").scrollTo(0, 0);
     document.activeElement.blur();
     live.tools.choose("draw");
+    live.view.cursor = null;
+    const boxes = [...document.querySelectorAll("#panel input[type=checkbox]")];
+    window.checked ??= boxes.map((box) => box.checked);
+    boxes.forEach((box, n) => { if (box.checked !== window.checked[n]) box.click(); });
     live.model.reset(window.first ??= live.model.scene);
 }"""
 

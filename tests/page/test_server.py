@@ -265,6 +265,19 @@ def test_readers_see_the_scene_and_no_other():
         assert head["cells"] == 56
 
 
+def test_paths_to_compare_with_are_certified_ones_of_other_drawings(served):
+    drawing = replace(blank(16), k=0.5, broken=((5, 5, 0),), chip={"mismatch": 0.1, "seed": 3})
+    others = replace(drawing, broken=(), chip={}), replace(drawing, k=1.0)
+    expected = b"".join(describe(solve_drawing(other, exact=True))[1][0] for other in others)
+    with dial(served) as socket:
+        socket.recv(timeout=PATIENCE)
+        head, body = ask(socket, *about("paths", drawing, paths=["ideal", "k = 1"]))
+        assert body == expected and 8 * sum(map(sum, head["points"])) == len(body)
+        driven = replace(drawing, k=0.0, driven=True)
+        assert "uniform drive" in ask(socket, *about("paths", driven, paths=["k = 0"]))[0]["error"]
+        assert "paths" in ask(socket, *about("paths", drawing, paths=["worst"]))[0]["error"]
+
+
 def test_saved_files_are_what_they_say(served):
     with dial(served) as socket:
         socket.recv(timeout=PATIENCE)

@@ -24,7 +24,7 @@ const HTML = `
     <div class="ends"><span>0 grazes</span><span>1 repels</span></div>
     ${check("ends", "Paths of both ends")}
     ${slider("wall", "Wall resistance", WALL_STEPS)}
-    <span class="note">of every contact with an obstacle: a chip has one</span>
+    <span class="note">one value for the whole chip</span>
     ${select("edge", "Border", [["obstacle", "obstacle"], ["open", "open"]])}
     ${select("driven", "Drive", [["", "uniform"], ["start", "the start"]])}
   </section>
@@ -34,7 +34,7 @@ const HTML = `
   </section>
   <section class="editing"><h2>Flaws of the chip</h2>
     ${slider("mismatch", "Mismatch of resistors", 40)}
-    <label class="row">Chip number <input id="seed" type="number" min="0" max="999999" step="1"></label>
+    <label class="row">Chip number <input id="seed" type="number" value="0" min="0" max="999999" step="1"></label>
   </section>
   <section><h2>Time</h2>
     <button id="settle" title="How the chip comes to this field, with 1 pF at every node unless the scene says otherwise">Let it settle</button>
@@ -155,8 +155,8 @@ export class Panel {
     }));
     if (!paths.length) get("paths").textContent = "No start yet: set one with the start tool.";
     const isHeight = scale.kind === "height", decades = -scale.low;
-    get("legend-low").textContent = isHeight ? "goal 0" : "goal";
-    get("legend-high").textContent = isHeight ? "1 potential" : `${decades.toFixed(decades < 10 ? 1 : 0)} decades below`;
+    get("legend-low").textContent = isHeight ? "potential 0" : "goal";
+    get("legend-high").textContent = isHeight ? "1" : `${decades.toFixed(decades < 10 ? 1 : 0)} decades below`;
     get("figures").textContent = `${nx} × ${ny}, ${methods.join(" and ")}, ${Math.round(seconds * 1000)} ms`
       + (cutOff ? `; ${cutOff} free cells are cut off` : "") + (flat.length ? `; the ${flat.join(" and ")} half is flat` : "");
   }
