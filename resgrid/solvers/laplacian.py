@@ -224,15 +224,15 @@ class Laplacian:
         )
 
 
-def once(find: Callable[[Laplacian], _Found]) -> Callable[[Laplacian], _Found]:
-    """Find something out about a matrix once, and remember it as long as the matrix lives."""
+def once(find: Callable[..., _Found]) -> Callable[..., _Found]:
+    """Find something out about a matrix once, and remember it as long as the matrix lives, whoever helped."""
     name = f"{find.__module__}.{find.__qualname__}"
 
     @wraps(find)
-    def remembered(laplacian: Laplacian) -> _Found:
+    def remembered(laplacian: Laplacian, *helpers: object) -> _Found:
         memory = vars(laplacian)
         if name not in memory:
-            memory[name] = find(laplacian)
+            memory[name] = find(laplacian, *helpers)
         found: _Found = memory[name]
         return found
 
