@@ -164,9 +164,22 @@ def rail_contacts(
 def add_injected(pairs: Indices, amps: Floats, row: Indices, injected: Floats, rest: Floats) -> None:
     """Add the currents of current sources to the rows they lead to, and take them from those they come from.
 
-    The sum of a row is rounded once: several sources may nearly cancel.  Shapes: `injected, rest` (rows,): the latter
-    comes as 0.
+    The sum of a row is rounded once: several sources may nearly cancel.  Shapes: `injected, rest` (rows,): both come
+    as 0.
     """
+    several = False
+    for k in range(len(pairs)):
+        i, j = row[pairs[k, 0]], row[pairs[k, 1]]
+        if i >= 0:
+            several |= injected[i] != 0.0
+            injected[i] -= amps[k]
+        if j >= 0:
+            several |= injected[j] != 0.0
+            injected[j] += amps[k]
+    if not several:
+        return
+    for k in range(len(injected)):
+        injected[k] = 0.0
     for k in range(len(pairs)):
         i, j = row[pairs[k, 0]], row[pairs[k, 1]]
         if i >= 0:

@@ -101,8 +101,9 @@ def read_entrywise(
 
     Returns `residual` (nodes,), and whether differences of values have few digits left.
     """
-    voltage = _voltage(system, values)
-    log_drop, potential = _stored(system, values)
+    voltage, (log_drop, potential) = team.together(
+        [partial(_voltage, system, values), partial(_stored, system, values)]
+    )
     falling = _falling(log_drop, potential, values)
     netlist, faint = system.netlist, False
     if falls is None:
@@ -165,7 +166,7 @@ def _readings(
         )  # fmt: skip
 
     powers, faint = zip(*team.over(len(amps), through), strict=True) if amps.size else ((), ())
-    return *_taken(netlist, forest, unknown, amps, exponent, sum(powers), falling), any(faint)
+    return *_taken(netlist, forest, unknown, amps, exponent, sum(powers), falling, team), any(faint)
 
 
 def _taken(
@@ -176,6 +177,7 @@ def _taken(
     exponent: NDArray[np.int64],
     power_sum: float,
     falling: _Falling | None,
+    team: Team = ALONE,
 ) -> tuple[Readings, NDArray[np.float64]]:
     """Sum up the currents at every node; nodes that floating sources join count as one.
 
@@ -195,11 +197,18 @@ def _taken(
     if np.any(forest.base != GROUND):
         root = forest.root
         net, through = (np.asarray(np.bincount(root, part * scale)[root], dtype=np.float64) for part in (net, through))
-    residual = np.divide(np.abs(net), through, out=np.zeros(len(unknown)), where=(unknown >= 0) & (through > 0))
+    residual, direction = np.zeros(len(unknown)), np.empty(len(amps), dtype=np.int8)
+
+    def violated(some: slice) -> None:
+        held = (unknown[some] >= 0) & (through[some] > 0)
+        np.divide(np.abs(net[some]), through[some], out=residual[some], where=held)
+
+    team.over(len(unknown), violated)
+    team.over(len(amps), lambda some: np.copyto(direction[some], np.sign(amps[some]), casting="unsafe"))
     readings = Readings(
         resistor_current=amps if plain else amps * power(exponent),
         log_current=None if plain else partial(_log_current, amps, exponent),
-        resistor_direction=np.sign(amps).astype(np.int8),
+        resistor_direction=direction,
         source_current=source_currents(netlist, forest, -sums.net * scale, sums.through * scale),
         power=float(power_sum),
         kcl_residual=float(residual.max(initial=0.0)),

@@ -97,6 +97,8 @@ def factor_laplacian(
     """
     if method != "auto" and method not in METHODS:
         raise InputError(f"method = {method!r} is unknown; it may be one of auto, {', '.join(METHODS)}")
+    if team.size > 1 and laplacian.grid is not None:
+        count_connections(laplacian, team)
     if reduce and may_shrink(laplacian):
         long = _along_corridors(laplacian, method, accuracy) if laplacian.size >= _LONG else None
         if long is not None:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import BudgetError
+from resgrid.solvers.team import ALONE, Team, pieces
 
 if TYPE_CHECKING:
     from scipy import sparse
@@ -22,6 +23,8 @@ _Found = TypeVar("_Found")
 
 _MOST_ENTRIES = 2**31 - 1
 
+_MOST_PARTS = 8
+"""Of a list of edges, each with neighbours of its own."""
 
 WEAK = 0.1
 """A conductance is weak below this share of the strongest one at either of its ends."""
@@ -305,15 +308,15 @@ class Laplacian:
         )
 
 
-def once(find: Callable[[Laplacian], _Found]) -> Callable[[Laplacian], _Found]:
-    """Find something out about a matrix once, and remember it as long as the matrix lives."""
+def once(find: Callable[..., _Found]) -> Callable[..., _Found]:
+    """Find something out about a matrix once, and remember it as long as the matrix lives, whoever helped."""
     name = f"{find.__module__}.{find.__qualname__}"
 
     @wraps(find)
-    def remembered(laplacian: Laplacian) -> _Found:
+    def remembered(laplacian: Laplacian, *helpers: object) -> _Found:
         memory = vars(laplacian)
         if name not in memory:
-            memory[name] = find(laplacian)
+            memory[name] = find(laplacian, *helpers)
         found: _Found = memory[name]
         return found
 
@@ -321,7 +324,7 @@ def once(find: Callable[[Laplacian], _Found]) -> Callable[[Laplacian], _Found]:
 
 
 @once
-def count_connections(laplacian: Laplacian) -> Connections:
+def count_connections(laplacian: Laplacian, team: Team = ALONE) -> Connections:
     """Count the neighbours of all rows, and compare their conductances.
 
     On a grid the resistors are counted one by one, so that no compressed rows are needed; there only the two across
@@ -331,12 +334,10 @@ def count_connections(laplacian: Laplacian) -> Connections:
 
     listed, grid = laplacian.listed, laplacian.grid
     if listed is not None and grid is not None and grid.simple:
-        neighbours = np.zeros(laplacian.size, dtype=np.int8)
-        inner, smallest, largest, half = kernels.count_neighbours(*listed, neighbours)
+        inner, smallest, largest, half, few = _count_edges(listed, laplacian.size, team)
         some = smallest < WEAK * largest
         weak = kernels.weak_pairs(*listed, laplacian.size, WEAK) / inner if some else 0.0
-        entries, few = 2 * inner, int(np.count_nonzero(neighbours <= 2))
-        total = 2.0 * half
+        entries, total = 2 * inner, 2.0 * half
     else:
         rows = laplacian.any_rows
         entries, few = len(rows.indices), int(np.count_nonzero(np.diff(rows.indptr) <= 2))
@@ -352,3 +353,23 @@ def count_connections(laplacian: Laplacian) -> Connections:
         smallest=float(min(smallest, present.min(initial=np.inf))),
         largest=float(max(largest, present.max(initial=0.0))),
     )
+
+
+def _count_edges(listed: EdgeList, size: int, team: Team) -> tuple[int, float, float, float, int]:
+    """Conductances between rows: how many, the smallest, the largest, their sum; rows with at most two neighbours."""
+    from resgrid.solvers.row_kernels import count_neighbours
+
+    cut = pieces(0, len(listed.conductance)) or [slice(0, 0)]
+    parts = min(team.size, len(cut), _MOST_PARTS)
+    neighbours = np.zeros((parts, size), dtype=np.uint8)
+    found: list[tuple[int, float, float, float]] = [(0, np.inf, 0.0, 0.0)] * len(cut)
+
+    def count(part: int) -> None:
+        for k in range(part * len(cut) // parts, (part + 1) * len(cut) // parts):
+            some = listed.ends[cut[k]], listed.conductance[cut[k]], listed.row
+            found[k] = count_neighbours(*some, neighbours[part])
+
+    team.share(count, parts)
+    few = team.over(size, lambda rows: int(np.count_nonzero(neighbours[:, rows].sum(axis=0, dtype=np.uint8) <= 2)))
+    inner, smallest, largest, half = zip(*found, strict=True)
+    return sum(inner), min(smallest), max(largest), sum(half), sum(few)

@@ -155,7 +155,7 @@ def add_conductances(pairs: Indices, conductance: Floats, row: Indices, degree: 
 
 @kernel
 def count_neighbours(
-    pairs: Indices, conductance: Floats, row: Indices, neighbours: NDArray[np.int8]
+    pairs: Indices, conductance: Floats, row: Indices, neighbours: NDArray[np.uint8]
 ) -> tuple[int, float, float, float]:
     """Count the neighbours of every row up to three.
 

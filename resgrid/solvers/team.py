@@ -79,7 +79,12 @@ class Team:
 
     def over(self, count: int, loop: Callable[[slice], Result]) -> list[Result]:
         """Do a loop piece by piece; returns results of the same pieces whatever the number of threads."""
-        return self.together([partial(loop, slice(k, min(k + _PIECE, count))) for k in range(0, count, _PIECE)])
+        return self.together([partial(loop, piece) for piece in pieces(0, count)])
+
+
+def pieces(begin: int, end: int) -> list[slice]:
+    """Cut a range into pieces of one length, the last one but for its rest."""
+    return [slice(k, min(k + _PIECE, end)) for k in range(begin, end, _PIECE)]
 
 
 ALONE = Team()

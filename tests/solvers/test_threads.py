@@ -7,10 +7,12 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from numba import njit
+from numpy.typing import NDArray
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.solvers.multigrid import slabs, threaded
+from resgrid.solvers.multigrid import atomics, slabs, threaded
 from resgrid.solvers.team import Team
 
 SHAPES = [(448, 384), (56, 64, 48)]
@@ -58,9 +60,9 @@ def cuts(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     cut = threaded._cut
 
     def noting(*arguments: object) -> list[object]:
-        grids = cut(*arguments)
-        noted.extend(len(grid.parts) for grid in grids)
-        return grids
+        parts = cut(*arguments)
+        noted.extend(len(some) for some in parts)
+        return parts
 
     monkeypatch.setattr(threaded, "_cut", noting)
     return noted
@@ -127,15 +129,15 @@ def test_many_solves_at_a_time_share_one_computer() -> None:
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
 def test_what_is_raised_in_a_slab_ends_the_solve(error: type[BaseException], monkeypatch: pytest.MonkeyPatch) -> None:
     netlist = rg.compile_space(room((420, 380), 3), boundary="neumann")
-    calls, part = iter(range(10**6)), slabs.multiply_part
+    calls, part = iter(range(10**6)), slabs.residual_part
 
     def failing(*arguments: object) -> None:
-        if next(calls) == 5:
+        if next(calls) == 4:
             raise error("slab")
         part(*arguments)
 
     with monkeypatch.context() as patch:
-        patch.setattr(slabs, "multiply_part", failing)
+        patch.setattr(slabs, "residual_part", failing)
         with pytest.raises(error, match="slab"):
             rg.solve(netlist, accuracy="normwise", method="multigrid", threads=3)
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("resgrid")]
@@ -175,3 +177,49 @@ def test_digits_do_not_depend_on_who_takes_a_job_first(shape: tuple[int, ...], m
 
     monkeypatch.setattr(Team, "share", backwards)
     assert_same(one, rg.solve(netlist, method="multigrid", threads=2))
+
+
+@njit(nogil=True)
+def lead(state: NDArray[np.int64], jobs: int, parts: int, done: NDArray[np.int64]) -> None:
+    """Announce one job after the other; notes who has done which part."""
+    for job in range(jobs):
+        atomics.announce(state, 0, job, 0, parts)
+        part = atomics.claim(state)
+        while part >= 0:
+            done[job, part] += 1
+            atomics.finish(state)
+            part = atomics.claim(state)
+        atomics.wait_for(state, parts)
+        for part in range(parts):
+            done[job, part] *= 10
+    atomics.end_jobs(state)
+
+
+@njit(nogil=True)
+def helping(state: NDArray[np.int64], done: NDArray[np.int64]) -> int:
+    """Do parts until there are no more."""
+    count = 0
+    part = atomics.await_part(state)
+    while part >= 0:
+        done[state[atomics.LEVEL], part] += 1
+        atomics.finish(state)
+        count += 1
+        part = atomics.await_part(state)
+    return count
+
+
+def test_every_part_of_a_job_is_done_once_before_the_next_one_begins() -> None:
+    state, done = np.zeros(atomics.PLACES, dtype=np.int64), np.zeros((300, 7), dtype=np.int64)
+    atomics.begin_jobs(state)
+    with ThreadPoolExecutor(3) as pool:
+        helpers = [pool.submit(helping, state, done) for _ in range(3)]
+        lead(state, *done.shape, done)
+        for helper in helpers:
+            helper.result()
+    assert np.all(done == 10)
+
+
+def test_a_helper_leaves_where_nobody_leads() -> None:
+    state = np.zeros(atomics.PLACES, dtype=np.int64)
+    atomics.begin_jobs(state)
+    assert helping(state, np.zeros((1, 1), dtype=np.int64)) == 0

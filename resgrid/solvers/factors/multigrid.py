@@ -61,7 +61,8 @@ class MultigridFactor(Factor):
 
         _tell(watch, "plain")
         x, residual = iterate(self.laplacian, self.hierarchy, rhs, rtol, guess, watch, self.team)
-        error = residual / (2.0 * self.hierarchy.largest_degree * norm(x) + norm(rhs) or 1.0)
+        scale = 2.0 * self.hierarchy.largest_degree * norm(x, self.team) + norm(rhs, self.team)
+        error = residual / (scale or 1.0)
         return self._judged(x, error, rtol, watch)
 
     def _solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> tuple[Scaled, float]:

@@ -28,7 +28,8 @@
    cells go ahead of black ones by as far as neighbours reach, so that a sweep reads faces once; the relaxation and the
    product that follows it are two sweeps, one close behind the other. The product takes conductances in single
    precision and makes up for their rounding on the diagonal (`grid_level.compensate`): rows sum to what leaks.
-   Several threads take slabs of the finest grids (`threaded`, `slabs`), and leave the same digits.
+   Several threads take slabs of the finest grids (`threaded`, `slabs`), one of them leading in compiled code from sweep
+   to sweep (`atomics`), and leave the same digits.
 8. *Refinement* (`resgrid.solvers.refine`) makes a normwise answer right entry by entry: voltages in double-double,
    with exponents where doubles run out, every pass a solution to many digits of what is largest, until what all rows
    violate KCL by proves that no entry is off by more than 4e-9 of itself and the rounding of the sums. The last rows,

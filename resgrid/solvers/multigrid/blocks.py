@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,10 @@ from resgrid.solvers.multigrid.grid_level import WEAK, Level, level_of
 from resgrid.solvers.multigrid.lattice import Lattice
 from resgrid.solvers.multigrid.red_black import Edges, Floats, Indices, Integers, Singles, slot_of
 from resgrid.solvers.row_kernels import find, join
+from resgrid.solvers.team import ALONE, Team, pieces
+
+_STRETCH = 2**16
+"""Slots of a colour that one thread coarsens at a time, about."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +37,7 @@ class Coarsened:
     off_stretch: NDArray[np.float32]
 
 
-def coarsen(level: Level, *, split: bool, keep: bool = False) -> Coarsened | None:
+def coarsen(level: Level, *, split: bool, keep: bool = False, team: Team = ALONE) -> Coarsened | None:
     """Make the next level: blocks of two cells along every axis but those that conduct badly.
 
     A block that falls apart, without its weak conductances, keeps one part on the grid; the others become extra nodes
@@ -40,8 +45,8 @@ def coarsen(level: Level, *, split: bool, keep: bool = False) -> Coarsened | Non
     """
     shift = (level.mean > WEAK * level.mean.max()).astype(np.int64)
     lattice = Lattice(tuple((n - 1 >> s) + 1 for n, s in zip(level.lattice.shape, shift.tolist(), strict=True)))
-    target = _blocks(level, lattice, shift)
-    home = _split(level, lattice, target, WEAK if split else 0.0)
+    target = _blocks(level, lattice, shift, team)
+    home = _split(level, lattice, target, WEAK if split else 0.0, team)
     before, colour = lattice.slots, (home >= lattice.slots).astype(np.int64)
     if len(home):
         most = int(np.bincount(colour).max())
@@ -51,32 +56,41 @@ def coarsen(level: Level, *, split: bool, keep: bool = False) -> Coarsened | Non
         renumber(target, before, number, lattice.slots - before)
     cells = [lattice.cells_at(c, home[colour == c] - c * before) for c in range(2)]
     red, black = (np.ravel_multi_index(cell, lattice.shape).astype(np.int64) for cell in cells)
-    return _summed(level, lattice, target, (red, black), keep)
+    return _summed(level, lattice, target, (red, black), keep, team)
 
 
-def _blocks(level: Level, lattice: Lattice, shift: NDArray[np.int64]) -> NDArray[np.int32]:
+def _blocks(level: Level, lattice: Lattice, shift: NDArray[np.int64], team: Team) -> NDArray[np.int32]:
     """The slot on the next lattice, red ones first, that every slot's block takes."""
     fine = level.lattice
     index = np.ix_(*(np.arange(n) >> s for n, s in zip((*fine.shape[:-1], 1), shift.tolist(), strict=True)))
     target = np.zeros(level.degree.shape, dtype=np.int32)
-    block_of_slots(
-        level.degree > 0.0, fine.rows, fine.shape[-1], fine.margin, int(shift[-1]), lattice.number(index).ravel(),
-        lattice.margin, lattice.slots, target,
-    )  # fmt: skip
+    rows, blocks = fine.rows, lattice.number(index).ravel()
+
+    def some_rows(cells: slice) -> None:
+        some = slice(cells.start // fine.shape[-1], cells.stop // fine.shape[-1])
+        block_of_slots(
+            level.degree, rows[some], fine.shape[-1], fine.margin, int(shift[-1]), blocks[some], lattice.margin,
+            lattice.slots, target,
+        )  # fmt: skip
+
+    team.over(len(rows) * fine.shape[-1], some_rows)
     for colour, cell in enumerate(level.extra_cell):
         block = [index >> s for index, s in zip(np.unravel_index(cell, fine.shape), shift.tolist(), strict=True)]
         target[colour, fine.first_extra : fine.first_extra + len(cell)] = lattice.slot(lattice.number(block))
     return target
 
 
-def _split(level: Level, lattice: Lattice, target: NDArray[np.int32], weak: float) -> NDArray[np.int64]:
+def _split(level: Level, lattice: Lattice, target: NDArray[np.int32], weak: float, team: Team) -> NDArray[np.int64]:
     """Number the parts of blocks that fall apart, in place; returns the block that every extra node comes from."""
     edges = level.edges
     strongest = np.zeros(level.degree.shape if weak else (2, 1), dtype=np.float32)
     if weak:
         strongest_at(edges, strongest)
     members, inner = np.zeros((2, 2 * lattice.slots), dtype=np.int32)
-    count_inside(edges, target, weak, strongest, members, inner)
+    within, beside = _stretches(level)
+    team.together([partial(count_inside, edges, target, weak, strongest, *some, members, inner) for some in within])
+    count_inside(edges, target, weak, strongest, *beside, members, inner)
+    members[0] = 0
     # A part of a hypercube with n corners has at most as many edges as there are ones in the numbers below n.
     most = np.cumsum([0, 0, *(k.bit_count() for k in range(1, 64))])
     doubtful = (members > 1) & (inner <= most[np.clip(members - 1, 0, 63)])
@@ -98,16 +112,27 @@ def _summed(
     target: NDArray[np.int32],
     extra_cell: tuple[NDArray[np.int64], NDArray[np.int64]],
     keep: bool,
+    team: Team,
 ) -> Coarsened | None:
-    summed = sum_up(level, lattice, target, sum(len(cell) for cell in extra_cell))
+    summed = sum_up(level, lattice, target, sum(len(cell) for cell in extra_cell), team)
     if summed is None:
         return None
     edges, leak, inner = summed
     before = (edges.faces.copy(), edges.couplings.copy()) if keep else (np.empty((0, 0)), np.empty(0))
-    lengthen(edges, leak, inner)
+    inside = pieces(lattice.margin, lattice.slots - lattice.margin)
+    team.together([partial(lengthen, edges, leak, inner, some.start, some.stop) for some in inside])
+    off = _in_series(edges.couplings, inner[edges.off_axis, edges.off_red], 0.5)
+    off = _in_series(off, inner[edges.off_axis, lattice.slots + edges.off_black], 0.5)
+    edges = edges._replace(couplings=off)
     left = [_share_left(old, new) for old, new in zip(before, (edges.faces, edges.couplings), strict=True)]
-    coarse = level_of(lattice, edges, leak, extra_cell)
+    coarse = level_of(lattice, edges, leak, extra_cell, team)
     return Coarsened(coarse, target[1].copy(), target if keep else np.empty((2, 0), dtype=np.int32), *left)
+
+
+def _in_series(conductance: NDArray[np.float64], inner: NDArray[np.float32], share: float) -> NDArray[np.float64]:
+    """Conductances in series with a share of what lies inside blocks, where there is some."""
+    own = inner.astype(np.float64)
+    return np.divide(own * conductance, own + share * conductance, out=conductance.copy(), where=own > 0.0)
 
 
 def _share_left(before: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -117,8 +142,20 @@ def _share_left(before: NDArray[np.float64], after: NDArray[np.float64]) -> NDAr
     return left
 
 
+def _stretches(level: Level) -> tuple[list[tuple[int, int]], tuple[int, int]]:
+    """Ranges of slots of both colours that share no block, and the range of nodes beside the lattice.
+
+    They begin at every so many rows along the first axis, an even number, as blocks do: the same for any number of
+    threads.
+    """
+    fine = level.lattice
+    rows = max(_STRETCH // fine.strides[0], 1) * 2
+    begins = [fine.margin + row * fine.strides[0] // 2 for row in range(0, fine.shape[0], rows)]
+    return list(zip(begins, [*begins[1:], fine.first_extra], strict=True)), (fine.first_extra, fine.slots - fine.margin)
+
+
 def sum_up(
-    level: Level, lattice: Lattice, target: NDArray[np.int32], extras: int
+    level: Level, lattice: Lattice, target: NDArray[np.int32], extras: int, team: Team = ALONE
 ) -> tuple[Edges, NDArray[np.float64], NDArray[np.float32]] | None:
     """Sum the conductances between blocks, which have ``extras`` nodes beside the lattice.
 
@@ -128,14 +165,31 @@ def sum_up(
     sides = len(level.edges.faces)
     room = len(level.edges.couplings) + extras * sides * 2 ** (sides // 2)
     leak, inner = np.zeros((2, lattice.slots)), np.zeros((sides // 2, 2 * lattice.slots), dtype=np.float32)
-    red, black, axis = np.empty((3, room), dtype=np.int32)
     faces, distance, margin = np.zeros((sides, lattice.slots)), lattice.distance, lattice.margin
-    coarse = Edges(faces, distance, margin, red, black, axis, np.empty(room))
-    count = sum_blocks(level.edges, level.leak, target, lattice.first_extra, coarse, leak.ravel(), inner)
-    if count < 0:
+    within, beside = _stretches(level)
+
+    def summed(edges: Edges, *ranges: tuple[int, int, int, int]) -> tuple[NDArray[Any], ...] | None:
+        red, black, axis = np.empty((3, room), dtype=np.int32)
+        coarse = Edges(faces, distance, margin, red, black, axis, np.empty(room))
+        first, some = lattice.first_extra, np.array(ranges)
+        count = sum_blocks(edges, level.leak, target, first, some, coarse, leak.ravel(), inner)
+        return None if count < 0 else tuple(part[:count].copy() for part in coarse[3:])
+
+    uncoupled, reach = level.edges._replace(couplings=np.empty(0)), level.lattice.margin
+    across = [
+        ranges
+        for border, _ in within[1:]
+        for ranges in (
+            (border - reach, border, border, border + reach),
+            (border, border + reach, border - reach, border),
+        )
+    ]
+    met = team.together([partial(summed, uncoupled, (*some, *some)) for some in within])
+    met.append(summed(level.edges, *across, (*beside, *beside)))
+    off = [some for some in met if some is not None]
+    if len(off) < len(met):
         return None
-    off = _united(red[:count], black[:count], axis[:count], coarse.couplings[:count])
-    return Edges(faces, distance, margin, *off), leak, inner
+    return Edges(faces, distance, margin, *_united(*map(np.concatenate, zip(*off, strict=True)))), leak, inner
 
 
 def _united(
@@ -167,8 +221,8 @@ def strongest_at(edges: Edges, strongest: Singles) -> None:
 
 @kernel
 def block_of_slots(
-    exists: NDArray[np.bool_], rows: Integers, columns: int, margin: int, shift: int, coarse_rows: Integers,
-    coarse_margin: int, coarse_slots: int, block: Indices,
+    degree: Floats, rows: Integers, columns: int, margin: int, shift: int, coarse_rows: Integers, coarse_margin: int,
+    coarse_slots: int, block: Indices,
 ) -> None:  # fmt: skip
     """Which slot of the next stencil, red ones first, the block around every slot takes; left alone where nothing is.
 
@@ -178,7 +232,7 @@ def block_of_slots(
         for column in range(columns):
             number = rows[line] + column
             colour, here = number & 1, margin + (number >> 1)
-            if exists[colour, here]:
+            if degree[colour, here] > 0.0:
                 number = coarse_rows[line] + (column >> shift)
                 block[colour, here] = slot_of(number, coarse_margin, coarse_slots)
 
@@ -190,15 +244,16 @@ def _joins(g: float, weak: float, strongest: Singles, red: int, black: int | np.
 
 @kernel
 def count_inside(
-    edges: Edges, block: Indices, weak: float, strongest: Singles, members: Indices, inner: Indices
-) -> None:
-    """Members of every block, and the faces inside it that conduct and are not weak.
+    edges: Edges, block: Indices, weak: float, strongest: Singles, begin: int, end: int, members: Indices,
+    inner: Indices,
+) -> None:  # fmt: skip
+    """Count the members of the blocks at some slots, and the faces inside that conduct and are not weak.
 
     Couplings do not count: those that close a ring of two cells join what a face joins already.
     """
-    faces, distance, margin = edges.faces, edges.distance, edges.margin
+    faces, distance = edges.faces, edges.distance
     red_block, black_block = block[0], block[1]
-    for k in range(margin, faces.shape[1] - margin):
+    for k in range(begin, end):
         at = np.uint64(k)
         own, joined = np.uint64(red_block[at]), 0
         members[own] += 1
@@ -208,7 +263,6 @@ def count_inside(
             g, same = faces[np.uint64(q), at], own == np.uint64(black_block[black])
             joined += same and g > 0.0 and _joins(g, weak, strongest, k, black)
         inner[own] += joined
-    members[0] = 0
 
 
 @kernel
@@ -275,40 +329,53 @@ def renumber(block: Indices, before: int, number: Indices, shift: int) -> None:
 
 @kernel
 def sum_blocks(
-    edges: Edges, leak: Floats, target: Indices, first_extra: int, coarse: Edges, coarse_leak: Floats, inner: Singles
-) -> int:
+    edges: Edges, leak: Floats, target: Indices, first_extra: int, ranges: Integers, coarse: Edges, coarse_leak: Floats,
+    inner: Singles,
+) -> int:  # fmt: skip
     """Sum the conductances between aggregates into the faces and couplings of the next grid, leaks into its leaks.
 
-    ``inner`` of shape (ndim, 2 slots) receives what lies inside aggregates along every axis.  Returns the number of
-    new couplings, or -1 if a resistor joins two parts of one colour.
+    ``ranges`` (n, 4): of red slots, and of the black slots to which the faces in question lead; the leaks are those of
+    the slots that are in both.  ``inner`` of shape (ndim, 2 slots) receives what lies inside aggregates along every
+    axis.  Returns the number of new couplings, or -1 if a resistor joins two parts of one colour.
     """
-    faces, distance, margin, off_red, off_black, off_axis, couplings = edges
+    faces, distance = edges.faces, edges.distance
     sums, coarse_slots = coarse.faces, coarse.faces.shape[1]
     count, red_target, black_target = 0, target[0], target[1]
-    for k in range(margin, faces.shape[1] - margin):
-        at = np.uint64(k)
-        for colour in range(2):
-            if leak[colour, at] != 0.0:
-                coarse_leak[np.uint64(target[colour, at])] += leak[colour, at]
-        a = np.int64(red_target[at])
-        for q in range(len(distance)):
-            g = faces[np.uint64(q), at]
-            if g == 0.0:
-                continue
-            b = np.int64(black_target[np.uint64(k + distance[q])])
-            axis = np.int64(q >> 1)
-            if a == b:
-                inner[np.uint64(axis), np.uint64(a)] += g
-                continue
-            red, black = min(a, b), max(a, b) - coarse_slots
-            if red >= coarse_slots or black < 0:
-                return -1
-            if red >= first_extra or black >= first_extra:
-                _note(coarse, count, red, black, axis, g)
-                count += 1
-                continue
-            # Where the red cell's block is black, the same face is the opposite one of the red block.
-            sums[np.uint64(q if a < b else q ^ 1), np.uint64(red)] += g
+    for n in range(len(ranges)):
+        first, last, low, high = ranges[n, 0], ranges[n, 1], ranges[n, 2], ranges[n, 3]
+        for k in range(first, last):
+            at = np.uint64(k)
+            if low <= k < high:
+                for colour in range(2):
+                    if leak[colour, at] != 0.0:
+                        coarse_leak[np.uint64(target[colour, at])] += leak[colour, at]
+            a = np.int64(red_target[at])
+            for q in range(len(distance)):
+                g, there = faces[np.uint64(q), at], k + distance[q]
+                if g == 0.0 or there < low or there >= high:
+                    continue
+                b = np.int64(black_target[np.uint64(there)])
+                axis = np.int64(q >> 1)
+                if a == b:
+                    inner[np.uint64(axis), np.uint64(a)] += g
+                    continue
+                red, black = min(a, b), max(a, b) - coarse_slots
+                if red >= coarse_slots or black < 0:
+                    return -1
+                if red >= first_extra or black >= first_extra:
+                    _note(coarse, count, red, black, axis, g)
+                    count += 1
+                    continue
+                # Where the red cell's block is black, the same face is the opposite one of the red block.
+                sums[np.uint64(q if a < b else q ^ 1), np.uint64(red)] += g
+    return _sum_couplings(edges, target, coarse, count, inner)
+
+
+@inner
+def _sum_couplings(edges: Edges, target: Indices, coarse: Edges, count: int, inner: Singles) -> int:
+    """The same of couplings, behind ``count`` others."""
+    _, _, _, off_red, off_black, off_axis, couplings = edges
+    coarse_slots = coarse.faces.shape[1]
     for k in range(len(couplings)):
         a, b, axis = np.int64(target[0, off_red[k]]), np.int64(target[1, off_black[k]]), np.int64(off_axis[k])
         if a == b:
@@ -329,32 +396,28 @@ def _note(edges: Edges, k: int, red: Any, black: Any, axis: Any, conductance: fl
 
 
 @kernel
-def lengthen(edges: Edges, leak: Floats, inner: Singles) -> None:
-    """Make the conductances of a coarse grid know length, in place.
+def lengthen(edges: Edges, leak: Floats, inner: Singles, begin: int, end: int) -> None:
+    """Make the conductances of faces and leaks at some slots of a coarse grid know length, in place.
 
     From the middle of one block to the middle of the next lies half of either block's own resistance, in series with
     what joins the two; a rail is reached through 0.15 times the block's.
     """
-    faces, distance, margin, off_red, off_black, off_axis, couplings = edges
-    slots = faces.shape[1]
-    for red in range(margin, faces.shape[1] - margin):
+    faces, distance, slots = edges.faces, edges.distance, edges.faces.shape[1]
+    for red in range(begin, end):
         for q in range(len(distance)):
             if faces[q, red] > 0.0:
                 black = slots + red + distance[q]
-                faces[q, red] = _in_series(faces[q, red], inner[q >> 1, red], inner[q >> 1, black], 0.5)
+                faces[q, red] = _behind_both(faces[q, red], inner[q >> 1, red], inner[q >> 1, black], 0.5)
         for colour in range(2):
             if leak[colour, red] > 0.0:
                 own = 0.0
                 for axis in range(len(inner)):
                     own = max(own, float(inner[axis, colour * slots + red]))
-                leak[colour, red] = _in_series(leak[colour, red], own, 0.0, 0.15)
-    for k in range(len(couplings)):
-        axis = off_axis[k]
-        couplings[k] = _in_series(couplings[k], inner[axis, off_red[k]], inner[axis, slots + off_black[k]], 0.5)
+                leak[colour, red] = _behind_both(leak[colour, red], own, 0.0, 0.15)
 
 
 @inner
-def _in_series(conductance: float, one: float, other: float, share: float) -> float:
+def _behind_both(conductance: float, one: float, other: float, share: float) -> float:
     resistance = 1.0 / conductance
     if one > 0.0:
         resistance += share / one

@@ -19,9 +19,10 @@ from resgrid.solvers.extended import power
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid import krylov
-from resgrid.solvers.multigrid.cycle import Finest, Levels, precondition
+from resgrid.solvers.multigrid.cycle import precondition
 from resgrid.solvers.multigrid.hierarchy import Hierarchy
 from resgrid.solvers.multigrid.krylov import Vectors
+from resgrid.solvers.multigrid.levels import Finest, Levels
 from resgrid.solvers.multigrid.packing import with_work
 from resgrid.solvers.multigrid.red_black import Stencil
 from resgrid.solvers.multigrid.sweeps import black_residual
@@ -174,7 +175,7 @@ def iterate(
         problem = GridProblem(hierarchy.true, hierarchy.finest, levels, currents, team=team)
     if guess is not None:
         krylov.scatter_rows(slot, guess, 1.0, x.ravel())
-    fed = krylov.norm(b / unit if hierarchy.true is None else currents.ravel())
+    fed = krylov.norm(b / unit if hierarchy.true is None else currents.ravel(), team)
     stop = Stop(rtol * fed, ROUNDING * hierarchy.largest_degree / unit, unit, guess, rtol)
     size = converge(problem, x, stop, Watch() if watch is None else watch)
     found = np.empty(len(slot))

@@ -7,11 +7,10 @@ alone: red ones are eliminated exactly on the way down and put back on the way u
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from resgrid.jit import ZERO, inner, inner_fast, kernel
+from resgrid.solvers.multigrid import atomics, slabs
 from resgrid.solvers.multigrid.graph_sweeps import (
     Graphs,
     ascend_graph,
@@ -20,90 +19,25 @@ from resgrid.solvers.multigrid.graph_sweeps import (
     multiply_graph,
     solve_coarsest,
 )
-from resgrid.solvers.multigrid.red_black import (
-    Floats,
-    Indices,
-    Integers,
-    Singles,
-    Stencil,
-    add_into_black,
-    relax_red,
+from resgrid.solvers.multigrid.levels import (
+    CHUNK,
+    Finest,
+    Grids,
+    Levels,
+    Work,
+    combine,
+    keep_step,
+    second_step,
+    stencil_at,
+    take_step,
 )
+from resgrid.solvers.multigrid.red_black import Floats, Singles, add_into_black, relax_red
+from resgrid.solvers.multigrid.slabs import Crew
 from resgrid.solvers.multigrid.subnormals import flush_subnormals, restore_subnormals
 from resgrid.solvers.multigrid.sweeps import prolong_and_multiply, prolong_within, restrict, restrict_within
 
 ENOUGH = 0.07
 """Residual after the first step of a K-cycle on the first coarse level that spares the second."""
-
-CHUNK = 2048
-"""Slots over which sums are taken before they are added to others: the same whoever takes them."""
-
-
-class Grids(NamedTuple):
-    """Coarse red-black grids in single precision, one behind the other.
-
-    Places of level ``l`` stand at ``slots[l] ... slots[l + 1]``, its couplings and faces at the corresponding stretches
-    of their arrays (`Stencil`).
-
-    `slots, first_off` (levels + 1,); `margin, block` (levels,); `distance` (levels, 2 ndim); `aggregate`: node of
-    the next level that a black slot belongs to: its slot there, red ones first; of a graph, counted from 1; 0 for
-    none; `weight`: what it takes from there; empty where that is all (`resgrid.solvers.multigrid.h_transform`).
-    """
-
-    slots: Integers
-    first_off: Integers
-    margin: Integers
-    block: Integers
-    distance: Integers
-    faces: Singles
-    couplings: Singles
-    off_red: Indices
-    off_black: Indices
-    red_inverse: Singles
-    black_inverse: Singles
-    black_degree: Singles
-    aggregate: Indices
-    weight: Singles
-
-
-class Work(NamedTuple):
-    """Work space of one solve.
-
-    `b, x`: currents and voltages: of both colours of all grids, of nothing at one slot, of all graphs' nodes; `f,
-    z`: right-hand side and answer of the grids' black slots; `c, v, w`: first direction and products, of the grids'
-    black slots, then of the graphs' nodes.
-    """
-
-    b: Singles
-    x: Singles
-    f: Singles
-    z: Singles
-    c: Singles
-    v: Singles
-    w: Singles
-
-
-class Levels(NamedTuple):
-    """A packed hierarchy, coarse grids first, graphs below; a netlist's first graph is its finest level."""
-
-    grids: Grids
-    graphs: Graphs
-    work: Work
-
-
-class Finest(NamedTuple):
-    """The finest level: of a grid with the way to the next one; of a netlist, what its first graph leaves open.
-
-    `stencil, exact`: in single precision, and with a diagonal that makes up for it (`grid_level.compensated`);
-    `aggregate, weight` (slots,): as of `Grids`; `ground` (n,): from every node of a netlist's first graph to known
-    voltages, in units; empty for a grid, as all others are for a netlist.
-    """
-
-    stencil: Stencil
-    exact: Stencil
-    aggregate: Indices
-    weight: Singles
-    ground: Floats
 
 
 def precondition(
@@ -139,14 +73,33 @@ def run_cycle(levels: Levels, stop: float, top: int) -> None:
     that on every level further down; an infinite ``stop`` spares both.
     """
     grids, graphs = len(levels.grids.margin) > 0, len(levels.graphs.first) > 2
-    _run_cycle(levels, stop, top, grids or None, graphs or None)
+    _run_cycle(levels, stop, top, grids or None, graphs or None, None)
 
 
 @kernel
-def _run_cycle(levels: Levels, stop: float, top: int, on_grids: bool | None, on_graphs: bool | None) -> None:
-    """`run_cycle`; where there are no grids, or no graphs but the last one, None: their visits are not compiled then.
+def _precondition_slabs(crew: Crew, levels: Levels, stop: float, on_graphs: bool | None) -> tuple[float, float, float]:
+    flags = flush_subnormals()
+    slabs.begin(crew, levels)
+    _run_within(levels, stop, 0, True, on_graphs, crew)
+    products = slabs.up(crew, levels, ZERO, ZERO)
+    atomics.end_jobs(crew.state)
+    restore_subnormals(flags)
+    return products
 
-    The recursion is written as a loop, since compiled recursive functions cannot be kept on disk.
+
+def precondition_slabs(crew: Crew, levels: Levels) -> tuple[float, float, float]:
+    """As `precondition`, of a grid, together with whoever helps (`slabs.help_sweep`)."""
+    return _precondition_slabs(crew, levels, ENOUGH, len(levels.graphs.first) > 2 or None)
+
+
+@inner
+def _run_within(
+    levels: Levels, stop: float, top: int, on_grids: bool | None, on_graphs: bool | None, crew: Crew | None
+) -> None:
+    """`run_cycle`, the larger levels in slabs where there is a crew.
+
+    Where there are no grids, or no graphs but the last one, or no crew, None: their visits are not compiled then.  The
+    recursion is written as a loop, since compiled recursive functions cannot be kept on disk.
     """
     flags = flush_subnormals()
     grids, graphs, work = levels
@@ -161,9 +114,13 @@ def _run_cycle(levels: Levels, stop: float, top: int, on_grids: bool | None, on_
             level -= 1
             continue
         visit, enough = (visits[level], first_steps[level]), stop * (1 << (level - top))
-        done = True
+        done, in_slabs = True, False
+        if crew is not None:
+            in_slabs = level + 1 < len(crew.cuts)
+            if in_slabs:
+                done = slabs.visit_slabs(crew, levels, level + 1, visit, enough)
         if level < count:
-            if on_grids is not None:
+            if on_grids is not None and not in_slabs:
                 end = 2 * grids.slots[level + 2] if level + 1 < count else begin + graphs.first[1]
                 done = _visit_grid(grids, work, level, end, visit, enough)
         elif on_graphs is not None:
@@ -171,6 +128,9 @@ def _run_cycle(levels: Levels, stop: float, top: int, on_grids: bool | None, on_
         visits[level] = 0 if done else visits[level] + 1
         level += -1 if done else 1
     restore_subnormals(flags)
+
+
+_run_cycle = kernel(_run_within)
 
 
 @inner
@@ -181,7 +141,7 @@ def _visit_grid(grids: Grids, work: Work, level: int, end: int, visit: tuple[int
     is relaxed from zero, and the residual summed into the next level, whose nodes end at ``end``.
     """
     a, e = grids.slots[level], grids.slots[level + 1]
-    stencil, aggregate, weight = _stencil(grids, level), grids.aggregate[a:e], grids.weight[a:e]
+    stencil, aggregate, weight = stencil_at(grids, level), grids.aggregate[a:e], grids.weight[a:e]
     f, z, c, v, w = work.f[a:e], work.z[a:e], work.c[a:e], work.v[a:e], work.w[a:e]
     if visit[0] == 0:
         _times(stencil.red_inverse, work.b[2 * a : a + e], w)
@@ -217,28 +177,6 @@ def _visit_graph(
     return False
 
 
-def stencil_at(grids: Grids, level: int) -> Stencil:
-    """One of the grids."""
-    sides = grids.distance.shape[1]
-    a, e = grids.slots[level], grids.slots[level + 1]
-    k, m = grids.first_off[level], grids.first_off[level + 1]
-    return Stencil(
-        grids.faces[sides * a : sides * e].reshape((sides, e - a)),
-        grids.distance[level],
-        grids.margin[level],
-        grids.block[level],
-        grids.off_red[k:m],
-        grids.off_black[k:m],
-        grids.couplings[k:m],
-        grids.red_inverse[a:e],
-        grids.black_inverse[a:e],
-        grids.black_degree[a:e],
-    )
-
-
-_stencil = inner(stencil_at)
-
-
 @inner_fast
 def _times(a: Singles, b: Singles, product: Singles) -> None:
     for k in range(len(product)):
@@ -256,8 +194,8 @@ def _step(
         first[0], first[1] = products[0], products[1]
         return stop == np.inf or _first_step(r, z, c, v, stop, first[0], first[1])
     rest, product, gamma = products
-    on_c, on_z = _shares_of_both(first[0], first[1], rest, product, gamma)
-    combine(z, c, np.float32(on_c), np.float32(on_z), ZERO, len(z))
+    on_c, on_z = second_step(first[0], first[1], rest, product, gamma)
+    combine(z, c, np.float32(on_c), np.float32(on_z), ZERO, len(z), z)
     return True
 
 
@@ -276,43 +214,3 @@ def _first_step(r: Singles, z: Singles, c: Singles, v: Singles, stop: float, alp
     enough = not after > stop * stop * before
     keep_step(z, c, step, enough, ZERO, len(z))
     return enough
-
-
-@inner_fast
-def take_step(r: Singles, v: Singles, step: np.float32, begin: int, end: int) -> tuple[float, float]:
-    """``r -= step v`` on some slots; returns the squares before and after, summed."""
-    before, after = 0.0, 0.0
-    for k in range(begin, end):
-        old = r[k]
-        new = old - step * v[k]
-        r[k] = new
-        before += np.float64(old) * np.float64(old)
-        after += np.float64(new) * np.float64(new)
-    return before, after
-
-
-@inner_fast
-def keep_step(z: Singles, c: Singles, step: np.float32, enough: bool, begin: int, end: int) -> None:
-    """Where the first step is enough, ``z = step z``, the answer; else ``c = z``, its direction; on some slots."""
-    for k in range(begin, end):
-        if enough:
-            z[k] = step * z[k]
-        else:
-            c[k] = z[k]
-
-
-def second_step(alpha: float, energy: float, rest: float, product: float, gamma: float) -> tuple[float, float]:
-    """Shares of both directions in the answer."""
-    second = product - gamma * gamma / energy
-    step = rest / second if second > 0.0 else 0.0
-    return (alpha - gamma * step) / energy, step
-
-
-_shares_of_both = inner(second_step)
-
-
-@inner_fast
-def combine(z: Singles, c: Singles, on_c: np.float32, on_z: np.float32, begin: int, end: int) -> None:
-    """``z = on_c c + on_z z`` on some slots."""
-    for k in range(begin, end):
-        z[k] = on_c * c[k] + on_z * z[k]

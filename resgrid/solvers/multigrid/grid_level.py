@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
+from math import prod
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from resgrid.solvers.multigrid.graphs import Graph
 from resgrid.solvers.multigrid.krylov import scatter_rows
 from resgrid.solvers.multigrid.lattice import Lattice
 from resgrid.solvers.multigrid.red_black import Edges, Floats, Indices, Integers, Reals, Stencil, slot_of, spread
+from resgrid.solvers.team import ALONE, Team, pieces
 
 _TINY = 1e-300
 """Keeps what is nothing in all from being divided by."""
@@ -54,6 +56,7 @@ def lay_out(
     node: NDArray[np.int32],
     excess: NDArray[np.float64],
     unit: float,
+    team: Team = ALONE,
 ) -> tuple[Level, NDArray[np.int32]] | None:
     """Colour a grid and bring the conductances of its faces in order.
 
@@ -68,16 +71,45 @@ def lay_out(
     cells = slot_cells(node.ravel(), row, lattice.rows, lattice.margin, lattice.slots, slot, at_node)
     if cells != len(excess):
         return None
-    faces = np.zeros((2 * node.ndim, lattice.slots))
-    rings = np.empty(sum(node.size // size for size in node.shape), dtype=np.int64)
-    count = fill_faces(pairs, conductance, at_node, lattice.distance, 1.0 / unit, faces, rings)
-    if count < 0:
+    filled = _filled(pairs, conductance, at_node, lattice, unit, team)
+    if filled is None:
         return None
+    faces, rings = filled
     leak = np.zeros((2, lattice.slots))
-    scatter_rows(slot, excess, 1.0 / unit, leak.ravel())
-    off = _rings(at_node[pairs[rings[:count]]], conductance[rings[:count]] / unit, lattice)
+    team.over(len(slot), lambda some: scatter_rows(slot[some], excess[some], 1.0 / unit, leak.ravel()))
+    off = _rings(at_node[pairs[rings]], conductance[rings] / unit, lattice)
     empty = np.empty(0, dtype=np.int64)
-    return level_of(lattice, Edges(faces, lattice.distance, lattice.margin, *off), leak, (empty, empty)), slot
+    return level_of(lattice, Edges(faces, lattice.distance, lattice.margin, *off), leak, (empty, empty), team), slot
+
+
+def _filled(
+    pairs: NDArray[np.int32],
+    conductance: NDArray[np.float64],
+    at_node: NDArray[np.int32],
+    lattice: Lattice,
+    unit: float,
+    team: Team,
+) -> tuple[NDArray[np.float64], NDArray[np.int64]] | None:
+    """Conductances of faces, shape (2 ndim, slots), and the resistors that cross none; None if there are too many.
+
+    Threads would lose some where resistors are parallel, which leaves fewer faces that conduct than were filled: one
+    thread fills them all then.
+    """
+    faces = np.zeros((2 * len(lattice.shape), lattice.slots))
+    room = sum(prod(lattice.shape) // size for size in lattice.shape)
+
+    def fill(some: slice) -> tuple[int, NDArray[np.int64] | None]:
+        rings = np.empty(min(room, some.stop - some.start), dtype=np.int64)
+        count = fill_faces(pairs[some], conductance[some], at_node, lattice.distance, 1.0 / unit, faces, rings)
+        return count[1], None if count[0] < 0 else rings[: count[0]] + some.start
+
+    counts, rings = zip(*team.over(len(pairs), fill), strict=True)
+    if team.size > 1 and sum(counts) != sum(team.together([partial(np.count_nonzero, face) for face in faces])):
+        return _filled(pairs, conductance, at_node, lattice, unit, ALONE)
+    met = [some for some in rings if some is not None]
+    if len(met) < len(rings) or sum(len(some) for some in met) > room:
+        return None
+    return faces, np.concatenate(met)
 
 
 def _rings(
@@ -96,14 +128,25 @@ def level_of(
     edges: Edges,
     leak: NDArray[np.float64],
     extra_cell: tuple[NDArray[np.int64], NDArray[np.int64]],
+    team: Team = ALONE,
 ) -> Level:
     """A level with its degrees summed."""
-    degree = leak.copy()
-    total, extremes = np.zeros((2, len(lattice.shape))), np.array([np.inf, 0.0])
-    sum_degrees(edges, degree, total, extremes)
-    least, greatest = extremes.tolist()
+    degree = np.empty_like(leak)
+
+    def summed(some: slice) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        total, extremes = np.zeros((2, len(lattice.shape))), np.array([np.inf, 0.0])
+        sum_degrees(edges, leak, some.start, some.stop, degree, total, extremes)
+        return total, extremes
+
+    inside = pieces(edges.margin, lattice.slots - edges.margin)
+    totals, extremes = zip(*team.together([partial(summed, some) for some in inside]), strict=True)
+    for outside in (slice(0, edges.margin), slice(lattice.slots - edges.margin, None)):
+        degree[:, outside] = leak[:, outside]
+    for colour, slot in enumerate((edges.off_red, edges.off_black)):
+        np.add.at(degree[colour], slot, edges.couplings)
+    total, least, greatest = sum(totals), min(e[0] for e in extremes), max(e[1] for e in extremes)
     return Level(
-        lattice, edges, leak, degree, total[0] / np.maximum(total[1], 1.0), least < WEAK * greatest, extra_cell
+        lattice, edges, leak, degree, total[0] / np.maximum(total[1], 1.0), bool(least < WEAK * greatest), extra_cell
     )
 
 
@@ -204,14 +247,15 @@ def slot_cells(
 def fill_faces(
     pairs: Indices, conductance: Floats, at_node: Indices, distance: Integers, scale: float, faces: Floats,
     couplings: Integers,
-) -> int:  # fmt: skip
+) -> tuple[int, int]:  # fmt: skip
     """Add every resistor between two unknowns to its red cell's face, and note those that lead elsewhere as couplings.
 
-    Returns the number of couplings, or -1 if a resistor joins two cells of one colour or the couplings are too many.
+    Returns the number of couplings, -1 if a resistor joins two cells of one colour or the couplings are too many; and
+    how many resistors were added.
 
     Resistors come axis by axis: most cross the face of the one before, or the opposite one.
     """
-    slots, count, face = faces.shape[1], 0, 0
+    slots, count, face, filled = faces.shape[1], 0, 0, 0
     for k in range(len(pairs)):
         red, black = at_node[pairs[k, 0]], at_node[pairs[k, 1]]
         if red < 0 or black < 0 or red == black:
@@ -220,7 +264,7 @@ def fill_faces(
             red, black = black, red
         black -= slots
         if red >= slots or black < 0:
-            return -1
+            return -1, filled
         away = black - red
         if away == distance[face ^ 1]:
             face ^= 1
@@ -228,13 +272,14 @@ def fill_faces(
             other = _face_at(distance, away)
             if other < 0:
                 if count == len(couplings):
-                    return -1
+                    return -1, filled
                 couplings[count] = k
                 count += 1
                 continue
             face = other
         faces[face, red] += conductance[k] * scale
-    return count
+        filled += 1
+    return count, filled
 
 
 @inner
@@ -247,25 +292,25 @@ def _face_at(distance: Integers, away: int) -> int:
 
 
 @kernel
-def sum_degrees(edges: Edges, degree: Floats, total: Floats, extremes: Floats) -> None:
-    """Add all conductances to the leaks of both colours, ``degree`` of shape (2, slots).
+def sum_degrees(
+    edges: Edges, leak: Floats, first: int, last: int, degree: Floats, total: Floats, extremes: Floats
+) -> None:
+    """Add the conductances of faces to the leaks of some slots of both colours; ``leak, degree`` of shape (2, slots).
 
     ``total`` (2, ndim) receives the sums and the numbers of faces that conduct along every axis; ``extremes`` (2,) the
     least and the greatest of their conductances.
     """
-    faces, distance, couplings = edges.faces, edges.distance, edges.couplings
-    margin, end = edges.margin, faces.shape[1] - edges.margin
-    for begin in range(margin, end, BLOCK):
+    faces, distance = edges.faces, edges.distance
+    for begin in range(first, last, BLOCK):
+        length = min(BLOCK, last - begin)
+        for k in range(begin, begin + length):
+            degree[0, k], degree[1, k] = leak[0, k], leak[1, k]
         for q in range(len(distance)):
-            length = min(BLOCK, end - begin)
-            _add(faces, q, begin, length, degree[0])
-            _add_behind(faces, q, begin, distance[q], length, degree[1])
+            _add(faces, q, begin, begin, length, degree[0])
+            _add(faces, q, begin - distance[q], begin, length, degree[1])
             some, number = _compare(faces[q, begin : begin + length], extremes)
             total[0, q >> 1] += some
             total[1, q >> 1] += number
-    for k in range(len(couplings)):
-        degree[0, edges.off_red[k]] += couplings[k]
-        degree[1, edges.off_black[k]] += couplings[k]
 
 
 @kernel
@@ -284,7 +329,7 @@ def compensate(stencil: Stencil, leak: Floats, degree: Reals) -> None:
     for begin in range(margin, end, BLOCK):
         count = min(BLOCK, end - begin)
         for q in range(len(distance)):
-            _add(faces, q, begin, count, share)
+            _add(faces, q, begin, begin, count, share)
         _turn_into_shares(share, leak[0], stencil.red_inverse, begin, count)
         for q in range(len(distance)):
             spread(faces, q, begin, distance[q], count, share, degree)
@@ -310,19 +355,12 @@ def _turn_into_shares(conductance: Floats, leak: Floats, inverse: Reals, begin: 
 
 
 @inner_fast
-def _add(faces: Reals, q: int, begin: int, count: int, total: Floats) -> None:
-    face, at = np.uint64(q), np.uint64(begin)
-    for i in range(count):
-        k = at + np.uint64(i)
-        total[k] += faces[face, k]
-
-
-@inner_fast
-def _add_behind(faces: Reals, q: int, begin: int, away: int, count: int, total: Floats) -> None:
-    face, red, black = np.uint64(q), np.uint64(begin), np.uint64(begin + away)
+def _add(faces: Reals, q: int, red: int, begin: int, count: int, total: Floats) -> None:
+    """Add the conductances across a face of some red slots to as many slots of either colour."""
+    face, from_, at = np.uint64(q), np.uint64(red), np.uint64(begin)
     for i in range(count):
         k = np.uint64(i)
-        total[black + k] += faces[face, red + k]
+        total[at + k] += faces[face, from_ + k]
 
 
 @inner_fast

@@ -34,7 +34,6 @@ from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid.blocks import Coarsened, sum_up
 from resgrid.solvers.multigrid.conjugate_gradients import approximate
-from resgrid.solvers.multigrid.cycle import Finest
 from resgrid.solvers.multigrid.graphs import Graph
 from resgrid.solvers.multigrid.grid_level import Level, in_double, level_of, stencil_of, to_graph
 from resgrid.solvers.multigrid.hierarchy import (
@@ -46,6 +45,7 @@ from resgrid.solvers.multigrid.hierarchy import (
     lay_out_grid,
 )
 from resgrid.solvers.multigrid.krylov import scatter_rows
+from resgrid.solvers.multigrid.levels import Finest
 from resgrid.solvers.multigrid.packing import pack_graphs, pack_grids, pack_levels
 from resgrid.solvers.multigrid.red_black import Edges, Floats, Stencil
 from resgrid.solvers.multigrid.sweeps import black_residual
@@ -141,7 +141,7 @@ class Scalable:
 
 def scalable(laplacian: Laplacian, team: Team = ALONE) -> Scalable | None:
     """Coarsen a grid to be scaled; None where it is none, or is not small before it falls apart."""
-    found = lay_out_grid(laplacian)
+    found = lay_out_grid(laplacian, team)
     if found is None:
         return None
     level, slot, unit, box = found

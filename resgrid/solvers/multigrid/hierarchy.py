@@ -11,10 +11,10 @@ from scipy import sparse
 
 from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian
 from resgrid.solvers.multigrid.blocks import Coarsened, coarsen
-from resgrid.solvers.multigrid.cycle import Finest, Levels
 from resgrid.solvers.multigrid.graphs import Graph, coarsen_down
 from resgrid.solvers.multigrid.grid_level import Level, compensated, in_double, in_single, lay_out, to_graph
 from resgrid.solvers.multigrid.krylov import scatter_rows
+from resgrid.solvers.multigrid.levels import Finest, Levels
 from resgrid.solvers.multigrid.packing import pack_graphs, pack_grids, pack_levels, pack_netlist
 from resgrid.solvers.multigrid.red_black import Stencil
 from resgrid.solvers.team import ALONE, Team
@@ -60,7 +60,7 @@ class Hierarchy:
 
 def build_hierarchy(laplacian: Laplacian, team: Team = ALONE) -> Hierarchy:
     """Coarsen a nodal system until it is small, and invert what is left."""
-    found = lay_out_grid(laplacian)
+    found = lay_out_grid(laplacian, team)
     if found is not None:
         level, slot, unit, box = found
         made = _grid_levels(*coarsen_beside(level, team))
@@ -81,16 +81,18 @@ def coarsen_beside(
     level: Level, team: Team, *, keep: bool = False
 ) -> tuple[list[Level], list[Coarsened], tuple[Stencil, Stencil, Stencil]]:
     """Coarsen a grid and lay its finest level out, side by side: of degrees coarsening asks only which are positive."""
-    coarse, finest = team.together([partial(coarsen_grid, level, keep=keep), partial(finest_stencils, level)])
+    coarse, finest = team.together(
+        [partial(coarsen_grid, level, keep=keep, team=team), partial(finest_stencils, level)]
+    )
     return *coarse, finest
 
 
-def coarsen_grid(level: Level, *, keep: bool = False) -> tuple[list[Level], list[Coarsened]]:
+def coarsen_grid(level: Level, *, keep: bool = False, team: Team = ALONE) -> tuple[list[Level], list[Coarsened]]:
     """Coarsen a grid by blocks until it falls apart or is small."""
     levels: list[Level] = [level]
     steps: list[Coarsened] = []
     while True:
-        made = coarsen(levels[-1], split=level.uneven, keep=keep)
+        made = coarsen(levels[-1], split=level.uneven, keep=keep, team=team)
         if made is None or made.level.size > _SHRINKAGE * levels[-1].size:
             break
         coarse = made.level
@@ -145,7 +147,9 @@ def largest_degree(true: Stencil) -> float:
     return max(float(true.black_degree.max()), 1.0 / red)
 
 
-def lay_out_grid(laplacian: Laplacian) -> tuple[Level, NDArray[np.int32], float, tuple[slice, ...]] | None:
+def lay_out_grid(
+    laplacian: Laplacian, team: Team = ALONE
+) -> tuple[Level, NDArray[np.int32], float, tuple[slice, ...]] | None:
     """Lay a system out by colour; the level, slots, unit and box, or None where it is no grid of two colours."""
     if laplacian.grid is None:
         return None
@@ -154,7 +158,7 @@ def lay_out_grid(laplacian: Laplacian) -> tuple[Level, NDArray[np.int32], float,
         return None
     unit = float(conductance.mean())
     box = _box_around_rows(row, node)
-    laid_out = lay_out(pairs, conductance, row, np.ascontiguousarray(node[box]), laplacian.ground, unit)
+    laid_out = lay_out(pairs, conductance, row, np.ascontiguousarray(node[box]), laplacian.ground, unit, team)
     return None if laid_out is None else (*laid_out, unit, box)
 
 

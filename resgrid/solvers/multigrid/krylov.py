@@ -13,7 +13,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from resgrid.jit import inner_fast, kernel
-from resgrid.solvers.multigrid.cycle import CHUNK
+from resgrid.solvers.multigrid.levels import CHUNK
+from resgrid.solvers.team import ALONE, Team
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -61,13 +62,18 @@ def gather_rows(slot: Indices, at_slots: Floats) -> Floats:
     return values
 
 
+def norm(x: Floats, team: Team = ALONE) -> float:
+    """Euclidean norm, the same for any number of threads."""
+    return math.sqrt(sum(team.over(len(x), lambda some: squares(x[some]))))
+
+
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
-def norm(x: Floats) -> float:
-    """Euclidean norm, on one thread."""
+def squares(x: Floats) -> float:
+    """The squares of all numbers, summed."""
     total = 0.0
     for i in range(len(x)):
         total += x[i] * x[i]
-    return math.sqrt(total)
+    return total
 
 
 @kernel

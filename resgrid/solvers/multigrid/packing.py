@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from resgrid.jit import inner, kernel
 from resgrid.solvers import numbering_kernels as numbering
-from resgrid.solvers.multigrid.cycle import Grids, Levels, Work
 from resgrid.solvers.multigrid.graph_sweeps import Graphs
 from resgrid.solvers.multigrid.graphs import Graph, coarsen_down
+from resgrid.solvers.multigrid.levels import Grids, Levels, Work
 from resgrid.solvers.multigrid.red_black import Stencil
 
 Floats = NDArray[np.float64]

@@ -1,21 +1,25 @@
-"""Compiled sweeps over one slab of a grid, so that several threads share a level.
+"""The cycle's larger levels in slabs, which several threads sweep over: a finest grid, and the coarse ones next to it.
 
 They leave the digits that one thread leaves (`resgrid.solvers.multigrid.cycle`), however a level is cut.  Slabs are
 whole blocks; red values that two slabs need are found by both; no slab reads what another one writes; sums are kept
 block by block, and added in one order behind all slabs.  What couplings carry from anywhere to anywhere is noted by the
-slabs, and added behind them (`finish_...`).
+slabs, and added behind them.  One thread leads, and the others help where there is a part to be done (`atomics`).
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from resgrid.jit import ZERO, inner, kernel
-from resgrid.solvers.multigrid.cycle import CHUNK, combine, keep_step, take_step
+from resgrid.solvers.multigrid import atomics
+from resgrid.solvers.multigrid.levels import CHUNK, Finest, Levels, combine, second_step, stencil_at, take_step
 from resgrid.solvers.multigrid.red_black import (
     BLACK,
     Floats,
     Indices,
+    Integers,
     Reals,
     Singles,
     Stencil,
@@ -43,14 +47,179 @@ from resgrid.solvers.multigrid.sweeps import (
     restrict_slab,
 )
 
+_CLEAR, _ELIMINATE, _RESTRICT, _RELAX, _MULTIPLY, _TAKE, _PUT_BACK = range(7)
+"""The sweeps."""
+
+
+class Crew(NamedTuple):
+    """What threads share beside the levels.
+
+    Levels are counted from the finest grid on.  `vectors`: the finest level's relaxed residual, the residual, ``A p``,
+    the answer and its product (slots,); `state`: jobs (`atomics`); `slabs` (levels, parts, 4): as of `Slab`; `cuts`
+    (levels,): how many there are; `own, own_at`: work space of every level's slabs (parts, slots), one behind the
+    other, 0 in the margins, and where each level's begins; `noted, noted_exact` (couplings,): red values where
+    couplings begin; `sums` (blocks, 3): of products, or of squares; `shares` (2,): what both directions of a K-cycle
+    have in its answer, or the first step's length.
+    """
+
+    finest: Finest
+    vectors: tuple[Singles, Singles, Singles, Singles, Singles]
+    state: Integers
+    slabs: Integers
+    cuts: Integers
+    own: Singles
+    own_at: Integers
+    noted: Singles
+    noted_exact: Floats
+    sums: Floats
+    shares: Floats
+
+
+@inner
+def _sweep(crew: Crew, levels: Levels, kind: int, level: int, visit: int) -> None:
+    """Sweep over a level together with whoever helps."""
+    parts = crew.cuts[level]
+    atomics.announce(crew.state, kind, level, visit, parts)
+    while True:
+        part = atomics.claim(crew.state)
+        if part < 0:
+            break
+        _sweep_slab(crew, levels, kind, level, visit, part)
+        atomics.finish(crew.state)
+    atomics.wait_for(crew.state, parts)
+
 
 @kernel
-def eliminate_part(
-    stencil: Stencil, red_fed: Singles, black_fed: Singles, slab: Slab, f: Singles, z: Singles, share: Singles
-) -> None:
-    """What black cells are due, red ones eliminated, and ``z`` relaxed from zero; clears a share of the next level."""
-    flags = flush_subnormals()
-    share[:] = 0.0
+def help_sweep(crew: Crew, levels: Levels) -> None:
+    """Sweep over slabs for the thread that leads, until it has no more."""
+    flags, state = flush_subnormals(), crew.state
+    while True:
+        part = atomics.await_part(state)
+        if part < 0:
+            break
+        _sweep_slab(crew, levels, state[atomics.KIND], state[atomics.LEVEL], state[atomics.VISIT], part)
+        atomics.finish(state)
+    restore_subnormals(flags)
+
+
+@inner
+def _sweep_slab(crew: Crew, levels: Levels, kind: int, level: int, visit: int, part: int) -> None:
+    """A slab's part of a sweep."""
+    (before, r, s, z, w), (grids, _, work), finest = crew.vectors, levels, crew.finest
+    stencil, aggregate, weight, c = finest.stencil, finest.aggregate, finest.weight, z
+    a, e = ZERO, ZERO
+    if level > 0:
+        a, e = grids.slots[level - 1], grids.slots[level]
+        stencil, aggregate, weight = stencil_at(grids, level - 1), grids.aggregate[a:e], grids.weight[a:e]
+        before, r, s, z, c = work.x[a + e : 2 * e], work.f[a:e], work.v[a:e], work.z[a:e], work.c[a:e]
+        w = s if visit == 1 else work.w[a:e]
+    slots, parts, slab = len(z), crew.cuts[level], _slab(crew, level, part)
+    own = crew.own[crew.own_at[level] + part * slots : crew.own_at[level] + (part + 1) * slots]
+    below = slice(2 * e, 2 * grids.slots[level + 1])
+    if kind in (_CLEAR, _ELIMINATE, _TAKE):
+        some = work.b[below]
+        for k in range(part * len(some) // parts, (part + 1) * len(some) // parts):
+            some[k] = 0.0
+    if kind == _ELIMINATE:
+        _eliminate(stencil, work.b[2 * a : a + e], work.b[a + e : 2 * e], slab, r, before)
+    elif kind == _RESTRICT:
+        coupled = restrict_slab(stencil, aggregate, weight, before, slab, work.b[below])
+        _note_own(stencil, slab, coupled, crew.noted)
+    elif kind == _RELAX:
+        _relax(stencil, aggregate, weight, work.x[below], r, before, slab, own, crew.noted, z)
+    elif kind == _MULTIPLY:
+        if level == 0:
+            _multiply(finest.exact, z, r, s, slab, crew.noted_exact, w, crew.sums)
+        else:
+            _multiply(stencil, z, r, s, slab, crew.noted, w, crew.sums)
+    elif kind == _TAKE:
+        _take(stencil.black_inverse, z, r, s, c, before, part, parts, crew.sums, crew.shares)
+    elif kind == _PUT_BACK:
+        fed, red = work.b[2 * a : a + e], work.x[2 * a : a + e]
+        _put_back(stencil, z, c, np.float32(crew.shares[0]), np.float32(crew.shares[1]), fed, slab, own, red, before)
+
+
+@inner
+def _slab(crew: Crew, level: int, part: int) -> Slab:
+    first, last, begin, end = crew.slabs[level, part]
+    return Slab(first, last, begin, end)
+
+
+@inner
+def visit_slabs(crew: Crew, levels: Levels, level: int, visit: tuple[int, Floats], stop: float) -> bool:
+    """As a visit of a grid in one piece; ``level`` counts from the finest one on."""
+    count, first = visit
+    if count == 0:
+        _sweep(crew, levels, _ELIMINATE, level, count)
+        _finish_eliminating(levels, level)
+    else:
+        rest, product, gamma = up(crew, levels, level, count)
+        crew.shares[0], crew.shares[1] = 0.0, 1.0
+        if count == 1:
+            first[0], first[1] = rest, product
+        if count > 1:
+            crew.shares[0], crew.shares[1] = second_step(first[0], first[1], rest, product, gamma)
+        elif product > 0.0:
+            crew.shares[0], crew.shares[1] = rest / product, 0.0
+            _sweep(crew, levels, _TAKE, level, count)
+            squares, left = 0.0, 0.0
+            for chunk in range(-(-(levels.grids.slots[level] - levels.grids.slots[level - 1]) // CHUNK)):
+                squares, left = squares + crew.sums[chunk, 0], left + crew.sums[chunk, 1]
+            if left > stop * stop * squares:
+                down(crew, levels, level)
+                return False
+        _sweep(crew, levels, _PUT_BACK, level, count)
+        return True
+    down(crew, levels, level)
+    return False
+
+
+@inner
+def down(crew: Crew, levels: Levels, level: int) -> None:
+    """Restrict what a level leaves over to the next one's right-hand side, which comes as 0."""
+    _sweep(crew, levels, _RESTRICT, level, ZERO)
+    grids, work, finest = levels.grids, levels.work, crew.finest
+    a, e = grids.slots[max(level - 1, 0)], grids.slots[level]
+    coarse = work.b[2 * e : 2 * grids.slots[level + 1]]
+    if level == 0:
+        restrict_couplings(finest.stencil, finest.aggregate, finest.weight, crew.noted, coarse)
+    else:
+        restrict_couplings(stencil_at(grids, level - 1), grids.aggregate[a:e], grids.weight[a:e], crew.noted, coarse)
+
+
+@inner
+def up(crew: Crew, levels: Levels, level: int, visit: int) -> tuple[float, float, float]:
+    """Add the next level's answer, relax, and multiply; returns products as `sweeps.prolong_and_multiply`."""
+    grids, work, z, w = levels.grids, levels.work, crew.vectors[3], crew.vectors[4]
+    stencil = crew.finest.stencil
+    if level > 0:
+        a, e = grids.slots[level - 1], grids.slots[level]
+        stencil, z = stencil_at(grids, level - 1), work.z[a:e]
+        w = work.v[a:e] if visit == 1 else work.w[a:e]
+    _sweep(crew, levels, _RELAX, level, visit)
+    relax_couplings(stencil, crew.noted, z)
+    _sweep(crew, levels, _MULTIPLY, level, visit)
+    zr, zw, zs = 0.0, 0.0, 0.0
+    for block in range(blocks_of(stencil)):
+        zr, zw, zs = zr + crew.sums[block, 0], zw + crew.sums[block, 1], zs + crew.sums[block, 2]
+    if level == 0:
+        return zr, zw - multiply_couplings(crew.finest.exact, crew.noted_exact, z, w), zs
+    return zr, zw - multiply_couplings(stencil, crew.noted, z, w), zs
+
+
+@inner
+def begin(crew: Crew, levels: Levels) -> None:
+    """Restrict the finest level's relaxed residual."""
+    z, margin = crew.vectors[3], crew.finest.stencil.margin
+    z[:margin] = 0.0
+    z[len(z) - margin :] = 0.0
+    _sweep(crew, levels, _CLEAR, ZERO, ZERO)
+    down(crew, levels, ZERO)
+
+
+@inner
+def _eliminate(stencil: Stencil, red_fed: Singles, black_fed: Singles, slab: Slab, f: Singles, z: Singles) -> None:
+    """What black cells are due, red ones eliminated, and ``z`` relaxed from zero."""
     total, ahead = np.empty(stencil.block, f.dtype), blocks_ahead(stencil)
     begin = max(slab.first - ahead, 0)
     window = open_window(stencil, begin)
@@ -67,13 +236,14 @@ def eliminate_part(
             for k in range(count):
                 f[at + k] = total[k] + black_fed[at + k]
                 z[at + k] = stencil.black_inverse[at + k] * f[at + k]
-    restore_subnormals(flags)
 
 
-@kernel
-def finish_eliminating(stencil: Stencil, red_fed: Singles, f: Singles, z: Singles) -> None:
+@inner
+def _finish_eliminating(levels: Levels, level: int) -> None:
     """What couplings carry, behind all slabs."""
-    flags = flush_subnormals()
+    grids, work = levels.grids, levels.work
+    a, e = grids.slots[level - 1], grids.slots[level]
+    stencil, red_fed, f, z = stencil_at(grids, level - 1), work.b[2 * a : a + e], work.f[a:e], work.x[a + e : 2 * e]
     for m in range(len(stencil.couplings)):
         red, black = stencil.off_red[m], stencil.off_black[m]
         value = np.float32(stencil.red_inverse[red] * red_fed[red])
@@ -81,49 +251,14 @@ def finish_eliminating(stencil: Stencil, red_fed: Singles, f: Singles, z: Single
     for m in range(len(stencil.couplings)):
         black = stencil.off_black[m]
         z[black] = stencil.black_inverse[black] * f[black]
-    restore_subnormals(flags)
 
 
-@kernel
-def relax_from_zero(inverse: Singles, r: Singles, z: Singles, begin: int, end: int, share: Singles) -> None:
-    """``z = inverse r`` on some slots; clears a share of the next level."""
-    flags = flush_subnormals()
-    share[:] = 0.0
-    for k in range(begin, end):
-        z[k] = inverse[k] * r[k]
-    restore_subnormals(flags)
-
-
-@kernel
-def restrict_part(
-    stencil: Stencil, aggregate: Indices, weight: Singles, z: Singles, slab: Slab, noted: Singles, coarse: Singles
-) -> None:
-    """`sweeps.restrict`, into nodes that come as 0."""
-    flags = flush_subnormals()
-    _note_own(stencil, slab, restrict_slab(stencil, aggregate, weight, z, slab, coarse), noted)
-    restore_subnormals(flags)
-
-
-@kernel
-def finish_restricting(stencil: Stencil, aggregate: Indices, weight: Singles, noted: Singles, coarse: Singles) -> None:
-    """What couplings carry, behind all slabs."""
-    flags = flush_subnormals()
-    restrict_couplings(stencil, aggregate, weight, noted, coarse)
-    restore_subnormals(flags)
-
-
-@kernel
-def relax_part(
-    stencil: Stencil, way: tuple[Indices, Singles, Singles], r: Singles, before: Singles, slab: Slab, own: Singles,
-    noted: Singles, z: Singles,
+@inner
+def _relax(
+    stencil: Stencil, aggregate: Indices, weight: Singles, coarse: Singles, r: Singles, before: Singles, slab: Slab,
+    own: Singles, noted: Singles, z: Singles,
 ) -> None:  # fmt: skip
-    """The first half of `sweeps.prolong_and_multiply`, from ``before`` into ``z``.
-
-    ``way``: aggregates, their weights, and the next level's answer; ``own`` (slots,): work space of this slab, 0 in the
-    margins.
-    """
-    flags = flush_subnormals()
-    aggregate, weight, coarse = way
+    """The first half of `sweeps.prolong_and_multiply`, from ``before`` into ``z``; ``own``: work space of the slab."""
     total, ahead = np.empty(stencil.block, z.dtype), blocks_ahead(stencil)
     begin = max(slab.first - ahead, 0)
     window = open_window(stencil, begin)
@@ -142,23 +277,13 @@ def relax_part(
             draw_into(stencil, BLACK, window.red, window.at[0], block, total, ZERO)
             relax(stencil.black_inverse, r, at, count, total, z)
     _note_own(stencil, slab, window.coupled, noted)
-    restore_subnormals(flags)
 
 
-@kernel
-def finish_relaxing(stencil: Stencil, noted: Singles, z: Singles) -> None:
-    """What couplings carry, behind all slabs."""
-    flags = flush_subnormals()
-    relax_couplings(stencil, noted, z)
-    restore_subnormals(flags)
-
-
-@kernel
-def multiply_part(
+@inner
+def _multiply(
     exact: Stencil, z: Singles, r: Singles, s: Singles, slab: Slab, noted: Reals, w: Singles, sums: Floats
 ) -> None:
-    """The second half of `sweeps.prolong_and_multiply`; ``sums`` (blocks, 3) of ``z.r``, ``z.w``, ``z.s``."""
-    flags = flush_subnormals()
+    """The second half; ``sums`` (blocks, 3) of ``z.r``, ``z.w``, ``z.s``."""
     ahead = blocks_ahead(exact)
     begin = max(slab.first - ahead, 0)
     window = open_window(exact, begin)
@@ -172,53 +297,38 @@ def multiply_part(
             draw_into(exact, BLACK, window.red, window.at[0], block, total, ZERO)
             sums[block, 0], sums[block, 1], sums[block, 2] = products(exact.black_degree, z, r, s, at, count, total, w)
     _note_own(exact, slab, window.coupled, noted)
-    restore_subnormals(flags)
 
 
-@kernel
-def finish_multiplying(exact: Stencil, noted: Reals, z: Singles, w: Singles) -> float:
-    """What couplings carry, behind all slabs; returns by how much ``z.w`` becomes less."""
-    flags = flush_subnormals()
-    less = multiply_couplings(exact, noted, z, w)
-    restore_subnormals(flags)
-    return less
+@inner
+def _take(
+    inverse: Singles, z: Singles, r: Singles, v: Singles, c: Singles, before: Singles, part: int, parts: int,
+    sums: Floats, shares: Floats,
+) -> None:  # fmt: skip
+    """First step of the K-cycle along ``z``, its direction kept in ``c``, and the rest relaxed from zero."""
+    chunks, step = -(-len(r) // CHUNK), np.float32(shares[0])
+    for chunk in range(part * chunks // parts, (part + 1) * chunks // parts):
+        begin, end = chunk * CHUNK, min(chunk * CHUNK + CHUNK, len(r))
+        sums[chunk, 0], sums[chunk, 1] = take_step(r, v, step, begin, end)
+        for k in range(begin, end):
+            c[k] = z[k]
+            before[k] = inverse[k] * r[k]
 
 
-@kernel
-def take_part(r: Singles, v: Singles, step: float, chunks: tuple[int, int], sums: Floats) -> None:
-    """`cycle.take_step` on some chunks of slots; ``sums`` (chunks, 2) of squares before and after."""
-    flags = flush_subnormals()
-    for chunk in range(*chunks):
-        begin = chunk * CHUNK
-        sums[chunk, 0], sums[chunk, 1] = take_step(r, v, np.float32(step), begin, min(begin + CHUNK, len(r)))
-    restore_subnormals(flags)
-
-
-@kernel
-def keep_part(z: Singles, c: Singles, step: float, enough: bool, begin: int, end: int) -> None:
-    """`cycle.keep_step` on some slots."""
-    flags = flush_subnormals()
-    keep_step(z, c, np.float32(step), enough, begin, end)
-    restore_subnormals(flags)
-
-
-@kernel
-def combine_part(z: Singles, c: Singles, on_c: float, on_z: float, begin: int, end: int) -> None:
-    """`cycle.combine` on some slots."""
-    flags = flush_subnormals()
-    combine(z, c, np.float32(on_c), np.float32(on_z), begin, end)
-    restore_subnormals(flags)
-
-
-@kernel
-def put_back_part(stencil: Stencil, z: Singles, red_fed: Singles, slab: Slab, red: Singles, black: Singles) -> None:
-    """Voltages of the black nodes, and of the red ones that follow."""
-    flags = flush_subnormals()
-    for block in range(slab.first, slab.last):
+@inner
+def _put_back(
+    stencil: Stencil, z: Singles, c: Singles, on_c: np.float32, on_z: np.float32, red_fed: Singles, slab: Slab,
+    own: Singles, red: Singles, black: Singles,
+) -> None:  # fmt: skip
+    """The K-cycle's answer at the black nodes, and the red ones that follow."""
+    ahead = blocks_ahead(stencil)
+    for m in range(len(stencil.couplings)):
+        combine(z, c, on_c, on_z, stencil.off_black[m], stencil.off_black[m] + 1, own)
+    for block in range(max(slab.first - ahead, 0), min(slab.last + ahead, blocks_of(stencil))):
         at, count = extent(stencil, block)
-        black[at : at + count] = z[at : at + count]
-    relax_red_blocks(stencil, red_fed, z, slab.first, slab.last, red)
-    restore_subnormals(flags)
+        combine(z, c, on_c, on_z, at, at + count, own)
+        if slab.first <= block < slab.last:
+            black[at : at + count] = own[at : at + count]
+    relax_red_blocks(stencil, red_fed, own, slab.first, slab.last, red)
 
 
 @kernel
