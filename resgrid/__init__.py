@@ -31,7 +31,7 @@ def __getattr__(name: str) -> Any:
     if name == "__version__":
         return _version()
     if name not in __all__:
-        from resgrid.arguments import suggestion
+        from resgrid.errors import suggestion
 
         hint = suggestion(name, __all__) or "dir(resgrid) lists its names"
         raise AttributeError(f"module 'resgrid' has no attribute {name!r}; {hint}")

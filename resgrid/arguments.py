@@ -14,7 +14,6 @@ import sys
 import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
-from difflib import get_close_matches
 from numbers import Integral, Real
 from typing import IO, Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
 
@@ -305,12 +304,6 @@ def short(value: Any) -> str:
             return "a number of absurd length"
         return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
     return f"<{_with_article(type(value).__name__)}>"
-
-
-def suggestion(name: str, known: Iterable[str]) -> str:
-    """The name that was probably meant, as a question; nothing if none is near."""
-    near = get_close_matches(name, known, 1)
-    return f"did you mean {near[0]!r}?" if near else ""
 
 
 def _with_article(name: str) -> str:

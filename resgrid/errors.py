@@ -6,6 +6,8 @@ class into an exit code; the library never exits.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 
 class ResgridError(Exception):
     """Base class of every error that resgrid raises on purpose.
@@ -122,3 +124,11 @@ class WorkerError(ResgridError):
         ...
     resgrid.errors.WorkerError: the executor broke (its threads do not start), and Broken cannot be made anew; ...
     """
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """The name that was probably meant, as a question; nothing if none is near."""
+    from difflib import get_close_matches
+
+    near = get_close_matches(name, known, 1)
+    return f"did you mean {near[0]!r}?" if near else ""

@@ -8,8 +8,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from resgrid.arguments import checked, suggestion
-from resgrid.errors import CircuitError, InputError
+from resgrid.arguments import checked
+from resgrid.errors import CircuitError, InputError, suggestion
 from resgrid.space import Cell, ConfigurationSpace
 
 Boundary = Literal["dirichlet", "neumann", "wall"]

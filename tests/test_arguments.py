@@ -127,7 +127,7 @@ def test_values_that_no_array_holds_and_names_that_name_nothing_are_refused(tmp_
         lambda: rg.Polyline([(0.5, 6.5)], None),
         lambda: rg.Polyline(10**400, space),
         lambda: rg.WarmStart(space),
-        lambda: rg.Measure("rise", "a", "crossing", at=np.inf),
+        lambda: rg.analyses.Measure("rise", "a", "crossing", at=np.inf),
         lambda: rg.Box(np.array([np.inf, 0.0]), np.array([1.0, 1.0])),
     ):
         with pytest.raises(InputError):
@@ -151,12 +151,12 @@ RECORDS: dict[Any, dict[str, Any]] = {
     rg.GoalCell: {"cell": (1, 1)},
     rg.GoalJoints: {"lower": (0.0, 0.0), "upper": (1.0, 1.0)},
     rg.Push: {"start": 0.0, "duration": 1.0, "force": (1.0, 1.0)},
-    rg.TransientAnalysis: {"stop": 1.0, "step": 0.1},
-    rg.NoiseAnalysis: {"node": "a"},
-    rg.TemperatureAnalysis: {"celsius": (27.0,)},
-    rg.MismatchAnalysis: {"sigma": 0.1},
-    rg.Probe: {"nodes": ("a",)},
-    rg.Measure: {"name": "rise", "node": "a", "what": "crossing", "at": 0.5},
+    rg.analyses.TransientAnalysis: {"stop": 1.0, "step": 0.1},
+    rg.analyses.NoiseAnalysis: {"node": "a"},
+    rg.analyses.TemperatureAnalysis: {"celsius": (27.0,)},
+    rg.analyses.MismatchAnalysis: {"sigma": 0.1},
+    rg.analyses.Probe: {"nodes": ("a",)},
+    rg.analyses.Measure: {"name": "rise", "node": "a", "what": "crossing", "at": 0.5},
 }
 
 

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.arguments import check_share, check_whole, suggestion
+from resgrid.arguments import check_share, check_whole
 from resgrid.chip.build import chip_keys, ideal_netlist
 from resgrid.chip.figures import Figure, Result
 from resgrid.chip.trials import Experiment, Series, differs, prepare, run_series
 from resgrid.chip.yields import Progress, overall_share
-from resgrid.errors import InputError
+from resgrid.errors import InputError, suggestion
 from resgrid.journal import Journal
 from resgrid.netlist import Netlist
 from resgrid.scene.chip import Chip, Readout

@@ -136,7 +136,7 @@ def admittance_matrix(admittance: ArrayLike, ndim: int) -> NDArray[np.float64]:
     else:
         raise InputError(
             f"an admittance of {' x '.join(map(str, matrix.shape))} numbers: give 1 number, {ndim}, or {ndim**2} for a "
-            "matrix row by row"
+            f"matrix of {ndim} x {ndim} row by row"
         )
     if not np.isfinite(matrix).all():
         raise InputError("the admittance must be finite")

@@ -9,9 +9,9 @@ from typing import Annotated, Any
 
 from annotated_types import Ge, Le
 
-from resgrid.arguments import checked, suggestion
+from resgrid.arguments import checked
 from resgrid.axis import Axis, Point
-from resgrid.errors import InputError
+from resgrid.errors import InputError, suggestion
 from resgrid.frame import Frame
 from resgrid.frozen import picture_html
 from resgrid.robots import PointRobot, Robot, Sampling, Shape

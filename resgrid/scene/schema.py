@@ -24,8 +24,8 @@ from pydantic import (
     model_validator,
 )
 
-from resgrid.arguments import suggestion
 from resgrid.axis import Axis
+from resgrid.errors import suggestion
 from resgrid.robots import ROBOTS, Arm, Ball, Box, HalfSpace, PointRobot, Polygon, Robot
 from resgrid.robots.arm import Length, Width
 from resgrid.scene.chip import Chip, Defects, Readout

@@ -17,7 +17,6 @@ import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from resgrid.arguments import suggestion
 from resgrid.chip.passes.base import Pass as Pass, checked
 from resgrid.chip.passes.spread import Faults as Faults, Gradient as Gradient, Mismatch as Mismatch
 from resgrid.chip.passes.switches import (
@@ -35,7 +34,7 @@ from resgrid.chip.passes.values import (
     TemperatureCoefficients as TemperatureCoefficients,
 )
 from resgrid.die import seed_of
-from resgrid.errors import InputError
+from resgrid.errors import InputError, suggestion
 from resgrid.scene.chip import Chip
 from resgrid.scene.table import fields_of, plain
 

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from resgrid.arguments import suggestion
-from resgrid.errors import InputError
+from resgrid.errors import InputError, suggestion
 from resgrid.files import read_bytes
 from resgrid.scene.maps.arrays import MapCells, placed_axes, read_npy
 from resgrid.scene.maps.movingai import PASSABLE, read_movingai
