@@ -82,7 +82,8 @@ class OperatingPoint:
     log_drop : ndarray of float64, shape (nodes,), or None
         Natural logarithm of the drop ``u = (V_high - V) / (V_high - V_low)`` from the high rail (the obstacle rail
         where there is a map of cells), right to ``entry_error`` even where ``u`` itself underflows; 0 on the low rail,
-        -inf on the high one and wherever nothing arrives.  None unless the circuit has exactly two rails.
+        -inf on the high one and wherever nothing arrives; NaN on nodes held at any other voltage, which no resistor
+        touches.  None unless the circuit hangs between exactly two rails.
     potential : ndarray of float64, shape (nodes,), or None
         With two rails ``1 - u``, taken from whichever of both is smaller.  With one rail and currents of one sign the
         height above (or below) that rail, scaled to a maximum of 1.  None otherwise.

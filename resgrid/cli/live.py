@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from contextlib import suppress
 
 import click
@@ -9,6 +10,9 @@ import click
 from resgrid.cli.options import Source, verb, with_source
 from resgrid.cli.report import finish
 from resgrid.cli.scenes import open_job
+
+_ARENA_MAX = -8
+"""What glibc's mallopt calls the number of heaps (M_ARENA_MAX)."""
 
 
 @verb("live", examples=("resgrid live", "resgrid live rooms.toml", "resgrid live map.yaml --goal 5,0 --port 8080"))
@@ -24,9 +28,16 @@ def command(source: Source | None, host: str, port: int, read_only: bool, browse
     """
     from resgrid.page.live import serve
 
+    _share_one_heap()
     scene = None if source is None else open_job(source, require_goal=False).scene
     page = serve(scene, host=host, port=port, read_only=read_only, browser=browser)
     with page, suppress(KeyboardInterrupt):
         finish({"url": page.url}, [f"the page is at {page.url}; Ctrl-C ends it"])
         page.wait()
     return 0
+
+
+def _share_one_heap() -> None:
+    """Let all threads take memory from one heap: of one each, every one grows to what its largest request took."""
+    with suppress(AttributeError, TypeError):  # another C library than glibc, or Windows
+        ctypes.CDLL(None).mallopt(_ARENA_MAX, 1)

@@ -25,15 +25,10 @@ _log = logging.getLogger(__name__)
 
 @pytest.fixture
 def server(tmp_path) -> Iterator[tuple[psutil.Process, str]]:
-    """A server of its own, that says nothing of faults.
-
-    Its threads share one heap of glibc: of eight, each would grow to what its largest request took, and hide a leak.
-    """
+    """A server of its own, that says nothing of faults."""
     with (tmp_path / "errors").open("w+") as errors:
-        command, heap = [*COMMAND, "live", "--no-browser", "--port", "0"], {"MALLOC_ARENA_MAX": "1"}
-        with subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=errors, text=True, env=os.environ | heap
-        ) as process:
+        command = [*COMMAND, "live", "--no-browser", "--port", "0"]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True) as process:
             assert process.stdout is not None
             url = process.stdout.readline().split()[4].rstrip(";")
             yield psutil.Process(process.pid), url
