@@ -360,6 +360,26 @@ def test_what_stands_around_an_arm_is_dragged(shown: Page):
     assert kept(shown) == first
 
 
+def test_cells_of_an_arm_that_was_left_are_not_put_on_another_scene(shown: Page):
+    shown.select_option("#examples", "chair")
+    until(shown, "live.model.scene.world !== null && live.world.poses.length > 1")
+    settle(shown)
+    left, now = shown.evaluate(
+        """async () => {
+            const { wire, world, model } = live, ask = wire.ask.bind(wire), chair = model.scene;
+            let answer = () => {};
+            wire.ask = (head, scene) => head.type === "world" ? new Promise((told) => answer = told) : ask(head, scene);
+            const asked = world.resample();
+            const axes = chair.axes.map((axis) => ({ ...axis }));
+            model.reset({ ...chair, axes, cells: new Uint8Array(chair.cells.length) });
+            answer(await ask({ type: "world" }, chair));
+            await asked;
+            return [chair.cells.some((cell) => cell), model.scene.cells.some((cell) => cell)];
+        }"""
+    )
+    assert (left, now) == (True, False)
+
+
 def test_what_stands_around_an_arm_is_moved_by_keys(shown: Page):
     shown.select_option("#examples", "chair")
     until(shown, "live.model.scene.world !== null && live.world.poses.length > 1")

@@ -202,6 +202,7 @@ def rest(page: Page, first: Any) -> None:
             for (const dialog of document.querySelectorAll("dialog[open]")) dialog.close();
             history.replaceState(null, "", location.pathname + location.search);
             const { keptScene } = await import("/static/model.js");
+            await live.wire.ask({ type: "probe", cell: [0, 0] }).catch(() => {});  // behind all answers on their way
             live.model.reset(keptScene(first));
             live.frames.length = 0;
         }""",

@@ -330,7 +330,8 @@ export class Page {
     if (!scene?.world) return;
     try {
       const { palette, goals, cells } = readScene(...await this.wire.ask({ type: "world" }, scene));
-      if (this.model.scene?.world) this.model.show({ palette, goals, cells });
+      const now = this.model.scene;
+      if (now?.world && areSame(["axes"], now, scene) && areSame(["robot"], now.world, scene.world)) this.model.show({ palette, goals, cells });
     } catch (error) {
       this.#complain(error);
     }
