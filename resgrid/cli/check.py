@@ -83,7 +83,6 @@ def command(source: Source, rules: bool, deck: str | None, tolerance: float, tim
 
 
 def _check_rules(source: Source, given: bool) -> int:
-
     circuit: rg.Netlist | Circuit
     unheeded: dict[str, list[str]] = {}
     if given:

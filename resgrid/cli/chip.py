@@ -137,7 +137,6 @@ def _sweep(text: str) -> tuple[str, tuple[float | int, ...]]:
 
 
 def _open(job: Job) -> Study:
-
     with stage("build the chip"):
         chip = rg.study(job.scene, space=job.space)
     nodes = chip.netlist.node_count

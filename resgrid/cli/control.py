@@ -139,7 +139,6 @@ def _front(sim: Simulation, run: rg.Run) -> Wavefront:
 
 
 def _draw(file: str, value: rg.Run | Wavefront, **options: Any) -> None:
-
     say(f"drawing {FRAMES} frames for {file}")
     with stage(f"draw {Path(file).name}", steps=FRAMES) as progress:
         rg.animate(value, file, progress=lambda _: progress.advance(), **options)
