@@ -138,6 +138,12 @@ def before_and_behind(wide: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDAr
     return wide[ends[0]], wide[ends[1]]
 
 
+def sides_of_cells(faces: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Views of what belongs to the lower and to the upper face of every cell across an axis."""
+    along = np.moveaxis(faces, axis, 0)
+    return np.moveaxis(along[:-1], 0, axis), np.moveaxis(along[1:], 0, axis)
+
+
 def face_shape(shape: tuple[int, ...], axis: int) -> tuple[int, ...]:
     """Shape of the array of faces across an axis: one more than the cells along it."""
     return (*shape[:axis], shape[axis] + 1, *shape[axis + 1 :])

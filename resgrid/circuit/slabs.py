@@ -7,7 +7,7 @@ a uniform drive it is the height above the goals.  Conductances count in units o
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
@@ -19,14 +19,14 @@ from numpy.typing import NDArray
 from resgrid.circuit.readout import DIRECTION_RESIDUAL
 from resgrid.compiler import Kind, contacts_of_box
 from resgrid.errors import CircuitError
-from resgrid.grids import before_and_behind, with_margin
+from resgrid.grids import before_and_behind, sides_of_cells, with_margin
 from resgrid.space import Cell, ConfigurationSpace
 from resgrid.wiring import Wiring
 
 _CELLS = 2**20
 """Cells of a slab: what is computed of one at a time takes some 100 MB."""
 
-_ROUNDING = 8 * np.finfo(np.float64).eps
+ROUNDING = 8 * np.finfo(np.float64).eps
 """What a sum of currents may be off by, relative to conductances times values."""
 
 
@@ -56,12 +56,12 @@ def write_equations(space: ConfigurationSpace, wiring: Wiring, folder: Path, rto
         for axis, siemens in enumerate(contacts.conductance):
             lower, upper = before_and_behind(contacts.kind, axis)
             g = siemens * wiring.resistance
-            low, up = _both(g, axis)
-            for here, beside in ((low, _both(lower, axis)[0]), (up, _both(upper, axis)[1])):
+            low, up = sides_of_cells(g, axis)
+            for here, beside in ((low, sides_of_cells(lower, axis)[0]), (up, sides_of_cells(upper, axis)[1])):
                 ties += np.where(beside != Kind.NODE, here, 0.0)
                 fed += np.where(beside == Kind.LOW, here, 0.0)
             joined = np.where((lower == Kind.NODE) & (upper == Kind.NODE), g, 0.0)
-            ahead[axis][first:last] = _both(joined, axis)[1]
+            ahead[axis][first:last] = sides_of_cells(joined, axis)[1]
         ground[first:last] = np.where(inner, ties, 0.0)
         driven |= bool(np.any(inner if wiring.drive == "uniform" else inner & (ties > fed)))
         drive[first:last] = inner if wiring.drive == "uniform" else np.where(inner, fed, 0.0)
@@ -100,26 +100,36 @@ def read_rows(
     filled = np.nan_to_num(value)
     inside = (slice(1, -1),) * space.ndim
     own = contacts.kind[inside] == Kind.NODE
-    injected = 0.0 if falls else 1.0
-    net, total, rounding = (np.full(own.shape, start) for start in (injected, injected, 0.0))
-    leaves = np.zeros(own.shape, dtype=np.bool_)
-    current = []
+    currents, magnitudes = [], []
     for axis, siemens in enumerate(contacts.conductance):
         g, (lower, upper) = siemens * wiring.resistance, before_and_behind(filled, axis)
-        amps = g * (upper - lower if falls else lower - upper)
-        below, above = _both(amps, axis)
+        currents.append(g * (upper - lower if falls else lower - upper))
+        magnitudes.append(g * (np.abs(lower) + np.abs(upper)))
+    start = (contacts.kind[inside] == Kind.HIGH) & (space.cell[slice(*rows)] == Cell.FREE)
+    safe = (own | start) & obeys_kcl(currents, magnitudes, 0.0 if falls else 1.0, held=~own)
+    return SlabReading(value[inside], tuple(currents), safe)
+
+
+def obeys_kcl(
+    currents: Sequence[NDArray[np.float64]],
+    magnitudes: Sequence[NDArray[np.float64]],
+    injected: float,
+    *,
+    held: NDArray[np.bool_] | bool = False,
+) -> NDArray[np.bool_]:
+    """Cells in which KCL holds to 1e-6 of their own current, rounding included, and out of which current flows.
+
+    Shapes: per axis `currents` through faces, in the axis' direction and down the potential, and `magnitudes`,
+    conductances times the values on both sides; `injected` into every cell; `held` by sources, whatever they give.
+    """
+    shape = sides_of_cells(currents[0], 0)[0].shape
+    net, total, rounding = (np.full(shape, start) for start in (injected, abs(injected), 0.0))
+    leaves = np.zeros(shape, dtype=np.bool_)
+    for axis, (amps, magnitude) in enumerate(zip(currents, magnitudes, strict=True)):
+        below, above = sides_of_cells(amps, axis)
         net += below - above
         total += np.abs(below) + np.abs(above)
-        rounding += sum(_both(g * (np.abs(lower) + np.abs(upper)), axis))
+        rounding += sum(sides_of_cells(magnitude, axis))
         leaves |= (below < 0) | (above > 0)
-        current.append(amps)
-    off = np.where(own, np.abs(net), 0.0) + _ROUNDING * rounding
-    start = (contacts.kind[inside] == Kind.HIGH) & (space.cell[slice(*rows)] == Cell.FREE)
-    safe = (own | start) & leaves & (off <= DIRECTION_RESIDUAL * 0.5 * total)
-    return SlabReading(value[inside], tuple(current), safe)
-
-
-def _both(faces: NDArray[np.generic], axis: int) -> tuple[NDArray, NDArray]:  # type: ignore[type-arg]
-    """Of an array of faces what belongs to the lower and to the upper face of every cell."""
-    along = np.moveaxis(faces, axis, 0)
-    return np.moveaxis(along[:-1], 0, axis), np.moveaxis(along[1:], 0, axis)
+    off = np.where(held, 0.0, np.abs(net)) + ROUNDING * rounding
+    return np.asarray(leaves & (off <= DIRECTION_RESIDUAL * 0.5 * total))

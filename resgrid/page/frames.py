@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import InputError
-from resgrid.grids import crossed_faces
+from resgrid.grids import crossed_faces, sides_of_cells
 from resgrid.page.drawing import Drawing
 from resgrid.page.messages import in_page_words
 from resgrid.page.solving import Frame, solve_drawing, without_flaws
@@ -129,7 +129,7 @@ def _log_drop_of(field: Field) -> NDArray[np.float64] | None:
 def _currents(field: Field) -> tuple[NDArray[np.int8], NDArray[np.uint8]]:
     """Face currents of every cell relative to its largest, and how fast the page moves dots there."""
     log_current, direction = (
-        [part for axis in range(2) for part in _sides(values[axis], axis)]
+        [part for axis in range(2) for part in sides_of_cells(values[axis], axis)]
         for values in (field.face_log_current, field.face_direction)
     )
     largest = reduce(np.maximum, log_current)
@@ -143,12 +143,6 @@ def _currents(field: Field) -> tuple[NDArray[np.int8], NDArray[np.uint8]]:
     top = np.quantile(decades[flowing], 0.98) if flowing.any() else 0.0
     speed = np.clip(1.0 + (np.where(flowing, decades, top) - top) / _DECADES, 0.2, 1.0)
     return shares, np.where(flowing, np.rint(255.0 * speed), 0).astype(np.uint8)
-
-
-def _sides(faces: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Values of the lower and of the upper face of every cell, both (nx, ny)."""
-    along = np.moveaxis(faces, axis, 0)
-    return np.moveaxis(along[:-1], 0, axis), np.moveaxis(along[1:], 0, axis)
 
 
 def probe(frame: Frame, cell: Sequence[int]) -> dict[str, Any]:

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.operating_point import Ammeters, OperatingPoint
 from resgrid.circuit.readout import DIRECTION_RESIDUAL, injected_currents
-from resgrid.grids import before_and_behind, with_margin
+from resgrid.circuit.slabs import ROUNDING, obeys_kcl
+from resgrid.grids import before_and_behind, sides_of_cells, with_margin
 from resgrid.space import Cell, ConfigurationSpace
 
 Faces = list[NDArray[np.float64]]
 """Per axis an array of the space's shape, one longer along that axis."""
-
-_ROUNDING = 8 * np.finfo(np.float64).eps
-"""What a sum of currents may be off by, relative to conductances times values."""
 
 
 def safe_cells(op: OperatingPoint) -> NDArray[np.bool_] | None:
@@ -30,7 +26,7 @@ def safe_cells(op: OperatingPoint) -> NDArray[np.bool_] | None:
     from_node, to_node = netlist.resistor_nodes.T
     amps = np.nan_to_num(op.resistor_current)
     height = np.abs(np.nan_to_num(op.voltage - cells.wiring.goal_voltage))
-    rounding = _ROUNDING * netlist.conductance * (height[from_node] + height[to_node])
+    rounding = ROUNDING * netlist.conductance * (height[from_node] + height[to_node])
 
     def per_node(nodes: NDArray[np.int32], values: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(np.bincount(nodes, values, netlist.node_count), dtype=np.float64)
@@ -51,27 +47,15 @@ def safe_cells_of(space: ConfigurationSpace, currents: Faces, magnitudes: Faces,
 
     ``magnitudes``: conductances times voltages on both sides; ``injected``: current fed into every cell.
     """
-    net, total, rounding = (np.full(space.shape, start) for start in (injected, abs(injected), 0.0))
     enters = np.zeros(space.shape, dtype=np.bool_)
-    leaves = enters.copy()
     solid = with_margin(space.cell == Cell.OBSTACLE, space.periodic, beyond=True)
-    for axis, (amps, magnitude) in enumerate(zip(currents, magnitudes, strict=True)):
-        below, above = _sides(amps, axis)
-        net += below - above
-        total += np.abs(below) + np.abs(above)
-        rounding += sum(_sides(magnitude, axis))
-        leaves |= (below < 0) | (above > 0)
-        before, behind = (_sides(part, axis)[side] for side, part in enumerate(before_and_behind(solid, axis)))
-        enters |= (before & (below < 0)) | (behind & (above > 0))
-    off = np.abs(net) + _ROUNDING * rounding
-    safe = (space.cell == Cell.FREE) & leaves & ~enters & (off <= DIRECTION_RESIDUAL * 0.5 * total)
-    return np.asarray(safe, dtype=np.bool_)
-
-
-def _sides(faces: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Of an array of faces what belongs to the lower and to the upper face of every cell."""
-    along = np.moveaxis(faces, axis, 0)
-    return np.moveaxis(along[:-1], 0, axis), np.moveaxis(along[1:], 0, axis)
+    for axis, amps in enumerate(currents):
+        below, above = sides_of_cells(amps, axis)
+        before, behind = before_and_behind(solid, axis)
+        enters |= sides_of_cells(before, axis)[0] & (below < 0)
+        enters |= sides_of_cells(behind, axis)[1] & (above > 0)
+    obeys = obeys_kcl(currents, magnitudes, injected)
+    return np.asarray((space.cell == Cell.FREE) & ~enters & obeys, dtype=np.bool_)
 
 
 def _held(op: OperatingPoint) -> NDArray[np.bool_]:
