@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.control.controller import following_velocity, make_controller
 from resgrid.control.log import ContactLog, Ending, Mode, Run
 from resgrid.control.plant import plant_of
+from resgrid.control.pushes import checked_force
 from resgrid.control.simulation import Wavefront
 from resgrid.errors import InputError
 from resgrid.planning.blend import dirichlet_share
@@ -220,9 +221,7 @@ def draw_velocities(
     >>> ax = rg.draw_velocities(field, (0.7, 6.0), force=(0.1, 0.2), admittance=np.eye(2))
     """
     plane = plane_of(field.space)
-    at, push = np.asarray(point, dtype=np.float64), np.asarray(force, dtype=np.float64)
-    if push.shape != (2,) or not np.isfinite(push).all():
-        raise InputError(f"force = {push.tolist()} must be two finite numbers, in newtons")
+    at, push = np.asarray(point, dtype=np.float64), checked_force(force, 2, "the force")
     controller = make_controller(field, admittance=admittance)
     nominal = controller.nominal(at).velocity
     answer = controller.admittance @ push
