@@ -157,13 +157,15 @@ def _complain(failure: Failure, *, as_json: bool) -> None:
     colour = False if os.environ.get("NO_COLOR") else None
     click.secho("resgrid: error: ", fg="red", nl=False, err=True, color=colour)
     click.echo(failure.message, err=True, color=colour)
-    if as_json:
-        from resgrid.io.tables import json_text
+    try:
+        if as_json:
+            from resgrid.io.tables import json_text
 
-        try:
             click.echo(json_text({"error": failure.message, "kind": failure.kind, "exit_code": failure.code}))
-        except OSError:  # standard output may be what fails
-            _drop_stdout()
+        elif sys.stdout is not None:
+            sys.stdout.flush()
+    except OSError:  # standard output may be what fails; what is left in it would fail once more at the end
+        _drop_stdout()
 
 
 def _show_warning(message: Warning | str, *_where: object, **_more: object) -> None:

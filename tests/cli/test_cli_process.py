@@ -73,11 +73,13 @@ def test_a_reader_that_leaves_is_no_error(scenes):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is always full")
+@pytest.mark.parametrize("unbuffered", ["", "1"])
 @pytest.mark.parametrize("options", [(), ("--json",)])
-def test_standard_output_that_is_full_is_one_error(scenes, options):
+def test_standard_output_that_is_full_is_one_error(scenes, options, unbuffered):
     words = [*COMMAND, "path", str(scenes / "lesson.toml"), *options]
+    env = os.environ | {"PYTHONUNBUFFERED": unbuffered}
     with Path("/dev/full").open("w") as full:
-        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, check=False, env=env)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1 and "No space left" in done.stderr
 
