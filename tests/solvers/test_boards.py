@@ -4,6 +4,7 @@ import networkx as nx
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from numba import njit
 from support.levels import cells_of, matrix_of, preconditioned
 from support.spaces import space_of, spaces
 
@@ -11,11 +12,15 @@ from resgrid.axis import Axis
 from resgrid.circuit.equations import Equations, assemble
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
-from resgrid.solvers.multigrid import sweeps
+from resgrid.jit import ZERO
+from resgrid.solvers.multigrid import slabs
 from resgrid.solvers.multigrid.blocks import coarsen
+from resgrid.solvers.multigrid.graphs import Graph
 from resgrid.solvers.multigrid.grid_level import Level, compensated, in_double, in_single, lay_out, to_graph
-from resgrid.solvers.multigrid.hierarchy import UNSCALED, build_hierarchy
-from resgrid.solvers.multigrid.packing import with_work
+from resgrid.solvers.multigrid.hierarchy import NO_GROUND, UNSCALED, build_hierarchy
+from resgrid.solvers.multigrid.levels import BlackVectors, Finest, Levels, Way
+from resgrid.solvers.multigrid.packing import pack_graphs, pack_grids, pack_levels, with_work
+from resgrid.solvers.multigrid.preconditioner import GridPreconditioner, black_residual
 from resgrid.space import ConfigurationSpace
 
 BOUNDARIES = st.sampled_from(["dirichlet", "neumann"])
@@ -51,6 +56,20 @@ def down(level: Level, split: bool) -> list[Level]:
     return levels
 
 
+def above_one_node(finest: Finest) -> tuple[slabs.Crew, Levels]:
+    """A finest level above a single node."""
+    alone = Graph(np.zeros(2, np.int32), np.empty(0, np.int32), np.empty(0), np.ones(1))
+    grids = pack_grids([], [], [], len(finest.stencil.faces) // 2)
+    levels = with_work(pack_levels(grids, pack_graphs([alone], [])[0]))
+    return GridPreconditioner(finest, levels)._crew, levels
+
+
+@njit
+def up(crew: slabs.Crew, levels: Levels) -> tuple[float, float, float]:
+    """The way up to the finest level."""
+    return slabs.up(crew, levels, ZERO, ZERO)
+
+
 @settings(max_examples=60)
 @given(spaces(max_cells=12), BOUNDARIES, st.integers(1, 40), st.integers(0, 2**16))
 def test_the_schur_complement_is_that_of_dense_elimination(
@@ -77,9 +96,9 @@ def test_the_schur_complement_is_that_of_dense_elimination(
         relaxed, coarse = z[here] + 1.0, np.array([0.0, 1.0], dtype=np.float32)
         to_one = np.zeros(slots, dtype=np.int32)
         to_one[here] = 1
-        zr, zw, zs = sweeps.prolong_and_multiply(
-            stencil, compensated(level, stencil), to_one, UNSCALED, coarse, r, s, z, w
-        )
+        crew, levels = above_one_node(Finest(stencil, compensated(level, stencil), Way(to_one, UNSCALED), NO_GROUND))
+        levels.work.x[:] = coarse
+        zr, zw, zs = up(crew._replace(vectors=BlackVectors(z, r, s, z, w, UNSCALED)), levels)
         size = np.abs(schur).sum(axis=1).max() * np.abs(z).max()
         degree = matrix.diagonal()[black]
         relaxed += (r[here] - schur @ relaxed) / degree
@@ -133,7 +152,7 @@ def test_the_residual_is_that_of_the_netlist(space: ConfigurationSpace, boundary
         x[used], b[used] = rng.normal(size=(2, len(used)))
         r = np.ones(slots)
         x = x.reshape(2, slots)
-        norm = sweeps.black_residual(in_double(level)._replace(block=block), b.reshape(2, slots), x, r)
+        norm = black_residual(in_double(level)._replace(block=block), b.reshape(2, slots), x, r)
         assert not r[: level.lattice.margin].any()
         assert not r[-level.lattice.margin :].any()
         residual = b[used] - matrix @ x.ravel()[used]

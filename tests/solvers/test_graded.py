@@ -163,7 +163,7 @@ def test_a_graded_step_is_symmetric_where_it_is_linear() -> None:
     hierarchy = levels.scaled(height)
     assert hierarchy.true is not None
     assert len(hierarchy.levels.grids.margin) > 0
-    assert len(hierarchy.finest.weight) > 0
+    assert len(hierarchy.finest.way.weight) > 0
     used = hierarchy.true.black_degree > 0
     a, b = (np.random.default_rng(1).normal(size=(2, len(used))) * used).astype(np.float32)
     assert b @ preconditioned(hierarchy, a) == pytest.approx(a @ preconditioned(hierarchy, b), rel=1e-3)

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.solvers.multigrid import atomics, slabs, threaded
+from resgrid.solvers.multigrid import atomics, preconditioner
+from resgrid.solvers.multigrid.windows import Slab
 from resgrid.solvers.team import Team
 
 SHAPES = [(448, 384), (56, 64, 48)]
@@ -57,14 +58,14 @@ def assert_same(one: rg.OperatingPoint, other: rg.OperatingPoint) -> None:
 def cuts(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Slabs of every level that is cut, solve by solve."""
     noted: list[int] = []
-    cut = threaded._cut
+    cut = preconditioner.slabs_of
 
-    def noting(*arguments: object) -> list[object]:
+    def noting(*arguments: object) -> list[Slab]:
         parts = cut(*arguments)
-        noted.extend(len(some) for some in parts)
+        noted.append(len(parts))
         return parts
 
-    monkeypatch.setattr(threaded, "_cut", noting)
+    monkeypatch.setattr(preconditioner, "slabs_of", noting)
     return noted
 
 
@@ -107,8 +108,8 @@ def test_thin_slabs_leave_the_same_digits(
     shape: tuple[int, ...], seed: int, rings: bool, wiring: dict[str, object], threads: int
 ) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(threaded, "_LEAST", 0)
-        patch.setattr(threaded, "_THICK", 0.1)
+        patch.setattr(preconditioner, "_LEAST", 0)
+        patch.setattr(preconditioner, "_THICK", 0.1)
         patch.setattr("resgrid.solvers.multigrid.grid_level.BLOCK", 64)
         netlist = rg.compile_space(room(shape, seed, rings=rings), **wiring)
         one, other = (rg.solve(netlist, method="multigrid", threads=count) for count in (1, threads))
@@ -129,7 +130,7 @@ def test_many_solves_at_a_time_share_one_computer() -> None:
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
 def test_what_is_raised_in_a_slab_ends_the_solve(error: type[BaseException], monkeypatch: pytest.MonkeyPatch) -> None:
     netlist = rg.compile_space(room((420, 380), 3), boundary="neumann")
-    calls, part = iter(range(10**6)), slabs.residual_part
+    calls, part = iter(range(10**6)), preconditioner.residual_part
 
     def failing(*arguments: object) -> None:
         if next(calls) == 4:
@@ -137,7 +138,7 @@ def test_what_is_raised_in_a_slab_ends_the_solve(error: type[BaseException], mon
         part(*arguments)
 
     with monkeypatch.context() as patch:
-        patch.setattr(slabs, "residual_part", failing)
+        patch.setattr(preconditioner, "residual_part", failing)
         with pytest.raises(error, match="slab"):
             rg.solve(netlist, accuracy="normwise", method="multigrid", threads=3)
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("resgrid")]

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.solvers.multigrid.cycle import precondition
 from resgrid.solvers.multigrid.grid_level import Level, to_graph
 from resgrid.solvers.multigrid.hierarchy import Hierarchy
 from resgrid.solvers.multigrid.packing import with_work
+from resgrid.solvers.multigrid.preconditioner import GridPreconditioner
 
 
 def matrix_of(level: Level) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -37,6 +37,7 @@ def cells_of(level: Level) -> NDArray[np.int64]:
 
 def preconditioned(hierarchy: Hierarchy, r: NDArray[np.float32]) -> NDArray[np.float64]:
     """A residual of the finest level, preconditioned by a cycle that is linear: without the steps of the K-cycle."""
+    precondition = GridPreconditioner(hierarchy.finest, with_work(hierarchy.levels))
     z = hierarchy.finest.stencil.black_inverse * r
-    precondition(hierarchy.finest, with_work(hierarchy.levels), r, np.zeros_like(r), z, np.zeros_like(r), np.inf)
+    precondition(r, np.zeros_like(r), z, np.zeros_like(r), np.inf)
     return z.astype(np.float64)

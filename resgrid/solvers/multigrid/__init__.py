@@ -17,19 +17,20 @@
    (`packing.order_by_colour, lay_rows`); the last matrix is inverted (`inverse_matrix`).
 5. *Steps* (`conjugate_gradients.converge`, `krylov.advance`). Flexible conjugate gradients (Notay 2000) for the black
    cells of a grid, ``S = D_b - G^T D_r^-1 G``, or all rows of a netlist. Vectors are in single precision; after a
-   burst of at most five digits the residual is replaced by the true one, in double precision (`sweeps.black_residual`,
+   burst of at most five digits the residual is replaced by the true one, in double precision (`sweeps.residual`,
    `krylov.row_residual`; van der Vorst & Ye 2000), and the search directions go on. It ends at ``rtol |b|``, or where
    rounding, ``eps |A| |x|``, forbids more; from a guess on, also where the steps tell that the error is small
    (`Stop`).
-6. *Cycle* (`cycle.run_cycle`). One relaxation before and one after each visit of the next level, so that the
-   preconditioner is symmetric; on the coarse levels K-cycles (Notay & Vassilevski 2008): one or two steps of conjugate
-   gradients, each preconditioned by the level below. Subnormal numbers count as zero meanwhile (`subnormals`).
-7. *Fused sweeps* (`sweeps.restrict, prolong_and_multiply`). The time is that of reading conductances from memory. Red
-   cells go ahead of black ones by as far as neighbours reach, so that a sweep reads faces once; the relaxation and the
-   product that follows it are two sweeps, one close behind the other. The product takes conductances in single
-   precision and makes up for their rounding on the diagonal (`grid_level.compensate`): rows sum to what leaks.
-   Several threads take slabs of the finest grids (`threaded`, `slabs`), one of them leading in compiled code from sweep
-   to sweep (`atomics`), and leave the same digits.
+6. *Cycle* (`cycle.precondition_grid, precondition_graph`). One relaxation before and one after each visit of the next
+   level, so that the preconditioner is symmetric; on the coarse levels K-cycles (Notay & Vassilevski 2008): one or two
+   steps of conjugate gradients, each preconditioned by the level below. Subnormal numbers count as zero meanwhile
+   (`subnormals`).
+7. *Fused sweeps* (`sweeps.restrict, finish`). The time is that of reading conductances from memory. Red cells go ahead
+   of black ones by as far as neighbours reach, so that a sweep reads faces once; the relaxation and the product that
+   follows it are two sweeps, one close behind the other. The product takes conductances in single precision and makes
+   up for their rounding on the diagonal (`grid_level.compensate`): rows sum to what leaks. Large levels are cut into
+   slabs, which leave the same digits however they are cut (`slabs`); several threads take them, one of which leads in
+   compiled code from sweep to sweep (`preconditioner`, `atomics`).
 8. *Refinement* (`resgrid.solvers.refine`) makes a normwise answer right entry by entry: voltages in double-double,
    with exponents where doubles run out, every pass a solution to many digits of what is largest, until what all rows
    violate KCL by proves that no entry is off by more than 4e-9 of itself and the rounding of the sums. The last rows,

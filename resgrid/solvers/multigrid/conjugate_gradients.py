@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,18 +19,15 @@ from resgrid.solvers.extended import power
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid import krylov
-from resgrid.solvers.multigrid.cycle import precondition
+from resgrid.solvers.multigrid.cycle import precondition_graph
 from resgrid.solvers.multigrid.hierarchy import Hierarchy
 from resgrid.solvers.multigrid.krylov import Vectors
 from resgrid.solvers.multigrid.levels import Finest, Levels
 from resgrid.solvers.multigrid.packing import with_work
+from resgrid.solvers.multigrid.preconditioner import GridPreconditioner
 from resgrid.solvers.multigrid.red_black import Stencil
-from resgrid.solvers.multigrid.sweeps import black_residual
 from resgrid.solvers.refine import Numbers
 from resgrid.solvers.team import ALONE, Team
-
-if TYPE_CHECKING:
-    from resgrid.solvers.multigrid.threaded import SlabSolver
 
 MOST_ITERATIONS = 200
 LEAST_GAIN = 0.5
@@ -69,17 +66,23 @@ class Problem(Protocol):
     """Equations in units of the hierarchy's conductance, over vectors of slots.
 
     `finest, levels`: what preconditions them, with work space of their own; `vectors`: of the iteration; `team`: whose
-    threads take its steps; `slabs`: who preconditions on several.
+    threads take its steps.
     """
 
     finest: Finest
     levels: Levels
     vectors: Vectors
     team: Team
-    slabs: SlabSolver | None
+
+    @property
+    def relaxed(self) -> NDArray[np.float32]:
+        """Where the residual is to be relaxed before it is preconditioned, shape (slots,)."""
 
     def residual(self, x: NDArray[np.float64], r: NDArray[np.float64]) -> float:
         """``r = b - A x``, and its norm.  Shapes: `x` (colours, slots), `r` (slots,)."""
+
+    def precondition(self) -> tuple[float, float, float]:
+        """The next ``z`` from ``r``, and its product ``w``; returns ``z.r, z.w, z.s``."""
 
 
 @dataclass(eq=False)
@@ -96,20 +99,25 @@ class GridProblem:
     currents: NDArray[np.float64]
     depth: int = _DEPTH
     team: Team = ALONE
-    slabs: SlabSolver | None = None
 
     def __post_init__(self) -> None:
         self.vectors = _vectors(self.finest.stencil.black_inverse, self.depth)
-        if self.team.size > 1:
-            from resgrid.solvers.multigrid.threaded import slab_solver
+        self._preconditioner = GridPreconditioner(self.finest, self.levels, self.team)
 
-            self.slabs = slab_solver(self.team, self.true, self.finest, self.levels)
+    @property
+    def relaxed(self) -> NDArray[np.float32]:
+        """As of `Problem`."""
+        before = self._preconditioner.before
+        return self.vectors.next if before is None else before
 
     def residual(self, x: NDArray[np.float64], r: NDArray[np.float64]) -> float:
         """As of `Problem`; relaxes the red cells."""
-        if self.slabs is not None:
-            return self.slabs.residual(self.currents, x, r)
-        return black_residual(self.true, self.currents, x, r)
+        return self._preconditioner.residual(self.true, self.currents, x, r)
+
+    def precondition(self) -> tuple[float, float, float]:
+        """As of `Problem`."""
+        v = self.vectors
+        return self._preconditioner(v.r, v.s, v.next, v.w)
 
 
 @dataclass(eq=False)
@@ -123,10 +131,19 @@ class _GraphProblem:
     b: NDArray[np.float64]
     unit: float
     team: Team
-    slabs: SlabSolver | None = None
 
     def __post_init__(self) -> None:
         self.vectors = _vectors(self.levels.graphs.inverse[: len(self.b)], _DEPTH)
+
+    @property
+    def relaxed(self) -> NDArray[np.float32]:
+        """As of `Problem`."""
+        return self.vectors.next
+
+    def precondition(self) -> tuple[float, float, float]:
+        """As of `Problem`."""
+        v = self.vectors
+        return precondition_graph(self.finest, self.levels, v.r, v.s, v.next, v.w)
 
     def residual(self, x: NDArray[np.float64], r: NDArray[np.float64]) -> float:
         """As of `Problem`."""
@@ -169,7 +186,7 @@ def iterate(
     if hierarchy.true is None:
         problem, x = _GraphProblem(laplacian, hierarchy.finest, levels, slot, b, unit, team), np.zeros((1, len(b)))
     else:
-        x, currents = np.zeros((2, 2, len(hierarchy.finest.aggregate)))
+        x, currents = np.zeros((2, 2, len(hierarchy.finest.way.aggregate)))
         at_slots = currents.ravel()
         team.over(len(slot), lambda some: krylov.scatter_rows(slot[some], b[some], 1.0 / unit, at_slots))
         problem = GridProblem(hierarchy.true, hierarchy.finest, levels, currents, team=team)
@@ -298,9 +315,9 @@ class _Burst:
     def run(self, x: NDArray[np.float64], size: float, gain: float, most: int) -> int:
         """Reduce the residual, of norm ``size``, by a factor ``gain``; returns the steps taken."""
         stop, v, watch = self._stop, self._v, self._watch
-        lift = _LIFT if len(self._problem.finest.weight) else 1.0
+        lift = _LIFT if len(self._problem.finest.way.weight) else 1.0
         one, steps = size / lift, 0
-        self._each(partial(krylov.begin_burst, v, one, self.residual, self._relaxed))
+        self._each(partial(krylov.begin_burst, v, one, self.residual, self._problem.relaxed))
         v.scalars[2], v.scalars[3] = 1.0, 1.0
         while steps < most and not stop.small and self._step(x, (one, lift), gain):
             steps += 1
@@ -311,12 +328,6 @@ class _Burst:
         self._gather(x, one)
         self.left = float(v.scalars[2])
         return steps
-
-    @property
-    def _relaxed(self) -> NDArray[np.float32]:
-        """Where the residual is relaxed, shape (slots,): where the next direction will stand, or what slabs read."""
-        slabs = self._problem.slabs
-        return self._v.z[int(self._v.scalars[0])] if slabs is None else slabs.before
 
     def _each(self, loop: Callable[[int, int], Any]) -> list[Any]:
         """Call a loop for all slots, piece by piece."""
@@ -332,17 +343,16 @@ class _Burst:
 
         ``unit``: what the vectors' one stands for, and the norm of ``r`` in the beginning.
         """
-        of, v, (one, lift) = self._problem, self._v, unit
+        v, (one, lift) = self._v, unit
         if not v.scalars[2] > max(gain, krylov.BURST * v.scalars[3]):
             return False
-        vectors = v.r, v.s, v.z[int(v.scalars[0])], v.w
-        made = precondition(of.finest, of.levels, *vectors) if of.slabs is None else of.slabs.precondition(*vectors)
+        made = self._problem.precondition()
         beta, alpha = krylov.turn(v, *made)
         if not v.scalars[1] > 0.0:
             return False
         if int(v.scalars[0]) == len(v.z):
             self._gather(x, one)
-        squares = sum(self._each(partial(krylov.advance, v, self._relaxed, beta, alpha)))
+        squares = sum(self._each(partial(krylov.advance, v, self._problem.relaxed, beta, alpha)))
         krylov.arrive(v, math.sqrt(squares) / lift, alpha, made[0])
         return True
 

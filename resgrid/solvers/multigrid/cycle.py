@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from resgrid.jit import ZERO, inner, inner_fast, kernel
+from resgrid.jit import ZERO, inner, kernel
 from resgrid.solvers.multigrid import atomics, slabs
 from resgrid.solvers.multigrid.graph_sweeps import (
     Graphs,
@@ -19,87 +19,67 @@ from resgrid.solvers.multigrid.graph_sweeps import (
     multiply_graph,
     solve_coarsest,
 )
-from resgrid.solvers.multigrid.levels import (
-    CHUNK,
-    Finest,
-    Grids,
-    Levels,
-    Work,
-    combine,
-    keep_step,
-    second_step,
-    stencil_at,
-    take_step,
-)
-from resgrid.solvers.multigrid.red_black import Floats, Singles, add_into_black, relax_red
+from resgrid.solvers.multigrid.levels import CHUNK, Finest, Levels, combine, keep_step, second_step, take_step
+from resgrid.solvers.multigrid.red_black import Floats, Singles
 from resgrid.solvers.multigrid.slabs import Crew
 from resgrid.solvers.multigrid.subnormals import flush_subnormals, restore_subnormals
-from resgrid.solvers.multigrid.sweeps import prolong_and_multiply, prolong_within, restrict, restrict_within
 
 ENOUGH = 0.07
 """Residual after the first step of a K-cycle on the first coarse level that spares the second."""
 
 
-def precondition(
-    finest: Finest, levels: Levels, r: Singles, s: Singles, z: Singles, w: Singles, stop: float = ENOUGH
+def precondition_graph(
+    finest: Finest, levels: Levels, r: Singles, s: Singles, z: Singles, w: Singles
 ) -> tuple[float, float, float]:
-    """Precondition the residual ``r``, relaxed in ``z``, and multiply: ``w = A z``; returns ``z.r, z.w, z.s``.
-
-    Of a grid, vectors are over its black cells, and the matrix is their Schur complement.  ``stop``: as of `run_cycle`.
-    """
-    grids, graphs, work = levels
-    if not len(finest.ground):
-        size = 2 * grids.slots[1] if len(grids.margin) else 1 + graphs.first[1]
-        stencil, aggregate, weight = finest.stencil, finest.aggregate, finest.weight
-        restrict(stencil, aggregate, weight, z, work.b[:size])
-        run_cycle(levels, stop, 0)
-        return prolong_and_multiply(stencil, finest.exact, aggregate, weight, work.x[:size], r, s, z, w)
+    """Precondition the residual ``r`` of a netlist, and multiply: ``w = A z``; returns ``z.r, z.w, z.s``."""
+    graphs, work = levels.graphs, levels.work
     b, x, only = work.b[1:], work.x[1:], len(graphs.first) == 2
     b[: len(r)] = r
     if only:
-        run_cycle(levels, stop, 0)
+        run_cycle(levels, ENOUGH, 0)
     else:
         descend_graph(graphs, 0, b, x)
-        run_cycle(levels, stop, 1)
+        run_cycle(levels, ENOUGH, 1)
         ascend_graph(graphs, 0, b, x, work.w)
     z[:] = x[: len(r)]
     return multiply_graph(graphs, finest.ground, z, r, s, w)
 
 
 def run_cycle(levels: Levels, stop: float, top: int) -> None:
-    """Approximate ``x = A^-1 b`` on level ``top`` by K-cycles.
+    """Approximate ``x = A^-1 b`` on level ``top`` of a netlist's graphs by K-cycles.
 
     The second step is spared where the first has brought the residual under ``stop`` times the right-hand side, twice
     that on every level further down; an infinite ``stop`` spares both.
     """
-    grids, graphs = len(levels.grids.margin) > 0, len(levels.graphs.first) > 2
-    _run_cycle(levels, stop, top, grids or None, graphs or None, None)
+    _run_cycle(levels, stop, top, len(levels.graphs.first) > 2 or None, None)
+
+
+def precondition_grid(crew: Crew, levels: Levels, stop: float) -> tuple[float, float, float]:
+    """Precondition a residual over a grid's black cells, and multiply by their Schur complement.
+
+    Returns ``z.r, z.w, z.s``, of the crew's vectors.  ``stop``: as of `run_cycle`; others may help
+    (`slabs.help_sweep`).
+    """
+    return _precondition_grid(crew, levels, stop, len(levels.graphs.first) > 2 or None)
 
 
 @kernel
-def _precondition_slabs(crew: Crew, levels: Levels, stop: float, on_graphs: bool | None) -> tuple[float, float, float]:
+def _precondition_grid(crew: Crew, levels: Levels, stop: float, on_graphs: bool | None) -> tuple[float, float, float]:
     flags = flush_subnormals()
     slabs.begin(crew, levels)
-    _run_within(levels, stop, 0, True, on_graphs, crew)
+    _run_within(levels, stop, 0, on_graphs, crew)
     products = slabs.up(crew, levels, ZERO, ZERO)
     atomics.end_jobs(crew.state)
     restore_subnormals(flags)
     return products
 
 
-def precondition_slabs(crew: Crew, levels: Levels) -> tuple[float, float, float]:
-    """As `precondition`, of a grid, together with whoever helps (`slabs.help_sweep`)."""
-    return _precondition_slabs(crew, levels, ENOUGH, len(levels.graphs.first) > 2 or None)
-
-
 @inner
-def _run_within(
-    levels: Levels, stop: float, top: int, on_grids: bool | None, on_graphs: bool | None, crew: Crew | None
-) -> None:
-    """`run_cycle`, the larger levels in slabs where there is a crew.
+def _run_within(levels: Levels, stop: float, top: int, on_graphs: bool | None, crew: Crew | None) -> None:
+    """`run_cycle`, with a crew on grids as well.
 
-    Where there are no grids, or no graphs but the last one, or no crew, None: their visits are not compiled then.  The
-    recursion is written as a loop, since compiled recursive functions cannot be kept on disk.
+    Where there are no grids, or no graphs but the last one, None: their visits are not compiled then.  The recursion is
+    written as a loop, since compiled recursive functions cannot be kept on disk.
     """
     flags = flush_subnormals()
     grids, graphs, work = levels
@@ -114,17 +94,12 @@ def _run_within(
             level -= 1
             continue
         visit, enough = (visits[level], first_steps[level]), stop * (1 << (level - top))
-        done, in_slabs = True, False
-        if crew is not None:
-            in_slabs = level + 1 < len(crew.cuts)
-            if in_slabs:
-                done = slabs.visit_slabs(crew, levels, level + 1, visit, enough)
-        if level < count:
-            if on_grids is not None and not in_slabs:
-                end = 2 * grids.slots[level + 2] if level + 1 < count else begin + graphs.first[1]
-                done = _visit_grid(grids, work, level, end, visit, enough)
-        elif on_graphs is not None:
-            done = _visit_graph(graphs, (b, x, c, v, w), level - count, visit, enough)
+        done = True
+        if level >= count:
+            if on_graphs is not None:
+                done = _visit_graph(graphs, (b, x, c, v, w), level - count, visit, enough)
+        elif crew is not None:
+            done = slabs.visit_grid(crew, levels, level + 1, visit, enough)
         visits[level] = 0 if done else visits[level] + 1
         level += -1 if done else 1
     restore_subnormals(flags)
@@ -134,37 +109,11 @@ _run_cycle = kernel(_run_within)
 
 
 @inner
-def _visit_grid(grids: Grids, work: Work, level: int, end: int, visit: tuple[int, Floats], stop: float) -> bool:
-    """Come to a grid for the first, second or third time; returns whether it is solved, or the next level is due.
-
-    Coming from above, red nodes are eliminated; from below, the next level's answer is a direction; each time the level
-    is relaxed from zero, and the residual summed into the next level, whose nodes end at ``end``.
-    """
-    a, e = grids.slots[level], grids.slots[level + 1]
-    stencil, aggregate, weight = stencil_at(grids, level), grids.aggregate[a:e], grids.weight[a:e]
-    f, z, c, v, w = work.f[a:e], work.z[a:e], work.c[a:e], work.v[a:e], work.w[a:e]
-    if visit[0] == 0:
-        _times(stencil.red_inverse, work.b[2 * a : a + e], w)
-        add_into_black(stencil, w, work.b[a + e : 2 * e], f)
-    else:
-        y = v if visit[0] == 1 else w
-        products = prolong_within(stencil, stencil, aggregate, weight, work.x[2 * e : end], f, v, z, y)
-        if _step(visit, stop, products, f, z, c, v):
-            for k in range(e - a):
-                work.x[a + e + k] = z[k]
-            relax_red(stencil, work.b[2 * a : a + e], z, work.x[2 * a : a + e])
-            return True
-    _times(stencil.black_inverse, f, z)
-    restrict_within(stencil, aggregate, weight, z, work.b[2 * e : end])
-    return False
-
-
-@inner
 def _visit_graph(
     graphs: Graphs, vectors: tuple[Singles, Singles, Singles, Singles, Singles], level: int,
     visit: tuple[int, Floats], stop: float,
 ) -> bool:  # fmt: skip
-    """The same of a graph; ``vectors``: as of `Work`, from the first graph's nodes on."""
+    """As `slabs.visit_grid`, of a graph; ``vectors``: as of `Work`, from the first graph's nodes on."""
     b, x, c, v, w = vectors
     if visit[0] > 0:
         a, e = graphs.first[level], graphs.first[level + 1]
@@ -175,12 +124,6 @@ def _visit_graph(
             return True
     descend_graph(graphs, level, b, x)
     return False
-
-
-@inner_fast
-def _times(a: Singles, b: Singles, product: Singles) -> None:
-    for k in range(len(product)):
-        product[k] = a[k] * b[k]
 
 
 @inner

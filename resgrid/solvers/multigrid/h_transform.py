@@ -45,10 +45,10 @@ from resgrid.solvers.multigrid.hierarchy import (
     lay_out_grid,
 )
 from resgrid.solvers.multigrid.krylov import scatter_rows
-from resgrid.solvers.multigrid.levels import Finest
+from resgrid.solvers.multigrid.levels import Finest, Way
 from resgrid.solvers.multigrid.packing import pack_graphs, pack_grids, pack_levels
+from resgrid.solvers.multigrid.preconditioner import black_residual
 from resgrid.solvers.multigrid.red_black import Edges, Floats, Stencil
-from resgrid.solvers.multigrid.sweeps import black_residual
 from resgrid.solvers.refine import Approximation, Numbers
 from resgrid.solvers.superlu import symmetric_factors
 from resgrid.solvers.team import ALONE, Team
@@ -134,7 +134,7 @@ class Scalable:
         stencils = [_in_single(*both) for both in zip(levels[1:-1], scales[1:-1], strict=True)]
         grids = pack_grids(stencils, targets[1:], weights[1:], len(self.level.edges.faces) // 2)
         true, stencil, exact = self.first
-        finest = Finest(stencil, exact, targets[0], weights[0], NO_GROUND)
+        finest = Finest(stencil, exact, Way(targets[0], weights[0]), NO_GROUND)
         largest = self.unit * largest_degree(true)
         return Hierarchy(pack_levels(grids, graphs), self.slot, self.unit, largest, finest, true, self.box)
 

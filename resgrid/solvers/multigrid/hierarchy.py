@@ -14,7 +14,7 @@ from resgrid.solvers.multigrid.blocks import Coarsened, coarsen
 from resgrid.solvers.multigrid.graphs import Graph, coarsen_down
 from resgrid.solvers.multigrid.grid_level import Level, compensated, in_double, in_single, lay_out, to_graph
 from resgrid.solvers.multigrid.krylov import scatter_rows
-from resgrid.solvers.multigrid.levels import Finest, Levels
+from resgrid.solvers.multigrid.levels import Finest, Levels, Way
 from resgrid.solvers.multigrid.packing import pack_graphs, pack_grids, pack_levels, pack_netlist
 from resgrid.solvers.multigrid.red_black import Stencil
 from resgrid.solvers.team import ALONE, Team
@@ -73,7 +73,7 @@ def build_hierarchy(laplacian: Laplacian, team: Team = ALONE) -> Hierarchy:
     levels, slot = pack_netlist(Graph(rows.indptr, rows.indices, rows.data / unit, laplacian.ground / unit))
     ground = np.empty(laplacian.size)
     scatter_rows(slot, laplacian.ground, 1.0 / unit, ground)
-    finest = Finest(_NO_STENCIL, _NO_EXACT, _NO_SLOTS, UNSCALED, ground)
+    finest = Finest(_NO_STENCIL, _NO_EXACT, Way(_NO_SLOTS, UNSCALED), ground)
     return Hierarchy(levels, slot, unit, float(laplacian.diagonal.max(initial=0.0)), finest)
 
 
@@ -122,7 +122,7 @@ def _grid_levels(
     stencils = [in_single(coarse) for coarse in levels[1:-1]]
     grids = pack_grids(stencils, targets[1:], [], len(level.edges.faces) // 2)
     true, stencil, exact = first
-    return true, Finest(stencil, exact, targets[0], UNSCALED, NO_GROUND), pack_levels(grids, packed)
+    return true, Finest(stencil, exact, Way(targets[0], UNSCALED), NO_GROUND), pack_levels(grids, packed)
 
 
 def finest_stencils(level: Level) -> tuple[Stencil, Stencil, Stencil]:

@@ -45,6 +45,11 @@ class Vectors(NamedTuple):
     on_p: Floats
     scalars: Floats
 
+    @property
+    def next(self) -> Singles:
+        """Where the next of the ``z`` stands."""
+        return self.z[int(self.scalars[0])]
+
 
 @kernel
 def scatter_rows(slot: Indices, values: Floats, factor: float, at_slots: Floats) -> None:

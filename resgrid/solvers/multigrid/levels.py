@@ -58,6 +58,28 @@ class Work(NamedTuple):
     w: Singles
 
 
+class Way(NamedTuple):
+    """From the black slots of a grid to the next level, as of `Grids`: `aggregate`, `weight` (slots,)."""
+
+    aggregate: Indices
+    weight: Singles
+
+
+class BlackVectors(NamedTuple):
+    """The vectors over a grid's black slots in a visit, shape (slots,).
+
+    `before`: the residual, relaxed from zero: slabs read what others had before they write; `r`: the residual; `s`:
+    what ``z`` is multiplied by too; `z`: the answer, and `w` its product; `c`: the first direction.
+    """
+
+    before: Singles
+    r: Singles
+    s: Singles
+    z: Singles
+    w: Singles
+    c: Singles
+
+
 class Levels(NamedTuple):
     """A packed hierarchy, coarse grids first, graphs below; a netlist's first graph is its finest level."""
 
@@ -69,15 +91,14 @@ class Levels(NamedTuple):
 class Finest(NamedTuple):
     """The finest level: of a grid with the way to the next one; of a netlist, what its first graph leaves open.
 
-    `stencil, exact`: in single precision, and with a diagonal that makes up for it (`grid_level.compensated`);
-    `aggregate, weight` (slots,): as of `Grids`; `ground` (n,): from every node of a netlist's first graph to known
-    voltages, in units; empty for a grid, as all others are for a netlist.
+    `stencil, exact`: in single precision, and with a diagonal that makes up for it (`grid_level.compensated`); `way`:
+    to the next level; `ground` (n,): from every node of a netlist's first graph to known voltages, in units; empty for
+    a grid, as all others are for a netlist.
     """
 
     stencil: Stencil
     exact: Stencil
-    aggregate: Indices
-    weight: Singles
+    way: Way
     ground: Floats
 
 
@@ -104,8 +125,9 @@ def stencil_at(grids: Grids, level: int) -> Stencil:
 @inner_fast
 def take_step(r: Singles, v: Singles, step: np.float32, begin: int, end: int) -> tuple[float, float]:
     """``r -= step v`` on some slots; returns the squares before and after, summed."""
-    before, after = 0.0, 0.0
-    for k in range(begin, end):
+    before, after, at = 0.0, 0.0, np.uint64(begin)
+    for i in range(end - begin):
+        k = at + np.uint64(i)
         old = r[k]
         new = old - step * v[k]
         r[k] = new
@@ -117,7 +139,9 @@ def take_step(r: Singles, v: Singles, step: np.float32, begin: int, end: int) ->
 @inner_fast
 def keep_step(z: Singles, c: Singles, step: np.float32, enough: bool, begin: int, end: int) -> None:
     """Where the first step is enough, ``z = step z``, the answer; else ``c = z``, its direction; on some slots."""
-    for k in range(begin, end):
+    at = np.uint64(begin)
+    for i in range(end - begin):
+        k = at + np.uint64(i)
         if enough:
             z[k] = step * z[k]
         else:
@@ -135,5 +159,7 @@ def second_step(alpha: float, energy: float, rest: float, product: float, gamma:
 @inner_fast
 def combine(z: Singles, c: Singles, on_c: np.float32, on_z: np.float32, begin: int, end: int, both: Singles) -> None:
     """``both = on_c c + on_z z`` on some slots."""
-    for k in range(begin, end):
+    at = np.uint64(begin)
+    for i in range(end - begin):
+        k = at + np.uint64(i)
         both[k] = on_c * c[k] + on_z * z[k]

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import ZERO, inner, inner_fast
+from resgrid.jit import ZERO, inlined, inner, inner_fast
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -127,14 +127,14 @@ def spread(g: Reals, q: int, begin: int, away: int, count: int, x: Reals, total:
         total[black + k] += g[face, red + k] * x[red + k]
 
 
-@inner
+@inlined
 def extent(stencil: Stencil, block: int) -> tuple[int, int]:
     """First slot of a block, and how many it has."""
     begin = stencil.margin + block * stencil.block
     return begin, min(stencil.block, stencil.faces.shape[1] - stencil.margin - begin)
 
 
-@inner
+@inlined
 def blocks_of(stencil: Stencil) -> int:
     """How many blocks there are."""
     return int(-(-(stencil.faces.shape[1] - 2 * stencil.margin) // stencil.block))

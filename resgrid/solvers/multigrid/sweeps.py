@@ -1,23 +1,23 @@
-"""Sweeps over a stencil: passes in which red cells go ahead of black ones, so that faces are read once.
+"""Sweeps over a stencil, slab by slab: passes in which red cells go ahead of black ones, so that faces are read once.
 
-They go ahead by as many slots as there are between neighbours, and red values are only kept in a window around the
-slots that a window has come to.
+Slabs are whole blocks; red values that two slabs need are found by both; no slab reads what another one writes; sums
+are kept block by block, and added in one order behind all slabs.  What couplings carry from anywhere to anywhere is
+noted by the slabs, and added behind them.  So the digits are the same however a level is cut.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
-from resgrid.jit import ZERO, inner, inner_fast, kernel
+from resgrid.jit import ZERO, inner, inner_fast
+from resgrid.solvers.multigrid.levels import CHUNK, BlackVectors, Way, combine, take_step
 from resgrid.solvers.multigrid.red_black import (
     BLACK,
     RED,
     Floats,
     Indices,
-    Integers,
     Reals,
     Singles,
     Stencil,
@@ -27,142 +27,72 @@ from resgrid.solvers.multigrid.red_black import (
     extent,
     relax,
 )
-from resgrid.solvers.multigrid.subnormals import flush_subnormals, restore_subnormals
-
-_ROOM = 4
-"""Of a window, in units of what is kept and a block; so seldom it is moved."""
-
-
-class Window(NamedTuple):
-    """The red values around the slots that a window has come to.
-
-    `coupled`: what couplings draw into red cells; behind the window, the red values where they begin; `at` (3,): slot
-    of the first of the red values, the next coupling to draw, and the next to note a red value of; `kept`: how many
-    values behind a block may still be asked for; `ahead`: as of `blocks_ahead`.
-    """
-
-    red: Reals
-    coupled: Reals
-    at: Integers
-    kept: int
-    ahead: int
-
-
-class Slab(NamedTuple):
-    """A part of a stencil that one thread sweeps over.
-
-    `first, last`: its blocks, the last one left out; `begin, end`: black slots that share their nodes on the next level
-    with no other slab's.
-    """
-
-    first: int
-    last: int
-    begin: int
-    end: int
+from resgrid.solvers.multigrid.windows import (
+    Slab,
+    blocks_ahead,
+    draw_into_red,
+    lead,
+    make_room,
+    note,
+    open_window,
+)
 
 
 @inner
-def _whole(stencil: Stencil) -> Slab:
-    return Slab(ZERO, blocks_of(stencil), stencil.margin, stencil.faces.shape[1] - stencil.margin)
-
-
-@inner
-def blocks_ahead(stencil: Stencil) -> int:
-    """How many blocks red cells go ahead of black ones, so that all neighbours of these are there."""
-    return int(-(-stencil.margin // stencil.block))
-
-
-@inner
-def open_window(stencil: Stencil, block: int) -> Window:
-    """A window that comes to a block first."""
-    ahead, begin, coupling = blocks_ahead(stencil), stencil.margin + block * stencil.block, 0
-    kept = ahead * stencil.block + stencil.margin
-    red = np.zeros(_ROOM * (kept + stencil.block), stencil.black_degree.dtype)
-    while coupling < len(stencil.couplings) and stencil.off_red[coupling] < begin:
-        coupling += 1
-    at = np.array([begin - kept, coupling, coupling])
-    return Window(red, np.empty(len(stencil.couplings), red.dtype), at, kept, ahead)
-
-
-@inner
-def make_room(stencil: Stencil, window: Window, block: int) -> int:
-    """Make room for a block of red values; returns where among them it begins."""
-    begin = stencil.margin + block * stencil.block
-    if begin + stencil.block - window.at[0] > len(window.red):
-        behind = begin - window.kept - window.at[0]
-        for k in range(window.kept):
-            window.red[k] = window.red[behind + k]
-        window.at[0] = begin - window.kept
-    return int(begin - window.at[0])
-
-
-@inner
-def lead(stencil: Stencil, window: Window, x: Reals, block: int) -> None:
-    """``red = G x / degree`` on a block, zero behind the last one."""
-    to = _draw_into_red(stencil, window, x, block)
-    if block < blocks_of(stencil):
-        begin, count = extent(stencil, block)
-        _scale(stencil.red_inverse, begin, count, window.red, to)
-        _note(stencil, window, begin, to)
-
-
-@inner
-def _draw_into_red(stencil: Stencil, window: Window, x: Reals, block: int) -> int:
-    """``red = G x`` on a block, zero behind the last one; returns where among the red values it begins."""
-    to = make_room(stencil, window, block)
-    if block >= blocks_of(stencil):
-        for k in range(to, to + stencil.block):
-            window.red[k] = 0.0
-        return to
-    begin, count = extent(stencil, block)
-    draw_into(stencil, RED, x, ZERO, block, window.red, to)
-    while window.at[1] < len(stencil.couplings) and stencil.off_red[window.at[1]] < begin + count:
-        window.red[to + stencil.off_red[window.at[1]] - begin] += window.coupled[window.at[1]]
-        window.at[1] += 1
-    return to
-
-
-@inner
-def _note(stencil: Stencil, window: Window, begin: int, to: int) -> None:
-    """Note the red values of a block where couplings begin."""
-    while window.at[2] < window.at[1]:
-        window.coupled[window.at[2]] = window.red[to + stencil.off_red[window.at[2]] - begin]
-        window.at[2] += 1
+def eliminate(stencil: Stencil, red_fed: Singles, black_fed: Singles, slab: Slab, of: BlackVectors) -> None:
+    """What black cells are due, red ones eliminated, into ``of.r``; and that relaxed from zero into ``of.before``."""
+    total, ahead, r, before = np.empty(stencil.block, of.r.dtype), blocks_ahead(stencil), of.r, of.before
+    red_inverse, black_inverse = stencil.red_inverse, stencil.black_inverse
+    begin = max(slab.first - ahead, 0)
+    window = open_window(stencil, begin)
+    for step in range(begin, slab.last + ahead):
+        to = make_room(stencil, window, step)
+        if step < blocks_of(stencil):
+            at, count = extent(stencil, step)
+            _divide(red_inverse, red_fed, at, count, window.red, to)
+        block = step - ahead
+        if block >= slab.first:
+            at, count = extent(stencil, block)
+            draw_into(stencil, BLACK, window.red, window.at[0], block, total, ZERO)
+            _feed(black_inverse, black_fed, total, at, count, r, before)
 
 
 @inner_fast
-def _scale(inverse: Reals, begin: int, count: int, value: Reals, to: int) -> None:
-    """``value = inverse * value``, the value from slot ``to`` on."""
+def _divide(inverse: Singles, fed: Singles, begin: int, count: int, value: Singles, to: int) -> None:
+    """``value = inverse fed`` on a block, the value from slot ``to`` on."""
     at, v_at = np.uint64(begin), np.uint64(to)
     for i in range(count):
         k = np.uint64(i)
-        value[v_at + k] *= inverse[at + k]
+        value[v_at + k] = inverse[at + k] * fed[at + k]
+
+
+@inner_fast
+def _feed(inverse: Singles, fed: Singles, total: Singles, begin: int, count: int, r: Singles, before: Singles) -> None:
+    """``r = total + fed``, and ``before = inverse r`` on a block."""
+    at = np.uint64(begin)
+    for i in range(count):
+        k = at + np.uint64(i)
+        v = total[np.uint64(i)] + fed[k]
+        r[k] = v
+        before[k] = inverse[k] * v
 
 
 @inner
-def restrict_within(stencil: Stencil, aggregate: Indices, weight: Singles, z: Singles, coarse: Singles) -> None:
-    """Let the red cells follow the black values ``z``, and sum the black residual into the next level.
-
-    ``aggregate`` leads from a black slot to its node there; from unused slots to node 0, which nothing belongs to.
-    ``weight`` is what a black slot counts for, and takes from its node; where it is empty, it is 1.
-    """
-    flags = flush_subnormals()
-    for node in range(len(coarse)):
-        coarse[node] = 0.0
-    coupled = restrict_slab(stencil, aggregate, weight, z, _whole(stencil), coarse)
-    restrict_couplings(stencil, aggregate, weight, coupled, coarse)
-    restore_subnormals(flags)
-
-
-restrict = kernel(restrict_within)
+def eliminate_couplings(stencil: Stencil, red_fed: Singles, of: BlackVectors) -> None:
+    """The rest of `eliminate`, behind all slabs."""
+    for m in range(len(stencil.couplings)):
+        red, black = stencil.off_red[m], stencil.off_black[m]
+        value = np.float32(stencil.red_inverse[red] * red_fed[red])
+        of.r[black] += stencil.couplings[m] * value
+    for m in range(len(stencil.couplings)):
+        black = stencil.off_black[m]
+        of.before[black] = stencil.black_inverse[black] * of.r[black]
 
 
 @inner
-def restrict_slab(
-    stencil: Stencil, aggregate: Indices, weight: Singles, z: Singles, slab: Slab, coarse: Singles
-) -> Singles:
-    """`restrict` on a slab but for its couplings; returns the red values where these begin."""
-    total = np.empty(stencil.block, stencil.red_inverse.dtype)
+def restrict(stencil: Stencil, way: Way, z: Singles, slab: Slab, coarse: Singles, noted: Singles) -> None:
+    """Let the red cells follow the black values ``z``, and sum the black residual into the next level."""
+    (aggregate, weight), total = way, np.empty(stencil.block, stencil.red_inverse.dtype)
     ahead = blocks_ahead(stencil)
     begin, last = max(slab.first - ahead, 0), -(-(slab.end - stencil.margin) // stencil.block)
     window = open_window(stencil, begin)
@@ -177,17 +107,16 @@ def restrict_slab(
             if behind < count:
                 count = min(count, slab.end - at) - behind
                 _add_to_nodes(aggregate, weight, at + behind, count, total[behind:], coarse)
-    return window.coupled
+    _hand_on(stencil, slab, window.coupled, noted)
 
 
 @inner
-def restrict_couplings(
-    stencil: Stencil, aggregate: Indices, weight: Singles, coupled: Singles, coarse: Singles
-) -> None:
+def restrict_couplings(stencil: Stencil, way: Way, coupled: Singles, coarse: Singles) -> None:
     """The rest of `restrict`, behind all slabs."""
     for m in range(len(stencil.couplings)):
-        share = weight[stencil.off_black[m]] if len(weight) > 0 else np.float32(1.0)
-        coarse[aggregate[stencil.off_black[m]]] += share * stencil.couplings[m] * coupled[m]
+        black = stencil.off_black[m]
+        share = way.weight[black] if len(way.weight) > 0 else np.float32(1.0)
+        coarse[way.aggregate[black]] += share * stencil.couplings[m] * coupled[m]
     coarse[0] = 0.0
 
 
@@ -205,7 +134,7 @@ def _add_to_nodes(aggregate: Indices, weight: Singles, begin: int, count: int, t
 
 
 @inner
-def add_from_nodes(
+def _add_from_nodes(
     aggregate: Indices, weight: Singles, begin: int, count: int, coarse: Singles, z: Singles, total: Singles
 ) -> None:
     """``total = z +`` what the slots of a block take from their nodes."""
@@ -221,52 +150,69 @@ def add_from_nodes(
 
 
 @inner
-def prolong_within(
-    stencil: Stencil, exact: Stencil, aggregate: Indices, weight: Singles, coarse: Singles, r: Singles, s: Singles,
-    z: Singles, w: Singles,
-) -> tuple[float, float, float]:  # fmt: skip
-    """Finish the preconditioner's answer ``z`` to ``r``, and form ``w = S z``; returns ``z.r``, ``z.w`` and ``z.s``.
+def finish(
+    stencil: Stencil, exact: Stencil, way: Way, coarse: Singles, of: BlackVectors, own: Singles, slab: Slab,
+    stages: tuple[bool, bool], noted: tuple[Singles, Reals], sums: Floats,
+) -> None:  # fmt: skip
+    """Finish the preconditioner's answer ``z`` to ``r``, and form ``w = S z``; both stages, or one of them.
 
-    The next level's answer is added to ``z``, the red cells follow, and the black ones are relaxed.  S is the Schur
-    complement of the black cells of ``exact``, which is the same stencil with a diagonal in a precision of its own.
+    First the next level's answer is added to what came ``before``, the red cells follow, and the black ones are
+    relaxed.  S is the Schur complement of the black cells of ``exact``, which is the same stencil with a diagonal in a
+    precision of its own.  ``sums`` (blocks, 3) receives ``z.r``, ``z.w`` and ``z.s``.
 
-    The sweeps of both follow as close upon each other as neighbours allow, but where there are couplings.
+    Together the stages follow as close upon each other as neighbours allow, which couplings forbid.  ``own``: where the
+    slab keeps its values of ``z`` and those next to it: ``z`` itself where there is no other slab.
     """
-    flags = flush_subnormals()
-    first, second = open_window(stencil, ZERO), open_window(exact, ZERO)
-    blocks, ahead = blocks_of(stencil), first.ahead
-    before, between = (ahead, 3 * ahead) if len(stencil.couplings) == 0 else (blocks, 2 * blocks + ahead)
-    total = np.empty(stencil.block, stencil.red_inverse.dtype)
-    product = np.empty(len(total), exact.black_degree.dtype)
-    zr, zw, zs = 0.0, 0.0, 0.0
-    for step in range(between + blocks + ahead):
-        if step < blocks:
-            begin, count = extent(stencil, step)
-            add_from_nodes(aggregate, weight, begin, count, coarse, z, z)
-        if step == before:
-            draw(stencil, z, first.coupled)
-        if step == between:
-            relax_couplings(stencil, first.coupled, z)
-            draw(exact, z, second.coupled)
-        if before <= step < before + blocks + ahead:
-            lead(stencil, first, z, step - before)
-        if before + ahead <= step < before + blocks + ahead:
-            begin, count = extent(stencil, step - before - ahead)
-            draw_into(stencil, BLACK, first.red, first.at[0], step - before - ahead, total, ZERO)
-            relax(stencil.black_inverse, r, begin, count, total, z)
-        if between <= step:
-            lead(exact, second, z, step - between)
-        if between + ahead <= step:
-            begin, count = extent(exact, step - between - ahead)
-            draw_into(exact, BLACK, second.red, second.at[0], step - between - ahead, product, ZERO)
-            a, b, c = products(exact.black_degree, z, r, s, begin, count, product, w)
-            zr, zw, zs = zr + a, zw + b, zs + c
-    zw -= multiply_couplings(exact, second.coupled, z, w)
-    restore_subnormals(flags)
-    return zr, zw, zs
+    (relaxing, multiplying), blocks, ahead = stages, blocks_of(stencil), blocks_ahead(stencil)
+    (aggregate, weight), (before, r, s, z, w, _), apart = way, of, slab.last - slab.first < blocks
+    around = 2 * ahead if relaxing and multiplying else 0
+    first, last = max(slab.first - around, 0), min(slab.last + around, blocks)
+    lead_first, lead_second = max(first - ahead, 0), max(slab.first - ahead, 0)
+    relaxed, led = 2 * ahead, 3 * ahead if relaxing else 0
+    begin = max(first - 2 * ahead, 0) if relaxing else lead_second
+    end = slab.last + led + ahead if multiplying else last + relaxed
+    window, other = open_window(stencil, lead_first), open_window(exact, lead_second)
+    total, product = np.empty(stencil.block, own.dtype), np.empty(stencil.block, exact.black_degree.dtype)
+    if relaxing:
+        _draw_raised(stencil, way, coarse, before, window.coupled)
+    else:
+        draw(exact, own, other.coupled)
+    for step in range(begin, end):
+        if relaxing:
+            if step < min(last + 2 * ahead, blocks):
+                at, count = extent(stencil, step)
+                _add_from_nodes(aggregate, weight, at, count, coarse, before, own)
+            if lead_first <= step - ahead < last + ahead:
+                lead(stencil, window, own, step - ahead)
+            block = step - relaxed
+            if first <= block < last:
+                at, count = extent(stencil, block)
+                draw_into(stencil, BLACK, window.red, window.at[0], block, total, ZERO)
+                relax(stencil.black_inverse, r, at, count, total, own)
+                if apart and slab.first <= block < slab.last:
+                    _copy(own, at, count, z)
+        if multiplying and lead_second <= step - led:
+            lead(exact, other, own, step - led)
+            block = step - led - ahead
+            if slab.first <= block:
+                at, count = extent(exact, block)
+                draw_into(exact, BLACK, other.red, other.at[0], block, product, ZERO)
+                sums[block, 0], sums[block, 1], sums[block, 2] = _multiply(
+                    exact.black_degree, own, r, s, at, count, product, w
+                )
+    if relaxing:
+        _hand_on(stencil, slab, window.coupled, noted[0])
+    if multiplying:
+        _hand_on(exact, slab, other.coupled, noted[1])
 
 
-prolong_and_multiply = kernel(prolong_within)
+@inner
+def _draw_raised(stencil: Stencil, way: Way, coarse: Singles, before: Singles, drawn: Singles) -> None:
+    """What every coupling draws into its red cell, once the next level's answer is added."""
+    for m in range(len(drawn)):
+        black = stencil.off_black[m]
+        share = way.weight[black] if len(way.weight) > 0 else np.float32(1.0)
+        drawn[m] = stencil.couplings[m] * (before[black] + share * coarse[way.aggregate[black]])
 
 
 @inner
@@ -289,7 +235,15 @@ def multiply_couplings(stencil: Stencil, coupled: Reals, z: Singles, w: Singles)
 
 
 @inner_fast
-def products(
+def _copy(values: Singles, begin: int, count: int, there: Singles) -> None:
+    at = np.uint64(begin)
+    for i in range(count):
+        k = at + np.uint64(i)
+        there[k] = values[k]
+
+
+@inner_fast
+def _multiply(
     degree: Reals, z: Singles, r: Singles, s: Singles, begin: int, count: int, total: Reals, w: Singles
 ) -> tuple[float, float, float]:
     """``w = degree z - total`` on a block, and its share of ``z.r``, ``z.w`` and ``z.s``."""
@@ -306,20 +260,50 @@ def products(
     return a, b, c
 
 
-@kernel
-def black_residual(stencil: Stencil, b: Floats, x: Floats, r: Floats) -> float:
-    """Relax the red cells exactly, and form the residual at the black ones; ``b`` and ``x`` of shape (2, slots).
-
-    Returns its norm.
-    """
-    squares = np.empty(blocks_of(stencil))
-    coupled = residual_slab(stencil, b, x, r, _whole(stencil), squares)
-    return finish_residual(stencil, coupled, squares, r)
+@inner
+def take(inverse: Singles, of: BlackVectors, step: np.float32, part: int, parts: int, sums: Floats) -> None:
+    """First step of the K-cycle along ``z``, its direction kept in ``c``, and the rest relaxed from zero."""
+    (before, r, _, z, w, c), chunks = of, -(-len(of.r) // CHUNK)
+    for chunk in range(part * chunks // parts, (part + 1) * chunks // parts):
+        begin, end = chunk * CHUNK, min(chunk * CHUNK + CHUNK, len(r))
+        sums[chunk, 0], sums[chunk, 1] = take_step(r, w, step, begin, end)
+        _copy(z, begin, end - begin, c)
+        _divide(inverse, r, begin, end - begin, before, begin)
 
 
 @inner
-def residual_slab(stencil: Stencil, b: Floats, x: Floats, r: Floats, slab: Slab, squares: Floats) -> Reals:
-    """`black_residual` on a slab but for its couplings; returns the red values where these begin.
+def put_back(
+    stencil: Stencil, of: BlackVectors, on_c: np.float32, on_z: np.float32, red_fed: Singles, slab: Slab, own: Singles,
+    red: Singles, black: Singles,
+) -> None:  # fmt: skip
+    """The K-cycle's answer at the black nodes, and the red ones that follow; ``own``: as of `finish`."""
+    ahead, blocks, coupling = blocks_ahead(stencil), blocks_of(stencil), ZERO
+    z, c, apart = of.z, of.c, slab.last - slab.first < blocks
+    total, drawn = np.empty(stencil.block, own.dtype), np.empty(len(stencil.couplings), own.dtype)
+    for m in range(len(stencil.couplings)):
+        combine(z, c, on_c, on_z, stencil.off_black[m], stencil.off_black[m] + 1, own)
+    draw(stencil, own, drawn)
+    while coupling < len(drawn) and stencil.off_red[coupling] < stencil.margin + slab.first * stencil.block:
+        coupling += 1
+    for step in range(max(slab.first - ahead, 0), slab.last + ahead):
+        if step < blocks:
+            at, count = extent(stencil, step)
+            combine(z, c, on_c, on_z, at, at + count, own)
+            if apart and slab.first <= step < slab.last:
+                _copy(own, at, count, black)
+        block = step - ahead
+        if block >= slab.first:
+            at, count = extent(stencil, block)
+            draw_into(stencil, RED, own, ZERO, block, total, ZERO)
+            while coupling < len(drawn) and stencil.off_red[coupling] < at + count:
+                total[stencil.off_red[coupling] - at] += drawn[coupling]
+                coupling += 1
+            relax(stencil.red_inverse, red_fed, at, count, total, red)
+
+
+@inner
+def residual(stencil: Stencil, b: Floats, x: Floats, r: Floats, slab: Slab, noted: Floats, squares: Floats) -> None:
+    """Relax the red cells exactly, and form the residual at the black ones; ``b`` and ``x`` of shape (2, slots).
 
     ``squares`` (blocks,) receives the squares of every block, summed.
     """
@@ -328,27 +312,27 @@ def residual_slab(stencil: Stencil, b: Floats, x: Floats, r: Floats, slab: Slab,
     window = open_window(stencil, begin)
     draw(stencil, x[1], window.coupled)
     for step in range(begin, slab.last + ahead):
-        to = _draw_into_red(stencil, window, x[1], step)
+        to = draw_into_red(stencil, window, x[1], step)
         if step < blocks_of(stencil):
             at, count = extent(stencil, step)
             _relax_both(stencil.red_inverse, b[0], at, count, window.red, to, x[0])
-            _note(stencil, window, at, to)
+            note(stencil, window, at, to)
         block = step - ahead
         if block >= slab.first:
             at, count = extent(stencil, block)
             draw_into(stencil, BLACK, window.red, window.at[0], block, total, ZERO)
             squares[block] = _subtract(stencil.black_degree, b[1], x[1], at, count, total, r)
-    return window.coupled
+    _hand_on(stencil, slab, window.coupled, noted)
 
 
 @inner
-def finish_residual(stencil: Stencil, coupled: Reals, squares: Floats, r: Floats) -> float:
-    """The rest of `black_residual`, behind all slabs; returns the norm."""
+def residual_couplings(stencil: Stencil, noted: Floats, squares: Floats, r: Floats) -> float:
+    """The rest of `residual`, behind all slabs; returns the norm."""
     r[: stencil.margin] = 0.0
     r[len(r) - stencil.margin :] = 0.0
     if len(stencil.couplings) > 0:
         for m in range(len(stencil.couplings)):
-            r[stencil.off_black[m]] += stencil.couplings[m] * coupled[m]
+            r[stencil.off_black[m]] += stencil.couplings[m] * noted[m]
         return math.sqrt(_squares(r))
     total = 0.0
     for block in range(len(squares)):
@@ -386,3 +370,12 @@ def _subtract(degree: Reals, b: Reals, x: Reals, begin: int, count: int, total: 
         r[k] = v
         squares += v * v
     return squares
+
+
+@inner
+def _hand_on(stencil: Stencil, slab: Slab, coupled: Reals, noted: Reals) -> None:
+    """Hand on a slab's red values where couplings begin."""
+    begin, end = stencil.margin + slab.first * stencil.block, stencil.margin + slab.last * stencil.block
+    for m in range(len(coupled)):
+        if begin <= stencil.off_red[m] < end:
+            noted[m] = coupled[m]
