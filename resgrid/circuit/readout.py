@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +52,16 @@ class Balance:
     exponent: NDArray[np.int64]
     through: NDArray[np.float64]
     net: NDArray[np.float64]
+
+
+class _Nodes(NamedTuple):
+    """What currents are summed up at: `unknown` (nodes,): rows; `injected` (nodes,): amperes, used up; `falling`."""
+
+    netlist: Netlist
+    forest: SourceForest
+    unknown: NDArray[np.int32]
+    injected: NDArray[np.float64]
+    falling: _Falling | None
 
 
 def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
@@ -101,16 +112,16 @@ def read_entrywise(
 
     Returns `residual` (nodes,), and whether differences of values have few digits left.
     """
-    voltage, (log_drop, potential) = team.together(
-        [partial(_voltage, system, values), partial(_stored, system, values)]
-    )
-    falling = _falling(log_drop, potential, values)
     netlist, faint = system.netlist, False
+    voltage, (log_drop, potential), injected = team.together(
+        [partial(_voltage, system, values), partial(_stored, system, values), partial(injected_currents, netlist)]
+    )
+    nodes = _Nodes(netlist, system.forest, system.unknown, injected, _falling(log_drop, potential, values))
     if falls is None:
-        readings, residual, faint = _readings(netlist, system.forest, system.unknown, values, falling, team)
+        readings, residual, faint = _readings(nodes, values, team)
     else:
         amps, none = netlist.conductance * falls, np.zeros(0, dtype=np.int64)
-        readings, residual = _taken(netlist, system.forest, system.unknown, amps, none, float(amps @ falls), falling)
+        readings, residual = _taken(nodes, amps, none, float(amps @ falls), team)
     point = OperatingPoint(
         netlist=netlist,
         voltage=voltage,
@@ -141,20 +152,14 @@ def _normwise_readings(
     values = NodeValues(
         Scaled.of(np.nan_to_num(height))._replace(noise=0.0), np.zeros(len(height), np.bool_), 0.0, 1.0, 0.0
     )
-    return _readings(netlist, forest, unknown, values, None)[0]
+    return _readings(_Nodes(netlist, forest, unknown, injected_currents(netlist), None), values)[0]
 
 
-def _readings(
-    netlist: Netlist,
-    forest: SourceForest,
-    unknown: NDArray[np.int32],
-    values: NodeValues,
-    falling: _Falling | None,
-    team: Team = ALONE,
-) -> tuple[Readings, NDArray[np.float64], bool]:
+def _readings(nodes: _Nodes, values: NodeValues, team: Team = ALONE) -> tuple[Readings, NDArray[np.float64], bool]:
     """Difference the values of all nodes; the rest is `_taken`'s.  Returns also whether differences are faint."""
     from resgrid.circuit.kernels import currents
 
+    netlist = nodes.netlist
     value, plain = _plain_where_possible(values, netlist)
     ends, amps = netlist.resistor_nodes, np.empty(len(netlist.conductance))
     exponent = np.zeros(0 if plain else len(amps), dtype=np.int64)
@@ -166,28 +171,21 @@ def _readings(
         )  # fmt: skip
 
     powers, faint = zip(*team.over(len(amps), through), strict=True) if amps.size else ((), ())
-    return *_taken(netlist, forest, unknown, amps, exponent, sum(powers), falling, team), any(faint)
+    return *_taken(nodes, amps, exponent, sum(powers), team), any(faint)
 
 
 def _taken(
-    netlist: Netlist,
-    forest: SourceForest,
-    unknown: NDArray[np.int32],
-    amps: NDArray[np.float64],
-    exponent: NDArray[np.int64],
-    power_sum: float,
-    falling: _Falling | None,
-    team: Team = ALONE,
+    nodes: _Nodes, amps: NDArray[np.float64], exponent: NDArray[np.int64], power_sum: float, team: Team
 ) -> tuple[Readings, NDArray[np.float64]]:
     """Sum up the currents at every node; nodes that floating sources join count as one.
 
     What is ``falling`` does so along currents up to rounding, and along every one that matters after this: others are
-    set to 0.  Shapes: `unknown` (nodes,), `amps, exponent` (resistors,); returns `residual` (nodes,).
+    set to 0.  Shapes: `amps, exponent` (resistors,); returns `residual` (nodes,).
     """
     from resgrid.circuit.kernels import drop_unresolved
 
-    plain = not exponent.size
-    sums = _balance(netlist, amps, exponent)
+    (netlist, forest, unknown, injected, falling), plain = nodes, not exponent.size
+    sums = _balance(netlist, injected, amps, exponent)
     if falling is not None:
         drop_unresolved(
             netlist.resistor_nodes, amps, exponent, sums.exponent, sums.net, sums.through, *falling, HARMLESS
@@ -234,11 +232,15 @@ def _plain_where_possible(values: NodeValues, netlist: Netlist) -> tuple[Scaled,
     return Scaled(value.hi * scale, value.lo * scale, np.zeros_like(value.exponent), value.noise), True
 
 
-def _balance(netlist: Netlist, amps: NDArray[np.float64], exponent: NDArray[np.int64]) -> Balance:
-    """Sum the currents at every node, relative to the largest one there.  Shapes: `amps, exponent` (resistors,)."""
+def _balance(
+    netlist: Netlist, net: NDArray[np.float64], amps: NDArray[np.float64], exponent: NDArray[np.int64]
+) -> Balance:
+    """Sum the currents at every node, relative to the largest one there, on what is injected, ``net``, in place.
+
+    Shapes: `net` (nodes,), `amps, exponent` (resistors,).
+    """
     from resgrid.circuit.kernels import add_currents, frames
 
-    net = injected_currents(netlist)
     frame = np.zeros(len(net), dtype=np.int64)
     if exponent.size:
         own = frame.copy()
