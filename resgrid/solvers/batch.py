@@ -73,8 +73,8 @@ class GridBatch:
         diagonal, leak, x = np.empty(len(slot)), np.zeros_like(problem.currents), np.empty_like(problem.currents)
         for number, chip in enumerate(chips):
             unit = hierarchy.unit * chip.mostly
-            stencils = (problem.true, problem.finest.stencil, problem.finest.exact)
-            _refill(edges.indptr, chip.entries, chip.ground, self.face, slot, unit, stencils, leak, diagonal)
+            first = (problem.true, problem.finest.stencil, problem.finest.degree)
+            _refill(edges.indptr, chip.entries, chip.ground, self.face, slot, unit, first, leak, diagonal)
             # A row whose own diagonal exceeds an ordinary one counts for so much less.
             wanted = rtol * norm(chip.drive * np.minimum(1.0, ordinary / diagonal)) / unit
             x[:] = 0.0
@@ -115,9 +115,7 @@ def _own(hierarchy: Hierarchy) -> GridProblem:
     """A finest level and work space that nobody else writes to, without currents."""
     assert hierarchy.true is not None
     true, stencil = _copied(hierarchy.true), _copied(hierarchy.finest.stencil)
-    exact = hierarchy.finest.exact
-    exact = stencil._replace(black_inverse=exact.black_inverse, black_degree=exact.black_degree.copy())
-    finest = hierarchy.finest._replace(stencil=stencil, exact=exact)
+    finest = hierarchy.finest._replace(stencil=stencil, degree=hierarchy.finest.degree.copy())
     currents = np.zeros((2, len(true.black_degree)))
     return GridProblem(true, finest, with_work(hierarchy.levels), currents, _DEPTH)
 
@@ -130,14 +128,14 @@ def _copied(stencil: Stencil) -> Stencil:
 @kernel
 def _refill(
     indptr: Indices, conductance: Floats, ground: Floats, face: Integers, slot: Indices, unit: float,
-    stencils: tuple[Stencil, Stencil, Stencil], leak: Floats, diagonal: Floats,
+    first: tuple[Stencil, Stencil, Floats], leak: Floats, diagonal: Floats,
 ) -> None:  # fmt: skip
     """Write the conductances of a chip onto its finest level, and its ``diagonal`` (n,), all in units.
 
     ``face`` says where an entry of a red row belongs: its face, or -1 less its coupling; ``leak`` of shape (2, slots)
     receives what leads to the rails.
     """
-    true, stencil, exact = stencils
+    true, stencil, compensated = first
     scale, slots, leaks = 1.0 / unit, len(true.black_degree), leak.ravel()
     for i in range(len(slot)):
         here, degree = slot[i], ground[i] * scale
@@ -159,7 +157,7 @@ def _refill(
         else:
             true.black_degree[here - slots] = degree
             stencil.black_inverse[here - slots] = 1.0 / degree
-    compensate(stencil, leak, exact.black_degree)
+    compensate(stencil, leak, compensated)
 
 
 @dataclass(frozen=True, eq=False)

@@ -179,7 +179,7 @@ class WarmGrid:
             else:
                 true.black_degree[target] = new[0].black_degree[source]
                 finest.stencil.black_inverse[target] = new[1].black_inverse[source]
-                finest.exact.black_degree[target] = new[2].black_degree[source]
+                finest.degree[target] = new[2][source]
                 self._aggregate(target, new[1].black_inverse[source] > 0.0)
 
     def _aggregate(self, slot: NDArray[np.int64], present: NDArray[np.bool_]) -> None:

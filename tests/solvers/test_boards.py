@@ -18,7 +18,7 @@ from resgrid.solvers.multigrid.blocks import coarsen
 from resgrid.solvers.multigrid.graphs import Graph
 from resgrid.solvers.multigrid.grid_level import Level, compensated, in_double, in_single, lay_out, to_graph
 from resgrid.solvers.multigrid.hierarchy import NO_GROUND, UNSCALED, build_hierarchy
-from resgrid.solvers.multigrid.levels import BlackVectors, Finest, Levels, Way
+from resgrid.solvers.multigrid.levels import BlackVectors, Finest, Way
 from resgrid.solvers.multigrid.packing import pack_graphs, pack_grids, pack_levels, with_work
 from resgrid.solvers.multigrid.preconditioner import GridPreconditioner, black_residual
 from resgrid.space import ConfigurationSpace
@@ -56,18 +56,19 @@ def down(level: Level, split: bool) -> list[Level]:
     return levels
 
 
-def above_one_node(finest: Finest) -> tuple[slabs.Crew, Levels]:
+def above_one_node(finest: Finest) -> tuple[slabs.Crew, slabs.Places]:
     """A finest level above a single node."""
     alone = Graph(np.zeros(2, np.int32), np.empty(0, np.int32), np.empty(0), np.ones(1))
     grids = pack_grids([], [], [], len(finest.stencil.faces) // 2)
     levels = with_work(pack_levels(grids, pack_graphs([alone], [])[0]))
-    return GridPreconditioner(finest, levels)._crew, levels
+    preconditioner = GridPreconditioner(finest, levels)
+    return preconditioner._crew, preconditioner._places
 
 
 @njit
-def up(crew: slabs.Crew, levels: Levels) -> tuple[float, float, float]:
+def finished(crew: slabs.Crew, places: slabs.Places) -> tuple[float, float, float]:
     """The way up to the finest level."""
-    return slabs.up(crew, levels, ZERO, ZERO)
+    return slabs.finish(crew, places, ZERO, ZERO)
 
 
 @settings(max_examples=60)
@@ -96,9 +97,9 @@ def test_the_schur_complement_is_that_of_dense_elimination(
         relaxed, coarse = z[here] + 1.0, np.array([0.0, 1.0], dtype=np.float32)
         to_one = np.zeros(slots, dtype=np.int32)
         to_one[here] = 1
-        crew, levels = above_one_node(Finest(stencil, compensated(level, stencil), Way(to_one, UNSCALED), NO_GROUND))
-        levels.work.x[:] = coarse
-        zr, zw, zs = up(crew._replace(vectors=BlackVectors(z, r, s, z, w, UNSCALED)), levels)
+        crew, places = above_one_node(Finest(stencil, compensated(level, stencil), Way(to_one, UNSCALED), NO_GROUND))
+        places.work.x[:] = coarse
+        zr, zw, zs = finished(crew, places._replace(vectors=BlackVectors(z, r, s, z, w, UNSCALED)))
         size = np.abs(schur).sum(axis=1).max() * np.abs(z).max()
         degree = matrix.diagonal()[black]
         relaxed += (r[here] - schur @ relaxed) / degree
@@ -123,7 +124,7 @@ def test_rounded_products_of_a_constant_are_what_leaks(space: ConfigurationSpace
         schur = matrix[np.ix_(black, black)] - matrix[np.ix_(black, ~black)] @ np.linalg.solve(
             matrix[np.ix_(~black, ~black)], matrix[np.ix_(~black, black)]
         )
-        stencil = compensated(level, in_single(level))
+        stencil = in_single(level)
         red, far = np.nonzero(stencil.faces)[::-1], level.lattice.distance
         there = np.concatenate([red[0] + far[red[1]], ends[1]])
         here, g = (
@@ -131,7 +132,7 @@ def test_rounded_products_of_a_constant_are_what_leaks(space: ConfigurationSpace
             np.concatenate([stencil.faces[red[::-1]], stencil.couplings]).astype(float),
         )
         share = stencil.red_inverse * np.bincount(here, g, slots)
-        left = stencil.black_degree - np.bincount(there, g * share[here], slots)
+        left = compensated(level, stencil) - np.bincount(there, g * share[here], slots)
         degree = matrix.diagonal()[black]
         np.testing.assert_array_less(
             np.abs(left[used[black] - slots] - schur.sum(axis=1)), 1e-6 * schur.sum(axis=1) + 1e-13 * degree

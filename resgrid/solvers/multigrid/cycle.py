@@ -19,9 +19,9 @@ from resgrid.solvers.multigrid.graph_sweeps import (
     multiply_graph,
     solve_coarsest,
 )
-from resgrid.solvers.multigrid.levels import CHUNK, Finest, Levels, combine, keep_step, second_step, take_step
+from resgrid.solvers.multigrid.levels import CHUNK, Finest, Levels, Work, combine, keep_step, second_step, take_step
 from resgrid.solvers.multigrid.red_black import Floats, Singles
-from resgrid.solvers.multigrid.slabs import Crew
+from resgrid.solvers.multigrid.slabs import Crew, Places
 from resgrid.solvers.multigrid.subnormals import flush_subnormals, restore_subnormals
 
 ENOUGH = 0.07
@@ -51,39 +51,46 @@ def run_cycle(levels: Levels, stop: float, top: int) -> None:
     The second step is spared where the first has brought the residual under ``stop`` times the right-hand side, twice
     that on every level further down; an infinite ``stop`` spares both.
     """
-    _run_cycle(levels, stop, top, len(levels.graphs.first) > 2 or None, None)
+    graphs, work = levels.graphs, levels.work
+    _run_cycle(graphs, work, stop, top, len(graphs.first) > 2 or None, None)
 
 
-def precondition_grid(crew: Crew, levels: Levels, stop: float) -> tuple[float, float, float]:
+def precondition_grid(crew: Crew, places: Places, graphs: Graphs, stop: float) -> tuple[float, float, float]:
     """Precondition a residual over a grid's black cells, and multiply by their Schur complement.
 
-    Returns ``z.r, z.w, z.s``, of the crew's vectors.  ``stop``: as of `run_cycle`; others may help
+    Returns ``z.r, z.w, z.s``, of the finest level's vectors.  ``stop``: as of `run_cycle`; others may help
     (`slabs.help_sweep`).
     """
-    return _precondition_grid(crew, levels, stop, len(levels.graphs.first) > 2 or None)
+    return _precondition_grid(crew, places, graphs, stop, len(graphs.first) > 2 or None)
 
 
 @kernel
-def _precondition_grid(crew: Crew, levels: Levels, stop: float, on_graphs: bool | None) -> tuple[float, float, float]:
+def _precondition_grid(
+    crew: Crew, places: Places, graphs: Graphs, stop: float, on_graphs: bool | None
+) -> tuple[float, float, float]:
     flags = flush_subnormals()
-    slabs.begin(crew, levels)
-    _run_within(levels, stop, 0, on_graphs, crew)
-    products = slabs.up(crew, levels, ZERO, ZERO)
+    slabs.begin(crew, places)
+    _run_within(graphs, places.work, stop, 0, on_graphs, (crew, places))
+    products = slabs.finish(crew, places, ZERO, ZERO)
     atomics.end_jobs(crew.state)
     restore_subnormals(flags)
     return products
 
 
 @inner
-def _run_within(levels: Levels, stop: float, top: int, on_graphs: bool | None, crew: Crew | None) -> None:
-    """`run_cycle`, with a crew on grids as well.
+def _run_within(
+    graphs: Graphs, work: Work, stop: float, top: int, on_graphs: bool | None, on_grids: tuple[Crew, Places] | None
+) -> None:
+    """`run_cycle`, on grids as well.
 
     Where there are no grids, or no graphs but the last one, None: their visits are not compiled then.  The recursion is
     written as a loop, since compiled recursive functions cannot be kept on disk.
     """
     flags = flush_subnormals()
-    grids, graphs, work = levels
-    count, slots = len(grids.margin), grids.slots[len(grids.margin)]
+    count, slots = 0, 0
+    if on_grids is not None:
+        grids = on_grids[1].grids
+        count, slots = len(grids.margin), grids.slots[len(grids.margin)]
     last, begin = count + len(graphs.first) - 2, 2 * slots + 1
     b, x, c, v, w = work.b[begin:], work.x[begin:], work.c[slots:], work.v[slots:], work.w[slots:]
     visits, first_steps = np.zeros(last + 1, np.int64), np.zeros((last + 1, 2))
@@ -98,8 +105,8 @@ def _run_within(levels: Levels, stop: float, top: int, on_graphs: bool | None, c
         if level >= count:
             if on_graphs is not None:
                 done = _visit_graph(graphs, (b, x, c, v, w), level - count, visit, enough)
-        elif crew is not None:
-            done = slabs.visit_grid(crew, levels, level + 1, visit, enough)
+        elif on_grids is not None:
+            done = slabs.visit_grid(on_grids[0], on_grids[1], level + 1, visit, enough)
         visits[level] = 0 if done else visits[level] + 1
         level += -1 if done else 1
     restore_subnormals(flags)

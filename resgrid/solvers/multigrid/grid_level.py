@@ -186,15 +186,14 @@ def stencil_of(
     )
 
 
-def compensated(level: Level, single: Stencil) -> Stencil:
-    """A level in single precision but for its black diagonal, which is in double precision.
+def compensated(level: Level, single: Stencil) -> NDArray[np.float64]:
+    """The black diagonal of a level in single precision that makes up for all rounding, shape (slots,).
 
-    It makes up for all rounding, so that products are right to a few roundings of every conductance, however smooth the
-    vector.
+    Products are right to a few roundings of every conductance then, however smooth the vector.
     """
     degree = np.empty(level.lattice.slots)
     compensate(single, level.leak, degree)
-    return single._replace(black_inverse=np.empty(0, dtype=np.float32), black_degree=degree)
+    return degree
 
 
 def to_graph(level: Level) -> tuple[Graph, NDArray[np.int32]]:

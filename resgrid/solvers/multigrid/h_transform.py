@@ -38,6 +38,7 @@ from resgrid.solvers.multigrid.graphs import Graph
 from resgrid.solvers.multigrid.grid_level import Level, in_double, level_of, stencil_of, to_graph
 from resgrid.solvers.multigrid.hierarchy import (
     NO_GROUND,
+    FirstLevel,
     Hierarchy,
     coarsen_beside,
     counted,
@@ -107,7 +108,7 @@ class Scalable:
 
     level: Level
     steps: list[Coarsened]
-    first: tuple[Stencil, Stencil, Stencil]
+    first: FirstLevel
     slot: NDArray[np.int32]
     unit: float
     box: tuple[slice, ...]
@@ -133,8 +134,8 @@ class Scalable:
         targets[-1] = counted(number, rank, targets[-1])
         stencils = [_in_single(*both) for both in zip(levels[1:-1], scales[1:-1], strict=True)]
         grids = pack_grids(stencils, targets[1:], weights[1:], len(self.level.edges.faces) // 2)
-        true, stencil, exact = self.first
-        finest = Finest(stencil, exact, Way(targets[0], weights[0]), NO_GROUND)
+        true, stencil, degree = self.first
+        finest = Finest(stencil, degree, Way(targets[0], weights[0]), NO_GROUND)
         largest = self.unit * largest_degree(true)
         return Hierarchy(pack_levels(grids, graphs), self.slot, self.unit, largest, finest, true, self.box)
 

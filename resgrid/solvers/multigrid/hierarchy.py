@@ -35,7 +35,10 @@ _NO_SLOTS, _NO_FACES = np.empty(0, dtype=np.int32), np.empty((0, 0), dtype=np.fl
 _NO_STENCIL = Stencil(
     _NO_FACES, np.empty(0, dtype=np.int64), 0, 1, _NO_SLOTS, _NO_SLOTS, UNSCALED, UNSCALED, UNSCALED, UNSCALED
 )
-_NO_EXACT = _NO_STENCIL._replace(black_degree=NO_GROUND)
+
+
+FirstLevel = tuple[Stencil, Stencil, NDArray[np.float64]]
+"""The finest level in double precision and in single, and the black diagonal that makes up for that, (slots,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,13 +76,11 @@ def build_hierarchy(laplacian: Laplacian, team: Team = ALONE) -> Hierarchy:
     levels, slot = pack_netlist(Graph(rows.indptr, rows.indices, rows.data / unit, laplacian.ground / unit))
     ground = np.empty(laplacian.size)
     scatter_rows(slot, laplacian.ground, 1.0 / unit, ground)
-    finest = Finest(_NO_STENCIL, _NO_EXACT, Way(_NO_SLOTS, UNSCALED), ground)
+    finest = Finest(_NO_STENCIL, NO_GROUND, Way(_NO_SLOTS, UNSCALED), ground)
     return Hierarchy(levels, slot, unit, float(laplacian.diagonal.max(initial=0.0)), finest)
 
 
-def coarsen_beside(
-    level: Level, team: Team, *, keep: bool = False
-) -> tuple[list[Level], list[Coarsened], tuple[Stencil, Stencil, Stencil]]:
+def coarsen_beside(level: Level, team: Team, *, keep: bool = False) -> tuple[list[Level], list[Coarsened], FirstLevel]:
     """Coarsen a grid and lay its finest level out, side by side: of degrees coarsening asks only which are positive."""
     coarse, finest = team.together(
         [partial(coarsen_grid, level, keep=keep, team=team), partial(finest_stencils, level)]
@@ -105,7 +106,7 @@ def coarsen_grid(level: Level, *, keep: bool = False, team: Team = ALONE) -> tup
 
 
 def _grid_levels(
-    levels: list[Level], steps: list[Coarsened], first: tuple[Stencil, Stencil, Stencil]
+    levels: list[Level], steps: list[Coarsened], first: FirstLevel
 ) -> tuple[Stencil, Finest, Levels] | None:
     """Lay grids out for the compiled passes, and coarsen the last one as a graph; None where it does not shrink."""
     level, targets = levels[0], [step.target for step in steps]
@@ -121,18 +122,15 @@ def _grid_levels(
     targets[-1] = counted(number, rank, targets[-1])
     stencils = [in_single(coarse) for coarse in levels[1:-1]]
     grids = pack_grids(stencils, targets[1:], [], len(level.edges.faces) // 2)
-    true, stencil, exact = first
-    return true, Finest(stencil, exact, Way(targets[0], UNSCALED), NO_GROUND), pack_levels(grids, packed)
+    true, stencil, degree = first
+    return true, Finest(stencil, degree, Way(targets[0], UNSCALED), NO_GROUND), pack_levels(grids, packed)
 
 
-def finest_stencils(level: Level) -> tuple[Stencil, Stencil, Stencil]:
-    """The finest level in double precision, in single, and in single with a diagonal that makes up for that.
-
-    Takes over its degrees.
-    """
+def finest_stencils(level: Level) -> FirstLevel:
+    """The finest level; takes over its degrees."""
     stencil = in_single(level)._replace(black_degree=np.empty(0, dtype=np.float32))
-    exact = compensated(level, stencil)
-    return in_double(level), stencil, exact
+    degree = compensated(level, stencil)
+    return in_double(level), stencil, degree
 
 
 def counted(number: NDArray[np.int32], rank: NDArray[np.int32], slot: NDArray[np.integer]) -> NDArray[np.int32]:

@@ -91,13 +91,13 @@ class Levels(NamedTuple):
 class Finest(NamedTuple):
     """The finest level: of a grid with the way to the next one; of a netlist, what its first graph leaves open.
 
-    `stencil, exact`: in single precision, and with a diagonal that makes up for it (`grid_level.compensated`); `way`:
-    to the next level; `ground` (n,): from every node of a netlist's first graph to known voltages, in units; empty for
-    a grid, as all others are for a netlist.
+    `stencil`: in single precision; `degree` (slots,): its black diagonal, which makes up for that
+    (`grid_level.compensated`); `way`: to the next level; `ground` (n,): from every node of a netlist's first graph to
+    known voltages, in units; empty for a grid, as all others are for a netlist.
     """
 
     stencil: Stencil
-    exact: Stencil
+    degree: Floats
     way: Way
     ground: Floats
 

@@ -38,7 +38,8 @@ class GridPreconditioner:
     """
 
     def __init__(self, finest: Finest, levels: Levels, team: Team = ALONE) -> None:
-        self._team, self._levels = team, levels
+        self._team, self._graphs = team, levels.graphs
+        self._places = slabs.Places(finest, BlackVectors(*[_NOTHING] * 6), levels.grids, levels.work)
         grid: Any = stencil_at
         stencils = [finest.stencil, *(grid.py_func(levels.grids, k) for k in range(len(levels.grids.margin)))]
         parts = [slabs_of(stencil, team.size) for stencil in stencils[:-1]]
@@ -48,15 +49,18 @@ class GridPreconditioner:
         table = np.zeros((len(parts), max(map(len, parts)), 4), dtype=np.int64)
         for level, some in enumerate(parts):
             table[level, : len(some)] = some
+        ends = [*(2 * levels.grids.slots[1:]), 2 * levels.grids.slots[-1] + 1 + levels.graphs.first[1]]
+        sizes = [
+            (len(some), _blocks(stencil), -(-count // CHUNK), end, len(stencil.couplings))
+            for some, stencil, count, end in zip(parts, stencils, slots, ends, strict=True)
+        ]
         own_couplings = len(finest.stencil.couplings)
         self._parts = parts[0]
         self.before = np.zeros(slots[0], dtype=np.float32) if len(parts[0]) > 1 else None
         self._crew = slabs.Crew(
-            finest=finest,
-            vectors=BlackVectors(*[_NOTHING] * 6),
             state=np.zeros(atomics.PLACES, dtype=np.int64),
             slabs=table,
-            cuts=np.array([len(some) for some in parts]),
+            sizes=np.array(sizes),
             own=np.zeros(sum(room), dtype=np.float32),
             own_at=np.cumsum([0, *room]),
             noted=np.empty(max(own_couplings, len(levels.grids.couplings)), dtype=np.float32),
@@ -70,17 +74,18 @@ class GridPreconditioner:
     ) -> tuple[float, float, float]:
         """Precondition ``r`` into ``z``, and multiply into ``w``; `cycle.precondition_grid` says the rest."""
         before = z if self.before is None else self.before
-        crew = self._crew._replace(vectors=BlackVectors(before, r, s, z, w, _NOTHING))
+        crew, places = self._crew, self._places._replace(vectors=BlackVectors(before, r, s, z, w, _NOTHING))
         if self.before is None:
-            return precondition_grid(crew, self._levels, stop)
-        products: list[float] = []
+            return precondition_grid(crew, places, self._graphs, stop)
+        margin, products = int(places.finest.stencil.margin), list[float]()
+        z[:margin], z[len(z) - margin :] = 0.0, 0.0
         atomics.begin_jobs(crew.state)
 
         def part(number: int) -> None:
             if number:
-                slabs.help_sweep(crew, self._levels)
+                slabs.help_sweep(crew, places)
             else:
-                products.extend(precondition_grid(crew, self._levels, stop))
+                products.extend(precondition_grid(crew, places, self._graphs, stop))
 
         self._team.share(part, self._team.size)
         rest, product, gamma = products

@@ -44,7 +44,7 @@ def eliminate(stencil: Stencil, red_fed: Singles, black_fed: Singles, slab: Slab
     total, ahead, r, before = np.empty(stencil.block, of.r.dtype), blocks_ahead(stencil), of.r, of.before
     red_inverse, black_inverse = stencil.red_inverse, stencil.black_inverse
     begin = max(slab.first - ahead, 0)
-    window = open_window(stencil, begin)
+    window = open_window(stencil, begin, r)
     for step in range(begin, slab.last + ahead):
         to = make_room(stencil, window, step)
         if step < blocks_of(stencil):
@@ -95,7 +95,7 @@ def restrict(stencil: Stencil, way: Way, z: Singles, slab: Slab, coarse: Singles
     (aggregate, weight), total = way, np.empty(stencil.block, stencil.red_inverse.dtype)
     ahead = blocks_ahead(stencil)
     begin, last = max(slab.first - ahead, 0), -(-(slab.end - stencil.margin) // stencil.block)
-    window = open_window(stencil, begin)
+    window = open_window(stencil, begin, z)
     draw(stencil, z, window.coupled)
     for step in range(begin, max(last, slab.last) + ahead):
         lead(stencil, window, z, step)
@@ -151,14 +151,14 @@ def _add_from_nodes(
 
 @inner
 def finish(
-    stencil: Stencil, exact: Stencil, way: Way, coarse: Singles, of: BlackVectors, own: Singles, slab: Slab,
+    stencil: Stencil, degree: Reals, way: Way, coarse: Singles, of: BlackVectors, own: Singles, slab: Slab,
     stages: tuple[bool, bool], noted: tuple[Singles, Reals], sums: Floats,
 ) -> None:  # fmt: skip
     """Finish the preconditioner's answer ``z`` to ``r``, and form ``w = S z``; both stages, or one of them.
 
     First the next level's answer is added to what came ``before``, the red cells follow, and the black ones are
-    relaxed.  S is the Schur complement of the black cells of ``exact``, which is the same stencil with a diagonal in a
-    precision of its own.  ``sums`` (blocks, 3) receives ``z.r``, ``z.w`` and ``z.s``.
+    relaxed.  S is the Schur complement of the black cells, whose diagonal is ``degree``, in a precision of its own.
+    ``sums`` (blocks, 3) receives ``z.r``, ``z.w`` and ``z.s``.
 
     Together the stages follow as close upon each other as neighbours allow, which couplings forbid.  ``own``: where the
     slab keeps its values of ``z`` and those next to it: ``z`` itself where there is no other slab.
@@ -171,12 +171,12 @@ def finish(
     relaxed, led = 2 * ahead, 3 * ahead if relaxing else 0
     begin = max(first - 2 * ahead, 0) if relaxing else lead_second
     end = slab.last + led + ahead if multiplying else last + relaxed
-    window, other = open_window(stencil, lead_first), open_window(exact, lead_second)
-    total, product = np.empty(stencil.block, own.dtype), np.empty(stencil.block, exact.black_degree.dtype)
+    window, other = open_window(stencil, lead_first, own), open_window(stencil, lead_second, degree)
+    total, product = np.empty(stencil.block, own.dtype), np.empty(stencil.block, degree.dtype)
     if relaxing:
         _draw_raised(stencil, way, coarse, before, window.coupled)
     else:
-        draw(exact, own, other.coupled)
+        draw(stencil, own, other.coupled)
     for step in range(begin, end):
         if relaxing:
             if step < min(last + 2 * ahead, blocks):
@@ -192,18 +192,16 @@ def finish(
                 if apart and slab.first <= block < slab.last:
                     _copy(own, at, count, z)
         if multiplying and lead_second <= step - led:
-            lead(exact, other, own, step - led)
+            lead(stencil, other, own, step - led)
             block = step - led - ahead
             if slab.first <= block:
-                at, count = extent(exact, block)
-                draw_into(exact, BLACK, other.red, other.at[0], block, product, ZERO)
-                sums[block, 0], sums[block, 1], sums[block, 2] = _multiply(
-                    exact.black_degree, own, r, s, at, count, product, w
-                )
+                at, count = extent(stencil, block)
+                draw_into(stencil, BLACK, other.red, other.at[0], block, product, ZERO)
+                sums[block, 0], sums[block, 1], sums[block, 2] = _multiply(degree, own, r, s, at, count, product, w)
     if relaxing:
         _hand_on(stencil, slab, window.coupled, noted[0])
     if multiplying:
-        _hand_on(exact, slab, other.coupled, noted[1])
+        _hand_on(stencil, slab, other.coupled, noted[1])
 
 
 @inner
@@ -267,18 +265,22 @@ def take(inverse: Singles, of: BlackVectors, step: np.float32, part: int, parts:
     for chunk in range(part * chunks // parts, (part + 1) * chunks // parts):
         begin, end = chunk * CHUNK, min(chunk * CHUNK + CHUNK, len(r))
         sums[chunk, 0], sums[chunk, 1] = take_step(r, w, step, begin, end)
+        sums[chunk, 2] = 0.0
         _copy(z, begin, end - begin, c)
         _divide(inverse, r, begin, end - begin, before, begin)
 
 
 @inner
 def put_back(
-    stencil: Stencil, of: BlackVectors, on_c: np.float32, on_z: np.float32, red_fed: Singles, slab: Slab, own: Singles,
-    red: Singles, black: Singles,
+    stencil: Stencil, of: BlackVectors, shares: tuple[np.float32, np.float32], red_fed: Singles, slab: Slab,
+    own: Singles, red: Singles,
 ) -> None:  # fmt: skip
-    """The K-cycle's answer at the black nodes, and the red ones that follow; ``own``: as of `finish`."""
+    """The K-cycle's answer, ``shares`` of both directions, at the black nodes, into ``of.before``, and at the red ones.
+
+    ``own``: as of `finish`, ``of.before`` where there is no other slab.
+    """
     ahead, blocks, coupling = blocks_ahead(stencil), blocks_of(stencil), ZERO
-    z, c, apart = of.z, of.c, slab.last - slab.first < blocks
+    z, c, black, (on_c, on_z), apart = of.z, of.c, of.before, shares, slab.last - slab.first < blocks
     total, drawn = np.empty(stencil.block, own.dtype), np.empty(len(stencil.couplings), own.dtype)
     for m in range(len(stencil.couplings)):
         combine(z, c, on_c, on_z, stencil.off_black[m], stencil.off_black[m] + 1, own)
@@ -309,7 +311,7 @@ def residual(stencil: Stencil, b: Floats, x: Floats, r: Floats, slab: Slab, note
     """
     total, ahead = np.empty(stencil.block), blocks_ahead(stencil)
     begin = max(slab.first - ahead, 0)
-    window = open_window(stencil, begin)
+    window = open_window(stencil, begin, r)
     draw(stencil, x[1], window.coupled)
     for step in range(begin, slab.last + ahead):
         to = draw_into_red(stencil, window, x[1], step)

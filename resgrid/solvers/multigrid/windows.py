@@ -52,11 +52,11 @@ def blocks_ahead(stencil: Stencil) -> int:
 
 
 @inner
-def open_window(stencil: Stencil, block: int) -> Window:
-    """A window that comes to a block first."""
+def open_window(stencil: Stencil, block: int, like: Reals) -> Window:
+    """A window that comes to a block first, of the precision of other values."""
     ahead, begin, coupling = blocks_ahead(stencil), stencil.margin + block * stencil.block, 0
     kept = ahead * stencil.block + stencil.margin
-    red = np.zeros(_ROOM * (kept + stencil.block), stencil.black_degree.dtype)
+    red = np.zeros(_ROOM * (kept + stencil.block), like.dtype)
     while coupling < len(stencil.couplings) and stencil.off_red[coupling] < begin:
         coupling += 1
     at = np.array([begin - kept, coupling, coupling])
