@@ -32,7 +32,8 @@ METHODS = ("backward_euler", "trapezoidal", "tr-bdf2")
 _ROOT2 = float(np.sqrt(2.0))
 _MOST_STEPS = 10_000_000
 _KEPT = 4
-_RTOL = 1e-11
+RTOL = 1e-11
+"""Normwise backward error of every solution within a step."""
 
 Solve = Callable[[float, NDArray[np.float64]], NDArray[np.float64]]
 
@@ -62,33 +63,37 @@ class Resolvents:
             while len(self._factors) >= _KEPT:
                 del self._factors[next(iter(self._factors))]
         self._factors[rate] = factors
-        return factors.solve(rhs, rtol=_RTOL)
+        return factors.solve(rhs, rtol=RTOL)
+
+
+def rate_of(method: str, h: float) -> float:
+    """What capacitances count by in the matrix of a step, in 1/s; either stage of TR-BDF2 has the same."""
+    return {"backward_euler": 1.0, "trapezoidal": 2.0, "tr-bdf2": 2.0 + _ROOT2}[method] / h
 
 
 def advance(
     dynamics: Dynamics, method: str, x: NDArray[np.float64], h: float, solve: Solve
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Make one step.  Shapes: `x` (n,); returns `after` (n,), `integral` (n,)."""
+    rate = rate_of(method, h)
+    half = solve(rate, dynamics.imbalance(x))
     if method == "backward_euler":
-        after = x + solve(1.0 / h, dynamics.imbalance(x))
+        after = x + half
         return after, h * after
     if method == "trapezoidal":
-        half = solve(2.0 / h, dynamics.imbalance(x))
         return x + 2.0 * half, h * (x + half)
-    rate = (2.0 + _ROOT2) / h
-    half = solve(rate, dynamics.imbalance(x))
     between, past = x + 2.0 * half, x + (_ROOT2 + 1.0) * half
     after = past + solve(rate, dynamics.imbalance(past))
     return after, h * (_ROOT2 / 4.0 * (x + between) + (1.0 - _ROOT2 / 2.0) * after)
 
 
 def advance_by_sums(dynamics: Dynamics, x: NDArray[np.float64], h: float, solve: Solve) -> NDArray[np.float64]:
-    """State after one step of backward Euler, found without a subtraction where every capacitor goes to a rail.
+    """State after one step of backward Euler, where every capacitor goes to a rail: nothing is subtracted then.
 
     Voltages of one sign that span many decades keep their relative accuracy then, each of them.  Nothing is lost by
     rounding either, for ``rate C x`` holds nothing that would have to cancel.
     """
-    return solve(1.0 / h, dynamics.capacitance.diagonal * x / h + dynamics.drive)
+    return solve(rate_of("backward_euler", h), dynamics.capacitance.ground * x / h + dynamics.drive)
 
 
 def fixed_steps(
@@ -225,7 +230,7 @@ def _first_exponent(
         if not 0.0 < size < np.inf:
             break
         logs.append(np.log(size))
-        current = -charges.dynamics.conductance.times(slope / size)
+        current = -charges.dynamics.branches.times(slope / size)
     steps = [np.log(max(longest, np.finfo(np.float64).tiny))]
     if len(logs) == order + 1:
         at_rest = (np.log(share) + logs[0] - sum(logs)) / order

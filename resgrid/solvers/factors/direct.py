@@ -59,4 +59,5 @@ class DirectFactor(Factor):
 
 def factor_direct(laplacian: Laplacian, order: Symbolic | None = None) -> DirectFactor:
     """Factor a matrix, in an order that has been found or in the one that suits it."""
+    laplacian = laplacian.with_rows()
     return DirectFactor(laplacian, factor_supernodes(laplacian, order))
