@@ -130,17 +130,18 @@ def dynamics_of(netlist: Netlist) -> Dynamics:
 
 
 def factor_resolvent(dynamics: Dynamics, rate: float, method: str = "auto") -> Factor:
-    """Factor ``G + rate C``."""
+    """Factor ``G + rate C``, for answers of either accuracy."""
     G, C = dynamics.conductance, dynamics.capacitance
     if rate == 0.0:
         require_grounded(dynamics)
-        return factor_laplacian(G, method)
+        return factor_laplacian(G, method, both=True)
     ground = G.ground + rate * C.ground
     if dynamics.apart:
-        return factor_laplacian(replace(G, ground=ground), method)
+        return factor_laplacian(replace(G, ground=ground), method, both=True)
     grid = None if G.grid is None else G.grid.of_rows(dynamics.row)
     edges = sparse.csr_array(G.edges + rate * C.edges)
-    return factor_laplacian(Laplacian(ground, compressed=Rows.of(edges), grid=grid, dimensions=G.dimensions), method)
+    whole = Laplacian(ground, compressed=Rows.of(edges), grid=grid, dimensions=G.dimensions)
+    return factor_laplacian(whole, method, both=True)
 
 
 def require_linear(netlist: Netlist) -> None:

@@ -14,7 +14,7 @@ from resgrid.budget import require_memory
 from resgrid.errors import InputError
 from resgrid.solvers.decay import VOLUME, Fall, foresee_decades, h_transform_pays
 from resgrid.solvers.factors.direct import EXACT_ROWS, factor_direct
-from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.factors.factor import Factor, Residual
 from resgrid.solvers.factors.multigrid import factor_multigrid
 from resgrid.solvers.laplacian import Connections, Laplacian, count_connections
 from resgrid.solvers.star_mesh import ReducedFactor, may_shrink, shrink
@@ -123,10 +123,11 @@ def factor_laplacian(
         _require(_REDUCING * laplacian.size, laplacian, "elimination")
         mesh, core = shrink(laplacian)
         if core is None:
-            return ReducedFactor(laplacian, mesh, None)
+            return ReducedFactor(laplacian, mesh, None, _plain(laplacian, accuracy, both))
         if mesh.count >= _FAIR_SHARE * laplacian.size:
             choice = _choose(core, count_connections(core), method, accuracy)
-            return ReducedFactor(laplacian, mesh, _factor_whole(choice, accuracy, both, team))
+            inner = _factor_whole(choice, accuracy, both, team)
+            return ReducedFactor(laplacian, mesh, inner, _plain(laplacian, accuracy, both))
     return _factor_whole(_choose(laplacian, found, method, accuracy), accuracy, both, team)
 
 
@@ -150,7 +151,12 @@ def _factor_whole(choice: Choice, accuracy: str, both: bool, team: Team) -> Fact
     laplacian = laplacian.with_rows()
     order = choice.order or order_by_distance(laplacian)
     _require(order.memory if order is not None else wide_memory(laplacian), laplacian, "direct")
-    return factor_direct(laplacian, order or order_by_degree(laplacian))
+    return factor_direct(laplacian, order or order_by_degree(laplacian), _plain(laplacian, accuracy, both))
+
+
+def _plain(laplacian: Laplacian, accuracy: str, both: bool) -> Residual | None:
+    """What normwise answers are judged by, where they will be asked for; the others do without scipy."""
+    return Residual.of(laplacian) if both or accuracy == "normwise" else None
 
 
 def _fall(choice: Choice, accuracy: str) -> Fall | None:

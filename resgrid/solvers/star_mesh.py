@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
 from resgrid.solvers.extended import Scaled
-from resgrid.solvers.factors.factor import Factor, refine_normwise
+from resgrid.solvers.factors.factor import Factor, Residual, refine_normwise
 from resgrid.solvers.laplacian import Connections, Laplacian, Rows
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.refine import entry_bound, scaled_currents
@@ -156,11 +156,12 @@ class ReducedFactor(Factor):
     """A matrix after star-mesh elimination, with a factor of its core.
 
     `laplacian`: as of every `Factor`; `mesh`: what was eliminated; `inner`: solves the core; None where there
-    is none.
+    is none; `plain`: residuals of normwise answers, where many will be asked for.
     """
 
     mesh: StarMesh
     inner: Factor | None
+    plain: Residual | None = None
 
     @property
     def name(self) -> str:
@@ -171,7 +172,7 @@ class ReducedFactor(Factor):
         self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
     ) -> NDArray[np.float64]:
         x, error = refine_normwise(
-            self.laplacian,
+            self.plain or Residual.of(self.laplacian),
             rhs,
             lambda residual: self._once(residual, rtol, None, watch),
             self._once(rhs, rtol, guess, watch),
