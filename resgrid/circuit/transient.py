@@ -106,9 +106,7 @@ class TransientStepper:
             after, _ = advance(dynamics, self.method, x, self.step, self._solve)
         return dynamics.voltage(after)
 
-    def _solve(self, rate: float, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Solve at the only rate there is."""
-        del rate
+    def _solve(self, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
         return rhs if self.factors is None else self.factors.solve(rhs, rtol=RTOL)
 
 
