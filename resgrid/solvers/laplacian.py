@@ -66,6 +66,13 @@ class Rows(NamedTuple):
             array.has_sorted_indices = array.has_canonical_format = True
         return array
 
+    @property
+    def pairs(self) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+        """Every pair of rows once, (m, 2), the lower one first, and its conductance (m,)."""
+        row = np.repeat(np.arange(len(self.indptr) - 1, dtype=np.int32), np.diff(self.indptr))
+        upper = self.indices > row
+        return np.stack([row[upper], self.indices[upper]], axis=1), self.data[upper]
+
 
 class Conductances(NamedTuple):
     """A matrix as loops take it, in siemens: `indptr` (n + 1,), `indices, edges` (entries,), `ground` (n,)."""
@@ -161,7 +168,7 @@ class Branches(NamedTuple):
     """
 
     across: sparse.csr_array
-    leaving: sparse.csr_array
+    leaving: sparse.csc_array
     ground: NDArray[np.float64]
 
     def between(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -256,23 +263,25 @@ class Laplacian:
         """What the matrix is made of: ``B^T diag(value) B``.  Returns `incidence` (m, n), `value` (m,)."""
         from scipy import sparse
 
-        upper, tied = sparse.triu(self.edges, 1).tocoo(), np.flatnonzero(self.ground)
-        m = upper.nnz
-        ends = np.append(np.stack([upper.row, upper.col], axis=1).ravel(), tied).astype(np.int32)
+        (pairs, value), tied = self.as_rows().pairs, np.flatnonzero(self.ground)
+        m = len(value)
+        ends = np.append(pairs.ravel(), tied).astype(np.int32)
         starts = np.append(np.arange(0, 2 * m + 1, 2), 2 * m + 1 + np.arange(len(tied))).astype(np.int32)
         sign = np.append(np.tile([1.0, -1.0], m), np.ones(len(tied)))
         incidence = sparse.csr_array((sign, ends, starts), shape=(m + len(tied), self.size))
-        return incidence, np.append(upper.data, self.ground[tied])
+        return incidence, np.append(value, self.ground[tied])
 
     @property
     def branches(self) -> Branches:
         """What joins the rows to each other, every pair once, for products formed from differences."""
         from scipy import sparse
 
-        incidence, value = self.elements
-        inner = len(value) - int(np.count_nonzero(self.ground))
-        across = incidence[:inner]
-        return Branches(across, sparse.csr_array(across.T @ sparse.diags_array(value[:inner])), self.ground)
+        pairs, value = self.as_rows().pairs
+        m, ends = len(value), pairs.ravel()
+        starts, sign = np.arange(0, 2 * m + 1, 2, dtype=np.int32), np.tile([1.0, -1.0], m)
+        across = sparse.csr_array((sign, ends, starts), shape=(m, self.size))
+        leaving = sparse.csc_array((sign * np.repeat(value, 2), ends, starts), shape=(self.size, m))
+        return Branches(across, leaving, self.ground)
 
     def within(self, rows: NDArray[np.bool_]) -> Laplacian:
         """Only some of the rows; the others count as nodes of known voltage."""
