@@ -229,19 +229,21 @@ class Adjoint:
             x = factors.solve(rhs, rtol=_RTOL)
         except AccuracyError as error:
             x = np.asarray(error.best, dtype=np.float64)
-        coupled = matrix.diagonal * np.abs(x) + matrix.edges @ np.abs(x) + np.abs(rhs)
-        residual = np.abs(rhs - (matrix.diagonal * x - matrix.edges @ x)) + 4.0 * _EPS * coupled
+        diagonal, edges = matrix.diagonal, matrix.edges
+        coupled = diagonal * np.abs(x) + edges @ np.abs(x) + np.abs(rhs)
+        residual = np.abs(rhs - (diagonal * x - edges @ x)) + 4.0 * _EPS * coupled
         return *self._across([Scaled.of(x)]), self._log_doubt(residual)
 
     def _by_entry(self, factors: CircuitFactor, rhs: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
         """As `_quickly`, from solutions for currents of one sign."""
         parts, residual, matrix = [], np.zeros(len(rhs)), factors.system.laplacian
+        diagonal, edges = matrix.diagonal, matrix.edges
         bound = 0.0
         for part in (np.maximum(rhs, 0.0), np.maximum(-rhs, 0.0)):
             watch = Watch()
             x, error = factors.solve_nonnegative(part, watch=watch) if part.any() else (Scaled.of(part), 0.0)
             parts.append(x)
-            residual += error * (matrix.diagonal * x.plain + matrix.edges @ x.plain + part)
+            residual += error * (diagonal * x.plain + edges @ x.plain + part)
             bound = max(bound, watch.bound)
         log_sum = np.append(np.logaddexp.reduce([x.log for x in parts]), -np.inf)
         log_sum = np.logaddexp(*log_sum[self.row.T])

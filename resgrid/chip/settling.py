@@ -22,7 +22,7 @@ from resgrid.chip.modes import (
 )
 from resgrid.chip.motion import SPAN, Motion, motions
 from resgrid.circuit.dynamics import Dynamics, EnergyMeter, charge_basis, dynamics_of, factor_resolvent
-from resgrid.circuit.initial import initial_state
+from resgrid.circuit.initial import charges_of, initial_state
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import AccuracyError, InputError
 from resgrid.netlist import Netlist
@@ -159,7 +159,7 @@ def analyse_settling(
     final = entrywise_solution(factors, dynamics.drive)
     settled = dynamics.voltage(final)
     reach = _reach(settled) if span is None else float(span)
-    deviation = initial_state(dynamics, initial) - final
+    deviation = initial_state(charges_of(dynamics), initial) - final
     # In units of a power of two near the largest deviation no square runs out of range.
     unit = float(2.0 ** np.floor(np.log2(np.abs(deviation).max(initial=0.0) or 1.0)))
     band = reach / 2.0 ** (bits + 1) / unit

@@ -28,7 +28,7 @@ from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import Netlist
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.factors.factor import Factor
-from resgrid.solvers.laplacian import EdgeList, Laplacian
+from resgrid.solvers.laplacian import Branches, EdgeList, Laplacian, Rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class Dynamics:
     `fixed` (nodes,): voltage of rails, and of other nodes above their row, in volts; NaN where a node floats;
     `conductance`: ``G``, in siemens; `capacitance`: ``C``, in farads; rows without capacitance are algebraic; `drive`
     (n,): ``b``: current that sources feed into every row, in amperes; `floating`: nodes that no resistor, capacitor
-    or voltage source ties to ground.
+    or voltage source ties to ground; `branches`: of ``G``.
     """
 
     netlist: Netlist
@@ -50,6 +50,7 @@ class Dynamics:
     drive: NDArray[np.float64]
     floating: NDArray[np.int64]
     forest: SourceForest
+    branches: Branches
 
     @property
     def size(self) -> int:
@@ -58,7 +59,12 @@ class Dynamics:
 
     def imbalance(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """``b - G x``: the current that charges every row, in amperes, shape (n,); formed from differences."""
-        return np.asarray((self.drive - self.conductance.ground * x) - self.conductance.between(x))
+        return np.asarray((self.drive - self.conductance.ground * x) - self.branches.between(x))
+
+    @property
+    def apart(self) -> bool:
+        """Whether every capacitor goes to a rail."""
+        return not len(self.capacitance.as_rows().indices)
 
     def voltage(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Node voltages of a state, in volts; shape (nodes,)."""
@@ -103,9 +109,10 @@ def dynamics_of(netlist: Netlist) -> Dynamics:
 
     def laplacian(ends: NDArray[np.int32], value: NDArray[np.float64]) -> tuple[Laplacian, NDArray[np.float64]]:
         every = np.arange(len(ends), dtype=np.int32)
-        ground, feed, _ = ground_and_feed(ends, value, row, every, forest, size)
+        ground, feed, *_ = ground_and_feed(ends, value, row, every, forest, size)
         dimensions = 2 if grid is None else grid.dimensions
-        return Laplacian(ground, EdgeList(ends, value, row), grid=grid, dimensions=dimensions), feed
+        made = Laplacian(ground, EdgeList(ends, value, row), grid=grid, dimensions=dimensions)
+        return made.with_rows(), feed
 
     conductance, feed = laplacian(netlist.resistor_nodes, netlist.conductance)
     injected = injected_into_rows(netlist, row, size)
@@ -118,21 +125,23 @@ def dynamics_of(netlist: Netlist) -> Dynamics:
         drive=feed + injected if injected.size else feed,
         floating=floating,
         forest=forest,
+        branches=conductance.branches,
     )
 
 
 def factor_resolvent(dynamics: Dynamics, rate: float, method: str = "auto") -> Factor:
-    """Factor ``G + rate C``."""
+    """Factor ``G + rate C``, for answers of either accuracy."""
     G, C = dynamics.conductance, dynamics.capacitance
     if rate == 0.0:
         require_grounded(dynamics)
-        return factor_laplacian(G, method)
+        return factor_laplacian(G, method, both=True)
     ground = G.ground + rate * C.ground
-    if not C.edges.nnz:
-        return factor_laplacian(replace(G, ground=ground), method)
+    if dynamics.apart:
+        return factor_laplacian(replace(G, ground=ground), method, both=True)
     grid = None if G.grid is None else G.grid.of_rows(dynamics.row)
     edges = sparse.csr_array(G.edges + rate * C.edges)
-    return factor_laplacian(Laplacian(ground, compressed=edges, grid=grid, dimensions=G.dimensions), method)
+    whole = Laplacian(ground, compressed=Rows.of(edges), grid=grid, dimensions=G.dimensions)
+    return factor_laplacian(whole, method, both=True)
 
 
 def require_linear(netlist: Netlist) -> None:

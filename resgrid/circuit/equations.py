@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 from resgrid.circuit.sources import SourceForest, tie_sources
 from resgrid.errors import CircuitError
 from resgrid.netlist import GROUND, Netlist
-from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian, Rails, Ties
+from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian, Rails
+
+if TYPE_CHECKING:
+    from resgrid.circuit.kernels import Contacts
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,13 +54,8 @@ class Equations:
         """The two rails that the circuit hangs between, if it does."""
         return self.laplacian.rails
 
-    @cached_property
-    def known(self) -> NDArray[np.float64]:
-        """Voltages known beforehand, in volts, shape (nodes,): rails, and `undriven` nodes; NaN elsewhere."""
-        return self.known_voltages()
-
     def known_voltages(self) -> NDArray[np.float64]:
-        """Return a new array of the `known` voltages."""
+        """Voltages known beforehand, in volts, (nodes,): rails, and `undriven` nodes; NaN elsewhere.  A new array."""
         forest = self.forest
         known = np.full(forest.count, np.nan)
         held = forest.base == GROUND
@@ -68,7 +66,7 @@ class Equations:
     def with_conductance(self, conductance: NDArray[np.float64]) -> tuple[Laplacian, NDArray[np.float64]]:
         """The matrix of the same circuit with other conductances, and their `feed`.  Shapes: (resistors,)."""
         ends = self.netlist.resistor_nodes
-        ground, feed, _ = ground_and_feed(
+        ground, feed, *_ = ground_and_feed(
             ends, conductance, self.unknown, self.contacts, self.forest, self.size, self.reference
         )
         listed = EdgeList(ends, conductance, self.unknown)
@@ -124,7 +122,9 @@ def assemble(netlist: Netlist) -> Equations:
     lifted = bool(np.any((unknown[forest.order] >= 0) & (forest.height != 0)))
     contacts = np.arange(len(netlist.conductance), dtype=np.int32) if lifted else parts.contacts
     ends, reference = netlist.resistor_nodes, float(low) if size else 0.0
-    ground, feed, two = ground_and_feed(ends, netlist.conductance, unknown, contacts, forest, size, reference, high)
+    ground, feed, two, ties = ground_and_feed(
+        ends, netlist.conductance, unknown, contacts, forest, size, reference, high
+    )
     injected = injected_into_rows(netlist, unknown, size)
     if alone is not None:
         low, high, two = alone
@@ -139,7 +139,7 @@ def assemble(netlist: Netlist) -> Equations:
             listed=EdgeList(ends, netlist.conductance, unknown),
             grid=grid,
             dimensions=2 if grid is None else grid.dimensions,
-            rails=_rails(netlist, contacts, unknown, forest, float(low), float(high)) if plain else None,
+            rails=_rails(netlist, size, contacts, ties, float(low), float(high)) if plain else None,
         ),
         contacts=contacts,
         feed=_without_memory(feed, size),
@@ -216,18 +216,19 @@ def ground_and_feed(
     size: int,
     low: float = 0.0,
     high: float = np.inf,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], bool]:
+) -> tuple[NDArray[np.float64], NDArray[np.float64], bool, Contacts]:
     """What ties every row to known voltages, and what these drive into it, measured from ``low``.
 
     Shapes: `ends` (m, 2), `conductance` (m,), `contacts` (c,): the elements to look at; returns `ground` (n,), `feed`
-    (n,), and whether all these voltages are ``low`` or ``high``.
+    (n,), whether all these voltages are ``low`` or ``high``, and which of the elements tie a row to which.
     """
-    from resgrid.circuit.kernels import add_contacts
+    from resgrid.circuit.kernels import Contacts, add_contacts
 
     ground, feed = np.zeros(size), np.zeros(size)
+    ties = Contacts(np.empty(len(contacts), dtype=np.int32), np.empty(len(contacts), dtype=np.bool_))
     pairs = np.take(ends, contacts, axis=0)
-    two = add_contacts(pairs, conductance[contacts], unknown, forest.offset, low, float(high), ground, feed)
-    return ground, feed, two
+    two = add_contacts(pairs, conductance[contacts], unknown, forest.offset, low, float(high), ground, feed, ties)
+    return ground, feed, two, ties
 
 
 def injected_into_rows(netlist: Netlist, unknown: NDArray[np.int32], size: int) -> NDArray[np.float64]:
@@ -274,30 +275,11 @@ def _between_rails(netlist: Netlist, volts: NDArray[np.float64], parts: Parts) -
 
 
 def _rails(
-    netlist: Netlist,
-    contacts: NDArray[np.int32],
-    unknown: NDArray[np.int32],
-    forest: SourceForest,
-    lowest: float,
-    highest: float,
+    netlist: Netlist, size: int, contacts: NDArray[np.int32], ties: Contacts, lowest: float, highest: float
 ) -> Rails:
     """Both rails; a map of cells says which of them the obstacles are on."""
     upside_down = netlist.cell_map is not None and netlist.cell_map.wiring.supply < 0
     high, low = (lowest, highest) if upside_down else (highest, lowest)
-    return Rails(high, low, partial(_ties, netlist, contacts, unknown, forest, high))
-
-
-def _ties(
-    netlist: Netlist,
-    contacts: NDArray[np.int32],
-    unknown: NDArray[np.int32],
-    forest: SourceForest,
-    high: float,
-) -> Ties:
-    from resgrid.circuit.kernels import rail_contacts
-
-    size = int(unknown.max(initial=-1)) + 1
-    to_high, to_low = np.zeros(size), np.zeros(size)
-    ends, conductance = np.take(netlist.resistor_nodes, contacts, axis=0), netlist.conductance[contacts]
-    rail_contacts(ends, conductance, unknown, forest.offset, high, to_high, to_low)
-    return to_high, to_low
+    there = ties.row >= 0
+    at_high = ties.upper[there] != upside_down
+    return Rails(high, low, size, ties.row[there], netlist.conductance[contacts[there]], at_high)

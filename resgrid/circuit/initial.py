@@ -8,7 +8,6 @@ are nodal matrices, assembled and solved as such: a part of strong conductances 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from numbers import Real
 from typing import Any
 
@@ -40,65 +39,64 @@ _ROUGH = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Charges:
-    """A circuit's charges, and the voltages that belong to them."""
+    """A circuit's charges, and the voltages that belong to them.
+
+    `basis`: coordinates that hold charge, and those that follow; `held`: factors of ``C_cc``; None where every
+    capacitor goes to a rail, or there is none; `loose`: factors of ``N^T G N``; None where nothing is loose.
+    """
 
     dynamics: Dynamics
-
-    @cached_property
-    def basis(self) -> ChargeBasis:
-        """Coordinates that hold charge, and those that follow."""
-        return charge_basis(self.dynamics)
+    basis: ChargeBasis
+    held: Factor | None
+    loose: Factor | None
 
     def voltages(self, charge: NDArray[np.float64]) -> NDArray[np.float64]:
         """What charges make of a circuit at 0 V, in volts, shape (n,); 0 in coordinates that hold none."""
         charged, x = self.basis.charged, np.zeros(self.dynamics.size)
-        if self._apart:
-            x[charged] = charge[charged] / self.dynamics.capacitance.diagonal[charged]
+        if self.held is None:
+            x[charged] = charge[charged] / self.dynamics.capacitance.ground[charged]
         elif charge[charged].any():
-            x[charged] = _entrywise(self._charged, charge[charged], self._lift(self._charged))
+            x[charged] = _entrywise(self.held, charge[charged], self._lift(self.held))
         return x
 
     def followed(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """The state with the charges of ``x`` at which Kirchhoff's law holds for every loose part, in volts."""
-        groups = self.basis.spread
-        if not groups.shape[1]:
+        if self.loose is None:
             return x
+        groups, netlist = self.basis.spread, self.dynamics.netlist
         drive = groups.T @ self.dynamics.imbalance(x)
-        netlist = self.dynamics.netlist
         nodes, amps = netlist.current_nodes.ravel().astype(np.int64), np.repeat(netlist.current_amps, 2)
         into = sparse.csr_array(groups.T)
         several = into @ self.dynamics.injection(nodes, np.ones(len(nodes))) > 1.0
         summed = np.where(several, into @ self.dynamics.injection(nodes, np.abs(amps)), 0.0)
-        rounding = self._lift(self._loose) + _EPS * summed
-        return np.asarray(x + groups @ _entrywise(self._loose, drive, rounding))
+        rounding = self._lift(self.loose) + _EPS * summed
+        return np.asarray(x + groups @ _entrywise(self.loose, drive, rounding))
 
     def slope(self, current: NDArray[np.float64]) -> NDArray[np.float64]:
         """How fast voltages rise when currents charge the rows, in V/s, shape (n,); to some 0.1 %."""
         charged, groups, v = self.basis.charged, self.basis.spread, np.zeros(self.dynamics.size)
-        if self._apart:
-            v[charged] = current[charged] / self.dynamics.capacitance.diagonal[charged]
-        elif charged.any():
-            v[charged] = self._charged.solve(current[charged], rtol=_ROUGH)
-        if groups.shape[1]:
-            v += groups @ self._loose.solve(-(groups.T @ self.dynamics.conductance.times(v)), rtol=_ROUGH)
+        if self.held is None:
+            v[charged] = current[charged] / self.dynamics.capacitance.ground[charged]
+        else:
+            v[charged] = self.held.solve(current[charged], rtol=_ROUGH)
+        if self.loose is not None:
+            v += groups @ self.loose.solve(-(groups.T @ self.dynamics.branches.times(v)), rtol=_ROUGH)
         return v
 
     def _lift(self, factors: Factor) -> NDArray[np.float64]:
         """What floating sources may round off the drive of every row of a matrix, shape (n,)."""
         return np.asarray(_EPS * self.dynamics.forest.lift * factors.laplacian.diagonal)
 
-    @property
-    def _apart(self) -> bool:
-        """Whether every capacitor goes to a rail."""
-        return self.dynamics.capacitance.edges.nnz == 0
 
-    @cached_property
-    def _charged(self) -> Factor:
-        return factor_laplacian(self.dynamics.capacitance.within(self.basis.charged), "auto")
-
-    @cached_property
-    def _loose(self) -> Factor:
-        return factor_laplacian(self.dynamics.conductance.grouped(self.basis.spread), "auto")
+def charges_of(dynamics: Dynamics) -> Charges:
+    """Factor what tells a circuit's voltages from its charges."""
+    basis = charge_basis(dynamics)
+    held = loose = None
+    if not dynamics.apart and basis.charged.any():
+        held = factor_laplacian(dynamics.capacitance.within(basis.charged), "auto")
+    if basis.spread.shape[1]:
+        loose = factor_laplacian(dynamics.conductance.grouped(basis.spread), "auto")
+    return Charges(dynamics, basis, held, loose)
 
 
 def _entrywise(factors: Factor, drive: NDArray[np.float64], rounding: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -177,9 +175,7 @@ def _residual(
     return parts[0], parts[1]
 
 
-def initial_state(
-    dynamics: Dynamics, initial: OperatingPoint | ArrayLike | None, charges: Charges | None = None
-) -> NDArray[np.float64]:
+def initial_state(charges: Charges, initial: OperatingPoint | ArrayLike | None) -> NDArray[np.float64]:
     """State at time 0+, when the sources of the netlist act at once.
 
     Finite currents move no charge in no time: at every node (or nodes joined by voltage sources) the charge on the
@@ -188,9 +184,8 @@ def initial_state(
 
     Shapes: `initial` (nodes,); returns (n,).
     """
-    netlist = dynamics.netlist
+    dynamics, netlist = charges.dynamics, charges.dynamics.netlist
     before = np.zeros(netlist.node_count) if initial is None else _voltages(netlist, initial)
-    charges = charges or Charges(dynamics)
     x = _without_loose(charges, dynamics.state(before))
     held, now = (volts[netlist.capacitor_nodes] for volts in (before, dynamics.voltage(x)))
     missing = netlist.capacitance * np.nan_to_num((held[:, 0] - held[:, 1]) - (now[:, 0] - now[:, 1]))

@@ -7,6 +7,7 @@ at.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,19 +115,30 @@ def number_rows(part: Indices, solved: NDArray[np.bool_], root: Integers) -> int
     return rows
 
 
+class Contacts(NamedTuple):
+    """Elements between rows and nodes of known voltage, in the order of the elements looked at.
+
+    `row` (c,): the row; -1 for an element that is none; `upper` (c,): whether the voltage is the upper one of two.
+    """
+
+    row: Indices
+    upper: Bools
+
+
 @kernel
 def add_contacts(
     pairs: Indices, conductance: Floats, row: Indices, offset: Floats, low: float, high: float, ground: Floats,
-    feed: Floats,
+    feed: Floats, contacts: Contacts,
 ) -> bool:  # fmt: skip
     """Add what ties rows to nodes of known voltage, and the current that these, and offsets, drive from ``low`` up.
 
-    Returns whether all known voltages there are ``low`` or ``high``.
+    Returns whether all known voltages there are ``low`` or ``high``; which it is goes into ``contacts``.
     """
     two = True
     for k in range(len(pairs)):
         a, b = pairs[k, 0], pairs[k, 1]
         i, j = row[a], row[b]
+        contacts.row[k], contacts.upper[k] = -1, False
         if i == j:
             continue
         if i >= 0 and j >= 0:
@@ -136,28 +148,11 @@ def add_contacts(
         if i < 0:
             i, a, b = j, b, a
         ground[i] += conductance[k]
+        contacts.row[k], contacts.upper[k] = i, offset[b] == high
         if offset[b] != low or offset[a] != 0.0:
             feed[i] += conductance[k] * ((offset[b] - low) - offset[a])
             two &= offset[b] == low or offset[b] == high
     return two
-
-
-@kernel
-def rail_contacts(
-    pairs: Indices, conductance: Floats, row: Indices, known: Floats, high: float, to_high: Floats, to_low: Floats
-) -> None:
-    """Add the conductances of contacts between rows and two rails."""
-    for k in range(len(pairs)):
-        a, b = pairs[k, 0], pairs[k, 1]
-        i = row[a]
-        if (i >= 0) == (row[b] >= 0):
-            continue
-        if i < 0:
-            i, b = row[b], a
-        if known[b] == high:
-            to_high[i] += conductance[k]
-        else:
-            to_low[i] += conductance[k]
 
 
 @kernel

@@ -50,7 +50,7 @@ def balance(system: Equations) -> Falls | None:
     """Falls that balance at every row; None where there are too many rails, or too little memory for the factors."""
     forest, netlist = system.forest, system.netlist
     lift = np.where(system.unknown >= 0, forest.offset, 0.0)
-    rows, known = system.unknown[netlist.resistor_nodes], system.known[netlist.resistor_nodes]
+    rows, known = system.unknown[netlist.resistor_nodes], system.known_voltages()[netlist.resistor_nodes]
     held = rows < 0
     contact = held[:, 0] != held[:, 1]
     volts, rail = np.unique(known[contact][held[contact]], return_inverse=True)

@@ -68,7 +68,7 @@ def _solved(netlist: Netlist, accuracy: str, method: str, rtol: float, team: Tea
     with _timed(seconds, "read"):
         point, residual, faint = read_entrywise(system, values, name, seconds, team)
     doubt, balanced = values.doubt, False
-    if point.readings.log_current is None and (faint or doubt > CERTAIN or _asks_for_balance(system, point)):
+    if point.readings.scaled is None and (faint or doubt > CERTAIN or _asks_for_balance(system, point)):
         from resgrid.circuit.kirchhoff import balance
 
         with _timed(seconds, "balance"):
@@ -160,5 +160,6 @@ class CircuitFactor:
 
 
 def factor_circuit(system: Equations, method: str = "auto") -> CircuitFactor:
-    """Factor the matrix of a circuit's equations."""
-    return CircuitFactor(system, factor_laplacian(system.laplacian, method))
+    """Factor the matrix of a circuit's equations, for answers of either accuracy."""
+    factors = factor_laplacian(system.laplacian, method, both=True)
+    return CircuitFactor(replace(system, laplacian=factors.laplacian), factors)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import Executor
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -51,7 +51,7 @@ class Batch:
         """The equations of a chip of other conductances, shape (resistors,), in siemens."""
         system = self.system
         matrix, feed = system.with_conductance(conductance)
-        entries = matrix.edges.data if self.source is None else conductance[self.source]
+        entries = matrix.as_rows().data if self.source is None else conductance[self.source]
         few = slice(None, None, max(1, len(conductance) // _FEW))
         with np.errstate(over="ignore"):
             times = np.median(conductance[few] / system.netlist.conductance[few])
@@ -61,7 +61,7 @@ class Batch:
         """Voltages of all nodes, shape (chips, nodes), from those of the rows, (chips, n); NaN where a node floats."""
         system = self.system
         node = np.flatnonzero(system.unknown >= 0)
-        voltage = np.tile(system.known, (len(solution), 1))
+        voltage = np.tile(system.known_voltages(), (len(solution), 1))
         row, base = system.unknown[node], system.reference + system.forest.offset[node]
         for volts, x in zip(voltage, solution, strict=True):
             volts[node] = x[row] + base
@@ -124,7 +124,7 @@ def solve_many(
     check_rtol(rtol)
     batch = prepare_batch(netlist)
     if batch is None:
-        return np.tile(assemble(netlist).known, (len(wanted), 1))
+        return np.tile(assemble(netlist).known_voltages(), (len(wanted), 1))
     voltage = np.empty((len(wanted), netlist.node_count))
     with closing(in_order([Part(_solve_some, (batch, rtol), wanted, "chips")], executor)) as results:
         for row, volts in zip(voltage, results, strict=True):
@@ -137,9 +137,11 @@ def prepare_batch(netlist: Netlist) -> Batch | None:
     system = assemble(netlist)
     if not system.size:
         return None
-    matrix, source = system.laplacian, _sources_of_entries(system)
-    weakest = min(float(matrix.diagonal.min()), float(matrix.edges.data.min(initial=np.inf)))
-    contrast = float(matrix.diagonal.max()) / weakest
+    matrix = system.laplacian.with_rows()
+    diagonal, edges = matrix.diagonal, matrix.as_rows().data
+    contrast = float(diagonal.max()) / min(float(diagonal.min()), float(edges.min(initial=np.inf)))
+    system = replace(system, laplacian=matrix)
+    source = _sources_of_entries(system)
     if system.size > _SMALL and contrast <= _MOST_CONTRAST:
         solver = grid_batch(matrix, system.drive)
         if solver is not None:
@@ -165,14 +167,14 @@ def solve_batch(batch: Batch, conductance: NDArray[np.float64], *, rtol: float =
 
 def _sources_of_entries(system: Equations) -> NDArray[np.int64] | None:
     """The resistor behind every entry of the edges, where each has one: conductances tell, if they are its number."""
-    ends, edges = system.netlist.resistor_nodes, system.laplacian.edges
+    ends, entries = system.netlist.resistor_nodes, len(system.laplacian.as_rows().indices)
     number = np.arange(1.0, len(ends) + 1.0)
     rows = system.unknown[ends]
     inner = np.count_nonzero((rows >= 0).all(axis=1) & (rows[:, 0] != rows[:, 1]))
-    if edges.nnz != 2 * inner:
+    if entries != 2 * inner:
         return None
     numbered = Laplacian(system.laplacian.ground, EdgeList(ends, number, system.unknown))
-    return numbered.edges.data.astype(np.int64) - 1
+    return numbered.as_rows().data.astype(np.int64) - 1
 
 
 def _alone(netlist: Netlist, conductance: NDArray[np.float64]) -> NDArray[np.float64]:

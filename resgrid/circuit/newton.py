@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +63,7 @@ def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
     saturation, a step with the secant conductances may be better: it minimises a quadratic above the co-content that
     touches it (as iteratively reweighted least squares do), so that the co-content falls as well.
     """
-    circuit = _Circuit(netlist, assemble(linear_netlist(netlist, _slope_at_zero(netlist))))
+    circuit = _Circuit.of(netlist, assemble(linear_netlist(netlist, _slope_at_zero(netlist))))
     x = np.zeros(circuit.system.size)
     residuals: list[float] = []
     steps: list[float] = []
@@ -145,24 +144,22 @@ def _slope_at_zero(netlist: Netlist) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class _Circuit:
-    """Kirchhoff's current law for the rows of a nodal system, each element with its own law."""
+    """Kirchhoff's current law for the rows of a nodal system, each element with its own law.
+
+    `ends` (resistors + nonlinear resistors, 2): their nodes; `offset` (nodes,): voltage above the reference where all
+    rows are 0, in volts; 0 where a node floats.
+    """
 
     netlist: Netlist
     system: Equations
+    ends: NDArray[np.int64]
+    offset: NDArray[np.float64]
 
-    @cached_property
-    def ends(self) -> NDArray[np.int64]:
-        return np.concatenate([self.netlist.resistor_nodes, self.netlist.nonlinear_nodes])
-
-    @cached_property
-    def rows(self) -> NDArray[np.int32]:
-        return self.system.unknown[self.ends]
-
-    @cached_property
-    def offset(self) -> NDArray[np.float64]:
-        """Voltage above the reference where all rows are 0; 0 where a node floats."""
-        fixed = np.nan_to_num(self.system.known - self.system.reference)
-        return np.where(self.system.unknown >= 0, self.system.forest.offset, fixed)
+    @classmethod
+    def of(cls, netlist: Netlist, system: Equations) -> _Circuit:
+        fixed = np.nan_to_num(system.known_voltages() - system.reference)
+        offset = np.where(system.unknown >= 0, system.forest.offset, fixed)
+        return cls(netlist, system, np.concatenate([netlist.resistor_nodes, netlist.nonlinear_nodes]), offset)
 
     def height(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Voltage above the reference, shape (nodes,)."""
@@ -172,7 +169,7 @@ class _Circuit:
     def voltage(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Node voltages above ground."""
         solved = self.system.unknown >= 0
-        return np.where(solved, self.system.reference + self.height(x), self.system.known)
+        return np.where(solved, self.system.reference + self.height(x), self.system.known_voltages())
 
     def drops(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Voltage across every element, shape (resistors + nonlinear resistors,)."""
@@ -192,8 +189,8 @@ class _Circuit:
         high = np.abs(self.height(x))
         error = 4 * _EPS * (self.slopes(d) * (high[self.ends[:, 0]] + high[self.ends[:, 1]]) + np.abs(amps))
         excess, noise = -self.system.injected, 4 * _EPS * np.abs(self.system.injected)
-        for column, sign in ((0, 1.0), (1, -1.0)):
-            row = self.rows[:, column]
+        for end, sign in zip(self.ends.T, (1.0, -1.0), strict=True):
+            row = self.system.unknown[end]
             solved = row >= 0
             excess = excess + sign * np.bincount(row[solved], amps[solved], len(excess))
             noise = noise + np.bincount(row[solved], error[solved], len(excess))

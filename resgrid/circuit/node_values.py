@@ -86,10 +86,11 @@ def _drop_and_height(rails: Rails, factors: Factor | None, watch: Watch, team: T
     All that flows into the low rail comes from the high one: ``to_low * height`` is at most the sum of ``to_high``.
     Where that says that both are needed, they are solved at once.
     """
-    if team.size > 1 and rails.to_high.sum() < _LEAST_REST * rails.to_low.max(initial=0.0):
-        drop, height = _solved(factors, [rails.to_low, rails.to_high], watch, team)
+    to_low = rails.to_low
+    if team.size > 1 and (to_high := rails.to_high).sum() < _LEAST_REST * to_low.max(initial=0.0):
+        drop, height = _solved(factors, [to_low, to_high], watch, team)
         return drop, None if _leaves_rest(drop) else height
-    (drop,) = _solved(factors, [rails.to_low], watch, team)
+    (drop,) = _solved(factors, [to_low], watch, team)
     return drop, None if _leaves_rest(drop) else _solved(factors, [rails.to_high], watch, team)[0]
 
 
@@ -120,10 +121,11 @@ def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | Non
     nodes = len(system.unknown)
     out, down = _zeros(nodes), np.zeros(nodes, dtype=np.bool_)
     own = height if height is not None else _zeros(0)
+    known = system.known_voltages()
 
     def spread(piece: slice) -> None:
-        row, known = system.unknown[piece], system.known[piece]
-        from_nearer_rail(row, known, rails.low, rails.high, drop, own, out.at(piece), down[piece])
+        row = system.unknown[piece]
+        from_nearer_rail(row, known[piece], rails.low, rails.high, drop, own, out.at(piece), down[piece])
 
     team.over(nodes, spread)
     value = Scaled(out.hi, out.lo, out.exponent, drop.noise)
@@ -136,10 +138,10 @@ def _above(system: Equations, rows: Scaled, volts: float, team: Team) -> NodeVal
     from resgrid.circuit.kernels import from_one_rail
 
     nodes, forest = len(system.unknown), system.forest
-    out = _zeros(nodes)
+    out, known = _zeros(nodes), system.known_voltages()
 
     def spread(piece: slice) -> None:
-        from_one_rail(system.unknown[piece], system.known[piece], system.reference, volts, rows, out.at(piece))
+        from_one_rail(system.unknown[piece], known[piece], system.reference, volts, rows, out.at(piece))
 
     team.over(nodes, spread)
     lifted = (forest.height != 0) & (system.unknown[forest.order] >= 0)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,20 +118,14 @@ def _drops(netlist: Netlist, voltage: NDArray[np.float64]) -> NDArray[np.float64
 
 def _in_place(netlist: Netlist, point: OperatingPoint, change: float, seconds: float) -> OperatingPoint:
     """The operating point of the linear circuit as that of the nonlinear one."""
-    m = len(netlist.conductance)
+    m, log = len(netlist.conductance), point.resistor_log_current
     return dataclasses.replace(
         point,
         netlist=netlist,
         entry_error=np.inf,
-        ammeters=dataclasses.replace(
-            point.readings,
-            resistor_current=point.resistor_current[:m],
-            log_current=partial(np.asarray, point.resistor_log_current[:m]),
-            resistor_direction=point.resistor_direction[:m],
-            kcl_residual=max(point.kcl_residual, change),
-        ),
+        ammeters=point.readings.of_first(m, max(point.kcl_residual, change)),
         nonlinear_amps=point.resistor_current[m:],
-        nonlinear_log_amps=point.resistor_log_current[m:],
+        nonlinear_log_amps=log[m:],
         nonlinear_direction=point.resistor_direction[m:],
         method=f"newton, {point.method}",
         seconds={"newton": seconds, **point.seconds},

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.frozen import frozen, picture_html
 from resgrid.netlist import Netlist
+from resgrid.solvers.extended import logarithm
 
 _DIRECT_CURRENT = (
     "node_count", "resistor_nodes", "conductance", "source_nodes", "source_volts", "current_nodes", "current_amps",
@@ -24,8 +24,7 @@ class Readings:
     """What the ammeters read, and whether it adds up.
 
     `resistor_current, resistor_direction, source_current, power, kcl_residual`: as the attributes of
-    `OperatingPoint`; `log_current`: takes `OperatingPoint.resistor_log_current` when first asked for; None where no
-    current underflows.
+    `OperatingPoint`; `scaled`: mantissas and exponents of the currents, in factors of 2**256, where some underflow.
     """
 
     resistor_current: NDArray[np.float64]
@@ -33,37 +32,47 @@ class Readings:
     source_current: NDArray[np.float64]
     power: float
     kcl_residual: float
-    log_current: Callable[[], NDArray[np.float64]] | None = None
+    scaled: tuple[NDArray[np.float64], NDArray[np.int64]] | None = None
 
     def __post_init__(self) -> None:
         for array in (self.resistor_current, self.resistor_direction, self.source_current):
             array.flags.writeable = False
 
-    @cached_property
+    @property
     def resistor_log_current(self) -> NDArray[np.float64]:
-        """As the attribute of `OperatingPoint`."""
-        if self.log_current is not None:
-            log = self.log_current()
-        else:
-            with np.errstate(divide="ignore"):
-                log = np.log(np.abs(self.resistor_current))
-        log.flags.writeable = False
-        return log
+        """As the attribute of `OperatingPoint`; computed anew."""
+        if self.scaled is not None:
+            return logarithm(np.abs(self.scaled[0]), self.scaled[1])
+        with np.errstate(divide="ignore"):
+            return np.log(np.abs(self.resistor_current))
+
+    def of_first(self, count: int, kcl_residual: float) -> Readings:
+        """Those of the first resistors alone, and what is said of KCL then."""
+        return replace(
+            self,
+            resistor_current=self.resistor_current[:count],
+            resistor_direction=self.resistor_direction[:count],
+            kcl_residual=kcl_residual,
+            scaled=None if self.scaled is None else (self.scaled[0][:count], self.scaled[1][:count]),
+        )
 
 
-@dataclass(frozen=True, eq=False)
 class Ammeters:
-    """Readings that are taken when first asked for, and kept.
+    """Readings that are taken when they are asked for the first time, and remembered.
 
-    `read`: takes the readings, the same ones every time.
+    `taken`: the readings; None until then.
     """
 
-    read: Callable[[], Readings]
+    def __init__(self, read: Callable[[], Readings]) -> None:
+        self._read = read
+        self.taken: Readings | None = None
 
-    @cached_property
+    @property
     def readings(self) -> Readings:
-        """The readings."""
-        return self.read()
+        """The readings; two threads that ask at once may both take them, and find the same."""
+        if self.taken is None:
+            self.taken = self._read()
+        return self.taken
 
 
 @frozen

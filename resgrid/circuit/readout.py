@@ -19,7 +19,7 @@ from resgrid.circuit.operating_point import Ammeters, OperatingPoint, Readings
 from resgrid.circuit.sources import SourceForest, source_currents
 from resgrid.errors import CircuitError
 from resgrid.netlist import GROUND, Netlist
-from resgrid.solvers.extended import Scaled, canonical, logarithm, power
+from resgrid.solvers.extended import Scaled, canonical, power
 from resgrid.solvers.team import ALONE, Team
 
 OUT_OF_RANGE = (
@@ -205,17 +205,13 @@ def _taken(
     team.over(len(amps), lambda some: np.copyto(direction[some], np.sign(amps[some]), casting="unsafe"))
     readings = Readings(
         resistor_current=amps if plain else amps * power(exponent),
-        log_current=None if plain else partial(_log_current, amps, exponent),
+        scaled=None if plain else (amps, exponent),
         resistor_direction=direction,
         source_current=source_currents(netlist, forest, -sums.net * scale, sums.through * scale),
         power=float(power_sum),
         kcl_residual=float(residual.max(initial=0.0)),
     )
     return readings, residual
-
-
-def _log_current(amps: NDArray[np.float64], exponent: NDArray[np.int64]) -> NDArray[np.float64]:
-    return logarithm(np.abs(amps), exponent)
 
 
 def _plain_where_possible(values: NodeValues, netlist: Netlist) -> tuple[Scaled, bool]:
@@ -304,4 +300,4 @@ def _voltage(system: Equations, values: NodeValues) -> NDArray[np.float64]:
         raise CircuitError(OUT_OF_RANGE)
     if system.rails is not None:
         volts = np.where(values.down, system.rails.high - values.volts * plain, volts)
-    return np.where(system.unknown >= 0, volts, system.known)
+    return np.where(system.unknown >= 0, volts, system.known_voltages())

@@ -18,6 +18,7 @@ and no mode is ever jumped over.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,9 +33,14 @@ METHODS = ("backward_euler", "trapezoidal", "tr-bdf2")
 _ROOT2 = float(np.sqrt(2.0))
 _MOST_STEPS = 10_000_000
 _KEPT = 4
-_RTOL = 1e-11
+RTOL = 1e-11
+"""Normwise backward error of every solution within a step."""
+
+Step = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+"""Solves ``(G + rate C) x = rhs`` at the rate of a step."""
 
 Solve = Callable[[float, NDArray[np.float64]], NDArray[np.float64]]
+"""The same at any rate, which comes first."""
 
 State = tuple[NDArray[np.float64], NDArray[np.float64], int]
 """State, its integral since 0+, and the number of steps taken."""
@@ -62,33 +68,36 @@ class Resolvents:
             while len(self._factors) >= _KEPT:
                 del self._factors[next(iter(self._factors))]
         self._factors[rate] = factors
-        return factors.solve(rhs, rtol=_RTOL)
+        return factors.solve(rhs, rtol=RTOL)
+
+
+def rate_of(method: str, h: float) -> float:
+    """What capacitances count by in the matrix of a step, in 1/s; either stage of TR-BDF2 has the same."""
+    return {"backward_euler": 1.0, "trapezoidal": 2.0, "tr-bdf2": 2.0 + _ROOT2}[method] / h
 
 
 def advance(
-    dynamics: Dynamics, method: str, x: NDArray[np.float64], h: float, solve: Solve
+    dynamics: Dynamics, method: str, x: NDArray[np.float64], h: float, solve: Step
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Make one step.  Shapes: `x` (n,); returns `after` (n,), `integral` (n,)."""
+    half = solve(dynamics.imbalance(x))
     if method == "backward_euler":
-        after = x + solve(1.0 / h, dynamics.imbalance(x))
+        after = x + half
         return after, h * after
     if method == "trapezoidal":
-        half = solve(2.0 / h, dynamics.imbalance(x))
         return x + 2.0 * half, h * (x + half)
-    rate = (2.0 + _ROOT2) / h
-    half = solve(rate, dynamics.imbalance(x))
     between, past = x + 2.0 * half, x + (_ROOT2 + 1.0) * half
-    after = past + solve(rate, dynamics.imbalance(past))
+    after = past + solve(dynamics.imbalance(past))
     return after, h * (_ROOT2 / 4.0 * (x + between) + (1.0 - _ROOT2 / 2.0) * after)
 
 
-def advance_by_sums(dynamics: Dynamics, x: NDArray[np.float64], h: float, solve: Solve) -> NDArray[np.float64]:
-    """State after one step of backward Euler, found without a subtraction where every capacitor goes to a rail.
+def advance_by_sums(dynamics: Dynamics, x: NDArray[np.float64], h: float, solve: Step) -> NDArray[np.float64]:
+    """State after one step of backward Euler, where every capacitor goes to a rail: nothing is subtracted then.
 
     Voltages of one sign that span many decades keep their relative accuracy then, each of them.  Nothing is lost by
     rounding either, for ``rate C x`` holds nothing that would have to cancel.
     """
-    return solve(1.0 / h, dynamics.capacitance.diagonal * x / h + dynamics.drive)
+    return solve(dynamics.capacitance.ground * x / h + dynamics.drive)
 
 
 def fixed_steps(
@@ -107,7 +116,8 @@ def fixed_steps(
         for _ in range(count):
             damped = method == "trapezoidal" and taken < 2
             for length in (h / 2, h / 2) if damped else (h,):
-                x, part = advance(dynamics, "backward_euler" if damped else method, x, length, solve)
+                rule = "backward_euler" if damped else method
+                x, part = advance(dynamics, rule, x, length, partial(solve, rate_of(rule, length)))
                 integral = integral + part
             taken += 1
         now = time
@@ -157,9 +167,10 @@ def controlled_steps(
         if not waiting:
             return
         h = 2.0**exponent
-        whole, at_once = advance(dynamics, method, x, h, solve)
-        half, first = advance(dynamics, method, x, h / 2, solve)
-        after, second = advance(dynamics, method, half, h / 2, solve)
+        whole, at_once = advance(dynamics, method, x, h, partial(solve, rate_of(method, h)))
+        by_half = partial(solve, rate_of(method, h / 2))
+        half, first = advance(dynamics, method, x, h / 2, by_half)
+        after, second = advance(dynamics, method, half, h / 2, by_half)
         increment = first + second
         reached = _range(dynamics, half) if now + h / 2 <= end else (low, high)
         lowest, highest = min(low, reached[0]), max(high, reached[1])
@@ -225,7 +236,7 @@ def _first_exponent(
         if not 0.0 < size < np.inf:
             break
         logs.append(np.log(size))
-        current = -charges.dynamics.conductance.times(slope / size)
+        current = -charges.dynamics.branches.times(slope / size)
     steps = [np.log(max(longest, np.finfo(np.float64).tiny))]
     if len(logs) == order + 1:
         at_rest = (np.log(share) + logs[0] - sum(logs)) / order

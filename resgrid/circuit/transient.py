@@ -8,14 +8,24 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import check_number
-from resgrid.circuit.dynamics import Dynamics, EnergyMeter, dynamics_of
-from resgrid.circuit.initial import Charges, initial_state, real_numbers
+from resgrid.circuit.dynamics import Dynamics, EnergyMeter, dynamics_of, factor_resolvent
+from resgrid.circuit.initial import charges_of, initial_state, real_numbers
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.circuit.stepping import METHODS, Resolvents, Solve, advance, advance_by_sums, controlled_steps, fixed_steps
+from resgrid.circuit.stepping import (
+    METHODS,
+    RTOL,
+    Resolvents,
+    advance,
+    advance_by_sums,
+    controlled_steps,
+    fixed_steps,
+    rate_of,
+)
 from resgrid.errors import InputError
 from resgrid.frozen import frozen
 from resgrid.netlist import Netlist
 from resgrid.solvers import choose as methods
+from resgrid.solvers.factors.factor import Factor
 
 
 @frozen
@@ -65,16 +75,18 @@ class TransientStepper:
         In seconds.
     method : str
         The method of integration.
+    factors : Factor or None
+        Of the matrix of every step; None where nothing is to be solved.
     """
 
     dynamics: Dynamics
     step: float
     method: str
-    _solve: Solve = field(repr=False)
+    factors: Factor | None = field(repr=False)
 
     def start(self, initial: OperatingPoint | ArrayLike | None = None) -> NDArray[np.float64]:
         """Node voltages at time 0+, shape (nodes,), in volts; ``initial`` as in `transient`."""
-        return self.dynamics.voltage(initial_state(self.dynamics, initial))
+        return self.dynamics.voltage(initial_state(charges_of(self.dynamics), initial))
 
     def advance(self, voltage: ArrayLike) -> NDArray[np.float64]:
         """Node voltages one step after ``voltage``, which `start` or `advance` returned; shape (nodes,), in volts.
@@ -88,11 +100,14 @@ class TransientStepper:
             If the voltage is not one finite number for every node that is solved for.
         """
         dynamics, x = self.dynamics, self.dynamics.state(_checked_voltage(self.dynamics, voltage))
-        if self.method == "backward_euler" and dynamics.capacitance.edges.nnz == 0:
+        if self.method == "backward_euler" and dynamics.apart:
             after = advance_by_sums(dynamics, x, self.step, self._solve)
         else:
             after, _ = advance(dynamics, self.method, x, self.step, self._solve)
         return dynamics.voltage(after)
+
+    def _solve(self, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
+        return rhs if self.factors is None else self.factors.solve(rhs, rtol=RTOL)
 
 
 def transient(
@@ -160,8 +175,8 @@ def transient(
     check_number("tolerance", tolerance, "a number between 1e-12 and 1", least=1e-12, below=1.0)
     dynamics = dynamics_of(netlist)
     resolvents = Resolvents(dynamics, solver)
-    charges = Charges(dynamics)
-    x = initial_state(dynamics, initial, charges)
+    charges = charges_of(dynamics)
+    x = initial_state(charges, initial)
     meter = EnergyMeter(dynamics)
     voltage = np.empty((len(when), netlist.node_count))
     energy, stored = np.empty(len(when)), np.empty(len(when))
@@ -216,7 +231,8 @@ def transient_stepper(
     _check_step(step)
     _check_options(method, solver)
     dynamics = dynamics_of(netlist)
-    return TransientStepper(dynamics, float(step), method, Resolvents(dynamics, solver))
+    factors = factor_resolvent(dynamics, rate_of(method, float(step)), solver) if dynamics.size else None
+    return TransientStepper(dynamics, float(step), method, factors)
 
 
 def _checked_times(times: ArrayLike) -> NDArray[np.float64]:

@@ -7,7 +7,6 @@ What a change of cells does to the equations is found in a window around it, by 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -61,9 +60,9 @@ class WarmPoint:
     iterations: int
     backward_error: float
 
-    @cached_property
+    @property
     def netlist(self) -> Netlist:
-        """The circuit, compiled when it is asked for."""
+        """The circuit, compiled whenever it is asked for."""
         return compile_space(self.space, self.wiring)
 
     def operating_point(self, accuracy: str = "normwise") -> OperatingPoint:
@@ -78,11 +77,12 @@ class WarmPoint:
         -------
         OperatingPoint
         """
+        netlist = self.netlist
         if accuracy != "normwise":
-            return solve_linear(self.netlist, accuracy=accuracy, method="auto", rtol=1e-10)
-        system = assemble(self.netlist)
+            return solve_linear(netlist, accuracy=accuracy, method="auto", rtol=1e-10)
+        system = assemble(netlist)
         x = np.empty(system.size)
-        node = self.netlist.cells.node
+        node = netlist.cells.node
         row = np.where(node >= 0, system.unknown[node], -1)
         x[row[row >= 0]] = self.voltage[row >= 0] - system.reference
         point = read_normwise(system, x, "multigrid", {})

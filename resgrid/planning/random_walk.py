@@ -111,7 +111,7 @@ def random_walk(circuit: Netlist | OperatingPoint | RandomWalk, *, method: str =
     node_goal = np.full(netlist.node_count, -1, dtype=np.int64)
     goals = space.cell == Cell.GOAL
     node_goal[cells.node[goals]] = space.goal_region[goals]
-    if np.any(np.isnan(system.known[node_goal >= 0])):
+    if np.any(np.isnan(system.known_voltages()[node_goal >= 0])):
         raise InputError("a goal cell is tied to its rail by more than an ideal source, so that no walk ends there")
     row = np.where((space.cell == Cell.FREE) & (cells.node >= 0), system.unknown[cells.node], -1)
     return RandomWalk(cells, factors, row, _to_goal(netlist, node_goal, system.unknown, system.size))

@@ -12,11 +12,11 @@ import numpy as np
 
 from resgrid.budget import require_memory
 from resgrid.errors import InputError
-from resgrid.solvers.decay import VOLUME, foresee_decades, h_transform_pays, h_transform_reaches
+from resgrid.solvers.decay import VOLUME, Fall, foresee_decades, h_transform_pays
 from resgrid.solvers.factors.direct import EXACT_ROWS, factor_direct
-from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.factors.factor import Factor, Residual
 from resgrid.solvers.factors.multigrid import factor_multigrid
-from resgrid.solvers.laplacian import Laplacian, count_connections
+from resgrid.solvers.laplacian import Connections, Laplacian, count_connections
 from resgrid.solvers.star_mesh import ReducedFactor, may_shrink, shrink
 from resgrid.solvers.supernodal import ON_ROWS, Symbolic, order_by_degree, order_by_distance
 from resgrid.solvers.team import ALONE, Team
@@ -61,10 +61,17 @@ ROOM = 20.0
 
 
 class Choice(NamedTuple):
-    """A method, and the order of a direct one, if it has been found; None where the first that suits is to be taken."""
+    """A method for a laplacian, and what was found out on the way to it.
 
+    `laplacian`: with its rows, where they had to be made; `found`: counts over it; `method`; `order`: of a direct
+    method; None where the first that suits is to be taken; `fall`: of the potential, where it was foreseen.
+    """
+
+    laplacian: Laplacian
+    found: Connections
     method: str
-    order: Symbolic | None
+    order: Symbolic | None = None
+    fall: Fall | None = None
 
 
 _SMALL = 2000
@@ -87,48 +94,76 @@ _REDUCING = 220.0
 
 
 def factor_laplacian(
-    laplacian: Laplacian, method: str, *, reduce: bool = True, accuracy: str = "direction", team: Team = ALONE
+    laplacian: Laplacian,
+    method: str,
+    *,
+    reduce: bool = True,
+    accuracy: str = "direction",
+    both: bool = False,
+    team: Team = ALONE,
 ) -> Factor:
     """Make a system ready to be solved, on a team's threads, unless it would not fit in memory.
 
     Nodes with at most two neighbours are eliminated first where that pays (`resgrid.solvers.star_mesh`), which it does
     not for directions along large mazes (`resgrid.solvers.supernodal`); the method then solves what is left.  Where
     nothing is left, the factor's name is ``"elimination"`` whatever was asked for.
+
+    With an ``accuracy`` of ``"direction"`` it is made ready for answers that are right entry by entry, or for ``both``.
     """
     if method != "auto" and method not in METHODS:
         raise InputError(f"method = {method!r} is unknown; it may be one of auto, {', '.join(METHODS)}")
-    if team.size > 1 and laplacian.grid is not None:
-        count_connections(laplacian, team)
-    if reduce and may_shrink(laplacian):
-        long = _along_corridors(laplacian, method, accuracy) if laplacian.size >= _LONG else None
+    if laplacian.grid is None or not laplacian.grid.simple:
+        laplacian = laplacian.with_rows(ordered=False)
+    found = count_connections(laplacian, team)
+    if reduce and may_shrink(laplacian, found):
+        laplacian = laplacian.with_rows()
+        long = _along_corridors(laplacian, found, method, accuracy) if laplacian.size >= _LONG else None
         if long is not None:
-            return _factor_whole(laplacian, long, accuracy, team)
+            return _factor_whole(long, accuracy, both, team)
         _require(_REDUCING * laplacian.size, laplacian, "elimination")
         mesh, core = shrink(laplacian)
         if core is None:
-            return ReducedFactor(laplacian, mesh, None)
+            return ReducedFactor(laplacian, mesh, None, _plain(laplacian, accuracy, both))
         if mesh.count >= _FAIR_SHARE * laplacian.size:
-            inner = _factor_whole(core, _choose(core, method, accuracy), accuracy, team)
-            return ReducedFactor(laplacian, mesh, inner)
-    return _factor_whole(laplacian, _choose(laplacian, method, accuracy), accuracy, team)
+            choice = _choose(core, count_connections(core), method, accuracy)
+            inner = _factor_whole(choice, accuracy, both, team)
+            return ReducedFactor(laplacian, mesh, inner, _plain(laplacian, accuracy, both))
+    return _factor_whole(_choose(laplacian, found, method, accuracy), accuracy, both, team)
 
 
-def _along_corridors(laplacian: Laplacian, method: str, accuracy: str) -> Choice | None:
+def _along_corridors(laplacian: Laplacian, found: Connections, method: str, accuracy: str) -> Choice | None:
     """The direct method, where that takes less time than rows are eliminated and put back."""
     if accuracy != "direction" or method == "multigrid":
         return None
-    name, order = _choose(laplacian, method, accuracy)
-    order = order_by_distance(laplacian) if order is None and name == "direct" else order
-    return None if order is None else Choice("direct", order)
+    choice = _choose(laplacian, found, method, accuracy)
+    if choice.method != "direct":
+        return None
+    order = choice.order or order_by_distance(laplacian)
+    return None if order is None else choice._replace(order=order)
 
 
-def _factor_whole(laplacian: Laplacian, choice: Choice, accuracy: str, team: Team) -> Factor:
+def _factor_whole(choice: Choice, accuracy: str, both: bool, team: Team) -> Factor:
+    laplacian = choice.laplacian
     if choice.method == "multigrid":
-        _require(estimate_memory(laplacian, "multigrid", accuracy), laplacian, "multigrid")
-        return factor_multigrid(laplacian, accuracy, team)
+        fall = _fall(choice, accuracy)
+        _require(_multigrid_memory(choice, fall), laplacian, "multigrid")
+        return factor_multigrid(laplacian, fall, both=both, team=team)
+    laplacian = laplacian.with_rows()
     order = choice.order or order_by_distance(laplacian)
     _require(order.memory if order is not None else wide_memory(laplacian), laplacian, "direct")
-    return factor_direct(laplacian, order or order_by_degree(laplacian))
+    return factor_direct(laplacian, order or order_by_degree(laplacian), _plain(laplacian, accuracy, both))
+
+
+def _plain(laplacian: Laplacian, accuracy: str, both: bool) -> Residual | None:
+    """What normwise answers are judged by, where they will be asked for; the others do without scipy."""
+    return Residual.of(laplacian) if both or accuracy == "normwise" else None
+
+
+def _fall(choice: Choice, accuracy: str) -> Fall | None:
+    """By how much the potential falls, where directions are asked for."""
+    if accuracy != "direction":
+        return None
+    return choice.fall or foresee_decades(choice.laplacian, choice.found)
 
 
 def _require(needed: float, laplacian: Laplacian, name: str) -> None:
@@ -146,46 +181,49 @@ def choose_method(laplacian: Laplacian, accuracy: str = "direction") -> str:
     grid stands for them; and between two rails where the potential falls by more decades than refinement wins back in
     that time, some twelve a pass.
     """
-    return _choose(laplacian, "auto", accuracy).method
+    return _choose(laplacian, count_connections(laplacian), "auto", accuracy).method
 
 
-def _choose(laplacian: Laplacian, method: str, accuracy: str) -> Choice:
-    """As `choose_method`, with the order of elimination that was found on the way."""
+def _choose(laplacian: Laplacian, found: Connections, method: str, accuracy: str) -> Choice:
+    """As `choose_method`, with what was found on the way."""
+    direct, multigrid = Choice(laplacian, found, "direct"), Choice(laplacian, found, "multigrid")
     if method != "auto":
-        return Choice(method, None)
-    found = count_connections(laplacian)
+        return direct if method == "direct" else multigrid
     if laplacian.size < _SMALL or not found.entries:
-        return Choice("direct", None)
+        return direct
     if found.weak > (_ROUGH_VOLUME if found.entries > VOLUME * laplacian.size else _ROUGH):
-        return Choice("direct", None)
-    return _direct_in_time(laplacian) if accuracy == "direction" else Choice("multigrid", None)
+        return direct
+    return _direct_in_time(laplacian, found) if accuracy == "direction" else multigrid
 
 
-def _direct_in_time(laplacian: Laplacian) -> Choice:
+def _direct_in_time(laplacian: Laplacian, found: Connections) -> Choice:
     """The direct method in the order by distance or by degree, if it takes less time than multigrid would."""
-    decades = _LEAST_DECADES
-    seconds = multigrid_seconds(laplacian, decades)
-    along = corridor_seconds(laplacian, corridor_width(laplacian))
+    fall, decades, width = None, _LEAST_DECADES, corridor_width(laplacian, found)
+    seconds = multigrid_seconds(laplacian, width, decades)
+    along = corridor_seconds(laplacian, width)
     if laplacian.rails is not None and not along < seconds:
-        decades = foresee_decades(laplacian).most
-        seconds = multigrid_seconds(laplacian, decades, scaled=h_transform_reaches(laplacian))
+        fall = foresee_decades(laplacian, found)
+        decades = fall.most
+        seconds = multigrid_seconds(laplacian, width, decades, scaled=fall.in_reach)
     if decades > _MOST_DECADES:
-        return Choice("direct", None)
+        return Choice(laplacian, found, "direct")
+    most = most_entries(laplacian, seconds)
+    if along < seconds or most > 0.0:
+        laplacian = laplacian.with_rows()
     if along < seconds:
         narrow = order_by_distance(laplacian)
         if narrow is not None and direct_seconds(narrow) < seconds:
-            return Choice("direct", narrow)
-    most = most_entries(laplacian, seconds)
+            return Choice(laplacian, found, "direct", narrow)
     wide = order_by_degree(laplacian, most) if most > 0.0 else None
     if wide is not None and direct_seconds(wide) + SECONDS.order * laplacian.size < seconds:
-        return Choice("direct", wide)
-    return Choice("multigrid", None)
+        return Choice(laplacian, found, "direct", wide)
+    return Choice(laplacian, found, "multigrid", fall=fall)
 
 
-def corridor_width(laplacian: Laplacian) -> float:
+def corridor_width(laplacian: Laplacian, found: Connections) -> float:
     """Cells across the corridors of a maze whose nodes have as many neighbours on average; infinite in the open."""
     dimensions = laplacian.dimensions
-    missing = 2.0 * dimensions - count_connections(laplacian).entries / laplacian.size
+    missing = 2.0 * dimensions - found.entries / laplacian.size
     return 2.0 * (dimensions - 1) / missing if missing > 0.0 else np.inf
 
 
@@ -211,9 +249,9 @@ def most_entries(laplacian: Laplacian, seconds: float) -> float:
     return max(left, 0.0) / SECONDS.entry
 
 
-def multigrid_seconds(laplacian: Laplacian, decades: float, *, scaled: bool = True) -> float:
-    """Time of directions by multigrid; ``scaled``: whether an h-transform reaches all the decades."""
-    mazy = corridor_width(laplacian) < ROOM
+def multigrid_seconds(laplacian: Laplacian, width: float, decades: float, *, scaled: bool = True) -> float:
+    """Time of directions by multigrid, by the width of corridors; ``scaled``: an h-transform reaches all decades."""
+    mazy = width < ROOM
     if laplacian.rails is None:
         a_row = SECONDS.fed_netlist if laplacian.grid is None else SECONDS.fed_mazy if mazy else SECONDS.fed
     elif laplacian.grid is None:
@@ -224,20 +262,27 @@ def multigrid_seconds(laplacian: Laplacian, decades: float, *, scaled: bool = Tr
     return SECONDS.levels + a_row * laplacian.size
 
 
-def estimate_memory(laplacian: Laplacian, method: str, accuracy: str = "direction") -> float:
+def estimate_memory(laplacian: Laplacian, method: str = "auto", accuracy: str = "direction") -> float:
     """Estimate the peak memory of a method above the netlist, in bytes.
 
     Entries of narrow circuits' factors are counted (`resgrid.solvers.supernodal`).  Those of multigrid are a tenth
     above what was measured on grids, which do without compressed rows, and on other netlists; directions take rows and
     scaled numbers besides, and with an h-transform, as in most planes, a second set of them.
     """
-    if method == "multigrid":
-        on_nodes, on_entries = (100.0, 12.0) if laplacian.grid is not None else (230.0, 22.0)
-        if accuracy == "direction":
-            on_nodes, on_entries = on_nodes + (120.0 if h_transform_pays(laplacian) else 60.0), on_entries + 18.0
-        return on_nodes * laplacian.size + on_entries * count_connections(laplacian).entries
-    narrow = order_by_distance(laplacian)
+    choice = _choose(laplacian, count_connections(laplacian), method, accuracy)
+    if choice.method == "multigrid":
+        return _multigrid_memory(choice, _fall(choice, accuracy))
+    narrow = order_by_distance(choice.laplacian)
     return narrow.memory if narrow is not None else wide_memory(laplacian)
+
+
+def _multigrid_memory(choice: Choice, fall: Fall | None) -> float:
+    """The same of multigrid, for directions where the fall of the potential is foreseen."""
+    laplacian = choice.laplacian
+    on_nodes, on_entries = (100.0, 12.0) if laplacian.grid is not None else (230.0, 22.0)
+    if fall is not None:
+        on_nodes, on_entries = on_nodes + (120.0 if h_transform_pays(laplacian, fall) else 60.0), on_entries + 18.0
+    return on_nodes * laplacian.size + on_entries * choice.found.entries
 
 
 def wide_memory(laplacian: Laplacian) -> float:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian, Rails, count_connections, once
+from resgrid.solvers.laplacian import Connections, EdgeList, Grid, Laplacian
 
 if TYPE_CHECKING:
     from scipy import sparse
@@ -61,28 +61,38 @@ class Fall(NamedTuple):
     (`resgrid.solvers.multigrid.local`); `whole`: in all.
     """
 
-    near: float
-    most: float
-    whole: float
+    near: float = 0.0
+    most: float = 0.0
+    whole: float = 0.0
+
+    @property
+    def in_slit(self) -> float:
+        """Decades in a slit around the low rail; 0 where it lies in none."""
+        return self.near if self.near > _STEEP else 0.0
+
+    @property
+    def in_reach(self) -> bool:
+        """Whether they are no more than levels can be scaled for by an h-transform."""
+        return self.whole <= MOST_DECADES
 
 
-@once
-def foresee_decades(laplacian: Laplacian) -> Fall:
+def foresee_decades(laplacian: Laplacian, found: Connections) -> Fall:
     """Rough number of decades that a potential between two rails falls over the graph; 0 for other circuits.
 
     Along a corridor ``w`` cells wide it falls by ``exp(-pi sqrt(d) / w)`` a cell, in ``d = 1`` or 2 cross dimensions;
     behind walls of ``k`` times the resistance between cells by ``exp(-sqrt(2 d / (k w)))`` where that is less.  On 20
     spaces and maps the estimate was 0.9 to 1.7 times the true number, in volumes 2 times.
     """
-    if laplacian.rails is None or not count_connections(laplacian).entries:
-        return Fall(0.0, 0.0, 0.0)
-    cross = 2.0 if count_connections(laplacian).entries > VOLUME * laplacian.size else 1.0
+    rails = laplacian.rails
+    if rails is None or not found.entries:
+        return Fall()
+    cross = 2.0 if found.entries > VOLUME * laplacian.size else 1.0
     rounds = 1 if laplacian.grid is not None else _ROUNDS
-    wall = _wall(laplacian, laplacian.rails)
+    to_low, to_high = rails.to_low, rails.to_high
+    wall = _wall(found.mean, to_high[to_high > 0])
     rest = min(_MOST_REST, laplacian.size // _SHARE_OF_REST)
-    factors = decay(
-        _places(laplacian, laplacian.rails), np.pi * np.sqrt(cross), wall / (2.0 * cross), rounds, _FIRST, rest
-    )
+    places = _places(laplacian, to_low > 0, to_high > 0)
+    factors = decay(places, np.pi * np.sqrt(cross), wall / (2.0 * cross), rounds, _FIRST, rest)
     return Fall(*(float(WHOLE_STEPS * factor / np.log(10.0)) for factor in factors))
 
 
@@ -111,15 +121,17 @@ def costs_by_depth(deepest: int, rate: float, wall: float) -> NDArray[np.int32]:
     return costs
 
 
-def _wall(laplacian: Laplacian, rails: Rails) -> float:
-    """Mean resistance before the high rail beyond that between nodes, and as a multiple of that."""
-    tied = rails.to_high[rails.to_high > 0]
-    return max(count_connections(laplacian).mean / float(tied.mean()) - 1.0, 0.0) if tied.size else 0.0
+def _wall(mean: float, tied: NDArray[np.float64]) -> float:
+    """Mean resistance before the high rail beyond that between nodes, and as a multiple of that.
+
+    Shapes: `tied` (rows there,): conductances to the rail.
+    """
+    return max(mean / float(tied.mean()) - 1.0, 0.0) if tied.size else 0.0
 
 
-def _places(laplacian: Laplacian, rails: Rails) -> Places:
+def _places(laplacian: Laplacian, low: NDArray[np.bool_], high: NDArray[np.bool_]) -> Places:
     """The rows as a graph, or, where most cells of a grid are rows, as its cells: these need no compressed rows."""
-    low, high, grid, listed = rails.to_low > 0, rails.to_high > 0, laplacian.grid, laplacian.listed
+    grid, listed = laplacian.grid, laplacian.listed
     if grid is None or listed is None or any(grid.periodic) or grid.vertex.size > _SPARSE * laplacian.size:
         return _of_graph(laplacian.rows, low, high)
     return _of_grid(grid, listed, low, high)
@@ -141,20 +153,9 @@ def _of_grid(grid: Grid, listed: EdgeList, low: NDArray[np.bool_], high: NDArray
     return Places(row >= 0, low, high, none, none, np.concatenate([-strides, strides]))
 
 
-def h_transform_reaches(laplacian: Laplacian) -> bool:
-    """Whether the potential falls by no more decades than levels can be scaled for."""
-    return foresee_decades(laplacian).whole <= MOST_DECADES
-
-
-def h_transform_pays(laplacian: Laplacian) -> bool:
+def h_transform_pays(laplacian: Laplacian, fall: Fall) -> bool:
     """Whether levels are scaled by the h-transform: it may be done, and saves more time than it takes."""
     if laplacian.rails is None or laplacian.grid is None or laplacian.dimensions not in (2, 3):
         return False
     far = _FAR_IN_VOLUMES if laplacian.dimensions > 2 else _FAR + _FIXED / laplacian.size
-    return h_transform_reaches(laplacian) and foresee_decades(laplacian).most - decades_in_slit(laplacian) >= far
-
-
-def decades_in_slit(laplacian: Laplacian) -> float:
-    """Decades that the potential falls in a slit around the low rail; 0 where it lies in none."""
-    near = foresee_decades(laplacian).near
-    return near if near > _STEEP else 0.0
+    return fall.in_reach and fall.most - fall.in_slit >= far

@@ -5,10 +5,8 @@ Beside it the few numbers that a method is chosen by.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property, partial, wraps
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +16,6 @@ from resgrid.solvers.team import ALONE, Team, pieces
 
 if TYPE_CHECKING:
     from scipy import sparse
-
-_Found = TypeVar("_Found")
 
 _MOST_ENTRIES = 2**31 - 1
 
@@ -70,6 +66,13 @@ class Rows(NamedTuple):
             array.has_sorted_indices = array.has_canonical_format = True
         return array
 
+    @property
+    def pairs(self) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+        """Every pair of rows once, (m, 2), the lower one first, and its conductance (m,)."""
+        row = np.repeat(np.arange(len(self.indptr) - 1, dtype=np.int32), np.diff(self.indptr))
+        upper = self.indices > row
+        return np.stack([row[upper], self.indices[upper]], axis=1), self.data[upper]
+
 
 class Conductances(NamedTuple):
     """A matrix as loops take it, in siemens: `indptr` (n + 1,), `indices, edges` (entries,), `ground` (n,)."""
@@ -103,42 +106,40 @@ class Grid:
         return Grid(rows, self.periodic)
 
 
-Ties = tuple[NDArray[np.float64], NDArray[np.float64]]
-
-
 @dataclass(frozen=True, eq=False)
 class Rails:
     """The two voltages that a circuit with two rails hangs between.
 
     `high, low`: voltages in volts; ``high`` is the obstacle rail (or the driven start) where there is a map of cells;
-    `ties`: returns `to_high` and `to_low`.
+    `size`: number of rows; `row, conductance, at_high` (ties,): which row hangs on a rail, by how much, in siemens, and
+    whether that is the high one; the same row may do so several times.
     """
 
     high: float
     low: float
-    ties: Callable[[], Ties]
-
-    @cached_property
-    def _tied(self) -> Ties:
-        return self.ties()
+    size: int
+    row: NDArray[np.int32]
+    conductance: NDArray[np.float64]
+    at_high: NDArray[np.bool_]
 
     @property
     def to_high(self) -> NDArray[np.float64]:
-        """Conductance from every row to the high rail, in siemens, shape (n,); found when first asked for."""
-        return self._tied[0]
+        """Conductance from every row to the high rail, in siemens, shape (n,); summed anew."""
+        return self._summed(self.at_high)
 
     @property
     def to_low(self) -> NDArray[np.float64]:
         """The same for the low rail."""
-        return self._tied[1]
+        return self._summed(~self.at_high)
+
+    def _summed(self, some: NDArray[np.bool_]) -> NDArray[np.float64]:
+        return np.asarray(np.bincount(self.row[some], self.conductance[some], self.size), dtype=np.float64)
 
     def tied(self, to_high: NDArray[np.float64], to_low: NDArray[np.float64]) -> Rails:
-        """Return the same rails, with other ties of the rows to them."""
-        return Rails(self.high, self.low, partial(_pair, to_high, to_low))
-
-
-def _pair(to_high: NDArray[np.float64], to_low: NDArray[np.float64]) -> Ties:
-    return to_high, to_low
+        """Return the same rails, with other rows tied to them.  Shapes: `to_high, to_low` (n,), in siemens."""
+        high, low = np.flatnonzero(to_high), np.flatnonzero(to_low)
+        row, conductance = np.append(high, low).astype(np.int32), np.append(to_high[high], to_low[low])
+        return Rails(self.high, self.low, len(to_high), row, conductance, np.arange(len(row)) < len(high))
 
 
 @dataclass(frozen=True)
@@ -159,6 +160,26 @@ class Connections:
     largest: float
 
 
+class Branches(NamedTuple):
+    """Products with a matrix that are formed from differences, of which nothing is lost on the way.
+
+    `across` (m, n): from rows to the differences across what joins them, every pair once; `leaving` (n, m): from those
+    to what leaves every row; `ground` (n,): in siemens.
+    """
+
+    across: sparse.csr_array
+    leaving: sparse.csc_array
+    ground: NDArray[np.float64]
+
+    def between(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What leaves every row for other rows, shape (n,)."""
+        return np.asarray(self.leaving @ (self.across @ x))
+
+    def times(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The matrix times ``x``, shape (n,)."""
+        return self.ground * x + self.between(x)
+
+
 @dataclass(frozen=True, eq=False)
 class Laplacian:
     """``(A x)_i = sum_j g_ij (x_i - x_j) + g_i x_i``: edge and ground conductances, never a summed diagonal.
@@ -166,14 +187,14 @@ class Laplacian:
     A symmetric positive definite M-matrix whenever every connected part holds a row of positive ground conductance.
 
     `ground` (n,): conductance from every row to nodes of known voltage, in siemens; `listed, compressed`: its edges,
-    as a list or as rows, whichever there was; `grid`: where the vertices of the list lie (without one, the rows), if
+    as a list, as rows, or both (`with_rows`); `grid`: where the vertices of the list lie (without one, the rows), if
     they are a grid's; `dimensions`: those that the graph fills: of its grid, also of what elimination leaves of one;
     2 for others; `rails`: how `ground` divides between two rails, where there are just two and nothing else drives.
     """
 
     ground: NDArray[np.float64]
     listed: EdgeList | None = None
-    compressed: sparse.csr_array | Rows | None = None
+    compressed: Rows | None = None
     grid: Grid | None = None
     dimensions: int = 2
     rails: Rails | None = None
@@ -183,56 +204,43 @@ class Laplacian:
         """Number of rows."""
         return len(self.ground)
 
-    @cached_property
+    def as_rows(self, *, ordered: bool = True) -> Rows:
+        """The edges as rows, sorted unless any order does: on a general graph sorting is half of the work.
+
+        Those that somebody else reads are not sorted under his hands.
+        """
+        from resgrid.solvers.row_kernels import sort_rows
+
+        rows = self.compressed or _compress(self.listed, self.size)
+        if rows.ordered or not ordered:
+            return rows
+        rows = Rows(rows.indptr, rows.indices.copy(), rows.data.copy(), ordered=True)
+        sort_rows(rows.indptr, rows.indices, rows.data)
+        return rows
+
+    def with_rows(self, *, ordered: bool = True) -> Laplacian:
+        """The same, with its rows at hand for whoever asks for them more than once."""
+        rows = self.as_rows(ordered=ordered)
+        return self if rows is self.compressed else replace(self, compressed=rows)
+
+    @property
     def edges(self) -> sparse.csr_array:
         """The conductances ``g_ij``, in siemens, shape (n, n); symmetric, positive, sorted, no diagonal."""
-        return self.sorted_rows.array
+        return self.as_rows().array
 
     @property
     def rows(self) -> sparse.csr_array:
-        """The `edges` with the entries of every row in any order: half of the work, on a general graph."""
-        return self.edges if self.any_rows.ordered else self.any_rows.array
-
-    @cached_property
-    def sorted_rows(self) -> Rows:
-        """The `edges` as rows."""
-        from resgrid.solvers.row_kernels import sort_rows
-
-        rows = self.any_rows
-        if rows.ordered:
-            return rows
-        rows = Rows(rows.indptr, rows.indices.copy(), rows.data.copy(), ordered=True)  # others may be reading those
-        sort_rows(rows.indptr, rows.indices, rows.data)
-        vars(self)["any_rows"] = rows  # one of them is enough
-        return rows
-
-    @cached_property
-    def any_rows(self) -> Rows:
-        """The same with the entries of every row in any order, as `rows` has them."""
-        if self.compressed is not None:
-            return self.compressed if isinstance(self.compressed, Rows) else Rows.of(self.compressed)
-        from resgrid.solvers.row_kernels import conductances_by_row
-
-        assert self.listed is not None
-        entries = 2 * len(self.listed.conductance)
-        if entries > _MOST_ENTRIES:
-            raise BudgetError(
-                f"the matrix has up to {entries:,} entries, and its rows are numbered with 32 bits, up to "
-                f"{_MOST_ENTRIES:,}: choose larger cells, accuracy = 'normwise', or method = 'petsc'"
-            )
-        indptr, place = np.zeros(self.size + 1, dtype=np.int32), np.empty((2, self.size), dtype=np.int32)
-        indices, data = np.empty(entries, dtype=np.int32), np.empty(entries)
-        ordered = conductances_by_row(*self.listed, indptr, indices, data, place)
-        return Rows(indptr, indices[: indptr[-1]], data[: indptr[-1]], ordered)
+        """The `edges` with the entries of every row in any order."""
+        return self.as_rows(ordered=False).array
 
     @property
     def conductances(self) -> Conductances:
         """The whole matrix as loops take it, every row sorted by column."""
-        rows = self.sorted_rows
+        rows = self.as_rows()
         indptr, indices = (part.astype(np.int32, copy=False) for part in (rows.indptr, rows.indices))
         return Conductances(indptr, indices, rows.data, self.ground)
 
-    @cached_property
+    @property
     def diagonal(self) -> NDArray[np.float64]:
         """Diagonal of the matrix, in siemens, shape (n,): all conductances at a row, summed."""
         if self.listed is None:
@@ -250,37 +258,30 @@ class Laplacian:
 
         return sparse.csr_array(sparse.diags_array(self.diagonal, format="csr") - self.edges)
 
-    @cached_property
+    @property
     def elements(self) -> tuple[sparse.csr_array, NDArray[np.float64]]:
         """What the matrix is made of: ``B^T diag(value) B``.  Returns `incidence` (m, n), `value` (m,)."""
         from scipy import sparse
 
-        upper, tied = sparse.triu(self.edges, 1).tocoo(), np.flatnonzero(self.ground)
-        m = upper.nnz
-        ends = np.append(np.stack([upper.row, upper.col], axis=1).ravel(), tied).astype(np.int32)
+        (pairs, value), tied = self.as_rows().pairs, np.flatnonzero(self.ground)
+        m = len(value)
+        ends = np.append(pairs.ravel(), tied).astype(np.int32)
         starts = np.append(np.arange(0, 2 * m + 1, 2), 2 * m + 1 + np.arange(len(tied))).astype(np.int32)
         sign = np.append(np.tile([1.0, -1.0], m), np.ones(len(tied)))
         incidence = sparse.csr_array((sign, ends, starts), shape=(m + len(tied), self.size))
-        return incidence, np.append(upper.data, self.ground[tied])
+        return incidence, np.append(value, self.ground[tied])
 
-    @cached_property
-    def _branches(self) -> tuple[sparse.csr_array, sparse.csr_array]:
-        """From rows to differences across what joins them, every pair once, and from those to what leaves every row."""
+    @property
+    def branches(self) -> Branches:
+        """What joins the rows to each other, every pair once, for products formed from differences."""
         from scipy import sparse
 
-        incidence, value = self.elements
-        inner = len(value) - int(np.count_nonzero(self.ground))
-        across = incidence[:inner]
-        return across, sparse.csr_array(across.T @ sparse.diags_array(value[:inner]))
-
-    def between(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What leaves every row for other rows, formed from differences: none of it is lost on the way."""
-        across, leaving = self._branches
-        return np.asarray(leaving @ (across @ x))
-
-    def times(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The matrix times ``x``, shape (n,)."""
-        return self.ground * x + self.between(x)
+        pairs, value = self.as_rows().pairs
+        m, ends = len(value), pairs.ravel()
+        starts, sign = np.arange(0, 2 * m + 1, 2, dtype=np.int32), np.tile([1.0, -1.0], m)
+        across = sparse.csr_array((sign, ends, starts), shape=(m, self.size))
+        leaving = sparse.csc_array((sign * np.repeat(value, 2), ends, starts), shape=(self.size, m))
+        return Branches(across, leaving, self.ground)
 
     def within(self, rows: NDArray[np.bool_]) -> Laplacian:
         """Only some of the rows; the others count as nodes of known voltage."""
@@ -288,7 +289,7 @@ class Laplacian:
 
         kept = self.edges[rows]
         ground = self.ground[rows] + kept[:, ~rows].sum(axis=1)
-        return Laplacian(ground, compressed=sparse.csr_array(kept[:, rows]), dimensions=self.dimensions)
+        return Laplacian(ground, compressed=Rows.of(sparse.csr_array(kept[:, rows])), dimensions=self.dimensions)
 
     def grouped(self, groups: sparse.csr_array) -> Laplacian:
         """Groups of rows as one row each; rows of no group count as nodes of known voltage.
@@ -297,33 +298,38 @@ class Laplacian:
         """
         from scipy import sparse
 
-        joined = sparse.coo_array(groups.T @ self.edges @ groups)
+        edges = self.edges
+        joined = sparse.coo_array(groups.T @ edges @ groups)
         apart = joined.row != joined.col
         entries = (joined.data[apart], (joined.row[apart], joined.col[apart]))
         outside = 1.0 - groups.sum(axis=1)
         return Laplacian(
-            groups.T @ (self.ground + self.edges @ outside),
-            compressed=sparse.coo_array(entries, shape=joined.shape).tocsr(),
+            groups.T @ (self.ground + edges @ outside),
+            compressed=Rows.of(sparse.coo_array(entries, shape=joined.shape).tocsr()),
             dimensions=self.dimensions,
         )
 
 
-def once(find: Callable[..., _Found]) -> Callable[..., _Found]:
-    """Find something out about a matrix once, and remember it as long as the matrix lives, whoever helped."""
-    name = f"{find.__module__}.{find.__qualname__}"
+def _compress(listed: EdgeList | None, size: int) -> Rows:
+    """Rows of a list of edges, their entries in any order."""
+    from resgrid.solvers.row_kernels import conductances_by_row
 
-    @wraps(find)
-    def remembered(laplacian: Laplacian, *helpers: object) -> _Found:
-        memory = vars(laplacian)
-        if name not in memory:
-            memory[name] = find(laplacian, *helpers)
-        found: _Found = memory[name]
-        return found
+    assert listed is not None
+    entries = 2 * len(listed.conductance)
+    if entries > _MOST_ENTRIES:
+        raise BudgetError(
+            f"the matrix has up to {entries:,} entries, and its rows are numbered with 32 bits, up to "
+            f"{_MOST_ENTRIES:,}: choose larger cells, accuracy = 'normwise', or method = 'petsc'"
+        )
+    indptr, place = np.zeros(size + 1, dtype=np.int32), np.empty((2, size), dtype=np.int32)
+    indices, data = np.empty(entries, dtype=np.int32), np.empty(entries)
+    ordered = conductances_by_row(*listed, indptr, indices, data, place)
+    indices, data = indices[: indptr[-1]], data[: indptr[-1]]
+    if len(data) < entries // 2:  # scipy would copy them whenever an array is made of these rows
+        indices, data = indices.copy(), data.copy()
+    return Rows(indptr, indices, data, ordered)
 
-    return remembered
 
-
-@once
 def count_connections(laplacian: Laplacian, team: Team = ALONE) -> Connections:
     """Count the neighbours of all rows, and compare their conductances.
 
@@ -339,7 +345,7 @@ def count_connections(laplacian: Laplacian, team: Team = ALONE) -> Connections:
         weak = kernels.weak_pairs(*listed, laplacian.size, WEAK) / inner if some else 0.0
         entries, total = 2 * inner, 2.0 * half
     else:
-        rows = laplacian.any_rows
+        rows = laplacian.as_rows(ordered=False)
         entries, few = len(rows.indices), int(np.count_nonzero(np.diff(rows.indptr) <= 2))
         weak = kernels.weak_share(rows.indptr, rows.indices, rows.data, WEAK)
         smallest, largest = rows.data.min(initial=np.inf), rows.data.max(initial=0.0)

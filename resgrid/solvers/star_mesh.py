@@ -8,9 +8,7 @@ to the core, solves that, and puts the other voltages back.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,8 +16,8 @@ from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
 from resgrid.solvers.extended import Scaled
-from resgrid.solvers.factors.factor import Factor, refine_normwise
-from resgrid.solvers.laplacian import Laplacian, Rails, Rows, Ties, count_connections
+from resgrid.solvers.factors.factor import Factor, Residual, refine_normwise
+from resgrid.solvers.laplacian import Connections, Laplacian, Rows
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.refine import entry_bound, scaled_currents
 
@@ -77,14 +75,13 @@ class StarMesh:
         return carried[self.kept]
 
 
-def may_shrink(laplacian: Laplacian) -> bool:
+def may_shrink(laplacian: Laplacian, found: Connections) -> bool:
     """Tell cheaply whether elimination may take a fair share of the rows.
 
     It may where one row in eight has at most two neighbours, or where there are about three neighbours a row as in
     corridors two cells wide; and only within the range of conductances that products of them can bear.
     """
     n = laplacian.size
-    found = count_connections(laplacian)
     if not n or found.entries >= 2**31:
         return False
     if found.entries > _CORRIDOR * n and n > _SMALL and found.few < _FEW * n:
@@ -94,16 +91,13 @@ def may_shrink(laplacian: Laplacian) -> bool:
 
 def shrink(laplacian: Laplacian) -> tuple[StarMesh, Laplacian | None]:
     """Eliminate every row that has, or comes to have, at most two neighbours; no core where nothing is left."""
-    mesh = eliminate_rows(laplacian.sorted_rows, laplacian.ground)
+    mesh = eliminate_rows(laplacian.as_rows(), laplacian.ground)
     if not len(mesh.kept):
         return mesh, None
     rails = laplacian.rails
-    ties = rails and replace(rails, ties=partial(_ties, rails, mesh.feed_kept))
-    return mesh, Laplacian(mesh.ground, compressed=mesh.edges, dimensions=laplacian.dimensions, rails=ties)
-
-
-def _ties(rails: Rails, feed_kept: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Ties:
-    return feed_kept(rails.to_high), feed_kept(rails.to_low)
+    if rails is not None:
+        rails = rails.tied(mesh.feed_kept(rails.to_high), mesh.feed_kept(rails.to_low))
+    return mesh, Laplacian(mesh.ground, compressed=mesh.edges, dimensions=laplacian.dimensions, rails=rails)
 
 
 def eliminate_rows(edges: Rows, ground: NDArray[np.float64]) -> StarMesh:
@@ -162,11 +156,12 @@ class ReducedFactor(Factor):
     """A matrix after star-mesh elimination, with a factor of its core.
 
     `laplacian`: as of every `Factor`; `mesh`: what was eliminated; `inner`: solves the core; None where there
-    is none.
+    is none; `plain`: residuals of normwise answers, where many will be asked for.
     """
 
     mesh: StarMesh
     inner: Factor | None
+    plain: Residual | None = None
 
     @property
     def name(self) -> str:
@@ -177,7 +172,7 @@ class ReducedFactor(Factor):
         self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
     ) -> NDArray[np.float64]:
         x, error = refine_normwise(
-            self.laplacian,
+            self.plain or Residual.of(self.laplacian),
             rhs,
             lambda residual: self._once(residual, rtol, None, watch),
             self._once(rhs, rtol, guess, watch),

@@ -12,7 +12,6 @@ left have half of the entries, and take half of the products.  The others come i
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -98,12 +97,12 @@ class Symbolic:
         """Products that elimination takes, about."""
         return float(0.5 * np.sum(self.widths * self.lengths.astype(np.float64) ** 2))
 
-    @cached_property
+    @property
     def widths(self) -> NDArray[np.int32]:
         """Columns of every supernode."""
         return np.diff(self.nodes.first)
 
-    @cached_property
+    @property
     def lengths(self) -> NDArray[np.int32]:
         """Rows of every supernode."""
         return np.diff(self.nodes.start)

@@ -132,8 +132,7 @@ def _load(
 @inlined
 def _update(nodes: Supernodes, entries: Entries, work: Workspace, other: int, node: int) -> None:
     """Add what an eliminated supernode joins the columns of a later one to; moves on to its first row behind them."""
-    rows, place, weight = nodes.rows, work.place, work.weight
-    values, pivot, grounded = entries
+    rows, place, weight, values = nodes.rows, work.place, work.weight, entries.values
     begin, end = work.after[other], nodes.start[other + 1]
     first, columns = nodes.first[other], nodes.first[other + 1] - nodes.first[other]
     apart = end - nodes.start[other]
@@ -146,7 +145,7 @@ def _update(nodes: Supernodes, entries: Entries, work: Workspace, other: int, no
         there = nodes.offset[node] + place[rows[at]] * (length + 1)
         four = follow_on and left > 2 and rows[at + 3] < nodes.first[node + 1]
         for beside in range(4 if four else 1):
-            _weigh(values, pivot, grounded, first, columns, here + beside, apart, rows[at] + beside, weight, beside)
+            _weigh(entries, first, columns, here + beside, apart, rows[at] + beside, weight, beside)
         if four:
             # The same rows for all four: what that adds above the diagonal is cleared when they are eliminated.
             _add_to_four(values, there + 1, length, here + 1, apart, weight, columns, left)
@@ -167,10 +166,10 @@ def _update(nodes: Supernodes, entries: Entries, work: Workspace, other: int, no
 
 @inlined
 def _weigh(
-    values: Floats, pivot: Floats, grounded: Floats, first: int, columns: int, here: int, apart: int, row: int,
-    weight: Floats, beside: int,
-) -> None:  # fmt: skip
+    entries: Entries, first: int, columns: int, here: int, apart: int, row: int, weight: Floats, beside: int
+) -> None:
     """Conductances from eliminated columns to a row, which their shares count by; adds what goes to the ground."""
+    values, pivot, grounded = entries
     total = 0.0
     for k in range(columns):
         w = pivot[first + k] * values[here + k * apart]
@@ -187,7 +186,7 @@ def _eliminate_within(nodes: Supernodes, entries: Entries, work: Workspace, node
     length, weight = nodes.start[node + 1] - nodes.start[node], work.weight
     for c in range(width):
         k, below, end = first + c, base + c * length + c + 1, base + (c + 1) * length
-        _weigh(values, pivot, grounded, first, c, base + c, length, k, weight, 0)
+        _weigh(entries, first, c, base + c, length, k, weight, 0)
         _add_columns(values, below, values, base + c + 1, length, weight, c, end - below)
         total = grounded[k] + _sum(values, below, end)
         if not (total > 0.0 and math.isfinite(total)):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -113,3 +114,39 @@ def test_factors_go_to_other_processes(method: str, density: float) -> None:
         np.testing.assert_array_equal(pickle.loads(pickle.dumps(factors)).solve(rhs), factors.solve(rhs))
     else:
         np.testing.assert_allclose(pickle.loads(pickle.dumps(factors)).solve(rhs), factors.solve(rhs), atol=1e-8)
+
+
+def wild_network(nodes: int, seed: int) -> rg.Netlist:
+    """A chain of resistors, and others across it, over twelve decades; fed at two nodes and held at two."""
+    rng = np.random.default_rng(seed)
+    chain = np.stack([np.arange(nodes - 1), np.arange(1, nodes)], axis=1)
+    across = rng.integers(0, nodes, (3 * nodes, 2))
+    ends = np.concatenate([chain, across[across[:, 0] != across[:, 1]]])
+    return rg.Netlist(
+        nodes, ends, 10.0 ** rng.uniform(-9, 3, len(ends)), source_nodes=[[nodes - 1, 0], [nodes // 2, 0]],
+        source_volts=[1.0, 0.3], current_nodes=[[0, 3], [5, 7]], current_amps=[1e-3, 2e-3],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("method", ["direct", "multigrid"])
+def test_an_answer_does_not_depend_on_what_was_asked_before(method: str) -> None:
+    factors = rg.factor(wild_network(600, 1), method=method)
+    rhs = np.ones(factors.system.size)
+    first = factors.solve(rhs)
+    factors.solve_nonnegative(rhs)
+    np.testing.assert_array_equal(factors.solve(rhs), first)
+
+
+@pytest.mark.parametrize("method", ["direct", "multigrid"])
+def test_values_hold_their_fields_alone(method: str) -> None:
+    """Nothing is remembered behind a frozen value's back."""
+    corridor = np.zeros((60, 8), dtype=np.uint8)
+    corridor[0, 0] = 2
+    for netlist in (rg.compile_space(space_of(corridor)), wild_network(600, 0)):
+        factors = rg.factor(netlist, method=method)
+        rhs = np.ones(factors.system.size)
+        factors.solve(rhs)
+        factors.solve_nonnegative(rhs)
+        rails = [factors.system.rails] if factors.system.rails is not None else []
+        for value in (factors, factors.factors, factors.system, factors.system.laplacian, *rails):
+            assert set(vars(value)) == {field.name for field in fields(value)}

@@ -6,14 +6,15 @@ from hypothesis import assume, example, given, settings, strategies as st
 from support.spaces import serpentine, space_of, spaces
 
 from resgrid.circuit.dynamics import dynamics_of, factor_resolvent
-from resgrid.circuit.equations import assemble
+from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.solve import factor, solve
 from resgrid.compiler import compile_space
 from resgrid.errors import BudgetError, CircuitError, InputError
 from resgrid.netlist import Netlist
-from resgrid.solvers import choose as methods, decay as fall
-from resgrid.solvers.decay import MOST_DECADES
+from resgrid.solvers import choose as methods
+from resgrid.solvers.decay import MOST_DECADES, WHOLE_STEPS, foresee_decades
 from resgrid.solvers.factors.multigrid import factor_multigrid
+from resgrid.solvers.laplacian import count_connections
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid import graphs
 from resgrid.solvers.supernodal import order_by_distance
@@ -25,8 +26,13 @@ BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance
 def unreduced() -> Iterator[None]:
     """Both methods on the whole circuit, so that one can check the other."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(methods, "may_shrink", lambda _: False)
+        patch.setattr(methods, "may_shrink", lambda *_: False)
         yield
+
+
+def foreseen_decades(system: Equations) -> float:
+    """By how many decades the potential of a circuit falls, about."""
+    return foresee_decades(system.laplacian, count_connections(system.laplacian)).whole
 
 
 def blocks(shape: tuple[int, ...], seed: int, share: float = 0.2) -> np.ndarray:
@@ -152,7 +158,7 @@ def test_wide_corridors_take_multigrid_as_far_as_it_is_graded(length: int, metho
     corridor = np.zeros((14, 14, length), dtype=np.uint8)
     corridor[5, 5, 0] = 2
     system = assemble(compile_space(space_of(corridor)))
-    assert (fall.foresee_decades(system.laplacian).whole > MOST_DECADES) == (method == "direct")
+    assert (foreseen_decades(system) > MOST_DECADES) == (method == "direct")
     assert methods.choose_method(system.laplacian) == method
 
 
@@ -164,8 +170,7 @@ def test_decades_are_foreseen_along_corridors_behind_walls_of_any_resistance(wid
     netlist = compile_space(space_of(corridor), boundary="wall", resistance=1.0, wall_resistance=wall)
     log_drop = solve(netlist, method="direct").log_drop
     decades = -log_drop[np.isfinite(log_drop)].min() / np.log(10.0)
-    foreseen = fall.foresee_decades(assemble(netlist).laplacian).whole / fall.WHOLE_STEPS
-    assert 0.7 < foreseen / decades < 1.8
+    assert 0.7 < foreseen_decades(assemble(netlist)) / WHOLE_STEPS / decades < 1.8
 
 
 def test_potentials_that_walls_hold_up_take_multigrid() -> None:

@@ -105,7 +105,7 @@ def rational_solution(system: Equations, rhs: np.ndarray) -> list[Fraction]:
 
 def test_a_start_behind_which_nothing_flows(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where no current flows its rounding is no scale: there voltages are equal to thirty digits."""
-    monkeypatch.setattr(methods, "may_shrink", lambda _: False)
+    monkeypatch.setattr(methods, "may_shrink", lambda *_: False)
     space = space_of(serpentine(7, 60, 3))
     netlist = compile_space(space, boundary="neumann", drive="start", start=(9, 30))
     direct, multigrid = (solve(netlist, method=method) for method in ("direct", "multigrid"))

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy import sparse
 
-from resgrid.solvers.laplacian import Laplacian
+from resgrid.solvers.laplacian import Laplacian, Rows
 from resgrid.solvers.selected_inverse import inverse_diagonal, positive_inverse_diagonal
 from resgrid.solvers.supernodal import Symbolic, factor_supernodes, order_by_degree, order_by_distance
 
@@ -46,7 +46,7 @@ def test_every_entry_is_right_whatever_the_conductances_are(
             coupling[i, j] = coupling[j, i] = 10 ** rng.uniform(-decades / 2, decades / 2)
     excess = np.where(rng.random(size) < 0.3, 10 ** rng.uniform(-decades / 2, decades / 2, size), 0.0)
     excess[rng.integers(0, size)] = 10.0 ** -rng.integers(0, 20)
-    laplacian = Laplacian(excess, compressed=sparse.csr_array(coupling))
+    laplacian = Laplacian(excess, compressed=Rows.of(sparse.csr_array(coupling)))
     factors = factor_supernodes(laplacian, order(laplacian))
     wanted = exact_inverse(coupling, excess)
     assert positive_inverse_diagonal(factors) == pytest.approx([float(wanted[i][i]) for i in range(size)], rel=1e-14)

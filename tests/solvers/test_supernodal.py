@@ -16,7 +16,7 @@ from resgrid.errors import AccuracyError
 from resgrid.netlist import Netlist
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.factors.direct import factor_direct
-from resgrid.solvers.laplacian import Laplacian
+from resgrid.solvers.laplacian import Laplacian, Rows
 from resgrid.solvers.minimum_degree_kernels import minimum_degree
 from resgrid.solvers.supernodal import (
     SupernodalFactors,
@@ -72,7 +72,7 @@ def test_every_digit_is_right_whatever_the_conductances(order: Order, size: int,
 def test_units_change_no_digit(order: Order, unit: float) -> None:
     system = assemble(compile_space(space_of(serpentine(5, 20, 2))))
     plain, rhs = system.laplacian, system.laplacian.ground
-    scaled = Laplacian(plain.ground * unit, compressed=plain.edges * unit)
+    scaled = Laplacian(plain.ground * unit, compressed=Rows.of(plain.edges * unit))
     expected = factor_supernodes(plain, order(plain)).solve(rhs)
     np.testing.assert_allclose(factor_supernodes(scaled, order(scaled)).solve(rhs * unit), expected, rtol=1e-14)
 

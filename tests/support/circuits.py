@@ -72,7 +72,6 @@ def dense_solution(netlist: Netlist) -> OperatingPoint:
         potential=None,
         ammeters=Readings(
             resistor_current=through,
-            log_current=np.log(np.abs(through) + 1e-300),
             resistor_direction=np.sign(through).astype(np.int8),
             source_current=current,
             power=float(np.sum(through * (first - second))),

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.solvers.extended import Scaled
-from resgrid.solvers.factors.factor import Factor, refine_normwise
+from resgrid.solvers.factors.factor import Factor, Residual, refine_normwise
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.refine import Numbers, refine
@@ -31,17 +31,19 @@ EXACT_ROWS = 20_000
 class DirectFactor(Factor):
     """A matrix and its factors ``L D L^T``.
 
-    `laplacian`: as of every `Factor`.
+    `laplacian`: as of every `Factor`; `plain`: residuals of normwise answers, where many will be asked for.
     """
 
     factors: SupernodalFactors
+    plain: Residual | None = None
     name = "direct"
 
     def _solve(
         self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
     ) -> NDArray[np.float64]:
         del guess
-        x, error = refine_normwise(self.laplacian, rhs, self.factors.solve, self.factors.solve(rhs), rtol)
+        matrix = self.plain or Residual.of(self.laplacian)
+        x, error = refine_normwise(matrix, rhs, self.factors.solve, self.factors.solve(rhs), rtol)
         return self._judged(x, error, rtol, watch)
 
     def _solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> tuple[Scaled, float]:
@@ -57,6 +59,7 @@ class DirectFactor(Factor):
         return self.factors.substitute(m, e if e.size else np.zeros(len(m), dtype=np.int64))
 
 
-def factor_direct(laplacian: Laplacian, order: Symbolic | None = None) -> DirectFactor:
+def factor_direct(laplacian: Laplacian, order: Symbolic | None = None, plain: Residual | None = None) -> DirectFactor:
     """Factor a matrix, in an order that has been found or in the one that suits it."""
-    return DirectFactor(laplacian, factor_supernodes(laplacian, order))
+    laplacian = laplacian.with_rows()
+    return DirectFactor(laplacian, factor_supernodes(laplacian, order), plain)

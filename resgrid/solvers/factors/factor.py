@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +15,9 @@ from resgrid.errors import AccuracyError, InputError
 from resgrid.solvers.extended import Scaled
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 _MOST_PASSES = 4
 """Solutions and corrections of a direct method: each gains most of the digits, or none."""
@@ -100,8 +104,20 @@ class Factor(ABC):
         return array
 
 
+class Residual(NamedTuple):
+    """``b - A x`` in doubles: `degree` (n,): the diagonal; `coupling` (n, n): edge conductances; both in siemens."""
+
+    degree: NDArray[np.float64]
+    coupling: sparse.csr_array
+
+    @classmethod
+    def of(cls, laplacian: Laplacian) -> Residual:
+        """That of a matrix."""
+        return cls(laplacian.diagonal, laplacian.edges)
+
+
 def refine_normwise(
-    laplacian: Laplacian,
+    matrix: Residual,
     rhs: NDArray[np.float64],
     correction: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     x: NDArray[np.float64],
@@ -111,7 +127,7 @@ def refine_normwise(
 
     Shapes: `rhs` (n,), `x` (n,); returns `x` (n,).
     """
-    degree, coupling = laplacian.diagonal, laplacian.edges
+    degree, coupling = matrix
     norm, drive = 2.0 * float(degree.max(initial=0.0)), float(np.abs(rhs).max(initial=0.0))
     for left in reversed(range(_MOST_PASSES)):
         with np.errstate(over="ignore", invalid="ignore"):

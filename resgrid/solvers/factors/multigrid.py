@@ -6,13 +6,13 @@ The algorithm is told on one page in `resgrid.solvers.multigrid`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, partial
-from typing import TYPE_CHECKING, cast
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.solvers.decay import decades_in_slit, h_transform_pays
+from resgrid.solvers.decay import Fall, h_transform_pays
 from resgrid.solvers.extended import Scaled
 from resgrid.solvers.factors.factor import Factor
 from resgrid.solvers.laplacian import Laplacian
@@ -32,20 +32,24 @@ REFINED = 1e-26
 class MultigridFactor(Factor):
     """A matrix and the hierarchy that preconditions it.
 
-    `laplacian`: as of every `Factor`; `scalable`: levels to be scaled by the solution's h-transform, where the
-    potential falls by so many decades that plain ones would take longer; `team`: whose threads take the steps.
+    `laplacian`: as of every `Factor`; `plain`: levels as they are; None where there are `scalable` ones and no others
+    were asked for; `scalable`: levels to be scaled by the solution's h-transform, where the potential falls by so many
+    decades that plain ones would take longer; `in_slit`: whether it falls steeply around the low rail; `team`: whose
+    threads take the steps.
     """
 
+    plain: Hierarchy | None
     scalable: Scalable | None = None
+    in_slit: bool = False
     team: Team = ALONE
     name = "multigrid"
 
-    @cached_property
+    @property
     def hierarchy(self) -> Hierarchy:
-        """Plain levels: made at once without `scalable` ones, and beside them where they are asked for."""
+        """Plain levels: those at hand, or others made now."""
         from resgrid.solvers.multigrid.hierarchy import build_hierarchy
 
-        return build_hierarchy(self.laplacian, self.team)
+        return self.plain or build_hierarchy(self.laplacian, self.team)
 
     def _solve(
         self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
@@ -60,8 +64,9 @@ class MultigridFactor(Factor):
         from resgrid.solvers.multigrid.krylov import norm
 
         _tell(watch, "plain")
-        x, residual = iterate(self.laplacian, self.hierarchy, rhs, rtol, guess, watch, self.team)
-        scale = 2.0 * self.hierarchy.largest_degree * norm(x, self.team) + norm(rhs, self.team)
+        hierarchy = self.hierarchy
+        x, residual = iterate(self.laplacian, hierarchy, rhs, rtol, guess, watch, self.team)
+        scale = 2.0 * hierarchy.largest_degree * norm(x, self.team) + norm(rhs, self.team)
         error = residual / (scale or 1.0)
         return self._judged(x, error, rtol, watch)
 
@@ -87,8 +92,7 @@ class MultigridFactor(Factor):
     def _refined(self, rhs: NDArray[np.float64] | Scaled, passes: Approximation) -> Refined:
         from resgrid.solvers.multigrid.local import LocalCorrections
 
-        in_slit = decades_in_slit(self.laplacian) > 0.0
-        local = LocalCorrections(self.laplacian, passes, in_slit)
+        local = LocalCorrections(self.laplacian, passes, self.in_slit)
         return refine(self.laplacian, rhs, local, REFINED, resolve=local.anew, team=self.team)
 
     def _on_scaled_levels(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> Approximation | None:
@@ -105,18 +109,24 @@ def _tell(watch: Watch | None, levels: str) -> None:
         watch.uses(levels)
 
 
-def factor_multigrid(laplacian: Laplacian, accuracy: str = "direction", team: Team = ALONE) -> MultigridFactor:
-    """Coarsen a matrix: for an h-transform where directions are asked for along many decades, plainly otherwise."""
+def factor_multigrid(
+    laplacian: Laplacian, fall: Fall | None = None, *, both: bool = False, team: Team = ALONE
+) -> MultigridFactor:
+    """Coarsen a matrix: for an h-transform where the potential is foreseen to fall by many decades, plainly otherwise.
+
+    ``fall``: of the potential, if answers are to be right entry by entry; ``both``: if others will be asked for, too.
+    """
     from resgrid.solvers.multigrid.h_transform import scalable
+    from resgrid.solvers.multigrid.hierarchy import build_hierarchy
 
-    def made() -> MultigridFactor:
-        levels = scalable(laplacian, team) if accuracy == "direction" and h_transform_pays(laplacian) else None
-        factors = MultigridFactor(laplacian, levels, team)
-        if levels is None:
-            _ = factors.hierarchy
-        return factors
+    if laplacian.grid is None:
+        laplacian = laplacian.with_rows(ordered=False)
+    if fall is None:
+        return MultigridFactor(laplacian, build_hierarchy(laplacian, team), team=team)
 
-    if team.size == 1 or accuracy != "direction" or laplacian.grid is None:
-        return made()
-    factors, _ = team.together([made, lambda: laplacian.sorted_rows])  # which refinement asks for
-    return cast("MultigridFactor", factors)
+    def levels() -> tuple[Hierarchy | None, Scalable | None]:
+        scaled = scalable(laplacian, team) if h_transform_pays(laplacian, fall) else None
+        return build_hierarchy(laplacian, team) if scaled is None or both else None, scaled
+
+    (plain, scaled), rows = team.together([levels, laplacian.with_rows])  # which refinement asks for
+    return MultigridFactor(rows, plain, scaled, fall.in_slit > 0.0, team)
