@@ -127,7 +127,7 @@ class Robot(ABC):
     def check_axes(self, axes: Sequence[Axis]) -> None:
         """Refuse axes that are not this robot's with an `InputError`.
 
-        By default, of a robot that turns, those but ``(x, y, theta)`` with x and y not periodic, a periodic theta a full turn.
+        By default a robot that turns has ``(x, y, theta)``, x and y not periodic, and a periodic theta is a full turn.
         """
         if self.turning_length is None:
             return
