@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.arguments import checked
 from resgrid.axis import Axis, Point
 from resgrid.errors import InputError
+from resgrid.frozen import brief
 from resgrid.robots.base import SLACK, ULPS, Robot
 from resgrid.robots.cells import Progress, Sampling, near_half_space, outline
 from resgrid.robots.geometry import Part, Pose
@@ -27,6 +28,7 @@ PARTS = 3
 
 
 @checked
+@brief
 @dataclass(frozen=True)
 class PolygonRobot(Robot):
     """A polygon with configurations ``(x, y, theta)``: moved to ``(x, y)`` and turned about its reference point.
