@@ -84,7 +84,10 @@ def test_what_is_interrupted_or_killed_is_taken_up(
         ("parsl:none.py", "none.py: cannot be read", 2),
     ],
 )
-def test_wrong_names_have_one_message(scenes: Path, tmp_path: Path, name: str, message: str, code: int) -> None:
+def test_wrong_names_have_one_message(
+    scenes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, message: str, code: int
+) -> None:
+    monkeypatch.setattr("resgrid.workers.DASK_SECONDS", 0.5)
     result = call("chip", scenes / "chip.toml", *WORDS, "--executor", name, "-o", tmp_path / "out")
     assert (result.exit_code, message in result.stderr) == (code, True)
 
