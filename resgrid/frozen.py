@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 Record = TypeVar("Record")
 _SHOWN = 60
 _FEW = 4
+_MANY = 12
 _renderers: list[Callable[[object], str | None]] = []
 
 
@@ -28,6 +29,24 @@ def frozen(record: type[Record]) -> type[Record]:
     if hasattr(record.__repr__, "__wrapped__"):  # the dataclass's, which guards itself against recursion
         record.__repr__ = _repr  # type: ignore[method-assign]
     return record
+
+
+def brief(record: type[Record]) -> type[Record]:
+    """Let a dataclass's repr leave out what is as by default, and the entries of long lists."""
+    record.__repr__ = _brief_repr  # type: ignore[method-assign]
+    return record
+
+
+def _brief_repr(self: Any) -> str:
+    values = {field.name: getattr(self, field.name) for field in fields(self) if field.repr}
+    usual = {field.name: field.default_factory() if callable(field.default_factory) else field.default
+             for field in fields(self)}  # fmt: skip
+    said = (
+        f"{name}=<{len(value)} entries>" if isinstance(value, tuple) and len(value) > _MANY else f"{name}={value!r}"
+        for name, value in values.items()
+        if value != usual[name]
+    )
+    return f"{type(self).__name__}({', '.join(said)})"
 
 
 def lock(value: Any) -> None:

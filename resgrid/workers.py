@@ -20,6 +20,9 @@ from resgrid.errors import InputError, ToolMissingError
 FORMS = "processes[:N], dask://HOST:PORT, mpi or parsl:FILE"
 """What names an executor."""
 
+DASK_SECONDS = 10.0
+"""How long a scheduler may take to answer."""
+
 
 @contextmanager
 def open_executor(name: str) -> Iterator[Executor]:
@@ -110,7 +113,7 @@ def _follow_parent() -> None:
 def _dask(address: str) -> Iterator[Executor]:
     distributed = _needed("distributed", "dask")
     try:
-        client = distributed.Client(f"tcp://{address}", timeout="10s", set_as_default=False)
+        client = distributed.Client(f"tcp://{address}", timeout=DASK_SECONDS, set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(f"no dask scheduler answers at {address}: {error}; start one with: dask scheduler") from error
     with client, client.get_executor(pure=False) as executor:

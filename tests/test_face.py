@@ -131,3 +131,13 @@ def test_an_unknown_name_is_told_the_nearest_ones() -> None:
     assert "did you mean 'write_path'" in str(caught.value) and len(str(caught.value)) < 200
     with pytest.raises(AttributeError, match=r"dir\(resgrid\) lists its names"):
         rg.xyzzy  # noqa: B018
+
+
+def test_a_repr_is_a_short_line() -> None:
+    """It says what differs from the defaults; long lists are counted."""
+    assert repr(rg.Chip(mismatch=0.02, readout=rg.Readout(bits=8))) == "Chip(mismatch=0.02, readout=Readout(bits=8))"
+    assert repr(rg.Control()) == "Control()"
+    assert repr(rg.Defects(open_at=((4, 2, 0),))) == "Defects(open_at=((4, 2, 0),))"
+    round_ = tuple((float(np.cos(turn)), float(np.sin(turn))) for turn in np.linspace(0, 6, 300))
+    assert repr(rg.Polygon(round_)) == "Polygon(vertices=<300 entries>)"
+    assert repr(rg.PolygonRobot(round_[:3])).startswith("PolygonRobot(vertices=((1.0, 0.0), ")

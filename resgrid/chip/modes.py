@@ -175,7 +175,10 @@ def require_charge(dynamics: Dynamics) -> int:
     """Refuse a circuit without modes; how many there are."""
     live = int(charge_basis(dynamics).charged.sum())
     if not live:
-        raise InputError("the netlist has no capacitance that could charge, so it has no time constants")
+        raise InputError(
+            "the circuit has no capacitance that could charge, so it has no time constants; "
+            "give chip.capacitance, such as 50f, or a netlist with capacitors"
+        )
     return live
 
 

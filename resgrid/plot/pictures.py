@@ -47,6 +47,7 @@ from resgrid.plot.graphs import draw_circuit
 from resgrid.plot.panels import draw_space
 from resgrid.plot.paths import draw_clearance_curve, draw_line, draw_path, draw_separation, draw_streamlines
 from resgrid.plot.workspace import draw_scene
+from resgrid.scene.sampling import sample
 from resgrid.scene.scene import Scene
 from resgrid.space import ConfigurationSpace
 from resgrid.spice.circuit import Circuit
@@ -62,6 +63,13 @@ def _draw_operating_point(op: OperatingPoint, ax: Axes | None = None) -> Axes | 
     return draw_field(field(op), ax)
 
 
+def _draw_scene(scene: Scene, ax: Axes | None = None) -> Axes | Figure:
+    """A workspace in the plane; of a robot that moves in one of other axes, its cells."""
+    if scene.robot.moves_in_workspace and scene.ndim != 2:
+        return draw_space(sample(scene, require_goal=False), ax)
+    return draw_scene(scene, ax)
+
+
 PICTURES: dict[type, Picture] = {
     ClearanceCurve: draw_clearance_curve,
     ConfigurationSpace: draw_space,
@@ -75,7 +83,7 @@ PICTURES: dict[type, Picture] = {
     Power: draw_power,
     Precision: draw_precision,
     Run: draw_run,
-    Scene: draw_scene,
+    Scene: _draw_scene,
     Sensitivity: draw_sensitivity,
     Separation: draw_separation,
     SceneSeparation: draw_separation,
@@ -109,7 +117,8 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
     ==================  ===========================================  =================================================
     value               picture                                      options
     ==================  ===========================================  =================================================
-    scene               workspace: obstacles, goals, starts
+    scene               workspace: obstacles, goals, starts; of
+                        other than two axes its cells
     space               cells and conductivity                       ``virtual`` (mask drawn paler); of three axes
                                                                      ``axis``, ``indices``, here and below
     field               potential of one to three axes, or currents  ``quantity`` ("potential", "currents"), ``scale``

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from itertools import product
-from math import inf
+from math import inf, tau
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -99,24 +99,49 @@ class Robot(ABC):
         """Where its reference point (an arm's tip) is. Shapes: (n, ndim); returns (n, d)."""
         return configurations if self.moves_in_workspace else configurations[:, :2]
 
-    def heading(self, configurations: NDArray[np.float64]) -> NDArray[np.float64] | None:  # noqa: ARG002
+    def heading(self, configurations: NDArray[np.float64]) -> NDArray[np.float64] | None:
         """Direction that it looks in, in radians, shape (n,); None if it has none."""
-        return None
+        return None if self.turning_length is None else configurations[:, 2] / self.turning_length
 
     def bare(self, *, self_collision: bool = True) -> Robot:  # noqa: ARG002
         """The robot without virtual obstacles, and if so asked without collisions with itself."""
         return self
 
+    def turning_axis(self, cells: int, name: str = "theta") -> Axis:
+        """The third axis of a robot that turns: a full turn from 0 to ``2 pi turning_length``, periodic."""
+        if self.turning_length is None:
+            raise InputError(f"a {type(self).__name__} does not turn, for it has no turning_length")
+        return Axis(name, 0.0, tau * self.turning_length, cells, periodic=True)
+
     def implied_axes(self) -> tuple[dict[str, Any], ...]:
-        """What it knows of its axes before a scene says anything: keys of each, in order."""
-        return ()
+        """What it knows of its axes before a scene says anything: keys of each, in order; of turning, a full turn."""
+        if self.turning_length is None:
+            return ()
+        turn = {key: value for key, value in vars(self.turning_axis(1)).items() if key != "cells"}
+        return {"name": "x"}, {"name": "y"}, turn
 
-    def axes_on_map(self, axes: Sequence[Axis], headings: int) -> tuple[Axis, ...]:  # noqa: ARG002
+    def axes_on_map(self, axes: Sequence[Axis], headings: int) -> tuple[Axis, ...]:
         """Axes of its configuration space on a map of the plane; a robot that turns has as many headings."""
-        return tuple(axes)
+        return tuple(axes) if self.turning_length is None else (*axes, self.turning_axis(headings))
 
-    def check_axes(self, axes: Sequence[Axis]) -> None:  # noqa: B027
-        """Refuse axes that are not this robot's with an `InputError`."""
+    def check_axes(self, axes: Sequence[Axis]) -> None:
+        """Refuse axes that are not this robot's with an `InputError`.
+
+        By default a robot that turns has ``(x, y, theta)``, x and y not periodic, and a periodic theta is a full turn.
+        """
+        if self.turning_length is None:
+            return
+        if len(axes) != 3:
+            raise InputError(f"a robot that turns needs 3 axes (x, y, theta), got {len(axes)}")
+        for axis in axes[:2]:
+            if axis.periodic:
+                raise InputError(f"axis {axis.name!r}: a robot that turns's x and y cannot be periodic")
+        turn, full = axes[2], tau * self.turning_length
+        if turn.periodic and abs(turn.upper - turn.lower - full) > 1e-9 * full:
+            raise InputError(
+                f"axis {turn.name!r}: a full turn is 2 pi turning_length = {full:.15g}, but the axis spans "
+                f"{turn.upper - turn.lower:.15g}; leave lower and upper out, or set periodic = false"
+            )
 
     def occupancy(
         self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None

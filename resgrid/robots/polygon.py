@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import pi, tau
-from typing import TYPE_CHECKING, Annotated, Any
+from math import pi
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from annotated_types import Gt, Le
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.arguments import checked
 from resgrid.axis import Axis, Point
 from resgrid.errors import InputError
+from resgrid.frozen import brief
 from resgrid.robots.base import SLACK, ULPS, Robot
 from resgrid.robots.cells import Progress, Sampling, near_half_space, outline
 from resgrid.robots.geometry import Part, Pose
@@ -27,6 +28,7 @@ PARTS = 3
 
 
 @checked
+@brief
 @dataclass(frozen=True)
 class PolygonRobot(Robot):
     """A polygon with configurations ``(x, y, theta)``: moved to ``(x, y)`` and turned about its reference point.
@@ -70,33 +72,6 @@ class PolygonRobot(Robot):
         """Distance from the reference point to the farthest corner."""
         return float(np.hypot(*np.transpose(self.vertices)).max())
 
-    def turning_axis(self, cells: int, name: str = "theta") -> Axis:
-        """The third axis: a full turn from 0 to ``2 pi turning_length``, periodic."""
-        return Axis(name, 0.0, tau * self.turning_length, cells, periodic=True)
-
-    def implied_axes(self) -> tuple[dict[str, Any], ...]:
-        """Names of x and y, and a full turn; see `Robot.implied_axes`."""
-        turn = {key: value for key, value in vars(self.turning_axis(1)).items() if key != "cells"}
-        return {"name": "x"}, {"name": "y"}, turn
-
-    def axes_on_map(self, axes: Sequence[Axis], headings: int) -> tuple[Axis, ...]:
-        """The map's, and a full turn; see `Robot.axes_on_map`."""
-        return (*axes, self.turning_axis(headings))
-
-    def check_axes(self, axes: Sequence[Axis]) -> None:
-        """Refuse axes that are not ``(x, y, theta)``, x and y not periodic and a periodic theta a full turn."""
-        if len(axes) != 3:
-            raise InputError(f"a turning polygon needs 3 axes (x, y, theta), got {len(axes)}")
-        for axis in axes[:2]:
-            if axis.periodic:
-                raise InputError(f"axis {axis.name!r}: a turning polygon's x and y cannot be periodic")
-        turn, full = axes[2], tau * self.turning_length
-        if turn.periodic and abs(turn.upper - turn.lower - full) > 1e-9 * full:
-            raise InputError(
-                f"axis {turn.name!r}: a full turn is 2 pi turning_length = {full:.15g}, but the axis spans "
-                f"{turn.upper - turn.lower:.15g}; leave lower and upper out, or set periodic = false"
-            )
-
     def corners(self, configurations: ArrayLike) -> NDArray[np.float64]:
         """Where the corners are. Shapes: `configurations` (..., 3); returns (..., v, 2)."""
         pose = np.asarray(configurations, dtype=np.float64)
@@ -123,10 +98,6 @@ class PolygonRobot(Robot):
         corners = self.corners(configuration)
         edges = np.hstack([corners, np.roll(corners, -1, axis=0)])
         return Pose.of_body(edges, 0.0, configuration, self.turning_length)
-
-    def heading(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Its angle; see `Robot.heading`."""
-        return configurations[:, 2] / self.turning_length
 
     def occupancy(
         self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None

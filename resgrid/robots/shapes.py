@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from resgrid.arguments import checked
 from resgrid.axis import LARGEST, Axis, Coordinate, Point
 from resgrid.errors import InputError
+from resgrid.frozen import brief
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -110,6 +111,7 @@ class Ball:
 
 
 @checked
+@brief
 @dataclass(frozen=True)
 class Polygon:
     """A simple polygon in the plane, with holes if need be.

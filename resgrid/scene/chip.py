@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from annotated_types import Ge, Gt, Le, Len
 
 from resgrid.errors import InputError
+from resgrid.frozen import brief
 from resgrid.scene.quantities import Listed, Quantity
 from resgrid.scene.table import check_fields
 
@@ -24,6 +25,7 @@ Density = Annotated[float, Ge(0), Le(1), Quantity("", share=True)]
 Place = Annotated[tuple[Annotated[int, Ge(0)], ...], Len(2, 5)]
 
 
+@brief
 @dataclass(frozen=True)
 class Readout:
     """How node voltages are measured; ideal where it does not say.
@@ -68,6 +70,7 @@ class Readout:
             )
 
 
+@brief
 @dataclass(frozen=True)
 class Defects:
     """Faults of fabrication: shares of the grid's resistors.
@@ -109,6 +112,7 @@ class Defects:
             )
 
 
+@brief
 @dataclass(frozen=True)
 class Chip:
     """What a chip is made of, in SI units; ideal where it does not say.

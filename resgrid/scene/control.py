@@ -11,6 +11,7 @@ from annotated_types import Ge, Gt, Le, Len
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
+from resgrid.frozen import brief
 from resgrid.scene.quantities import Listed
 from resgrid.scene.table import check_fields
 
@@ -19,6 +20,7 @@ Sizes = Annotated[tuple[Annotated[float, Ge(0)], ...], Len(1), Listed()]
 Speeds = Annotated[tuple[Annotated[float, Gt(0)], ...], Len(1), Listed()]
 
 
+@brief
 @dataclass(frozen=True)
 class Control:
     """How a robot is moved by its field, through obstacles that the map shows and others; see `resgrid.simulation`.

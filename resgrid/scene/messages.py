@@ -40,6 +40,8 @@ def complaint(detail: ErrorDetails) -> str:
     """What is wrong with a value, and what it may be."""
     if detail["type"] == "literal_error":
         return _choice(detail)
+    if _COMPLAINTS.get(detail["type"]) == _LIST and isinstance(detail["input"], Mapping):
+        return f"must be a list of tables: write [[{key_path(detail['loc'])}]], or put [ ] around the table"
     if detail["type"] in _COMPLAINTS:
         return _COMPLAINTS[detail["type"]].format(**detail.get("ctx", {}), shown=shown(detail))
     message = detail["msg"].removeprefix("Value error, ")

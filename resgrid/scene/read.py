@@ -28,7 +28,7 @@ from resgrid.scene.scene import IN_FILES, LISTS, Scene, check_attributes, start_
 from resgrid.scene.toml_lines import Path as KeyPath, key_lines
 
 _LINK = re.compile(r"https?://\S*#(?:\S*&)?s=(?P<code>[^&\s]+)")
-"""A link of the live page: a scene's document, deflated and in base64url, in the fragment."""
+"""A link of the live page: a scene's document as zlib packs it, with a checksum, in base64url, in the fragment."""
 
 _LONGEST = 1 << 26
 """Bytes of the longest document that a link may hold."""
@@ -133,14 +133,14 @@ def read_link(text: str) -> Scene:
     """The scene that a link holds; nothing is fetched, and no map file is read."""
     match = _LINK.match(text)
     code = "" if match is None else match["code"]
-    unpacking = zlib.decompressobj(-zlib.MAX_WBITS)
+    unpacking = zlib.decompressobj()
     try:
         content = unpacking.decompress(base64.urlsafe_b64decode(code + "=" * (-len(code) % 4)), _LONGEST)
         document = json.loads(content) if unpacking.eof else None
     except (zlib.error, binascii.Error, ValueError, RecursionError):
         document = None
     if not isinstance(document, dict):
-        raise InputError("this link holds no whole scene: part of it may be missing; copy it again")
+        raise InputError("this link holds no whole scene: part of it is missing or was changed; copy it again")
     if "map" in document:
         raise InputError("the scene of this link names a map file, which a link cannot bring along")
     return build_scene(document, "the link", Path())

@@ -24,6 +24,7 @@ from pydantic import (
     model_validator,
 )
 
+from resgrid.arguments import short
 from resgrid.axis import Axis
 from resgrid.errors import suggestion
 from resgrid.robots import ROBOTS, Arm, Ball, Box, HalfSpace, PointRobot, Polygon, Robot
@@ -146,6 +147,8 @@ def _robot_kind(table: Any) -> str:
 def _kind_of(name: str, given: Any) -> str:
     """What kind of shape or place a table describes."""
     places = [kind for kind in KINDS[name] if kind not in SHAPES]
+    if not isinstance(given, Mapping) and places:
+        raise ValueError(f"must be a table, such as {{ point = [...] }} or {{ cell = [...] }}, got {short(given)}")
     table = given if isinstance(given, Mapping) else {}
     shape = table.get("shape")
     if isinstance(shape, str) and shape in places:

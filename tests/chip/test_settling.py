@@ -125,7 +125,7 @@ def test_readings_have_units_and_definitions() -> None:
         (small_scene(), {"bits": 0}, rg.InputError, "bits"),
         (small_scene(), {"modes": 0}, rg.InputError, "modes"),
         (small_scene(), {"span": -1.0}, rg.InputError, "span"),
-        (rg.compile_space(small_scene().cells.space), {}, rg.InputError, "no capacitance"),
+        (rg.compile_space(small_scene().cells.space), {}, rg.InputError, "no time constants; give chip.capacitance"),
         (held_square(3), {}, rg.InputError, "same voltage"),
         (
             rg.Netlist(

@@ -290,8 +290,9 @@ def test_a_run_that_ended_within_a_batch_is_taken_up_at_its_end(tmp_path: Path) 
     )
 
 
-@pytest.mark.parametrize("kind", ["processes", "loky", "dask", "parsl"])
+@pytest.mark.parametrize("kind", ["processes", "loky", "parsl"])
 def test_the_numbers_and_the_file_are_the_same_whoever_works_and_dies(kind: str, tmp_path: Path) -> None:
+    """Of dask and MPI the command line's tests show it."""
     made = rg.study(room(), CHIP)
     rule = {"trials": 300, "half_width": 1e-4}
     alone = made.yields(**rule, checkpoint=tmp_path / "alone.jsonl")

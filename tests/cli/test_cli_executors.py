@@ -9,10 +9,9 @@ import sys
 import time
 from importlib.metadata import files
 from pathlib import Path
-from typing import Any
 
 import pytest
-from support.cli import COMMAND
+from support.cli import COMMAND, call
 from support.executors import two_workers
 
 WORDS = ["--only", "yield", "--most", "200", "--half-width", "0.001", "--no-check", "-q"]
@@ -22,7 +21,7 @@ WORDS = ["--only", "yield", "--most", "200", "--half-width", "0.001", "--no-chec
 def alone(scenes: Path, tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """The file that one process writes."""
     folder = tmp_path_factory.mktemp("alone") / "out"
-    subprocess.run([*COMMAND, "chip", scenes / "chip.toml", *WORDS, "-o", folder], check=True)
+    assert call("chip", scenes / "chip.toml", *WORDS, "-o", folder).exit_code == 0
     return (folder / "yield.jsonl").read_bytes()
 
 
@@ -39,7 +38,7 @@ def test_mpi(scenes: Path, tmp_path: Path, alone: bytes) -> None:
     assert (tmp_path / "out" / "yield.jsonl").read_bytes() == alone
 
 
-def test_dask(call: Any, scenes: Path, tmp_path: Path, alone: bytes) -> None:
+def test_dask(scenes: Path, tmp_path: Path, alone: bytes) -> None:
     with two_workers("dask", tmp_path) as executor:
         address = executor._client.scheduler.address.replace("tcp", "dask")  # type: ignore[attr-defined]
         result = call("chip", scenes / "chip.toml", *WORDS, "--executor", address, "-o", tmp_path / "out")
@@ -51,17 +50,10 @@ def test_dask(call: Any, scenes: Path, tmp_path: Path, alone: bytes) -> None:
 def test_what_is_interrupted_or_killed_is_taken_up(
     scenes: Path, tmp_path: Path, alone: bytes, sent: signal.Signals, code: int
 ) -> None:
-    words = [
-        *COMMAND,
-        "chip",
-        str(scenes / "chip.toml"),
-        *WORDS,
-        "--executor",
-        "processes:2",
-        "-o",
-        str(tmp_path / "out"),
-    ]
-    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
+    words = ["chip", scenes / "chip.toml", *WORDS, "-o", tmp_path / "out"]
+    with subprocess.Popen(
+        [*COMMAND, *words, "--executor", "processes:2"], stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
         end = time.monotonic() + 120
         while not any(file.stat().st_size > 1000 for file in tmp_path.glob(".out-*.yield.jsonl")):
             assert process.poll() is None and time.monotonic() < end
@@ -78,7 +70,7 @@ def test_what_is_interrupted_or_killed_is_taken_up(
     assert not (tmp_path / "out").exists()
     (kept,) = tmp_path.glob(".out-*.yield.jsonl")
     assert alone.startswith(kept.read_bytes())
-    subprocess.run(words, check=True)
+    assert call(*words).exit_code == 0
     assert (tmp_path / "out" / "yield.jsonl").read_bytes() == alone
 
 
@@ -93,8 +85,9 @@ def test_what_is_interrupted_or_killed_is_taken_up(
     ],
 )
 def test_wrong_names_have_one_message(
-    call: Any, scenes: Path, tmp_path: Path, name: str, message: str, code: int
+    scenes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, message: str, code: int
 ) -> None:
+    monkeypatch.setattr("resgrid.workers.DASK_SECONDS", 0.5)
     result = call("chip", scenes / "chip.toml", *WORDS, "--executor", name, "-o", tmp_path / "out")
     assert (result.exit_code, message in result.stderr) == (code, True)
 

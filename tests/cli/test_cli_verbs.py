@@ -186,6 +186,7 @@ def test_compile_prints_or_writes_the_same_deck(answer, call, lesson, tmp_path):
     nodes = json.loads(Path(data["sidecar"]).read_text())["nodes"]
     assert max(node["voltage"] for node in nodes.values()) == pytest.approx(1.0, abs=1e-12)  # the drive is scaled
     assert "no SPICE dialect" in call("compile", lesson, "--dialect", "spike").stderr
+    assert "did you mean 'ngspice'?" in call("compile", lesson, "--dialect", "ngspce").stderr
 
 
 def test_check_compares_deck_scene_and_simulator(answer, call, lesson, tmp_path):

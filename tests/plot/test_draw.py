@@ -200,6 +200,9 @@ def test_central_values_have_a_repr_of_one_line_and_a_picture_in_a_notebook(run:
     for value in pictured:
         assert '<img src="data:image/png;base64,' in value._repr_html_()
         assert type(value).__name__ in value._repr_html_()
+    solid = rg.Scene(tuple(rg.Axis(name, 0, 3, 3) for name in "xyz"), obstacles=(rg.Ball((1.0, 1.0, 1.0), 0.4),))
+    assert '<img src="data:image/png;base64,' in solid._repr_html_()
+    assert render_figure(rg.draw(solid), "png") == render_figure(rg.draw(rg.sample(solid, require_goal=False)), "png")
     deep = space_of(np.ones((3, 3, 3, 3), int))
     assert deep._repr_html_() is None
     assert repr(field.space).startswith(

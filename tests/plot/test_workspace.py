@@ -89,7 +89,7 @@ def test_a_scene_shows_shapes_of_all_kinds_with_their_holes() -> None:
     marks = {mark.get_label(): mark.get_offsets().tolist() for mark in drawn.collections}
     assert marks == {"start": [[-3, 7]], "goal": [[7, 7]]}
     with pytest.raises(rg.InputError, match="not a plane"):
-        rg.draw(rg.Scene([rg.Axis(name, 0, 4, 4) for name in "xyz"]))
+        rg.draw_robot([(1, 1, 1)], rg.Scene([rg.Axis(name, 0, 4, 4) for name in "xyz"]))
 
 
 def test_a_pair_has_the_workspace_left_and_the_configurations_right(arm, planner) -> None:

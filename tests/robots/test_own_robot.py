@@ -115,31 +115,33 @@ radius = 0.2
 point = [2.2, 1.2]
 """
 REGISTERED = """
-import sys
+import json, sys
 from support.dumbbell import Dumbbell
 from resgrid.robots import ROBOTS
 ROBOTS["dumbbell"] = Dumbbell
-from resgrid.cli import main
-sys.exit(main())
+from support.cli import call
+results = [call(*words) for words in json.loads(sys.argv[1])]
+print(json.dumps([[result.exit_code, result.stdout, result.stderr] for result in results]))
 """
 
 
 def test_one_line_in_the_registry_takes_it_through_the_command_line(tmp_path: Path) -> None:
     (tmp_path / "scene.toml").write_text(SCENE_FILE)
-
-    def call(*words: str) -> str:
-        command = [sys.executable, "-c", REGISTERED, *words]
-        path = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
-        done = subprocess.run(
-            command, cwd=tmp_path, capture_output=True, text=True, check=False, env=os.environ | {"PYTHONPATH": path}
-        )
-        assert done.returncode == 0, done.stderr
-        return done.stdout
-
-    call("run", "scene.toml", "-o", "out", "--no-check")
-    assert json.loads((tmp_path / "out" / "summary.json").read_text())["schema"] == 1
-    call("plot", "scene.toml", "-o", "robot.png", "--what", "robot")
-    assert len(json.loads(call("control", "scene.toml", "--json"))["runs"]) == 1
     (tmp_path / "wrong.toml").write_text(SCENE_FILE.replace("radius = 0.12", "radiu = 0.12"))
-    with pytest.raises(AssertionError, match="radius"):
-        call("run", "wrong.toml")
+    lines = [
+        ["run", "scene.toml", "-o", "out", "--no-check"],
+        ["plot", "scene.toml", "-o", "robot.png", "--what", "robot"],
+        ["control", "scene.toml", "--json"],
+        ["run", "wrong.toml"],
+    ]
+    path = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
+    command = [sys.executable, "-c", REGISTERED, json.dumps(lines)]
+    environment = os.environ | {"PYTHONPATH": path}
+    done = subprocess.run(command, check=False, cwd=tmp_path, capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stderr
+    ran, plotted, moved, refused = json.loads(done.stdout)
+    assert [ran[0], plotted[0], moved[0], refused[0]] == [0, 0, 0, 2]
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["schema"] == 1
+    assert (tmp_path / "robot.png").exists()
+    assert len(json.loads(moved[1])["runs"]) == 1
+    assert "did you mean 'radius'?" in refused[2]

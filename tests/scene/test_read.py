@@ -112,6 +112,8 @@ resistance = "10kohm"
         ("starts = [[1, 1], [1, -1]]" + GRID + GOAL, "starts[1]: the point [1.0, -1.0] lies outside"),
         (GRID + GOAL + "[[start]]\ncell = [0, 3]", "start[0]: cell [0, 3] is not in the grid"),
         (GRID + GOAL + "[[start]]\n", "a start needs point"),
+        (GRID + "goal = [5, 0]\n", "goal[1]: must be a table, such as { point = [...] }"),
+        (GRID + "[goal]\npoint = [1, 1]\n", "goal: must be a list of tables: write [[goal]], or put [ ] around"),
         (GRID + "[[goal]]\nshape = 3", "goal[0]"),
         (GRID + '[[goal]]\nshape = "point"\nat = [1, 2]', "shape = 'point' is no shape, for a place needs none; write"),
         (GRID + '[[goal]]\nshape = "point"\npoint = [1, 2]', "for a place needs none; remove this key"),

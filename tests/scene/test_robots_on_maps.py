@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import shapely
 from shapely import affinity
+from support.dumbbell import Dumbbell
 
 import resgrid as rg
 from resgrid.scene.overrides import apply_overrides
@@ -55,6 +56,20 @@ def test_a_footprint_on_a_turned_map_goes_through_a_door(turned: Path) -> None:
     assert max(scene.robot.shapes_at(pose)[0].intersection(walls).area for pose in path.points[::3]) < 1e-12
     narrow = scene.replace(robot=rg.PolygonRobot(tuple((2 * x, 4 * y) for x, y in FOOTPRINT)))
     assert rg.plan(narrow).path(scene.starts[0]).outcome == "no_path"
+
+
+def test_a_robot_of_one_s_own_turns_on_a_turned_map_by_its_turning_length(turned: Path) -> None:
+    robot = Dumbbell(0.7, 0.15)
+    frame = rg.read_scene(turned).frame
+    goal, start = (tuple(map(float, frame.to_world(place))) for place in ((5.0, 2.0), (1.0, 2.0)))
+    scene = rg.read_scene(turned, robot=robot, headings=24, goal=goal, start=(*start, 0.35 * (YAW + 1.2)))
+    assert scene.axes[2] == rg.Axis("theta", 0.0, 0.7 * np.pi, 24, periodic=True)
+    path = rg.plan(scene).path(scene.starts[0])
+    assert path.outcome == "reached"
+    walls = walls_of(scene)
+    assert max(part.intersection(walls).area for pose in path.points[::3] for part in robot.shapes_at(pose)) < 1e-12
+    with pytest.raises(rg.InputError, match="a robot that turns needs 3 axes"):
+        rg.Scene(scene.axes[:2], robot=robot)
 
 
 def test_a_map_lies_where_its_scene_says(turned: Path) -> None:
@@ -158,7 +173,7 @@ def test_a_whole_scene_is_made_without_a_file() -> None:
         ({"goal": (1, 2, 3)}, "goal[0].point: needs 2 coordinates, one for each axis, got 3"),
         ({"start": [(1, 2), (1,)]}, "starts[1]: needs 2 coordinates, one for each axis, got 1"),
         ({"goal": 3}, "goal = 3 must be a list of numbers, a goal, or a list of these"),
-        ({"robot": rg.PolygonRobot(FOOTPRINT)}, "grid: a turning polygon needs 3 axes (x, y, theta), got 2"),
+        ({"robot": rg.PolygonRobot(FOOTPRINT)}, "grid: a robot that turns needs 3 axes (x, y, theta), got 2"),
         ({"drive": "start", "boundary": "neumann"}, 'drive: drive = "start" needs a start'),
         ({"start": rg.GoalCell((9, 9))}, "start: cell [9, 9] is not in the grid of 4 x 3 cells"),
     ],

@@ -18,8 +18,12 @@ class Dumbbell(Robot):
     length: float
     radius: float
 
+    @property
+    def turning_length(self) -> float:  # type: ignore[override]
+        return self.length / 2
+
     def ends(self, configurations: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-        angle = configurations[:, 2] / (self.length / 2)
+        angle = configurations[:, 2] / self.turning_length
         half = self.length / 2 * np.column_stack([np.cos(angle), np.sin(angle)])
         return [configurations[:, :2] - half, configurations[:, :2] + half]
 
@@ -32,4 +36,4 @@ class Dumbbell(Robot):
 
     def pose(self, configuration: NDArray[np.float64]) -> Pose:
         ends = np.concatenate(self.ends(configuration[np.newaxis]))
-        return Pose.of_body(np.hstack([ends, ends]), self.radius, configuration, self.length / 2)
+        return Pose.of_body(np.hstack([ends, ends]), self.radius, configuration, self.turning_length)

@@ -60,7 +60,7 @@ export function openSaving({ open, canvas }, wire, scene, complain) {
 /** The link that holds a scene. @param {Wire} wire @param {Scene} scene @param {string} [address] of a page */
 export async function linkOf(wire, scene, address = `${location.origin}${location.pathname}`) {
   const [, content] = await wire.ask({ type: "save", format: "json" }, scene);
-  const code = base64(await through(new CompressionStream("deflate-raw"), content));
+  const code = base64(await through(new CompressionStream("deflate"), content));
   return `${address}#s=${code.replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "")}`;
 }
 
@@ -69,7 +69,7 @@ export async function documentIn(fragment) {
   const code = new URLSearchParams(fragment.replace(/^#/, "")).get("s");
   if (!code) return null;
   const packed = bytesIn(code.replaceAll("-", "+").replaceAll("_", "/"));
-  return JSON.parse(new TextDecoder().decode(await through(new DecompressionStream("deflate-raw"), packed)));
+  return JSON.parse(new TextDecoder().decode(await through(new DecompressionStream("deflate"), packed)));
 }
 
 /** @param {GenericTransformStream} stream @param {Uint8Array} bytes */

@@ -352,7 +352,7 @@ export class Page {
       const document_ = await documentIn(fragment);
       if (document_) await this.#open({ type: "link", document: document_ });
     } catch {
-      this.#complain("this link is damaged: part of it is missing");
+      this.#complain("this link is damaged: part of it is missing or was changed");
     }
   }
 

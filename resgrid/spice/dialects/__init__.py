@@ -8,7 +8,7 @@ Reference, chapter "Analysis Statements"; for quirks also their mailing lists.  
 
 from __future__ import annotations
 
-from resgrid.errors import InputError
+from resgrid.errors import InputError, suggestion
 from resgrid.spice.dialects.hspice import HSPICE
 from resgrid.spice.dialects.ltspice import LTSPICE
 from resgrid.spice.dialects.ngspice import NGSPICE
@@ -29,5 +29,6 @@ DECK_SUFFIXES = (".cir", ".sp", ".spice", ".ckt", ".net", ".cdl", *OWN_SUFFIXES)
 def dialect_named(name: str) -> Dialect:
     """Look a dialect up."""
     if name not in DIALECTS:
-        raise InputError(f"there is no SPICE dialect {name!r}; choose one of {', '.join(sorted(DIALECTS))}")
+        hint = suggestion(name, DIALECTS) or f"choose one of {', '.join(sorted(DIALECTS))}"
+        raise InputError(f"there is no SPICE dialect {name!r}; {hint}")
     return DIALECTS[name]
