@@ -57,9 +57,11 @@ def node_values(system: Equations, factors: Factor | None, watch: Watch, team: T
         return _between(system, system.rails, *_drop_and_height(system.rails, factors, watch, team), team)
     drive = system.drive
     if not np.any(drive < 0.0):
-        return _above(system, *_solved(factors, [drive], watch, team), 1.0, team)
+        (rising,) = _solved(factors, [drive], watch, team)
+        return _above(system, rising, 1.0, team)
     if not np.any(drive > 0.0):
-        return _above(system, *_solved(factors, [np.abs(drive)], watch, team), -1.0, team)
+        (falling,) = _solved(factors, [np.abs(drive)], watch, team)
+        return _above(system, falling, -1.0, team)
     assert factors is not None
     rising, falling = _solved(factors, [np.maximum(drive, 0.0), np.maximum(-drive, 0.0)], watch, team)
     difference = minus(rising, falling)

@@ -48,7 +48,8 @@ class Vectors(NamedTuple):
     @property
     def next(self) -> Singles:
         """Where the next of the ``z`` stands."""
-        return self.z[int(self.scalars[0])]
+        stands: Singles = self.z[int(self.scalars[0])]
+        return stands
 
 
 @kernel
