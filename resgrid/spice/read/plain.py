@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,7 +94,7 @@ class PlainCards:
 
 
 def _values(text: NDArray[np.uint8], lines: Lines, rules: ReadingRules) -> NDArray[np.float64]:
-    """Values of plain cards, NaN or infinite where there is any doubt about one, and for other lines; shape (lines,)."""
+    """Values of plain cards, NaN or infinite where there is any doubt about one, and of other lines; shape (lines,)."""
     value = np.full(len(lines.kind), np.nan)
     is_card = lines.kind < len(_KINDS)
     decimal = np.flatnonzero(is_card & lines.decimal)
@@ -112,7 +112,7 @@ def _values(text: NDArray[np.uint8], lines: Lines, rules: ReadingRules) -> NDArr
     return value
 
 
-def _words_at(text: NDArray[np.uint8], spans: NDArray[np.integer[Any]]) -> list[str]:
+def _words_at(text: NDArray[np.uint8], spans: NDArray[np.int32]) -> list[str]:
     from resgrid.spice.read.kernels import gather
 
     return gather(text, spans).tobytes().decode("ascii").split("\n")[:-1]
