@@ -151,7 +151,7 @@ def _note_oddities(parts: dict[str, Part], nodes: NodeTable, files: tuple[str, .
         )
     if nodes.aliases:
         diagnostics.inform(top, f"the node {', '.join(sorted(nodes.aliases))} is ground")
-    lookalikes = sorted((contents.rules.no_grounds - contents.grounds) & nodes.number.keys())
+    lookalikes = sorted(name for name in contents.rules.no_grounds - contents.grounds if name in nodes.number)
     if lookalikes:
         diagnostics.warn(
             top, f"the node {', '.join(lookalikes)} is not ground in {contents.rules.name}, but is elsewhere"
