@@ -43,16 +43,13 @@ for _kind, _letters in enumerate((b"rR", b"vV", b"iI", b"cC")):
 class Lines(NamedTuple):
     """The lines of a text.
 
-    `start` (lines,): first byte; `kind` (lines,): of a plain card, or `OTHER` or `EMPTY`.  Of plain cards: `name,
-    first, second, value` (lines, 2): first byte and end of words; `decimal` (lines,): whether the value has no suffix.
+    `start` (lines,): first byte; `kind` (lines,): of a plain card, or `OTHER` or `EMPTY`.  Of plain cards: `words`
+    (lines, 4, 2): first byte and end of name, nodes and value; `decimal` (lines,): whether the value has no suffix.
     """
 
     start: NDArray[np.int32]
     kind: NDArray[np.uint8]
-    name: NDArray[np.int32]
-    first: NDArray[np.int32]
-    second: NDArray[np.int32]
-    value: NDArray[np.int32]
+    words: NDArray[np.int32]
     decimal: NDArray[np.bool_]
 
 
@@ -152,10 +149,9 @@ def _card(text: Bytes, start: int, lines: Lines, line: int) -> int:
         return -1
     if not (_is_digit(text[v]) or 45 <= text[v] <= 46 or text[v] == 43):  # a sign or a point
         return -1
-    lines.name[line, 0], lines.name[line, 1] = start, name_stop
-    lines.first[line, 0], lines.first[line, 1] = a, a_stop
-    lines.second[line, 0], lines.second[line, 1] = b, b_stop
-    lines.value[line, 0], lines.value[line, 1] = v, v_stop
+    words = lines.words[line]
+    words[0, 0], words[1, 0], words[2, 0], words[3, 0] = start, a, b, v
+    words[0, 1], words[1, 1], words[2, 1], words[3, 1] = name_stop, a_stop, b_stop, v_stop
     lines.decimal[line] = _is_decimal(text, v, v_stop)
     return stop
 

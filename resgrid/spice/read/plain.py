@@ -24,6 +24,8 @@ LEAST_BYTES = 40_000
 _KINDS = ("resistor", "voltage source", "current source", "capacitor")
 """What the kinds of plain cards are."""
 
+_SLASHES = re.compile(b"//")
+
 
 def plain_lines(data: bytes, start: int) -> Iterator[tuple[int, str]]:
     """Every line of a file from a byte on, with its number."""
@@ -44,11 +46,11 @@ class PlainCards:
         self._lines = lines = Lines(
             start=np.empty(count, dtype=np.int32),
             kind=np.empty(count, dtype=np.uint8),
-            **{key: np.empty((count, 2), dtype=np.int32) for key in ("name", "first", "second", "value")},
+            words=np.empty((count, 4, 2), dtype=np.int32),
             decimal=np.empty(count, dtype=np.bool_),
         )
         cut(self._text, start, lines)
-        slashes = [match.start() for match in re.finditer(b"//", data) if match.start() >= start]
+        slashes = [match.start() for match in _SLASHES.finditer(data, start)]
         lines.kind[np.searchsorted(lines.start, slashes, side="right") - 1] = OTHER  # perhaps a comment
         self._value = _values(self._text, lines, rules)
         self._value[(lines.kind == _KINDS.index("capacitor")) & (self._value < 0)] = np.nan
@@ -77,7 +79,7 @@ class PlainCards:
         from resgrid.spice.read.kernels import number_names
 
         taken = np.flatnonzero(self._is_taken & self._is_plain)
-        spans = np.stack([self._lines.first[taken], self._lines.second[taken]], axis=1).reshape(-1, 2)
+        spans = self._lines.words[taken, 1:3].reshape(-1, 2)
         number, first = number_names(self._text, spans)
         spelt, line = spans[first], self._number + taken[first // 2]
         short = np.flatnonzero(np.diff(spelt)[:, 0] <= max(map(len, self._rules.grounds)))
@@ -89,7 +91,7 @@ class PlainCards:
             if own.any():
                 cards = taken[own]
                 place = np.stack([np.full(len(cards), file), self._number + cards], axis=1)
-                names_of = partial(_words_at, self._text, self._lines.name[cards])
+                names_of = partial(_words_at, self._text, self._lines.words[cards, 0])
                 elements.parts[kind].append(Part(names_of, ends[own], self._value[cards, np.newaxis], place, None))
 
 
@@ -98,13 +100,13 @@ def _values(text: NDArray[np.uint8], lines: Lines, rules: ReadingRules) -> NDArr
     value = np.full(len(lines.kind), np.nan)
     is_card = lines.kind < len(_KINDS)
     decimal = np.flatnonzero(is_card & lines.decimal)
-    value[decimal] = np.fromiter(map(float, _words_at(text, lines.value[decimal])), np.float64, len(decimal))
+    value[decimal] = np.fromiter(map(float, _words_at(text, lines.words[decimal, 3])), np.float64, len(decimal))
     zero = np.flatnonzero(value == 0)
-    underflows = [word.lower().partition("e")[0].strip("+-0.") != "" for word in _words_at(text, lines.value[zero])]
+    underflows = [word.lower().partition("e")[0].strip("+-0.") != "" for word in _words_at(text, lines.words[zero, 3])]
     value[zero[underflows]] = np.nan
     suffixed = np.flatnonzero(is_card & ~lines.decimal)
     read: dict[str, float] = {}
-    for card, word in zip(suffixed.tolist(), _words_at(text, lines.value[suffixed]), strict=True):
+    for card, word in zip(suffixed.tolist(), _words_at(text, lines.words[suffixed, 3]), strict=True):
         if word not in read:
             numeral = parse_numeral(word, rules)
             read[word] = numeral.value if isinstance(numeral, Numeral) and not numeral.warning else np.nan
