@@ -9,9 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, partial
 
-import numpy as np
-
-from resgrid.spice.circuit import rebase
+from resgrid.spice.circuit import rebase_one
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.read import spectre
 from resgrid.spice.read.cards import Card, Setting, Token, settings, split_positional, tokenise, without_parentheses
@@ -180,11 +178,10 @@ def _read_resistor(card: Card, scope: Scope, elements: Elements) -> None:
     ohms *= element.value("scale", 1.0) / multiplier(card, element.value("m", 1.0))
     if not math.isfinite(ohms):
         raise card.error(None, f"{element.name} has {ohms} ohm")
-    if first or second:
-        own = element.value("temp", elements.nominal + element.value("dtemp", 0.0))
-        shift = own - (elements.nominal if math.isnan(nominal) else nominal)
-        moved = rebase(np.array([ohms]), np.array([first]), np.array([second]), shift)
-        ohms, first, second = (column.item() for column in moved if column is not None)
+    own = element.value("temp", elements.nominal + element.value("dtemp", 0.0))
+    shift = own - (elements.nominal if math.isnan(nominal) else nominal)
+    if shift and (first or second):
+        ohms, first, second = rebase_one(ohms, first, second, shift)
     if "temp" in element.keys:
         first = second = 0.0
     elements.add("resistor", element.name, element.nodes, (ohms, first, second), card)
