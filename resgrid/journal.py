@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from resgrid.errors import InputError
 
@@ -35,7 +35,7 @@ class Journal:
                     file.write(line)
                 else:
                     self._check(first, head)
-                    _drop_torn_line(file)
+                    file.truncate(len(first) + file.read().rfind(b"\n") + 1)
         except FileNotFoundError as error:
             folder = str(self._path.parent)
             raise InputError(
@@ -85,19 +85,6 @@ class Journal:
     def damaged(self, why: object) -> InputError:
         """What to raise of a file with a fault."""
         return InputError(f"cannot read the checkpoint {str(self._path)!r}: {why}; {_REMEDY}")
-
-
-def _drop_torn_line(file: BinaryIO) -> None:
-    """Cut off what follows the last whole line."""
-    end = file.seek(0, os.SEEK_END)
-    while end:
-        begin = max(0, end - 65536)
-        file.seek(begin)
-        newline = file.read(end - begin).rfind(b"\n")
-        if newline >= 0:
-            file.truncate(begin + newline + 1)
-            return
-        end = begin
 
 
 def _line(record: dict[str, Any]) -> str:

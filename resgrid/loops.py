@@ -20,74 +20,40 @@ import numpy as np
 
 import resgrid as rg
 
-_ROOM = """
-schema = 1
-starts = [[0.5, 6.5]]
-[grid]
-axes = [{ name = "x", lower = 0, upper = 8, cells = 24 }, { name = "y", lower = 0, upper = 8, cells = 24 }]
-[[obstacle]]
-shape = "rectangle"
-lower = [1, 4]
-upper = [5, 5]
-[[obstacle]]
-shape = "circle"
-centre = [6.5, 6.5]
-radius = 0.7
-[[hidden]]
-shape = "circle"
-centre = [2.9, 2.35]
-radius = 0.3
-[[goal]]
-point = [6.5, 1.5]
-[chip]
-capacitance = "60f"
-mismatch = "1 %"
-temperature = 60
-tc1 = -2e-3
-[chip.readout]
-bits = 12
-noise_bandwidth = "1M"
-"""
 
-_ARM = """
-schema = 1
-starts = [[1.4, 0.3]]
-[robot]
-type = "arm"
-links = [{ length = 1.0, width = 0.08 }, { length = 1.0, width = 0.08 }]
-self_collision = true
-[grid]
-cells = [32, 32]
-[[obstacle]]
-shape = "polygon"
-vertices = [[0.9, 1.1], [1.3, 1.1], [1.1, 1.4]]
-[[goal]]
-shape = "circle"
-centre = [-1.2, -0.8]
-radius = 0.2
-"""
+def _axes(**cells: int) -> tuple[rg.Axis, ...]:
+    return tuple(rg.Axis(name, 0.0, 8.0, count) for name, count in cells.items())
 
-_TURNING = """
-schema = 1
-starts = [[0.5, 0.5, 0.0]]
-[robot]
-type = "polygon"
-vertices = [[-0.3, -0.1], [0.3, -0.1], [0.3, 0.1], [-0.3, 0.1]]
-[grid]
-axes = [
-  { name = "x", lower = 0, upper = 2, cells = 16 },
-  { name = "y", lower = 0, upper = 2, cells = 16 },
-  { cells = 8 },
-]
-[[obstacle]]
-shape = "rectangle"
-lower = [0.9, 0.0]
-upper = [1.1, 0.9]
-[[goal]]
-shape = "rectangle"
-lower = [1.6, 1.6]
-upper = [1.8, 1.8]
-"""
+
+_ROOM = rg.Scene(
+    axes=_axes(x=24, y=24),
+    obstacles=(rg.Box((1.0, 4.0), (5.0, 5.0)), rg.Ball((6.5, 6.5), 0.7)),
+    hidden=(rg.Ball((2.9, 2.35), 0.3),),
+    goals=(rg.GoalPoint((6.5, 1.5)),),
+    starts=((0.5, 6.5),),
+    chip=rg.Chip(
+        capacitance=60e-15, mismatch=0.01, temperature=60.0, tc1=-2e-3,
+        readout=rg.Readout(bits=12, noise_bandwidth=1e6),
+    ),
+)  # fmt: skip
+
+_LINKS = rg.Arm(lengths=(1.0, 1.0), widths=(0.08, 0.08), self_collision=True)
+_ARM = rg.Scene(
+    axes=_LINKS.axes(32),
+    robot=_LINKS,
+    obstacles=(rg.Polygon(((0.9, 1.1), (1.3, 1.1), (1.1, 1.4))),),
+    goals=(rg.Ball((-1.2, -0.8), 0.2),),
+    starts=((1.4, 0.3),),
+)
+
+_PLATE = rg.PolygonRobot(((-1.2, -0.4), (1.2, -0.4), (1.2, 0.4), (-1.2, 0.4)))
+_TURNING = rg.Scene(
+    axes=_PLATE.axes_on_map(_axes(x=16, y=16), headings=8),
+    robot=_PLATE,
+    obstacles=(rg.Box((3.6, 0.0), (4.4, 3.6)),),
+    goals=(rg.Box((6.4, 6.4), (7.2, 7.2)),),
+    starts=((2.0, 2.0, 0.0),),
+)
 
 
 def _room(*shape: int, walls: int = 0) -> rg.ConfigurationSpace:
@@ -179,8 +145,7 @@ def _decks() -> None:
 
 
 def _paths() -> None:
-    scene = rg.parse_scene(_ROOM)
-    planner = rg.plan(scene, k=0.5)
+    planner = rg.plan(_ROOM, k=0.5)
     path = planner.path((0.5, 6.5))
     rg.certify(path)
     rg.shorten(path)
@@ -189,19 +154,17 @@ def _paths() -> None:
 
 
 def _robots() -> None:
-    for text in (_ARM, _TURNING):
-        scene = rg.parse_scene(text)
+    for scene in (_ARM, _TURNING):
         rg.plan(scene).path(scene.starts[0])
 
 
 def _control() -> None:
-    for text in (_ROOM, _ARM):
-        scene = rg.parse_scene(text)
+    for scene in (_ROOM, _ARM):
         rg.simulation(scene, k=0.9, learn=True, settle="sor").run()
 
 
 def _chips() -> None:
-    study = rg.study(rg.parse_scene(_ROOM))
+    study = rg.study(_ROOM)
     study.settling()
     study.noise()
     study.sensitivity()

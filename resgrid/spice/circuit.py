@@ -391,3 +391,10 @@ def rebase(
         moved = (first + 2.0 * second * heating) / factor, second / factor
     first, second = (np.where(factor == 0, 0.0, tc) for tc in moved)
     return resistance * factor, first, None if tc2 is None else second
+
+
+def rebase_one(ohms: float, tc1: float, tc2: float, heating: float) -> tuple[float, float, float]:
+    """The same of a single resistor, without the cost of arrays."""
+    factor = 1.0 + (tc1 + tc2 * heating) * heating
+    moved = ((tc1 + 2.0 * tc2 * heating) / factor, tc2 / factor) if factor else (0.0, 0.0)
+    return ohms * factor, *moved

@@ -1,4 +1,4 @@
-"""Resistor networks as lists: edges, and perhaps currents into nodes and resistors to ground, a line each."""
+"""Resistor networks as lists, both ways: edges, and perhaps currents and resistors to ground, a line each."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.netlist import Netlist
+from resgrid.netlist import GROUND, Netlist
 from resgrid.spice.read.files import read_text
+from resgrid.spice.write.flat import resistances
 
 Measure = Literal["resistance", "conductance"]
 MEASURES = ("resistance", "conductance")
@@ -22,6 +23,8 @@ _COMMENT = re.compile(r"[#%].*")
 _INTEGRAL = re.compile(r"^(\d+)\.0*$")
 """Whole numbers that are written as decimals."""
 _GROUND = "ground"
+_WRITABLE = re.compile(r"(?!\d+\.0*$)[^\s,;#%]+")
+"""Names that are read as they are written."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +116,19 @@ def read_edges(
         np.add.at(to_ground, _numbers(ties, number), ties.siemens(ground_measure, shorts=True))
     nodes = np.array(pairs, dtype=np.int32).reshape(-1, 2)
     return Network(list(number), nodes, table.siemens(measure), amps, to_ground)
+
+
+def edges_text(netlist: Netlist) -> str:
+    """The resistors of a netlist as a list of edges."""
+    names = netlist.names_of(range(netlist.node_count))
+    for node in np.unique(netlist.resistor_nodes).tolist():
+        if node != GROUND and (names[node].lower() == _GROUND or not _WRITABLE.fullmatch(names[node])):
+            raise InputError(
+                f"an edge list cannot hold a node named {names[node]!r}; write .json, .graphml or .npz instead"
+            )
+    names[GROUND] = _GROUND
+    rows = zip(netlist.resistor_nodes.tolist(), resistances(netlist.conductance).tolist(), strict=True)
+    return "".join([f"{names[a]} {names[b]} {ohms!r}\n" for (a, b), ohms in rows])
 
 
 def is_edge_list(path: str | os.PathLike[str]) -> bool:

@@ -1,9 +1,10 @@
-"""Reading netlists from graphs and arrays, as `resgrid.io.networks` writes them."""
+"""Netlists as graphs and as arrays, both ways."""
 
 from __future__ import annotations
 
 import json
 import os
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,34 @@ if TYPE_CHECKING:
 GRAPH_SUFFIXES = (".graphml", ".json", ".npz")
 """Graphs as GraphML and as node-link JSON, and NumPy arrays."""
 
-NETLIST_ARRAYS = tuple(name for names in ARRAYS.values() for name in names)
+_ARRAYS = tuple(name for names in ARRAYS.values() for name in names)
+
+
+def graphml(netlist: Netlist) -> bytes:
+    """A netlist as GraphML; its attributes are no lists, so that the nodes of an element are words."""
+    import networkx as nx
+
+    graph, data = netlist.to_networkx(), BytesIO()
+    for *_, attributes in graph.edges(data=True):
+        attributes["nodes"] = " ".join(map(str, attributes["nodes"]))
+    nx.write_graphml(graph, data)
+    return data.getvalue()
+
+
+def node_link(netlist: Netlist) -> dict[str, Any]:
+    """A netlist as a graph in node-link form."""
+    import networkx as nx
+
+    record: dict[str, Any] = nx.node_link_data(netlist.to_networkx(), edges="edges")
+    return record
+
+
+def netlist_arrays(netlist: Netlist) -> dict[str, Any]:
+    """The arrays of a netlist, and its names, by their names."""
+    arrays = {name: getattr(netlist, name) for name in _ARRAYS if getattr(netlist, name) is not None}
+    arrays["node_names"] = np.array(netlist.names_of(np.arange(netlist.node_count)), dtype=np.str_)
+    names = (netlist.element_names or {}).items()
+    return arrays | {f"{kind.replace(' ', '_')}_names": np.array(own, dtype=np.str_) for kind, own in names}
 
 
 def read_graph(path: str | os.PathLike[str]) -> Netlist:
@@ -75,5 +103,5 @@ def _read_arrays(path: Path) -> Netlist:
         for key, value in arrays.items()
         if key.endswith("_names")
     }
-    fields = {name: arrays[name] for name in NETLIST_ARRAYS if name in arrays}
+    fields = {name: arrays[name] for name in _ARRAYS if name in arrays}
     return Netlist(node_count=len(node_names), node_names=node_names, element_names=names or None, **fields)

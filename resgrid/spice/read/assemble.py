@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from resgrid.errors import CircuitError
 from resgrid.graphs import ELEMENTS
 from resgrid.netlist import Netlist
-from resgrid.spice.circuit import KINDS, Circuit, rebase
+from resgrid.spice.circuit import KINDS, Circuit
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.read.collect import Collector
 from resgrid.spice.read.commands import Contents
@@ -26,8 +25,10 @@ def assemble_deck(collector: Collector, source: Source, limit: int | None) -> Ci
     """Make the deck of everything that was collected."""
     contents, diagnostics = collector.contents, collector.contents.diagnostics
     scope = Scope(contents.top, diagnostics)
-    expander = Expander(contents)
-    elements = Elements(expander.node_table())
+    temperature, nominal = (contents.temperature(key, scope) for key in ("temp", "tnom"))
+    usual = DIALECTS[contents.rules.name].nominal_temperature
+    expander = Expander(contents, usual if nominal is None else nominal)
+    elements = expander.elements()
     elements.nodes.of("0", 0)
     for plain in collector.plain:
         plain.enter(elements)
@@ -36,7 +37,6 @@ def assemble_deck(collector: Collector, source: Source, limit: int | None) -> Ci
     expander.fill(scope, elements, contents.top.cards)
     diagnostics.raise_errors()
     _settle_title(contents, scope, elements, expander)
-    temperature, nominal = (contents.temperature(key, scope) for key in ("temp", "tnom"))
     diagnostics.raise_errors()
     parts = {kind: elements.joined(kind) for kind in WIDTHS}
     files = tuple(source.name for source in collector.library.sources)
@@ -44,9 +44,9 @@ def assemble_deck(collector: Collector, source: Source, limit: int | None) -> Ci
     diagnostics.raise_errors()
     _note_oddities(parts, elements.nodes, files, contents)
     numbers, names = _by_first_use([parts[kind].nodes for kind in KINDS], elements.nodes.names)
-    usual = DIALECTS[contents.rules.name].nominal_temperature
-    ohms, tc1, tc2 = _at_nominal(parts["resistor"], usual if nominal is None else nominal)
-    columns: dict[str, Any] = {"resistance": ohms, "tc1": tc1, "tc2": tc2}
+    ohms, *coefficients = np.hsplit(parts["resistor"].values, (1, 2))
+    tc1, tc2 = (column[:, 0].copy() if column.any() else None for column in coefficients)
+    columns: dict[str, Any] = {"resistance": ohms[:, 0].copy(), "tc1": tc1, "tc2": tc2}
     columns["is_inductor"] = parts["voltage source"].values[:, 1:].any(axis=1)
     for kind, (ends, values) in ELEMENTS.items():
         columns[ends] = numbers[parts[kind].nodes]
@@ -75,8 +75,8 @@ def _settle_title(contents: Contents, scope: Scope, elements: Elements, expander
     if first is None:
         return
     doubts = Diagnostics()
-    trial = Elements(expander.node_table())
-    Expander(contents).fill(Scope(contents.top, doubts), trial, [first])
+    trial = expander.elements()
+    Expander(contents, expander.nominal).fill(Scope(contents.top, doubts), trial, [first])
     reads = not doubts.errors
     wired = any(name in elements.nodes.number for name in trial.nodes.number if name not in contents.grounds)
     if reads and wired:
@@ -120,9 +120,7 @@ def _with_switches(parts: dict[str, Part], node_count: int, files: tuple[str, ..
     if inside.any():
         file, line = switches.place[int(np.argmax(inside))].tolist()
         diagnostics.warn(Spot(files[file], line), "a switch within its hysteresis is off unless ON is said")
-    values = np.zeros((len(on), 6))
-    values[:, 0] = np.where(is_on, on, off)
-    values[:, 4:] = math.nan
+    values = np.where(is_on, on, off)[:, np.newaxis]
     settled = Part(switches.names, switches.nodes[:, :2], values, switches.place, switches.order)
     return joined_parts("resistor", [resistors, settled])
 
@@ -139,7 +137,7 @@ def _held_voltages(parts: dict[str, Part], node_count: int) -> tuple[NDArray[np.
     try:
         forest = tie_sources(netlist)
     except CircuitError:
-        return np.full(node_count, math.nan), np.arange(node_count)
+        return np.full(node_count, np.nan), np.arange(node_count)
     return forest.offset, forest.root
 
 
@@ -153,7 +151,7 @@ def _note_oddities(parts: dict[str, Part], nodes: NodeTable, files: tuple[str, .
         )
     if nodes.aliases:
         diagnostics.inform(top, f"the node {', '.join(sorted(nodes.aliases))} is ground")
-    lookalikes = sorted((contents.rules.no_grounds - contents.grounds) & nodes.number.keys())
+    lookalikes = sorted(name for name in contents.rules.no_grounds - contents.grounds if name in nodes.number)
     if lookalikes:
         diagnostics.warn(
             top, f"the node {', '.join(lookalikes)} is not ground in {contents.rules.name}, but is elsewhere"
@@ -171,21 +169,3 @@ def _by_first_use(nodes: list[NDArray[np.int64]], names: list[str]) -> tuple[NDA
     number = np.full(len(names), -1, dtype=np.int32)
     number[order] = np.arange(len(order))
     return number, tuple(map(names.__getitem__, order.tolist()))
-
-
-def _at_nominal(
-    part: Part, nominal: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.float64] | None]:
-    """Resistances and coefficients, counted from the deck's nominal temperature."""
-    if part.values.shape[1] == 1:
-        return part.values[:, 0], None, None
-    ohms, tc1, tc2, rise, own, own_nominal = part.values.T
-    if not (tc1.any() or tc2.any()):
-        return ohms.copy(), None, None
-    from_point = np.where(np.isnan(own_nominal), nominal, own_nominal)
-    fixed = ~np.isnan(own)
-    shift = np.where(fixed, own, rise + nominal) - from_point
-    ohms, first, second = rebase(ohms.copy(), tc1.copy(), tc2.copy(), shift)
-    assert first is not None and second is not None
-    first, second = np.where(fixed, 0.0, first), np.where(fixed, 0.0, second)
-    return np.ascontiguousarray(ohms), first, second if second.any() else None

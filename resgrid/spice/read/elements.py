@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, partial
 
+from resgrid.spice.circuit import rebase_one
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.read import spectre
 from resgrid.spice.read.cards import Card, Setting, Token, settings, split_positional, tokenise, without_parentheses
@@ -177,8 +178,13 @@ def _read_resistor(card: Card, scope: Scope, elements: Elements) -> None:
     ohms *= element.value("scale", 1.0) / multiplier(card, element.value("m", 1.0))
     if not math.isfinite(ohms):
         raise card.error(None, f"{element.name} has {ohms} ohm")
-    own = (element.value("dtemp", 0.0), element.value("temp", math.nan), nominal)
-    elements.add("resistor", element.name, element.nodes, (ohms, first, second, *own), card)
+    own = element.value("temp", elements.nominal + element.value("dtemp", 0.0))
+    shift = own - (elements.nominal if math.isnan(nominal) else nominal)
+    if shift and (first or second):
+        ohms, first, second = rebase_one(ohms, first, second, shift)
+    if "temp" in element.keys:
+        first = second = 0.0
+    elements.add("resistor", element.name, element.nodes, (ohms, first, second), card)
 
 
 def _refuse_unspaced(card: Card, pairs: list[Setting]) -> None:
@@ -247,14 +253,9 @@ def _read_source(kind: str, card: Card, scope: Scope, elements: Elements) -> Non
         scope.diagnostics.inform(card.spot(), "m= changes nothing in a voltage source")
     if source.series:
         inner = f"{name}.rser"
-        elements.add("resistor", inner, (nodes[0], inner), _plain(source.series), card)
+        elements.add("resistor", inner, (nodes[0], inner), (source.series, 0.0, 0.0), card)
         nodes = [inner, nodes[1]]
     elements.add(kind, name, nodes, (value,) if kind == "current source" else (value, 0.0), card)
-
-
-def _plain(ohms: float) -> tuple[float, ...]:
-    """Values of a resistor that has nothing but ohms."""
-    return (ohms, 0.0, 0.0, 0.0, math.nan, math.nan)
 
 
 def _read_capacitor(card: Card, scope: Scope, elements: Elements) -> None:
@@ -279,7 +280,7 @@ def _read_inductor(card: Card, scope: Scope, elements: Elements) -> None:
     series = element.value("rser", element.value("r", 0.0))
     if series:
         scope.diagnostics.inform(card.spot(), "an inductor with rser is a resistor at direct current")
-        elements.add("resistor", element.name, element.nodes, _plain(series), card)
+        elements.add("resistor", element.name, element.nodes, (series, 0.0, 0.0), card)
         return
     if card.rules.inductor_ohms:
         scope.diagnostics.warn(

@@ -2,28 +2,29 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from functools import partial
-from operator import itemgetter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.spice.dialects.record import ReadingRules
-from resgrid.spice.read.cards import strip_comment
 from resgrid.spice.read.files import Source, decode
 from resgrid.spice.read.numerals import Numeral, parse_numeral
 from resgrid.spice.read.tables import Elements, Part
 
 if TYPE_CHECKING:
-    from resgrid.spice.read.kernels import CardTable
+    from resgrid.spice.read.kernels import Lines
 
 LEAST_BYTES = 40_000
 """Below this size the compiled loops cost more to load than they save."""
 
 _KINDS = ("resistor", "voltage source", "current source", "capacitor")
 """What the kinds of plain cards are."""
+
+_SLASHES = re.compile(b"//")
 
 
 def plain_lines(data: bytes, start: int) -> Iterator[tuple[int, str]]:
@@ -36,109 +37,76 @@ class PlainCards:
     """The plain cards of a file, cut away from its other lines while those are read."""
 
     def __init__(self, source: Source, start: int, rules: ReadingRules) -> None:
-        from resgrid.spice.read.kernels import CardTable, NodeHash
+        from resgrid.spice.read.kernels import EMPTY, OTHER, Lines, cut
 
         data = source.data
-        rows = data.count(b"\n", start)
-        self._file, self._data, self._text = source.number, data, np.frombuffer(data, dtype=np.uint8)
-        self._rules = rules
-        self._position, self._line = start, data.count(b"\n", 0, start) + 1
-        self._counts = (0, 0, 0)  # of cards, other lines, and nodes
-        self._known = NodeHash(
-            slots=np.full(1 << max(6, (4 * rows).bit_length()), -1, dtype=np.int32),
-            keys=np.empty(2 * rows + 1, dtype=np.uint64),
-            spans=np.empty((2 * rows + 1, 3), dtype=np.int64),
+        count = data.count(b"\n", start)
+        self._source, self._rules, self._number = source, rules, data.count(b"\n", 0, start) + 1
+        self._text = np.frombuffer(data, dtype=np.uint8)
+        self._lines = lines = Lines(
+            start=np.empty(count, dtype=np.int32),
+            kind=np.empty(count, dtype=np.uint8),
+            words=np.empty((count, 4, 2), dtype=np.int32),
+            decimal=np.empty(count, dtype=np.bool_),
         )
-        self._cards = CardTable(
-            kind=np.empty(rows, dtype=np.uint8),
-            name=np.empty((rows, 2), dtype=np.int32),
-            nodes=np.empty((rows, 2), dtype=np.int32),
-            value=np.empty((rows, 2), dtype=np.int32),
-            decimal=np.empty(rows, dtype=np.bool_),
-            line=np.empty(rows, dtype=np.int32),
-        )
-        self._value = np.empty(rows)
-        self._other = np.empty((rows + 1, 3), dtype=np.int64)
-        self._has_slashes = b"//" in data
-        self._comments = np.zeros(256, dtype=np.bool_)  # bytes that make a line a comment when they stand first
-        self._comments[[ord(mark[0]) for mark in (*rules.comments, *("$" * rules.dollar_comments))]] = True
+        cut(self._text, start, lines)
+        slashes = [match.start() for match in _SLASHES.finditer(data, start)]
+        lines.kind[np.searchsorted(lines.start, slashes, side="right") - 1] = OTHER  # perhaps a comment
+        self._value = _values(self._text, lines, rules)
+        self._value[(lines.kind == _KINDS.index("capacitor")) & (self._value < 0)] = np.nan
+        self._is_plain = np.isfinite(self._value)
+        self._others = np.flatnonzero(~self._is_plain & (lines.kind != EMPTY))
+        self._is_taken = np.zeros(count, dtype=np.bool_)
 
     def others(self, may_cut: Callable[[], bool]) -> Iterator[tuple[int, str]]:
-        """The lines that are not plain cards, and where none may be cut away, all.
+        """The lines that are not plain cards, and where none may be cut away, all."""
+        begin, count = 0, len(self._is_taken)
+        for other in (*self._others.tolist(), count):
+            if begin < other and may_cut():
+                self._is_taken[begin:other] = True
+            else:
+                yield from map(self._line, range(begin, other))
+            if other < count:
+                yield self._line(other)
+            begin = other + 1
 
-        What a command changes is known when the next card has begun: that one is never cut away.
-        """
-        of_command = goes_on = False
-        while self._position < len(self._data):
-            if may_cut() and not (of_command or goes_on):
-                for first, last, number in self._cut():
-                    yield number, decode(self._data[first:last])
-                    goes_on = b"\\" in self._data[first:last]
-                if self._position == len(self._data):
-                    break
-            number, line = self._next_line()
-            yield number, line
-            bare = strip_comment(line, self._rules).strip()
-            if bare:
-                of_command = bare[0] == "." or (of_command and (goes_on or bare[0] == "+"))
-                goes_on = "\\" in bare
-
-    def _next_line(self) -> tuple[int, str]:
-        stop = self._data.index(b"\n", self._position)
-        line = self._line, decode(self._data[self._position : stop])
-        self._position, self._line = stop + 1, self._line + 1
-        return line
-
-    def _cut(self) -> list[tuple[int, int, int]]:
-        """Cut cards away up to the next command: first and last byte and number of every other line before it."""
-        from resgrid.spice.read.kernels import cut
-
-        first_card, first_other, _ = self._counts
-        self._position, self._line, count, others, nodes = cut(
-            self._text, self._position, self._line, self._has_slashes, self._comments,
-            self._known, self._cards, self._other, *self._counts,
-        )  # fmt: skip
-        self._counts = count, others, nodes
-        kind, name, *_, line = cards = type(self._cards)._make(one[first_card:count] for one in self._cards)
-        value = _values(self._text, cards, self._rules)
-        value[(kind == _KINDS.index("capacitor")) & (value < 0)] = np.nan
-        self._value[first_card:count] = value
-        doubtful = np.flatnonzero(~np.isfinite(value))
-        rows: list[tuple[int, int, int]] = self._other[first_other:others].tolist()
-        for place, number in zip(name[doubtful, 0].tolist(), line[doubtful].tolist(), strict=True):
-            rows.append((self._data.rfind(b"\n", 0, place) + 1, self._data.index(b"\n", place), number))
-        if doubtful.size:
-            rows.sort(key=itemgetter(2))
-        return rows
+    def _line(self, line: int) -> tuple[int, str]:
+        start, data = int(self._lines.start[line]), self._source.data
+        return self._number + line, decode(data[start : data.index(b"\n", start)])
 
     def enter(self, elements: Elements) -> None:
         """Enter what was cut away into the elements of the deck."""
-        count, _, nodes = self._counts
-        plain = np.isfinite(self._value[:count])
-        spans = self._known.spans[:nodes]
-        short = np.flatnonzero(spans[:, 1] - spans[:, 0] <= max(map(len, self._rules.grounds)))
-        names = _words_at(self._text, spans[:, :2])
-        numbers = elements.nodes.of_all(names, self._file << 40 | spans[:, 2], short.tolist())
+        from resgrid.spice.read.kernels import number_names
+
+        taken = np.flatnonzero(self._is_taken & self._is_plain)
+        spans = self._lines.words[taken, 1:3].reshape(-1, 2)
+        number, first = number_names(self._text, spans)
+        spelt, line = spans[first], self._number + taken[first // 2]
+        short = np.flatnonzero(np.diff(spelt)[:, 0] <= max(map(len, self._rules.grounds)))
+        file = self._source.number
+        numbers = elements.nodes.of_all(_words_at(self._text, spelt), file << 40 | line, short.tolist())
+        ends = numbers[number].reshape(-1, 2)
         for code, kind in enumerate(_KINDS):
-            own = np.flatnonzero(plain & (self._cards.kind[:count] == code))
-            if own.size:
-                line = self._cards.line[own].astype(np.int64)
-                place = np.stack([np.full(len(line), self._file), line], axis=1)
-                names_of = partial(_words_at, self._text, self._cards.name[own])
-                ends, value = numbers[self._cards.nodes[own]], self._value[own, np.newaxis]
-                elements.parts[kind].append(Part(names_of, ends, value, place, None))
+            own = self._lines.kind[taken] == code
+            if own.any():
+                cards = taken[own]
+                place = np.stack([np.full(len(cards), file), self._number + cards], axis=1)
+                names_of = partial(_words_at, self._text, self._lines.words[cards, 0])
+                elements.parts[kind].append(Part(names_of, ends[own], self._value[cards, np.newaxis], place, None))
 
 
-def _values(text: NDArray[np.uint8], cards: CardTable, rules: ReadingRules) -> NDArray[np.float64]:
-    """Values of cards, NaN or infinite where there is any doubt about one; shape (n,)."""
-    value = np.full(len(cards.kind), np.nan)
-    decimal = cards.decimal
-    value[decimal] = np.fromiter(map(float, _words_at(text, cards.value[decimal])), np.float64)
+def _values(text: NDArray[np.uint8], lines: Lines, rules: ReadingRules) -> NDArray[np.float64]:
+    """Values of plain cards, NaN or infinite where there is any doubt about one, and of other lines; shape (lines,)."""
+    value = np.full(len(lines.kind), np.nan)
+    is_card = lines.kind < len(_KINDS)
+    decimal = np.flatnonzero(is_card & lines.decimal)
+    value[decimal] = np.fromiter(map(float, _words_at(text, lines.words[decimal, 3])), np.float64, len(decimal))
     zero = np.flatnonzero(value == 0)
-    underflows = [word.lower().partition("e")[0].strip("+-0.") != "" for word in _words_at(text, cards.value[zero])]
+    underflows = [word.lower().partition("e")[0].strip("+-0.") != "" for word in _words_at(text, lines.words[zero, 3])]
     value[zero[underflows]] = np.nan
+    suffixed = np.flatnonzero(is_card & ~lines.decimal)
     read: dict[str, float] = {}
-    for card, word in zip(np.flatnonzero(~decimal).tolist(), _words_at(text, cards.value[~decimal]), strict=True):
+    for card, word in zip(suffixed.tolist(), _words_at(text, lines.words[suffixed, 3]), strict=True):
         if word not in read:
             numeral = parse_numeral(word, rules)
             read[word] = numeral.value if isinstance(numeral, Numeral) and not numeral.warning else np.nan
@@ -146,7 +114,7 @@ def _values(text: NDArray[np.uint8], cards: CardTable, rules: ReadingRules) -> N
     return value
 
 
-def _words_at(text: NDArray[np.uint8], spans: NDArray[np.integer[Any]]) -> list[str]:
+def _words_at(text: NDArray[np.uint8], spans: NDArray[np.int32]) -> list[str]:
     from resgrid.spice.read.kernels import gather
 
-    return gather(text, spans.astype(np.int64)).tobytes().decode("ascii").split("\n")[:-1]
+    return gather(text, spans).tobytes().decode("ascii").split("\n")[:-1]

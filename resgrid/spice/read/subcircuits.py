@@ -50,17 +50,21 @@ class Flat:
 
 @dataclass(eq=False)
 class Expander:
-    """Flattens blocks, each once per set of parameters; `used`: names of those that are called."""
+    """Flattens blocks, each once per set of parameters.
+
+    `nominal`: the deck's nominal temperature, in degrees Celsius; `used`: names of blocks that are called.
+    """
 
     contents: Contents
+    nominal: float
     used: set[str] = field(default_factory=set)
     _flats: dict[tuple[Scope, Block, tuple[tuple[str, float], ...]], Flat] = field(default_factory=dict)
     _calls: dict[Card, Call] = field(default_factory=dict)
     _sizes: dict[Block, int] = field(default_factory=dict)
 
-    def node_table(self) -> NodeTable:
-        """An empty table of nodes."""
-        return NodeTable(self.contents.grounds, exact=self.contents.rules.instances)
+    def elements(self) -> Elements:
+        """Elements of a block, none yet."""
+        return Elements(NodeTable(self.contents.grounds, exact=self.contents.rules.instances), self.nominal)
 
     def fill(self, scope: Scope, elements: Elements, cards: Iterable[Card]) -> None:
         """Read the cards of a block into its elements, calls expanded."""
@@ -208,11 +212,11 @@ class Expander:
             words = f"{shared} is a terminal of {block.name} and {command}; simulators differ on that: rename one"
             raise CardError(block.spot, words)
         scope = Scope(block, outer.diagnostics, outer, given)
-        table = self.node_table()
+        elements = self.elements()
+        table = elements.nodes
         for i, port in enumerate(block.ports):
             table.names.append(port)
             table.number[port.lower()] = i
-        elements = Elements(table)
         self.fill(scope, elements, block.cards)
         everywhere = contents.common | contents.grounds
         common = tuple(i >= len(block.ports) and name.lower() in everywhere for i, name in enumerate(table.names))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import compress
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from resgrid.spice.read.cards import Card
 
 WIDTHS = {
-    "resistor": (2, 6),
+    "resistor": (2, 3),
     "voltage source": (2, 2),
     "current source": (2, 1),
     "capacitor": (2, 1),
@@ -22,10 +21,9 @@ WIDTHS = {
 }
 """Per kind the number of nodes and of values.
 
-A resistor's values: ohms, tc1, tc2, by how much its temperature lies above the circuit's, its own temperature and its
-own nominal temperature (NaN where it has none).  A voltage source's: volts, and 1 if it stands for an inductor.  A
-nonlinear resistor's: amperes and volts.  A switch's: ohms when on,
-ohms when off, the voltages above (or below) which it is on and off, and the state between (1, 0).
+A resistor's values: ohms, tc1, tc2 at the deck's nominal temperature.  A voltage source's: volts, and 1 if it stands
+for an inductor.  A nonlinear resistor's: amperes and volts.  A switch's: ohms when on, ohms when off, the voltages
+above (or below) which it is on and off, and the state between (1, 0).
 """
 
 RESISTIVE = {"resistor": 1, "switch": 2}
@@ -117,10 +115,9 @@ class NodeTable:
 class Part:
     """Elements of one kind as arrays.
 
-    `names`: makes their names; `nodes` (n, nodes); `values` (n, values): or, where they have nothing else, ohms or
-    volts alone, shape (n, 1); `place` (n, 2): file and line of the card that describes the element; `order` (n,): file
-    and line of the card of the deck that brings it, as one number; None if that is its own place, and the elements are
-    in order.
+    `names`: makes their names; `nodes` (n, nodes); `values` (n, values): or, if the others are zero, (n, 1): the first
+    alone; `place` (n, 2): file and line of the card that describes the element; `order` (n,): file and line of the card
+    of the deck that brings it, as one number; None if that is its own place, and the elements are in order.
     """
 
     names: Callable[[], list[str]]
@@ -149,9 +146,13 @@ Row = tuple[str, tuple[int, ...], tuple[float, ...], tuple[int, int]]
 
 @dataclass(eq=False)
 class Elements:
-    """Everything that a block holds: elements that came one by one, and in bulk."""
+    """Everything that a block holds: elements that came one by one, and in bulk.
+
+    `nominal`: the temperature at which resistors have their values, in degrees Celsius.
+    """
 
     nodes: NodeTable
+    nominal: float
     rows: dict[str, list[Row]] = field(default_factory=lambda: {kind: [] for kind in WIDTHS})
     parts: dict[str, list[Part]] = field(default_factory=lambda: {kind: [] for kind in WIDTHS})
 
@@ -195,7 +196,6 @@ def widened(kind: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
         return values
     full = np.zeros((len(values), WIDTHS[kind][1]))
     full[:, :1] = values
-    full[:, 4:] = math.nan
     return full
 
 

@@ -21,7 +21,7 @@ floats = st.one_of(
 def cut(text: str) -> tuple[list[str], list[float]]:
     """Names and values of the plain resistors of a text."""
     cards = PlainCards(Source(0, "deck", None, text.encode()), 0, DIALECTS["ngspice"].reading)
-    elements = Elements(NodeTable(frozenset({"0"})))
+    elements = Elements(NodeTable(frozenset({"0"})), 27.0)
     elements.nodes.of("0", 0)
     for _ in cards.others(lambda: True):
         pass
