@@ -113,8 +113,8 @@ def read_entrywise(
     Returns `residual` (nodes,), and whether differences of values have few digits left.
     """
     netlist, faint = system.netlist, False
-    voltage, (log_drop, potential), injected = team.together(
-        [partial(_voltage, system, values), partial(_stored, system, values), partial(injected_currents, netlist)]
+    injected, voltage, (log_drop, potential) = team.together(
+        [partial(injected_currents, netlist), partial(_voltage, system, values), partial(_stored, system, values)]
     )
     nodes = _Nodes(netlist, system.forest, system.unknown, injected, _falling(log_drop, potential, values))
     if falls is None:
