@@ -145,7 +145,7 @@ class Faults(Pass):
         defects = chip.defects
         if not (defects.open_density or defects.short_density or defects.open_at):
             return None
-        return cls(defects.open_density, defects.short_density, defects.short_resistance, seed, defects.open_at)
+        return cls(**vars(defects), seed=seed)
 
     def places(self, netlist: Netlist) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Which places on the die are open, and which are shorted; each of shape (places,)."""
