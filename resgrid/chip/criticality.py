@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import check_number, check_whole, is_number
+from resgrid.arguments import Positive, check_whole
 from resgrid.chip.figures import Figure, Result
 from resgrid.chip.passes.base import cells_with_nodes, without_stranded_currents
 from resgrid.chip.trials import arrivals, converter_of, neighbours_of
@@ -142,7 +142,7 @@ def analyse_criticality(
     *,
     readout: Readout | None = None,
     starts: ArrayLike | None = None,
-    short_resistance: float | None = None,
+    short_resistance: Positive | None = None,
     seconds: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Criticality:
@@ -155,9 +155,6 @@ def analyse_criticality(
     """
     cells = cells_with_nodes(netlist, "faults that cost starts")
     short_resistance = 1.0 if short_resistance is None else short_resistance
-    check_number("short_resistance", short_resistance, "positive and finite, in ohms", above=0.0)
-    if seconds is not None and not (is_number(seconds) or seconds == np.inf):
-        raise InputError(f"seconds = {seconds!r} must be a number, or None for as long as it takes")
     readout = readout or Readout()
     bits = IDEAL_BITS if readout.bits is None else readout.bits
     converter = converter_of(Readout(range=readout.range), cells)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.arguments import check_share, check_whole
+from resgrid.arguments import Between, Count, check_share
 from resgrid.chip.build import chip_with, ideal_netlist
 from resgrid.chip.figures import Figure, Result
 from resgrid.chip.trials import Experiment, Series, differs, prepare, run_series
@@ -101,8 +101,8 @@ def explore_yield(
     second: Sweep | None = None,
     *,
     chip: Chip | None = None,
-    trials: int = 64,
-    confidence: float = 0.95,
+    trials: Count = 64,
+    confidence: Between = 0.95,
     executor: Executor | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
@@ -116,7 +116,6 @@ def explore_yield(
     """
     cells, chip = netlist.cells, chip or Chip()
     first, second = first or _usual_sweep(chip), second or ("readout.bits", _BITS)
-    check_whole("trials", trials, 1)
     if not len(first[1]) or not len(second[1]):
         raise InputError("both keys need at least one value")
     points = {
