@@ -41,6 +41,13 @@ class Kind(NamedTuple):
 Kinds = dict[str, Kind]
 """What parameters accept, by name."""
 
+Positive = Annotated[float, Gt(0), Lt(math.inf)]
+NotNegative = Annotated[float, Ge(0), Lt(math.inf)]
+Between = Annotated[float, Gt(0), Lt(1)]
+Count = Annotated[int, Ge(1)]
+Natural = Annotated[int, Ge(0)]
+"""Numbers that functions most often ask for."""
+
 SOURCES = {
     "Chip": "scene.chip, or rg.Chip(...)",
     "ConfigurationSpace": "rg.sample(scene)",
@@ -198,7 +205,8 @@ def _limited(kind: Kind, marks: Sequence[Any]) -> Kind:
     ]
     if not limits:
         return kind
-    words = f"{kind.words[0]} {' and '.join(f'{word} {bound:g}' for _, word, bound in limits)}"
+    said = [f"{word} {bound:g}" for _, word, bound in limits if math.isfinite(bound)]
+    words = f"{kind.words[0]} {' and '.join(said)}"
 
     def accepts(value: Any) -> bool:
         if not kind.accepts(value):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +23,12 @@ if TYPE_CHECKING:
 GROUND = 0
 MOST_NODES = 2**31 - 1
 """Numbers of nodes are kept in 32 bits."""
+
+_FACES = {
+    "resistor": ("resistor_face", "resistor_upward"),
+    "nonlinear resistor": ("nonlinear_face", "nonlinear_upward"),
+}
+"""What a map of cells knows of every element of a kind."""
 
 
 @frozen
@@ -296,6 +303,50 @@ class Netlist:
         if changes.keys() - known:
             raise InputError(f"a netlist has no field {sorted(changes.keys() - known)}; it has {sorted(known)}")
         return replace(self, **changes)
+
+
+def add_elements(
+    netlist: Netlist, kind: str, nodes: ArrayLike, *values: ArrayLike, face: ArrayLike = -1, upward: ArrayLike = True
+) -> Netlist:
+    """Append elements of a kind; names of elements are lost.
+
+    Shapes: `nodes` (n, 2); `values` (n,), or () for all, in the order of `ARRAYS`, 0 where one is left out; `face,
+    upward` likewise, for a map of cells; without them the elements cross no face.
+    """
+    pairs, *names = ARRAYS[kind]
+    added = np.reshape(nodes, (-1, 2))
+
+    def appended(old: NDArray[Any], new: ArrayLike) -> NDArray[Any]:
+        return np.append(old, np.broadcast_to(new, len(added)))
+
+    changes: dict[str, Any] = {pairs: np.concatenate([getattr(netlist, pairs), added])}
+    for name, value in zip_longest(names, values, fillvalue=0.0):
+        if getattr(netlist, name) is not None:
+            changes[name] = appended(getattr(netlist, name), value)
+    if netlist.cell_map is not None and kind in _FACES:
+        crossed = zip(_FACES[kind], (face, upward), strict=True)
+        columns = {name: appended(getattr(netlist.cell_map, name), new) for name, new in crossed}
+        changes["cell_map"] = replace(netlist.cell_map, **columns)
+    return netlist.replace(element_names=None, **changes)
+
+
+def crossed_by(netlist: Netlist, kind: str, which: NDArray[np.bool_] | slice = slice(None)) -> dict[str, NDArray[Any]]:
+    """The faces that some elements of a kind cross, and which way, as `add_elements` takes them."""
+    if netlist.cell_map is None:
+        return {}
+    return {
+        key: getattr(netlist.cell_map, name)[which] for key, name in zip(("face", "upward"), _FACES[kind], strict=True)
+    }
+
+
+def select_elements(netlist: Netlist, kind: str, keep: NDArray[np.bool_]) -> Netlist:
+    """Keep some elements of a kind, shape (elements,), and all others; names of elements are lost."""
+    columns = {name: getattr(netlist, name) for name in ARRAYS[kind]}
+    changes: dict[str, Any] = {name: column[keep] for name, column in columns.items() if column is not None}
+    if netlist.cell_map is not None and kind in _FACES:
+        faces = {name: getattr(netlist.cell_map, name)[keep] for name in _FACES[kind]}
+        changes["cell_map"] = replace(netlist.cell_map, **faces)
+    return netlist.replace(element_names=None, **changes)
 
 
 def _all_within(value: NDArray[np.float64], low: float, high: float) -> bool:

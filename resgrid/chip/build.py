@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from operator import attrgetter
 from typing import Any, Literal
 
 import numpy as np
@@ -15,7 +16,7 @@ from resgrid.chip.figures import formatted
 from resgrid.chip.passes import Faults, InternodalSwitches, Mismatch, Pass
 from resgrid.chip.passes.base import checked
 from resgrid.die import seed_of
-from resgrid.errors import InputError
+from resgrid.errors import InputError, suggestion
 from resgrid.netlist import Netlist
 from resgrid.planning.road import compile_circuit
 from resgrid.scene.chip import Chip
@@ -120,14 +121,25 @@ def conductance_samples(netlist: Netlist, seeds: Iterable[Any], *, chip: Chip) -
     return circuit, samples
 
 
-def chip_keys(chip: Chip) -> Iterator[tuple[str, Any]]:
+def chip_keys(chip: Chip) -> dict[str, Any]:
     """Every key of a chip, ``readout.bits`` for one of a table in it, and its value."""
-    for item in dataclasses.fields(chip):
-        value = getattr(chip, item.name)
-        if dataclasses.is_dataclass(value):
-            yield from ((f"{item.name}.{part.name}", getattr(value, part.name)) for part in dataclasses.fields(value))
-        else:
-            yield item.name, value
+    return {key: attrgetter(key)(chip) for key in described_keys(Chip)}
+
+
+def chip_with(chip: Chip, values: Mapping[str, Any]) -> Chip:
+    """The same chip with other values by key, with dots: ``{"mismatch": 0.02, "readout.bits": 8}``."""
+    known = list(described_keys(Chip))
+    changes: dict[str, Any] = {}
+    for key, value in values.items():
+        if key not in known:
+            hint = suggestion(key, known) or f"there are {', '.join(known)}"
+            raise InputError(f"a chip has no key {key!r}; {hint}")
+        table, _, name = key.rpartition(".")
+        plain = value.item() if isinstance(value, np.generic) else value
+        if table:
+            plain = dataclasses.replace(changes.get(table, getattr(chip, table)), **{name: plain})
+        changes[table or name] = plain
+    return dataclasses.replace(chip, **changes)
 
 
 def described(chip: Chip, shape: Sequence[int], boundary: str) -> list[tuple[str, str, str]]:
@@ -135,7 +147,7 @@ def described(chip: Chip, shape: Sequence[int], boundary: str) -> list[tuple[str
     meaning = {"dirichlet": "are a rail", "neumann": "are open", "wall": "are a rail behind a resistance"}[boundary]
     size = f"{' x '.join(map(str, shape))} cells"
     rows = [("grid", size, "one node each"), ("boundary", boundary, f"obstacles {meaning}")]
-    values, about = dict(chip_keys(chip)), described_keys(type(chip))
+    values, about = chip_keys(chip), described_keys(Chip)
     if chip.sheet_resistance is None:
         del values["drawing_grid"]
     for key, value in values.items():
@@ -158,7 +170,7 @@ def value_text(value: Any, unit: str) -> str:
 
 def keys_not_held(chip: Chip, form: Form) -> tuple[str, ...]:
     """The keys of a chip that say something about it and that a form of its circuit does not hold."""
-    usual, values = dict(chip_keys(Chip())), dict(chip_keys(chip))
+    usual, values = chip_keys(Chip()), chip_keys(chip)
     held = values.keys() - set(READING) if form == "circuit" else _HELD[form]
     said = (key for key, value in values.items() if key not in held and value != usual[key])
     return tuple(key for key in said if _matters(chip, key, usual[key]))
@@ -166,10 +178,8 @@ def keys_not_held(chip: Chip, form: Form) -> tuple[str, ...]:
 
 def _matters(chip: Chip, key: str, usual: Any) -> bool:
     """Whether the chip would be another one without the key."""
-    table, _, name = key.rpartition(".")
-    value = dataclasses.replace(getattr(chip, table), **{name: usual}) if table else usual
     try:
-        other = dataclasses.replace(chip, **{table or name: value})
+        other = chip_with(chip, {key: usual})
     except InputError:  # other keys rest on it
         return True
     return key in (*_SCALE, *READING) or passes.of_chip(other) != passes.of_chip(chip)

@@ -19,16 +19,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import check_number, check_whole, is_number
+from resgrid.arguments import Positive, check_whole
 from resgrid.chip.figures import Figure, Result
-from resgrid.chip.passes.base import add_resistors, cells_with_nodes, select_resistors, without_stranded_currents
+from resgrid.chip.passes.base import cells_with_nodes, without_stranded_currents
 from resgrid.chip.trials import arrivals, converter_of, neighbours_of
 from resgrid.chip.yields import checked_starts
 from resgrid.circuit.dynamics import Dynamics, dynamics_of
 from resgrid.circuit.solve import solve
 from resgrid.die import end_names
 from resgrid.errors import CircuitError, InputError
-from resgrid.netlist import Netlist
+from resgrid.netlist import Netlist, add_elements, select_elements
 from resgrid.scene.chip import Readout
 from resgrid.solvers.supernodal import factor_supernodes
 
@@ -142,7 +142,7 @@ def analyse_criticality(
     *,
     readout: Readout | None = None,
     starts: ArrayLike | None = None,
-    short_resistance: float | None = None,
+    short_resistance: Positive | None = None,
     seconds: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Criticality:
@@ -155,9 +155,6 @@ def analyse_criticality(
     """
     cells = cells_with_nodes(netlist, "faults that cost starts")
     short_resistance = 1.0 if short_resistance is None else short_resistance
-    check_number("short_resistance", short_resistance, "positive and finite, in ohms", above=0.0)
-    if seconds is not None and not (is_number(seconds) or seconds == np.inf):
-        raise InputError(f"seconds = {seconds!r} must be a number, or None for as long as it takes")
     readout = readout or Readout()
     bits = IDEAL_BITS if readout.bits is None else readout.bits
     converter = converter_of(Readout(range=readout.range), cells)
@@ -258,9 +255,9 @@ def _faulty(netlist: Netlist, element: int, siemens: float) -> Netlist:
         keep = np.arange(linear) != element
         if siemens:
             return netlist.replace(conductance=np.where(keep, netlist.conductance, siemens))
-        return without_stranded_currents(select_resistors(netlist, keep))
+        return without_stranded_currents(select_elements(netlist, "resistor", keep))
     keep = np.arange(len(netlist.nonlinear_current)) != element - linear
-    bare = select_resistors(netlist, nonlinear=keep)
+    bare = select_elements(netlist, "nonlinear resistor", keep)
     if siemens:
-        return add_resistors(bare, netlist.nonlinear_nodes[~keep], np.array([siemens]))
+        return add_elements(bare, "resistor", netlist.nonlinear_nodes[~keep], siemens)
     return without_stranded_currents(bare)

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.arguments import check_share, check_whole
-from resgrid.chip.build import chip_keys, ideal_netlist
+from resgrid.arguments import Between, Count, check_share
+from resgrid.chip.build import chip_with, ideal_netlist
 from resgrid.chip.figures import Figure, Result
 from resgrid.chip.trials import Experiment, Series, differs, prepare, run_series
 from resgrid.chip.yields import Progress, overall_share
-from resgrid.errors import InputError, suggestion
+from resgrid.errors import InputError
 from resgrid.journal import Journal
 from resgrid.netlist import Netlist
 from resgrid.scene.chip import Chip, Readout
@@ -101,8 +101,8 @@ def explore_yield(
     second: Sweep | None = None,
     *,
     chip: Chip | None = None,
-    trials: int = 64,
-    confidence: float = 0.95,
+    trials: Count = 64,
+    confidence: Between = 0.95,
     executor: Executor | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
@@ -116,7 +116,6 @@ def explore_yield(
     """
     cells, chip = netlist.cells, chip or Chip()
     first, second = first or _usual_sweep(chip), second or ("readout.bits", _BITS)
-    check_whole("trials", trials, 1)
     if not len(first[1]) or not len(second[1]):
         raise InputError("both keys need at least one value")
     points = {
@@ -170,18 +169,3 @@ def _kinds(points: Mapping[Point, Chip]) -> dict[Chip, list[Point]]:
         load = Readout(input_resistance=chip.readout.input_resistance)
         kinds.setdefault(dataclasses.replace(chip, readout=load), []).append(place)
     return kinds
-
-
-def chip_with(chip: Chip, values: Mapping[str, Any]) -> Chip:
-    """The same chip with other values by key, with dots: ``{"mismatch": 0.02, "readout.bits": 8}``."""
-    known = [key for key, _ in chip_keys(chip)]
-    tables: dict[str, dict[str, Any]] = {"": {}}
-    for key, value in values.items():
-        if key not in known:
-            hint = suggestion(key, known) or f"there are {', '.join(known)}"
-            raise InputError(f"a chip has no key {key!r}; {hint}")
-        table, _, name = key.rpartition(".")
-        tables.setdefault(table, {})[name] = value.item() if isinstance(value, np.generic) else value
-    changes = tables.pop("")
-    inner = {table: dataclasses.replace(getattr(chip, table), **parts) for table, parts in tables.items()}
-    return dataclasses.replace(chip, **changes, **inner)

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.arguments import check_number
 from resgrid.frozen import lock, picture_of
 from resgrid.scene.quantities import format_quantity
 
@@ -136,7 +135,7 @@ def proportion(
 
 def wilson(share: NDArray[np.float64] | float, trials: float, confidence: float) -> tuple[Any, Any]:
     """Ends of the score interval of shares of so many independent trials."""
-    z = quantile(confidence)
+    z = NormalDist().inv_cdf(0.5 + 0.5 * confidence)
     weight = 1.0 + z * z / trials
     middle = (share + 0.5 * z * z / trials) / weight
     half = z / weight * np.sqrt(share * (1.0 - np.asarray(share)) / trials + 0.25 * (z / trials) ** 2)
@@ -158,9 +157,3 @@ def effective_trials(counts: NDArray[np.int64], members: int) -> float:
     if variance <= 0.0:
         return float(trials)
     return float(min(max(share * (1.0 - share) / variance, trials), trials * members))
-
-
-def quantile(confidence: float) -> float:
-    """Standard deviations on either side of the mean that hold such a share of a normal distribution."""
-    check_number("confidence", confidence, "a number between 0 and 1, such as 0.95", above=0.0, below=1.0)
-    return NormalDist().inv_cdf(0.5 + 0.5 * confidence)

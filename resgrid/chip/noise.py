@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Ge
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import check_number, check_whole
+from resgrid.arguments import Natural, Positive
 from resgrid.chip.figures import Figure, Result, defined
 from resgrid.chip.impedance import estimate, find_exactly, inverse_columns, resistive_parts
 from resgrid.circuit.dynamics import Dynamics, charge_basis, dynamics_of, require_grounded
@@ -114,10 +115,10 @@ def analyse_noise(
     netlist: Netlist,
     *,
     band: tuple[float, float] | None = None,
-    temperature: float = ROOM,
+    temperature: Positive = ROOM,
     method: Literal["auto", "exact", "estimate"] = "auto",
-    samples: int = 64,
-    seed: int = 0,
+    samples: Annotated[int, Ge(2)] = 64,
+    seed: Natural = 0,
 ) -> Noise:
     """Thermal noise of every node's voltage.
 
@@ -129,9 +130,6 @@ def analyse_noise(
     A node that resistors tie to no rail is a CircuitError; conductances that span so many decades that rounding may be
     more than 1e-3 of a density within the band, or a tenth of what is estimated, are an AccuracyError.
     """
-    _check_kelvin(temperature)
-    check_whole("samples", samples, 2)
-    check_whole("seed", seed, 0)
     if band is not None and not 0 <= band[0] < band[1] < _HIGHEST:
         raise InputError(f"band = {band} must be two frequencies in hertz, the lower first (for all of them see limit)")
     dynamics = dynamics_of(netlist)
@@ -161,7 +159,7 @@ def analyse_noise(
 
 
 def noise_density(
-    netlist: Netlist, nodes: ArrayLike, frequencies: ArrayLike, *, temperature: float = ROOM
+    netlist: Netlist, nodes: ArrayLike, frequencies: ArrayLike, *, temperature: Positive = ROOM
 ) -> NDArray[np.float64]:
     """Spot density of thermal noise, ``4 k T Re Z(f)``, in V^2/Hz; 0 on rails, NaN where a node floats.
 
@@ -173,7 +171,6 @@ def noise_density(
     """
     node = _checked_nodes(netlist, nodes)
     when = _checked_frequencies(frequencies)
-    _check_kelvin(temperature)
     dynamics = dynamics_of(netlist)
     rows = dynamics.row[node].astype(np.int64)
     density = np.zeros((len(when), len(node)))
@@ -186,13 +183,12 @@ def noise_density(
     return 4.0 * BOLTZMANN * temperature * density
 
 
-def noise_covariance(netlist: Netlist, nodes: ArrayLike, *, temperature: float = ROOM) -> NDArray[np.float64]:
+def noise_covariance(netlist: Netlist, nodes: ArrayLike, *, temperature: Positive = ROOM) -> NDArray[np.float64]:
     """Covariance ``k T C^-1`` of node voltages from 0 Hz to infinity, in V^2; 0 on rails, NaN where a node floats.
 
     `nodes` (k,): each tied to a rail by capacitances, for the noise of others is unbounded; `temperature`: in kelvin,
     by default the die's; returns (k, k).
     """
-    _check_kelvin(temperature)
     node = _checked_nodes(netlist, nodes)
     dynamics = dynamics_of(netlist)
     tied = _tied_by_capacitors(dynamics)
@@ -247,7 +243,3 @@ def _checked_frequencies(frequencies: ArrayLike) -> NDArray[np.float64]:
     if hertz.ndim != 1 or not np.all((hertz >= 0) & (hertz < _HIGHEST)):
         raise InputError(f"frequencies must be finite (below {_HIGHEST:g}) and at least 0, in hertz")
     return hertz
-
-
-def _check_kelvin(temperature: float) -> None:
-    check_number("temperature", temperature, "positive and finite, in kelvin", above=0.0)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.arguments import check_number, check_share
+from resgrid.arguments import Positive, check_share
 from resgrid.chip.figures import Figure, Result, defined
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import InputError
@@ -214,14 +214,12 @@ class Precision(Result):
         return {**super().to_json(), "boundary": self.boundary, "sentence": self.sentence()}
 
 
-def analyse_precision(op: OperatingPoint, *, span: float | None = None) -> Precision:
+def analyse_precision(op: OperatingPoint, *, span: Positive | None = None) -> Precision:
     """How many bits a read-out needs.
 
     `span`: range of the converter, in volts; without a chip's description the supply or, with a uniform drive, the
     height of the highest node above the goal rail.
     """
-    if span is not None:
-        check_number("span", span, "positive and finite, in volts", above=0.0)
     steps = steps_of(op)
     space, wiring = steps.cells.space, steps.cells.wiring
     if span is not None:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Ge, Le
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import check_number, check_whole, is_whole
+from resgrid.arguments import Count, Positive
 from resgrid.chip.figures import Figure, Result
 from resgrid.chip.modes import (
     Solver,
@@ -128,10 +129,10 @@ class Settling(Result):
 def analyse_settling(
     netlist: Netlist,
     *,
-    bits: int | None = None,
+    bits: Annotated[int, Ge(1), Le(24)] | None = None,
     initial: OperatingPoint | ArrayLike | None = None,
-    modes: int = 6,
-    span: float | None = None,
+    modes: Count = 6,
+    span: Positive | None = None,
     method: str = "auto",
 ) -> Settling:
     """How long the chip takes to settle after its supplies are switched on, and what a plan costs.
@@ -145,11 +146,6 @@ def analyse_settling(
     decides the slowest time constant, and figures beyond what doubles hold, are AccuracyErrors.
     """
     bits = 10 if bits is None else bits
-    if not (is_whole(bits) and 1 <= bits <= 24):
-        raise InputError(f"bits = {bits!r}, but settling is judged at a whole number of bits, 1 to 24")
-    check_whole("modes", modes, 1)
-    if span is not None:
-        check_number("span", span, "a number, positive and finite, in volts", above=0.0)
     dynamics = dynamics_of(netlist)
     require_charge(dynamics)
     factors = factor_resolvent(dynamics, 0.0, method)

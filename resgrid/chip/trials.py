@@ -38,7 +38,7 @@ from resgrid.executors import Part, in_order
 from resgrid.grids import before_and_behind, slab, with_margin
 from resgrid.journal import Journal
 from resgrid.netlist import CellMap, Netlist
-from resgrid.scene.chip import Chip, Readout
+from resgrid.scene.chip import Chip, Defects, Readout
 from resgrid.space import Cell
 
 _SCHEMA = 2
@@ -193,8 +193,7 @@ def prepare(
     mask = cells.space.goal_connected if starts is None else cells.space.goal_connected & starts
     if not mask.any():
         raise InputError("there is no start: no free cell has a way to a goal")
-    healthy = dataclasses.replace(chip.defects, open_density=0.0, short_density=0.0, open_at=())
-    nominal = build_chip(netlist, dataclasses.replace(chip, mismatch=None, pelgrom=None, defects=healthy))
+    nominal = build_chip(netlist, dataclasses.replace(chip, mismatch=None, pelgrom=None, defects=Defects()))
     op = solve(nominal)
     bands = {readout.noise_bandwidth for readout in readouts} - {None}
     noise = {band: _noise(op, chip, band) for band in bands if band is not None}

@@ -8,13 +8,14 @@ from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Gt, Lt
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import check_number, check_whole
-from resgrid.chip.figures import Figure, Proportion, Result, defined, effective_trials, proportion, quantile, wilson
+from resgrid.arguments import Between, Count
+from resgrid.chip.figures import Figure, Proportion, Result, defined, effective_trials, proportion, wilson
 from resgrid.chip.trials import Series, prepare, run_series
 from resgrid.die import seed_of
 from resgrid.errors import InputError
@@ -112,10 +113,10 @@ def analyse_yield(
     *,
     chip: Chip | None = None,
     starts: ArrayLike | None = None,
-    half_width: float = 0.01,
-    confidence: float = 0.95,
-    trials: int = 10_000,
-    batch: int = 64,
+    half_width: Annotated[float, Gt(0), Lt(0.5)] = 0.01,
+    confidence: Between = 0.95,
+    trials: Count = 10_000,
+    batch: Count = 64,
     seed: Any = None,
     executor: Executor | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
@@ -137,10 +138,6 @@ def analyse_yield(
     A checkpoint of another kind of chip is refused; one of more trials than are needed counts as far as they are.  A
     chip that a defect leaves without an operating point serves no start; a flawless chip without one is a CircuitError.
     """
-    check_number("half_width", half_width, "a number between 0 and 0.5, such as 0.01", above=0.0, below=0.5)
-    check_whole("trials", trials, 1)
-    check_whole("batch", batch, 1)
-    quantile(confidence)
     if starts is not None:
         starts = checked_starts(netlist.cells.space, starts)
     chip = chip or Chip()

@@ -11,7 +11,6 @@ digits, has no local minimum, and its field is direction-safe.
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.saturation import refuse_saturated_cut
 from resgrid.errors import AccuracyError
-from resgrid.netlist import Netlist
+from resgrid.netlist import Netlist, add_elements, crossed_by, select_elements
 from resgrid.solvers.choose import factor_laplacian
 
 MOST_STEPS = 200
@@ -95,27 +94,9 @@ def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
 
 def linear_netlist(netlist: Netlist, conductance: NDArray[np.float64]) -> Netlist:
     """Put a linear resistor in the place of every nonlinear one.  Shapes: `conductance` (nonlinear resistors,)."""
-    cell_map = netlist.cell_map
-    if cell_map is not None:
-        cell_map = dataclasses.replace(
-            cell_map,
-            resistor_face=np.append(cell_map.resistor_face, cell_map.nonlinear_face),
-            resistor_upward=np.append(cell_map.resistor_upward, cell_map.nonlinear_upward),
-            nonlinear_face=np.empty(0, dtype=np.int64),
-            nonlinear_upward=np.empty(0, dtype=np.bool_),
-        )
-    none = np.zeros(len(conductance))
-    return netlist.replace(
-        resistor_nodes=np.concatenate([netlist.resistor_nodes, netlist.nonlinear_nodes]),
-        conductance=np.append(netlist.conductance, conductance),
-        tc1=None if netlist.tc1 is None else np.append(netlist.tc1, none),
-        tc2=None if netlist.tc2 is None else np.append(netlist.tc2, none),
-        nonlinear_nodes=np.empty((0, 2), dtype=np.int64),
-        nonlinear_current=np.empty(0),
-        nonlinear_voltage=np.empty(0),
-        element_names=None,
-        cell_map=cell_map,
-    )
+    ends, crossed = netlist.nonlinear_nodes, crossed_by(netlist, "nonlinear resistor")
+    joined = add_elements(netlist, "resistor", ends, conductance, **crossed)
+    return select_elements(joined, "nonlinear resistor", np.zeros(len(ends), dtype=np.bool_))
 
 
 def secant_conductance(netlist: Netlist, drop: NDArray[np.float64]) -> NDArray[np.float64]:

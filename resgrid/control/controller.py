@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import check_number, checked, per_axis
+from resgrid.arguments import NotNegative, Positive, checked, per_axis
 from resgrid.control.exits import RECOVERY, exits
 from resgrid.control.pushes import checked_force
 from resgrid.errors import InputError
@@ -79,19 +79,17 @@ class Controller:
 
     field: Field
     admittance: NDArray[np.float64]
-    speed: float
+    speed: Positive
     speed_limits: NDArray[np.float64]
     response: Response = "admittance"
-    threshold: float = 1e-9
+    threshold: NotNegative = 1e-9
 
     def __post_init__(self) -> None:
         ndim = self.field.space.ndim
-        check_number("speed", self.speed, "the nominal speed: finite and above 0", above=0.0)
         object.__setattr__(self, "speed", float(self.speed))
         object.__setattr__(self, "admittance", admittance_matrix(self.admittance, ndim))
         limits = per_axis("speed_limits", self.speed_limits, ndim, "above 0", above=0.0, most=np.inf)
         object.__setattr__(self, "speed_limits", limits)
-        check_number("threshold", self.threshold, "finite and not negative", least=0.0)
 
     def command(self, configuration: ArrayLike, force: ArrayLike | None = None) -> NDArray[np.float64]:
         """Velocity to command now: all that a robot's own control loop needs to call.
@@ -232,7 +230,7 @@ _PLACES = ("free", "goal", "off")
 def make_controller(
     field: Field,
     *,
-    speed: float | None = None,
+    speed: Positive | None = None,
     admittance: ArrayLike | None = None,
     speed_limits: ArrayLike | None = None,
     response: Response = "admittance",
@@ -272,7 +270,6 @@ def make_controller(
     """
     space = field.space
     pace = float((space.upper - space.lower).max()) / 20 if speed is None else speed
-    check_number("speed", pace, "the nominal speed: finite and above 0", above=0.0)
     fastest = min(5.0 * float(pace), float(np.finfo(np.float64).max))
     return Controller(
         field=field,
@@ -283,7 +280,9 @@ def make_controller(
     )
 
 
-def equipotential_velocity(streamline_velocity: ArrayLike, force: ArrayLike, *, c: float = 1.0) -> NDArray[np.float64]:
+def equipotential_velocity(
+    streamline_velocity: ArrayLike, force: ArrayLike, *, c: NotNegative = 1.0
+) -> NDArray[np.float64]:
     """Velocity along the equipotential surface, to the side that a force points to.
 
     Equation (1) of Connolly & Grupen (1992), ``v_phi = c (v_psi x (f x v_psi))``, which in any number of dimensions is
@@ -321,8 +320,6 @@ def equipotential_velocity(streamline_velocity: ArrayLike, force: ArrayLike, *, 
         raise InputError(f"velocity and force need one entry per axis each, got shapes {v.shape} and {f.shape}")
     if not (np.isfinite(v).all() and np.isfinite(f).all()):
         raise InputError(f"velocity {v.tolist()} and force {f.tolist()} must be finite")
-    if not 0 <= c < np.inf:
-        raise InputError(f"c = {c}, but a gain is finite and not negative")
     with np.errstate(over="ignore", invalid="ignore"):
         velocity = c * _across(v, f)
     if not np.isfinite(velocity).all():

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import check_number, check_whole, checked
+from resgrid.arguments import Count, Natural, NotNegative, Positive, checked
 from resgrid.errors import InputError
 from resgrid.frozen import frozen
 from resgrid.scene.control import Control
@@ -43,8 +43,8 @@ class Push:
     ('arrived', True)
     """
 
-    start: float
-    duration: float
+    start: NotNegative
+    duration: Positive
     force: NDArray[np.float64]
 
     def __post_init__(self) -> None:
@@ -53,11 +53,11 @@ class Push:
         object.__setattr__(self, "force", force)
         if force.ndim != 1 or not np.isfinite(force).all():
             raise InputError(f"a push needs a finite force, one entry per axis, got {force.tolist()}")
-        if not (0 <= self.start < np.inf and 0 < self.duration < np.inf):
-            raise InputError(f"a push from {self.start} s for {self.duration} s: give finite times, the second above 0")
 
 
-def random_pushes(seed: int, ndim: int, *, until: float, size: float, duration: float, count: int = 8) -> list[Push]:
+def random_pushes(
+    seed: Natural, ndim: Count, *, until: NotNegative, size: float, duration: Positive, count: Natural = 8
+) -> list[Push]:
     """Pushes at random times in random directions.
 
     Parameters
@@ -89,11 +89,8 @@ def random_pushes(seed: int, ndim: int, *, until: float, size: float, duration: 
     >>> [round(float(np.linalg.norm(push.force)), 9) for push in pushes]
     [0.2, 0.2, 0.2]
     """
-    for name, number, least in (("seed", seed, 0), ("ndim", ndim, 1), ("count", count, 0)):
-        check_whole(name, number, least)
-    check_number("until", until, "a finite time, at least 0", least=0.0)
     rng = np.random.default_rng(seed)
-    starts = np.sort(rng.uniform(0.0, abs(until), count))
+    starts = np.sort(rng.uniform(0.0, until, count))
     forces = rng.normal(size=(count, ndim))
     forces *= size / np.linalg.norm(forces, axis=1, keepdims=True)
     return [Push(float(start), duration, force) for start, force in zip(starts, forces, strict=True)]

@@ -29,7 +29,7 @@ from resgrid.circuit.dynamics import Dynamics, dynamics_of, factor_resolvent
 from resgrid.circuit.transient import transient_stepper
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
-from resgrid.netlist import GROUND, Netlist
+from resgrid.netlist import GROUND, Netlist, add_elements
 from resgrid.planning.blend import blend
 from resgrid.planning.fields import Field, read_field
 from resgrid.space import ConfigurationSpace
@@ -200,7 +200,7 @@ def _compiled(wiring: Wiring, space: ConfigurationSpace) -> Netlist:
     netlist = compile_space(space, unit)
     free = netlist.cells.free_node
     pairs = np.stack([free, np.full_like(free, GROUND)], axis=1)
-    return netlist.replace(capacitor_nodes=pairs, capacitance=np.ones(len(free)))
+    return add_elements(netlist, "capacitor", pairs, 1.0)
 
 
 def field_now(netlist: Netlist, voltage: Vector) -> Field:

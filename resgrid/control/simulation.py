@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Gt, Le
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import check_whole, per_axis
+from resgrid.arguments import NotNegative, check_whole, checked, per_axis
 from resgrid.control.belief import LiveMap, Sensor, solve_again
 from resgrid.control.contact import Body
 from resgrid.control.controller import Controller, make_controller
@@ -29,6 +30,7 @@ from resgrid.scene.scene import Scene
 from resgrid.space import ConfigurationSpace
 
 
+@checked
 @frozen
 @dataclass(frozen=True, eq=False)
 class Simulation:
@@ -63,18 +65,12 @@ class Simulation:
 
     controller: Controller
     plant: Plant
-    friction: float = 0.2
+    friction: NotNegative = 0.2
     learn: bool = True
-    step: float = 0.2
+    step: Annotated[float, Gt(0), Le(0.5)] = 0.2
     relaxation: Relaxation | None = None
     before: Field | None = None
     scene: Scene | None = None
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.friction < np.inf:
-            raise InputError(f"friction = {self.friction}, but a coefficient of friction is finite and not negative")
-        if not 0 < self.step <= 0.5:
-            raise InputError(f"step = {self.step}, but a step is a share of a cell above 0 and at most 0.5")
 
     @property
     def space(self) -> ConfigurationSpace:

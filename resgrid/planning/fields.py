@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.circuit.slabs import obeys_kcl
 from resgrid.compiler import Kind, contacts_of_box
 from resgrid.errors import AccuracyError, CircuitError, InputError
 from resgrid.frozen import frozen, picture_html
 from resgrid.grids import before_and_behind, by_axis, face_counts, face_shape, with_margin
 from resgrid.netlist import CellMap
 from resgrid.planning.clearance import obstacle_reach
-from resgrid.planning.safety import safe_cells, safe_cells_of
+from resgrid.planning.safety import between_rails, safe_cells
 from resgrid.space import Cell, ConfigurationSpace
 from resgrid.wiring import Wiring
 
@@ -277,7 +278,8 @@ def read_cells(space: ConfigurationSpace, wiring: Wiring, voltage: NDArray[np.fl
     wide = with_margin(volts, space.periodic)
     wide[contacts.kind == Kind.HIGH] = wiring.high
     sides = [before_and_behind(wide, axis) for axis in range(space.ndim)]
-    currents = [np.nan_to_num(g * np.subtract(*ends)) for g, ends in zip(contacts.conductance, sides, strict=True)]
+    falls = [np.sign(wiring.supply) * np.subtract(*ends) for ends in sides]
+    currents = [np.nan_to_num(g * volts) for g, volts in zip(contacts.conductance, falls, strict=True)]
     if not unit > 0.0 or not any(current.any() for current in currents):
         raise CircuitError("nothing is driven: no current flows between the goal and what is at another voltage")
     safe = None
@@ -288,7 +290,7 @@ def read_cells(space: ConfigurationSpace, wiring: Wiring, voltage: NDArray[np.fl
         ]
         fed = np.count_nonzero(space.goal_connected) if wiring.drive == "uniform" else 0
         injected = abs(wiring.supply) / (wiring.resistance * fed) if fed else 0.0
-        safe = safe_cells_of(space, [np.sign(wiring.supply) * amps for amps in currents], magnitudes, injected)
+        safe = (space.cell == Cell.FREE) & between_rails(height, wiring) & obeys_kcl(currents, magnitudes, injected)
         if wiring.start is not None:
             safe[wiring.start] = any(current.any() for current in currents)
     with np.errstate(divide="ignore"):
@@ -298,7 +300,7 @@ def read_cells(space: ConfigurationSpace, wiring: Wiring, voltage: NDArray[np.fl
         wiring=wiring,
         potential=height / unit,
         log_drop=None,
-        face_direction=tuple(np.sign(current * np.sign(wiring.supply)).astype(np.int8) for current in currents),
+        face_direction=tuple(np.sign(current).astype(np.int8) for current in currents),
         face_log_current=log_current,
         k=0.0 if wiring.is_driven else 1.0,
         safe=safe,

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import check_whole, per_axis
+from resgrid.arguments import Natural, per_axis
 from resgrid.axis import Axis
 from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
@@ -31,7 +31,7 @@ def surface_normals(
     *,
     cells: ArrayLike | None = None,
     spacing: float | Sequence[float] = 1.0,
-    padding: int | None = None,
+    padding: Natural | None = None,
 ) -> NDArray[np.float64]:
     """Outward unit normals of a model, from one Dirichlet field.
 
@@ -81,8 +81,7 @@ def surface_normals(
     at, local = _places(space, points, cells)
     if padding is None:
         padding = max(space.shape) // (2 if space.ndim <= 2 else 4) + 1
-    check_whole("padding", padding, 0)
-    field, margin = _field_around(space, int(padding))
+    field, margin = _field_around(space, padding)
     flat = at.reshape(-1, space.ndim)
     normals = _directions(field, flat + margin, local.reshape(-1, space.ndim))
     if points is not None or cells is not None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.arguments import Count
 from resgrid.errors import InputError
 from resgrid.frozen import frozen, picture_html
 from resgrid.planning.blend import blend, dirichlet_share
@@ -108,7 +109,7 @@ def plan(
     wall_resistance: float | None = None,
     resistance: float | None = None,
     method: str = "auto",
-    ranks: int | None = None,
+    ranks: Count | None = None,
 ) -> Planner:
     """Solve a space once, for any number of starts.
 

@@ -19,7 +19,6 @@ import numpy as np
 from numpy.lib.format import open_memmap
 from numpy.typing import DTypeLike, NDArray
 
-from resgrid.arguments import check_whole
 from resgrid.budget import require_disk, require_memory
 from resgrid.circuit.slabs import read_rows, slabs, write_equations
 from resgrid.compiler import WALLED_IN
@@ -61,7 +60,7 @@ def solve_ranked(space: ConfigurationSpace, wiring: Wiring, ranks: int) -> Ranke
     Raises
     ------
     InputError
-        If the number of ranks is none, the wiring does not fit, or PETSc refuses an option of ``PETSC_OPTIONS``.
+        If the wiring does not fit, or PETSc refuses an option of ``PETSC_OPTIONS``.
     ToolMissingError
         If there is no PETSc.
     BudgetError
@@ -71,7 +70,6 @@ def solve_ranked(space: ConfigurationSpace, wiring: Wiring, ranks: int) -> Ranke
     AccuracyError
         If a rank fails or dies.
     """
-    check_whole("ranks", ranks, 1)
     wiring = wiring.on(space)
     if wiring.rails != "merged":
         raise InputError("method 'petsc' solves the ideal grid, whose rails are merged: choose rails = 'merged'")
@@ -121,7 +119,7 @@ def _read(space: ConfigurationSpace, wiring: Wiring, answer: NDArray[np.float64]
     top = max(float(np.max(answer[first:last])) for first, last in slabs(space)) if uniform else 1.0
     for first, last in slabs(space):
         reading = read_rows(space, wiring, answer, (first, last))
-        safe[first:last] = reading.safe
+        safe[first:last] = reading.safe & (reading.value >= 0.0)  # else current would enter an obstacle
         potential[first:last] = reading.value / top if uniform else 1.0 - reading.value
         with np.errstate(divide="ignore"):
             if log_drop is not None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
-from resgrid.arguments import check_number, check_whole
+from resgrid.arguments import Natural, NotNegative
 from resgrid.axis import rounding
 from resgrid.errors import InputError
 from resgrid.planning.certify import certify_free
@@ -19,10 +21,15 @@ from resgrid.space import Cell
 Sight = Callable[[NDArray[np.float64], NDArray[np.float64]], bool]
 
 _GAIN = 1e-12
-_MOST_ROUNDS = 1_000_000
 
 
-def shorten(path: Streamline, *, clearance: float = 0.0, rounds: int = 200, seed: int = 0) -> ShortPath:
+def shorten(
+    path: Streamline,
+    *,
+    clearance: NotNegative = 0.0,
+    rounds: Annotated[int, Ge(0), Le(1_000_000)] = 200,
+    seed: Natural = 0,
+) -> ShortPath:
     """Replace the bends of a streamline by straight lines wherever all the cells they touch are free or goal cells.
 
     First, from each corner, a line to the farthest point of the way ahead that doubling steps and bisection find; then
@@ -61,15 +68,8 @@ def shorten(path: Streamline, *, clearance: float = 0.0, rounds: int = 200, seed
     >>> round(path.length, 3), round(short.length, 3), short.clearance >= 0.2
     (8.712, 8.228, True)
     """
-    if not isinstance(path, Streamline):
-        raise InputError(f"shortcuts are those of a streamline, not of a {type(path).__name__}")
     if path.outcome is not Outcome.REACHED:
         raise InputError(f"this path ended with '{path.outcome}': only one that reached a goal can be shortened")
-    check_number("clearance", clearance, "a distance: at least 0 and finite", least=0.0)
-    check_whole("rounds", rounds, 0)
-    check_whole("seed", seed, 0)
-    if rounds > _MOST_ROUNDS:
-        raise InputError(f"rounds = {rounds}, but 0 to {_MOST_ROUNDS:,} are possible")
     clear = _line_of_sight(path.field, clearance)
     points = _greedy(_random_chords(_greedy(path.line, clear), clear, rounds, seed), clear)
     short = ShortPath(

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import check_number, per_axis
+from resgrid.arguments import NotNegative, check_number, per_axis
 from resgrid.errors import InputError
 from resgrid.frozen import frozen
 from resgrid.planning.streamline import AnyPath, Polyline, robot_of, unwrap
@@ -117,7 +117,11 @@ class Trajectory:
 
 
 def time_path(
-    path: AnyPath, *, velocity_limits: Limits, acceleration_limits: Limits | None = None, tolerance: float | None = None
+    path: AnyPath,
+    *,
+    velocity_limits: Limits,
+    acceleration_limits: Limits | None = None,
+    tolerance: NotNegative | None = None,
 ) -> Trajectory:
     """Time a path as fast as limits allow.
 
@@ -168,7 +172,6 @@ def time_path(
         return Trajectory(*_at_constant_velocities(points, velocity), path)
     acceleration = _load("acceleration_limits", acceleration_limits, path)
     within = _default_tolerance(path) if tolerance is None else tolerance
-    check_number("tolerance", within, "a distance: at least 0 and finite", least=0.0)
     if len(points) < 2:
         return Trajectory(*_at_constant_velocities(points, velocity), path)
     corners = _straightened(points, max(within / 2, 4 * np.spacing(np.abs(points).max())))

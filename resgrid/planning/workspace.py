@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.arguments import check_number
+from resgrid.arguments import Positive
 from resgrid.errors import InputError
 from resgrid.frozen import frozen
 from resgrid.planning.streamline import AnyPath, robot_of, unwrap
@@ -59,7 +59,7 @@ def workspace_path(path: AnyPath) -> NDArray[np.float64]:
     return robot_of(path).reference_point(unwrap(path))
 
 
-def workspace_clearance(path: AnyPath, obstacles: Sequence[Shape], *, step: float = 0.01) -> float:
+def workspace_clearance(path: AnyPath, obstacles: Sequence[Shape], *, step: Positive = 0.01) -> float:
     """Smallest distance from the whole robot to the obstacles along a path, with exact geometry.
 
     Parameters
@@ -95,7 +95,7 @@ def workspace_clearance(path: AnyPath, obstacles: Sequence[Shape], *, step: floa
     return nearest
 
 
-def replay(path: AnyPath, obstacles: Sequence[Shape], *, step: float = 0.01) -> Collision | None:
+def replay(path: AnyPath, obstacles: Sequence[Shape], *, step: Positive = 0.01) -> Collision | None:
     """Drive the whole robot along a path, with exact geometry, until it enters an obstacle.
 
     Parameters
@@ -155,7 +155,6 @@ def _poses(
 def dense(path: AnyPath, step: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Configurations (m, ndim) along a path, in axis units, at most a step of the robot apart; segments (m,)."""
     points, robot = path.line, robot_of(path)
-    check_number("step", step, "a positive length", above=0.0)
     robot.check_axes(path.space.axes)
     pieces = np.maximum(np.ceil(robot.travel(points[:-1], points[1:]) / step), 1.0)
     if pieces.sum() > _MOST:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from math import hypot, inf
 from typing import TYPE_CHECKING, Annotated
@@ -24,9 +25,23 @@ FAR = 1e4
 """Half-planes are drawn this far, in the unit of the workspace."""
 
 
+class _Bounded(ABC):
+    """A shape that knows its bounds."""
+
+    @property
+    @abstractmethod
+    def bounds(self) -> Bounds:
+        """Lower and upper corner of the smallest box around the shape."""
+
+    @property
+    def ndim(self) -> int:
+        """Number of coordinates."""
+        return len(self.bounds[0])
+
+
 @checked
 @dataclass(frozen=True)
-class Box:
+class Box(_Bounded):
     """A rectangle (two coordinates) or box (any number), sides along the axes.
 
     Parameters
@@ -55,11 +70,6 @@ class Box:
             raise InputError(f"a box needs lower <= upper in every coordinate, got {self.lower} and {self.upper}")
 
     @property
-    def ndim(self) -> int:
-        """Number of coordinates."""
-        return len(self.lower)
-
-    @property
     def bounds(self) -> Bounds:
         """Lower and upper corner of the smallest box around the shape."""
         return self.lower, self.upper
@@ -71,7 +81,7 @@ class Box:
 
 @checked
 @dataclass(frozen=True)
-class Ball:
+class Ball(_Bounded):
     """A disc (two coordinates) or ball (any number).
 
     Parameters
@@ -96,11 +106,6 @@ class Ball:
     radius: Annotated[float, Ge(0), Le(LARGEST)]
 
     @property
-    def ndim(self) -> int:
-        """Number of coordinates."""
-        return len(self.centre)
-
-    @property
     def bounds(self) -> Bounds:
         """Lower and upper corner of the smallest box around the shape."""
         return tuple(c - self.radius for c in self.centre), tuple(c + self.radius for c in self.centre)
@@ -113,7 +118,7 @@ class Ball:
 @checked
 @brief
 @dataclass(frozen=True)
-class Polygon:
+class Polygon(_Bounded):
     """A simple polygon in the plane, with holes if need be.
 
     Parameters
@@ -154,11 +159,6 @@ class Polygon:
         return (self.vertices, *self.holes)
 
     @property
-    def ndim(self) -> int:
-        """Number of coordinates."""
-        return 2
-
-    @property
     def bounds(self) -> Bounds:
         """Lower and upper corner of the smallest box around the shape."""
         x, y = zip(*self.vertices, strict=True)
@@ -172,7 +172,7 @@ class Polygon:
 
 @checked
 @dataclass(frozen=True)
-class HalfSpace:
+class HalfSpace(_Bounded):
     """All points where ``normal @ x <= offset``: the normal points out of the solid, into the free side.
 
     Parameters
@@ -204,18 +204,13 @@ class HalfSpace:
             raise InputError("a half-plane needs a normal that is not zero")
 
     @property
-    def ndim(self) -> int:
-        """Number of coordinates."""
-        return len(self.normal)
-
-    @property
     def bounds(self) -> Bounds:
         """Lower and upper corner of the smallest box around the shape: infinite."""
-        return (-inf,) * self.ndim, (inf,) * self.ndim
+        return (-inf,) * len(self.normal), (inf,) * len(self.normal)
 
 
 @dataclass(frozen=True, eq=False)
-class CellSet:
+class CellSet(_Bounded):
     """The union of marked cells of a grid, each a closed box.
 
     `axes`: the grid; `mask`: one entry per cell.
@@ -227,11 +222,6 @@ class CellSet:
     def __post_init__(self) -> None:
         if self.mask.shape != tuple(axis.cells for axis in self.axes):
             raise InputError(f"a mask of shape {self.mask.shape} does not fit its axes")
-
-    @property
-    def ndim(self) -> int:
-        """Number of coordinates."""
-        return len(self.axes)
 
     @property
     def bounds(self) -> Bounds:

@@ -10,8 +10,9 @@ from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.chip.criticality import faulty_voltages
-from resgrid.chip.passes.base import add_nodes, add_resistors, select_resistors
+from resgrid.chip.passes.base import add_nodes
 from resgrid.chip.trials import arrivals, converter_of, neighbours_of
+from resgrid.netlist import add_elements, select_elements
 
 FLAWS = rg.Chip(
     mismatch=0.03,
@@ -36,10 +37,10 @@ def rebuilt(netlist: rg.Netlist, element: int, short: float | None) -> np.ndarra
     if element >= linear:
         number = element - linear
         pair = netlist.nonlinear_nodes[number : number + 1]
-        faulty = select_resistors(netlist, nonlinear=np.arange(len(netlist.nonlinear_current)) != number)
-        faulty = faulty if short is None else add_resistors(faulty, pair, np.array([1 / short]))
+        faulty = select_elements(netlist, "nonlinear resistor", np.arange(len(netlist.nonlinear_current)) != number)
+        faulty = faulty if short is None else add_elements(faulty, "resistor", pair, 1 / short)
     elif short is None:
-        faulty = select_resistors(netlist, np.arange(linear) != element)
+        faulty = select_elements(netlist, "resistor", np.arange(linear) != element)
     else:
         faulty = netlist.replace(conductance=np.where(np.arange(linear) == element, 1 / short, netlist.conductance))
     return rg.solve(faulty, accuracy="normwise", rtol=1e-13).voltage
@@ -172,7 +173,7 @@ def test_bad_numbers_are_named(options: dict[str, object]) -> None:
 def test_a_resistor_between_floating_nodes_costs_nothing() -> None:
     netlist = rg.study(cells(), FLAWS).netlist
     more, nodes = add_nodes(netlist, 2)
-    more = add_resistors(more, nodes[np.newaxis], np.array([1e-3]))
+    more = add_elements(more, "resistor", nodes, 1e-3)
     alone, beside = (rg.study(each).criticality() for each in (netlist, more))
     for fault in ("open", "short"):
         np.testing.assert_array_equal(beside.lost(fault), np.append(alone.lost(fault), 0.0))

@@ -13,7 +13,8 @@ import pytest
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.chip.exploration import Exploration, chip_with
+from resgrid.chip.build import chip_with
+from resgrid.chip.exploration import Exploration
 
 
 def cells() -> rg.ConfigurationSpace:

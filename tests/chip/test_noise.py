@@ -128,7 +128,7 @@ def test_readings_state_the_limits_of_the_integral() -> None:
     [
         ({"band": (1.0, 1.0)}, "lower first"),
         ({"band": (0.0, np.inf)}, "limit"),
-        ({"temperature": 0.0}, "kelvin"),
+        ({"temperature": 0.0}, "temperature = 0.0 must be .* above 0"),
         ({"method": "guess"}, "exact"),
         ({"samples": 1}, "at least 2"),
         ({"samples": 2.5}, "samples = 2.5"),

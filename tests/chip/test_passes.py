@@ -14,8 +14,9 @@ from support.spaces import space_of, spaces
 
 import resgrid as rg
 from resgrid.chip import passes
-from resgrid.chip.passes.base import add_resistors, to_node
+from resgrid.chip.passes.base import to_node
 from resgrid.chip.passes.values import preferred_values
+from resgrid.netlist import add_elements
 from resgrid.space import Cell
 
 
@@ -418,7 +419,7 @@ class Leak(passes.Pass):
 
     def apply(self, netlist: rg.Netlist) -> rg.Netlist:
         nodes = netlist.cells.node[netlist.cells.node >= 0]
-        return add_resistors(netlist, to_node(nodes, 0), np.full(len(nodes), 1 / self.ohms))
+        return add_elements(netlist, "resistor", to_node(nodes, 0), 1 / self.ohms)
 
 
 def test_an_effect_is_one_class_and_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

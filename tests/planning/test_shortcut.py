@@ -19,7 +19,6 @@ from resgrid.grids import label_regions
 from resgrid.planning import kernels
 from resgrid.planning.certify import certify_free
 from resgrid.planning.fields import Field
-from resgrid.planning.shortcut import shorten
 from resgrid.planning.streamline import length_of, unwrap
 from resgrid.planning.trace import streamline
 from resgrid.space import Cell, ConfigurationSpace
@@ -86,7 +85,7 @@ def test_short_paths_are_free_shorter_and_join_the_same_ends(space: Configuratio
     field = rg.field(solve(compile_space(space, boundary="neumann")))
     cell = reachable[data.draw(st.integers(0, len(reachable) - 1))]
     path = streamline(field, cell=cell.tolist())
-    short = shorten(path, rounds=30)
+    short = rg.shorten(path, rounds=30)
     way = unwrap(path)
     np.testing.assert_array_equal(short.points[[0, -1]], way[[0, -1]])
     assert length_of(short.points) <= path.length * (1 + 1e-12)
@@ -105,7 +104,7 @@ def test_an_open_room_is_crossed_in_one_line() -> None:
     cell[28, 18] = Cell.GOAL
     field = dirichlet(space_of(cell))
     path = streamline(field, start=(1.5, 1.5))
-    short = shorten(path)
+    short = rg.shorten(path)
     assert len(short.points) == 2
     assert short.length == pytest.approx(float(np.linalg.norm(path.points[-1] - path.points[0])))
     assert short.original is path
@@ -201,7 +200,7 @@ def test_the_clearance_asked_for_is_kept() -> None:
     cell[20, :22], cell[38, 2] = Cell.OBSTACLE, Cell.GOAL
     field = dirichlet(space_of(cell))
     path = streamline(field, start=(2.5, 14.5))
-    bold, careful = shorten(path), shorten(path, clearance=1.5)
+    bold, careful = rg.shorten(path), rg.shorten(path, clearance=1.5)
     assert path.length > careful.length > bold.length
     assert bold.clearance < 0.5
     assert careful.clearance >= min(path.clearance, 1.5) - 1e-9
@@ -212,7 +211,7 @@ def test_a_maze_keeps_its_way_and_the_seed_its_path() -> None:
     field = dirichlet(space)
     free = np.argwhere(space.goal_connected)
     path = streamline(field, cell=free[-1].tolist())
-    first, again = shorten(path, seed=3), shorten(path, seed=3)
+    first, again = rg.shorten(path, seed=3), rg.shorten(path, seed=3)
     np.testing.assert_array_equal(first.points, again.points)
     assert first.length < path.length
     certify_free(first)
@@ -223,7 +222,7 @@ def test_lines_cross_seams() -> None:
     cell[10, :], cell[2, 6] = Cell.OBSTACLE, Cell.GOAL
     space = space_of(cell, periodic=(True, False))
     path = streamline(dirichlet(space), start=(15.5, 4.5))
-    short = shorten(path)
+    short = rg.shorten(path)
     assert len(short.points) == 2
     assert short.points[-1, 0] == pytest.approx(22.0, abs=0.51)
     certify_free(short)
@@ -234,14 +233,14 @@ def test_only_what_reached_a_goal_is_shortened() -> None:
     cell[1, :], cell[2, 2] = Cell.OBSTACLE, Cell.GOAL
     field = dirichlet(space_of(cell))
     with pytest.raises(InputError, match="no_path"):
-        shorten(streamline(field, cell=(0, 0)))
+        rg.shorten(streamline(field, cell=(0, 0)))
     path = streamline(field, cell=(2, 0))
     with pytest.raises(InputError, match="clearance = nan"):
-        shorten(path, clearance=float("nan"))
+        rg.shorten(path, clearance=float("nan"))
     for wrong in ({"rounds": -1}, {"rounds": 2_000_000}, {"rounds": 1.5}, {"seed": -1}, {"clearance": "wide"}):
         with pytest.raises(InputError, match=next(iter(wrong))):
-            shorten(path, **wrong)
-    with pytest.raises(InputError, match="those of a streamline"):
-        shorten(path.points)
-    goal = shorten(streamline(field, cell=(2, 2)))
+            rg.shorten(path, **wrong)
+    with pytest.raises(InputError, match="must be a Streamline"):
+        rg.shorten(path.points)
+    goal = rg.shorten(streamline(field, cell=(2, 2)))
     assert (len(goal.points), goal.length) == (1, 0.0)

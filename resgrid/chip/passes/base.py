@@ -1,6 +1,6 @@
 """What a pass is, and how passes change a netlist.
 
-Resistors that a pass adds are appended, so that those of the grid keep their numbers; they cross no face (-1).
+Elements that a pass adds are appended, so that resistors of the grid keep their numbers; they cross no face (-1).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from resgrid.die import Seed, seed_of
 from resgrid.errors import InputError
-from resgrid.netlist import GROUND, CellMap, Netlist
+from resgrid.netlist import GROUND, CellMap, Netlist, add_elements, select_elements
 from resgrid.scene.chip import Chip
 from resgrid.scene.table import check_fields
 from resgrid.spice.circuit import connected_parts
@@ -74,54 +74,6 @@ def add_nodes(netlist: Netlist, count: int) -> tuple[Netlist, NDArray[np.int32]]
     return netlist.replace(node_count=first + count, node_names=names), np.arange(first, first + count, dtype=np.int32)
 
 
-def add_resistors(
-    netlist: Netlist,
-    nodes: NDArray[np.integer[Any]],
-    conductance: NDArray[np.float64],
-    face: NDArray[np.integer[Any]] | None = None,
-) -> Netlist:
-    """Append resistors without temperature coefficients.
-
-    Shapes: `nodes` (n, 2), `conductance` (n,), `face` (n,).
-    """
-    count, cells = len(conductance), netlist.cell_map
-    if cells is not None:
-        cells = dataclasses.replace(
-            cells,
-            resistor_face=np.append(cells.resistor_face, np.full(count, -1) if face is None else face),
-            resistor_upward=np.append(cells.resistor_upward, np.ones(count, dtype=np.bool_)),
-        )
-    return netlist.replace(
-        resistor_nodes=np.concatenate([netlist.resistor_nodes, nodes]),
-        conductance=np.append(netlist.conductance, conductance),
-        tc1=None if netlist.tc1 is None else np.append(netlist.tc1, np.zeros(count)),
-        tc2=None if netlist.tc2 is None else np.append(netlist.tc2, np.zeros(count)),
-        element_names=None,
-        cell_map=cells,
-    )
-
-
-def select_resistors(
-    netlist: Netlist, linear: NDArray[np.bool_] | None = None, nonlinear: NDArray[np.bool_] | None = None
-) -> Netlist:
-    """Keep some resistors, shape (resistors,), and some nonlinear ones; all where nothing is said."""
-    changes: dict[str, Any] = {"element_names": None}
-    faces: dict[str, Any] = {}
-    for keep, names, kind in (
-        (linear, ("resistor_nodes", "conductance", "tc1", "tc2"), "resistor"),
-        (nonlinear, ("nonlinear_nodes", "nonlinear_current", "nonlinear_voltage"), "nonlinear"),
-    ):
-        if keep is None:
-            continue
-        columns = {name: getattr(netlist, name) for name in names}
-        changes |= {name: column[keep] for name, column in columns.items() if column is not None}
-        if netlist.cell_map is not None:
-            faces |= {f"{kind}_{what}": getattr(netlist.cells, f"{kind}_{what}")[keep] for what in ("face", "upward")}
-    if faces:
-        changes["cell_map"] = dataclasses.replace(netlist.cells, **faces)
-    return netlist.replace(**changes)
-
-
 def to_node(nodes: NDArray[np.int32], end: int) -> NDArray[np.int32]:
     """Pairs of nodes that all end in one, shape (n, 2)."""
     return np.stack([nodes, np.full(len(nodes), end, dtype=np.int32)], axis=1)
@@ -138,12 +90,8 @@ def rail_pin(netlist: Netlist, rail: str) -> tuple[Netlist, int]:
     pin = int(node)
     volts = wiring.high if rail == "obstacle" and wiring.drive != "uniform" else wiring.goal_voltage
     changed: dict[str, Any] = {"obstacle_node": pin} if rail == "obstacle" else {"goal_nodes": (pin,)}
-    return netlist.replace(
-        source_nodes=np.concatenate([netlist.source_nodes, [[pin, GROUND]]]),
-        source_volts=np.append(netlist.source_volts, volts),
-        element_names=None,
-        cell_map=dataclasses.replace(cells, **changed),
-    ), pin
+    netlist = add_elements(netlist, "voltage source", [pin, GROUND], volts)
+    return netlist.replace(cell_map=dataclasses.replace(cells, **changed)), pin
 
 
 def without_stranded_currents(netlist: Netlist) -> Netlist:
@@ -153,6 +101,4 @@ def without_stranded_currents(netlist: Netlist) -> Netlist:
     ties = np.concatenate([netlist.resistor_nodes, netlist.source_nodes, netlist.nonlinear_nodes])
     part = connected_parts(ties, netlist.node_count)
     kept = (part[netlist.current_nodes] == part[GROUND]).all(axis=1)
-    return netlist.replace(
-        current_nodes=netlist.current_nodes[kept], current_amps=netlist.current_amps[kept], element_names=None
-    )
+    return select_elements(netlist, "current source", kept)

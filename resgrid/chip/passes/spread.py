@@ -10,11 +10,11 @@ from annotated_types import Ge, Len, Lt
 from numpy.typing import NDArray
 
 from resgrid import die
-from resgrid.chip.passes.base import Pass, add_resistors, select_resistors, without_stranded_currents
+from resgrid.chip.passes.base import Pass, without_stranded_currents
 from resgrid.die import DEFECTS, Seed, generator, mismatch_factors
 from resgrid.errors import InputError
 from resgrid.grids import face_counts, face_shape
-from resgrid.netlist import CellMap, Netlist
+from resgrid.netlist import CellMap, Netlist, add_elements, crossed_by, select_elements
 from resgrid.scene.chip import Chip, Density, Metres, Ohms, Place
 from resgrid.scene.quantities import Listed, Quantity
 from resgrid.space import ConfigurationSpace
@@ -145,7 +145,7 @@ class Faults(Pass):
         defects = chip.defects
         if not (defects.open_density or defects.short_density or defects.open_at):
             return None
-        return cls(defects.open_density, defects.short_density, defects.short_resistance, seed, defects.open_at)
+        return cls(**vars(defects), seed=seed)
 
     def places(self, netlist: Netlist) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Which places on the die are open, and which are shorted; each of shape (places,)."""
@@ -175,11 +175,10 @@ class Faults(Pass):
             tc2=None if netlist.tc2 is None else np.where(short, 0.0, netlist.tc2),
         )
         bridged = shorted[nonlinear]
-        faulty = select_resistors(faulty, ~opened[linear], ~(opened[nonlinear] | bridged))
+        faulty = select_elements(faulty, "resistor", ~opened[linear])
+        faulty = select_elements(faulty, "nonlinear resistor", ~(opened[nonlinear] | bridged))
         if bridged.any():
-            ends, face = netlist.nonlinear_nodes[bridged], None
-            if netlist.cell_map is not None:
-                upward, face = netlist.cell_map.nonlinear_upward[bridged], nonlinear[bridged]
-                ends = np.where(upward[:, np.newaxis], ends, ends[:, ::-1])
-            faulty = add_resistors(faulty, ends, np.full(len(ends), 1 / self.short_resistance), face)
+            crossed = crossed_by(netlist, "nonlinear resistor", bridged)
+            ends = netlist.nonlinear_nodes[bridged]
+            faulty = add_elements(faulty, "resistor", ends, 1 / self.short_resistance, **crossed)
         return without_stranded_currents(faulty)

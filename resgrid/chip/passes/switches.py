@@ -15,10 +15,10 @@ from annotated_types import Ge
 from numpy.typing import NDArray
 
 from resgrid import die
-from resgrid.chip.passes.base import Pass, add_nodes, add_resistors, cells_with_nodes, rail_pin, to_node
+from resgrid.chip.passes.base import Pass, add_nodes, cells_with_nodes, rail_pin, to_node
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
-from resgrid.netlist import GROUND, CellMap, Netlist
+from resgrid.netlist import GROUND, CellMap, Netlist, add_elements, select_elements
 from resgrid.scene.chip import Ohms, OhmsOrZero
 from resgrid.scene.quantities import Quantity
 from resgrid.space import Cell
@@ -91,7 +91,7 @@ def _with_open_nodes(netlist: Netlist, on: float, off: float) -> Netlist:
     ends = full.cell_of_node()[full.resistor_nodes]
     new = ~np.isin(full.cells.resistor_face, cells.resistor_face)
     netlist = netlist.replace(cell_map=dataclasses.replace(netlist.cells, node=node))
-    return add_resistors(netlist, node.ravel()[ends[new]], 1 / (1 / full.conductance[new] + off))
+    return add_elements(netlist, "resistor", node.ravel()[ends[new]], 1 / (1 / full.conductance[new] + off))
 
 
 @dataclass(frozen=True)
@@ -126,17 +126,14 @@ class RailSwitches(Pass):
                 netlist = _tie(netlist, cells.node[tied & (cells.node >= 0)], pin, on)
             if off is not None:
                 nodes = cells.node[~tied & (cells.node >= 0)]
-                netlist = add_resistors(netlist, to_node(nodes, pin), np.full(len(nodes), 1 / off))
+                netlist = add_elements(netlist, "resistor", to_node(nodes, pin), 1 / off)
         return netlist
 
 
 def _tie(netlist: Netlist, nodes: NDArray[np.int32], pin: int, resistance: float) -> Netlist:
     """Replace the sources of nodes by resistors to a pin."""
-    kept = ~np.isin(netlist.source_nodes[:, 0], nodes)
-    freed = netlist.replace(
-        source_nodes=netlist.source_nodes[kept], source_volts=netlist.source_volts[kept], element_names=None
-    )
-    return add_resistors(freed, to_node(nodes, pin), np.full(len(nodes), 1 / resistance))
+    freed = select_elements(netlist, "voltage source", ~np.isin(netlist.source_nodes[:, 0], nodes))
+    return add_elements(freed, "resistor", to_node(nodes, pin), 1 / resistance)
 
 
 @dataclass(frozen=True)
@@ -179,14 +176,8 @@ def _droop(netlist: Netlist, rail: str, ohms: float) -> Netlist:
     resistor_nodes = netlist.resistor_nodes.copy()
     switch = ~die.on_grid(netlist) & (resistor_nodes[:, 1] == pin) & (local[resistor_nodes[:, 0]] >= 0)
     resistor_nodes[switch, 1] = local[resistor_nodes[switch, 0]]
-    netlist = netlist.replace(
-        resistor_nodes=resistor_nodes,
-        source_nodes=netlist.source_nodes[~wired],
-        source_volts=netlist.source_volts[~wired],
-        element_names=None,
-    )
-    segments = _mesh_segments(mesh, pin)
-    return add_resistors(netlist, segments, np.full(len(segments), 1 / ohms))
+    netlist = select_elements(netlist.replace(resistor_nodes=resistor_nodes), "voltage source", ~wired)
+    return add_elements(netlist, "resistor", _mesh_segments(mesh, pin), 1 / ohms)
 
 
 def _mesh_segments(mesh: NDArray[np.int32], pin: int) -> NDArray[np.int32]:
@@ -212,12 +203,7 @@ class Capacitance(Pass):
 
     def apply(self, netlist: Netlist) -> Netlist:
         cells = cells_with_nodes(netlist, "capacitors")
-        nodes = cells.node[cells.node >= 0]
-        return netlist.replace(
-            capacitor_nodes=np.concatenate([netlist.capacitor_nodes, to_node(nodes, GROUND)]),
-            capacitance=np.append(netlist.capacitance, np.full(len(nodes), self.farads)),
-            element_names=None,
-        )
+        return add_elements(netlist, "capacitor", to_node(cells.node[cells.node >= 0], GROUND), self.farads)
 
 
 @dataclass(frozen=True)
@@ -233,5 +219,4 @@ class ReadoutLoad(Pass):
 
     def apply(self, netlist: Netlist) -> Netlist:
         cells = cells_with_nodes(netlist, "loads of the read-out")
-        nodes = cells.node[cells.node >= 0]
-        return add_resistors(netlist, to_node(nodes, GROUND), np.full(len(nodes), 1 / self.ohms))
+        return add_elements(netlist, "resistor", to_node(cells.node[cells.node >= 0], GROUND), 1 / self.ohms)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -12,10 +11,10 @@ from annotated_types import Gt
 from numpy.typing import NDArray
 
 from resgrid import die
-from resgrid.chip.passes.base import Pass, select_resistors
+from resgrid.chip.passes.base import Pass
 from resgrid.die import Seed
 from resgrid.errors import InputError
-from resgrid.netlist import Netlist
+from resgrid.netlist import Netlist, add_elements, crossed_by, select_elements
 from resgrid.scene.chip import ABSOLUTE_ZERO, Chip, Metres, Ohms
 from resgrid.scene.quantities import Quantity
 
@@ -169,18 +168,12 @@ class Saturation(Pass):
 
     def apply(self, netlist: Netlist) -> Netlist:
         own = die.on_grid(netlist)
-        cell_map = netlist.cell_map
-        if cell_map is not None:
-            cell_map = dataclasses.replace(
-                cell_map,
-                nonlinear_face=np.append(cell_map.nonlinear_face, cell_map.resistor_face[own]),
-                nonlinear_upward=np.append(cell_map.nonlinear_upward, cell_map.resistor_upward[own]),
-            )
-        saturating = netlist.replace(
-            nonlinear_nodes=np.concatenate([netlist.nonlinear_nodes, netlist.resistor_nodes[own]]),
-            nonlinear_current=np.append(netlist.nonlinear_current, self.volts * netlist.conductance[own]),
-            nonlinear_voltage=np.append(netlist.nonlinear_voltage, np.full(int(own.sum()), self.volts)),
-            element_names=None,
-            cell_map=cell_map,
+        saturating = add_elements(
+            netlist,
+            "nonlinear resistor",
+            netlist.resistor_nodes[own],
+            self.volts * netlist.conductance[own],
+            self.volts,
+            **crossed_by(netlist, "resistor", own),
         )
-        return select_resistors(saturating, ~own)
+        return select_elements(saturating, "resistor", ~own)

@@ -9,15 +9,14 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.solve import solve
 from resgrid.errors import ResgridError
-from resgrid.graphs import ARRAYS
-from resgrid.netlist import GROUND, Netlist
+from resgrid.netlist import GROUND, Netlist, add_elements, select_elements
 from resgrid.spice.check.connection import Loops, loops_of
 from resgrid.spice.check.rules import check_rules
 from resgrid.spice.circuit import TOLERANCE, Circuit, Violation, connected_parts, rebase
@@ -273,18 +272,10 @@ def _option(deck: Circuit, name: str) -> float:
 def _simulated(deck: Circuit, lost: list[str], resistance: NDArray[np.float64], siemens: float) -> Netlist:
     """What a simulator solves: these resistances, a shunt at every node, and not the elements that it lost."""
     netlist = replace(deck, resistance=resistance, tc1=None, tc2=None).netlist()
-    kept: dict[str, NDArray[Any]] = {}
-    for kind, names in netlist.element_names.items() if lost and netlist.element_names else ():
-        stays = ~np.isin(names, lost)
-        arrays = {name: getattr(netlist, name) for name in ARRAYS[kind]}
-        kept |= {name: array[stays] for name, array in arrays.items() if array is not None}
-    netlist = netlist.replace(**kept, element_names=None)
+    for kind, names in (netlist.element_names or {}).items() if lost else ():
+        netlist = select_elements(netlist, kind, ~np.isin(names, lost))
     shunted = np.arange(1, netlist.node_count if siemens else 1)
-    shunts = np.stack([shunted, np.zeros_like(shunted)], axis=1)
-    return netlist.replace(
-        resistor_nodes=np.concatenate([netlist.resistor_nodes, shunts]),
-        conductance=np.append(netlist.conductance, np.full(len(shunts), siemens)),
-    )
+    return add_elements(netlist, "resistor", np.stack([shunted, np.zeros_like(shunted)], axis=1), siemens)
 
 
 def _voltages(netlist: Callable[[], Netlist]) -> NDArray[np.float64] | None:
