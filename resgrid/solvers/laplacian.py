@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
 _Found = TypeVar("_Found")
 
-_MOST_ENTRIES = 2**31 - 1
+MOST_NUMBERED = 2**31 - 1
+"""Rows, entries of rows, and slots are numbered with 32 bits."""
 
 _MOST_PARTS = 8
 """Of a list of edges, each with neighbours of its own."""
@@ -215,10 +216,10 @@ class Laplacian:
 
         assert self.listed is not None
         entries = 2 * len(self.listed.conductance)
-        if entries > _MOST_ENTRIES:
+        if entries > MOST_NUMBERED:
             raise BudgetError(
                 f"the matrix has up to {entries:,} entries, and its rows are numbered with 32 bits, up to "
-                f"{_MOST_ENTRIES:,}: choose larger cells, accuracy = 'normwise', or method = 'petsc'"
+                f"{MOST_NUMBERED:,}: choose larger cells, accuracy = 'normwise', or method = 'petsc'"
             )
         indptr, place = np.zeros(self.size + 1, dtype=np.int32), np.empty((2, self.size), dtype=np.int32)
         indices, data = np.empty(entries, dtype=np.int32), np.empty(entries)
@@ -257,8 +258,8 @@ class Laplacian:
 
         upper, tied = sparse.triu(self.edges, 1).tocoo(), np.flatnonzero(self.ground)
         m = upper.nnz
-        ends = np.append(np.stack([upper.row, upper.col], axis=1).ravel(), tied).astype(np.int32)
-        starts = np.append(np.arange(0, 2 * m + 1, 2), 2 * m + 1 + np.arange(len(tied))).astype(np.int32)
+        ends = np.append(np.stack([upper.row, upper.col], axis=1).ravel(), tied)
+        starts = np.append(np.arange(0, 2 * m + 1, 2), 2 * m + 1 + np.arange(len(tied)))
         sign = np.append(np.tile([1.0, -1.0], m), np.ones(len(tied)))
         incidence = sparse.csr_array((sign, ends, starts), shape=(m + len(tied), self.size))
         return incidence, np.append(upper.data, self.ground[tied])
