@@ -149,11 +149,27 @@ def _parsl(file: str) -> Iterator[Executor]:
     except Exception as error:
         raise InputError(f"{file}: {error!r}; let it say config = parsl.Config(...)") from error
     try:
-        executor = concurrent.ParslPoolExecutor(config=config)
+        with _interrupts_ignored():
+            executor = concurrent.ParslPoolExecutor(config=config)
     except FileNotFoundError as error:
         raise InputError(f"parsl does not find {error.filename}: activate the environment that holds it") from error
-    with executor:
+    try:
         yield executor
+    finally:
+        executor.shutdown(wait=False)  # it knows no way to cancel what nobody waits for any more
+
+
+@contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    """Processes begun here leave Ctrl-C to this one, which needs them to the end; only the main thread can say so."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _needed(module: str, extra: str) -> Any:

@@ -23,7 +23,7 @@ class Columns(NamedTuple):
     Every column begins with its diagonal entry, of weight -1; the others are sorted by row.
     """
 
-    starts: Indices
+    starts: Indices | Integers
     rows: Indices
     weight: Floats
     pivot: Floats

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from resgrid.solvers.laplacian import MOST_NUMBERED
 from resgrid.solvers.supernodal import SupernodalFactors
 
 if TYPE_CHECKING:
@@ -106,7 +107,8 @@ def columns_of(factors: SupernodalFactors) -> tuple[NDArray[np.int64], Columns]:
     each = np.arange(below.sum()) - np.repeat(np.cumsum(below) - below, below)
     row = nodes.rows[np.repeat(nodes.start[node] + behind, below) + each]
     at = nodes.offset[node] + (behind - 1) * symbolic.lengths[node] + behind
-    starts = np.append(0, np.cumsum(np.append(degree, below) + 1)).astype(np.int32)
+    starts = np.append(0, np.cumsum(np.append(degree, below) + 1))
+    starts = starts.astype(np.int32 if starts[-1] <= MOST_NUMBERED else np.int64)
     rows, weight = np.empty(starts[-1], dtype=np.int32), np.full(starts[-1], -1.0)
     off = np.ones(len(rows), dtype=np.bool_)
     off[starts[:-1]] = False

@@ -17,7 +17,8 @@ from resgrid.solvers.team import ALONE, Team, pieces
 if TYPE_CHECKING:
     from scipy import sparse
 
-_MOST_ENTRIES = 2**31 - 1
+MOST_NUMBERED = 2**31 - 1
+"""Rows, entries of rows, and slots are numbered with 32 bits."""
 
 _MOST_PARTS = 8
 """Of a list of edges, each with neighbours of its own."""
@@ -265,8 +266,8 @@ class Laplacian:
 
         (pairs, value), tied = self.as_rows().pairs, np.flatnonzero(self.ground)
         m = len(value)
-        ends = np.append(pairs.ravel(), tied).astype(np.int32)
-        starts = np.append(np.arange(0, 2 * m + 1, 2), 2 * m + 1 + np.arange(len(tied))).astype(np.int32)
+        ends = np.append(pairs.ravel(), tied)
+        starts = np.append(np.arange(0, 2 * m + 1, 2), 2 * m + 1 + np.arange(len(tied)))
         sign = np.append(np.tile([1.0, -1.0], m), np.ones(len(tied)))
         incidence = sparse.csr_array((sign, ends, starts), shape=(m + len(tied), self.size))
         return incidence, np.append(value, self.ground[tied])
@@ -316,10 +317,10 @@ def _compress(listed: EdgeList | None, size: int) -> Rows:
 
     assert listed is not None
     entries = 2 * len(listed.conductance)
-    if entries > _MOST_ENTRIES:
+    if entries > MOST_NUMBERED:
         raise BudgetError(
             f"the matrix has up to {entries:,} entries, and its rows are numbered with 32 bits, up to "
-            f"{_MOST_ENTRIES:,}: choose larger cells, accuracy = 'normwise', or method = 'petsc'"
+            f"{MOST_NUMBERED:,}: choose larger cells, accuracy = 'normwise', or method = 'petsc'"
         )
     indptr, place = np.zeros(size + 1, dtype=np.int32), np.empty((2, size), dtype=np.int32)
     indices, data = np.empty(entries, dtype=np.int32), np.empty(entries)

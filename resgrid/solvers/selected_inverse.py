@@ -16,6 +16,7 @@ from resgrid.solvers.superlu import symmetric_factors
 from resgrid.solvers.supernodal import SupernodalFactors
 
 Indices = NDArray[np.int32]
+Integers = NDArray[np.int64]
 
 
 def inverse_diagonal(matrix: Any) -> NDArray[Any]:
@@ -58,7 +59,7 @@ def estimate_diagonal(
     return mean, error
 
 
-def _diagonal(starts: Indices, rows: Indices, lower: NDArray[Any], pivot: NDArray[Any]) -> NDArray[Any]:
+def _diagonal(starts: Indices | Integers, rows: Indices, lower: NDArray[Any], pivot: NDArray[Any]) -> NDArray[Any]:
     """Diagonal of ``(L D L^T)^-1``, shape (n,), from the columns of ``L``, the diagonal entry first in each."""
     from resgrid.solvers.column_kernels import selected_inverse
 

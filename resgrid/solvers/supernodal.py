@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.errors import AccuracyError
+from resgrid.errors import AccuracyError, BudgetError
 from resgrid.solvers.extended import unscaled
-from resgrid.solvers.laplacian import Conductances, Laplacian
+from resgrid.solvers.laplacian import MOST_NUMBERED, Conductances, Laplacian
 from resgrid.solvers.refine import Numbers
 
 if TYPE_CHECKING:
@@ -150,25 +150,39 @@ def factor_supernodes(laplacian: Laplacian, symbolic: Symbolic | None = None) ->
 
 
 def order_rows(laplacian: Laplacian) -> Symbolic:
-    """Order the rows of a matrix as suits it."""
+    """Order the rows of a matrix as suits it; BudgetError where the factors would have too many entries."""
     symbolic = order_by_distance(laplacian) or order_by_degree(laplacian)
-    assert symbolic is not None
+    if symbolic is None:
+        raise BudgetError(
+            f"the factors of {laplacian.size:,} rows have more entries than 32 bits can number: choose larger cells, "
+            "or method = 'multigrid'"
+        )
     return symbolic
 
 
 def order_by_distance(laplacian: Laplacian) -> Symbolic | None:
     """Order the rows of a matrix by their distance from the ground; None where it is not narrow."""
     reduced = _reduce_odd_even(laplacian)
+    if reduced is None:
+        return None
     return _analyse(reduced, np.arange(reduced.size, dtype=np.int32), _room(laplacian))
 
 
 def order_by_degree(laplacian: Laplacian, most: float = np.inf) -> Symbolic | None:
-    """Order the rows of a matrix by approximate minimum degree; None for more than ``most`` entries of the factors."""
+    """Order the rows of a matrix by approximate minimum degree.
+
+    None for more than ``most`` entries of the factors, or more of their rows than can be numbered.
+    """
     from resgrid.solvers.minimum_degree_kernels import minimum_degree
 
     reduced = _reduce_odd_even(laplacian)
+    if reduced is None:
+        return None
     n, indptr = reduced.size, reduced.left.indptr
-    quotient = quotient_graph(indptr, reduced.left.indices[: indptr[-1]], int(indptr[-1]) + 2 * n)
+    room = int(indptr[-1]) + 2 * n
+    if room > MOST_NUMBERED:
+        return None
+    quotient = quotient_graph(indptr, reduced.left.indices[: indptr[-1]], room)
     step = np.empty(n, dtype=np.int32)
     if not minimum_degree(quotient, max(16, int(_DENSE * np.sqrt(n))), float(most), step):
         return None
@@ -190,8 +204,11 @@ def quotient_graph(indptr: NDArray[np.int32], indices: NDArray[np.int32], room: 
     )  # fmt: skip
 
 
-def _reduce_odd_even(laplacian: Laplacian) -> OddEven:
-    """Eliminate every other layer of rows, by their distance from the one that is most tied to the lower rail."""
+def _reduce_odd_even(laplacian: Laplacian) -> OddEven | None:
+    """Eliminate every other layer of rows, by their distance from the one that is most tied to the lower rail.
+
+    None where what is left may have more entries than can be numbered.
+    """
     from resgrid.solvers import symbolic_kernels as kernels
     from resgrid.solvers.numbering_kernels import breadth_first
 
@@ -200,7 +217,13 @@ def _reduce_odd_even(laplacian: Laplacian) -> OddEven:
     order = np.ascontiguousarray(breadth_first(whole.indptr, whole.indices, int(np.argmax(tied)))[::-1])
     number = np.empty(n, dtype=np.int32)
     kernels.number_kept(whole.indptr, whole.indices, order, number, _none(n))
-    return _joined(whole, number)
+    return _joined(whole, number) if _most_entries(whole, number) <= MOST_NUMBERED else None
+
+
+def _most_entries(whole: Conductances, number: NDArray[np.int32]) -> int:
+    """Entries of a matrix at most, once the rows that are not numbered, (n,), are eliminated."""
+    degree = np.diff(whole.indptr)[number < 0].astype(np.int64)
+    return len(whole.indices) + int(np.sum(degree * (degree - 3)))
 
 
 def _joined(whole: Conductances, number: NDArray[np.int32]) -> OddEven:
@@ -208,8 +231,7 @@ def _joined(whole: Conductances, number: NDArray[np.int32]) -> OddEven:
     from resgrid.solvers.symbolic_kernels import join_kept
 
     kept = np.argsort(number, kind="stable")[np.count_nonzero(number < 0) :].astype(np.int32)
-    degree = np.diff(whole.indptr)[number < 0].astype(np.int64)
-    size, most = len(kept), len(whole.indices) + int(np.sum(degree * (degree - 3)))
+    size, most = len(kept), _most_entries(whole, number)
     left = Conductances(
         np.empty(size + 1, dtype=np.int32), np.empty(most, dtype=np.int32), np.empty(most), np.empty(size)
     )
@@ -223,7 +245,10 @@ def _none(n: int) -> NDArray[np.int32]:
 
 
 def _analyse(reduced: OddEven, order: NDArray[np.int32], most: float) -> Symbolic | None:
-    """List the supernodes of an order (kept,); None where they come to have more entries than ``most``."""
+    """List the supernodes of an order (kept,).
+
+    None where they come to have more entries than ``most``, or more rows than can be numbered.
+    """
     from resgrid.solvers import symbolic_kernels as kernels
     from resgrid.solvers.supernodal_kernels import Supernodes
 
@@ -233,11 +258,14 @@ def _analyse(reduced: OddEven, order: NDArray[np.int32], most: float) -> Symboli
     pattern = kernels.Pattern(indptr, indices, order, rank)
     kernels.postorder(pattern, order.copy(), parent, _none(size), np.empty(size, dtype=np.int32))
     first, start = np.empty((2, size + 1), dtype=np.int32)
-    room, count = 8 * size, -2
+    most_rows = MOST_NUMBERED - 2 * size
+    room, count = min(8 * size, most_rows), -2
     while count == -2:
         rows = np.empty(room + 2 * size, dtype=np.int32)
         count = kernels.list_supernodes(pattern, float(most), first, start, rows, *(_none(size) for _ in range(3)))
-        room *= 4
+        if room == most_rows:
+            break
+        room = min(4 * room, most_rows)
     if count < 0:
         return None
     first, start = first[: count + 1].copy(), start[: count + 1].copy()

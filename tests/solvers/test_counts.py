@@ -10,12 +10,18 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from support.spaces import space_of
 
 import resgrid as rg
+from resgrid.circuit.equations import assemble
 from resgrid.circuit.slabs import slabs
 from resgrid.grids import face_counts
 from resgrid.solvers.laplacian import EdgeList, Laplacian
+from resgrid.solvers.multigrid.grid_level import lay_out
+from resgrid.solvers.multigrid.lattice import Lattice
 from resgrid.solvers.petsc_worker import local_rows, neighbours, rows_of
+from resgrid.solvers.selected_inverse import positive_inverse_diagonal
+from resgrid.solvers.supernodal import factor_supernodes, order_by_degree, order_by_distance
 
 HUGE = [(2**17, 2**16), (2048, 2048, 2049), (300, 300, 300, 300)]
 
@@ -26,6 +32,55 @@ def test_a_matrix_of_more_entries_than_rows_can_number_is_refused() -> None:
     laplacian = Laplacian(np.ones(2), EdgeList(pairs, ones, np.arange(2, dtype=np.int32)))
     with pytest.raises(rg.BudgetError, match=r"2,147,483,648 entries, .* 32 bits"):
         _ = laplacian.edges
+
+
+def test_a_grid_of_more_slots_than_can_be_numbered_is_not_laid_out_by_colour() -> None:
+    shape = (2, 2, 2, 2**27)  # as many cells as can be numbered twice over; odd strides leave gaps between them
+    assert 2 * Lattice(shape).slots > 2**31 > np.prod(shape, dtype=np.int64)
+    pairs, row, node = np.array([[0, 1]], dtype=np.int32), np.arange(2, dtype=np.int32), np.broadcast_to(-1, shape)
+    assert lay_out(pairs, np.ones(1), row, cast(Any, node), np.ones(2), 1.0) is None
+
+
+def test_such_a_grid_is_solved_as_a_graph(monkeypatch: pytest.MonkeyPatch) -> None:
+    netlist = rg.compile_space(scattered((30, 40)))
+    by_colour = rg.solve(netlist, method="multigrid")
+    monkeypatch.setattr("resgrid.solvers.multigrid.grid_level.MOST_NUMBERED", 1200)
+    np.testing.assert_allclose(rg.solve(netlist, method="multigrid").log_drop, by_colour.log_drop, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("shape", "most"), [((90, 100), 20_000), ((30, 30, 30), 200_000)])
+def test_factors_of_more_rows_than_can_be_numbered_are_refused(
+    shape: tuple[int, ...], most: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What odd-even reduction leaves, and the rows of supernodes."""
+    netlist = rg.compile_space(scattered(shape))
+    expected = rg.solve(netlist)
+    monkeypatch.setattr("resgrid.solvers.supernodal.MOST_NUMBERED", most)
+    with pytest.raises(rg.BudgetError, match=r"rows have more entries than 32 bits can number: .* 'multigrid'"):
+        rg.solve(netlist, method="direct")
+    np.testing.assert_allclose(rg.solve(netlist).log_drop, expected.log_drop, rtol=1e-9)
+
+
+def test_a_quotient_graph_of_more_members_than_can_be_numbered_is_not_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    laplacian = assemble(rg.compile_space(scattered((90, 100)))).laplacian
+    assert order_by_degree(laplacian) is not None
+    monkeypatch.setattr("resgrid.solvers.supernodal.MOST_NUMBERED", 26_100)
+    assert order_by_degree(laplacian) is None
+    assert order_by_distance(laplacian) is not None
+
+
+def test_the_columns_of_large_factors_are_numbered_with_64_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+    factors = factor_supernodes(assemble(rg.compile_space(scattered((9, 10)))).laplacian)
+    expected = positive_inverse_diagonal(factors)
+    monkeypatch.setattr("resgrid.solvers.differences.MOST_NUMBERED", 10)
+    np.testing.assert_array_equal(positive_inverse_diagonal(factors), expected)
+
+
+def scattered(shape: tuple[int, ...]) -> rg.ConfigurationSpace:
+    """A fifth of the cells are obstacles, one is a goal."""
+    cell = (np.random.default_rng(0).random(shape) < 0.2).astype(np.uint8)
+    cell[(0,) * len(shape)] = rg.Cell.GOAL
+    return space_of(cell)
 
 
 @pytest.mark.parametrize("shape", HUGE)

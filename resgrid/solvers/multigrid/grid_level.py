@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.jit import inner, inner_fast, kernel
+from resgrid.solvers.laplacian import MOST_NUMBERED
 from resgrid.solvers.multigrid.graphs import Graph
 from resgrid.solvers.multigrid.krylov import scatter_rows
 from resgrid.solvers.multigrid.lattice import Lattice
@@ -61,11 +62,13 @@ def lay_out(
     """Colour a grid and bring the conductances of its faces in order.
 
     Shapes: `pairs` (m, 2), `conductance` (m,), `row` (nodes,), `node` as the grid, `excess` (n,); returns `slot`
-    (n,).
+    (n,).  None where it has no two colours, or more slots than can be numbered.
     """
     if node.ndim < 2:
         return None
     lattice = Lattice(node.shape)
+    if 2 * lattice.slots > MOST_NUMBERED:
+        return None
     slot = np.full(len(excess), -1, dtype=np.int32)
     at_node = np.full(len(row), -1, dtype=np.int32)
     cells = slot_cells(node.ravel(), row, lattice.rows, lattice.margin, lattice.slots, slot, at_node)
