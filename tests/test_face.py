@@ -140,4 +140,10 @@ def test_a_repr_is_a_short_line() -> None:
     assert repr(rg.Defects(open_at=((4, 2, 0),))) == "Defects(open_at=((4, 2, 0),))"
     round_ = tuple((float(np.cos(turn)), float(np.sin(turn))) for turn in np.linspace(0, 6, 300))
     assert repr(rg.Polygon(round_)) == "Polygon(vertices=<300 entries>)"
+    ladder = rg.Netlist(
+        3, [[1, 0], [1, 2], [2, 0]], [1e-3] * 3, capacitor_nodes=[[1, 0]], capacitance=[1e-9],
+        current_nodes=[[0, 1]], current_amps=[1e-3],
+    )  # fmt: skip
+    assert repr(rg.factor(ladder)) == f"<CircuitFactor of {ladder!r}: 2 rows, elimination>"
+    assert repr(rg.transient_stepper(ladder, 1e-6)).endswith(": steps of 1e-06 s, tr-bdf2>")
     assert repr(rg.PolygonRobot(round_[:3])).startswith("PolygonRobot(vertices=((1.0, 0.0), ")

@@ -143,6 +143,9 @@ class CircuitFactor:
     system: Equations
     factors: Factor
 
+    def __repr__(self) -> str:
+        return f"<CircuitFactor of {self.system.netlist!r}: {self.system.size} rows, {self.name}>"
+
     @property
     def name(self) -> str:
         """The method."""

@@ -12,6 +12,7 @@ from resgrid.circuit.linear import CircuitFactor, factor_circuit, solve_linear
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
+from resgrid.solvers.choose import check_method
 from resgrid.solvers.factors.factor import check_rtol
 from resgrid.solvers.monitor import Progress
 
@@ -209,6 +210,7 @@ def _check_options(accuracy: str, method: str, rtol: float, threads: int, progre
         raise InputError(f"accuracy = {accuracy!r} is unknown; it may be one of {', '.join(ACCURACIES)}")
     if method == PETSC:
         raise InputError("method = 'petsc' solves spaces, without a netlist: rg.plan(space, method='petsc', ranks=2)")
+    check_method(method)
     check_rtol(rtol)
     check_whole("threads", threads, 1)
     if not (progress is None or callable(progress)):

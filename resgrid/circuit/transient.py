@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -82,7 +82,10 @@ class TransientStepper:
     dynamics: Dynamics
     step: float
     method: str
-    factors: Factor | None = field(repr=False)
+    factors: Factor | None
+
+    def __repr__(self) -> str:
+        return f"<TransientStepper of {self.dynamics.netlist!r}: steps of {self.step:g} s, {self.method}>"
 
     def start(self, initial: OperatingPoint | ArrayLike | None = None) -> NDArray[np.float64]:
         """Node voltages at time 0+, shape (nodes,), in volts; ``initial`` as in `transient`."""

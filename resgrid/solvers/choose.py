@@ -110,8 +110,7 @@ def factor_laplacian(
 
     With an ``accuracy`` of ``"direction"`` it is made ready for answers that are right entry by entry, or for ``both``.
     """
-    if method != "auto" and method not in METHODS:
-        raise InputError(f"method = {method!r} is unknown; it may be one of auto, {', '.join(METHODS)}")
+    check_method(method)
     if laplacian.grid is None or not laplacian.grid.simple:
         laplacian = laplacian.with_rows(ordered=False)
     found = count_connections(laplacian, team)
@@ -129,6 +128,12 @@ def factor_laplacian(
             inner = _factor_whole(choice, accuracy, both, team)
             return ReducedFactor(laplacian, mesh, inner, _plain(laplacian, accuracy, both))
     return _factor_whole(_choose(laplacian, found, method, accuracy), accuracy, both, team)
+
+
+def check_method(method: str) -> None:
+    """Refuse a method that is none."""
+    if method != "auto" and method not in METHODS:
+        raise InputError(f"method = {method!r} is unknown; it may be one of auto, {', '.join(METHODS)}")
 
 
 def _along_corridors(laplacian: Laplacian, found: Connections, method: str, accuracy: str) -> Choice | None:

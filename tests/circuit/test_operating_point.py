@@ -107,6 +107,11 @@ def test_wrong_options_are_named(wrong: dict[str, object]) -> None:
         rg.solve(ladder(3), **wrong)
 
 
+def test_a_method_that_is_none_is_named_where_nothing_is_left_to_solve() -> None:
+    with pytest.raises(rg.InputError, match="method = 'dirct' is unknown; it may be one of auto, direct, multigrid"):
+        rg.solve(rg.Netlist(2, [[1, 0]], [1e-3]), method="dirct")
+
+
 def test_small_currents_beside_large_ones_are_kept_beyond_the_rails() -> None:
     """Ground is no rail of node 3, which lies between 1 V and 2 V; two loads lead there from 1 V."""
     netlist = Netlist(4, [[2, 3], [3, 1], [1, 0], [1, 0]], [1e-4, 1e-4, 1e3, 1e-5], [[1, 0], [2, 0]], [1.0, 2.0])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from math import prod
 
 import numpy as np
@@ -33,7 +33,8 @@ class Level:
 
     `leak` (2, slots): conductance to the rails, of red and of black slots; `degree` (2, slots): all conductances at a
     slot, summed; `mean` (ndim,): mean conductance along every axis, 0 where there is none; `uneven`: whether some
-    conductances are weak beside others; `extra_cell`: flat index of the cell of every extra node, red and black.
+    conductances are weak beside others; `extra_cell`: flat index of the cell of every extra node, red and black;
+    `size`: number of nodes.
     """
 
     lattice: Lattice
@@ -43,11 +44,7 @@ class Level:
     mean: NDArray[np.float64]
     uneven: bool
     extra_cell: tuple[NDArray[np.int64], NDArray[np.int64]]
-
-    @cached_property
-    def size(self) -> int:
-        """Number of nodes."""
-        return int(np.count_nonzero(self.degree))
+    size: int
 
 
 def lay_out(
@@ -148,9 +145,8 @@ def level_of(
     for colour, slot in enumerate((edges.off_red, edges.off_black)):
         np.add.at(degree[colour], slot, edges.couplings)
     total, least, greatest = sum(totals), min(e[0] for e in extremes), max(e[1] for e in extremes)
-    return Level(
-        lattice, edges, leak, degree, total[0] / np.maximum(total[1], 1.0), bool(least < WEAK * greatest), extra_cell
-    )
+    mean, uneven = total[0] / np.maximum(total[1], 1.0), bool(least < WEAK * greatest)
+    return Level(lattice, edges, leak, degree, mean, uneven, extra_cell, int(np.count_nonzero(degree)))
 
 
 def in_double(level: Level) -> Stencil:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +26,7 @@ class Lattice:
     shape: tuple[int, ...]
     extras: int = 0
 
-    @cached_property
+    @property
     def strides(self) -> tuple[int, ...]:
         """From the number of a cell to the next one's along every axis.
 
