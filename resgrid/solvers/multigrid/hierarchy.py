@@ -7,9 +7,8 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
-from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian
+from resgrid.solvers.laplacian import EdgeList, Laplacian
 from resgrid.solvers.multigrid.blocks import Coarsened, coarsen
 from resgrid.solvers.multigrid.graphs import Graph, coarsen_down
 from resgrid.solvers.multigrid.grid_level import Level, compensated, in_double, in_single, lay_out, to_graph
@@ -151,7 +150,10 @@ def lay_out_grid(
     """Lay a system out by colour; the level, slots, unit and box, or None where it is no grid of two colours."""
     if laplacian.grid is None:
         return None
-    (pairs, conductance, row), node = _edges(laplacian, laplacian.grid)
+    node = laplacian.grid.vertex
+    pairs, conductance, row = laplacian.listed or EdgeList(
+        *laplacian.as_rows().pairs, np.arange(laplacian.size, dtype=np.int32)
+    )
     if not conductance.size:
         return None
     unit = float(conductance.mean())
@@ -181,12 +183,3 @@ def _leading_without_rows(row: NDArray[np.int32], lines: NDArray[np.int32]) -> i
             count += len(some)
             step *= 2
     return count
-
-
-def _edges(laplacian: Laplacian, grid: Grid) -> tuple[EdgeList, NDArray[np.int32]]:
-    """The edges as a list, and the vertex of every cell."""
-    if laplacian.listed is not None:
-        return laplacian.listed, grid.vertex
-    upper = sparse.triu(laplacian.edges, format="coo")
-    pairs = np.stack([upper.row, upper.col], axis=1).astype(np.int32)
-    return EdgeList(pairs, upper.data, np.arange(laplacian.size, dtype=np.int32)), grid.vertex
