@@ -305,7 +305,7 @@ def test_nan_is_the_largest_difference() -> None:
         ({"nodes": {"a": {"voltage": None}}}, r"nodes\.a\.voltage"),
         ({"nodes": {"a": 3}}, r"nodes\.a: Input should be an object;"),
         ({"blocks": {"lines": 0, "sha256": []}}, "blocks"),
-        ({"dialect": "ngspize"}, "choose one of"),
+        ({"dialect": "verilog"}, "choose one of"),
     ],
 )
 def test_a_damaged_sidecar_is_one_message(deck: Path, change: object, message: str) -> None:

@@ -138,9 +138,11 @@ def test_a_netlist_without_a_deck_is_refused(netlist: Netlist, error: type[Excep
         flatten(netlist)
 
 
-def test_an_unknown_dialect_is_refused_with_the_list() -> None:
-    with pytest.raises(InputError, match=r"choose one of .*ngspice"):
+def test_an_unknown_dialect_is_refused_with_the_nearest_or_the_list() -> None:
+    with pytest.raises(InputError, match=r"did you mean 'ngspice'\?"):
         flatten(ladder(), dialect="ngspize")
+    with pytest.raises(InputError, match=r"choose one of .*ngspice"):
+        flatten(ladder(), dialect="verilog")
 
 
 def test_the_sidecar_holds_cells_voltages_and_no_nan(tmp_path: Path) -> None:
