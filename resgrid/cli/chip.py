@@ -60,7 +60,10 @@ class Names(Suggested):
 @click.option("--only", metavar="NAMES", type=Names(), default=",".join(ANALYSES), help="Some analyses, with commas.")
 @click.option("--half-width", metavar="W", type=share(0.5), default=0.01, help="Stop when the yield is known so well.")
 @click.option("--most", metavar="N", type=click.IntRange(1), default=2000, help="Chips after which trials stop.")
-@click.option("--executor", metavar="NAME", help="Who tries chips: processes[:N], dask://HOST:PORT, mpi or parsl:FILE.")
+@click.option(
+    "--executor", metavar="NAME", type=Suggested("name", "processes", "dask://", "mpi", "parsl:"),
+    help="Who tries chips: processes[:N], dask://HOST:PORT, mpi or parsl:FILE.",
+)  # fmt: skip
 @click.option(
     "--sweep", metavar="KEY=V,V,...", multiple=True,
     help="Value of the chip to explore, twice: the second is what is paid for.  [default: the offset or mismatch, "

@@ -72,6 +72,20 @@ class Suggested(_Type):
         return [CompletionItem(word) for word in self.words if word.startswith(incomplete)]
 
 
+class SceneKey(_Type):
+    """A key of a scene and its value, as ``--set`` takes them; keys are completed, table by table."""
+
+    name = "text"
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:  # noqa: ARG002
+        """Keys that begin so: of tables with a point behind them, of values with an equals sign."""
+        from resgrid.scene.schema import keys_of
+
+        *tables, begin = incomplete.split(".")
+        paths = [(*tables, key) for key in keys_of(tuple(tables), None) if key.startswith(begin)]
+        return [CompletionItem(".".join(path) + ("." if keys_of(path, None) else "=")) for path in paths]
+
+
 class Shared(click.Option):
     """An option that many verbs have; help shows it in a group."""
 
@@ -147,7 +161,8 @@ _SCENE_OPTIONS: tuple[Decorator, ...] = (
     _key("--robot-radius", metavar="R", type=float, help="Radius of the robot, a disc."),
     _key("--k", metavar="K", type=NUMBERS, multiple=True,
          help="Share of the Dirichlet field, 1: away from obstacles, 0: past them (Neumann); repeatable."),
-    _key("--set", "settings", metavar="KEY=VALUE", multiple=True, help="Any other key, such as chip.supply=3."),
+    _key("--set", "settings", metavar="KEY=VALUE", type=SceneKey(), multiple=True,
+         help="Any other key, such as chip.supply=3."),
     _key("--threads", metavar="N", type=click.IntRange(1), default=1, help="For solving."),
     _map("--format", type=Suggested("name", "ros", "movingai", "image", "epic", "npy"),
          help="ros, movingai, image, epic or npy, where the name hides it."),
