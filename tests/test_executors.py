@@ -117,6 +117,23 @@ def test_what_has_not_begun_is_cancelled() -> None:
     assert len(began) < 100
 
 
+def test_an_executor_that_cannot_cancel_can_be_left_early() -> None:
+    class Uncancelled(Future[Any]):  # as those of parsl
+        def cancel(self) -> bool:
+            raise NotImplementedError("Cancel not implemented")
+
+    class Stubborn(ThreadPoolExecutor):
+        def submit(self, *work: Any) -> Future[Any]:
+            future, inner = Uncancelled(), super().submit(*work)
+            inner.add_done_callback(lambda done: future.set_result(done.result()))
+            return future
+
+    with Stubborn(1) as executor:
+        results = in_order([Part(sums, {"offset": 0}, range(100))], executor)
+        assert next(results) == 0
+        results.close()
+
+
 def test_the_window_grows_until_all_workers_have_something_to_do() -> None:
     running, most, lock = 0, 0, threading.Lock()
 

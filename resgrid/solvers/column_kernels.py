@@ -167,7 +167,7 @@ def add_falls(columns: Columns, gaps: Gaps, ends: Indices, rail: Indices, falls:
 
 @kernel
 def selected_inverse(
-    starts: Indices, rows: Indices, lower: Floats | NDArray[np.complex128], pivot: Floats, inverse: Floats
+    starts: NDArray[np.integer], rows: Indices, lower: Floats | NDArray[np.complex128], pivot: Floats, inverse: Floats
 ) -> None:
     """Entries of the inverse of ``L D L^T`` on the pattern of ``L`` (Takahashi, Fagan & Chen 1973).
 

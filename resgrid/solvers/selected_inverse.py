@@ -58,7 +58,9 @@ def estimate_diagonal(
     return mean, error
 
 
-def _diagonal(starts: Indices, rows: Indices, lower: NDArray[Any], pivot: NDArray[Any]) -> NDArray[Any]:
+def _diagonal(
+    starts: NDArray[np.integer[Any]], rows: Indices, lower: NDArray[Any], pivot: NDArray[Any]
+) -> NDArray[Any]:
     """Diagonal of ``(L D L^T)^-1``, shape (n,), from the columns of ``L``, the diagonal entry first in each."""
     from resgrid.solvers.column_kernels import selected_inverse
 

@@ -155,8 +155,8 @@ def order_rows(laplacian: Laplacian) -> Symbolic:
     symbolic = order_by_distance(laplacian) or order_by_degree(laplacian)
     if symbolic is None:
         raise BudgetError(
-            f"the factors of {laplacian.size:,} rows have more entries than 32 bits can number: choose larger cells, or "
-            "method = 'multigrid'"
+            f"the factors of {laplacian.size:,} rows have more entries than 32 bits can number: choose larger cells, "
+            "or method = 'multigrid'"
         )
     return symbolic
 

@@ -21,7 +21,7 @@ from resgrid.solvers.multigrid.grid_level import lay_out
 from resgrid.solvers.multigrid.lattice import Lattice
 from resgrid.solvers.petsc_worker import local_rows, neighbours, rows_of
 from resgrid.solvers.selected_inverse import positive_inverse_diagonal
-from resgrid.solvers.supernodal import factor_supernodes, order_by_degree, order_by_distance
+from resgrid.solvers.supernodal import factor_supernodes
 
 HUGE = [(2**17, 2**16), (2048, 2048, 2049), (300, 300, 300, 300)]
 
@@ -48,7 +48,7 @@ def test_such_a_grid_is_solved_as_a_graph(monkeypatch: pytest.MonkeyPatch) -> No
     np.testing.assert_allclose(rg.solve(netlist, method="multigrid").log_drop, by_colour.log_drop, rtol=1e-9)
 
 
-@pytest.mark.parametrize(("shape", "most"), [((90, 100), 20_000), ((90, 100), 26_100), ((30, 30, 30), 200_000)])
+@pytest.mark.parametrize(("shape", "most"), [((90, 100), 20_000), ((90, 100), 21_500), ((30, 30, 30), 200_000)])
 def test_factors_of_more_rows_than_can_be_numbered_are_refused(
     shape: tuple[int, ...], most: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
