@@ -66,4 +66,5 @@ def _diagonal(
 
     inverse = np.empty_like(lower)
     selected_inverse(starts, rows, lower, pivot, inverse)
-    return inverse[starts[:-1]]
+    diagonal: NDArray[Any] = inverse[starts[:-1]]
+    return diagonal
