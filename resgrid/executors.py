@@ -7,6 +7,7 @@ from a file, or, where there is no such file, says so and is sent the task again
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import pickle
 import tempfile
@@ -297,7 +298,8 @@ class _Crew:
     def close(self) -> None:
         """Cancel what has not begun."""
         for future in self._flying:
-            future.cancel()
+            with contextlib.suppress(NotImplementedError):  # parsl's do not know how
+                future.cancel()
         self._shut()
 
 

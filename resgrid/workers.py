@@ -23,6 +23,9 @@ FORMS = "processes[:N], dask://HOST:PORT, mpi or parsl:FILE"
 DASK_SECONDS = 10.0
 """How long a scheduler may take to answer."""
 
+_MOMENT = 0.2
+"""Seconds between two looks at the workers of a pool that ends."""
+
 
 @contextmanager
 def open_executor(name: str) -> Iterator[Executor]:
@@ -92,8 +95,26 @@ def renewed(executor: Executor) -> Executor | None:
 @contextmanager
 def _processes(count: int) -> Iterator[Executor]:
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(count, mp_context=context, initializer=_follow_parent) as executor:
+    executor = ProcessPoolExecutor(count, mp_context=context, initializer=_follow_parent)
+    try:
         yield executor
+    finally:
+        _end(executor)
+
+
+def _end(executor: ProcessPoolExecutor) -> None:
+    """Shut a pool down; a worker that dies meanwhile with the lock of their queue takes the others along.
+
+    The pool itself would wait for these for ever.
+    """
+    workers = list((executor._processes or {}).values())
+    closing = threading.Thread(target=executor.shutdown, name="resgrid ends its workers")
+    closing.start()
+    while closing.is_alive():
+        closing.join(_MOMENT)
+        if any(worker.exitcode for worker in workers):
+            for worker in workers:
+                worker.terminate()
 
 
 def _follow_parent() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import threading
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -115,6 +117,42 @@ def test_what_has_not_begun_is_cancelled() -> None:
         assert next(results) == 0
         results.close()
     assert len(began) < 100
+
+
+@pytest.mark.parametrize("dying", [0, 1])
+def test_a_pool_ends_though_a_worker_dies_meanwhile(dying: int) -> None:
+    """One of two idle workers holds the lock of their queue, and the pool no longer looks who lives."""
+    opened = rg.open_executor("processes:2")
+    executor: Any = opened.__enter__()
+    assert list(executor.map(slow_sums, [{"offset": 0}] * 4, [[k] for k in range(4)])) == [[0], [1], [2], [3]]
+    time.sleep(0.2)
+    workers = list(executor._processes)
+    for worker in workers:
+        os.kill(worker, signal.SIGSTOP)
+    ending = threading.Thread(target=opened.__exit__, args=(None, None, None), daemon=True)
+    ending.start()
+    time.sleep(0.3)
+    os.kill(workers[dying], signal.SIGKILL)
+    os.kill(workers[1 - dying], signal.SIGCONT)
+    ending.join(30)
+    assert not ending.is_alive()
+
+
+def test_an_executor_that_cannot_cancel_can_be_left_early() -> None:
+    class Uncancelled(Future[Any]):  # as those of parsl
+        def cancel(self) -> bool:
+            raise NotImplementedError("Cancel not implemented")
+
+    class Stubborn(ThreadPoolExecutor):
+        def submit(self, *work: Any) -> Future[Any]:
+            future, inner = Uncancelled(), super().submit(*work)
+            inner.add_done_callback(lambda done: future.set_result(done.result()))
+            return future
+
+    with Stubborn(1) as executor:
+        results = in_order([Part(sums, {"offset": 0}, range(100))], executor)
+        assert next(results) == 0
+        results.close()
 
 
 def test_the_window_grows_until_all_workers_have_something_to_do() -> None:

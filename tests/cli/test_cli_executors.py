@@ -46,21 +46,36 @@ def test_dask(scenes: Path, tmp_path: Path, alone: bytes) -> None:
     assert (tmp_path / "out" / "yield.jsonl").read_bytes() == alone
 
 
-@pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -9)])
+PARSL = """import parsl
+config = parsl.Config(
+    executors=[parsl.HighThroughputExecutor(label="here", max_workers_per_node=2, address="127.0.0.1")], run_dir={!r}
+)
+"""
+
+
+@pytest.mark.parametrize(
+    ("kind", "sent", "code"),
+    [("processes:2", signal.SIGINT, 130), ("processes:2", signal.SIGKILL, -9), ("parsl", signal.SIGINT, 130)],
+)
 def test_what_is_interrupted_or_killed_is_taken_up(
-    scenes: Path, tmp_path: Path, alone: bytes, sent: signal.Signals, code: int
+    scenes: Path, tmp_path: Path, alone: bytes, kind: str, sent: signal.Signals, code: int
 ) -> None:
+    if kind == "parsl":
+        kind = f"parsl:{tmp_path / 'config.py'}"
+        (tmp_path / "config.py").write_text(PARSL.format(str(tmp_path / "parsl")))
+    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
     words = ["chip", scenes / "chip.toml", *WORDS, "-o", tmp_path / "out"]
     with subprocess.Popen(
-        [*COMMAND, *words, "--executor", "processes:2"], stderr=subprocess.PIPE, text=True, start_new_session=True
-    ) as process:
+        [*COMMAND, *words, "--executor", kind], stderr=subprocess.PIPE, text=True, start_new_session=True,
+        env=environment,
+    ) as process:  # fmt: skip
         end = time.monotonic() + 120
         while not any(file.stat().st_size > 1000 for file in tmp_path.glob(".out-*.yield.jsonl")):
             assert process.poll() is None and time.monotonic() < end
             time.sleep(0.01)
         # An interrupt at the terminal goes to all processes; the worst death is the parent's alone.
         os.killpg(process.pid, sent) if sent == signal.SIGINT else process.send_signal(sent)
-        if sent == signal.SIGINT:  # an impatient user's second one changes nothing
+        if sent == signal.SIGINT and kind == "processes:2":  # an impatient user's second one changes nothing
             time.sleep(0.1)
             os.killpg(process.pid, sent)
         assert process.wait(timeout=60) == code
