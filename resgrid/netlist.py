@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -320,12 +319,12 @@ def add_elements(
         return np.append(old, np.broadcast_to(new, len(added)))
 
     changes: dict[str, Any] = {pairs: np.concatenate([getattr(netlist, pairs), added])}
-    for name, value in zip_longest(names, values, fillvalue=0.0):
+    for name, value in zip(names, (*values, *(0.0 for _ in names[len(values) :])), strict=True):
         if getattr(netlist, name) is not None:
             changes[name] = appended(getattr(netlist, name), value)
     if netlist.cell_map is not None and kind in _FACES:
         crossed = zip(_FACES[kind], (face, upward), strict=True)
-        columns = {name: appended(getattr(netlist.cell_map, name), new) for name, new in crossed}
+        columns: dict[str, Any] = {name: appended(getattr(netlist.cell_map, name), new) for name, new in crossed}
         changes["cell_map"] = replace(netlist.cell_map, **columns)
     return netlist.replace(element_names=None, **changes)
 
@@ -344,7 +343,7 @@ def select_elements(netlist: Netlist, kind: str, keep: NDArray[np.bool_]) -> Net
     columns = {name: getattr(netlist, name) for name in ARRAYS[kind]}
     changes: dict[str, Any] = {name: column[keep] for name, column in columns.items() if column is not None}
     if netlist.cell_map is not None and kind in _FACES:
-        faces = {name: getattr(netlist.cell_map, name)[keep] for name in _FACES[kind]}
+        faces: dict[str, Any] = {name: getattr(netlist.cell_map, name)[keep] for name in _FACES[kind]}
         changes["cell_map"] = replace(netlist.cell_map, **faces)
     return netlist.replace(element_names=None, **changes)
 
