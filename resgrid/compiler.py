@@ -206,12 +206,17 @@ class Contacts:
         def ends(wide: NDArray[Any]) -> Iterator[NDArray[Any]]:
             return (slab(side, axis, first, last)[kept] for side in before_and_behind(wide, axis))
 
-        siemens = np.full(np.count_nonzero(kept), of_face(self.spacing, axis, self.wiring.resistance))
+        unit = (self.spacing.min() / self.spacing[axis]) ** 2 / self.wiring.resistance
+        siemens = np.full(np.count_nonzero(kept), unit)
         if self.conductivity is not None:
-            siemens *= in_series(*ends(self.conductivity), *(code == Cell.FREE for code in ends(self.code)))
+            lower, upper = ends(self.conductivity)
+            lower_free, upper_free = ends(self.code == Cell.FREE)
+            lower = np.where(upper_free & ~lower_free, upper, lower)
+            upper = np.where(lower_free & ~upper_free, lower, upper)
+            siemens *= lower * (2.0 * upper / (lower + upper))
         if self.wiring.wall_resistance:
-            walled = has_wall(*(code == Cell.OBSTACLE for code in ends(self.code)))
-            siemens[walled] = behind_wall(siemens[walled], self.wiring.wall_resistance)
+            walled = np.not_equal(*ends(self.code == Cell.OBSTACLE))
+            siemens[walled] = 1.0 / (1.0 / siemens[walled] + self.wiring.wall_resistance)
         return siemens
 
     @cached_property
@@ -265,24 +270,16 @@ def _set_beyond(kind: NDArray[np.uint8], axis: int, wiring: Wiring, size: int, e
 def _voltage_sources(
     space: ConfigurationSpace, wiring: Wiring, nodes: _Nodes
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    high = wiring.goal_voltage + wiring.supply
-    plus: list[NDArray[np.int32]] = []
-    volts: list[NDArray[np.float64]] = []
-
-    def tie(tied: NDArray[np.int32], level: float) -> None:
-        plus.append(tied)
-        volts.append(np.full(len(tied), level))
-
-    if nodes.obstacle >= 0:
-        tie(np.array([nodes.obstacle], dtype=np.int32), high)
-    tie(np.array(nodes.goals, dtype=np.int32), wiring.goal_voltage)
+    high, low = wiring.high, wiring.goal_voltage
+    ties: list[tuple[Any, float]] = [([nodes.obstacle] if nodes.obstacle >= 0 else [], high), (nodes.goals, low)]
     if wiring.start is not None:
-        tie(nodes.cell[wiring.start].reshape(1), high)
+        ties.append(([nodes.cell[wiring.start]], high))
     if wiring.rails == "cells":
-        tie(nodes.cell[(space.cell == Cell.OBSTACLE) & (nodes.cell >= 0)], high)
-        tie(nodes.cell[space.cell == Cell.GOAL], wiring.goal_voltage)
-    tied = np.concatenate(plus)
-    return np.stack([tied, np.full_like(tied, GROUND)], axis=1), np.concatenate(volts)
+        ties.append((nodes.cell[(space.cell == Cell.OBSTACLE) & (nodes.cell >= 0)], high))
+        ties.append((nodes.cell[space.cell == Cell.GOAL], low))
+    tied = np.concatenate([np.asarray(some, dtype=np.int32) for some, _ in ties])
+    volts = np.repeat([level for _, level in ties], [len(some) for some, _ in ties])
+    return np.stack([tied, np.full_like(tied, GROUND)], axis=1), volts
 
 
 def _uniform_drive(wiring: Wiring, nodes: _Nodes) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
@@ -295,30 +292,3 @@ def _uniform_drive(wiring: Wiring, nodes: _Nodes) -> tuple[NDArray[np.int32], ND
     pairs = np.empty((fed.size, 2), dtype=np.int32)
     pairs[:, 0], pairs[:, 1] = GROUND, fed
     return pairs, np.full(fed.size, wiring.supply / (wiring.resistance * fed.size))
-
-
-def of_face(spacing: NDArray[np.float64], axis: int, resistance: float) -> float:
-    """Return the conductance across a face between cells of conductivity 1, in siemens; `spacing` (ndim,)."""
-    return float((spacing.min() / spacing[axis]) ** 2 / resistance)
-
-
-def in_series(
-    lower: NDArray[np.float64],
-    upper: NDArray[np.float64],
-    lower_free: NDArray[np.bool_] | bool,
-    upper_free: NDArray[np.bool_] | bool,
-) -> NDArray[np.float64]:
-    """Combine the conductivities of two half cells; against a rail the free cell's counts alone."""
-    lower = np.where(upper_free & ~np.asarray(lower_free), upper, lower)
-    upper = np.where(lower_free & ~np.asarray(upper_free), lower, upper)
-    return lower * (2.0 * upper / (lower + upper))
-
-
-def has_wall(lower_obstacle: NDArray[np.bool_] | bool, upper_obstacle: NDArray[np.bool_] | bool) -> NDArray[np.bool_]:
-    """Return which contacts have the wall in series: those of an obstacle with what is none."""
-    return np.not_equal(lower_obstacle, upper_obstacle)
-
-
-def behind_wall(conductance: NDArray[np.float64], wall_resistance: float | None) -> NDArray[np.float64]:
-    """Return contacts with obstacles, in siemens, with the resistance of their wall in series; 0 ohms for none."""
-    return 1.0 / (1.0 / conductance + wall_resistance) if wall_resistance else conductance

@@ -7,6 +7,7 @@ import pytest
 from support.spaces import space_of
 
 import resgrid as rg
+from resgrid.planning.fields import read_cells
 
 
 def meander() -> rg.ConfigurationSpace:
@@ -66,3 +67,11 @@ def test_what_a_norm_does_not_tell_is_not_safe() -> None:
         safe = read(meander(), boundary="dirichlet").safe
         assert safe is not None and safe[0, 28] and not safe[28, 15]
     assert rg.field(rg.solve(rg.compile_space(meander()))).safe is None
+
+
+def test_a_voltage_beyond_the_rail_of_an_obstacle_is_not_safe() -> None:
+    """Current would flow from the last free cell into the obstacle, though Kirchhoff's law holds there."""
+    space = space_of(np.array([2, 0, 0, 0, 1], dtype=np.uint8))
+    for last, safe in ((1.2, False), (0.8, True)):
+        field = read_cells(space, rg.Wiring(), np.array([0.0, 0.1, 2 * last - 1, last, np.nan]))
+        assert field.safe is not None and field.safe[3] == safe

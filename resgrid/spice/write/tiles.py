@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
-from resgrid.compiler import compile_space, has_wall
+from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError, InputError
 from resgrid.grids import face_counts
 from resgrid.netlist import Netlist
@@ -149,7 +149,7 @@ def tiles_of(netlist: Netlist, chip: Chip) -> Tiles:
     cell, beyond = full.cell_of_node()[full.resistor_nodes].T
     state = _states(netlist)
     blocked = np.append(state == State.BLOCKED, True)  # the last one lies behind the edge
-    walled = has_wall(blocked[cell], blocked[beyond])
+    walled = blocked[cell] != blocked[beyond]
     crossing = netlist.cells.resistor_face >= 0
     total = np.full(sum(face_counts(space.shape)), np.nan)
     total[netlist.cells.resistor_face[crossing]] = resistances(netlist.conductance[crossing])
