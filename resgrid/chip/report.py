@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -309,7 +309,11 @@ def seconds_needed(name: str, chip: Study, effort: Effort) -> float:
 def checkpoints_beside(folder: Path, chip: Study, sweep: Sequence[Sweep]) -> dict[str, Path]:
     """Where the results of trials are kept until their folder is whole, by the analysis."""
     cells = chip.ideal.cells
-    mark = hashlib.sha256(f"{chip.chip} {cells.wiring} {sweep}".encode() + cells.space.cell.tobytes()).hexdigest()[:12]
+    space, keys = cells.space, asdict(chip.chip or Chip())  # a repr would leave out the ends of long lists
+    digest = hashlib.sha256(f"{keys} {cells.wiring} {sweep} {space.axes}".encode() + space.cell.tobytes())
+    if space.conductivity is not None:
+        digest.update(space.conductivity.tobytes())
+    mark = digest.hexdigest()[:12]
     return {name: folder.parent / f".{folder.name}-{mark}.{name}.jsonl" for name in ("yield", "exploration")}
 
 

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from support.spaces import space_of, spaces
 
 import resgrid as rg
 from resgrid.chip.figures import effective_trials, wilson
+from resgrid.chip.report import checkpoints_beside
 from resgrid.chip.trials import arrivals, converter_of, neighbours_of, prepare, run_trials, unpacked
 from resgrid.chip.yields import Yield
 from resgrid.die import NOISE, OFFSET, generator
@@ -309,6 +311,22 @@ def test_the_numbers_and_the_file_are_the_same_whoever_works_and_dies(kind: str,
     assert numbers(shared) == numbers(alone)
     assert (tmp_path / "shared.jsonl").read_bytes() == (tmp_path / "alone.jsonl").read_bytes()
     assert bool(died) == (kind in ("processes", "loky"))
+
+
+def test_what_a_killed_run_kept_is_looked_for_by_all_that_makes_its_chips(tmp_path: Path) -> None:
+    space = room()
+    costly = replace(space, conductivity=np.where(space.cell == 0, 0.5, 1.0))
+    wide = replace(space, axes=tuple(replace(axis, upper=2 * axis.upper) for axis in space.axes))
+    opened = [rg.Chip(defects=rg.Defects(open_at=tuple((k, row, 0) for k in range(14)))) for row in (1, 2)]
+    studies = [
+        rg.study(space, CHIP),
+        rg.study(costly, CHIP),
+        rg.study(wide, CHIP),
+        *(rg.study(space, c) for c in opened),
+    ]
+    kept = [checkpoints_beside(tmp_path / "out", made, ())["yield"] for made in studies]
+    assert len(set(kept)) == len(kept)
+    assert checkpoints_beside(tmp_path / "out", rg.study(room(), CHIP), ())["yield"] == kept[0]
 
 
 def test_checkpoints_of_other_runs_and_damaged_ones_are_refused(tmp_path: Path) -> None:
