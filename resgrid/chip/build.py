@@ -129,17 +129,16 @@ def chip_keys(chip: Chip) -> dict[str, Any]:
 def chip_with(chip: Chip, values: Mapping[str, Any]) -> Chip:
     """The same chip with other values by key, with dots: ``{"mismatch": 0.02, "readout.bits": 8}``."""
     known = list(described_keys(Chip))
-    changes: dict[str, Any] = {}
+    tables: dict[str, dict[str, Any]] = {"": {}}
     for key, value in values.items():
         if key not in known:
             hint = suggestion(key, known) or f"there are {', '.join(known)}"
             raise InputError(f"a chip has no key {key!r}; {hint}")
         table, _, name = key.rpartition(".")
-        plain = value.item() if isinstance(value, np.generic) else value
-        if table:
-            plain = dataclasses.replace(changes.get(table, getattr(chip, table)), **{name: plain})
-        changes[table or name] = plain
-    return dataclasses.replace(chip, **changes)
+        tables.setdefault(table, {})[name] = value.item() if isinstance(value, np.generic) else value
+    own = tables.pop("")  # all keys of a table at once, for its laws hold across them
+    inner = {table: dataclasses.replace(getattr(chip, table), **parts) for table, parts in tables.items()}
+    return dataclasses.replace(chip, **own, **inner)
 
 
 def described(chip: Chip, shape: Sequence[int], boundary: str) -> list[tuple[str, str, str]]:

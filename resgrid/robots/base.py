@@ -135,7 +135,7 @@ class Robot(ABC):
             raise InputError(f"a robot that turns needs 3 axes (x, y, theta), got {len(axes)}")
         for axis in axes[:2]:
             if axis.periodic:
-                raise InputError(f"axis {axis.name!r}: a robot that turns's x and y cannot be periodic")
+                raise InputError(f"axis {axis.name!r}: x and y of a robot that turns cannot be periodic")
         turn, full = axes[2], tau * self.turning_length
         if turn.periodic and abs(turn.upper - turn.lower - full) > 1e-9 * full:
             raise InputError(

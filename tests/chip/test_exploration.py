@@ -27,6 +27,15 @@ def cells() -> rg.ConfigurationSpace:
 CHIP = rg.Chip(mismatch=0.05, goal_switch_on=100.0, readout=rg.Readout(offset=1e-3), seed=5)
 
 
+@pytest.mark.parametrize("order", [1, -1])
+def test_keys_of_one_table_change_together(order: int) -> None:
+    """On the way from one to the other, both defects at once would be more than all resistors."""
+    before = rg.Chip(defects=rg.Defects(open_density=0.7, short_density=0.2))
+    values = {"defects.open_density": 0.2, "defects.short_density": 0.7}
+    after = chip_with(before, dict([*values.items()][::order]))
+    assert after == rg.Chip(defects=rg.Defects(open_density=0.2, short_density=0.7))
+
+
 @pytest.mark.parametrize(
     ("first", "second"),
     [

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import ZERO, inlined, inner, inner_fast
+from resgrid.jit import inlined, inner, inner_fast
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -154,41 +154,6 @@ def draw(stencil: Stencil, x: Reals, drawn: Reals) -> None:
     """What every coupling draws into its red cell."""
     for k in range(len(drawn)):
         drawn[k] = drawn.dtype.type(stencil.couplings[k]) * x[stencil.off_black[k]]
-
-
-@inner
-def relax_red(stencil: Stencil, fed: Reals, black: Reals, red: Reals) -> None:
-    """``red = (fed + G black) / degree``."""
-    relax_red_blocks(stencil, fed, black, ZERO, blocks_of(stencil), red)
-
-
-@inner
-def relax_red_blocks(stencil: Stencil, fed: Reals, black: Reals, first: int, last: int, red: Reals) -> None:
-    """The same on the blocks ``first ... last``, the last one left out."""
-    total = np.empty(stencil.block, stencil.faces.dtype)
-    drawn, coupling = np.empty(len(stencil.couplings), total.dtype), ZERO
-    draw(stencil, black, drawn)
-    while coupling < len(drawn) and stencil.off_red[coupling] < stencil.margin + first * stencil.block:
-        coupling += 1
-    for block in range(first, last):
-        begin, count = extent(stencil, block)
-        draw_into(stencil, RED, black, ZERO, block, total, ZERO)
-        while coupling < len(drawn) and stencil.off_red[coupling] < begin + count:
-            total[stencil.off_red[coupling] - begin] += drawn[coupling]
-            coupling += 1
-        relax(stencil.red_inverse, fed, begin, count, total, red)
-
-
-@inner
-def add_into_black(stencil: Stencil, red: Reals, fed: Reals, total: Reals) -> None:
-    """``total = fed + G red`` at the black cells."""
-    for block in range(blocks_of(stencil)):
-        begin, count = extent(stencil, block)
-        draw_into(stencil, BLACK, red, ZERO, block, total, begin)
-        for k in range(begin, begin + count):
-            total[k] += fed[k]
-    for m in range(len(stencil.couplings)):
-        total[stencil.off_black[m]] += stencil.couplings[m] * red[stencil.off_red[m]]
 
 
 @inner

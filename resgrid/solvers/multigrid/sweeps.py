@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from resgrid.jit import ZERO, inner, inner_fast
+from resgrid.jit import ZERO, inlined, inner, inner_fast
 from resgrid.solvers.multigrid.levels import CHUNK, BlackVectors, Way, combine, take_step
 from resgrid.solvers.multigrid.red_black import (
     BLACK,
@@ -110,13 +110,18 @@ def restrict(stencil: Stencil, way: Way, z: Singles, slab: Slab, coarse: Singles
     _hand_on(stencil, slab, window.coupled, noted)
 
 
+@inlined
+def _share(way: Way, black: int) -> np.float32:
+    """What a black slot counts for on the next level, and takes from it."""
+    return way.weight[black] if len(way.weight) > 0 else np.float32(1.0)
+
+
 @inner
 def restrict_couplings(stencil: Stencil, way: Way, coupled: Singles, coarse: Singles) -> None:
     """The rest of `restrict`, behind all slabs."""
     for m in range(len(stencil.couplings)):
         black = stencil.off_black[m]
-        share = way.weight[black] if len(way.weight) > 0 else np.float32(1.0)
-        coarse[way.aggregate[black]] += share * stencil.couplings[m] * coupled[m]
+        coarse[way.aggregate[black]] += _share(way, black) * stencil.couplings[m] * coupled[m]
     coarse[0] = 0.0
 
 
@@ -209,8 +214,7 @@ def _draw_raised(stencil: Stencil, way: Way, coarse: Singles, before: Singles, d
     """What every coupling draws into its red cell, once the next level's answer is added."""
     for m in range(len(drawn)):
         black = stencil.off_black[m]
-        share = way.weight[black] if len(way.weight) > 0 else np.float32(1.0)
-        drawn[m] = stencil.couplings[m] * (before[black] + share * coarse[way.aggregate[black]])
+        drawn[m] = stencil.couplings[m] * (before[black] + _share(way, black) * coarse[way.aggregate[black]])
 
 
 @inner
