@@ -19,7 +19,7 @@ from resgrid.solvers.multigrid.conjugate_gradients import ROUNDING, GridProblem,
 from resgrid.solvers.multigrid.grid_level import compensate
 from resgrid.solvers.multigrid.hierarchy import Hierarchy, build_hierarchy
 from resgrid.solvers.multigrid.krylov import gather_rows, norm, scatter_rows
-from resgrid.solvers.multigrid.packing import with_work
+from resgrid.solvers.multigrid.levels import Finest
 from resgrid.solvers.multigrid.red_black import Floats, Indices, Integers, Stencil
 from resgrid.solvers.supernodal import Symbolic, factor_in_order
 
@@ -73,7 +73,7 @@ class GridBatch:
         diagonal, leak, x = np.empty(len(slot)), np.zeros_like(problem.currents), np.empty_like(problem.currents)
         for number, chip in enumerate(chips):
             unit = hierarchy.unit * chip.mostly
-            first = (problem.true, problem.finest.stencil, problem.finest.degree)
+            first = problem.finest[:3]
             _refill(edges.indptr, chip.entries, chip.ground, self.face, slot, unit, first, leak, diagonal)
             # A row whose own diagonal exceeds an ordinary one counts for so much less.
             wanted = rtol * norm(chip.drive * np.minimum(1.0, ordinary / diagonal)) / unit
@@ -89,10 +89,10 @@ class GridBatch:
 def grid_batch(laplacian: Laplacian, drive: NDArray[np.float64]) -> GridBatch | None:
     """Lay a grid out by colour; None where it has no two colours.  Shapes: `drive` (n,)."""
     hierarchy = build_hierarchy(laplacian)
-    if hierarchy.true is None:
+    if hierarchy.grid is None:
         return None
     start, _ = iterate(laplacian, hierarchy, drive, 1e-12)
-    return GridBatch(laplacian, hierarchy, _faces(laplacian, hierarchy.slot, hierarchy.true), start)
+    return GridBatch(laplacian, hierarchy, _faces(laplacian, hierarchy.slot, hierarchy.grid.true), start)
 
 
 def _faces(laplacian: Laplacian, slot: NDArray[np.int32], true: Stencil) -> NDArray[np.int64]:
@@ -113,11 +113,10 @@ def _faces(laplacian: Laplacian, slot: NDArray[np.int32], true: Stencil) -> NDAr
 
 def _own(hierarchy: Hierarchy) -> GridProblem:
     """A finest level and work space that nobody else writes to, without currents."""
-    assert hierarchy.true is not None
-    true, stencil = _copied(hierarchy.true), _copied(hierarchy.finest.stencil)
-    finest = hierarchy.finest._replace(stencil=stencil, degree=hierarchy.finest.degree.copy())
-    currents = np.zeros((2, len(true.black_degree)))
-    return GridProblem(true, finest, with_work(hierarchy.levels), currents, _DEPTH)
+    assert hierarchy.grid is not None
+    true, stencil, degree, way = hierarchy.grid
+    finest = Finest(_copied(true), _copied(stencil), degree.copy(), way)
+    return GridProblem(finest, hierarchy.levels, np.zeros((2, len(degree))), _DEPTH)
 
 
 def _copied(stencil: Stencil) -> Stencil:

@@ -26,8 +26,7 @@ from resgrid.solvers.multigrid.grid_level import lay_out
 from resgrid.solvers.multigrid.hierarchy import Hierarchy, build_hierarchy, finest_stencils
 from resgrid.solvers.multigrid.krylov import gather_rows, norm, scatter_rows
 from resgrid.solvers.multigrid.lattice import Lattice
-from resgrid.solvers.multigrid.packing import with_work
-from resgrid.solvers.multigrid.red_black import Stencil
+from resgrid.solvers.multigrid.levels import Finest
 
 _WINDOW_RTOL = 1e-10
 """Residual of a window: the mode outside is found from small differences at its rim."""
@@ -70,17 +69,17 @@ class WarmGrid:
     ----------
     hierarchy : Hierarchy
         Of a grid of two colours, all of whose rows are cells; what changes is written into it.
-    true : Stencil
-        Its finest level in double precision.
+    finest : Finest
+        Its finest level.
     drive : ndarray of float64, shape (n,)
         Right-hand side, in amperes.
     flat : bool
         Whether constants are the mode outside of windows: there is a single rail.  Otherwise it is ``1 - x``.
     """
 
-    def __init__(self, hierarchy: Hierarchy, true: Stencil, drive: NDArray[np.float64], flat: bool) -> None:
+    def __init__(self, hierarchy: Hierarchy, finest: Finest, drive: NDArray[np.float64], flat: bool) -> None:
         lattice = Lattice(tuple(ends.stop - ends.start for ends in hierarchy.box))
-        self._hierarchy, self._true, self._lattice, self._flat = hierarchy, true, lattice, flat
+        self._hierarchy, self._finest, self._lattice, self._flat = hierarchy, finest, lattice, flat
         self._first = np.array([ends.start for ends in hierarchy.box], dtype=np.int64)
         self._b, self._x = np.zeros((2, 2, lattice.slots))
         index = np.ix_(*(np.arange(n) for n in lattice.shape))
@@ -91,7 +90,7 @@ class WarmGrid:
     def of(cls, laplacian: Laplacian, drive: NDArray[np.float64], flat: bool) -> WarmGrid | None:
         """Levels of a grid, at rest; None where it is no grid of two colours that coarsens by blocks."""
         hierarchy = build_hierarchy(laplacian)
-        return None if hierarchy.true is None else cls(hierarchy, hierarchy.true, drive, flat)
+        return None if hierarchy.grid is None else cls(hierarchy, hierarchy.grid, drive, flat)
 
     def covers(self, box: tuple[slice, ...]) -> bool:
         """Whether the levels have a slot for every cell of a box."""
@@ -112,7 +111,7 @@ class WarmGrid:
         begun, allowed = bool(self._x.any()), rtol * norm(self._b.ravel())
         hierarchy, largest = self._hierarchy, self._hierarchy.largest_degree / self._hierarchy.unit
         stop = Stop(allowed, ROUNDING * largest, hierarchy.unit, self._x if begun else None, rtol)
-        problem = GridProblem(self._true, hierarchy.finest, with_work(hierarchy.levels), self._b)
+        problem = GridProblem(self._finest, hierarchy.levels, self._b)
         size = converge(problem, self._x, stop, watch)
         scale = 2.0 * largest * norm(self._x.ravel()) + norm(self._b.ravel())
         error = size / (scale or 1.0)
@@ -157,7 +156,7 @@ class WarmGrid:
 
     def _write(self, window: Window) -> None:
         """Write the equations of the changed cells over those of the finest level."""
-        true, finest, lattice, unit = self._true, self._hierarchy.finest, self._lattice, self._hierarchy.unit
+        true, finest, lattice, unit = self._finest.true, self._finest, self._lattice, self._hierarchy.unit
         vertex, pairs, conductance = _edge_list(window.row, window.edges)
         row = np.arange(np.count_nonzero(window.row), dtype=np.int32)
         found = lay_out(pairs, conductance, row, vertex, window.ground[window.row], unit)
@@ -184,7 +183,7 @@ class WarmGrid:
 
     def _aggregate(self, slot: NDArray[np.int64], present: NDArray[np.bool_]) -> None:
         """Black slots that are new join the aggregate of a black one behind the strongest red neighbour."""
-        target, faces, distance = self._hierarchy.finest.way.aggregate, self._true.faces, self._lattice.distance
+        target, faces, distance = self._finest.way.aggregate, self._finest.true.faces, self._lattice.distance
         target[slot[~present]] = 0
         for k in slot[present & (target[slot] == 0)].tolist():
             red = k - distance

@@ -1,10 +1,13 @@
 """Stencils against dense algebra and brute force: what the passes form, and how blocks fall apart."""
 
+from typing import Any
+
 import networkx as nx
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from numba import njit
+from numpy.typing import NDArray
 from support.levels import cells_of, matrix_of, preconditioned
 from support.spaces import space_of, spaces
 
@@ -17,9 +20,9 @@ from resgrid.solvers.multigrid import slabs
 from resgrid.solvers.multigrid.blocks import coarsen
 from resgrid.solvers.multigrid.graphs import Graph
 from resgrid.solvers.multigrid.grid_level import Level, compensated, in_double, in_single, lay_out, to_graph
-from resgrid.solvers.multigrid.hierarchy import NO_GROUND, UNSCALED, build_hierarchy
-from resgrid.solvers.multigrid.levels import BlackVectors, Finest, Way
-from resgrid.solvers.multigrid.packing import pack_graphs, pack_grids, pack_levels, with_work
+from resgrid.solvers.multigrid.hierarchy import UNSCALED, build_hierarchy
+from resgrid.solvers.multigrid.levels import Finest, Levels, Way
+from resgrid.solvers.multigrid.packing import pack_graphs
 from resgrid.solvers.multigrid.preconditioner import GridPreconditioner, black_residual
 from resgrid.space import ConfigurationSpace
 
@@ -56,19 +59,18 @@ def down(level: Level, split: bool) -> list[Level]:
     return levels
 
 
-def above_one_node(finest: Finest) -> tuple[slabs.Crew, slabs.Places]:
-    """A finest level above a single node."""
+def above_one_node(finest: Finest) -> GridPreconditioner:
+    """A finest level above a single node, whose voltage is 1."""
     alone = Graph(np.zeros(2, np.int32), np.empty(0, np.int32), np.empty(0), np.ones(1))
-    grids = pack_grids([], [], [], len(finest.stencil.faces) // 2)
-    levels = with_work(pack_levels(grids, pack_graphs([alone], [])[0]))
-    preconditioner = GridPreconditioner(finest, levels)
-    return preconditioner._crew, preconditioner._places
+    preconditioner = GridPreconditioner(finest, Levels((), pack_graphs([alone], [])[0]))
+    preconditioner._work.x[:] = [0.0, 1.0]
+    return preconditioner
 
 
 @njit
-def finished(crew: slabs.Crew, places: slabs.Places) -> tuple[float, float, float]:
+def finished(table: NDArray[Any], state: NDArray[np.int64]) -> tuple[float, float, float]:
     """The way up to the finest level."""
-    return slabs.finish(crew, places, ZERO, ZERO)
+    return slabs.finish(table, state, ZERO, ZERO)
 
 
 @settings(max_examples=60)
@@ -94,12 +96,13 @@ def test_the_schur_complement_is_that_of_dense_elimination(
         z[here], r[here], s[here] = rng.normal(size=(3, len(here)))
         w = np.zeros(slots, dtype=np.float32)
         stencil = in_single(level)._replace(block=block)
-        relaxed, coarse = z[here] + 1.0, np.array([0.0, 1.0], dtype=np.float32)
+        relaxed = z[here] + 1.0
         to_one = np.zeros(slots, dtype=np.int32)
         to_one[here] = 1
-        crew, places = above_one_node(Finest(stencil, compensated(level, stencil), Way(to_one, UNSCALED), NO_GROUND))
-        places.work.x[:] = coarse
-        zr, zw, zs = finished(crew, places._replace(vectors=BlackVectors(z, r, s, z, w, UNSCALED)))
+        finest = Finest(in_double(level), stencil, compensated(level, stencil), Way(to_one, UNSCALED))
+        preconditioner = above_one_node(finest)
+        preconditioner.use(r, s, z, w)
+        zr, zw, zs = finished(preconditioner.table, preconditioner.state)
         size = np.abs(schur).sum(axis=1).max() * np.abs(z).max()
         degree = matrix.diagonal()[black]
         relaxed += (r[here] - schur @ relaxed) / degree
@@ -242,9 +245,9 @@ def test_a_step_of_the_cycle_is_symmetric_where_it_is_linear(shape: tuple[int, .
     cell[(0,) * len(shape)] = 2
     system = assemble(compile_space(space_of(cell), boundary="neumann"))
     hierarchy = build_hierarchy(system.laplacian)
-    assert hierarchy.true is not None
-    assert len(hierarchy.levels.grids.margin) > 0
-    used = hierarchy.true.black_degree > 0
+    assert hierarchy.grid is not None
+    assert len(hierarchy.levels.grids) > 0
+    used = hierarchy.grid.true.black_degree > 0
     a, b = (np.random.default_rng(1).normal(size=(2, len(used))) * used).astype(np.float32)
     left, right = b @ preconditioned(hierarchy, a), a @ preconditioned(hierarchy, b)
     assert left == pytest.approx(right, rel=1e-4)
@@ -254,7 +257,9 @@ def test_a_step_of_the_cycle_is_symmetric_where_it_is_linear(shape: tuple[int, .
 def test_work_space_is_not_shared_but_conductances_are() -> None:
     cell = np.zeros((40, 40), dtype=np.uint8)
     cell[0, 0] = 2
-    levels = build_hierarchy(assemble(compile_space(space_of(cell), boundary="neumann")).laplacian).levels
-    own, other = with_work(levels), with_work(levels)
-    assert not np.shares_memory(own.work.b, other.work.b)
-    assert np.shares_memory(own.grids.faces, levels.grids.faces)
+    hierarchy = build_hierarchy(assemble(compile_space(space_of(cell), boundary="neumann")).laplacian)
+    assert hierarchy.grid is not None
+    both = [GridPreconditioner(hierarchy.grid, hierarchy.levels) for _ in range(2)]
+    one, other = (preconditioner.table for preconditioner in both)
+    assert not np.any(one["red_fed"][1:] == other["red_fed"][1:])
+    assert np.array_equal(one["faces"], other["faces"])

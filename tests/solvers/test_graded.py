@@ -162,10 +162,10 @@ def test_a_graded_step_is_symmetric_where_it_is_linear() -> None:
     height = np.zeros((2, levels.level.lattice.slots))
     scatter_rows(levels.slot, np.exp(0.2 * log), 1.0, height.ravel())
     hierarchy = levels.scaled(height)
-    assert hierarchy.true is not None
-    assert len(hierarchy.levels.grids.margin) > 0
-    assert len(hierarchy.finest.way.weight) > 0
-    used = hierarchy.true.black_degree > 0
+    assert hierarchy.grid is not None
+    assert len(hierarchy.levels.grids) > 0
+    assert len(hierarchy.grid.way.weight) > 0
+    used = hierarchy.grid.true.black_degree > 0
     a, b = (np.random.default_rng(1).normal(size=(2, len(used))) * used).astype(np.float32)
     assert b @ preconditioned(hierarchy, a) == pytest.approx(a @ preconditioned(hierarchy, b), rel=1e-3)
 

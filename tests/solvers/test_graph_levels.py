@@ -14,7 +14,7 @@ from resgrid.solvers import numbering_kernels as numbering
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid import cycle, graphs, packing
 from resgrid.solvers.multigrid.conjugate_gradients import iterate
-from resgrid.solvers.multigrid.graph_sweeps import ascend_graph, multiply_after
+from resgrid.solvers.multigrid.graph_sweeps import Graphs, Work, ascend_graph, multiply_after, work_space
 from resgrid.solvers.multigrid.graphs import Graph, coarsen_down
 from resgrid.solvers.multigrid.hierarchy import build_hierarchy
 
@@ -113,7 +113,7 @@ def test_breadth_first_brings_neighbours_together() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_levels_are_packed_in_an_order_of_their_own(seed: int) -> None:
     graph = random_graph(2000, 4.0, seed)
-    (_, levels, _), slot = packing.pack_netlist(graph)
+    levels, slot = packing.pack_netlist(graph)
     n, order = graph.size, np.argsort(slot)
     assert np.array_equal(slot[order], np.arange(n))
     matrix = dense(graph)[np.ix_(order, order)]
@@ -129,22 +129,23 @@ def test_levels_are_packed_in_an_order_of_their_own(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_one_cycle_without_inner_steps_is_symmetric_and_positive(seed: int) -> None:
     graph = random_graph(400, 3.0, seed)
-    levels = packing.with_work(packing.pack_netlist(graph)[0])
-    assert len(levels.graphs.first) > 2
+    graphs, _ = packing.pack_netlist(graph)
+    work = work_space(graphs)
+    assert len(graphs.first) > 2
     columns = np.empty((graph.size, graph.size))
     for node in range(graph.size):
-        levels.work.b[: graph.size + 1] = 0.0
-        levels.work.b[1 + node] = 1.0
-        cycle.run_cycle(levels, np.inf, 0)
-        columns[:, node] = levels.work.x[1 : graph.size + 1]
+        work.b[: graph.size + 1] = 0.0
+        work.b[1 + node] = 1.0
+        cycle.run_cycle(graphs, work, np.inf, 0)
+        columns[:, node] = work.x[1 : graph.size + 1]
     scale = np.abs(columns).max()
     assert np.allclose(columns, columns.T, rtol=1e-4, atol=1e-5 * scale)
     assert np.linalg.eigvalsh(0.5 * (columns + columns.T)).min() > 0
 
 
 @njit
-def _up_and_product(levels: cycle.Levels) -> float:
-    (graphs, work), n = levels[1:], levels.graphs.first[1]
+def _up_and_product(graphs: Graphs, work: Work) -> float:
+    n = graphs.first[1]
     b, x = work.b[1:], work.x[1:]
     ascend_graph(graphs, 0, b, x, work.w)
     return multiply_after(graphs, 0, b[:n], x[:n], work.w, work.v[:n], work.v[:n])[1]
@@ -152,14 +153,14 @@ def _up_and_product(levels: cycle.Levels) -> float:
 
 def test_half_a_product_after_the_way_up_is_the_whole_one() -> None:
     graph = random_graph(600, 4.0, 1)
-    levels, slot = packing.pack_netlist(graph)
-    levels, n, order = packing.with_work(levels), graph.size, np.argsort(slot)
+    graphs, slot = packing.pack_netlist(graph)
+    work, n, order = work_space(graphs), graph.size, np.argsort(slot)
     rng = np.random.default_rng(0)
-    levels.work.b[1 : n + 1], levels.work.x[:] = rng.random(n), rng.random(len(levels.work.x))
-    energy = _up_and_product(levels)
-    x = levels.work.x[1 : n + 1]
+    work.b[1 : n + 1], work.x[:] = rng.random(n), rng.random(len(work.x))
+    energy = _up_and_product(graphs, work)
+    x = work.x[1 : n + 1]
     true = dense(graph)[np.ix_(order, order)] @ x
-    assert np.allclose(levels.work.v[:n], true, atol=1e-4 * np.abs(true).max())
+    assert np.allclose(work.v[:n], true, atol=1e-4 * np.abs(true).max())
     assert energy == pytest.approx(float(x @ true), rel=1e-4)
 
 

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from resgrid.solvers.multigrid.grid_level import Level, to_graph
 from resgrid.solvers.multigrid.hierarchy import Hierarchy
-from resgrid.solvers.multigrid.packing import with_work
 from resgrid.solvers.multigrid.preconditioner import GridPreconditioner
 
 
@@ -37,7 +36,8 @@ def cells_of(level: Level) -> NDArray[np.int64]:
 
 def preconditioned(hierarchy: Hierarchy, r: NDArray[np.float32]) -> NDArray[np.float64]:
     """A residual of the finest level, preconditioned by a cycle that is linear: without the steps of the K-cycle."""
-    precondition = GridPreconditioner(hierarchy.finest, with_work(hierarchy.levels))
-    z = hierarchy.finest.stencil.black_inverse * r
+    assert hierarchy.grid is not None
+    precondition = GridPreconditioner(hierarchy.grid, hierarchy.levels)
+    z = hierarchy.grid.stencil.black_inverse * r
     precondition(r, np.zeros_like(r), z, np.zeros_like(r), np.inf)
     return z.astype(np.float64)

@@ -20,12 +20,11 @@ from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid import krylov
 from resgrid.solvers.multigrid.cycle import precondition_graph
+from resgrid.solvers.multigrid.graph_sweeps import work_space
 from resgrid.solvers.multigrid.hierarchy import Hierarchy
 from resgrid.solvers.multigrid.krylov import Vectors
 from resgrid.solvers.multigrid.levels import Finest, Levels
-from resgrid.solvers.multigrid.packing import with_work
 from resgrid.solvers.multigrid.preconditioner import GridPreconditioner
-from resgrid.solvers.multigrid.red_black import Stencil
 from resgrid.solvers.refine import Numbers
 from resgrid.solvers.team import ALONE, Team
 
@@ -65,13 +64,12 @@ _PASS, _LEAST_PASS = 1e-12, 1e-2
 class Problem(Protocol):
     """Equations in units of the hierarchy's conductance, over vectors of slots.
 
-    `finest, levels`: what preconditions them, with work space of their own; `vectors`: of the iteration; `team`: whose
-    threads take its steps.
+    `vectors`: of the iteration; `lift`: norm of the residual that a burst begins with; `team`: whose threads take its
+    steps.
     """
 
-    finest: Finest
-    levels: Levels
     vectors: Vectors
+    lift: float
     team: Team
 
     @property
@@ -89,11 +87,10 @@ class Problem(Protocol):
 class GridProblem:
     """The equations of a grid's black cells: ``S = D - G^T R G``, the red ones eliminated.
 
-    `true`: the finest level in double precision; `currents` (2, slots): into both colours; `depth`: steps that are
-    kept before they are gone.
+    `finest, levels`: of the hierarchy; `currents` (2, slots): into both colours; `depth`: steps that are kept before
+    they are gone.
     """
 
-    true: Stencil
     finest: Finest
     levels: Levels
     currents: NDArray[np.float64]
@@ -102,6 +99,7 @@ class GridProblem:
 
     def __post_init__(self) -> None:
         self.vectors = _vectors(self.finest.stencil.black_inverse, self.depth)
+        self.lift = _LIFT if len(self.finest.way.weight) else 1.0
         self._preconditioner = GridPreconditioner(self.finest, self.levels, self.team)
 
     @property
@@ -112,7 +110,7 @@ class GridProblem:
 
     def residual(self, x: NDArray[np.float64], r: NDArray[np.float64]) -> float:
         """As of `Problem`; relaxes the red cells."""
-        return self._preconditioner.residual(self.true, self.currents, x, r)
+        return self._preconditioner.residual(self.currents, x, r)
 
     def precondition(self) -> tuple[float, float, float]:
         """As of `Problem`."""
@@ -122,18 +120,17 @@ class GridProblem:
 
 @dataclass(eq=False)
 class _GraphProblem:
-    """The equations of a netlist's rows, in the order of the finest level: `slot` (n,); `b` (n,) in amperes."""
+    """The equations of a netlist's rows, in the order of the finest level: `b` (n,) in amperes."""
 
     laplacian: Laplacian
-    finest: Finest
-    levels: Levels
-    slot: NDArray[np.int32]
+    hierarchy: Hierarchy
     b: NDArray[np.float64]
-    unit: float
     team: Team
+    lift = 1.0
 
     def __post_init__(self) -> None:
-        self.vectors = _vectors(self.levels.graphs.inverse[: len(self.b)], _DEPTH)
+        graphs = self.hierarchy.levels.graphs
+        self.vectors, self._work = _vectors(graphs.inverse[: len(self.b)], _DEPTH), work_space(graphs)
 
     @property
     def relaxed(self) -> NDArray[np.float32]:
@@ -142,14 +139,14 @@ class _GraphProblem:
 
     def precondition(self) -> tuple[float, float, float]:
         """As of `Problem`."""
-        v = self.vectors
-        return precondition_graph(self.finest, self.levels, v.r, v.s, v.next, v.w)
+        v, of = self.vectors, self.hierarchy
+        return precondition_graph(of.levels.graphs, self._work, of.ground, v.r, v.s, v.next, v.w)
 
     def residual(self, x: NDArray[np.float64], r: NDArray[np.float64]) -> float:
         """As of `Problem`."""
-        by_rows = krylov.gather_rows(self.slot, x[0])
-        krylov.row_residual(*matrix_rows(self.laplacian), self.slot, self.b, by_rows, r)
-        r *= 1.0 / self.unit
+        slot = self.hierarchy.slot
+        krylov.row_residual(*matrix_rows(self.laplacian), slot, self.b, krylov.gather_rows(slot, x[0]), r)
+        r *= 1.0 / self.hierarchy.unit
         return krylov.norm(r)
 
 
@@ -181,18 +178,17 @@ def iterate(
         x, size = iterate(laplacian, hierarchy, small[0], rtol, small[1], watch, team)
         with np.errstate(over="ignore"):
             return np.ldexp(x, binades), float(np.ldexp(size, binades))
-    levels = with_work(hierarchy.levels)
     problem: Problem
-    if hierarchy.true is None:
-        problem, x = _GraphProblem(laplacian, hierarchy.finest, levels, slot, b, unit, team), np.zeros((1, len(b)))
+    if hierarchy.grid is None:
+        problem, x = _GraphProblem(laplacian, hierarchy, b, team), np.zeros((1, len(b)))
     else:
-        x, currents = np.zeros((2, 2, len(hierarchy.finest.way.aggregate)))
+        x, currents = np.zeros((2, 2, len(hierarchy.grid.degree)))
         at_slots = currents.ravel()
         team.over(len(slot), lambda some: krylov.scatter_rows(slot[some], b[some], 1.0 / unit, at_slots))
-        problem = GridProblem(hierarchy.true, hierarchy.finest, levels, currents, team=team)
+        problem = GridProblem(hierarchy.grid, hierarchy.levels, currents, team=team)
     if guess is not None:
         krylov.scatter_rows(slot, guess, 1.0, x.ravel())
-    fed = krylov.norm(b / unit if hierarchy.true is None else currents.ravel(), team)
+    fed = krylov.norm(b / unit if hierarchy.grid is None else currents.ravel(), team)
     stop = Stop(rtol * fed, ROUNDING * hierarchy.largest_degree / unit, unit, guess, rtol)
     size = converge(problem, x, stop, Watch() if watch is None else watch)
     found = np.empty(len(slot))
@@ -315,8 +311,8 @@ class _Burst:
     def run(self, x: NDArray[np.float64], size: float, gain: float, most: int) -> int:
         """Reduce the residual, of norm ``size``, by a factor ``gain``; returns the steps taken."""
         stop, v, watch = self._stop, self._v, self._watch
-        lift = _LIFT if len(self._problem.finest.way.weight) else 1.0
-        one, steps = size / lift, 0
+        lift, steps = self._problem.lift, 0
+        one = size / lift
         self._each(partial(krylov.begin_burst, v, one, self.residual, self._problem.relaxed))
         v.scalars[2], v.scalars[3] = 1.0, 1.0
         while steps < most and not stop.small and self._step(x, (one, lift), gain):

@@ -13,15 +13,16 @@ from resgrid.jit import ZERO, inner, kernel
 from resgrid.solvers.multigrid import atomics, slabs
 from resgrid.solvers.multigrid.graph_sweeps import (
     Graphs,
+    Work,
     ascend_graph,
     descend_graph,
     multiply_after,
     multiply_graph,
     solve_coarsest,
 )
-from resgrid.solvers.multigrid.levels import CHUNK, Finest, Levels, Work, combine, keep_step, second_step, take_step
-from resgrid.solvers.multigrid.red_black import Floats, Singles
-from resgrid.solvers.multigrid.slabs import Crew, Places
+from resgrid.solvers.multigrid.levels import CHUNK, combine, keep_step, second_step, take_step
+from resgrid.solvers.multigrid.red_black import Floats, Integers, Singles
+from resgrid.solvers.multigrid.slabs import Table
 from resgrid.solvers.multigrid.subnormals import flush_subnormals, restore_subnormals
 
 ENOUGH = 0.07
@@ -29,70 +30,69 @@ ENOUGH = 0.07
 
 
 def precondition_graph(
-    finest: Finest, levels: Levels, r: Singles, s: Singles, z: Singles, w: Singles
+    graphs: Graphs, work: Work, ground: Floats, r: Singles, s: Singles, z: Singles, w: Singles
 ) -> tuple[float, float, float]:
-    """Precondition the residual ``r`` of a netlist, and multiply: ``w = A z``; returns ``z.r, z.w, z.s``."""
-    graphs, work = levels.graphs, levels.work
+    """Precondition the residual ``r`` of a netlist, and multiply: ``w = A z``; returns ``z.r, z.w, z.s``.
+
+    ``ground`` (n,): from every node of the first graph to known voltages.
+    """
     b, x, only = work.b[1:], work.x[1:], len(graphs.first) == 2
     b[: len(r)] = r
     if only:
-        run_cycle(levels, ENOUGH, 0)
+        run_cycle(graphs, work, ENOUGH, 0)
     else:
         descend_graph(graphs, 0, b, x)
-        run_cycle(levels, ENOUGH, 1)
+        run_cycle(graphs, work, ENOUGH, 1)
         ascend_graph(graphs, 0, b, x, work.w)
     z[:] = x[: len(r)]
-    return multiply_graph(graphs, finest.ground, z, r, s, w)
+    return multiply_graph(graphs, ground, z, r, s, w)
 
 
-def run_cycle(levels: Levels, stop: float, top: int) -> None:
+def run_cycle(graphs: Graphs, work: Work, stop: float, top: int) -> None:
     """Approximate ``x = A^-1 b`` on level ``top`` of a netlist's graphs by K-cycles.
 
     The second step is spared where the first has brought the residual under ``stop`` times the right-hand side, twice
     that on every level further down; an infinite ``stop`` spares both.
     """
-    graphs, work = levels.graphs, levels.work
     _run_cycle(graphs, work, stop, top, len(graphs.first) > 2 or None, None)
 
 
-def precondition_grid(crew: Crew, places: Places, graphs: Graphs, stop: float) -> tuple[float, float, float]:
+def precondition_grid(
+    table: Table, state: Integers, graphs: Graphs, work: Work, stop: float
+) -> tuple[float, float, float]:
     """Precondition a residual over a grid's black cells, and multiply by their Schur complement.
 
     Returns ``z.r, z.w, z.s``, of the finest level's vectors.  ``stop``: as of `run_cycle`; others may help
     (`slabs.help_sweep`).
     """
-    return _precondition_grid(crew, places, graphs, stop, len(graphs.first) > 2 or None)
+    return _precondition_grid(table, state, graphs, work, stop, len(graphs.first) > 2 or None)
 
 
 @kernel
 def _precondition_grid(
-    crew: Crew, places: Places, graphs: Graphs, stop: float, on_graphs: bool | None
+    table: Table, state: Integers, graphs: Graphs, work: Work, stop: float, on_graphs: bool | None
 ) -> tuple[float, float, float]:
     flags = flush_subnormals()
-    slabs.begin(crew, places)
-    _run_within(graphs, places.work, stop, 0, on_graphs, (crew, places))
-    products = slabs.finish(crew, places, ZERO, ZERO)
-    atomics.end_jobs(crew.state)
+    slabs.begin(table, state)
+    _run_within(graphs, work, stop, 0, on_graphs, (table, state))
+    products = slabs.finish(table, state, ZERO, ZERO)
+    atomics.end_jobs(state)
     restore_subnormals(flags)
     return products
 
 
 @inner
 def _run_within(
-    graphs: Graphs, work: Work, stop: float, top: int, on_graphs: bool | None, on_grids: tuple[Crew, Places] | None
+    graphs: Graphs, work: Work, stop: float, top: int, on_graphs: bool | None, on_grids: tuple[Table, Integers] | None
 ) -> None:
-    """`run_cycle`, on grids as well.
+    """`run_cycle`, on the grids below the finest one as well.
 
     Where there are no grids, or no graphs but the last one, None: their visits are not compiled then.  The recursion is
     written as a loop, since compiled recursive functions cannot be kept on disk.
     """
     flags = flush_subnormals()
-    count, slots = 0, 0
-    if on_grids is not None:
-        grids = on_grids[1].grids
-        count, slots = len(grids.margin), grids.slots[len(grids.margin)]
-    last, begin = count + len(graphs.first) - 2, 2 * slots + 1
-    b, x, c, v, w = work.b[begin:], work.x[begin:], work.c[slots:], work.v[slots:], work.w[slots:]
+    count = len(on_grids[0]) - 1 if on_grids is not None else 0
+    last, b, x = count + len(graphs.first) - 2, work.b[1:], work.x[1:]
     visits, first_steps = np.zeros(last + 1, np.int64), np.zeros((last + 1, 2))
     level = top
     while level >= top:
@@ -104,7 +104,7 @@ def _run_within(
         done = True
         if level >= count:
             if on_graphs is not None:
-                done = _visit_graph(graphs, (b, x, c, v, w), level - count, visit, enough)
+                done = _visit_graph(graphs, (b, x, work.c, work.v, work.w), level - count, visit, enough)
         elif on_grids is not None:
             done = slabs.visit_grid(on_grids[0], on_grids[1], level + 1, visit, enough)
         visits[level] = 0 if done else visits[level] + 1
@@ -120,7 +120,7 @@ def _visit_graph(
     graphs: Graphs, vectors: tuple[Singles, Singles, Singles, Singles, Singles], level: int,
     visit: tuple[int, Floats], stop: float,
 ) -> bool:  # fmt: skip
-    """As `slabs.visit_grid`, of a graph; ``vectors``: as of `Work`, from the first graph's nodes on."""
+    """As `slabs.visit_grid`, of a graph; ``vectors``: as of `Work`, from the first node on."""
     b, x, c, v, w = vectors
     if visit[0] > 0:
         a, e = graphs.first[level], graphs.first[level + 1]

@@ -38,6 +38,26 @@ class Graphs(NamedTuple):
     coarsest: Singles
 
 
+class Work(NamedTuple):
+    """Work space of one solve, over the nodes of all graphs.
+
+    `b, x` (1 + nodes,): currents and voltages, behind those of nothing; `c, v, w` (nodes,): first direction, and
+    products.
+    """
+
+    b: Singles
+    x: Singles
+    c: Singles
+    v: Singles
+    w: Singles
+
+
+def work_space(graphs: Graphs) -> Work:
+    """Work space of its own, so that one hierarchy can serve several solves at a time."""
+    nodes = int(graphs.first[-1])
+    return Work(*np.zeros((2, 1 + nodes), dtype=np.float32), *np.zeros((3, nodes), dtype=np.float32))
+
+
 @kernel
 def descend_graph(graphs: Graphs, level: int, b: Singles, x: Singles) -> None:
     """Gauss-Seidel from zero, and the residual summed into the next level's right-hand side.

@@ -157,13 +157,13 @@ def in_double(level: Level) -> Stencil:
 
 
 def in_single(level: Level) -> Stencil:
-    """A level for the compiled passes, in single precision; see `compensated` for its products."""
+    """A level for the compiled passes, in single precision, without its black diagonal; see `compensated`."""
     single = np.float32
     inverse = np.empty(level.degree.shape, dtype=single)
     for degree, of_colour in zip(level.degree, inverse, strict=True):
         invert(degree, of_colour)
     faces, couplings = level.edges.faces.astype(single), level.edges.couplings.astype(single)
-    return stencil_of(level, faces, couplings, inverse[0], inverse[1], level.degree[1].astype(single))
+    return stencil_of(level, faces, couplings, inverse[0], inverse[1], np.empty(0, dtype=single))
 
 
 def stencil_of(

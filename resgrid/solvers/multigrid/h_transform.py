@@ -37,7 +37,6 @@ from resgrid.solvers.multigrid.conjugate_gradients import approximate
 from resgrid.solvers.multigrid.graphs import Graph
 from resgrid.solvers.multigrid.grid_level import Level, in_double, level_of, stencil_of, to_graph
 from resgrid.solvers.multigrid.hierarchy import (
-    NO_GROUND,
     FirstLevel,
     Hierarchy,
     coarsen_beside,
@@ -46,8 +45,8 @@ from resgrid.solvers.multigrid.hierarchy import (
     lay_out_grid,
 )
 from resgrid.solvers.multigrid.krylov import scatter_rows
-from resgrid.solvers.multigrid.levels import Finest, Way
-from resgrid.solvers.multigrid.packing import pack_graphs, pack_grids, pack_levels
+from resgrid.solvers.multigrid.levels import Finest, GridLevel, Levels, Way
+from resgrid.solvers.multigrid.packing import pack_graphs
 from resgrid.solvers.multigrid.preconditioner import black_residual
 from resgrid.solvers.multigrid.red_black import Edges, Floats, Stencil
 from resgrid.solvers.refine import Approximation, Numbers
@@ -132,12 +131,10 @@ class Scalable:
         graph, number = to_graph(levels[-1])
         graphs, rank = pack_graphs([_of_unit_diagonal(graph)], [])
         targets[-1] = counted(number, rank, targets[-1])
-        stencils = [_in_single(*both) for both in zip(levels[1:-1], scales[1:-1], strict=True)]
-        grids = pack_grids(stencils, targets[1:], weights[1:], len(self.level.edges.faces) // 2)
-        true, stencil, degree = self.first
-        finest = Finest(stencil, degree, Way(targets[0], weights[0]), NO_GROUND)
-        largest = self.unit * largest_degree(true)
-        return Hierarchy(pack_levels(grids, graphs), self.slot, self.unit, largest, finest, true, self.box)
+        first, *ways = (Way(*both) for both in zip(targets, weights, strict=True))
+        grids = tuple(_in_single(*of) for of in zip(levels[1:-1], scales[1:-1], ways, strict=True))
+        finest, largest = Finest(*self.first, first), self.unit * largest_degree(self.first[0])
+        return Hierarchy(Levels(grids, graphs), self.slot, self.unit, largest, finest, self.box)
 
 
 def scalable(laplacian: Laplacian, team: Team = ALONE) -> Scalable | None:
@@ -206,10 +203,12 @@ def _quotients(
     return np.asarray(quotient, dtype=np.float32)
 
 
-def _in_single(level: Level, scale: NDArray[np.float64]) -> Stencil:
+def _in_single(level: Level, scale: NDArray[np.float64], way: Way) -> GridLevel:
     """A level for the compiled passes, its diagonal 1."""
     edges, one = _scaled_edges(level.edges, scale), (scale > 0.0).astype(np.float32)
-    return stencil_of(level, edges.faces.astype(np.float32), edges.couplings.astype(np.float32), one[0], one[1], one[1])
+    faces, couplings = edges.faces.astype(np.float32), edges.couplings.astype(np.float32)
+    stencil = stencil_of(level, faces, couplings, one[0], one[1], np.empty(0, np.float32))
+    return GridLevel(stencil, one[1].astype(np.float64), way)
 
 
 def _scaled_edges(edges: Edges, t: NDArray[np.float64]) -> Edges:

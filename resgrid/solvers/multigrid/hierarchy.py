@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -13,8 +13,8 @@ from resgrid.solvers.multigrid.blocks import Coarsened, coarsen
 from resgrid.solvers.multigrid.graphs import Graph, coarsen_down
 from resgrid.solvers.multigrid.grid_level import Level, compensated, in_double, in_single, lay_out, to_graph
 from resgrid.solvers.multigrid.krylov import scatter_rows
-from resgrid.solvers.multigrid.levels import Finest, Levels, Way
-from resgrid.solvers.multigrid.packing import pack_graphs, pack_grids, pack_levels, pack_netlist
+from resgrid.solvers.multigrid.levels import Finest, GridLevel, Levels, Way
+from resgrid.solvers.multigrid.packing import pack_graphs, pack_netlist
 from resgrid.solvers.multigrid.red_black import Stencil
 from resgrid.solvers.team import ALONE, Team
 
@@ -29,12 +29,6 @@ _MOST_EXTRAS, _MOST_EXTRAS_KEPT = 0.1, 0.5
 """Share of nodes beside the lattice above which a graph serves better than a grid."""
 
 UNSCALED = np.empty(0, dtype=np.float32)
-NO_GROUND = np.empty(0)
-_NO_SLOTS, _NO_FACES = np.empty(0, dtype=np.int32), np.empty((0, 0), dtype=np.float32)
-_NO_STENCIL = Stencil(
-    _NO_FACES, np.empty(0, dtype=np.int64), 0, 1, _NO_SLOTS, _NO_SLOTS, UNSCALED, UNSCALED, UNSCALED, UNSCALED
-)
-
 
 FirstLevel = tuple[Stencil, Stencil, NDArray[np.float64]]
 """The finest level in double precision and in single, and the black diagonal that makes up for that, (slots,)."""
@@ -46,18 +40,18 @@ class Hierarchy:
 
     `levels`: the coarse levels; of a netlist, the finest one too; `slot` (n,): where every row stands among the
     vectors: of a grid, red cells first; `unit`: conductance that counts as 1 on all levels, in siemens;
-    `largest_degree`: largest diagonal entry of the matrix, in siemens; `true`: the finest level of a
-    grid of two colours in double precision; `box`: the range of cells along every axis that it
-    covers.
+    `largest_degree`: largest diagonal entry of the matrix, in siemens; `grid`: the finest level of a grid of two
+    colours; `box`: the range of cells along every axis that it covers; `ground` (n,): from every node of a netlist's
+    first graph to known voltages, in units.
     """
 
     levels: Levels
     slot: NDArray[np.int32]
     unit: float
     largest_degree: float
-    finest: Finest
-    true: Stencil | None = None
+    grid: Finest | None = None
     box: tuple[slice, ...] = ()
+    ground: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
 
 def build_hierarchy(laplacian: Laplacian, team: Team = ALONE) -> Hierarchy:
@@ -67,16 +61,16 @@ def build_hierarchy(laplacian: Laplacian, team: Team = ALONE) -> Hierarchy:
         level, slot, unit, box = found
         made = _grid_levels(*coarsen_beside(level, team))
         if made is not None:
-            true, finest, levels = made
-            return Hierarchy(levels, slot, unit, unit * largest_degree(true), finest, true, box)
+            finest, levels = made
+            return Hierarchy(levels, slot, unit, unit * largest_degree(finest.true), finest, box)
     # A grid's rows are sorted by a thread beside this one for refinement: their order is not to depend on who is first.
     rows = laplacian.rows if laplacian.grid is None else laplacian.edges
     unit = float(rows.data.mean()) if rows.nnz else float(laplacian.ground.mean())
-    levels, slot = pack_netlist(Graph(rows.indptr, rows.indices, rows.data / unit, laplacian.ground / unit))
+    graphs, slot = pack_netlist(Graph(rows.indptr, rows.indices, rows.data / unit, laplacian.ground / unit))
     ground = np.empty(laplacian.size)
     scatter_rows(slot, laplacian.ground, 1.0 / unit, ground)
-    finest = Finest(_NO_STENCIL, NO_GROUND, Way(_NO_SLOTS, UNSCALED), ground)
-    return Hierarchy(levels, slot, unit, float(laplacian.diagonal.max(initial=0.0)), finest)
+    largest = float(laplacian.diagonal.max(initial=0.0))
+    return Hierarchy(Levels((), graphs), slot, unit, largest, ground=ground)
 
 
 def coarsen_beside(level: Level, team: Team, *, keep: bool = False) -> tuple[list[Level], list[Coarsened], FirstLevel]:
@@ -104,9 +98,7 @@ def coarsen_grid(level: Level, *, keep: bool = False, team: Team = ALONE) -> tup
     return levels, steps
 
 
-def _grid_levels(
-    levels: list[Level], steps: list[Coarsened], first: FirstLevel
-) -> tuple[Stencil, Finest, Levels] | None:
+def _grid_levels(levels: list[Level], steps: list[Coarsened], first: FirstLevel) -> tuple[Finest, Levels] | None:
     """Lay grids out for the compiled passes, and coarsen the last one as a graph; None where it does not shrink."""
     level, targets = levels[0], [step.target for step in steps]
     graph, number = to_graph(levels[-1])
@@ -119,15 +111,16 @@ def _grid_levels(
         graphs, shrinking = graphs[1:], shrinking[1:]
     packed, rank = pack_graphs(graphs, shrinking)
     targets[-1] = counted(number, rank, targets[-1])
-    stencils = [in_single(coarse) for coarse in levels[1:-1]]
-    grids = pack_grids(stencils, targets[1:], [], len(level.edges.faces) // 2)
-    true, stencil, degree = first
-    return true, Finest(stencil, degree, Way(targets[0], UNSCALED), NO_GROUND), pack_levels(grids, packed)
+    grids = tuple(
+        GridLevel(in_single(coarse), coarse.degree[1], Way(target, UNSCALED))
+        for coarse, target in zip(levels[1:-1], targets[1:], strict=True)
+    )
+    return Finest(*first, Way(targets[0], UNSCALED)), Levels(grids, packed)
 
 
 def finest_stencils(level: Level) -> FirstLevel:
     """The finest level; takes over its degrees."""
-    stencil = in_single(level)._replace(black_degree=np.empty(0, dtype=np.float32))
+    stencil = in_single(level)
     degree = compensated(level, stencil)
     return in_double(level), stencil, degree
 

@@ -1,125 +1,164 @@
-"""What a cycle runs over: the levels laid one behind the other, and loops over the vectors of one."""
+"""What a cycle runs over: grids, each a row of a table with the addresses of its arrays, and graphs below them.
+
+Compiled functions that hand on dozens of arrays take most of their time to compile for that; one that is given a row
+of the table (`GRID`) opens what it reads.  Who made the table keeps the arrays.
+"""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+from numba.np.numpy_support import carray
 
-from resgrid.jit import inner, inner_fast
+from resgrid.jit import inlined, inner, inner_fast
 from resgrid.solvers.multigrid.graph_sweeps import Graphs
-from resgrid.solvers.multigrid.red_black import Floats, Indices, Integers, Singles, Stencil
+from resgrid.solvers.multigrid.red_black import Floats, Indices, Integers, Reals, Singles, Stencil, products
 
 CHUNK = 2048
 """Slots over which sums are taken before they are added to others: the same whoever takes them."""
 
+SINGLE = np.dtype(np.float32).itemsize
 
-class Grids(NamedTuple):
-    """Coarse red-black grids in single precision, one behind the other.
+GRID = np.dtype([
+    (name, np.int64)
+    for name in (
+        *("slots", "sides", "margin", "block", "blocks", "joined", "weighted", "below_slots"),
+        *("faces", "distance", "off_red", "off_black", "couplings", "red_inverse", "black_inverse", "degree"),
+        *("aggregate", "weight", "below_fed", "below"),
+        *("red_fed", "black_fed", "red", "before", "r", "s", "z", "w", "c"),
+        *("parts", "slabs", "own", "noted", "sums", "shares"),
+    )
+])  # fmt: skip
+"""A grid of a hierarchy, for the compiled cycle: counts, then addresses of arrays.
 
-    Places of level ``l`` stand at ``slots[l] ... slots[l + 1]``, its couplings and faces at the corresponding stretches
-    of their arrays (`Stencil`).
+`slots, sides, margin, block`: of its stencil; `blocks`: how many; `joined`: couplings; `weighted`: whether what its
+nodes take from the next level has weights; `below_slots`: of the next level's right-hand side.
 
-    `slots, first_off` (levels + 1,); `margin, block` (levels,); `distance` (levels, 2 ndim); `aggregate`: node of
-    the next level that a black slot belongs to: its slot there, red ones first; of a graph, counted from 1; 0 for
-    none; `weight`: what it takes from there; empty where that is all (`resgrid.solvers.multigrid.h_transform`).
-    """
+From `faces` to `weight`: as of `GridLevel`, in single precision, but for `degree`; `below_fed, below`: the next level's
+right-hand side and answer.
 
-    slots: Integers
-    first_off: Integers
-    margin: Integers
-    block: Integers
-    distance: Integers
-    faces: Singles
-    couplings: Singles
-    off_red: Indices
-    off_black: Indices
-    red_inverse: Singles
-    black_inverse: Singles
-    black_degree: Singles
-    aggregate: Indices
-    weight: Singles
+`red_fed, black_fed` (slots,): right-hand side; `red` (slots,): answer at red nodes.  Over black slots: `before`: the
+residual, relaxed from zero, for slabs read what others had before they write, and in the end the answer; `r`: the
+residual; `s`: what ``z`` is multiplied by too, and the first product; `z`: the answer; `w`: its product; `c`: the first
+direction.
 
+`parts`: slabs; `slabs` (parts, 4): as of `Slab`; `own` (parts, slots): their work space; `noted` (joined,): red values
+where couplings begin; `sums` (blocks, 3): of products, or of squares; `shares` (2,): what both directions of a K-cycle
+have in its answer, or the first step's length.
+"""
 
-class Work(NamedTuple):
-    """Work space of one solve.
-
-    `b, x`: currents and voltages: of both colours of all grids, of nothing at one slot, of all graphs' nodes; `f,
-    z`: right-hand side and answer of the grids' black slots; `c, v, w`: first direction and products, of the grids'
-    black slots, then of the graphs' nodes.
-    """
-
-    b: Singles
-    x: Singles
-    f: Singles
-    z: Singles
-    c: Singles
-    v: Singles
-    w: Singles
+Row = Any
+"""A row of such a table."""
 
 
 class Way(NamedTuple):
-    """From the black slots of a grid to the next level, as of `Grids`: `aggregate`, `weight` (slots,)."""
+    """From the black slots of a grid to the next level.
+
+    `aggregate` (slots,): node of the next level that a slot belongs to: its slot there, red ones first; of a graph,
+    counted from 1; 0 for none; `weight` (slots,): what it takes from there; empty where that is all
+    (`resgrid.solvers.multigrid.h_transform`).
+    """
 
     aggregate: Indices
     weight: Singles
 
 
-class BlackVectors(NamedTuple):
-    """The vectors over a grid's black slots in a visit, shape (slots,).
+class GridLevel(NamedTuple):
+    """A grid of a hierarchy.
 
-    `before`: the residual, relaxed from zero: slabs read what others had before they write; `r`: the residual; `s`:
-    what ``z`` is multiplied by too; `z`: the answer, and `w` its product; `c`: the first direction.
-    """
-
-    before: Singles
-    r: Singles
-    s: Singles
-    z: Singles
-    w: Singles
-    c: Singles
-
-
-class Levels(NamedTuple):
-    """A packed hierarchy, coarse grids first, graphs below; a netlist's first graph is its finest level."""
-
-    grids: Grids
-    graphs: Graphs
-    work: Work
-
-
-class Finest(NamedTuple):
-    """The finest level: of a grid with the way to the next one; of a netlist, what its first graph leaves open.
-
-    `stencil`: in single precision; `degree` (slots,): its black diagonal, which makes up for that
-    (`grid_level.compensated`); `way`: to the next level; `ground` (n,): from every node of a netlist's first graph to
-    known voltages, in units; empty for a grid, as all others are for a netlist.
+    `stencil`: in single precision; `degree` (slots,): its black diagonal; `way`: to the next level.
     """
 
     stencil: Stencil
     degree: Floats
     way: Way
-    ground: Floats
+
+
+class Finest(NamedTuple):
+    """The finest grid: in double precision too, and with a black diagonal that makes up for single precision.
+
+    `true`: in double precision; `stencil, degree, way`: as of `GridLevel`, the diagonal `grid_level.compensated`.
+    """
+
+    true: Stencil
+    stencil: Stencil
+    degree: Floats
+    way: Way
+
+
+class Levels(NamedTuple):
+    """The levels below a grid, or of a netlist: coarse grids, and graphs below; of a netlist, the first is its own."""
+
+    grids: tuple[GridLevel, ...]
+    graphs: Graphs
+
+
+def _pointing(_typing: Any, _address: Any) -> Any:
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        return builder.inttoptr(arguments[0], ir.IntType(8).as_pointer())
+
+    return types.voidptr(types.int64), generate
+
+
+_at: Any = intrinsic(_pointing)
+
+
+@inlined
+def singles(address: int, count: int) -> Singles:
+    """Numbers of single precision that stand at an address."""
+    return carray(_at(address), count, np.float32)
+
+
+@inlined
+def doubles(address: int, count: int) -> Floats:
+    """The same of double precision."""
+    return carray(_at(address), count, np.float64)
+
+
+@inlined
+def indices(address: int, count: int) -> Indices:
+    """Indices of 32 bits that stand at an address."""
+    return carray(_at(address), count, np.int32)
+
+
+@inlined
+def integers(address: int, count: int) -> Integers:
+    """Integers of 64 bits that stand at an address."""
+    return carray(_at(address), count, np.int64)
+
+
+@inlined
+def chunks_of(level: Row) -> int:
+    """How many chunks of slots a grid has."""
+    return int(-(-level.slots // CHUNK))
 
 
 @inner
-def stencil_at(grids: Grids, level: int) -> Stencil:
-    """One of the grids."""
-    sides = grids.distance.shape[1]
-    a, e = grids.slots[level], grids.slots[level + 1]
-    k, m = grids.first_off[level], grids.first_off[level + 1]
-    return Stencil(
-        grids.faces[sides * a : sides * e].reshape((sides, e - a)),
-        grids.distance[level],
-        grids.margin[level],
-        grids.block[level],
-        grids.off_red[k:m],
-        grids.off_black[k:m],
-        grids.couplings[k:m],
-        grids.red_inverse[a:e],
-        grids.black_inverse[a:e],
-        grids.black_degree[a:e],
-    )
+def sums_of(level: Row) -> Floats:
+    """What is summed over blocks or chunks of slots, shape (blocks or chunks, 3)."""
+    return carray(_at(level.sums), (max(level.blocks, chunks_of(level)), 3), np.float64)
+
+
+@inner
+def draw_into(level: Row, colour: int, x: Reals, first: int, block: int, total: Reals, to: int) -> None:
+    """``total = sum_j g_ij x_j`` across the faces of a block's cells of one colour, from slot ``to`` on.
+
+    ``x`` begins at slot ``first``.
+    """
+    faces = carray(_at(level.faces), (level.sides, level.slots), np.float32)
+    begin, count = extent(level, block)
+    products(faces, integers(level.distance, level.sides), (colour, begin, count), x, begin - first, total, to)
+
+
+@inlined
+def extent(level: Row, block: int) -> tuple[int, int]:
+    """First slot of a block, and how many it has."""
+    begin = level.margin + block * level.block
+    return begin, min(level.block, level.slots - level.margin - begin)
 
 
 @inner_fast

@@ -6,8 +6,6 @@ by length in windows: the ends of its loops can then be foreseen, which is half 
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,8 +13,6 @@ from resgrid.jit import inner, kernel
 from resgrid.solvers import numbering_kernels as numbering
 from resgrid.solvers.multigrid.graph_sweeps import Graphs
 from resgrid.solvers.multigrid.graphs import Graph, coarsen_down
-from resgrid.solvers.multigrid.levels import Grids, Levels, Work
-from resgrid.solvers.multigrid.red_black import Stencil
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
@@ -34,7 +30,7 @@ _COLOURS = 64
 _ONE = np.uint64(1)
 
 
-def pack_netlist(graph: Graph) -> tuple[Levels, NDArray[np.int32]]:
+def pack_netlist(graph: Graph) -> tuple[Graphs, NDArray[np.int32]]:
     """Coarsen a graph that is no grid, and lay out its levels; returns where every node stands, shape (n,)."""
     rows, order = (graph.indptr, graph.indices, graph.conductance, graph.leak), None
     if graph.size >= _LARGE and numbering.far_share(*rows[:2]) > _FAR:
@@ -43,7 +39,7 @@ def pack_netlist(graph: Graph) -> tuple[Levels, NDArray[np.int32]]:
     graphs, rank = pack_graphs(*coarsen_down(graph))
     if order is not None:
         rank = rank[inverse_of(order)]
-    return pack_levels(pack_grids([], [], [], 2), graphs), rank
+    return graphs, rank
 
 
 def pack_graphs(graphs: list[Graph], targets: list[NDArray[np.int32]]) -> tuple[Graphs, NDArray[np.int32]]:
@@ -74,47 +70,6 @@ def pack_graphs(graphs: list[Graph], targets: list[NDArray[np.int32]]) -> tuple[
         own = first[level + 1] + rank[level + 1][target[order[level]]]
         packed.aggregate[first[level] : first[level + 1]] = own
     return packed, rank[0]
-
-
-def pack_grids(
-    stencils: list[Stencil], targets: list[NDArray[np.int32]], weights: list[NDArray[np.float32]], dimensions: int
-) -> Grids:
-    """Lay grids, and what their black slots belong to and take from there, one behind the other."""
-
-    def joined(parts: list[NDArray[Any]], kind: type) -> NDArray[Any]:
-        return np.concatenate([np.empty(0, dtype=kind), *(part.ravel() for part in parts)]).astype(kind, copy=False)
-
-    distance = np.array([stencil.distance for stencil in stencils], dtype=np.int64)
-    return Grids(
-        slots=np.cumsum([0, *(stencil.faces.shape[1] for stencil in stencils)]),
-        first_off=np.cumsum([0, *(len(stencil.couplings) for stencil in stencils)]),
-        margin=np.array([stencil.margin for stencil in stencils], dtype=np.int64),
-        block=np.array([stencil.block for stencil in stencils], dtype=np.int64),
-        distance=distance.reshape(len(stencils), 2 * dimensions),
-        faces=joined([stencil.faces for stencil in stencils], np.float32),
-        couplings=joined([stencil.couplings for stencil in stencils], np.float32),
-        off_red=joined([stencil.off_red for stencil in stencils], np.int32),
-        off_black=joined([stencil.off_black for stencil in stencils], np.int32),
-        red_inverse=joined([stencil.red_inverse for stencil in stencils], np.float32),
-        black_inverse=joined([stencil.black_inverse for stencil in stencils], np.float32),
-        black_degree=joined([stencil.black_degree for stencil in stencils], np.float32),
-        aggregate=joined(targets, np.int32),
-        weight=joined(weights, np.float32),
-    )
-
-
-def pack_levels(grids: Grids, graphs: Graphs) -> Levels:
-    """Both together, without work space."""
-    return Levels(grids, graphs, Work(*[np.empty(0, dtype=np.float32)] * 7))
-
-
-def with_work(levels: Levels) -> Levels:
-    """The same levels with work space of its own, so that one hierarchy can serve several solves at a time."""
-    slots, nodes = int(levels.grids.slots[-1]), int(levels.graphs.first[-1])
-    b, x = np.zeros((2, 2 * slots + 1 + nodes), dtype=np.float32)
-    f, z = np.zeros((2, slots), dtype=np.float32)
-    c, v, w = np.zeros((3, slots + nodes), dtype=np.float32)
-    return levels._replace(work=Work(b, x, f, z, c, v, w))
 
 
 def inverse_matrix(graph: Graph) -> NDArray[np.float32]:

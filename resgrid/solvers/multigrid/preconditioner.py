@@ -5,29 +5,25 @@ The finest grids are cut into slabs (`resgrid.solvers.multigrid.sweeps`); levels
 
 from __future__ import annotations
 
-from typing import Any
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import kernel
-from resgrid.solvers.multigrid import atomics, slabs, sweeps
+from resgrid.jit import ZERO, inner, inner_fast, kernel
+from resgrid.solvers.multigrid import atomics, slabs
 from resgrid.solvers.multigrid.cycle import ENOUGH, precondition_grid
-from resgrid.solvers.multigrid.levels import CHUNK, BlackVectors, Finest, Levels, stencil_at
-from resgrid.solvers.multigrid.red_black import Stencil
+from resgrid.solvers.multigrid.graph_sweeps import work_space
+from resgrid.solvers.multigrid.levels import CHUNK, GRID, Finest, GridLevel, Levels
+from resgrid.solvers.multigrid.red_black import BLACK, RED, Floats, Reals, Singles, Stencil, products, relax
 from resgrid.solvers.multigrid.windows import Slab
 from resgrid.solvers.team import ALONE, Team
-
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
 
 _LEAST = 60_000
 """Slots of a colour from which a grid is cut."""
 
 _THICK = 4
 """Blocks of a slab, at least, in units of those that red cells go ahead of black ones: a neighbour finds these too."""
-
-_NOTHING = np.empty(0, dtype=np.float32)
 
 
 class GridPreconditioner:
@@ -38,62 +34,84 @@ class GridPreconditioner:
     """
 
     def __init__(self, finest: Finest, levels: Levels, team: Team = ALONE) -> None:
-        self._team, self._graphs = team, levels.graphs
-        self._places = slabs.Places(finest, BlackVectors(*[_NOTHING] * 6), levels.grids, levels.work)
-        grid: Any = stencil_at
-        stencils = [finest.stencil, *(grid.py_func(levels.grids, k) for k in range(len(levels.grids.margin)))]
-        parts = [slabs_of(stencil, team.size) for stencil in stencils[:-1]]
-        parts.append(slabs_of(stencils[-1], 1))  # nodes of a graph may have parts in several slabs
-        slots = [stencil.faces.shape[1] for stencil in stencils]
-        room = [len(some) * count if len(some) > 1 else 0 for some, count in zip(parts, slots, strict=True)]
-        table = np.zeros((len(parts), max(map(len, parts)), 4), dtype=np.int64)
-        for level, some in enumerate(parts):
-            table[level, : len(some)] = some
-        ends = [*(2 * levels.grids.slots[1:]), 2 * levels.grids.slots[-1] + 1 + levels.graphs.first[1]]
-        sizes = [
-            (len(some), _blocks(stencil), -(-count // CHUNK), end, len(stencil.couplings))
-            for some, stencil, count, end in zip(parts, stencils, slots, ends, strict=True)
-        ]
-        own_couplings = len(finest.stencil.couplings)
-        self._parts = parts[0]
-        self.before = np.zeros(slots[0], dtype=np.float32) if len(parts[0]) > 1 else None
-        self._crew = slabs.Crew(
-            state=np.zeros(atomics.PLACES, dtype=np.int64),
-            slabs=table,
-            sizes=np.array(sizes),
-            own=np.zeros(sum(room), dtype=np.float32),
-            own_at=np.cumsum([0, *room]),
-            noted=np.empty(max(own_couplings, len(levels.grids.couplings)), dtype=np.float32),
-            noted_exact=np.empty(own_couplings),
-            sums=np.empty((-(-slots[0] // min(finest.stencil.block, CHUNK)), 3)),
-            shares=np.empty(2),
-        )
+        self._team, self._true, self._graphs, self._work = team, finest.true, levels.graphs, work_space(levels.graphs)
+        self.state = np.zeros(atomics.PLACES, dtype=np.int64)
+        grids = (GridLevel(finest.stencil, finest.degree, finest.way), *levels.grids)
+        slots = [len(of.degree) for of in grids]
+        cuts = [slabs_of(of.stencil, team.size) for of in grids[:-1]]
+        cuts.append(slabs_of(grids[-1].stencil, 1))  # nodes of a graph may have parts in several slabs
+        self._parts = cuts[0]
+        noted = np.empty(max(len(of.stencil.couplings) for of in grids))
+        sums, shares = np.empty((-(-slots[0] // min(finest.stencil.block, CHUNK)), 3)), np.empty(2)
+        self._kept: list[NDArray[np.generic]] = [noted, sums, shares]
+        self.table = np.zeros(len(grids), dtype=GRID)
+        fed = [np.zeros((2, count), dtype=np.float32) for count in slots[1:]]
+        answers = [np.zeros((2, count), dtype=np.float32) for count in slots[1:]]
+        below = [*zip(fed, answers, strict=True), (self._work.b[: 1 + self._graphs.first[1]], self._work.x)]
+        for number, (row, of, cut) in enumerate(zip(self.table, grids, cuts, strict=True)):
+            self._fill(row, of, cut, below[number])
+            self._note(row, noted=noted, sums=sums, shares=shares)
+            if number:
+                (red_fed, black_fed), (red, before) = fed[number - 1], answers[number - 1]
+                r, s, z, w, c = np.zeros((5, slots[number]), dtype=np.float32)
+                self._note(row, red_fed=red_fed, black_fed=black_fed, red=red, before=before, r=r, s=s, z=z, w=w, c=c)
+        self.before = np.zeros(slots[0], dtype=np.float32) if len(cuts[0]) > 1 else None
+
+    def _fill(self, row: np.void, of: GridLevel, cut: list[Slab], below: tuple[Singles, Singles]) -> None:
+        """Describe a grid by its row of the table."""
+        stencil, (aggregate, weight) = of.stencil, of.way
+        sides, slots = stencil.faces.shape
+        counts = {
+            "slots": slots, "sides": sides, "margin": stencil.margin, "block": stencil.block,
+            "blocks": blocks_of(stencil), "joined": len(stencil.couplings), "weighted": len(weight) > 0,
+            "below_slots": below[0].size, "parts": len(cut),
+        }  # fmt: skip
+        for name, count in counts.items():
+            row[name] = count
+        names = ("faces", "distance", "off_red", "off_black", "couplings", "red_inverse", "black_inverse")
+        self._note(row, **{name: getattr(stencil, name) for name in names})
+        own = np.zeros((len(cut) if len(cut) > 1 else 0, slots), dtype=np.float32)
+        self._note(row, degree=of.degree, aggregate=aggregate, weight=weight, own=own, slabs=np.array(cut))
+        self._note(row, below_fed=below[0], below=below[1])
+
+    def _note(self, row: np.void, **arrays: NDArray[np.generic]) -> None:
+        """Write addresses of arrays, and keep these."""
+        for name, array in arrays.items():
+            assert array.flags.c_contiguous
+            row[name] = array.ctypes.data
+            self._kept.append(array)
 
     def __call__(
         self, r: Singles, s: Singles, z: Singles, w: Singles, stop: float = ENOUGH
     ) -> tuple[float, float, float]:
         """Precondition ``r`` into ``z``, and multiply into ``w``; `cycle.precondition_grid` says the rest."""
-        before = z if self.before is None else self.before
-        crew, places = self._crew, self._places._replace(vectors=BlackVectors(before, r, s, z, w, _NOTHING))
+        table, state, run = self.table, self.state, (self._graphs, self._work, stop)
+        self.use(r, s, z, w)
         if self.before is None:
-            return precondition_grid(crew, places, self._graphs, stop)
-        margin, products = int(places.finest.stencil.margin), list[float]()
+            return precondition_grid(table, state, *run)
+        margin, made = int(table["margin"][0]), list[float]()
         z[:margin], z[len(z) - margin :] = 0.0, 0.0
-        atomics.begin_jobs(crew.state)
+        atomics.begin_jobs(state)
 
         def part(number: int) -> None:
             if number:
-                slabs.help_sweep(crew, places)
+                slabs.help_sweep(table, state)
             else:
-                products.extend(precondition_grid(crew, places, self._graphs, stop))
+                made.extend(precondition_grid(table, state, *run))
 
         self._team.share(part, self._team.size)
-        rest, product, gamma = products
+        rest, product, gamma = made
         return rest, product, gamma
 
-    def residual(self, true: Stencil, b: Floats, x: Floats, r: Floats) -> float:
+    def use(self, r: Singles, s: Singles, z: Singles, w: Singles) -> None:
+        """Let the finest level have these vectors."""
+        before = z if self.before is None else self.before
+        for name, vector in {"before": before, "r": r, "s": s, "z": z, "w": w}.items():
+            self.table[name][0] = vector.ctypes.data
+
+    def residual(self, b: Floats, x: Floats, r: Floats) -> float:
         """As `black_residual`, on the team's threads."""
-        return black_residual(true, b, x, r, self._parts, self._team)
+        return black_residual(self._true, b, x, r, self._parts, self._team)
 
 
 def black_residual(
@@ -104,13 +122,79 @@ def black_residual(
     Shapes: `b, x` (2, slots), `r` (slots,).
     """
     parts = slabs_of(stencil, 1) if parts is None else parts
-    noted, squares = np.empty(len(stencil.couplings)), np.empty(_blocks(stencil))
-    team.share(lambda k: residual_part(stencil, b, x, r, parts[k], noted, squares), len(parts))
-    return float(norm_of_residual(stencil, noted, squares, r))
+    squares = np.empty(blocks_of(stencil))
+    team.share(lambda k: relax_red(stencil, b, x, *parts[k][:2]), len(parts))
+    team.share(lambda k: subtract_black(stencil, b, x, r, squares, *parts[k][:2]), len(parts))
+    return float(norm_of_residual(stencil, x, squares, r))
 
 
-residual_part = kernel(sweeps.residual)
-norm_of_residual = kernel(sweeps.residual_couplings)
+@kernel
+def relax_red(stencil: Stencil, b: Floats, x: Floats, first: int, last: int) -> None:
+    """Relax the red cells of some blocks exactly; ``b, x`` of shape (2, slots)."""
+    total, coupling = np.empty(stencil.block), 0
+    while coupling < len(stencil.couplings) and stencil.off_red[coupling] < stencil.margin + first * stencil.block:
+        coupling += 1
+    for block in range(first, last):
+        at, count = _draw(stencil, RED, x[1], block, total)
+        while coupling < len(stencil.couplings) and stencil.off_red[coupling] < at + count:
+            drawn = stencil.couplings[coupling] * x[1, stencil.off_black[coupling]]
+            total[stencil.off_red[coupling] - at] += drawn
+            coupling += 1
+        relax(stencil.red_inverse, b[0], at, count, total, x[0])
+
+
+@kernel
+def subtract_black(stencil: Stencil, b: Floats, x: Floats, r: Floats, squares: Floats, first: int, last: int) -> None:
+    """The residual at the black cells of some blocks, but for couplings; the squares of every block, summed."""
+    total = np.empty(stencil.block)
+    for block in range(first, last):
+        at, count = _draw(stencil, BLACK, x[0], block, total)
+        squares[block] = _subtract(stencil.black_degree, b[1], x[1], at, count, total, r)
+
+
+@inner
+def _draw(stencil: Stencil, colour: int, x: Floats, block: int, total: Floats) -> tuple[int, int]:
+    """What faces draw into the cells of a block; returns its first slot, and how many it has."""
+    at = stencil.margin + block * stencil.block
+    count = min(stencil.block, stencil.faces.shape[1] - stencil.margin - at)
+    products(stencil.faces, stencil.distance, (colour, at, count), x, at, total, ZERO)
+    return at, count
+
+
+@kernel
+def norm_of_residual(stencil: Stencil, x: Floats, squares: Floats, r: Floats) -> float:
+    """The rest of the residual, behind all slabs; returns the norm."""
+    r[: stencil.margin] = 0.0
+    r[len(r) - stencil.margin :] = 0.0
+    total = 0.0
+    for m in range(len(stencil.couplings)):
+        r[stencil.off_black[m]] += stencil.couplings[m] * x[0, stencil.off_red[m]]
+    if len(stencil.couplings) > 0:
+        return math.sqrt(_squares(r))
+    for block in range(len(squares)):
+        total += squares[block]
+    return math.sqrt(total)
+
+
+@inner_fast
+def _squares(r: Floats) -> float:
+    total = 0.0
+    for k in range(len(r)):
+        total += r[k] * r[k]
+    return total
+
+
+@inner_fast
+def _subtract(degree: Reals, b: Reals, x: Reals, begin: int, count: int, total: Reals, r: Reals) -> float:
+    """``r = b + total - degree x`` on a block; returns its squares, summed."""
+    squares = 0.0
+    at = np.uint64(begin)
+    for i in range(count):
+        k = at + np.uint64(i)
+        v = b[k] + (total[np.uint64(i)] - degree[k] * x[k])
+        r[k] = v
+        squares += v * v
+    return squares
 
 
 def slabs_of(stencil: Stencil, most: int) -> list[Slab]:
@@ -119,7 +203,7 @@ def slabs_of(stencil: Stencil, most: int) -> list[Slab]:
     No slab is thinner than what its neighbours find of it too, twice.  Nodes of the next level are parts of blocks that
     begin at even indices along the first axis; two rows along it take a stride of slots.
     """
-    margin, blocks, slots = stencil.margin, _blocks(stencil), stencil.faces.shape[1]
+    margin, blocks, slots = stencil.margin, blocks_of(stencil), stencil.faces.shape[1]
     count = min(most, int(blocks // (_THICK * -(-margin // stencil.block)))) if slots >= _LEAST else 1
     if count < 2:
         return [Slab(0, blocks, int(margin), int(slots - margin))]
@@ -146,5 +230,6 @@ def _behind_faces(stencil: Stencil) -> int:
     return end
 
 
-def _blocks(stencil: Stencil) -> int:
+def blocks_of(stencil: Stencil) -> int:
+    """How many blocks there are."""
     return int(-(-(stencil.faces.shape[1] - 2 * stencil.margin) // stencil.block))

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inlined, inner, inner_fast
+from resgrid.jit import inner, inner_fast
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -103,19 +103,22 @@ def _add_two_products(
 
 
 @inner
-def draw_into(stencil: Stencil, colour: int, x: Reals, first: int, block: int, total: Reals, to: int) -> None:
-    """``total = sum_j g_ij x_j`` across the faces of a block's cells of one colour, from slot ``to`` on.
+def products(
+    faces: Reals, away: Integers, cells: tuple[int, int, int], x: Reals, start: int, total: Reals, to: int
+) -> None:
+    """``total = sum_j g_ij x_j`` across the faces of some cells of one colour, from slot ``to`` on.
 
-    ``x`` begins at slot ``first``; conductances stand at red cells.
+    ``cells``: their colour, the first one, and how many; ``x`` of the first one stands at ``start``.  Conductances
+    stand at red cells.
     """
-    (begin, count), away = extent(stencil, block), stencil.distance
-    back, ahead, start = -colour, 1 - 2 * colour, begin - first
+    colour, begin, count = cells
+    back, ahead = -colour, 1 - 2 * colour
     at = (begin + back * away[0], begin + back * away[1], begin + back * away[2], begin + back * away[3])
     there = (start + ahead * away[0], start + ahead * away[1], start + ahead * away[2], start + ahead * away[3])
-    _four_products(stencil.faces, at, x, there, count, total, to)
+    _four_products(faces, at, x, there, count, total, to)
     for q in range(4, len(away), 2):
         pair, far = (begin + back * away[q], begin + back * away[q + 1]), start + ahead * away[q]
-        _add_two_products(stencil.faces, q, pair, x, (far, start + ahead * away[q + 1]), count, total, to)
+        _add_two_products(faces, q, pair, x, (far, start + ahead * away[q + 1]), count, total, to)
 
 
 @inner_fast
@@ -127,19 +130,6 @@ def spread(g: Reals, q: int, begin: int, away: int, count: int, x: Reals, total:
         total[black + k] += g[face, red + k] * x[red + k]
 
 
-@inlined
-def extent(stencil: Stencil, block: int) -> tuple[int, int]:
-    """First slot of a block, and how many it has."""
-    begin = stencil.margin + block * stencil.block
-    return begin, min(stencil.block, stencil.faces.shape[1] - stencil.margin - begin)
-
-
-@inlined
-def blocks_of(stencil: Stencil) -> int:
-    """How many blocks there are."""
-    return int(-(-(stencil.faces.shape[1] - 2 * stencil.margin) // stencil.block))
-
-
 @inner_fast
 def relax(inverse: Reals, fed: Reals, begin: int, count: int, total: Reals, value: Reals) -> None:
     """``value = inverse (fed + total)`` on a block."""
@@ -147,13 +137,6 @@ def relax(inverse: Reals, fed: Reals, begin: int, count: int, total: Reals, valu
     for i in range(count):
         k = np.uint64(i)
         value[at + k] = inverse[at + k] * (fed[at + k] + total[k])
-
-
-@inner
-def draw(stencil: Stencil, x: Reals, drawn: Reals) -> None:
-    """What every coupling draws into its red cell."""
-    for k in range(len(drawn)):
-        drawn[k] = drawn.dtype.type(stencil.couplings[k]) * x[stencil.off_black[k]]
 
 
 @inner

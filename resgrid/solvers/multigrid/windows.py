@@ -1,4 +1,4 @@
-"""Windows over the red cells of a stencil, which go ahead of the black ones in a sweep, so that faces are read once.
+"""Windows over the red cells of a grid, which go ahead of the black ones in a sweep, so that faces are read once.
 
 They go ahead by as many slots as there are between neighbours, and red values are only kept in a window around the
 slots that a window has come to.
@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from resgrid.jit import ZERO, inner, inner_fast
-from resgrid.solvers.multigrid.red_black import RED, Integers, Reals, Stencil, blocks_of, draw_into, extent
+from resgrid.solvers.multigrid.levels import Row, doubles, draw_into, extent, indices, integers, singles
+from resgrid.solvers.multigrid.red_black import RED, Integers, Reals, Singles
 
 _ROOM = 4
 """Of a window, in units of what is kept and a block; so seldom it is moved."""
@@ -20,20 +21,18 @@ _ROOM = 4
 class Window(NamedTuple):
     """The red values around the slots that a window has come to.
 
-    `coupled`: what couplings draw into red cells; behind the window, the red values where they begin; `at` (3,): slot
-    of the first of the red values, the next coupling to draw, and the next to note a red value of; `kept`: how many
-    values behind a block may still be asked for; `ahead`: as of `blocks_ahead`.
+    `red`: the values; `drawn` (couplings,): what couplings draw into red cells; `at` (2,): slot of the first of the red
+    values, and the next coupling; `kept`: how many values behind a block may still be asked for.
     """
 
     red: Reals
-    coupled: Reals
+    drawn: Reals
     at: Integers
     kept: int
-    ahead: int
 
 
 class Slab(NamedTuple):
-    """A part of a stencil that one thread sweeps over.
+    """A part of a grid that one thread sweeps over.
 
     `first, last`: its blocks, the last one left out; `begin, end`: black slots that share their nodes on the next level
     with no other slab's.
@@ -46,28 +45,44 @@ class Slab(NamedTuple):
 
 
 @inner
-def blocks_ahead(stencil: Stencil) -> int:
+def slab_of(level: Row, part: int) -> Slab:
+    """One of the slabs of a grid."""
+    of, k = integers(level.slabs, 4 * level.parts), 4 * part
+    return Slab(of[k], of[k + 1], of[k + 2], of[k + 3])
+
+
+@inner
+def blocks_ahead(level: Row) -> int:
     """How many blocks red cells go ahead of black ones, so that all neighbours of these are there."""
-    return int(-(-stencil.margin // stencil.block))
+    return int(-(-level.margin // level.block))
 
 
 @inner
-def open_window(stencil: Stencil, block: int, like: Reals) -> Window:
-    """A window that comes to a block first, of the precision of other values."""
-    ahead, begin, coupling = blocks_ahead(stencil), stencil.margin + block * stencil.block, 0
-    kept = ahead * stencil.block + stencil.margin
-    red = np.zeros(_ROOM * (kept + stencil.block), like.dtype)
-    while coupling < len(stencil.couplings) and stencil.off_red[coupling] < begin:
+def open_window(level: Row, block: int, x: Singles, like: Reals) -> Window:
+    """A window that comes to a block first, of the precision of other values; couplings draw from ``x``."""
+    begin, coupling = level.margin + block * level.block, 0
+    kept = blocks_ahead(level) * level.block + level.margin
+    red, drawn = np.zeros(_ROOM * (kept + level.block), like.dtype), np.empty(level.joined, like.dtype)
+    draw(level, x, drawn)
+    off_red = indices(level.off_red, level.joined)
+    while coupling < level.joined and off_red[coupling] < begin:
         coupling += 1
-    at = np.array([begin - kept, coupling, coupling])
-    return Window(red, np.empty(len(stencil.couplings), red.dtype), at, kept, ahead)
+    return Window(red, drawn, np.array([begin - kept, coupling]), kept)
 
 
 @inner
-def make_room(stencil: Stencil, window: Window, block: int) -> int:
+def draw(level: Row, x: Singles, drawn: Reals) -> None:
+    """What every coupling draws into its red cell."""
+    couplings, off_black = singles(level.couplings, level.joined), indices(level.off_black, level.joined)
+    for k in range(level.joined):
+        drawn[k] = drawn.dtype.type(couplings[k]) * x[off_black[k]]
+
+
+@inner
+def make_room(level: Row, window: Window, block: int) -> int:
     """Make room for a block of red values; returns where among them it begins."""
-    begin = stencil.margin + block * stencil.block
-    if begin + stencil.block - window.at[0] > len(window.red):
+    begin = level.margin + block * level.block
+    if begin + level.block - window.at[0] > len(window.red):
         behind = begin - window.kept - window.at[0]
         for k in range(window.kept):
             window.red[k] = window.red[behind + k]
@@ -76,37 +91,23 @@ def make_room(stencil: Stencil, window: Window, block: int) -> int:
 
 
 @inner
-def lead(stencil: Stencil, window: Window, x: Reals, block: int) -> None:
-    """``red = G x / degree`` on a block, zero behind the last one."""
-    to = draw_into_red(stencil, window, x, block)
-    if block < blocks_of(stencil):
-        begin, count = extent(stencil, block)
-        _scale(stencil.red_inverse, begin, count, window.red, to)
-        note(stencil, window, begin, to)
-
-
-@inner
-def draw_into_red(stencil: Stencil, window: Window, x: Reals, block: int) -> int:
-    """``red = G x`` on a block, zero behind the last one; returns where among the red values it begins."""
-    to = make_room(stencil, window, block)
-    if block >= blocks_of(stencil):
-        for k in range(to, to + stencil.block):
+def lead(level: Row, window: Window, slab: Slab, x: Singles, block: int) -> None:
+    """``red = G x / degree`` on a block, zero behind the last one; a slab notes its own where couplings begin."""
+    to = make_room(level, window, block)
+    if block >= level.blocks:
+        for k in range(to, to + level.block):
             window.red[k] = 0.0
-        return to
-    begin, count = extent(stencil, block)
-    draw_into(stencil, RED, x, ZERO, block, window.red, to)
-    while window.at[1] < len(stencil.couplings) and stencil.off_red[window.at[1]] < begin + count:
-        window.red[to + stencil.off_red[window.at[1]] - begin] += window.coupled[window.at[1]]
+        return
+    begin, count = extent(level, block)
+    draw_into(level, RED, x, ZERO, block, window.red, to)
+    off_red, noted, first = indices(level.off_red, level.joined), doubles(level.noted, level.joined), window.at[1]
+    while window.at[1] < level.joined and off_red[window.at[1]] < begin + count:
+        window.red[to + off_red[window.at[1]] - begin] += window.drawn[window.at[1]]
         window.at[1] += 1
-    return to
-
-
-@inner
-def note(stencil: Stencil, window: Window, begin: int, to: int) -> None:
-    """Note the red values of a block where couplings begin."""
-    while window.at[2] < window.at[1]:
-        window.coupled[window.at[2]] = window.red[to + stencil.off_red[window.at[2]] - begin]
-        window.at[2] += 1
+    _scale(singles(level.red_inverse, level.slots), begin, count, window.red, to)
+    if slab.first <= block < slab.last:
+        for m in range(first, window.at[1]):
+            noted[m] = window.red[to + off_red[m] - begin]
 
 
 @inner_fast
