@@ -77,6 +77,11 @@ def kernel(function: _Loop) -> _Loop:
     return cast(_Loop, njit(**_KERNEL)(getattr(function, "py_func", function)))
 
 
+def kernel_fast(function: _Loop) -> _Loop:
+    """The same for one whose sums may be taken in any order."""
+    return cast(_Loop, njit(**_KERNEL, fastmath=FAST)(function))
+
+
 def inner(function: _Loop) -> _Loop:
     """Compile a loop that only compiled ones call: sooner, for it has no way in from Python and no code of its own."""
     return cast(_Loop, njit(**_INNER)(function))

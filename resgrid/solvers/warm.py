@@ -25,8 +25,8 @@ from resgrid.solvers.multigrid.conjugate_gradients import ROUNDING, GridProblem,
 from resgrid.solvers.multigrid.grid_level import lay_out
 from resgrid.solvers.multigrid.hierarchy import Hierarchy, build_hierarchy, finest_stencils
 from resgrid.solvers.multigrid.krylov import gather_rows, norm, scatter_rows
-from resgrid.solvers.multigrid.lattice import Lattice
 from resgrid.solvers.multigrid.levels import Finest
+from resgrid.solvers.multigrid.red_black import Lattice
 
 _WINDOW_RTOL = 1e-10
 """Residual of a window: the mode outside is found from small differences at its rim."""

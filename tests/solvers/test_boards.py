@@ -16,13 +16,12 @@ from resgrid.circuit.equations import Equations, assemble
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
 from resgrid.jit import ZERO
-from resgrid.solvers.multigrid import slabs
+from resgrid.solvers.multigrid import cycle
 from resgrid.solvers.multigrid.blocks import coarsen
-from resgrid.solvers.multigrid.graphs import Graph
+from resgrid.solvers.multigrid.graphs import Graph, pack_graphs
 from resgrid.solvers.multigrid.grid_level import Level, compensated, in_double, in_single, lay_out, to_graph
 from resgrid.solvers.multigrid.hierarchy import UNSCALED, build_hierarchy
 from resgrid.solvers.multigrid.levels import Finest, Levels, Way
-from resgrid.solvers.multigrid.packing import pack_graphs
 from resgrid.solvers.multigrid.preconditioner import GridPreconditioner, black_residual
 from resgrid.space import ConfigurationSpace
 
@@ -70,7 +69,7 @@ def above_one_node(finest: Finest) -> GridPreconditioner:
 @njit
 def finished(table: NDArray[Any], state: NDArray[np.int64]) -> tuple[float, float, float]:
     """The way up to the finest level."""
-    return slabs.finish(table, state, ZERO, ZERO)
+    return cycle.finish_grid(table, state, ZERO, ZERO)
 
 
 @settings(max_examples=60)

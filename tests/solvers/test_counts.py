@@ -18,7 +18,7 @@ from resgrid.circuit.slabs import slabs
 from resgrid.grids import face_counts
 from resgrid.solvers.laplacian import EdgeList, Laplacian
 from resgrid.solvers.multigrid.grid_level import lay_out
-from resgrid.solvers.multigrid.lattice import Lattice
+from resgrid.solvers.multigrid.red_black import Lattice
 from resgrid.solvers.petsc_worker import local_rows, neighbours, rows_of
 from resgrid.solvers.selected_inverse import positive_inverse_diagonal
 from resgrid.solvers.supernodal import factor_supernodes

@@ -12,7 +12,7 @@ from resgrid.circuit.solve import solve
 from resgrid.netlist import Netlist
 from resgrid.solvers import numbering_kernels as numbering
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.multigrid import cycle, graphs, packing
+from resgrid.solvers.multigrid import cycle, graphs
 from resgrid.solvers.multigrid.conjugate_gradients import iterate
 from resgrid.solvers.multigrid.graph_sweeps import Graphs, Work, ascend_graph, multiply_after, work_space
 from resgrid.solvers.multigrid.graphs import Graph, coarsen_down
@@ -50,9 +50,9 @@ def test_rows_stand_by_colour_and_no_two_neighbours_share_one(
     nodes: int, per_node: float, seed: int, window: int
 ) -> None:
     graph = random_graph(nodes, per_node, seed)
-    order = packing.order_by_colour(graph.indptr, graph.indices, window)
+    order = graphs.order_by_colour(graph.indptr, graph.indices, window)
     assert np.array_equal(np.sort(order), np.arange(nodes))
-    colour, _ = packing._colours(graph.indptr, graph.indices)
+    colour, _ = graphs._colours(graph.indptr, graph.indices)
     assert np.all(np.diff(colour[order]) >= 0)
     row = np.repeat(np.arange(nodes), np.diff(graph.indptr))
     assert not np.any(colour[row] == colour[graph.indices])
@@ -60,8 +60,8 @@ def test_rows_stand_by_colour_and_no_two_neighbours_share_one(
 
 def test_rows_of_a_window_stand_by_length() -> None:
     graph = random_graph(500, 4.0, 3)
-    order = packing.order_by_colour(graph.indptr, graph.indices, 10**6)
-    colour, _ = packing._colours(graph.indptr, graph.indices)
+    order = graphs.order_by_colour(graph.indptr, graph.indices, 10**6)
+    colour, _ = graphs._colours(graph.indptr, graph.indices)
     length = np.minimum(np.diff(graph.indptr), 31)[order]
     assert np.all((np.diff(length) >= 0) | (np.diff(colour[order]) > 0))
 
@@ -113,7 +113,7 @@ def test_breadth_first_brings_neighbours_together() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_levels_are_packed_in_an_order_of_their_own(seed: int) -> None:
     graph = random_graph(2000, 4.0, seed)
-    levels, slot = packing.pack_netlist(graph)
+    levels, slot = graphs.pack_netlist(graph)
     n, order = graph.size, np.argsort(slot)
     assert np.array_equal(slot[order], np.arange(n))
     matrix = dense(graph)[np.ix_(order, order)]
@@ -129,14 +129,14 @@ def test_levels_are_packed_in_an_order_of_their_own(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_one_cycle_without_inner_steps_is_symmetric_and_positive(seed: int) -> None:
     graph = random_graph(400, 3.0, seed)
-    graphs, _ = packing.pack_netlist(graph)
-    work = work_space(graphs)
-    assert len(graphs.first) > 2
+    packed, _ = graphs.pack_netlist(graph)
+    work = work_space(packed)
+    assert len(packed.first) > 2
     columns = np.empty((graph.size, graph.size))
     for node in range(graph.size):
         work.b[: graph.size + 1] = 0.0
         work.b[1 + node] = 1.0
-        cycle.run_cycle(graphs, work, np.inf, 0)
+        cycle.run_cycle(packed, work, np.inf, 0)
         columns[:, node] = work.x[1 : graph.size + 1]
     scale = np.abs(columns).max()
     assert np.allclose(columns, columns.T, rtol=1e-4, atol=1e-5 * scale)
@@ -153,11 +153,11 @@ def _up_and_product(graphs: Graphs, work: Work) -> float:
 
 def test_half_a_product_after_the_way_up_is_the_whole_one() -> None:
     graph = random_graph(600, 4.0, 1)
-    graphs, slot = packing.pack_netlist(graph)
-    work, n, order = work_space(graphs), graph.size, np.argsort(slot)
+    packed, slot = graphs.pack_netlist(graph)
+    work, n, order = work_space(packed), graph.size, np.argsort(slot)
     rng = np.random.default_rng(0)
     work.b[1 : n + 1], work.x[:] = rng.random(n), rng.random(len(work.x))
-    energy = _up_and_product(graphs, work)
+    energy = _up_and_product(packed, work)
     x = work.x[1 : n + 1]
     true = dense(graph)[np.ix_(order, order)] @ x
     assert np.allclose(work.v[:n], true, atol=1e-4 * np.abs(true).max())
@@ -167,7 +167,7 @@ def test_half_a_product_after_the_way_up_is_the_whole_one() -> None:
 def test_the_coarsest_inverse() -> None:
     graph = random_graph(50, 3.0, 2)
     graph.leak[:] += 0.1
-    assert np.allclose(packing.inverse_matrix(graph), np.linalg.inv(dense(graph)), rtol=1e-4, atol=1e-6)
+    assert np.allclose(graphs.inverse_matrix(graph), np.linalg.inv(dense(graph)), rtol=1e-4, atol=1e-6)
 
 
 def test_a_graph_of_many_small_parts_needs_no_large_inverse() -> None:
@@ -207,7 +207,7 @@ def hubs(seed: int) -> Netlist:
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("large", [0, 10**9])
 def test_netlists_with_hubs_agree_with_direct(seed: int, large: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(packing, "_LARGE", large)
+    monkeypatch.setattr(graphs, "_LARGE", large)
     netlist = hubs(seed)
     direct, multigrid = solve(netlist, method="direct"), solve(netlist, method="multigrid")
     assert np.allclose(direct.voltage, multigrid.voltage, rtol=1e-9, atol=1e-15, equal_nan=True)

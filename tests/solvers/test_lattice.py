@@ -3,7 +3,7 @@
 import numpy as np
 from hypothesis import given, strategies as st
 
-from resgrid.solvers.multigrid.lattice import Lattice
+from resgrid.solvers.multigrid.red_black import Lattice
 
 LATTICES = st.builds(Lattice, st.lists(st.integers(1, 6), min_size=2, max_size=4).map(tuple), st.integers(0, 3))
 

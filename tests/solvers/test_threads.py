@@ -130,7 +130,7 @@ def test_many_solves_at_a_time_share_one_computer() -> None:
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
 def test_what_is_raised_in_a_slab_ends_the_solve(error: type[BaseException], monkeypatch: pytest.MonkeyPatch) -> None:
     netlist = rg.compile_space(room((420, 380), 3), boundary="neumann")
-    calls, part = iter(range(10**6)), preconditioner.relax_red
+    calls, part = iter(range(10**6)), preconditioner.sweep_colour
 
     def failing(*arguments: object) -> None:
         if next(calls) == 4:
@@ -138,7 +138,7 @@ def test_what_is_raised_in_a_slab_ends_the_solve(error: type[BaseException], mon
         part(*arguments)
 
     with monkeypatch.context() as patch:
-        patch.setattr(preconditioner, "relax_red", failing)
+        patch.setattr(preconditioner, "sweep_colour", failing)
         with pytest.raises(error, match="slab"):
             rg.solve(netlist, accuracy="normwise", method="multigrid", threads=3)
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("resgrid")]

@@ -9,20 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.solvers.multigrid.block_kernels import (
-    block_of_slots,
-    count_inside,
-    join_inside,
-    lengthen,
-    renumber,
-    split_blocks,
-    strongest_at,
-    sum_blocks,
-)
+from resgrid.jit import ZERO, inner, kernel
 from resgrid.solvers.multigrid.grid_level import WEAK, Level, level_of
-from resgrid.solvers.multigrid.lattice import Lattice
-from resgrid.solvers.multigrid.red_black import Edges
-from resgrid.solvers.team import ALONE, Team, pieces
+from resgrid.solvers.multigrid.red_black import Edges, Floats, Indices, Integers, Lattice, Singles, slot_of
+from resgrid.solvers.row_kernels import find, join
+from resgrid.solvers.team import ALONE, Team
 
 _STRETCH = 2**16
 """Slots of a colour that one thread coarsens at a time, about."""
@@ -61,7 +52,9 @@ def coarsen(level: Level, *, split: bool, keep: bool = False, team: Team = ALONE
         lattice = Lattice(lattice.shape, most)
         rank = np.where(colour == 0, np.cumsum(colour == 0), np.cumsum(colour == 1)) - 1
         number = (colour * lattice.slots + lattice.first_extra + rank).astype(np.int32)
-        renumber(target, before, number, lattice.slots - before)
+        extra = target >= 2 * before
+        target[(target >= before) & ~extra] += lattice.slots - before
+        target[extra] = number[target[extra] - 2 * before]
     cells = [lattice.cells_at(c, home[colour == c] - c * before) for c in range(2)]
     red, black = (np.ravel_multi_index(cell, lattice.shape).astype(np.int64) for cell in cells)
     return _summed(level, lattice, target, (red, black), keep, team)
@@ -91,13 +84,12 @@ def _blocks(level: Level, lattice: Lattice, shift: NDArray[np.int64], team: Team
 def _split(level: Level, lattice: Lattice, target: NDArray[np.int32], weak: float, team: Team) -> NDArray[np.int64]:
     """Number the parts of blocks that fall apart, in place; returns the block that every extra node comes from."""
     edges = level.edges
-    strongest = np.zeros(level.degree.shape if weak else (2, 1), dtype=np.float32)
-    if weak:
-        strongest_at(edges, strongest)
+    strongest = _strongest(edges) if weak else np.zeros((2, 1), dtype=np.float32)
     members, inner = np.zeros((2, 2 * lattice.slots), dtype=np.int32)
     within, beside = _stretches(level)
-    team.together([partial(count_inside, edges, target, weak, strongest, *some, members, inner) for some in within])
-    count_inside(edges, target, weak, strongest, *beside, members, inner)
+    count = partial(count_inside, edges.faces, edges.distance, target, weak, strongest)
+    team.together([partial(count, *some, members, inner) for some in within])
+    count(*beside, members, inner)
     members[0] = 0
     # A part of a hypercube with n corners has at most as many edges as there are ones in the numbers below n.
     most = np.cumsum([0, 0, *(k.bit_count() for k in range(1, 64))])
@@ -114,6 +106,19 @@ def _split(level: Level, lattice: Lattice, target: NDArray[np.int32], weak: floa
     return home[: split_blocks(doubtful, parent, target, lattice.slots, home)]
 
 
+def _strongest(edges: Edges) -> NDArray[np.float32]:
+    """Strongest conductance at every slot of both colours, shape (2, slots)."""
+    strongest = np.zeros((2, edges.faces.shape[1]), dtype=np.float32)
+    inside = slice(edges.margin, edges.faces.shape[1] - edges.margin)
+    for face, away in zip(edges.faces[:, inside].astype(np.float32), edges.distance.tolist(), strict=True):
+        there = slice(inside.start + away, inside.stop + away)
+        for of, at in ((strongest[0], inside), (strongest[1], there)):
+            np.maximum(of[at], face, out=of[at])
+    for of, slot in zip(strongest, (edges.off_red, edges.off_black), strict=True):
+        np.maximum.at(of, slot, edges.couplings.astype(np.float32))
+    return strongest
+
+
 def _summed(
     level: Level,
     lattice: Lattice,
@@ -127,14 +132,32 @@ def _summed(
         return None
     edges, leak, inner = summed
     before = (edges.faces.copy(), edges.couplings.copy()) if keep else (np.empty((0, 0)), np.empty(0))
-    inside = pieces(lattice.margin, lattice.slots - lattice.margin)
-    team.together([partial(lengthen, edges, leak, inner, some.start, some.stop) for some in inside])
-    off = _in_series(edges.couplings, inner[edges.off_axis, edges.off_red], 0.5)
-    off = _in_series(off, inner[edges.off_axis, lattice.slots + edges.off_black], 0.5)
-    edges = edges._replace(couplings=off)
+    edges, leak = _lengthened(edges, leak, inner, team)
     left = [_share_left(old, new) for old, new in zip(before, (edges.faces, edges.couplings), strict=True)]
     coarse = level_of(lattice, edges, leak, extra_cell, team)
     return Coarsened(coarse, target[1].copy(), target if keep else np.empty((2, 0), dtype=np.int32), *left)
+
+
+def _lengthened(
+    edges: Edges, leak: NDArray[np.float64], inner: NDArray[np.float32], team: Team
+) -> tuple[Edges, NDArray[np.float64]]:
+    """Conductances and leaks of a coarse grid that know length; takes over the faces.
+
+    From the middle of one block to the middle of the next lies half of either block's own resistance, in series with
+    what joins the two; a rail is reached through 0.15 times the block's.
+    """
+    slots = leak.shape[1]
+    here = slice(edges.margin, slots - edges.margin)
+
+    def lengthen(q: int) -> None:
+        there = slice(slots + here.start + int(edges.distance[q]), slots + here.stop + int(edges.distance[q]))
+        half = _in_series(edges.faces[q, here], inner[q >> 1, here], 0.5)
+        edges.faces[q, here] = _in_series(half, inner[q >> 1, there], 0.5)
+
+    team.together([partial(lengthen, q) for q in range(len(edges.faces))])
+    off = _in_series(edges.couplings, inner[edges.off_axis, edges.off_red], 0.5)
+    off = _in_series(off, inner[edges.off_axis, slots + edges.off_black], 0.5)
+    return edges._replace(couplings=off), _in_series(leak, inner.max(axis=0).reshape(2, slots), 0.15)
 
 
 def _in_series(conductance: NDArray[np.float64], inner: NDArray[np.float32], share: float) -> NDArray[np.float64]:
@@ -209,3 +232,167 @@ def _united(
     first = np.flatnonzero((np.diff(red, prepend=-1) != 0) | (np.diff(black, prepend=-1) != 0))
     summed = np.add.reduceat(couplings, first) if len(first) else couplings
     return red[first], black[first], axis[first], summed
+
+
+@kernel
+def block_of_slots(
+    degree: Floats, rows: Integers, columns: int, margin: int, shift: int, coarse_rows: Integers, coarse_margin: int,
+    coarse_slots: int, block: Indices,
+) -> None:  # fmt: skip
+    """Which slot of the next stencil, red ones first, the block around every slot takes; left alone where nothing is.
+
+    ``rows`` are the numbers of the first cells of all rows, ``coarse_rows`` those of the blocks that these are in.
+    """
+    for line in range(len(rows)):
+        for column in range(columns):
+            number = rows[line] + column
+            colour, here = number & 1, margin + (number >> 1)
+            if degree[colour, here] > 0.0:
+                number = coarse_rows[line] + (column >> shift)
+                block[colour, here] = slot_of(number, coarse_margin, coarse_slots)
+
+
+@inner
+def _joins(g: float, weak: float, strongest: Singles, red: int, black: int | np.uint64) -> bool:
+    return weak == 0.0 or g >= weak * max(strongest[0, red], strongest[1, black])
+
+
+@kernel
+def count_inside(
+    faces: Floats, distance: Integers, block: Indices, weak: float, strongest: Singles, begin: int, end: int,
+    members: Indices, inner: Indices,
+) -> None:  # fmt: skip
+    """Count the members of the blocks at some slots, and the faces inside that conduct and are not weak.
+
+    Couplings do not count: those that close a ring of two cells join what a face joins already.
+    """
+    red_block, black_block = block[0], block[1]
+    for k in range(begin, end):
+        at = np.uint64(k)
+        own, joined = np.uint64(red_block[at]), 0
+        members[own] += 1
+        members[np.uint64(black_block[at])] += 1
+        for q in range(len(distance)):
+            black = np.uint64(k + distance[q])
+            g, same = faces[np.uint64(q), at], own == np.uint64(black_block[black])
+            joined += same and g > 0.0 and _joins(g, weak, strongest, k, black)
+        inner[own] += joined
+
+
+@kernel
+def join_inside(
+    edges: Edges, block: Indices, weak: float, strongest: Singles, doubtful: NDArray[np.bool_], parent: Indices
+) -> None:
+    """Join the members of doubtful blocks by the resistors inside that are not weak (union-find over both colours)."""
+    faces, distance, margin, off_red, off_black, _, couplings = edges
+    slots = faces.shape[1]
+    for k in range(margin, faces.shape[1] - margin):
+        if not doubtful[block[0, k]]:
+            continue
+        for q in range(len(distance)):
+            g = faces[q, k]
+            if g > 0.0:
+                black = k + distance[q]
+                if block[0, k] == block[1, black] and _joins(g, weak, strongest, k, black):
+                    join(parent, k, slots + black)
+    for k in range(len(couplings)):
+        red, black = off_red[k], off_black[k]
+        if block[0, red] == block[1, black] and _joins(couplings[k], weak, strongest, red, black):
+            join(parent, red, slots + black)
+
+
+@kernel
+def split_blocks(
+    doubtful: NDArray[np.bool_], parent: Indices, block: Indices, coarse_slots: int, extra_block: Integers
+) -> int:
+    """Let the first part of a split block keep its slot, and number the others as extra nodes, in place.
+
+    Extra nodes are numbered from ``2 coarse_slots`` on, and ``extra_block`` notes the block each comes from.
+    """
+    flat = block.ravel()
+    taken = np.zeros(len(doubtful), np.bool_)
+    of_root = np.zeros(len(flat), np.int32)
+    count = 0
+    for node in range(len(flat)):
+        home = flat[node]
+        if home == 0 or not doubtful[home]:
+            continue
+        root = find(parent, node)
+        if root == node:
+            if taken[home]:
+                of_root[node] = 2 * coarse_slots + count
+                extra_block[count] = home
+                count += 1
+            else:
+                taken[home] = True
+                of_root[node] = home
+        flat[node] = of_root[root]
+    return count
+
+
+@kernel
+def sum_blocks(
+    edges: Edges, leak: Floats, target: Indices, first_extra: int, ranges: Integers, coarse: Edges, coarse_leak: Floats,
+    inner: Singles,
+) -> int:  # fmt: skip
+    """Sum the conductances between aggregates into the faces and couplings of the next grid, leaks into its leaks.
+
+    ``ranges`` (n, 4): of red slots, and of the black slots to which the faces in question lead; the leaks are those of
+    the slots that are in both.  ``inner`` of shape (ndim, 2 slots) receives what lies inside aggregates along every
+    axis.  Returns the number of new couplings, or -1 if a resistor joins two parts of one colour.
+    """
+    faces, distance = edges.faces, edges.distance
+    sums, coarse_slots = coarse.faces, coarse.faces.shape[1]
+    count, red_target, black_target = ZERO, target[0], target[1]
+    for n in range(len(ranges)):
+        first, last, low, high = ranges[n, 0], ranges[n, 1], ranges[n, 2], ranges[n, 3]
+        for k in range(first, last):
+            at = np.uint64(k)
+            if low <= k < high:
+                for colour in range(2):
+                    if leak[colour, at] != 0.0:
+                        coarse_leak[np.uint64(target[colour, at])] += leak[colour, at]
+            a = np.int64(red_target[at])
+            for q in range(len(distance)):
+                g, there = faces[np.uint64(q), at], k + distance[q]
+                if g == 0.0 or there < low or there >= high:
+                    continue
+                b = np.int64(black_target[np.uint64(there)])
+                axis = np.int64(q >> 1)
+                if a == b:
+                    inner[np.uint64(axis), np.uint64(a)] += g
+                    continue
+                red, black = min(a, b), max(a, b) - coarse_slots
+                if red >= coarse_slots or black < 0:
+                    return -1
+                if red >= first_extra or black >= first_extra:
+                    _note(coarse, count, red, black, axis, g)
+                    count += 1
+                    continue
+                # Where the red cell's block is black, the same face is the opposite one of the red block.
+                sums[np.uint64(q if a < b else q ^ 1), np.uint64(red)] += g
+    return _sum_couplings(edges, target, coarse, count, inner)
+
+
+@inner
+def _sum_couplings(edges: Edges, target: Indices, coarse: Edges, count: int, inner: Singles) -> int:
+    """The same of couplings, behind ``count`` others."""
+    _, _, _, off_red, off_black, off_axis, couplings = edges
+    coarse_slots = coarse.faces.shape[1]
+    for k in range(len(couplings)):
+        a, b, axis = np.int64(target[0, off_red[k]]), np.int64(target[1, off_black[k]]), np.int64(off_axis[k])
+        if a == b:
+            inner[axis, a] += couplings[k]
+            continue
+        red, black = min(a, b), max(a, b) - coarse_slots
+        if red >= coarse_slots or black < 0:
+            return -1
+        _note(coarse, count, red, black, axis, couplings[k])
+        count += 1
+    return count
+
+
+@inner
+def _note(edges: Edges, k: int, red: Any, black: Any, axis: Any, conductance: float) -> None:
+    edges.off_red[k], edges.off_black[k] = red, black
+    edges.off_axis[k], edges.couplings[k] = axis, conductance

@@ -313,7 +313,7 @@ class _Burst:
         stop, v, watch = self._stop, self._v, self._watch
         lift, steps = self._problem.lift, 0
         one = size / lift
-        self._each(partial(krylov.begin_burst, v, one, self.residual, self._problem.relaxed))
+        self._each(partial(krylov.begin_burst, v.inverse, v.r, self._problem.relaxed, one, self.residual))
         v.scalars[2], v.scalars[3] = 1.0, 1.0
         while steps < most and not stop.small and self._step(x, (one, lift), gain):
             steps += 1
@@ -331,8 +331,9 @@ class _Burst:
 
     def _gather(self, x: NDArray[np.float64], one: float) -> None:
         """Go the steps noted: they become part of ``x``, in units of ``one``."""
-        self._each(partial(krylov.add_steps, self._v, x, one))
-        krylov.restart(self._v)
+        v = self._v
+        self._each(partial(krylov.add_steps, v.kept, v.on_x, v.on_p, v.p, one, x))
+        krylov.restart(v)
 
     def _step(self, x: NDArray[np.float64], unit: tuple[float, float], gain: float) -> bool:
         """``p = z + beta p``, ``x += alpha p``, ``r -= alpha A p``, ``z`` about ``A^-1 r``; whether there was one.
@@ -348,7 +349,7 @@ class _Burst:
             return False
         if int(v.scalars[0]) == len(v.z):
             self._gather(x, one)
-        squares = sum(self._each(partial(krylov.advance, v, self._problem.relaxed, beta, alpha)))
+        squares = sum(self._each(partial(krylov.advance, v.inverse, v.w, v.s, v.r, self._problem.relaxed, beta, alpha)))
         krylov.arrive(v, math.sqrt(squares) / lift, alpha, made[0])
         return True
 
@@ -363,7 +364,7 @@ def _vectors(inverse: NDArray[np.float32], depth: int) -> Vectors:
 
 def _move(v: Vectors, length: float) -> float:
     """Largest move of a voltage in a step of this length."""
-    return float(length * krylov.largest_step(v))
+    return float(length * krylov.largest_step(v.kept, v.on_p, v.p))
 
 
 def matrix_rows(

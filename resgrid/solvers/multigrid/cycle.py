@@ -3,14 +3,20 @@
 One visit of a level smooths, restricts the residual, and takes the answer of the levels below for a direction.  The
 K-cycle makes of it one or two steps of flexible conjugate gradients.  A red-black grid is solved for its black nodes
 alone: red ones are eliminated exactly on the way down and put back on the way up.
+
+Sweeps over grids run slab by slab, on one thread or several (`sweeps`): one thread leads, and the others help where
+there is a part to be done (`atomics`).
 """
 
 from __future__ import annotations
 
+from typing import Any, cast
+
 import numpy as np
+from numpy.typing import NDArray
 
 from resgrid.jit import ZERO, inner, kernel
-from resgrid.solvers.multigrid import atomics, slabs
+from resgrid.solvers.multigrid import atomics, sweeps
 from resgrid.solvers.multigrid.graph_sweeps import (
     Graphs,
     Work,
@@ -20,10 +26,27 @@ from resgrid.solvers.multigrid.graph_sweeps import (
     multiply_graph,
     solve_coarsest,
 )
-from resgrid.solvers.multigrid.levels import CHUNK, combine, keep_step, second_step, take_step
+from resgrid.solvers.multigrid.levels import (
+    CHUNK,
+    SINGLE,
+    Row,
+    chunks_of,
+    combine,
+    doubles,
+    keep_step,
+    second_step,
+    singles,
+    take_step,
+)
 from resgrid.solvers.multigrid.red_black import Floats, Integers, Singles
-from resgrid.solvers.multigrid.slabs import Table
 from resgrid.solvers.multigrid.subnormals import flush_subnormals, restore_subnormals
+from resgrid.solvers.multigrid.windows import slab_of
+
+Table = NDArray[Any]
+"""Rows of `levels.GRID`, shape (levels,)."""
+
+_CLEAR, _ELIMINATE, _RESTRICT, _RELAX, _MULTIPLY, _FINISH, _TAKE, _PUT_BACK = (cast(int, np.int64(k)) for k in range(8))
+"""The sweeps; no literals, as `resgrid.jit.ZERO`."""
 
 ENOUGH = 0.07
 """Residual after the first step of a K-cycle on the first coarse level that spares the second."""
@@ -63,7 +86,7 @@ def precondition_grid(
     """Precondition a residual over a grid's black cells, and multiply by their Schur complement.
 
     Returns ``z.r, z.w, z.s``, of the finest level's vectors.  ``stop``: as of `run_cycle`; others may help
-    (`slabs.help_sweep`).
+    (`help_sweep`).
     """
     return _precondition_grid(table, state, graphs, work, stop, len(graphs.first) > 2 or None)
 
@@ -73,9 +96,9 @@ def _precondition_grid(
     table: Table, state: Integers, graphs: Graphs, work: Work, stop: float, on_graphs: bool | None
 ) -> tuple[float, float, float]:
     flags = flush_subnormals()
-    slabs.begin(table, state)
+    _begin(table, state)
     _run_within(graphs, work, stop, 0, on_graphs, (table, state))
-    products = slabs.finish(table, state, ZERO, ZERO)
+    products = finish_grid(table, state, ZERO, ZERO)
     atomics.end_jobs(state)
     restore_subnormals(flags)
     return products
@@ -106,7 +129,7 @@ def _run_within(
             if on_graphs is not None:
                 done = _visit_graph(graphs, (b, x, work.c, work.v, work.w), level - count, visit, enough)
         elif on_grids is not None:
-            done = slabs.visit_grid(on_grids[0], on_grids[1], level + 1, visit, enough)
+            done = visit_grid(on_grids[0], on_grids[1], level + 1, visit, enough)
         visits[level] = 0 if done else visits[level] + 1
         level += -1 if done else 1
     restore_subnormals(flags)
@@ -120,7 +143,7 @@ def _visit_graph(
     graphs: Graphs, vectors: tuple[Singles, Singles, Singles, Singles, Singles], level: int,
     visit: tuple[int, Floats], stop: float,
 ) -> bool:  # fmt: skip
-    """As `slabs.visit_grid`, of a graph; ``vectors``: as of `Work`, from the first node on."""
+    """As `visit_grid`, of a graph; ``vectors``: as of `Work`, from the first node on."""
     b, x, c, v, w = vectors
     if visit[0] > 0:
         a, e = graphs.first[level], graphs.first[level + 1]
@@ -164,3 +187,124 @@ def _first_step(r: Singles, z: Singles, c: Singles, v: Singles, stop: float, alp
     enough = not after > stop * stop * before
     keep_step(z, c, step, enough, ZERO, len(z))
     return enough
+
+
+@inner
+def _sweep(table: Table, state: Integers, kind: int, number: int, visit: int) -> tuple[float, float, float]:
+    """Sweep over a level, together with whoever helps where it is cut; returns what is summed over its slabs.
+
+    What couplings carry follows behind all slabs.
+    """
+    level, part = table[number], ZERO
+    if level.parts > 1:
+        atomics.announce(state, kind, number, visit, level.parts)
+        part = atomics.claim(state)
+    while part >= 0:
+        _sweep_slab(level, kind, visit, part)
+        part = -1
+        if level.parts > 1:
+            atomics.finish(state)
+            part = atomics.claim(state)
+    if level.parts > 1:
+        atomics.wait_for(state, level.parts)
+    first, second, third = 0.0, 0.0, 0.0
+    if kind >= _MULTIPLY:
+        count = 3 * (chunks_of(level) if kind == _TAKE else level.blocks)
+        sums = doubles(level.sums, count)
+        for k in range(0, count, 3):
+            first, second, third = first + sums[k], second + sums[k + 1], third + sums[k + 2]
+    if kind == _ELIMINATE:
+        sweeps.eliminate_couplings(level)
+    elif kind == _RESTRICT:
+        sweeps.restrict_couplings(level)
+    elif kind == _RELAX:
+        sweeps.relax_couplings(level)
+    elif kind == _MULTIPLY:
+        second -= sweeps.multiply_couplings(level, singles(_product(level, visit), level.slots))
+    return first, second, third
+
+
+@inner
+def _product(level: Row, visit: int) -> int:
+    """Where the product of a visit's answer goes."""
+    return int(level.s if visit == 1 else level.w)
+
+
+@kernel
+def help_sweep(table: Table, state: Integers) -> None:
+    """Sweep over slabs for the thread that leads, until it has no more."""
+    flags = flush_subnormals()
+    while True:
+        part = atomics.await_part(state)
+        if part < 0:
+            break
+        _sweep_slab(table[state[atomics.LEVEL]], state[atomics.KIND], state[atomics.VISIT], part)
+        atomics.finish(state)
+    restore_subnormals(flags)
+
+
+@inner
+def _sweep_slab(level: Row, kind: int, visit: int, part: int) -> None:
+    """A slab's part of a sweep."""
+    slab, parts, slots = slab_of(level, part), level.parts, level.slots
+    own = level.before if kind == _PUT_BACK else level.z
+    if parts > 1 and kind != _MULTIPLY:
+        own = level.own + SINGLE * slots * part
+    at = singles(own, slots)
+    if kind == _CLEAR or kind == _ELIMINATE or kind == _TAKE:  # noqa: PLR1714, SIM109 (compiles in half the time)
+        below_fed = singles(level.below_fed, level.below_slots)
+        for k in range(part * len(below_fed) // parts, (part + 1) * len(below_fed) // parts):
+            below_fed[k] = 0.0
+    if kind == _ELIMINATE:
+        sweeps.eliminate(level, slab)
+    elif kind == _RESTRICT:
+        sweeps.restrict(level, slab)
+    elif kind == _TAKE:
+        sweeps.take(level, part)
+    elif kind == _PUT_BACK:
+        sweeps.put_back(level, slab, at)
+    elif kind >= _RELAX:
+        sweeps.finish(level, slab, at, singles(_product(level, visit), slots), (kind != _MULTIPLY, kind != _RELAX))
+
+
+@inner
+def visit_grid(table: Table, state: Integers, number: int, visit: tuple[int, Floats], stop: float) -> bool:
+    """Come to a grid for the first, second or third time; returns whether it is solved, or the next level is due.
+
+    Coming from above, red nodes are eliminated; from below, the next level's answer is a direction; each time the level
+    is relaxed from zero, and the residual summed into the next level.
+    """
+    (count, first), solved, kind = visit, False, _ELIMINATE
+    if count > 0:
+        rest, product, gamma = finish_grid(table, state, number, count)
+        solved, shares = True, (0.0, 1.0)
+        if count > 1:
+            shares = second_step(first[0], first[1], rest, product, gamma)
+        else:
+            first[0], first[1] = rest, product
+            if product > 0.0 and stop < np.inf:
+                solved, kind, shares = False, _TAKE, (rest / product, 0.0)
+        noted = doubles(table[number].shares, 2)
+        noted[0], noted[1] = shares
+    if not solved:
+        before, after, _ = _sweep(table, state, kind, number, count)
+        solved = kind == _TAKE and not after > stop * stop * before
+    _sweep(table, state, _PUT_BACK if solved else _RESTRICT, number, count)
+    return solved
+
+
+@inner
+def finish_grid(table: Table, state: Integers, number: int, visit: int) -> tuple[float, float, float]:
+    """Add the next level's answer, relax, and multiply; returns ``z.r``, ``z.w`` and ``z.s`` (`sweeps.finish`)."""
+    kind = _FINISH
+    if table[number].joined > 0:
+        _sweep(table, state, _RELAX, number, visit)
+        kind = _MULTIPLY
+    return _sweep(table, state, kind, number, visit)
+
+
+@inner
+def _begin(table: Table, state: Integers) -> None:
+    """Restrict the finest level's relaxed residual."""
+    for kind in (_CLEAR, _RESTRICT):
+        _sweep(table, state, kind, ZERO, ZERO)

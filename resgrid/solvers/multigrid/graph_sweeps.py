@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import FAST, inner, inner_fast, kernel
+from resgrid.jit import inner, inner_fast, kernel, kernel_fast
 from resgrid.solvers.multigrid.subnormals import flush_subnormals, restore_subnormals
 
 Floats = NDArray[np.float64]
@@ -119,7 +118,7 @@ def solve_coarsest(graphs: Graphs, b: Singles, x: Singles) -> None:
         own[i] = total if len(inverse) > 0 else mine[i] * graphs.inverse[begin + i]
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@kernel_fast
 def multiply_graph(
     graphs: Graphs, ground: Floats, z: Singles, r: Singles, s: Singles, w: Singles
 ) -> tuple[float, float, float]:

@@ -13,8 +13,17 @@ from resgrid.jit import inner, inner_fast, kernel
 from resgrid.solvers.laplacian import MOST_NUMBERED
 from resgrid.solvers.multigrid.graphs import Graph
 from resgrid.solvers.multigrid.krylov import scatter_rows
-from resgrid.solvers.multigrid.lattice import Lattice
-from resgrid.solvers.multigrid.red_black import Edges, Floats, Indices, Integers, Reals, Stencil, slot_of, spread
+from resgrid.solvers.multigrid.red_black import (
+    Edges,
+    Floats,
+    Indices,
+    Integers,
+    Lattice,
+    Reals,
+    Stencil,
+    slot_of,
+    spread,
+)
 from resgrid.solvers.team import ALONE, Team, pieces
 
 _TINY = 1e-300
@@ -135,7 +144,7 @@ def level_of(
 
     def summed(some: slice) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         total, extremes = np.zeros((2, len(lattice.shape))), np.array([np.inf, 0.0])
-        sum_degrees(edges, leak, some.start, some.stop, degree, total, extremes)
+        sum_degrees(edges.faces, edges.distance, leak, some.start, some.stop, degree, total, extremes)
         return total, extremes
 
     inside = pieces(edges.margin, lattice.slots - edges.margin)
@@ -291,14 +300,14 @@ def _face_at(distance: Integers, away: int) -> int:
 
 @kernel
 def sum_degrees(
-    edges: Edges, leak: Floats, first: int, last: int, degree: Floats, total: Floats, extremes: Floats
-) -> None:
+    faces: Floats, distance: Integers, leak: Floats, first: int, last: int, degree: Floats, total: Floats,
+    extremes: Floats,
+) -> None:  # fmt: skip
     """Add the conductances of faces to the leaks of some slots of both colours; ``leak, degree`` of shape (2, slots).
 
     ``total`` (2, ndim) receives the sums and the numbers of faces that conduct along every axis; ``extremes`` (2,) the
     least and the greatest of their conductances.
     """
-    faces, distance = edges.faces, edges.distance
     for begin in range(first, last, BLOCK):
         length = min(BLOCK, last - begin)
         for k in range(begin, begin + length):

@@ -34,7 +34,7 @@ from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid.blocks import Coarsened, sum_up
 from resgrid.solvers.multigrid.conjugate_gradients import approximate
-from resgrid.solvers.multigrid.graphs import Graph
+from resgrid.solvers.multigrid.graphs import Graph, pack_graphs
 from resgrid.solvers.multigrid.grid_level import Level, in_double, level_of, stencil_of, to_graph
 from resgrid.solvers.multigrid.hierarchy import (
     FirstLevel,
@@ -46,7 +46,6 @@ from resgrid.solvers.multigrid.hierarchy import (
 )
 from resgrid.solvers.multigrid.krylov import scatter_rows
 from resgrid.solvers.multigrid.levels import Finest, GridLevel, Levels, Way
-from resgrid.solvers.multigrid.packing import pack_graphs
 from resgrid.solvers.multigrid.preconditioner import black_residual
 from resgrid.solvers.multigrid.red_black import Edges, Floats, Stencil
 from resgrid.solvers.refine import Approximation, Numbers

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from resgrid.solvers.laplacian import EdgeList, Laplacian
 from resgrid.solvers.multigrid.blocks import Coarsened, coarsen
-from resgrid.solvers.multigrid.graphs import Graph, coarsen_down
+from resgrid.solvers.multigrid.graphs import Graph, coarsen_down, pack_graphs, pack_netlist
 from resgrid.solvers.multigrid.grid_level import Level, compensated, in_double, in_single, lay_out, to_graph
 from resgrid.solvers.multigrid.krylov import scatter_rows
 from resgrid.solvers.multigrid.levels import Finest, GridLevel, Levels, Way
-from resgrid.solvers.multigrid.packing import pack_graphs, pack_netlist
 from resgrid.solvers.multigrid.red_black import Stencil
 from resgrid.solvers.team import ALONE, Team
 

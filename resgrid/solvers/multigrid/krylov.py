@@ -9,10 +9,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inner_fast, kernel
+from resgrid.jit import inner_fast, kernel, kernel_fast
 from resgrid.solvers.multigrid.levels import CHUNK
 from resgrid.solvers.team import ALONE, Team
 
@@ -51,6 +50,11 @@ class Vectors(NamedTuple):
         stands: Singles = self.z[int(self.scalars[0])]
         return stands
 
+    @property
+    def kept(self) -> Singles:
+        """Those before it, shape (steps, slots)."""
+        return self.z[: int(self.scalars[0])]
+
 
 @kernel
 def scatter_rows(slot: Indices, values: Floats, factor: float, at_slots: Floats) -> None:
@@ -73,7 +77,7 @@ def norm(x: Floats, team: Team = ALONE) -> float:
     return math.sqrt(sum(team.over(len(x), lambda some: squares(x[some]))))
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
+@kernel_fast
 def squares(x: Floats) -> float:
     """The squares of all numbers, summed."""
     total = 0.0
@@ -99,11 +103,11 @@ def row_residual(
 
 
 @kernel
-def begin_burst(v: Vectors, one: float, residual: Floats, z: Singles, begin: int, end: int) -> None:
+def begin_burst(inverse: Singles, r: Singles, z: Singles, one: float, residual: Floats, begin: int, end: int) -> None:
     """``r = residual / one``, and ``z = inverse r``, on some slots."""
     for k in range(begin, end):
-        v.r[k] = residual[k] / one
-        z[k] = v.inverse[k] * v.r[k]
+        r[k] = residual[k] / one
+        z[k] = inverse[k] * r[k]
 
 
 def turn(v: Vectors, zr: float, zw: float, zs: float) -> tuple[float, float]:
@@ -142,11 +146,13 @@ def restart(v: Vectors) -> None:
 
 
 @kernel
-def advance(v: Vectors, z: Singles, beta: float, alpha: float, begin: int, end: int) -> float:
+def advance(
+    inverse: Singles, w: Singles, s: Singles, r: Singles, z: Singles, beta: float, alpha: float, begin: int, end: int
+) -> float:
     """``s = w + beta s``, ``r -= alpha s``, ``z = inverse r`` on some slots; returns the squares of ``r``, summed."""
     squares = 0.0
     for first in range(begin, end, CHUNK):
-        squares += _advance(v.inverse, v.w, v.s, v.r, z, beta, alpha, first, min(first + CHUNK, end))
+        squares += _advance(inverse, w, s, r, z, beta, alpha, first, min(first + CHUNK, end))
     return squares
 
 
@@ -165,19 +171,14 @@ def _advance(
     return total
 
 
-@kernel
-def add_steps(v: Vectors, x: Floats, one: float, begin: int, end: int) -> None:
-    """``x += one (on_x_p p + sum_j on_x_j z_j)``, then ``p = on_p_p p + sum_j on_p_j z_j``, on some slots."""
-    _add_steps(v.z[: int(v.scalars[0])], v.on_x, v.on_x[-1], v.on_p, v.on_p[-1], one, v.p, x, (begin, end))
+@kernel_fast
+def add_steps(z: Singles, on_x: Floats, on_p: Floats, p: Floats, one: float, x: Floats, begin: int, end: int) -> None:
+    """``x += one (on_x_p p + sum_j on_x_j z_j)``, then ``p = on_p_p p + sum_j on_p_j z_j``, on some slots.
 
-
-@inner_fast
-def _add_steps(
-    z: Singles, on_x: Floats, before_x: float, on_p: Floats, before_p: float, one: float, p: Floats, x: Floats,
-    slots: tuple[int, int],
-) -> None:  # fmt: skip
-    """The same; ``z`` (steps, n)."""
-    for k in range(*slots):
+    Shapes: `z` (steps, n).
+    """
+    before_x, before_p = on_x[-1], on_p[-1]
+    for k in range(begin, end):
         ahead, far = before_p * p[k], before_x * p[k]
         for j in range(len(z)):
             value = np.float64(z[j, k])
@@ -188,12 +189,12 @@ def _add_steps(
 
 
 @kernel
-def largest_step(v: Vectors) -> float:
-    """Largest entry of the last direction."""
-    most, count = 0.0, int(v.scalars[0])
-    for k in range(len(v.p)):
-        ahead = v.on_p[-1] * v.p[k]
-        for j in range(count):
-            ahead += v.on_p[j] * v.z[j, k]
+def largest_step(z: Singles, on_p: Floats, p: Floats) -> float:
+    """Largest entry of the last direction; ``z`` (steps, n)."""
+    most = 0.0
+    for k in range(len(p)):
+        ahead = on_p[-1] * p[k]
+        for j in range(len(z)):
+            ahead += on_p[j] * z[j, k]
         most = max(most, abs(ahead))
     return most

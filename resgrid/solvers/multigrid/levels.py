@@ -47,8 +47,8 @@ residual; `s`: what ``z`` is multiplied by too, and the first product; `z`: the 
 direction.
 
 `parts`: slabs; `slabs` (parts, 4): as of `Slab`; `own` (parts, slots): their work space; `noted` (joined,): red values
-where couplings begin; `sums` (blocks, 3): of products, or of squares; `shares` (2,): what both directions of a K-cycle
-have in its answer, or the first step's length.
+where couplings begin; `sums` (3 blocks,): of products, or of squares, of every block or chunk of slots; `shares` (2,):
+what both directions of a K-cycle have in its answer, or the first step's length.
 """
 
 Row = Any
@@ -135,12 +135,6 @@ def integers(address: int, count: int) -> Integers:
 def chunks_of(level: Row) -> int:
     """How many chunks of slots a grid has."""
     return int(-(-level.slots // CHUNK))
-
-
-@inner
-def sums_of(level: Row) -> Floats:
-    """What is summed over blocks or chunks of slots, shape (blocks or chunks, 3)."""
-    return carray(_at(level.sums), (max(level.blocks, chunks_of(level)), 3), np.float64)
 
 
 @inner

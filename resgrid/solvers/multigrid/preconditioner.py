@@ -10,10 +10,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import ZERO, inner, inner_fast, kernel
-from resgrid.solvers.multigrid import atomics, slabs
-from resgrid.solvers.multigrid.cycle import ENOUGH, precondition_grid
+from resgrid.jit import ZERO, inner_fast, kernel
+from resgrid.solvers.multigrid import atomics
+from resgrid.solvers.multigrid.cycle import ENOUGH, help_sweep, precondition_grid
 from resgrid.solvers.multigrid.graph_sweeps import work_space
+from resgrid.solvers.multigrid.krylov import norm
 from resgrid.solvers.multigrid.levels import CHUNK, GRID, Finest, GridLevel, Levels
 from resgrid.solvers.multigrid.red_black import BLACK, RED, Floats, Reals, Singles, Stencil, products, relax
 from resgrid.solvers.multigrid.windows import Slab
@@ -95,7 +96,7 @@ class GridPreconditioner:
 
         def part(number: int) -> None:
             if number:
-                slabs.help_sweep(table, state)
+                help_sweep(table, state)
             else:
                 made.extend(precondition_grid(table, state, *run))
 
@@ -122,66 +123,42 @@ def black_residual(
     Shapes: `b, x` (2, slots), `r` (slots,).
     """
     parts = slabs_of(stencil, 1) if parts is None else parts
-    squares = np.empty(blocks_of(stencil))
-    team.share(lambda k: relax_red(stencil, b, x, *parts[k][:2]), len(parts))
-    team.share(lambda k: subtract_black(stencil, b, x, r, squares, *parts[k][:2]), len(parts))
-    return float(norm_of_residual(stencil, x, squares, r))
+    squares, margin = np.empty(blocks_of(stencil)), int(stencil.margin)
+    for colour in (RED, BLACK):
+
+        def sweep(part: int, of: int = colour) -> None:
+            sweep_colour(stencil, of, b, x, r, squares, parts[part][:2])
+
+        team.share(sweep, len(parts))
+    r[:margin], r[len(r) - margin :] = 0.0, 0.0
+    if not len(stencil.couplings):
+        return math.sqrt(squares.sum())
+    np.add.at(r, stencil.off_black, stencil.couplings * x[0, stencil.off_red])
+    return norm(r)
 
 
 @kernel
-def relax_red(stencil: Stencil, b: Floats, x: Floats, first: int, last: int) -> None:
-    """Relax the red cells of some blocks exactly; ``b, x`` of shape (2, slots)."""
-    total, coupling = np.empty(stencil.block), 0
-    while coupling < len(stencil.couplings) and stencil.off_red[coupling] < stencil.margin + first * stencil.block:
+def sweep_colour(
+    stencil: Stencil, colour: int, b: Floats, x: Floats, r: Floats, squares: Floats, blocks: tuple[int, int]
+) -> None:
+    """Relax the red cells of some blocks exactly, or form the residual at the black ones, but for couplings.
+
+    ``squares`` receives those of every block, summed.
+    """
+    total, there, margin, coupling, (first, last) = np.empty(stencil.block), x[1 - colour], stencil.margin, 0, blocks
+    while coupling < len(stencil.couplings) and stencil.off_red[coupling] < margin + first * stencil.block:
         coupling += 1
     for block in range(first, last):
-        at, count = _draw(stencil, RED, x[1], block, total)
+        at = margin + block * stencil.block
+        count = min(stencil.block, stencil.faces.shape[1] - margin - at)
+        products(stencil.faces, stencil.distance, (colour, at, count), there, at, total, ZERO)
+        if colour == BLACK:
+            squares[block] = _subtract(stencil.black_degree, b[1], x[1], at, count, total, r)
+            continue
         while coupling < len(stencil.couplings) and stencil.off_red[coupling] < at + count:
-            drawn = stencil.couplings[coupling] * x[1, stencil.off_black[coupling]]
-            total[stencil.off_red[coupling] - at] += drawn
+            total[stencil.off_red[coupling] - at] += stencil.couplings[coupling] * there[stencil.off_black[coupling]]
             coupling += 1
         relax(stencil.red_inverse, b[0], at, count, total, x[0])
-
-
-@kernel
-def subtract_black(stencil: Stencil, b: Floats, x: Floats, r: Floats, squares: Floats, first: int, last: int) -> None:
-    """The residual at the black cells of some blocks, but for couplings; the squares of every block, summed."""
-    total = np.empty(stencil.block)
-    for block in range(first, last):
-        at, count = _draw(stencil, BLACK, x[0], block, total)
-        squares[block] = _subtract(stencil.black_degree, b[1], x[1], at, count, total, r)
-
-
-@inner
-def _draw(stencil: Stencil, colour: int, x: Floats, block: int, total: Floats) -> tuple[int, int]:
-    """What faces draw into the cells of a block; returns its first slot, and how many it has."""
-    at = stencil.margin + block * stencil.block
-    count = min(stencil.block, stencil.faces.shape[1] - stencil.margin - at)
-    products(stencil.faces, stencil.distance, (colour, at, count), x, at, total, ZERO)
-    return at, count
-
-
-@kernel
-def norm_of_residual(stencil: Stencil, x: Floats, squares: Floats, r: Floats) -> float:
-    """The rest of the residual, behind all slabs; returns the norm."""
-    r[: stencil.margin] = 0.0
-    r[len(r) - stencil.margin :] = 0.0
-    total = 0.0
-    for m in range(len(stencil.couplings)):
-        r[stencil.off_black[m]] += stencil.couplings[m] * x[0, stencil.off_red[m]]
-    if len(stencil.couplings) > 0:
-        return math.sqrt(_squares(r))
-    for block in range(len(squares)):
-        total += squares[block]
-    return math.sqrt(total)
-
-
-@inner_fast
-def _squares(r: Floats) -> float:
-    total = 0.0
-    for k in range(len(r)):
-        total += r[k] * r[k]
-    return total
 
 
 @inner_fast

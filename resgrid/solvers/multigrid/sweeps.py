@@ -13,13 +13,13 @@ from resgrid.jit import ZERO, inlined, inner, inner_fast
 from resgrid.solvers.multigrid.levels import (
     CHUNK,
     Row,
+    chunks_of,
     combine,
     doubles,
     draw_into,
     extent,
     indices,
     singles,
-    sums_of,
     take_step,
 )
 from resgrid.solvers.multigrid.red_black import BLACK, RED, Indices, Reals, Singles, relax
@@ -179,7 +179,7 @@ def finish(level: Row, slab: Slab, own: Singles, product: Singles, stages: tuple
         singles(level.z, slots),
     )
     degree, black_inverse = doubles(level.degree, slots), singles(level.black_inverse, slots)
-    sums, apart = sums_of(level), slab.last - slab.first < blocks
+    sums, apart = doubles(level.sums, 3 * blocks), slab.last - slab.first < blocks
     around = 2 * ahead if relaxing and multiplying else 0
     first, last = max(slab.first - around, 0), min(slab.last + around, blocks)
     lead_first, lead_second = max(first - ahead, 0), max(slab.first - ahead, 0)
@@ -210,7 +210,8 @@ def finish(level: Row, slab: Slab, own: Singles, product: Singles, stages: tuple
             if slab.first <= block:
                 at, count = extent(level, block)
                 draw_into(level, BLACK, other.red, other.at[0], block, drawn, ZERO)
-                sums[block, 0], sums[block, 1], sums[block, 2] = _multiply(degree, own, r, s, at, count, drawn, product)
+                k, sum_of = 3 * block, _multiply(degree, own, r, s, at, count, drawn, product)
+                sums[k], sums[k + 1], sums[k + 2] = sum_of
 
 
 @inner
@@ -275,13 +276,13 @@ def _multiply(
 @inner
 def take(level: Row, part: int) -> None:
     """First step of the K-cycle along ``z``, its direction kept in ``c``, and the rest relaxed from zero."""
-    slots, sums, step = level.slots, sums_of(level), np.float32(doubles(level.shares, 2)[0])
+    slots, sums, step = level.slots, doubles(level.sums, 3 * chunks_of(level)), np.float32(doubles(level.shares, 2)[0])
     r, s, z, c = singles(level.r, slots), singles(level.s, slots), singles(level.z, slots), singles(level.c, slots)
-    inverse, before, chunks = singles(level.black_inverse, slots), singles(level.before, slots), -(-slots // CHUNK)
+    inverse, before, chunks = singles(level.black_inverse, slots), singles(level.before, slots), chunks_of(level)
     for chunk in range(part * chunks // level.parts, (part + 1) * chunks // level.parts):
         begin, end = chunk * CHUNK, min(chunk * CHUNK + CHUNK, slots)
-        sums[chunk, 0], sums[chunk, 1] = take_step(r, s, step, begin, end)
-        sums[chunk, 2] = 0.0
+        sums[3 * chunk], sums[3 * chunk + 1] = take_step(r, s, step, begin, end)
+        sums[3 * chunk + 2] = 0.0
         _copy(z, begin, end - begin, c)
         _divide(inverse, r, begin, end - begin, before, begin)
 
