@@ -22,7 +22,6 @@ from resgrid.solvers.multigrid import krylov
 from resgrid.solvers.multigrid.cycle import precondition_graph
 from resgrid.solvers.multigrid.graph_sweeps import work_space
 from resgrid.solvers.multigrid.hierarchy import Hierarchy
-from resgrid.solvers.multigrid.krylov import Vectors
 from resgrid.solvers.multigrid.levels import Finest, Levels
 from resgrid.solvers.multigrid.preconditioner import GridPreconditioner
 from resgrid.solvers.refine import Numbers
@@ -38,6 +37,9 @@ _TOLD = 5e-7
 
 _DEPTH = 3
 """Steps that are kept before they are gone."""
+
+_BURST = 1e-5
+"""Gain of a burst from its largest residual on: vectors in single precision allow no more."""
 
 _LIFT = 2.0**64
 """Norm of a residual on levels scaled by an h-transform: it falls by as many binades as single precision spans."""
@@ -68,19 +70,18 @@ class Problem(Protocol):
     steps.
     """
 
-    vectors: Vectors
+    vectors: krylov.Vectors
     lift: float
     team: Team
 
-    @property
-    def relaxed(self) -> NDArray[np.float32]:
-        """Where the residual is to be relaxed before it is preconditioned, shape (slots,)."""
+    def relaxed(self, z: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Where the residual is to be relaxed before it is preconditioned into ``z``, shape (slots,)."""
 
     def residual(self, x: NDArray[np.float64], r: NDArray[np.float64]) -> float:
         """``r = b - A x``, and its norm.  Shapes: `x` (colours, slots), `r` (slots,)."""
 
-    def precondition(self) -> tuple[float, float, float]:
-        """The next ``z`` from ``r``, and its product ``w``; returns ``z.r, z.w, z.s``."""
+    def precondition(self, z: NDArray[np.float32]) -> tuple[float, float, float]:
+        """Precondition ``r`` into ``z``, and multiply into ``w``; returns ``z.r, z.w, z.s``."""
 
 
 @dataclass(eq=False)
@@ -98,24 +99,23 @@ class GridProblem:
     team: Team = ALONE
 
     def __post_init__(self) -> None:
-        self.vectors = _vectors(self.finest.stencil.black_inverse, self.depth)
+        self.vectors = krylov.vectors_over(self.finest.stencil.black_inverse, self.depth)
         self.lift = _LIFT if len(self.finest.way.weight) else 1.0
         self._preconditioner = GridPreconditioner(self.finest, self.levels, self.team)
 
-    @property
-    def relaxed(self) -> NDArray[np.float32]:
+    def relaxed(self, z: NDArray[np.float32]) -> NDArray[np.float32]:
         """As of `Problem`."""
         before = self._preconditioner.before
-        return self.vectors.next if before is None else before
+        return z if before is None else before
 
     def residual(self, x: NDArray[np.float64], r: NDArray[np.float64]) -> float:
         """As of `Problem`; relaxes the red cells."""
         return self._preconditioner.residual(self.currents, x, r)
 
-    def precondition(self) -> tuple[float, float, float]:
+    def precondition(self, z: NDArray[np.float32]) -> tuple[float, float, float]:
         """As of `Problem`."""
         v = self.vectors
-        return self._preconditioner(v.r, v.s, v.next, v.w)
+        return self._preconditioner(v.r, v.s, z, v.w)
 
 
 @dataclass(eq=False)
@@ -130,17 +130,11 @@ class _GraphProblem:
 
     def __post_init__(self) -> None:
         graphs = self.hierarchy.levels.graphs
-        self.vectors, self._work = _vectors(graphs.inverse[: len(self.b)], _DEPTH), work_space(graphs)
+        self.vectors, self._work = krylov.vectors_over(graphs.inverse[: len(self.b)], _DEPTH), work_space(graphs)
 
-    @property
-    def relaxed(self) -> NDArray[np.float32]:
+    def relaxed(self, z: NDArray[np.float32]) -> NDArray[np.float32]:
         """As of `Problem`."""
-        return self.vectors.next
-
-    def precondition(self) -> tuple[float, float, float]:
-        """As of `Problem`."""
-        v, of = self.vectors, self.hierarchy
-        return precondition_graph(of.levels.graphs, self._work, of.ground, v.r, v.s, v.next, v.w)
+        return z
 
     def residual(self, x: NDArray[np.float64], r: NDArray[np.float64]) -> float:
         """As of `Problem`."""
@@ -148,6 +142,11 @@ class _GraphProblem:
         krylov.row_residual(*matrix_rows(self.laplacian), slot, self.b, krylov.gather_rows(slot, x[0]), r)
         r *= 1.0 / self.hierarchy.unit
         return krylov.norm(r)
+
+    def precondition(self, z: NDArray[np.float32]) -> tuple[float, float, float]:
+        """As of `Problem`."""
+        v, of = self.vectors, self.hierarchy
+        return precondition_graph(of.levels.graphs, self._work, of.ground, v.r, v.s, z, v.w)
 
 
 _RANGE = 400
@@ -293,7 +292,8 @@ class _Burst:
     """Some steps; search directions outlive a burst.
 
     Vectors are in single precision, but for the answer: it is summed from the preconditioned residuals at the end,
-    so that what the recursive residual stands for is known to all digits.
+    so that what the recursive residual stands for is known to all digits.  ``z[:kept]`` are those that are not yet part
+    of it; their shares in the answer and in the direction are `on_x, on_p` (depth + 1,), last those of ``p``.
     """
 
     def __init__(self, problem: Problem, stop: Stop, watch: Watch | None) -> None:
@@ -302,27 +302,29 @@ class _Burst:
         # Between bursts, the true residual stands where the last steps will be kept.
         self.residual = self._v.z[-2:].reshape(-1).view(np.float64)
         self.left = 1.0
-        self.forget()
+        self._on_x, self._on_p = np.zeros((2, len(self._v.z) + 1))
+        self._on_p[-1] = 1.0
+        self._kept, self._energy = 0, 0.0
 
     def forget(self) -> None:
         """Drop the last direction: a residual that is not what recursion left is not orthogonal to it."""
-        self._v.scalars[1] = 0.0
+        self._energy = 0.0
 
     def run(self, x: NDArray[np.float64], size: float, gain: float, most: int) -> int:
         """Reduce the residual, of norm ``size``, by a factor ``gain``; returns the steps taken."""
-        stop, v, watch = self._stop, self._v, self._watch
-        lift, steps = self._problem.lift, 0
+        v, lift, steps = self._v, self._problem.lift, 0
         one = size / lift
-        self._each(partial(krylov.begin_burst, v.inverse, v.r, self._problem.relaxed, one, self.residual))
-        v.scalars[2], v.scalars[3] = 1.0, 1.0
-        while steps < most and not stop.small and self._step(x, (one, lift), gain):
+        relaxed = self._problem.relaxed(v.z[0])
+        self._each(partial(krylov.begin_burst, v.inverse, v.r, relaxed, one, self.residual))
+        self.left = largest = 1.0
+        while steps < most and not self._stop.small and self.left > max(gain, _BURST * largest):
+            if not self._step(x, one):
+                break
+            largest = max(largest, self.left)
             steps += 1
-            alpha, work = v.scalars[4:].tolist()
-            stop.moved(work * one * one, partial(_move, v, abs(alpha) * one))
-            if watch is not None:
-                watch.step(float(v.scalars[2]) * size * stop.unit)
+            if self._watch is not None:
+                self._watch.step(self.left * size * self._stop.unit)
         self._gather(x, one)
-        self.left = float(v.scalars[2])
         return steps
 
     def _each(self, loop: Callable[[int, int], Any]) -> list[Any]:
@@ -330,41 +332,42 @@ class _Burst:
         return self._problem.team.over(len(self._v.r), lambda some: loop(some.start, some.stop))
 
     def _gather(self, x: NDArray[np.float64], one: float) -> None:
-        """Go the steps noted: they become part of ``x``, in units of ``one``."""
+        """Go the steps kept: they become part of ``x``, in units of ``one``."""
         v = self._v
-        self._each(partial(krylov.add_steps, v.kept, v.on_x, v.on_p, v.p, one, x))
-        krylov.restart(v)
+        self._each(partial(krylov.add_steps, v.z[: self._kept], self._on_x, self._on_p, v.p, one, x))
+        self._on_x[:], self._on_p[:] = 0.0, 0.0
+        self._on_p[-1] = 1.0
+        self._kept = 0
 
-    def _step(self, x: NDArray[np.float64], unit: tuple[float, float], gain: float) -> bool:
+    def _step(self, x: NDArray[np.float64], one: float) -> bool:
         """``p = z + beta p``, ``x += alpha p``, ``r -= alpha A p``, ``z`` about ``A^-1 r``; whether there was one.
 
-        ``unit``: what the vectors' one stands for, and the norm of ``r`` in the beginning.
+        There is none where the direction has no energy ``p.A p``.
         """
-        v, (one, lift) = self._v, unit
-        if not v.scalars[2] > max(gain, krylov.BURST * v.scalars[3]):
+        v, problem = self._v, self._problem
+        zr, zw, zs = problem.precondition(v.z[self._kept])
+        beta = -zs / self._energy if self._energy > 0.0 else 0.0
+        self._energy = zw + beta * zs
+        if not self._energy > 0.0:
             return False
-        made = self._problem.precondition()
-        beta, alpha = krylov.turn(v, *made)
-        if not v.scalars[1] > 0.0:
-            return False
-        if int(v.scalars[0]) == len(v.z):
+        alpha = zr / self._energy
+        self._on_p *= beta
+        self._on_p[self._kept] = 1.0
+        self._on_x += alpha * self._on_p
+        self._kept += 1
+
+        def move() -> float:
+            """Largest move of a voltage in this step."""
+            return float(abs(alpha) * one * krylov.largest_step(v.z[: self._kept], self._on_p, v.p))
+
+        self._stop.moved(alpha * zr * one * one, move)
+        if self._kept == len(v.z):
             self._gather(x, one)
-        squares = sum(self._each(partial(krylov.advance, v.inverse, v.w, v.s, v.r, self._problem.relaxed, beta, alpha)))
-        krylov.arrive(v, math.sqrt(squares) / lift, alpha, made[0])
+        squares = self._each(
+            partial(krylov.advance, v.inverse, v.w, v.s, v.r, problem.relaxed(v.z[self._kept]), beta, alpha)
+        )
+        self.left = math.sqrt(sum(squares)) / problem.lift
         return True
-
-
-def _vectors(inverse: NDArray[np.float32], depth: int) -> Vectors:
-    slots = len(inverse)
-    r, s, w = np.zeros((3, slots), dtype=np.float32)
-    z, (on_x, on_p) = np.empty((depth, slots), dtype=np.float32), np.zeros((2, depth + 1))
-    on_p[-1] = 1.0
-    return Vectors(inverse, r, s, w, z, np.zeros(slots), on_x, on_p, np.zeros(6))
-
-
-def _move(v: Vectors, length: float) -> float:
-    """Largest move of a voltage in a step of this length."""
-    return float(length * krylov.largest_step(v.kept, v.on_p, v.p))
 
 
 def matrix_rows(

@@ -20,18 +20,12 @@ Singles = NDArray[np.float32]
 Indices = NDArray[np.int32]
 Unsigned = NDArray[np.uint32]
 
-BURST = 1e-5
-"""Gain of a burst from its largest residual on: vectors in single precision allow no more."""
-
 
 class Vectors(NamedTuple):
-    """The vectors of a burst: its residual has the norm ``lift`` when it begins.
+    """The vectors of the iteration.
 
     `inverse` (slots,): of the diagonal; `r, s, w` (slots,): residual, ``A p`` and ``A z``; `z` (depth, slots):
-    preconditioned residuals that are not yet part of the answer; `p` (slots,): direction before them; `on_x, on_p`
-    (depth + 1,): their shares in the answer and in the direction, and, last, those of ``p``; `scalars` (6,): number of
-    the ``z``; ``p . A p``; norms of the residual, now and at most, in units of what the burst began with; the last
-    step's length, and ``z . r`` times that.
+    preconditioned residuals that are not yet part of the answer; `p` (slots,): direction before them.
     """
 
     inverse: Singles
@@ -40,20 +34,13 @@ class Vectors(NamedTuple):
     w: Singles
     z: Singles
     p: Floats
-    on_x: Floats
-    on_p: Floats
-    scalars: Floats
 
-    @property
-    def next(self) -> Singles:
-        """Where the next of the ``z`` stands."""
-        stands: Singles = self.z[int(self.scalars[0])]
-        return stands
 
-    @property
-    def kept(self) -> Singles:
-        """Those before it, shape (steps, slots)."""
-        return self.z[: int(self.scalars[0])]
+def vectors_over(inverse: Singles, depth: int) -> Vectors:
+    """Vectors at rest."""
+    slots = len(inverse)
+    r, s, w = np.zeros((3, slots), dtype=np.float32)
+    return Vectors(inverse, r, s, w, np.empty((depth, slots), dtype=np.float32), np.zeros(slots))
 
 
 @kernel
@@ -108,41 +95,6 @@ def begin_burst(inverse: Singles, r: Singles, z: Singles, one: float, residual: 
     for k in range(begin, end):
         r[k] = residual[k] / one
         z[k] = inverse[k] * r[k]
-
-
-def turn(v: Vectors, zr: float, zw: float, zs: float) -> tuple[float, float]:
-    """Note the next direction, ``p = z + beta p``, and the step along it; returns ``beta, alpha``.
-
-    Where the direction has no energy, nothing is noted but that.
-    """
-    energy, count = v.scalars[1], int(v.scalars[0])
-    beta = -zs / energy if energy > 0.0 else 0.0
-    energy = zw + beta * zs
-    v.scalars[1] = energy
-    if not energy > 0.0:
-        return beta, 0.0
-    alpha = zr / energy
-    for k in range(len(v.on_p)):
-        v.on_p[k] *= beta
-    v.on_p[count] = 1.0
-    for k in range(len(v.on_p)):
-        v.on_x[k] += alpha * v.on_p[k]
-    v.scalars[0] = count + 1
-    return beta, alpha
-
-
-def arrive(v: Vectors, norm: float, alpha: float, zr: float) -> None:
-    """Note the residual's norm after a step, and how far it went."""
-    v.scalars[2] = norm
-    v.scalars[3] = max(v.scalars[3], norm)
-    v.scalars[4], v.scalars[5] = alpha, alpha * zr
-
-
-def restart(v: Vectors) -> None:
-    """Note that no step is kept."""
-    v.on_x[:], v.on_p[:] = 0.0, 0.0
-    v.on_p[-1] = 1.0
-    v.scalars[0] = 0.0
 
 
 @kernel
