@@ -32,8 +32,8 @@ from resgrid.solvers.multigrid.levels import (
     Row,
     chunks_of,
     combine,
+    copy,
     doubles,
-    keep_step,
     second_step,
     singles,
     take_step,
@@ -129,7 +129,7 @@ def _run_within(
             if on_graphs is not None:
                 done = _visit_graph(graphs, (b, x, work.c, work.v, work.w), level - count, visit, enough)
         elif on_grids is not None:
-            done = visit_grid(on_grids[0], on_grids[1], level + 1, visit, enough)
+            done = _visit_grid(on_grids[0], on_grids[1], level + 1, visit, enough)
         visits[level] = 0 if done else visits[level] + 1
         level += -1 if done else 1
     restore_subnormals(flags)
@@ -143,14 +143,24 @@ def _visit_graph(
     graphs: Graphs, vectors: tuple[Singles, Singles, Singles, Singles, Singles], level: int,
     visit: tuple[int, Floats], stop: float,
 ) -> bool:  # fmt: skip
-    """As `visit_grid`, of a graph; ``vectors``: as of `Work`, from the first node on."""
+    """As `_visit_grid`, of a graph; ``vectors``: as of `Work`, from the first node on."""
     b, x, c, v, w = vectors
     if visit[0] > 0:
         a, e = graphs.first[level], graphs.first[level + 1]
-        r, z, of = b[a:e], x[a:e], v[a:e]
+        r, z, first, product = b[a:e], x[a:e], c[a:e], v[a:e]
         ascend_graph(graphs, level, b, x, w)
-        products = multiply_after(graphs, level, r, z, w, of, of if visit[0] == 1 else w[a:e])
-        if _step(visit, stop, products, r, z, c[a:e], of):
+        products = multiply_after(graphs, level, r, z, w, product, product if visit[0] == 1 else w[a:e])
+        going_on, (on_c, on_z) = _step(visit, products, stop)
+        if going_on:
+            before, after, step = 0.0, 0.0, np.float32(on_c)
+            for begin in range(0, len(r), CHUNK):
+                end = min(begin + CHUNK, len(r))
+                old, new = take_step(r, product, step, begin, end)
+                copy(z, begin, end - begin, first)
+                before, after = before + old, after + new
+            going_on = after > stop * stop * before
+        if not going_on:
+            combine(z, first, np.float32(on_c), np.float32(on_z), ZERO, len(z), z)
             return True
     descend_graph(graphs, level, b, x)
     return False
@@ -158,35 +168,19 @@ def _visit_graph(
 
 @inner
 def _step(
-    visit: tuple[int, Floats], stop: float, products: tuple[float, float, float], r: Singles, z: Singles, c: Singles,
-    v: Singles,
-) -> bool:  # fmt: skip
-    """A step of the K-cycle along ``z``; returns whether it was the last one, which leaves the answer in ``z``."""
-    count, first = visit
-    if count == 1:
-        first[0], first[1] = products[0], products[1]
-        return stop == np.inf or _first_step(r, z, c, v, stop, first[0], first[1])
-    rest, product, gamma = products
-    on_c, on_z = second_step(first[0], first[1], rest, product, gamma)
-    combine(z, c, np.float32(on_c), np.float32(on_z), ZERO, len(z), z)
-    return True
+    visit: tuple[int, Floats], products: tuple[float, float, float], stop: float
+) -> tuple[bool, tuple[float, float]]:
+    """Of a K-cycle (Notay & Vassilevski 2008): whether its first step is to be taken, or else it ends, and shares.
 
-
-@inner
-def _first_step(r: Singles, z: Singles, c: Singles, v: Singles, stop: float, alpha: float, energy: float) -> bool:
-    """First step of the K-cycle along ``z``, whose product is ``v``; returns whether it suffices.
-
-    Leaves the answer in ``z``, or else the direction in ``c`` and the residual in ``r``.
+    These are what the first and the second direction have in the answer.
     """
-    if not energy > 0.0:
-        return True
-    step, before, after = np.float32(alpha / energy), 0.0, 0.0
-    for begin in range(0, len(r), CHUNK):
-        old, new = take_step(r, v, step, begin, min(begin + CHUNK, len(r)))
-        before, after = before + old, after + new
-    enough = not after > stop * stop * before
-    keep_step(z, c, step, enough, ZERO, len(z))
-    return enough
+    (count, first), (rest, product, gamma) = visit, products
+    if count > 1:
+        return False, second_step(first[0], first[1], rest, product, gamma)
+    first[0], first[1] = rest, product
+    if product > 0.0 and stop < np.inf:
+        return True, (rest / product, 0.0)
+    return False, (0.0, 1.0)
 
 
 @inner
@@ -268,29 +262,22 @@ def _sweep_slab(level: Row, kind: int, visit: int, part: int) -> None:
 
 
 @inner
-def visit_grid(table: Table, state: Integers, number: int, visit: tuple[int, Floats], stop: float) -> bool:
+def _visit_grid(table: Table, state: Integers, number: int, visit: tuple[int, Floats], stop: float) -> bool:
     """Come to a grid for the first, second or third time; returns whether it is solved, or the next level is due.
 
     Coming from above, red nodes are eliminated; from below, the next level's answer is a direction; each time the level
     is relaxed from zero, and the residual summed into the next level.
     """
-    (count, first), solved, kind = visit, False, _ELIMINATE
+    count, kind = visit[0], _ELIMINATE
     if count > 0:
-        rest, product, gamma = finish_grid(table, state, number, count)
-        solved, shares = True, (0.0, 1.0)
-        if count > 1:
-            shares = second_step(first[0], first[1], rest, product, gamma)
-        else:
-            first[0], first[1] = rest, product
-            if product > 0.0 and stop < np.inf:
-                solved, kind, shares = False, _TAKE, (rest / product, 0.0)
-        noted = doubles(table[number].shares, 2)
-        noted[0], noted[1] = shares
-    if not solved:
+        products, shares = finish_grid(table, state, number, count), doubles(table[number].shares, 2)
+        going_on, (shares[0], shares[1]) = _step(visit, products, stop)
+        kind = _TAKE if going_on else _PUT_BACK
+    if kind != _PUT_BACK:
         before, after, _ = _sweep(table, state, kind, number, count)
-        solved = kind == _TAKE and not after > stop * stop * before
-    _sweep(table, state, _PUT_BACK if solved else _RESTRICT, number, count)
-    return solved
+        kind = _PUT_BACK if kind == _TAKE and not after > stop * stop * before else _RESTRICT
+    _sweep(table, state, kind, number, count)
+    return kind == _PUT_BACK
 
 
 @inner

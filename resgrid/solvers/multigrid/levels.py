@@ -170,15 +170,12 @@ def take_step(r: Singles, v: Singles, step: np.float32, begin: int, end: int) ->
 
 
 @inner_fast
-def keep_step(z: Singles, c: Singles, step: np.float32, enough: bool, begin: int, end: int) -> None:
-    """Where the first step is enough, ``z = step z``, the answer; else ``c = z``, its direction; on some slots."""
+def copy(values: Singles, begin: int, count: int, there: Singles) -> None:
+    """Copy some slots."""
     at = np.uint64(begin)
-    for i in range(end - begin):
+    for i in range(count):
         k = at + np.uint64(i)
-        if enough:
-            z[k] = step * z[k]
-        else:
-            c[k] = z[k]
+        there[k] = values[k]
 
 
 @inner

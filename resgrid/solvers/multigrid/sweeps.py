@@ -15,6 +15,7 @@ from resgrid.solvers.multigrid.levels import (
     Row,
     chunks_of,
     combine,
+    copy,
     doubles,
     draw_into,
     extent,
@@ -203,7 +204,7 @@ def finish(level: Row, slab: Slab, own: Singles, product: Singles, stages: tuple
                 draw_into(level, BLACK, window.red, window.at[0], block, total, ZERO)
                 relax(black_inverse, r, at, count, total, own)
                 if apart and slab.first <= block < slab.last:
-                    _copy(own, at, count, z)
+                    copy(own, at, count, z)
         if multiplying and lead_second <= step - led:
             lead(level, other, slab, own, step - led)
             block = step - led - ahead
@@ -248,14 +249,6 @@ def multiply_couplings(level: Row, product: Singles) -> float:
 
 
 @inner_fast
-def _copy(values: Singles, begin: int, count: int, there: Singles) -> None:
-    at = np.uint64(begin)
-    for i in range(count):
-        k = at + np.uint64(i)
-        there[k] = values[k]
-
-
-@inner_fast
 def _multiply(
     degree: Reals, z: Singles, r: Singles, s: Singles, begin: int, count: int, total: Reals, w: Singles
 ) -> tuple[float, float, float]:
@@ -283,7 +276,7 @@ def take(level: Row, part: int) -> None:
         begin, end = chunk * CHUNK, min(chunk * CHUNK + CHUNK, slots)
         sums[3 * chunk], sums[3 * chunk + 1] = take_step(r, s, step, begin, end)
         sums[3 * chunk + 2] = 0.0
-        _copy(z, begin, end - begin, c)
+        copy(z, begin, end - begin, c)
         _divide(inverse, r, begin, end - begin, before, begin)
 
 
@@ -317,7 +310,7 @@ def put_back(level: Row, slab: Slab, own: Singles) -> None:
             at, count = extent(level, step)
             combine(z, c, on_c, on_z, at, at + count, own)
             if apart and slab.first <= step < slab.last:
-                _copy(own, at, count, black)
+                copy(own, at, count, black)
         block = step - ahead
         if block >= slab.first:
             at, count = extent(level, block)
