@@ -154,22 +154,15 @@ def add_conductances(pairs: Indices, conductance: Floats, row: Indices, degree: 
 
 
 @kernel
-def count_neighbours(
-    pairs: Indices, conductance: Floats, row: Indices, neighbours: NDArray[np.uint8]
-) -> tuple[int, float, float, float]:
-    """Count the neighbours of every row up to three.
-
-    Returns how many conductances there are between rows, their smallest, their largest and their sum.
-    """
+def count_edges(pairs: Indices, conductance: Floats, row: Indices) -> tuple[int, float, float, float]:
+    """How many conductances there are between rows, their smallest, their largest and their sum."""
     count, smallest, largest, total = 0, np.inf, 0.0, 0.0
     for k in range(len(pairs)):
         i, j = row[pairs[k, 0]], row[pairs[k, 1]]
-        if i < 0 or j < 0 or i == j:
-            continue
-        count += 1
-        g = conductance[k]
-        smallest, largest, total = min(smallest, g), max(largest, g), total + g
-        neighbours[i], neighbours[j] = min(neighbours[i] + 1, 3), min(neighbours[j] + 1, 3)
+        if i >= 0 and j >= 0 and i != j:
+            count += 1
+            g = conductance[k]
+            smallest, largest, total = min(smallest, g), max(largest, g), total + g
     return count, smallest, largest, total
 
 
