@@ -178,8 +178,8 @@ class Laplacian:
 
     `ground` (n,): conductance from every row to nodes of known voltage, in siemens; `listed, compressed`: its edges,
     as a list, as rows, or both (`with_rows`); `grid`: where the vertices of the list lie (without one, the rows), if
-    they are a grid's; `dimensions`: those that the graph fills: of its grid; 2 for others; `rails`: how `ground` divides
-    between two rails, where there are just two and nothing else drives.
+    they are a grid's; `dimensions`: those that the graph fills: of its grid; 2 for others; `rails`: how `ground`
+    divides between two rails, where there are just two and nothing else drives.
     """
 
     ground: NDArray[np.float64]
