@@ -297,7 +297,7 @@ def factor_in_order(symbolic: Symbolic) -> SupernodalFactors:
         after=np.empty(count, dtype=np.int32),
         place=np.empty(n, dtype=np.int32),
         column=np.empty(_longest(symbolic)),
-        weight=np.empty((widest, 4)),
+        weight=np.empty(widest),
     )
     matrix, pattern, nodes = symbolic.reduced.left, symbolic.pattern, symbolic.nodes
     in_range = bool(np.all(np.isfinite(symbolic.reduced.pivot)))
