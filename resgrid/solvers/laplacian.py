@@ -195,18 +195,15 @@ class Laplacian:
         return len(self.ground)
 
     def as_rows(self, *, ordered: bool = True) -> Rows:
-        """The edges as rows, sorted unless any order does: on a general graph sorting is half of the work.
-
-        Those that somebody else reads are not sorted under his hands.
-        """
-        from resgrid.solvers.row_kernels import sort_rows
+        """The edges as rows, sorted unless any order does."""
+        from resgrid.solvers.row_kernels import transpose
 
         rows = self.compressed or _compress(self.listed, self.size)
         if rows.ordered or not ordered:
             return rows
-        rows = Rows(rows.indptr, rows.indices.copy(), rows.data.copy(), ordered=True)
-        sort_rows(rows.indptr, rows.indices, rows.data)
-        return rows
+        columns, values = np.empty_like(rows.indices), np.empty_like(rows.data)
+        transpose(rows.indptr, rows.indices, rows.data, rows.indptr[:-1].copy(), columns, values)
+        return Rows(rows.indptr, columns, values, ordered=True)
 
     def with_rows(self, *, ordered: bool = True) -> Laplacian:
         """The same, with its rows at hand for whoever asks for them more than once."""
@@ -326,25 +323,18 @@ def count_connections(laplacian: Laplacian, team: Team = ALONE) -> Connections:
     On a grid the resistors are counted one by one, so that no compressed rows are needed; there only the two across
     a ring of two cells are parallel.
     """
-    from resgrid.solvers import row_kernels as kernels
+    from resgrid.solvers.row_kernels import weak_pairs
 
-    listed, grid = laplacian.listed, laplacian.grid
-    if listed is not None and grid is not None and grid.simple:
-        inner, smallest, largest, half = _count_edges(listed, team)
-        some = smallest < WEAK * largest
-        weak = kernels.weak_pairs(*listed, laplacian.size, WEAK) / inner if some else 0.0
-        entries, total = 2 * inner, 2.0 * half
-    else:
-        rows = laplacian.as_rows(ordered=False)
-        entries = len(rows.indices)
-        weak = kernels.weak_share(rows.indptr, rows.indices, rows.data, WEAK)
-        smallest, largest = rows.data.min(initial=np.inf), rows.data.max(initial=0.0)
-        total = rows.data.sum()
+    edges, grid, n = laplacian.listed, laplacian.grid, laplacian.size
+    if edges is None or grid is None or not grid.simple:
+        edges = EdgeList(*laplacian.as_rows(ordered=False).pairs, np.arange(n, dtype=np.int32))
+    inner, smallest, largest, total = _count_edges(edges, team)
+    weak = weak_pairs(*edges, n, WEAK) / inner if smallest < WEAK * largest else 0.0
     present = laplacian.ground[laplacian.ground > 0]
     return Connections(
-        entries=entries,
+        entries=2 * inner,
         weak=float(weak),
-        mean=float(total) / entries if entries else 0.0,
+        mean=float(total) / inner if inner else 0.0,
         smallest=float(min(smallest, present.min(initial=np.inf))),
         largest=float(max(largest, present.max(initial=0.0))),
     )
@@ -356,5 +346,5 @@ def _count_edges(listed: EdgeList, team: Team) -> tuple[int, float, float, float
 
     ends, conductance, row = listed
     found = team.over(len(conductance), lambda some: count_edges(ends[some], conductance[some], row))
-    inner, smallest, largest, half = zip(*found or [(0, np.inf, 0.0, 0.0)], strict=True)
-    return sum(inner), min(smallest), max(largest), sum(half)
+    inner, smallest, largest, total = zip(*found or [(0, np.inf, 0.0, 0.0)], strict=True)
+    return sum(inner), min(smallest), max(largest), sum(total)
