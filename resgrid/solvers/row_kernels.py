@@ -76,7 +76,9 @@ def _unite(indptr: Indices, indices: Indices, data: Floats, place: Indices) -> N
 
 
 @kernel
-def transpose(indptr: Indices, indices: Indices, data: Floats, place: Indices, columns: Indices, values: Floats) -> None:
+def transpose(
+    indptr: Indices, indices: Indices, data: Floats, place: Indices, columns: Indices, values: Floats
+) -> None:
     """Transpose a structurally symmetric matrix: the same one, if it is symmetric, with every row sorted by column.
 
     Shapes: `indices, data, columns, values` (entries,); `place` (n,): where every row begins; is moved on.

@@ -23,7 +23,6 @@ from resgrid.solvers.laplacian import MOST_NUMBERED, Conductances, Laplacian
 from resgrid.solvers.refine import Numbers
 
 if TYPE_CHECKING:
-    from resgrid.solvers.minimum_degree_kernels import Quotient
     from resgrid.solvers.supernodal_kernels import Supernodes
     from resgrid.solvers.symbolic_kernels import Pattern
 
@@ -173,35 +172,17 @@ def order_by_degree(laplacian: Laplacian, most: float = np.inf) -> Symbolic | No
 
     None for more than ``most`` entries of the factors, or more of their rows than can be numbered.
     """
-    from resgrid.solvers.minimum_degree_kernels import minimum_degree
+    from resgrid.solvers.ordering_kernels import minimum_degree, quotient_graph
 
     reduced = _reduce_odd_even(laplacian)
     if reduced is None:
         return None
     n, indptr = reduced.size, reduced.left.indptr
-    room = int(indptr[-1]) + 2 * n
-    if room > MOST_NUMBERED:
-        return None
-    quotient = quotient_graph(indptr, reduced.left.indices[: indptr[-1]], room)
+    quotient = quotient_graph(indptr, reduced.left.indices[: indptr[-1]])
     step = np.empty(n, dtype=np.int32)
-    if not minimum_degree(quotient, max(16, int(_DENSE * np.sqrt(n))), float(most), step):
+    if not minimum_degree(quotient, max(16, int(_DENSE * np.sqrt(n))), float(most), MOST_NUMBERED, step):
         return None
     return _analyse(reduced, np.argsort(step, kind="stable").astype(np.int32), most)
-
-
-def quotient_graph(indptr: NDArray[np.int32], indices: NDArray[np.int32], room: int) -> Quotient:
-    """The quotient graph before elimination, of a graph of rows `indptr` (n + 1,); with room for members (room,)."""
-    from resgrid.solvers.minimum_degree_kernels import Quotient
-
-    n = len(indptr) - 1
-    none, zero = np.full((7, n), -1, dtype=np.int32), np.zeros((7, n), dtype=np.int32)
-    elements, first, last, degree, outside, key, mark = zero
-    into, stamp, head, after, before, bucket, chain = none
-    length, weight, members = np.diff(indptr), np.ones(n, dtype=np.int32), np.empty(room, dtype=np.int32)
-    return Quotient(
-        indptr, indices.copy(), elements, length, weight, into, members, first, last, degree, outside, stamp, head,
-        after, before, bucket, chain, key, mark,
-    )  # fmt: skip
 
 
 def _reduce_odd_even(laplacian: Laplacian) -> OddEven | None:
@@ -210,7 +191,7 @@ def _reduce_odd_even(laplacian: Laplacian) -> OddEven | None:
     None where what is left may have more entries than can be numbered.
     """
     from resgrid.solvers import symbolic_kernels as kernels
-    from resgrid.solvers.numbering_kernels import breadth_first
+    from resgrid.solvers.ordering_kernels import breadth_first
 
     tied = laplacian.ground if laplacian.rails is None else laplacian.rails.to_low
     whole, n = laplacian.conductances, laplacian.size

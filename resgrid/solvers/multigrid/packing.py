@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.jit import inner, kernel
-from resgrid.solvers import numbering_kernels as numbering
+from resgrid.solvers import ordering_kernels as ordering
 from resgrid.solvers.multigrid.graph_sweeps import Graphs
 from resgrid.solvers.multigrid.graphs import Graph, coarsen_down
 from resgrid.solvers.multigrid.levels import Grids, Levels, Work
@@ -37,9 +37,9 @@ _ONE = np.uint64(1)
 def pack_netlist(graph: Graph) -> tuple[Levels, NDArray[np.int32]]:
     """Coarsen a graph that is no grid, and lay out its levels; returns where every node stands, shape (n,)."""
     rows, order = (graph.indptr, graph.indices, graph.conductance, graph.leak), None
-    if graph.size >= _LARGE and numbering.far_share(*rows[:2]) > _FAR:
-        order = numbering.breadth_first(*rows[:2], 0)
-        graph = Graph(*numbering.renumber(*rows, order))
+    if graph.size >= _LARGE and ordering.far_share(*rows[:2]) > _FAR:
+        order = ordering.breadth_first(*rows[:2], 0)
+        graph = Graph(*ordering.renumber(*rows, order))
     graphs, rank = pack_graphs(*coarsen_down(graph))
     if order is not None:
         rank = rank[inverse_of(order)]
