@@ -180,12 +180,13 @@ def columns_of(factors: SupernodalFactors) -> tuple[NDArray[np.int64], Columns]:
     from resgrid.solvers.column_kernels import Columns
 
     symbolic, nodes = factors.symbolic, factors.symbolic.nodes
-    reduced, pattern = symbolic.reduced, symbolic.pattern
-    gone, kept = np.flatnonzero(reduced.number < 0), np.flatnonzero(reduced.number >= 0)
-    rows_gone = sparse.csr_array(reduced.whole[2::-1], shape=(len(reduced.number),) * 2)[gone]
+    reduced, place = symbolic.reduced, symbolic.place
+    order = np.argsort(place, kind="stable")
+    gone = order[: len(place) - reduced.size]
+    rows_gone = sparse.csr_array(reduced.whole[2::-1], shape=(len(place),) * 2)[gone]
     degree, pivot = np.diff(rows_gone.indptr), reduced.pivot[gone]
-    ranks = pattern.rank[reduced.number[rows_gone.indices]]
-    rows_gone = sparse.csr_array((rows_gone.data, ranks, rows_gone.indptr), shape=(len(gone), max(reduced.size, 1)))
+    entries = (rows_gone.data, place[rows_gone.indices], rows_gone.indptr)
+    rows_gone = sparse.csr_array(entries, shape=(len(gone), max(reduced.size, 1)))
     rows_gone.sort_indices()
     node = np.repeat(np.arange(len(symbolic.widths)), symbolic.widths)
     behind = np.arange(reduced.size) - nodes.first[node] + 1
@@ -201,5 +202,4 @@ def columns_of(factors: SupernodalFactors) -> tuple[NDArray[np.int64], Columns]:
     rows[starts[:-1]] = np.arange(len(starts) - 1)
     rows[off] = len(gone) + np.append(rows_gone.indices, row)
     weight[off] = np.append(rows_gone.data / np.repeat(pivot, degree), factors.values[np.repeat(at, below) + each])
-    order = np.append(gone, kept[np.argsort(pattern.rank[reduced.number[kept]])])
     return order, Columns(starts, rows, weight, np.append(pivot, factors.pivot))

@@ -57,22 +57,6 @@ class OddEven:
         """Number of rows kept."""
         return len(self.left.ground)
 
-    def feed_kept(self, m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
-        """What is fed into the rows kept, (kept,), of what is fed into all, (n,), in scaled numbers."""
-        from resgrid.solvers import symbolic_kernels as kernels
-
-        kept = np.empty(self.size), np.empty(self.size, dtype=np.int64)
-        kernels.feed_kept(self.whole, self.number, self.pivot, m, e, *kept)
-        return kept
-
-    def put_back(self, kept: Numbers, m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
-        """All voltages, (n,), from those of the rows kept and from what is fed into all."""
-        from resgrid.solvers import symbolic_kernels as kernels
-
-        solution = m.copy(), e.copy()
-        kernels.put_back(self.whole, self.number, self.pivot, *kept, *solution)
-        return solution
-
 
 @dataclass(frozen=True, eq=False)
 class Symbolic:
@@ -115,6 +99,12 @@ class Symbolic:
         """Peak memory of a solution in this order, in bytes, about."""
         return 8.0 * (self.entries + len(self.nodes.rows)) + ON_ROWS * len(self.reduced.number)
 
+    @property
+    def place(self) -> NDArray[np.int32]:
+        """Where every row that is kept stands in the order, (n,); -1 for the others."""
+        number = self.reduced.number
+        return np.where(number >= 0, np.append(self.pattern.rank, -1)[number], -1).astype(np.int32)
+
 
 @dataclass(frozen=True, eq=False)
 class SupernodalFactors:
@@ -129,13 +119,15 @@ class SupernodalFactors:
 
     def substitute(self, m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
         """Both substitutions, in scaled numbers; ``m`` and ``e``, shape (n,), stay as they are."""
-        from resgrid.solvers.supernodal_kernels import substitute
+        from resgrid.solvers.supernodal_kernels import Reduced, substitute
 
-        reduced, pattern, nodes = self.symbolic.reduced, self.symbolic.pattern, self.symbolic.nodes
-        kept, scale = reduced.feed_kept(m, e)
-        kept, scale = kept[pattern.order], scale[pattern.order]
-        substitute(nodes, self.values, self.pivot, kept, scale, np.empty(_longest(self.symbolic)))
-        return reduced.put_back((kept[pattern.rank], scale[pattern.rank]), m, e)
+        symbolic, x = self.symbolic, (m.copy(), e.copy())
+        reduced, size = symbolic.reduced, symbolic.reduced.size
+        kept = np.empty(size), np.empty(size, dtype=np.int64)
+        where = Reduced(symbolic.place, reduced.pivot)
+        column = np.empty(_longest(symbolic))
+        substitute(reduced.whole, where, symbolic.nodes, self.values, self.pivot, *x, *kept, column)
+        return x
 
     def solve(self, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
         """Solve for doubles, shape (n,); entry by entry right where none of them is negative."""

@@ -42,6 +42,17 @@ class Supernodes(NamedTuple):
     offset: Integers
 
 
+class Reduced(NamedTuple):
+    """Where odd-even reduction has left every row.
+
+    `place` (n,): of a row that is kept in the order of elimination; -1 for the others; `pivot` (n,): of the others, in
+    siemens.
+    """
+
+    place: Indices
+    pivot: Floats
+
+
 class Entries(NamedTuple):
     """The entries of the factors; a share is that of a conductance in its pivot.
 
@@ -221,22 +232,58 @@ def _add_columns(
 
 
 @kernel
-def substitute(nodes: Supernodes, values: Floats, pivot: Floats, m: Floats, e: Integers, column: Floats) -> None:
-    """Solve ``L D L^T x = b`` in place, in scaled numbers.
+def substitute(
+    whole: Conductances, reduced: Reduced, nodes: Supernodes, values: Floats, pivot: Floats, m: Floats, e: Integers,
+    kept_m: Floats, kept_e: Integers, column: Floats,
+) -> None:  # fmt: skip
+    """Solve for all rows in place, in scaled numbers: reduce, ``L D L^T x = b`` for the rows kept, put the others back.
 
     Within a supernode numbers have one exponent in common, the largest; where a sum leaves the range of doubles so, the
     supernode is gone through again number by number.
 
-    Shapes: `m, e` (n,).
+    Shapes: `m, e` (n,); `kept_m, kept_e` (kept,) and `column` (longest supernode,): room.
     """
-    for i in range(len(m)):
-        m[i], e[i] = _canonical(m[i], e[i])
+    _feed_kept(whole, reduced, m, e, kept_m, kept_e)
     for node in range(len(nodes.first) - 1):
-        _forward(nodes, values, m, e, column, node)
-    for k in range(len(m)):
-        m[k], e[k] = _canonical(m[k] / pivot[k], e[k])
+        _forward(nodes, values, kept_m, kept_e, column, node)
+    for k in range(len(kept_m)):
+        kept_m[k], kept_e[k] = _canonical(kept_m[k] / pivot[k], kept_e[k])
     for node in range(len(nodes.first) - 2, -1, -1):
-        _backward(nodes, values, m, e, column, node)
+        _backward(nodes, values, kept_m, kept_e, column, node)
+    _put_back(whole, reduced, kept_m, kept_e, m, e)
+
+
+@inlined
+def _feed_kept(whole: Conductances, reduced: Reduced, m: Floats, e: Integers, kept_m: Floats, kept_e: Integers) -> None:
+    """What is fed into the rows kept once the others are eliminated, ``b_i += g_ik b_k / d_k``."""
+    place, pivot = reduced
+    for i in range(len(place)):
+        m[i], e[i] = _canonical(m[i], e[i])
+        if place[i] >= 0:
+            kept_m[place[i]], kept_e[place[i]] = m[i], e[i]
+    for i in range(len(place)):
+        if place[i] >= 0 or m[i] == 0.0:
+            continue
+        for entry in range(whole.indptr[i], whole.indptr[i + 1]):
+            k, share = place[whole.indices[entry]], whole.edges[entry] / pivot[i]
+            kept_m[k], kept_e[k] = _add_product(kept_m[k], kept_e[k], share, m[i], e[i])
+    for k in range(len(kept_m)):
+        kept_m[k], kept_e[k] = _canonical(kept_m[k], kept_e[k])
+
+
+@inlined
+def _put_back(whole: Conductances, reduced: Reduced, kept_m: Floats, kept_e: Integers, m: Floats, e: Integers) -> None:
+    """Solve for all rows from those kept, ``x_k = (b_k + sum g_ki x_i) / d_k``, in place of what is fed into them."""
+    place, pivot = reduced
+    for i in range(len(place)):
+        if place[i] >= 0:
+            m[i], e[i] = kept_m[place[i]], kept_e[place[i]]
+            continue
+        value, scale = _canonical(m[i] / pivot[i], e[i])
+        for entry in range(whole.indptr[i], whole.indptr[i + 1]):
+            k, share = place[whole.indices[entry]], whole.edges[entry] / pivot[i]
+            value, scale = _add_product(value, scale, share, kept_m[k], kept_e[k])
+        m[i], e[i] = _canonical(value, scale)
 
 
 @inlined

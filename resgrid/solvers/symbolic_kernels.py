@@ -13,11 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.jit import ZERO, inlined, inner, kernel
-from resgrid.solvers.extended_kernels import _add_product, _canonical
 from resgrid.solvers.laplacian import Conductances
 
 Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Indices = NDArray[np.int32]
 
 _MOST_NEIGHBOURS = 8
@@ -99,42 +97,6 @@ def join_kept(
                     count += 1
                 left.edges[place[column]] += share * data[other]
         left.indptr[row + 1], left.ground[row] = count, grounded
-
-
-@kernel
-def feed_kept(
-    whole: Conductances, number: Indices, pivot: Floats, m: Floats, e: Integers, kept_m: Floats, kept_e: Integers
-) -> None:
-    """What is fed into the rows kept once the others are eliminated, ``b_i += g_ik b_k / d_k``, in scaled numbers."""
-    indptr, indices, data, _ = whole
-    for i in range(len(number)):
-        if number[i] >= 0:
-            kept_m[number[i]], kept_e[number[i]] = _canonical(m[i], e[i])
-    for i in range(len(number)):
-        if number[i] >= 0 or m[i] == 0.0:
-            continue
-        value, scale = _canonical(m[i], e[i])
-        for entry in range(indptr[i], indptr[i + 1]):
-            k = number[indices[entry]]
-            kept_m[k], kept_e[k] = _add_product(kept_m[k], kept_e[k], data[entry] / pivot[i], value, scale)
-
-
-@kernel
-def put_back(
-    whole: Conductances, number: Indices, pivot: Floats, kept_m: Floats, kept_e: Integers, m: Floats, e: Integers
-) -> None:
-    """Solve for all rows from those kept, ``x_k = (b_k + sum g_ki x_i) / d_k``, in place of what is fed into them."""
-    indptr, indices, data, _ = whole
-    for i in range(len(number)):
-        if number[i] >= 0:
-            m[i], e[i] = kept_m[number[i]], kept_e[number[i]]
-            continue
-        value, scale = _canonical(m[i], e[i])
-        value, scale = _canonical(value / pivot[i], scale)
-        for entry in range(indptr[i], indptr[i + 1]):
-            k = number[indices[entry]]
-            value, scale = _add_product(value, scale, data[entry] / pivot[i], kept_m[k], kept_e[k])
-        m[i], e[i] = _canonical(value, scale)
 
 
 @kernel
