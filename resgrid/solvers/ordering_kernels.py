@@ -152,7 +152,7 @@ def minimum_degree(q: Quotient, dense: int, most: float, most_members: int, step
         _unlink(q, p)
         if size + n > most_members:
             return False
-        members = _with_room(members, size, n)
+        members = with_room(members, size, n)
         begin, end = size, _gather(q, members, p, size)
         left -= q.weight[p]
         total = _weigh(q, members, begin, end, k)
@@ -205,13 +205,13 @@ def _unlink(q: Quotient, i: int) -> None:
 
 
 @inlined
-def _with_room(members: Indices, size: int, more: int) -> Indices:
-    """Members with room for so many more behind them."""
-    if size + more <= len(members):
-        return members
-    longer = np.empty(2 * len(members) + more, np.int32)
-    for r in range(size):
-        longer[r] = members[r]
+def with_room(numbers: Indices, size: int, more: int) -> Indices:
+    """A list of so many numbers, with room for more behind them."""
+    if size + more <= len(numbers):
+        return numbers
+    longer = np.empty(2 * len(numbers) + more, np.int32)
+    for k in range(size):
+        longer[k] = numbers[k]
     return longer
 
 

@@ -44,18 +44,19 @@ class OddEven:
     """A matrix of which every other layer of rows has been eliminated: of a grid, the cells of one colour.
 
     `whole`: all rows (n,); `left`: the rows kept (kept,), entries in any order; `number` (n,): of the rows kept; -1 for
-    the others; `pivot` (n,): of the rows eliminated, in siemens; 0 for the others.
+    the others; `kept` (kept,): which they are; `pivot` (n,): of the rows eliminated, in siemens; 0 for the others.
     """
 
     whole: Conductances
     left: Conductances
     number: NDArray[np.int32]
+    kept: NDArray[np.int32]
     pivot: NDArray[np.float64]
 
     @property
     def size(self) -> int:
         """Number of rows kept."""
-        return len(self.left.ground)
+        return len(self.kept)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +93,7 @@ class Symbolic:
 
     def of(self, matrix: Conductances) -> Symbolic:
         """The same order for other conductances between the same rows."""
-        return replace(self, reduced=_joined(matrix, self.reduced.number))
+        return replace(self, reduced=_joined(matrix, self.reduced.number, self.reduced.kept))
 
     @property
     def memory(self) -> float:
@@ -188,9 +189,9 @@ def _reduce_odd_even(laplacian: Laplacian) -> OddEven | None:
     tied = laplacian.ground if laplacian.rails is None else laplacian.rails.to_low
     whole, n = laplacian.conductances, laplacian.size
     order = np.ascontiguousarray(breadth_first(whole.indptr, whole.indices, int(np.argmax(tied)))[::-1])
-    number = np.empty(n, dtype=np.int32)
-    kernels.number_kept(whole.indptr, whole.indices, order, number, _none(n))
-    return _joined(whole, number) if _most_entries(whole, number) <= MOST_NUMBERED else None
+    number, kept = np.empty((2, n), dtype=np.int32)
+    kept = kept[: kernels.number_kept(whole.indptr, whole.indices, order, number, kept, _none(n))].copy()
+    return _joined(whole, number, kept) if _most_entries(whole, number) <= MOST_NUMBERED else None
 
 
 def _most_entries(whole: Conductances, number: NDArray[np.int32]) -> int:
@@ -199,18 +200,17 @@ def _most_entries(whole: Conductances, number: NDArray[np.int32]) -> int:
     return len(whole.indices) + int(np.sum(degree * (degree - 3)))
 
 
-def _joined(whole: Conductances, number: NDArray[np.int32]) -> OddEven:
+def _joined(whole: Conductances, number: NDArray[np.int32], kept: NDArray[np.int32]) -> OddEven:
     """Eliminate the rows that are not numbered, (n,)."""
     from resgrid.solvers.symbolic_kernels import join_kept
 
-    kept = np.argsort(number, kind="stable")[np.count_nonzero(number < 0) :].astype(np.int32)
     size, most = len(kept), _most_entries(whole, number)
     left = Conductances(
         np.empty(size + 1, dtype=np.int32), np.empty(most, dtype=np.int32), np.empty(most), np.empty(size)
     )
     pivot = np.zeros(len(number))
     join_kept(whole, number, kept, pivot, left, _none(size))
-    return OddEven(whole, left, number, pivot)
+    return OddEven(whole, left, number, kept, pivot)
 
 
 def _none(n: int) -> NDArray[np.int32]:
@@ -231,14 +231,8 @@ def _analyse(reduced: OddEven, order: NDArray[np.int32], most: float) -> Symboli
     pattern = kernels.Pattern(indptr, indices, order, rank)
     kernels.postorder(pattern, order.copy(), parent, _none(size), np.empty(size, dtype=np.int32))
     first, start = np.empty((2, size + 1), dtype=np.int32)
-    most_rows = MOST_NUMBERED - 2 * size
-    room, count = min(8 * size, most_rows), -2
-    while count == -2:
-        rows = np.empty(room + 2 * size, dtype=np.int32)
-        count = kernels.list_supernodes(pattern, float(most), first, start, rows, *(_none(size) for _ in range(3)))
-        if room == most_rows:
-            break
-        room = min(4 * room, most_rows)
+    limits, work = (float(most), MOST_NUMBERED), (_none(size) for _ in range(3))
+    count, rows = kernels.list_supernodes(pattern, *limits, first, start, *work)
     if count < 0:
         return None
     first, start = first[: count + 1].copy(), start[: count + 1].copy()
