@@ -1,7 +1,7 @@
 """Currents that obey Kirchhoff's current law at every node, where differences of its voltages do not tell them.
 
 Stiff ties to a rail, flat dead ends, balanced loops: what flows there is some 1e-16 of what the voltages are, or less.
-The state is the fall across every resistor; it is corrected by differences (`resgrid.solvers.simplicial`) until all
+The state is the fall across every resistor; it is corrected by differences (`resgrid.solvers.differences`) until all
 currents balance at every node, each node by its own.
 """
 
@@ -17,8 +17,8 @@ from scipy.sparse.csgraph import connected_components
 from resgrid.circuit.equations import Equations
 from resgrid.errors import BudgetError
 from resgrid.solvers.choose import factor_laplacian
+from resgrid.solvers.differences import differences
 from resgrid.solvers.factors.direct import DirectFactor
-from resgrid.solvers.simplicial import differences
 
 _MOST_TIES = 2e7
 """Rows times rails that are kept apart."""

@@ -20,7 +20,7 @@ from resgrid.solvers.laplacian import EdgeList, Laplacian
 from resgrid.solvers.multigrid.grid_level import lay_out
 from resgrid.solvers.multigrid.lattice import Lattice
 from resgrid.solvers.petsc_worker import local_rows, neighbours, rows_of
-from resgrid.solvers.simplicial import positive_inverse_diagonal
+from resgrid.solvers.selected_inverse import positive_inverse_diagonal
 from resgrid.solvers.supernodal import factor_supernodes
 
 HUGE = [(2**17, 2**16), (2048, 2048, 2049), (300, 300, 300, 300)]
@@ -64,7 +64,7 @@ def test_factors_of_more_rows_than_can_be_numbered_are_refused(
 def test_the_columns_of_large_factors_are_numbered_with_64_bits(monkeypatch: pytest.MonkeyPatch) -> None:
     factors = factor_supernodes(assemble(rg.compile_space(scattered((9, 10)))).laplacian)
     expected = positive_inverse_diagonal(factors)
-    monkeypatch.setattr("resgrid.solvers.simplicial.MOST_NUMBERED", 10)
+    monkeypatch.setattr("resgrid.solvers.differences.MOST_NUMBERED", 10)
     np.testing.assert_array_equal(positive_inverse_diagonal(factors), expected)
 
 

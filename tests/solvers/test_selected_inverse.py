@@ -11,7 +11,7 @@ from hypothesis import given, settings, strategies as st
 from scipy import sparse
 
 from resgrid.solvers.laplacian import Laplacian, Rows
-from resgrid.solvers.simplicial import inverse_diagonal, positive_inverse_diagonal
+from resgrid.solvers.selected_inverse import inverse_diagonal, positive_inverse_diagonal
 from resgrid.solvers.supernodal import Symbolic, factor_supernodes, order_by_degree, order_by_distance
 
 

@@ -1,109 +1,23 @@
-"""Factors kept column by column (simplicial), and what is found column by column.
+"""Differences between rows, right where the voltages themselves differ by less than a double can tell.
 
-- *SuperLU's* (Li 2005), made by differences, for what is not positive throughout, or needs a few digits alone:
-  admittances and quadratic forms are complex, or have entries of both signs; levels scaled by a potential have ground
-  conductances of both signs; preconditioners need few digits.  All other factors are made in positive numbers alone
-  (`resgrid.solvers.supernodal`).
-- *The diagonal of an inverse*: effective resistances and impedances to the rails; exact, at about the cost of the
-  factors themselves, or estimated by products with the inverse alone.
-- *Differences between rows*, right where the voltages themselves differ by less than a double can tell.  Substitution
-  is done in differences between the rows that elimination joins, each of them a sum of products
-  (`resgrid.solvers.column_kernels.substitute_differences`): stiff ties, flat dead ends and loops keep their currents.
+Substitution is done in differences between the rows that elimination joins, each of them a sum of products
+(`resgrid.solvers.column_kernels.substitute_differences`): stiff ties, flat dead ends and loops keep their currents.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from resgrid.errors import AccuracyError
 from resgrid.solvers.laplacian import MOST_NUMBERED
 from resgrid.solvers.supernodal import SupernodalFactors
 
 if TYPE_CHECKING:
     from resgrid.solvers.column_kernels import Columns, Gaps
-
-_PANEL, _RELAXED = 3, 1
-"""Columns that are worked on together, and those of a subtree that count as one.
-
-Columns of a grid's factors are short, and few have the same rows: with SuperLU's own 20 and 10, planes and mazes take
-1.7 times as long, and volumes no less.
-"""
-
-
-def symmetric_factors(matrix: Any) -> Any:
-    """Factor a symmetric matrix, real or complex, with diagonal pivots.  Shapes: `matrix` (n, n)."""
-    from scipy.sparse.linalg import splu
-
-    try:
-        factors = splu(
-            sparse.csc_matrix(matrix),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            relax=_RELAXED,
-            panel_size=_PANEL,
-            options={"SymmetricMode": True, "Equil": False},
-        )
-    except RuntimeError as error:
-        raise AccuracyError(
-            "the matrix is singular in double precision: its conductances span too many decades for a direct solution"
-        ) from error
-    if np.any(factors.perm_r != factors.perm_c):
-        raise AccuracyError("a pivot vanished in double precision: the conductances span too many decades")
-    return factors
-
-
-def inverse_diagonal(matrix: Any) -> NDArray[Any]:
-    """All diagonal entries of the inverse of a symmetric sparse matrix, real or complex.
-
-    Shapes: `matrix` (n, n); returns (n,).
-    """
-    factors = symmetric_factors(matrix)
-    lower = factors.L
-    lower.sort_indices()
-    diagonal = np.empty(matrix.shape[0], dtype=lower.dtype)
-    order = np.argsort(factors.perm_c)
-    diagonal[order] = _diagonal(lower.indptr, lower.indices, lower.data, factors.U.diagonal())
-    return diagonal
-
-
-def positive_inverse_diagonal(factors: SupernodalFactors) -> NDArray[np.float64]:
-    """All diagonal entries of the inverse of an M-matrix, right entry by entry; shape (n,)."""
-    order, (starts, rows, weight, pivot) = columns_of(factors)
-    diagonal = np.empty(len(order))
-    diagonal[order] = _diagonal(starts, rows, -weight, pivot)
-    return diagonal
-
-
-def random_signs(size: int, samples: int, seed: int) -> NDArray[np.float64]:
-    """Vectors of random signs, shape (size, samples)."""
-    return np.asarray(np.random.default_rng(seed).integers(0, 2, (size, samples)) * 2.0 - 1.0, dtype=np.float64)
-
-
-def estimate_diagonal(
-    signs: NDArray[np.float64], products: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Estimate the diagonal of a matrix from its products with random signs (Bekas, Kokiopoulou & Saad 2007).
-
-    Shapes: `signs` (n, samples), `products` (n, samples); returns `estimate` (n,), `error` (n,).
-    """
-    each = signs * products
-    mean: NDArray[np.float64] = each.mean(axis=1)
-    error: NDArray[np.float64] = each.std(axis=1, ddof=1) / np.sqrt(each.shape[1])
-    return mean, error
-
-
-def _diagonal(starts: NDArray[Any], rows: NDArray[np.int32], lower: NDArray[Any], pivot: NDArray[Any]) -> NDArray[Any]:
-    """Diagonal of ``(L D L^T)^-1``, shape (n,), from the columns of ``L``, the diagonal entry first in each."""
-    from resgrid.solvers.column_kernels import selected_inverse
-
-    inverse = np.empty_like(lower)
-    selected_inverse(starts, rows, lower, pivot, inverse)
-    return inverse[starts[:-1]]
 
 
 @dataclass(frozen=True, eq=False)

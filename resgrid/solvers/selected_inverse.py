@@ -1,0 +1,68 @@
+"""The diagonal of an inverse: effective resistances and impedances to the rails.
+
+`inverse_diagonal` and `positive_inverse_diagonal` are exact and cost about as much as the factors themselves;
+`estimate_diagonal` needs only products with the inverse and tells how far it may be off.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.solvers.differences import columns_of
+from resgrid.solvers.superlu import symmetric_factors
+from resgrid.solvers.supernodal import SupernodalFactors
+
+Indices = NDArray[np.int32]
+Integers = NDArray[np.int64]
+
+
+def inverse_diagonal(matrix: Any) -> NDArray[Any]:
+    """All diagonal entries of the inverse of a symmetric sparse matrix, real or complex.
+
+    Shapes: `matrix` (n, n); returns (n,).
+    """
+    factors = symmetric_factors(matrix)
+    lower = factors.L
+    lower.sort_indices()
+    diagonal = np.empty(matrix.shape[0], dtype=lower.dtype)
+    order = np.argsort(factors.perm_c)
+    diagonal[order] = _diagonal(lower.indptr, lower.indices, lower.data, factors.U.diagonal())
+    return diagonal
+
+
+def positive_inverse_diagonal(factors: SupernodalFactors) -> NDArray[np.float64]:
+    """All diagonal entries of the inverse of an M-matrix, right entry by entry; shape (n,)."""
+    order, (starts, rows, weight, pivot) = columns_of(factors)
+    diagonal = np.empty(len(order))
+    diagonal[order] = _diagonal(starts, rows, -weight, pivot)
+    return diagonal
+
+
+def random_signs(size: int, samples: int, seed: int) -> NDArray[np.float64]:
+    """Vectors of random signs, shape (size, samples)."""
+    return np.asarray(np.random.default_rng(seed).integers(0, 2, (size, samples)) * 2.0 - 1.0, dtype=np.float64)
+
+
+def estimate_diagonal(
+    signs: NDArray[np.float64], products: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Estimate the diagonal of a matrix from its products with random signs (Bekas, Kokiopoulou & Saad 2007).
+
+    Shapes: `signs` (n, samples), `products` (n, samples); returns `estimate` (n,), `error` (n,).
+    """
+    each = signs * products
+    mean: NDArray[np.float64] = each.mean(axis=1)
+    error: NDArray[np.float64] = each.std(axis=1, ddof=1) / np.sqrt(each.shape[1])
+    return mean, error
+
+
+def _diagonal(starts: Indices | Integers, rows: Indices, lower: NDArray[Any], pivot: NDArray[Any]) -> NDArray[Any]:
+    """Diagonal of ``(L D L^T)^-1``, shape (n,), from the columns of ``L``, the diagonal entry first in each."""
+    from resgrid.solvers.column_kernels import selected_inverse
+
+    inverse = np.empty_like(lower)
+    selected_inverse(starts, rows, lower, pivot, inverse)
+    return inverse[starts[:-1]]
