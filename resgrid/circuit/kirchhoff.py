@@ -61,7 +61,7 @@ def balance(system: Equations) -> Falls | None:
     ties = np.zeros((system.size, len(volts)))
     np.add.at(ties, (rows[contact][~held[contact]], rail), netlist.conductance[contact])
     try:
-        factors = factor_laplacian(system.laplacian, "direct", reduce=False)
+        factors = factor_laplacian(system.laplacian, "direct")
     except BudgetError:
         return None
     assert isinstance(factors, DirectFactor)

@@ -103,13 +103,12 @@ class OperatingPoint:
     undriven : ndarray of int64
         Nodes of parts that a single rail holds and no current drives: they are flat, at that rail's voltage.
     method : str
-        How it was solved: ``"direct"``, ``"multigrid"``, ``"elimination"`` where elimination left nothing, or
-        ``"none"`` where the rails hold every node; after ``"newton, "`` with nonlinear resistors.
+        How it was solved: ``"direct"``, ``"multigrid"``, or ``"none"`` where the rails hold every node; after
+        ``"newton, "`` with nonlinear resistors.
     seconds : mapping of str to float
         Wall-clock time of each stage.
     iterations : int
-        Steps of the iterative method, all right-hand sides and passes of refinement together; 0 for the direct method
-        and for elimination.
+        Steps of the iterative method, all right-hand sides and passes of refinement together; 0 for the direct method.
     levels : tuple of str
         Which multigrid levels it ran on, in their order: ``"plain"``; ``"h-transform"`` where they were scaled for a
         potential that falls by many decades; both where it had to go on with plain ones.  Empty for other methods.

@@ -55,8 +55,7 @@ def solve(
         ``"normwise"``: only the backward error is held below ``rtol``.
     method : {"auto", "direct", "multigrid"}
         How to solve; ``"auto"`` chooses by size and shape (`resgrid.solvers.choose.choose_method`); the operating point
-        says what it chose.  Nodes with at most two neighbours are eliminated beforehand where that pays; where nothing
-        is left, as in corridors of one or two cells, the method is reported as ``"elimination"``.
+        says what it chose.
     rtol : float
         Backward error for ``"normwise"``.
     threads : int

@@ -17,7 +17,6 @@ from resgrid.solvers.factors.direct import EXACT_ROWS, factor_direct
 from resgrid.solvers.factors.factor import Factor, Residual
 from resgrid.solvers.factors.multigrid import factor_multigrid
 from resgrid.solvers.laplacian import Connections, Laplacian, count_connections
-from resgrid.solvers.star_mesh import ReducedFactor, may_shrink, shrink
 from resgrid.solvers.supernodal import ON_ROWS, Symbolic, order_by_degree, order_by_distance
 from resgrid.solvers.team import ALONE, Team
 
@@ -31,8 +30,9 @@ class Seconds(NamedTuple):
     `row, exact_row`: of factors and substitution but for their entries, and where the answer is the nearest double;
     `entry, product`: an entry of the factors, a product; `order`: an order of minimum degree; `levels`: levels,
     however few the rows, in all; `open, mazy`: directions by multigrid on a grid between rails; `decade, far_decade`:
-    for every decade that the potential falls, where an h-transform reaches and where not; `fed, fed_mazy, fed_netlist`:
-    directions where one rail is driven; `netlist, netlist_decade`: between rails off grids.
+    for every decade that the potential falls, where an h-transform reaches and where not; `fed, fed_mazy, fed_sparse,
+    fed_netlist`: directions where one rail is driven; `netlist, netlist_decade`: between rails off grids; `normwise`:
+    voltages alone in narrow corridors.
     """
 
     corridor: tuple[float, float] = (0.5e-6, 0.7e-6)
@@ -49,15 +49,20 @@ class Seconds(NamedTuple):
     far_decade: float = 0.025e-6
     fed: float = 0.5e-6
     fed_mazy: float = 0.9e-6
+    fed_sparse: float = 4e-6
     fed_netlist: float = 1.6e-6
     netlist: float = 4e-6
     netlist_decade: float = 0.04e-6
+    normwise: float = 0.45e-6
 
 
 SECONDS = Seconds()
 
 ROOM = 20.0
 """Cells across a corridor from which cycles converge as in the open."""
+
+SPARSE = 2.5
+"""Cells across corridors, chains and trees in which cycles take longest: rows have three neighbours, or fewer."""
 
 
 class Choice(NamedTuple):
@@ -83,71 +88,18 @@ _ROUGH, _ROUGH_VOLUME = 0.25, 0.5
 _LEAST_DECADES, _MOST_DECADES = 30.0, 250.0
 """By how many decades any maze's potential falls, and from how many on refinement takes too long."""
 
-_FAIR_SHARE = 0.2
-"""Share of the rows that elimination must take to be worth its way back and forth."""
-
-_LONG = 20_000
-"""Rows from which factors along corridors take half of the time of elimination."""
-
-_REDUCING = 220.0
-"""Peak memory of elimination, in bytes a row."""
-
 
 def factor_laplacian(
-    laplacian: Laplacian,
-    method: str,
-    *,
-    reduce: bool = True,
-    accuracy: str = "direction",
-    both: bool = False,
-    team: Team = ALONE,
+    laplacian: Laplacian, method: str, *, accuracy: str = "direction", both: bool = False, team: Team = ALONE
 ) -> Factor:
     """Make a system ready to be solved, on a team's threads, unless it would not fit in memory.
-
-    Nodes with at most two neighbours are eliminated first where that pays (`resgrid.solvers.star_mesh`), which it does
-    not for directions along large mazes (`resgrid.solvers.supernodal`); the method then solves what is left.  Where
-    nothing is left, the factor's name is ``"elimination"`` whatever was asked for.
 
     With an ``accuracy`` of ``"direction"`` it is made ready for answers that are right entry by entry, or for ``both``.
     """
     check_method(method)
     if laplacian.grid is None or not laplacian.grid.simple:
         laplacian = laplacian.with_rows(ordered=False)
-    found = count_connections(laplacian, team)
-    if reduce and may_shrink(laplacian, found):
-        laplacian = laplacian.with_rows()
-        long = _along_corridors(laplacian, found, method, accuracy) if laplacian.size >= _LONG else None
-        if long is not None:
-            return _factor_whole(long, accuracy, both, team)
-        _require(_REDUCING * laplacian.size, laplacian, "elimination")
-        mesh, core = shrink(laplacian)
-        if core is None:
-            return ReducedFactor(laplacian, mesh, None, _plain(laplacian, accuracy, both))
-        if mesh.count >= _FAIR_SHARE * laplacian.size:
-            choice = _choose(core, count_connections(core), method, accuracy)
-            inner = _factor_whole(choice, accuracy, both, team)
-            return ReducedFactor(laplacian, mesh, inner, _plain(laplacian, accuracy, both))
-    return _factor_whole(_choose(laplacian, found, method, accuracy), accuracy, both, team)
-
-
-def check_method(method: str) -> None:
-    """Refuse a method that is none."""
-    if method != "auto" and method not in METHODS:
-        raise InputError(f"method = {method!r} is unknown; it may be one of auto, {', '.join(METHODS)}")
-
-
-def _along_corridors(laplacian: Laplacian, found: Connections, method: str, accuracy: str) -> Choice | None:
-    """The direct method, where that takes less time than rows are eliminated and put back."""
-    if accuracy != "direction" or method == "multigrid":
-        return None
-    choice = _choose(laplacian, found, method, accuracy)
-    if choice.method != "direct":
-        return None
-    order = choice.order or order_by_distance(laplacian)
-    return None if order is None else choice._replace(order=order)
-
-
-def _factor_whole(choice: Choice, accuracy: str, both: bool, team: Team) -> Factor:
+    choice = _choose(laplacian, count_connections(laplacian, team), method, accuracy)
     laplacian = choice.laplacian
     if choice.method == "multigrid":
         fall = _fall(choice, accuracy)
@@ -156,12 +108,14 @@ def _factor_whole(choice: Choice, accuracy: str, both: bool, team: Team) -> Fact
     laplacian = laplacian.with_rows()
     order = choice.order or order_by_distance(laplacian)
     _require(order.memory if order is not None else wide_memory(laplacian), laplacian, "direct")
-    return factor_direct(laplacian, order or order_by_degree(laplacian), _plain(laplacian, accuracy, both))
+    plain = Residual.of(laplacian) if both or accuracy == "normwise" else None  # scipy takes long to import
+    return factor_direct(laplacian, order or order_by_degree(laplacian), plain)
 
 
-def _plain(laplacian: Laplacian, accuracy: str, both: bool) -> Residual | None:
-    """What normwise answers are judged by, where they will be asked for; the others do without scipy."""
-    return Residual.of(laplacian) if both or accuracy == "normwise" else None
+def check_method(method: str) -> None:
+    """Refuse a method that is none."""
+    if method != "auto" and method not in METHODS:
+        raise InputError(f"method = {method!r} is unknown; it may be one of auto, {', '.join(METHODS)}")
 
 
 def _fall(choice: Choice, accuracy: str) -> Fall | None:
@@ -198,7 +152,17 @@ def _choose(laplacian: Laplacian, found: Connections, method: str, accuracy: str
         return direct
     if found.weak > (_ROUGH_VOLUME if found.entries > VOLUME * laplacian.size else _ROUGH):
         return direct
-    return _direct_in_time(laplacian, found) if accuracy == "direction" else multigrid
+    return _direct_in_time(laplacian, found) if accuracy == "direction" else _direct_if_sparse(laplacian, found)
+
+
+def _direct_if_sparse(laplacian: Laplacian, found: Connections) -> Choice:
+    """For voltages alone, the direct method along the narrowest corridors, chains and trees."""
+    if corridor_width(laplacian, found) < SPARSE:
+        laplacian = laplacian.with_rows()
+        narrow = order_by_distance(laplacian)
+        if narrow is not None and direct_seconds(narrow) < SECONDS.levels + SECONDS.normwise * laplacian.size:
+            return Choice(laplacian, found, "direct", narrow)
+    return Choice(laplacian, found, "multigrid")
 
 
 def _direct_in_time(laplacian: Laplacian, found: Connections) -> Choice:
@@ -257,7 +221,9 @@ def most_entries(laplacian: Laplacian, seconds: float) -> float:
 def multigrid_seconds(laplacian: Laplacian, width: float, decades: float, *, scaled: bool = True) -> float:
     """Time of directions by multigrid, by the width of corridors; ``scaled``: an h-transform reaches all decades."""
     mazy = width < ROOM
-    if laplacian.rails is None:
+    if laplacian.rails is None and width < SPARSE:
+        a_row = SECONDS.fed_sparse
+    elif laplacian.rails is None:
         a_row = SECONDS.fed_netlist if laplacian.grid is None else SECONDS.fed_mazy if mazy else SECONDS.fed
     elif laplacian.grid is None:
         a_row = SECONDS.netlist + SECONDS.netlist_decade * decades

@@ -12,16 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import BudgetError
-from resgrid.solvers.team import ALONE, Team, pieces
+from resgrid.solvers.team import ALONE, Team
 
 if TYPE_CHECKING:
     from scipy import sparse
 
 MOST_NUMBERED = 2**31 - 1
 """Rows, entries of rows, and slots are numbered with 32 bits."""
-
-_MOST_PARTS = 8
-"""Of a list of edges, each with neighbours of its own."""
 
 WEAK = 0.1
 """A conductance is weak below this share of the strongest one at either of its ends."""
@@ -136,25 +133,17 @@ class Rails:
     def _summed(self, some: NDArray[np.bool_]) -> NDArray[np.float64]:
         return np.asarray(np.bincount(self.row[some], self.conductance[some], self.size), dtype=np.float64)
 
-    def tied(self, to_high: NDArray[np.float64], to_low: NDArray[np.float64]) -> Rails:
-        """Return the same rails, with other rows tied to them.  Shapes: `to_high, to_low` (n,), in siemens."""
-        high, low = np.flatnonzero(to_high), np.flatnonzero(to_low)
-        row, conductance = np.append(high, low).astype(np.int32), np.append(to_high[high], to_low[low])
-        return Rails(self.high, self.low, len(to_high), row, conductance, np.arange(len(row)) < len(high))
-
 
 @dataclass(frozen=True)
 class Connections:
     """Counts over the conductances between rows.
 
-    `entries`: twice their number: the entries of the `coupling`; `few`: number of rows with at most two neighbours;
-    `weak`: share of conductances that are weak beside the strongest one at either of their ends; `mean`: mean
-    conductance, in siemens; 0 where there is none; `smallest, largest`: the range of the conductances, those to rails
-    included, in siemens.
+    `entries`: twice their number: the entries of the `coupling`; `weak`: share of conductances that are weak beside the
+    strongest one at either of their ends; `mean`: mean conductance, in siemens; 0 where there is none; `smallest,
+    largest`: the range of the conductances, those to rails included, in siemens.
     """
 
     entries: int
-    few: int
     weak: float
     mean: float
     smallest: float
@@ -189,8 +178,8 @@ class Laplacian:
 
     `ground` (n,): conductance from every row to nodes of known voltage, in siemens; `listed, compressed`: its edges,
     as a list, as rows, or both (`with_rows`); `grid`: where the vertices of the list lie (without one, the rows), if
-    they are a grid's; `dimensions`: those that the graph fills: of its grid, also of what elimination leaves of one;
-    2 for others; `rails`: how `ground` divides between two rails, where there are just two and nothing else drives.
+    they are a grid's; `dimensions`: those that the graph fills: of its grid; 2 for others; `rails`: how `ground`
+    divides between two rails, where there are just two and nothing else drives.
     """
 
     ground: NDArray[np.float64]
@@ -206,18 +195,15 @@ class Laplacian:
         return len(self.ground)
 
     def as_rows(self, *, ordered: bool = True) -> Rows:
-        """The edges as rows, sorted unless any order does: on a general graph sorting is half of the work.
-
-        Those that somebody else reads are not sorted under his hands.
-        """
-        from resgrid.solvers.row_kernels import sort_rows
+        """The edges as rows, sorted unless any order does."""
+        from resgrid.solvers.row_kernels import transpose
 
         rows = self.compressed or _compress(self.listed, self.size)
         if rows.ordered or not ordered:
             return rows
-        rows = Rows(rows.indptr, rows.indices.copy(), rows.data.copy(), ordered=True)
-        sort_rows(rows.indptr, rows.indices, rows.data)
-        return rows
+        columns, values = np.empty_like(rows.indices), np.empty_like(rows.data)
+        transpose(rows.indptr, rows.indices, rows.data, rows.indptr[:-1].copy(), columns, values)
+        return Rows(rows.indptr, columns, values, ordered=True)
 
     def with_rows(self, *, ordered: bool = True) -> Laplacian:
         """The same, with its rows at hand for whoever asks for them more than once."""
@@ -332,51 +318,33 @@ def _compress(listed: EdgeList | None, size: int) -> Rows:
 
 
 def count_connections(laplacian: Laplacian, team: Team = ALONE) -> Connections:
-    """Count the neighbours of all rows, and compare their conductances.
+    """Count and compare the conductances between rows.
 
     On a grid the resistors are counted one by one, so that no compressed rows are needed; there only the two across
     a ring of two cells are parallel.
     """
-    from resgrid.solvers import row_kernels as kernels
+    from resgrid.solvers.row_kernels import weak_pairs
 
-    listed, grid = laplacian.listed, laplacian.grid
-    if listed is not None and grid is not None and grid.simple:
-        inner, smallest, largest, half, few = _count_edges(listed, laplacian.size, team)
-        some = smallest < WEAK * largest
-        weak = kernels.weak_pairs(*listed, laplacian.size, WEAK) / inner if some else 0.0
-        entries, total = 2 * inner, 2.0 * half
-    else:
-        rows = laplacian.as_rows(ordered=False)
-        entries, few = len(rows.indices), int(np.count_nonzero(np.diff(rows.indptr) <= 2))
-        weak = kernels.weak_share(rows.indptr, rows.indices, rows.data, WEAK)
-        smallest, largest = rows.data.min(initial=np.inf), rows.data.max(initial=0.0)
-        total = rows.data.sum()
+    edges, grid, n = laplacian.listed, laplacian.grid, laplacian.size
+    if edges is None or grid is None or not grid.simple:
+        edges = EdgeList(*laplacian.as_rows(ordered=False).pairs, np.arange(n, dtype=np.int32))
+    inner, smallest, largest, total = _count_edges(edges, team)
+    weak = weak_pairs(*edges, n, WEAK) / inner if smallest < WEAK * largest else 0.0
     present = laplacian.ground[laplacian.ground > 0]
     return Connections(
-        entries=entries,
-        few=few,
+        entries=2 * inner,
         weak=float(weak),
-        mean=float(total) / entries if entries else 0.0,
+        mean=float(total) / inner if inner else 0.0,
         smallest=float(min(smallest, present.min(initial=np.inf))),
         largest=float(max(largest, present.max(initial=0.0))),
     )
 
 
-def _count_edges(listed: EdgeList, size: int, team: Team) -> tuple[int, float, float, float, int]:
-    """Conductances between rows: how many, the smallest, the largest, their sum; rows with at most two neighbours."""
-    from resgrid.solvers.row_kernels import count_neighbours
+def _count_edges(listed: EdgeList, team: Team) -> tuple[int, float, float, float]:
+    """Conductances between rows: how many, the smallest, the largest, and their sum."""
+    from resgrid.solvers.row_kernels import count_edges
 
-    cut = pieces(0, len(listed.conductance)) or [slice(0, 0)]
-    parts = min(team.size, len(cut), _MOST_PARTS)
-    neighbours = np.zeros((parts, size), dtype=np.uint8)
-    found: list[tuple[int, float, float, float]] = [(0, np.inf, 0.0, 0.0)] * len(cut)
-
-    def count(part: int) -> None:
-        for k in range(part * len(cut) // parts, (part + 1) * len(cut) // parts):
-            some = listed.ends[cut[k]], listed.conductance[cut[k]], listed.row
-            found[k] = count_neighbours(*some, neighbours[part])
-
-    team.share(count, parts)
-    few = team.over(size, lambda rows: int(np.count_nonzero(neighbours[:, rows].sum(axis=0, dtype=np.uint8) <= 2)))
-    inner, smallest, largest, half = zip(*found, strict=True)
-    return sum(inner), min(smallest), max(largest), sum(half), sum(few)
+    ends, conductance, row = listed
+    found = team.over(len(conductance), lambda some: count_edges(ends[some], conductance[some], row))
+    inner, smallest, largest, total = zip(*found or [(0, np.inf, 0.0, 0.0)], strict=True)
+    return sum(inner), min(smallest), max(largest), sum(total)

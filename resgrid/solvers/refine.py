@@ -119,13 +119,16 @@ def refine(
     floor: float,
     *,
     exact: bool = False,
+    sure: float = np.inf,
     resolve: Resolution | None = None,
     team: Team = ALONE,
 ) -> Refined:
     """Solve for a right-hand side without negative entries.  Shapes: `rhs` (n,).
 
     Numbers have exponents only where their range asks for them.  With ``exact``, or where hardly any current flows, the
-    residual is formed in double-double: answers are then the nearest doubles.
+    residual is formed in double-double: answers are then the nearest doubles.  An entry of the first approximation is
+    off by a share of at most ``sure``: a correction by more is what rounding leaves where conductances differ by more
+    decades than double-doubles hold.
     """
     from resgrid.solvers.refine_kernels import exact_residual
 
@@ -143,6 +146,8 @@ def refine(
             new, changed = _corrected(x, *approximate(*residual, _MARGIN / best.left))
         else:
             new, changed = _replaced(x, *anew)
+        if step > 1 and np.isfinite(sure) and _moves(x, new, sure):
+            break
         current, residual = _alike(new, current), _alike(new, residual)
         if not exact:
             rows = _ALL if found is None else _rows_changed(laplacian, new, changed, residual[0])
@@ -201,6 +206,13 @@ def _corrected(x: Scaled, m: NDArray[np.float64], e: NDArray[np.int64]) -> tuple
     new = _with_exponents(x)
     correct(*new[:3], m, e if e.size else np.zeros(len(m), dtype=np.int64))
     return new, m != 0.0
+
+
+def _moves(x: Scaled, new: Scaled, share: float) -> bool:
+    """Whether a correction changes an entry by more than such a share."""
+    steps = new.exponent - x.exponent if x.exponent.size else new.exponent
+    moved = np.abs(new.hi * power(steps) if steps.size else new.hi) - np.abs(x.hi)
+    return bool(np.any(np.abs(moved) > share * np.abs(x.hi)))
 
 
 def _replaced(x: Scaled, rows: NDArray[np.int64], values: Numbers) -> tuple[Scaled, NDArray[np.bool_]]:

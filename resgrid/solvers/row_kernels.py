@@ -10,9 +10,6 @@ from resgrid.jit import inner, kernel
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
 
-_FEW, _MANY = 5, 16
-"""Entries of a row between which comparing all with all sorts them quickest."""
-
 
 @kernel
 def conductances_by_row(
@@ -79,48 +76,18 @@ def _unite(indptr: Indices, indices: Indices, data: Floats, place: Indices) -> N
 
 
 @kernel
-def sort_rows(indptr: Indices, indices: Indices, data: Floats) -> None:
-    """Sort every row by column, in place."""
-    column, value = np.empty(_MANY, np.int32), np.empty(_MANY)
-    for i in range(len(indptr) - 1):
-        begin, end = indptr[i], indptr[i + 1]
-        if _FEW < end - begin <= _MANY:
-            _sort_by_rank(indices, data, begin, end, column, value)
-        else:
-            sort_row(indices, data, begin, end)
+def transpose(
+    indptr: Indices, indices: Indices, data: Floats, place: Indices, columns: Indices, values: Floats
+) -> None:
+    """Transpose a structurally symmetric matrix: the same one, if it is symmetric, with every row sorted by column.
 
-
-@inner
-def _sort_by_rank(indices: Indices, data: Floats, begin: int, end: int, column: Indices, value: Floats) -> None:
-    """As `sort_row`, every entry put where its rank says: no branch depends on the columns."""
-    for k in range(begin, end):
-        rank = 0
-        for other in range(begin, end):
-            rank += (indices[other] < indices[k]) | ((indices[other] == indices[k]) & (other < k))
-        column[rank] = indices[k]
-        value[rank] = data[k]
-    for k in range(begin, end):
-        indices[k] = column[k - begin]
-        data[k] = value[k - begin]
-
-
-@inner
-def sort_row(indices: Indices, data: Floats, begin: int, end: int) -> None:
-    """Sort the entries ``begin ... end`` by column, in place (Shell 1959: insertion in ever smaller steps)."""
-    step = 1
-    while 3 * step + 1 < end - begin:
-        step = 3 * step + 1
-    while step > 0:
-        for k in range(begin + step, end):
-            column, value = indices[k], data[k]
-            place = k - step
-            while place >= begin and indices[place] > column:
-                indices[place + step] = indices[place]
-                data[place + step] = data[place]
-                place -= step
-            indices[place + step] = column
-            data[place + step] = value
-        step //= 3
+    Shapes: `indices, data, columns, values` (entries,); `place` (n,): where every row begins; is moved on.
+    """
+    for i in range(len(place)):
+        for k in range(indptr[i], indptr[i + 1]):
+            at = place[indices[k]]
+            columns[at], values[at] = i, data[k]
+            place[indices[k]] = at + 1
 
 
 @inner
@@ -154,22 +121,15 @@ def add_conductances(pairs: Indices, conductance: Floats, row: Indices, degree: 
 
 
 @kernel
-def count_neighbours(
-    pairs: Indices, conductance: Floats, row: Indices, neighbours: NDArray[np.uint8]
-) -> tuple[int, float, float, float]:
-    """Count the neighbours of every row up to three.
-
-    Returns how many conductances there are between rows, their smallest, their largest and their sum.
-    """
+def count_edges(pairs: Indices, conductance: Floats, row: Indices) -> tuple[int, float, float, float]:
+    """How many conductances there are between rows, their smallest, their largest and their sum."""
     count, smallest, largest, total = 0, np.inf, 0.0, 0.0
     for k in range(len(pairs)):
         i, j = row[pairs[k, 0]], row[pairs[k, 1]]
-        if i < 0 or j < 0 or i == j:
-            continue
-        count += 1
-        g = conductance[k]
-        smallest, largest, total = min(smallest, g), max(largest, g), total + g
-        neighbours[i], neighbours[j] = min(neighbours[i] + 1, 3), min(neighbours[j] + 1, 3)
+        if i >= 0 and j >= 0 and i != j:
+            count += 1
+            g = conductance[k]
+            smallest, largest, total = min(smallest, g), max(largest, g), total + g
     return count, smallest, largest, total
 
 
@@ -187,19 +147,3 @@ def weak_pairs(pairs: Indices, conductance: Floats, row: Indices, size: int, wea
         if i >= 0 and j >= 0 and i != j and conductance[k] < weak * max(strongest[i], strongest[j]):
             count += 1
     return count
-
-
-@kernel
-def weak_share(indptr: Indices, indices: Indices, conductance: Floats, weak: float) -> float:
-    """Share of conductances below ``weak`` times the strongest one at either of their ends."""
-    n = len(indptr) - 1
-    strongest = np.zeros(n)
-    for i in range(n):
-        for k in range(indptr[i], indptr[i + 1]):
-            strongest[i] = max(strongest[i], conductance[k])
-    count = 0
-    for i in range(n):
-        for k in range(indptr[i], indptr[i + 1]):
-            if conductance[k] < weak * max(strongest[i], strongest[indices[k]]):
-                count += 1
-    return count / max(len(indices), 1)

@@ -23,7 +23,6 @@ from resgrid.solvers.laplacian import MOST_NUMBERED, Conductances, Laplacian
 from resgrid.solvers.refine import Numbers
 
 if TYPE_CHECKING:
-    from resgrid.solvers.minimum_degree_kernels import Quotient
     from resgrid.solvers.supernodal_kernels import Supernodes
     from resgrid.solvers.symbolic_kernels import Pattern
 
@@ -45,34 +44,19 @@ class OddEven:
     """A matrix of which every other layer of rows has been eliminated: of a grid, the cells of one colour.
 
     `whole`: all rows (n,); `left`: the rows kept (kept,), entries in any order; `number` (n,): of the rows kept; -1 for
-    the others; `pivot` (n,): of the rows eliminated, in siemens; 0 for the others.
+    the others; `kept` (kept,): which they are; `pivot` (n,): of the rows eliminated, in siemens; 0 for the others.
     """
 
     whole: Conductances
     left: Conductances
     number: NDArray[np.int32]
+    kept: NDArray[np.int32]
     pivot: NDArray[np.float64]
 
     @property
     def size(self) -> int:
         """Number of rows kept."""
-        return len(self.left.ground)
-
-    def feed_kept(self, m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
-        """What is fed into the rows kept, (kept,), of what is fed into all, (n,), in scaled numbers."""
-        from resgrid.solvers import symbolic_kernels as kernels
-
-        kept = np.empty(self.size), np.empty(self.size, dtype=np.int64)
-        kernels.feed_kept(self.whole, self.number, self.pivot, m, e, *kept)
-        return kept
-
-    def put_back(self, kept: Numbers, m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
-        """All voltages, (n,), from those of the rows kept and from what is fed into all."""
-        from resgrid.solvers import symbolic_kernels as kernels
-
-        solution = m.copy(), e.copy()
-        kernels.put_back(self.whole, self.number, self.pivot, *kept, *solution)
-        return solution
+        return len(self.kept)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,12 +93,18 @@ class Symbolic:
 
     def of(self, matrix: Conductances) -> Symbolic:
         """The same order for other conductances between the same rows."""
-        return replace(self, reduced=_joined(matrix, self.reduced.number))
+        return replace(self, reduced=_joined(matrix, self.reduced.number, self.reduced.kept))
 
     @property
     def memory(self) -> float:
         """Peak memory of a solution in this order, in bytes, about."""
         return 8.0 * (self.entries + len(self.nodes.rows)) + ON_ROWS * len(self.reduced.number)
+
+    @property
+    def place(self) -> NDArray[np.int32]:
+        """Where every row that is kept stands in the order, (n,); -1 for the others."""
+        number = self.reduced.number
+        return np.where(number >= 0, np.append(self.pattern.rank, -1)[number], -1).astype(np.int32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,13 +120,15 @@ class SupernodalFactors:
 
     def substitute(self, m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
         """Both substitutions, in scaled numbers; ``m`` and ``e``, shape (n,), stay as they are."""
-        from resgrid.solvers.supernodal_kernels import substitute
+        from resgrid.solvers.supernodal_kernels import Reduced, substitute
 
-        reduced, pattern, nodes = self.symbolic.reduced, self.symbolic.pattern, self.symbolic.nodes
-        kept, scale = reduced.feed_kept(m, e)
-        kept, scale = kept[pattern.order], scale[pattern.order]
-        substitute(nodes, self.values, self.pivot, kept, scale, np.empty(_longest(self.symbolic)))
-        return reduced.put_back((kept[pattern.rank], scale[pattern.rank]), m, e)
+        symbolic, x = self.symbolic, (m.copy(), e.copy())
+        reduced, size = symbolic.reduced, symbolic.reduced.size
+        kept = np.empty(size), np.empty(size, dtype=np.int64)
+        where = Reduced(symbolic.place, reduced.pivot)
+        column = np.empty(_longest(symbolic))
+        substitute(reduced.whole, where, symbolic.nodes, self.values, self.pivot, *x, *kept, column)
+        return x
 
     def solve(self, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
         """Solve for doubles, shape (n,); entry by entry right where none of them is negative."""
@@ -173,35 +165,17 @@ def order_by_degree(laplacian: Laplacian, most: float = np.inf) -> Symbolic | No
 
     None for more than ``most`` entries of the factors, or more of their rows than can be numbered.
     """
-    from resgrid.solvers.minimum_degree_kernels import minimum_degree
+    from resgrid.solvers.ordering_kernels import minimum_degree, quotient_graph
 
     reduced = _reduce_odd_even(laplacian)
     if reduced is None:
         return None
     n, indptr = reduced.size, reduced.left.indptr
-    room = int(indptr[-1]) + 2 * n
-    if room > MOST_NUMBERED:
-        return None
-    quotient = quotient_graph(indptr, reduced.left.indices[: indptr[-1]], room)
+    quotient = quotient_graph(indptr, reduced.left.indices[: indptr[-1]])
     step = np.empty(n, dtype=np.int32)
-    if not minimum_degree(quotient, max(16, int(_DENSE * np.sqrt(n))), float(most), step):
+    if not minimum_degree(quotient, max(16, int(_DENSE * np.sqrt(n))), float(most), MOST_NUMBERED, step):
         return None
     return _analyse(reduced, np.argsort(step, kind="stable").astype(np.int32), most)
-
-
-def quotient_graph(indptr: NDArray[np.int32], indices: NDArray[np.int32], room: int) -> Quotient:
-    """The quotient graph before elimination, of a graph of rows `indptr` (n + 1,); with room for members (room,)."""
-    from resgrid.solvers.minimum_degree_kernels import Quotient
-
-    n = len(indptr) - 1
-    none, zero = np.full((7, n), -1, dtype=np.int32), np.zeros((7, n), dtype=np.int32)
-    elements, first, last, degree, outside, key, mark = zero
-    into, stamp, head, after, before, bucket, chain = none
-    length, weight, members = np.diff(indptr), np.ones(n, dtype=np.int32), np.empty(room, dtype=np.int32)
-    return Quotient(
-        indptr, indices.copy(), elements, length, weight, into, members, first, last, degree, outside, stamp, head,
-        after, before, bucket, chain, key, mark,
-    )  # fmt: skip
 
 
 def _reduce_odd_even(laplacian: Laplacian) -> OddEven | None:
@@ -210,14 +184,14 @@ def _reduce_odd_even(laplacian: Laplacian) -> OddEven | None:
     None where what is left may have more entries than can be numbered.
     """
     from resgrid.solvers import symbolic_kernels as kernels
-    from resgrid.solvers.numbering_kernels import breadth_first
+    from resgrid.solvers.ordering_kernels import breadth_first
 
     tied = laplacian.ground if laplacian.rails is None else laplacian.rails.to_low
     whole, n = laplacian.conductances, laplacian.size
     order = np.ascontiguousarray(breadth_first(whole.indptr, whole.indices, int(np.argmax(tied)))[::-1])
-    number = np.empty(n, dtype=np.int32)
-    kernels.number_kept(whole.indptr, whole.indices, order, number, _none(n))
-    return _joined(whole, number) if _most_entries(whole, number) <= MOST_NUMBERED else None
+    number, kept = np.empty((2, n), dtype=np.int32)
+    kept = kept[: kernels.number_kept(whole.indptr, whole.indices, order, number, kept, _none(n))].copy()
+    return _joined(whole, number, kept) if _most_entries(whole, number) <= MOST_NUMBERED else None
 
 
 def _most_entries(whole: Conductances, number: NDArray[np.int32]) -> int:
@@ -226,18 +200,17 @@ def _most_entries(whole: Conductances, number: NDArray[np.int32]) -> int:
     return len(whole.indices) + int(np.sum(degree * (degree - 3)))
 
 
-def _joined(whole: Conductances, number: NDArray[np.int32]) -> OddEven:
+def _joined(whole: Conductances, number: NDArray[np.int32], kept: NDArray[np.int32]) -> OddEven:
     """Eliminate the rows that are not numbered, (n,)."""
     from resgrid.solvers.symbolic_kernels import join_kept
 
-    kept = np.argsort(number, kind="stable")[np.count_nonzero(number < 0) :].astype(np.int32)
     size, most = len(kept), _most_entries(whole, number)
     left = Conductances(
         np.empty(size + 1, dtype=np.int32), np.empty(most, dtype=np.int32), np.empty(most), np.empty(size)
     )
     pivot = np.zeros(len(number))
     join_kept(whole, number, kept, pivot, left, _none(size))
-    return OddEven(whole, left, number, pivot)
+    return OddEven(whole, left, number, kept, pivot)
 
 
 def _none(n: int) -> NDArray[np.int32]:
@@ -258,14 +231,8 @@ def _analyse(reduced: OddEven, order: NDArray[np.int32], most: float) -> Symboli
     pattern = kernels.Pattern(indptr, indices, order, rank)
     kernels.postorder(pattern, order.copy(), parent, _none(size), np.empty(size, dtype=np.int32))
     first, start = np.empty((2, size + 1), dtype=np.int32)
-    most_rows = MOST_NUMBERED - 2 * size
-    room, count = min(8 * size, most_rows), -2
-    while count == -2:
-        rows = np.empty(room + 2 * size, dtype=np.int32)
-        count = kernels.list_supernodes(pattern, float(most), first, start, rows, *(_none(size) for _ in range(3)))
-        if room == most_rows:
-            break
-        room = min(4 * room, most_rows)
+    limits, work = (float(most), MOST_NUMBERED), (_none(size) for _ in range(3))
+    count, rows = kernels.list_supernodes(pattern, *limits, first, start, *work)
     if count < 0:
         return None
     first, start = first[: count + 1].copy(), start[: count + 1].copy()
@@ -297,7 +264,7 @@ def factor_in_order(symbolic: Symbolic) -> SupernodalFactors:
         after=np.empty(count, dtype=np.int32),
         place=np.empty(n, dtype=np.int32),
         column=np.empty(_longest(symbolic)),
-        weight=np.empty((widest, 4)),
+        weight=np.empty(widest),
     )
     matrix, pattern, nodes = symbolic.reduced.left, symbolic.pattern, symbolic.nodes
     in_range = bool(np.all(np.isfinite(symbolic.reduced.pivot)))

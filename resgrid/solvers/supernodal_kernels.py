@@ -42,6 +42,17 @@ class Supernodes(NamedTuple):
     offset: Integers
 
 
+class Reduced(NamedTuple):
+    """Where odd-even reduction has left every row.
+
+    `place` (n,): of a row that is kept in the order of elimination; -1 for the others; `pivot` (n,): of the others, in
+    siemens.
+    """
+
+    place: Indices
+    pivot: Floats
+
+
 class Entries(NamedTuple):
     """The entries of the factors; a share is that of a conductance in its pivot.
 
@@ -60,7 +71,7 @@ class Workspace(NamedTuple):
     `node_of` (n,): supernode of every column; `waiting, following` (supernodes,): lists of the supernodes that are next
     to be added to one: the first, and the one after each; -1 at the end; `after` (supernodes,): which of their rows
     that one begins at; `place` (n,): places of the rows of the supernode that is being eliminated; `column`: as long as
-    the longest one; `weight` (columns, 4): as the widest one.
+    the longest one; `weight` (columns,): as the widest one.
     """
 
     node_of: Indices
@@ -143,14 +154,7 @@ def _update(nodes: Supernodes, entries: Entries, work: Workspace, other: int, no
     while at < end and rows[at] < nodes.first[node + 1]:
         here, left = source + at - begin, end - at - 1
         there = nodes.offset[node] + place[rows[at]] * (length + 1)
-        four = follow_on and left > 2 and rows[at + 3] < nodes.first[node + 1]
-        for beside in range(4 if four else 1):
-            _weigh(entries, first, columns, here + beside, apart, rows[at] + beside, weight, beside)
-        if four:
-            # The same rows for all four: what that adds above the diagonal is cleared when they are eliminated.
-            _add_to_four(values, there + 1, length, here + 1, apart, weight, columns, left)
-            at += 4
-            continue
+        _weigh(entries, first, columns, here, apart, rows[at], weight)
         if follow_on:
             _add_columns(values, there + 1, values, here + 1, apart, weight, columns, left)
         else:
@@ -165,15 +169,13 @@ def _update(nodes: Supernodes, entries: Entries, work: Workspace, other: int, no
 
 
 @inlined
-def _weigh(
-    entries: Entries, first: int, columns: int, here: int, apart: int, row: int, weight: Floats, beside: int
-) -> None:
+def _weigh(entries: Entries, first: int, columns: int, here: int, apart: int, row: int, weight: Floats) -> None:
     """Conductances from eliminated columns to a row, which their shares count by; adds what goes to the ground."""
     values, pivot, grounded = entries
     total = 0.0
     for k in range(columns):
         w = pivot[first + k] * values[here + k * apart]
-        weight[k, beside] = w
+        weight[k] = w
         total += w * grounded[first + k]
     grounded[row] += total
 
@@ -186,7 +188,7 @@ def _eliminate_within(nodes: Supernodes, entries: Entries, work: Workspace, node
     length, weight = nodes.start[node + 1] - nodes.start[node], work.weight
     for c in range(width):
         k, below, end = first + c, base + c * length + c + 1, base + (c + 1) * length
-        _weigh(entries, first, c, base + c, length, k, weight, 0)
+        _weigh(entries, first, c, base + c, length, k, weight)
         _add_columns(values, below, values, base + c + 1, length, weight, c, end - below)
         total = grounded[k] + _sum(values, below, end)
         if not (total > 0.0 and math.isfinite(total)):
@@ -215,7 +217,7 @@ def _add_columns(
     """Add columns of values that begin ``apart``, by their weights, four at a time."""
     t, k = np.uint64(there), 0
     while k + 4 <= columns:
-        w0, w1, w2, w3 = weight[k, 0], weight[k + 1, 0], weight[k + 2, 0], weight[k + 3, 0]
+        w0, w1, w2, w3 = weight[k], weight[k + 1], weight[k + 2], weight[k + 3]
         s0, s1 = np.uint64(here + k * apart), np.uint64(here + (k + 1) * apart)
         s2, s3 = np.uint64(here + (k + 2) * apart), np.uint64(here + (k + 3) * apart)
         for each in range(count):
@@ -223,51 +225,65 @@ def _add_columns(
             target[t + i] += (w0 * values[s0 + i] + w1 * values[s1 + i]) + (w2 * values[s2 + i] + w3 * values[s3 + i])
         k += 4
     while k < columns:
-        w, s = weight[k, 0], np.uint64(here + k * apart)
+        w, s = weight[k], np.uint64(here + k * apart)
         for each in range(count):
             target[t + np.uint64(each)] += w * values[s + np.uint64(each)]
         k += 1
 
 
-@inner_fast
-def _add_to_four(
-    values: Floats, there: int, beside: int, here: int, apart: int, weight: Floats, columns: int, count: int
-) -> None:
-    """Add columns to four that begin ``beside`` each other, by the weights of each, two at a time."""
-    t0, t1 = np.uint64(there), np.uint64(there + beside)
-    t2, t3 = np.uint64(there + 2 * beside), np.uint64(there + 3 * beside)
-    for k in range(0, columns, 2):
-        last, share = (k + 1, 1.0) if k + 1 < columns else (k, 0.0)  # the last of an odd number counts once
-        a0, a1, a2, a3 = weight[k, 0], weight[k, 1], weight[k, 2], weight[k, 3]
-        b0, b1 = share * weight[last, 0], share * weight[last, 1]
-        b2, b3 = share * weight[last, 2], share * weight[last, 3]
-        s0, s1 = np.uint64(here + k * apart), np.uint64(here + last * apart)
-        for each in range(count):
-            i = np.uint64(each)
-            u, v = values[s0 + i], values[s1 + i]
-            values[t0 + i] += a0 * u + b0 * v
-            values[t1 + i] += a1 * u + b1 * v
-            values[t2 + i] += a2 * u + b2 * v
-            values[t3 + i] += a3 * u + b3 * v
-
-
 @kernel
-def substitute(nodes: Supernodes, values: Floats, pivot: Floats, m: Floats, e: Integers, column: Floats) -> None:
-    """Solve ``L D L^T x = b`` in place, in scaled numbers.
+def substitute(
+    whole: Conductances, reduced: Reduced, nodes: Supernodes, values: Floats, pivot: Floats, m: Floats, e: Integers,
+    kept_m: Floats, kept_e: Integers, column: Floats,
+) -> None:  # fmt: skip
+    """Solve for all rows in place, in scaled numbers: reduce, ``L D L^T x = b`` for the rows kept, put the others back.
 
     Within a supernode numbers have one exponent in common, the largest; where a sum leaves the range of doubles so, the
     supernode is gone through again number by number.
 
-    Shapes: `m, e` (n,).
+    Shapes: `m, e` (n,); `kept_m, kept_e` (kept,) and `column` (longest supernode,): room.
     """
-    for i in range(len(m)):
-        m[i], e[i] = _canonical(m[i], e[i])
+    _feed_kept(whole, reduced, m, e, kept_m, kept_e)
     for node in range(len(nodes.first) - 1):
-        _forward(nodes, values, m, e, column, node)
-    for k in range(len(m)):
-        m[k], e[k] = _canonical(m[k] / pivot[k], e[k])
+        _forward(nodes, values, kept_m, kept_e, column, node)
+    for k in range(len(kept_m)):
+        kept_m[k], kept_e[k] = _canonical(kept_m[k] / pivot[k], kept_e[k])
     for node in range(len(nodes.first) - 2, -1, -1):
-        _backward(nodes, values, m, e, column, node)
+        _backward(nodes, values, kept_m, kept_e, column, node)
+    _put_back(whole, reduced, kept_m, kept_e, m, e)
+
+
+@inlined
+def _feed_kept(whole: Conductances, reduced: Reduced, m: Floats, e: Integers, kept_m: Floats, kept_e: Integers) -> None:
+    """What is fed into the rows kept once the others are eliminated, ``b_i += g_ik b_k / d_k``."""
+    place, pivot = reduced
+    for i in range(len(place)):
+        m[i], e[i] = _canonical(m[i], e[i])
+        if place[i] >= 0:
+            kept_m[place[i]], kept_e[place[i]] = m[i], e[i]
+    for i in range(len(place)):
+        if place[i] >= 0 or m[i] == 0.0:
+            continue
+        for entry in range(whole.indptr[i], whole.indptr[i + 1]):
+            k, share = place[whole.indices[entry]], whole.edges[entry] / pivot[i]
+            kept_m[k], kept_e[k] = _add_product(kept_m[k], kept_e[k], share, m[i], e[i])
+    for k in range(len(kept_m)):
+        kept_m[k], kept_e[k] = _canonical(kept_m[k], kept_e[k])
+
+
+@inlined
+def _put_back(whole: Conductances, reduced: Reduced, kept_m: Floats, kept_e: Integers, m: Floats, e: Integers) -> None:
+    """Solve for all rows from those kept, ``x_k = (b_k + sum g_ki x_i) / d_k``, in place of what is fed into them."""
+    place, pivot = reduced
+    for i in range(len(place)):
+        if place[i] >= 0:
+            m[i], e[i] = kept_m[place[i]], kept_e[place[i]]
+            continue
+        value, scale = _canonical(m[i] / pivot[i], e[i])
+        for entry in range(whole.indptr[i], whole.indptr[i + 1]):
+            k, share = place[whole.indices[entry]], whole.edges[entry] / pivot[i]
+            value, scale = _add_product(value, scale, share, kept_m[k], kept_e[k])
+        m[i], e[i] = _canonical(value, scale)
 
 
 @inlined

@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.jit import ZERO, inlined, inner, kernel
-from resgrid.solvers.extended_kernels import _add_product, _canonical
 from resgrid.solvers.laplacian import Conductances
+from resgrid.solvers.ordering_kernels import with_room
 
 Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Indices = NDArray[np.int32]
 
 _MOST_NEIGHBOURS = 8
@@ -41,13 +40,15 @@ class Pattern(NamedTuple):
 
 
 @kernel
-def number_kept(indptr: Indices, indices: Indices, order: Indices, number: Indices, depth: Indices) -> int:
-    """Number the rows that are kept as they come in an order; -1 for the others.  Returns how many are kept.
+def number_kept(
+    indptr: Indices, indices: Indices, order: Indices, number: Indices, kept: Indices, depth: Indices
+) -> int:
+    """Number the rows that are kept as they come in an order, and list them; -1 for the others.  Returns how many.
 
     The order is breadth first, backwards.  Not kept are the rows an odd number of steps from the last one that have
     few neighbours, and none as far from it: of a grid's cells, all of one colour.
 
-    Shapes: `order, number, depth` (n,): the last comes as -1.
+    Shapes: `order, number, kept, depth` (n,): the last comes as -1.
     """
     n, count = len(order), 0
     for k in range(n - 1, -1, -1):
@@ -61,7 +62,7 @@ def number_kept(indptr: Indices, indices: Indices, order: Indices, number: Indic
         alone = depth[i] % 2 == 1 and indptr[i + 1] - indptr[i] <= _MOST_NEIGHBOURS
         for entry in range(indptr[i], indptr[i + 1]):
             alone = alone and depth[indices[entry]] != depth[i]
-        number[i] = -1 if alone else count
+        number[i], kept[count] = -1 if alone else count, i
         count += not alone
     return count
 
@@ -99,42 +100,6 @@ def join_kept(
                     count += 1
                 left.edges[place[column]] += share * data[other]
         left.indptr[row + 1], left.ground[row] = count, grounded
-
-
-@kernel
-def feed_kept(
-    whole: Conductances, number: Indices, pivot: Floats, m: Floats, e: Integers, kept_m: Floats, kept_e: Integers
-) -> None:
-    """What is fed into the rows kept once the others are eliminated, ``b_i += g_ik b_k / d_k``, in scaled numbers."""
-    indptr, indices, data, _ = whole
-    for i in range(len(number)):
-        if number[i] >= 0:
-            kept_m[number[i]], kept_e[number[i]] = _canonical(m[i], e[i])
-    for i in range(len(number)):
-        if number[i] >= 0 or m[i] == 0.0:
-            continue
-        value, scale = _canonical(m[i], e[i])
-        for entry in range(indptr[i], indptr[i + 1]):
-            k = number[indices[entry]]
-            kept_m[k], kept_e[k] = _add_product(kept_m[k], kept_e[k], data[entry] / pivot[i], value, scale)
-
-
-@kernel
-def put_back(
-    whole: Conductances, number: Indices, pivot: Floats, kept_m: Floats, kept_e: Integers, m: Floats, e: Integers
-) -> None:
-    """Solve for all rows from those kept, ``x_k = (b_k + sum g_ki x_i) / d_k``, in place of what is fed into them."""
-    indptr, indices, data, _ = whole
-    for i in range(len(number)):
-        if number[i] >= 0:
-            m[i], e[i] = kept_m[number[i]], kept_e[number[i]]
-            continue
-        value, scale = _canonical(m[i], e[i])
-        value, scale = _canonical(value / pivot[i], scale)
-        for entry in range(indptr[i], indptr[i + 1]):
-            k = number[indices[entry]]
-            value, scale = _add_product(value, scale, data[entry] / pivot[i], kept_m[k], kept_e[k])
-        m[i], e[i] = _canonical(value, scale)
 
 
 @kernel
@@ -191,18 +156,19 @@ def _elimination_tree(pattern: Pattern, parent: Indices, ancestor: Indices) -> N
 
 @kernel
 def list_supernodes(
-    pattern: Pattern, most: float, first: Indices, start: Indices, rows: Indices, seen: Indices, branch: Indices,
+    pattern: Pattern, most: float, most_rows: int, first: Indices, start: Indices, seen: Indices, branch: Indices,
     sibling: Indices,
-) -> int:  # fmt: skip
+) -> tuple[int, Indices]:  # fmt: skip
     """Gather columns of the factor into supernodes, and list their rows (`resgrid.solvers.supernodal_kernels`).
 
     A column has entries in the rows that it is joined to, and in those of the supernodes whose first row behind their
     own it is (Liu 1990).  It goes with the supernode before where that fills few rows of the others with zeros.
 
     Shapes: `first, start` (n + 1,); `seen, branch, sibling` (n,): all come as -1.  Returns the number of supernodes; -1
-    where their entries come to be more than ``most``, -2 where ``rows`` is too short.
+    where they come to have more entries than ``most``, or more rows than ``most_rows``; and their rows.
     """
     n = len(pattern.order)
+    rows = np.empty(10 * n, np.int32)
     node, area, end, columns, zeros = ZERO - 1, 0.0, ZERO, 0, 0
     share = most / (n + n // 8)
     for k in range(n):
@@ -217,10 +183,9 @@ def list_supernodes(
                 for r in range(end, longer):
                     seen[rows[r]] = -1
             area += columns * (end - start[node])
-            if area > share * (k + n // 8):
-                return -1
-            if end + n > len(rows):
-                return -2
+            if area > share * (k + n // 8) or end + n > most_rows:
+                return -1, rows
+            rows = with_room(rows, end, 2 * n)
             _sort(rows, start[node], end)
             if end > start[node] + columns:
                 up = rows[start[node] + columns]
@@ -231,7 +196,7 @@ def list_supernodes(
         end = _add_rows(pattern, k, node, seen, branch, sibling, start, rows, end + 1)
     _sort(rows, start[node], end)
     first[node + 1], start[node + 1] = n, end
-    return node + 1
+    return node + 1, rows
 
 
 @inlined

@@ -16,7 +16,7 @@ from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
 from resgrid.netlist import Netlist
-from resgrid.solvers import choose as methods, decay
+from resgrid.solvers import decay
 from resgrid.solvers.decay import foresee_decades
 from resgrid.solvers.laplacian import Laplacian, count_connections
 from resgrid.solvers.monitor import Watch
@@ -29,10 +29,9 @@ from resgrid.space import ConfigurationSpace
 
 
 @pytest.fixture(scope="module", autouse=True)
-def unreduced() -> Iterator[None]:
-    """The whole circuit, graded however little its potential falls."""
+def graded() -> Iterator[None]:
+    """Levels are graded however little the potential falls."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(methods, "may_shrink", lambda *_: False)
         patch.setattr(decay, "_FAR", 2.0)
         patch.setattr(decay, "_FIXED", 0.0)
         patch.setattr(decay, "_FAR_IN_VOLUMES", 2.0)

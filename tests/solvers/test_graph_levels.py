@@ -10,7 +10,7 @@ from scipy import sparse
 from resgrid.circuit.equations import assemble
 from resgrid.circuit.solve import solve
 from resgrid.netlist import Netlist
-from resgrid.solvers import numbering_kernels as numbering
+from resgrid.solvers import ordering_kernels as ordering
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid import cycle, graphs
 from resgrid.solvers.multigrid.conjugate_gradients import iterate
@@ -90,9 +90,9 @@ def test_aggregates_are_connected_and_their_sums_conserve_conductance(
 @given(**GRAPHS)
 def test_breadth_first_renumbering_is_the_same_graph(nodes: int, per_node: float, seed: int) -> None:
     graph = random_graph(nodes, per_node, seed)
-    order = numbering.breadth_first(graph.indptr, graph.indices)
+    order = ordering.breadth_first(graph.indptr, graph.indices)
     assert np.array_equal(np.sort(order), np.arange(nodes))
-    moved = Graph(*numbering.renumber(*rows_of(graph), order))
+    moved = Graph(*ordering.renumber(*rows_of(graph), order))
     assert np.allclose(dense(moved), dense(graph)[np.ix_(order, order)], rtol=1e-14, atol=0)
 
 
@@ -104,10 +104,10 @@ def test_breadth_first_brings_neighbours_together() -> None:
     upper = sparse.coo_array((np.ones(ends.shape[1]), tuple(ends)), shape=(side * side,) * 2).tocsr()
     rows = (upper + upper.T).tocsr()
     indptr, indices = rows.indptr.astype(np.int32), rows.indices.astype(np.int32)
-    order = numbering.breadth_first(indptr, indices)
-    moved = numbering.renumber(indptr, indices, rows.data, np.zeros(side * side), order)
-    assert numbering.far_share(indptr, indices) > 0.7
-    assert numbering.far_share(moved[0], moved[1]) < 0.1
+    order = ordering.breadth_first(indptr, indices)
+    moved = ordering.renumber(indptr, indices, rows.data, np.zeros(side * side), order)
+    assert ordering.far_share(indptr, indices) > 0.7
+    assert ordering.far_share(moved[0], moved[1]) < 0.1
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -1,5 +1,3 @@
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 from hypothesis import assume, example, given, settings, strategies as st
@@ -20,14 +18,6 @@ from resgrid.solvers.multigrid import graphs
 from resgrid.solvers.supernodal import order_by_distance
 
 BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 2.0}]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def unreduced() -> Iterator[None]:
-    """Both methods on the whole circuit, so that one can check the other."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(methods, "may_shrink", lambda *_: False)
-        yield
 
 
 def foreseen_decades(system: Equations) -> float:

@@ -10,7 +10,7 @@ from support.spaces import space_of
 from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
-from resgrid.solvers import choose as methods, decay
+from resgrid.solvers import decay
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.extended import Scaled
 from resgrid.solvers.laplacian import Laplacian
@@ -106,7 +106,6 @@ def test_a_goal_in_a_slit_spares_a_pass(monkeypatch: pytest.MonkeyPatch) -> None
     cell = np.full((200, 315), Cell.OBSTACLE, dtype=np.uint8)
     cell[6, 1:15] = cell[1:-1, 15:-1] = Cell.FREE
     cell[6, 1] = Cell.GOAL
-    monkeypatch.setattr(methods, "may_shrink", lambda *_: False)
     netlist = compile_space(space_of(cell), boundary="dirichlet")
     point, direct = (solve(netlist, method=method) for method in ("multigrid", "direct"))
     assert point.log_drop is not None
@@ -139,7 +138,6 @@ def test_pockets_have_exponents_of_their_own() -> None:
 
 
 def test_refinement_ends_with_pockets(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(methods, "may_shrink", lambda *_: False)
     netlist = compile_space(rooms_on_a_corridor(), boundary="dirichlet")
     calls: list[int] = []
     around = local._around
@@ -165,7 +163,7 @@ def test_what_lies_along_a_slit_is_found_from_what_flows_in(length: int) -> None
     cell_map = system.netlist.cells
     assert system.rails is not None
     current = system.rails.to_low, np.zeros(system.size, dtype=np.int64)
-    exact, _ = factor_laplacian(system.laplacian, "direct", reduce=False).solve_nonnegative(system.rails.to_low)
+    exact, _ = factor_laplacian(system.laplacian, "direct").solve_nonnegative(system.rails.to_low)
     wrong, exponent = exact.hi.copy(), exact.exponent.copy()
     rows = system.unknown[cell_map.node[6, 118:-1]].astype(np.int64)
     wrong[rows], exponent[rows] = -1e-13, 0
@@ -184,7 +182,6 @@ def test_what_lies_along_a_slit_is_found_from_what_flows_in(length: int) -> None
 
 def test_rows_without_a_digit_are_found_anew(monkeypatch: pytest.MonkeyPatch) -> None:
     """Some two hundred decades, a room at the end of a slit, and a pass over the whole that gains twelve at a time."""
-    monkeypatch.setattr(methods, "may_shrink", lambda *_: False)
     cell = np.full((120, 420), Cell.OBSTACLE, dtype=np.uint8)
     cell[1:-1, 1:115] = cell[6, 115:400] = cell[3:9, 400:406] = cell[40, 115:160] = Cell.FREE
     cell[6, 4] = Cell.GOAL

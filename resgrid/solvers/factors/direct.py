@@ -26,6 +26,12 @@ REFINED = 1e-28
 EXACT_ROWS = 20_000
 """Rows up to which it is reached everywhere: their answers are the nearest doubles, on every machine the same."""
 
+_ROUNDINGS = 16.0 * np.finfo(np.float64).eps
+"""Share of itself by which factors and substitution in positive numbers put an entry off for every row, at most."""
+
+_LEAST_SHARE = 1e-150
+"""Entry of ``-L`` from which products of two are no subnormal numbers."""
+
 
 @dataclass(frozen=True, eq=False)
 class DirectFactor(Factor):
@@ -48,10 +54,17 @@ class DirectFactor(Factor):
 
     def _solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> tuple[Scaled, float]:
         exact = self.laplacian.size <= EXACT_ROWS
-        found = refine(self.laplacian, rhs, self._substitute, REFINED, exact=exact)
+        sure = self._certainty() if exact else np.inf
+        found = refine(self.laplacian, rhs, self._substitute, REFINED, exact=exact, sure=sure)
         if watch is not None:
             watch.done(found.error, found.bound)
         return found.solution, found.error
+
+    def _certainty(self) -> float:
+        """Share of itself by which substitution puts an entry off, at most; infinite where shares may underflow."""
+        values = self.factors.values
+        least = values.min(initial=1.0, where=values > 0.0)
+        return _ROUNDINGS * self.laplacian.size if least > _LEAST_SHARE else np.inf
 
     def _substitute(self, m: NDArray[np.float64], e: NDArray[np.int64], accuracy: float) -> Numbers:
         """Both substitutions, in scaled numbers, as accurate as the factors are."""

@@ -1,41 +1,40 @@
 """Conjugate gradients preconditioned by multigrid: the algorithm on one page.
 
 `MultigridFactor` solves ``A x = b`` for the Laplacian of a grid or a netlist, in this order:
-1. *Before*: corridors, chains and trees have been eliminated (`resgrid.solvers.star_mesh`).
-2. *Red-black grids* (`grid_level.lay_out`, `red_black.Lattice, Stencil`). A grid has two colours, and every edge
+1. *Red-black grids* (`grid_level.lay_out`, `red_black.Lattice, Stencil`). A grid has two colours, and every edge
    joins a red cell to a black one: ``A = [[D_r, -G], [-G^T, D_b]]``. Conductances are kept face by face over the red
    cells, in flat arrays without indices, in double precision and in single. Cells are numbered with odd strides, so
    that the neighbour across a face lies at the same distance for all red cells. What fits no face, an edge that closes
    a ring or leads to a node beside the lattice, is an off-stencil coupling.
-3. *Coarse grids* (`blocks.coarsen`: `count_inside, join_inside, split_blocks, sum_blocks`). A coarse node is
+2. *Coarse grids* (`blocks.coarsen`: `count_inside, join_inside, split_blocks, sum_blocks`). A coarse node is
    the connected part of a block of two cells a side, cut where a conductance is weak beside the strongest at either
    end, so that no node joins across a wall; further parts of a block become nodes beside the lattice. Axes that
    conduct badly are left for later. Middle to middle, two blocks are joined through half of either one's own
    resistance in series with what lies between (plain aggregation makes long ways too easy: Braess 1995).
-4. *Graphs* (`graphs.grow_aggregates, sum_up`). Netlists from the first level on, and grids that have fallen apart,
+3. *Graphs* (`graphs.grow_aggregates, sum_up`). Netlists from the first level on, and grids that have fallen apart,
    have aggregates grown node by node along the strongest conductances. The rows are laid out by colour and length
    (`graphs.order_by_colour, lay_rows`); the last matrix is inverted (`inverse_matrix`).
-5. *Steps* (`conjugate_gradients.converge`, `krylov.advance`). Flexible conjugate gradients (Notay 2000) for the black
+4. *Steps* (`conjugate_gradients.converge`, `krylov.advance`). Flexible conjugate gradients (Notay 2000) for the black
    cells of a grid, ``S = D_b - G^T D_r^-1 G``, or all rows of a netlist. Vectors are in single precision; after a
    burst of at most five digits the residual is replaced by the true one, in double precision
    (`preconditioner.sweep_colour`, `krylov.row_residual`; van der Vorst & Ye 2000), and the search directions go on. It
    ends at ``rtol |b|``, or where rounding, ``eps |A| |x|``, forbids more; from a guess on, also where the steps tell
    that the error is small (`Stop`).
-6. *Cycle* (`cycle.precondition_grid, precondition_graph`). One relaxation before and one after each visit of the next
+5. *Cycle* (`cycle.precondition_grid, precondition_graph`). One relaxation before and one after each visit of the next
    level, so that the preconditioner is symmetric; on the coarse levels K-cycles (Notay & Vassilevski 2008): one or two
    steps of conjugate gradients, each preconditioned by the level below. Grids are rows of a table with the addresses of
    their arrays (`levels.GRID`). Subnormal numbers count as zero meanwhile (`subnormals`).
-7. *Fused sweeps* (`sweeps.restrict, finish`). The time is that of reading conductances from memory. Red cells go ahead
+6. *Fused sweeps* (`sweeps.restrict, finish`). The time is that of reading conductances from memory. Red cells go ahead
    of black ones by as far as neighbours reach, so that a sweep reads faces once; the relaxation and the product that
    follows it are two sweeps, one close behind the other. The product takes conductances in single precision and makes
    up for their rounding on the diagonal (`grid_level.compensate`): rows sum to what leaks. Large levels are cut into
    slabs, which leave the same digits however they are cut (`sweeps`); several threads take them, one of which leads in
    compiled code from sweep to sweep (`cycle`, `atomics`).
-8. *Refinement* (`resgrid.solvers.refine`) makes a normwise answer right entry by entry: voltages in double-double,
+7. *Refinement* (`resgrid.solvers.refine`) makes a normwise answer right entry by entry: voltages in double-double,
    with exponents where doubles run out, every pass a solution to many digits of what is largest, until what all rows
    violate KCL by proves that no entry is off by more than 4e-9 of itself and the rounding of the sums. The last rows,
    mostly in slits, are solved directly with what surrounds them (`local`).
-9. *h-transform* (`h_transform`). Where a potential ``u`` falls by many decades, levels are those of ``u /
+8. *h-transform* (`h_transform`). Where a potential ``u`` falls by many decades, levels are those of ``u /
    h``, with the conductances ``g_ij h_i h_j`` (Doob), and all decades gain digits alike. ``h`` comes from nested
    iteration: a small level solved directly, its answer spread, and made better on every level by a multiplicative
    cycle (Horton & Leutenegger 1994), in which all numbers stay positive.

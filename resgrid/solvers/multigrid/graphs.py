@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.jit import inner, kernel
-from resgrid.solvers import numbering_kernels as numbering
+from resgrid.solvers import ordering_kernels as ordering
 from resgrid.solvers.multigrid.graph_sweeps import Graphs
 
 Floats = NDArray[np.float64]
@@ -212,9 +212,9 @@ def sum_up(
 def pack_netlist(graph: Graph) -> tuple[Graphs, NDArray[np.int32]]:
     """Coarsen a graph that is no grid, and lay out its levels; returns where every node stands, shape (n,)."""
     rows, order = (graph.indptr, graph.indices, graph.conductance, graph.leak), None
-    if graph.size >= _LARGE and numbering.far_share(*rows[:2]) > _FAR:
-        order = numbering.breadth_first(*rows[:2], 0)
-        graph = Graph(*numbering.renumber(*rows, order))
+    if graph.size >= _LARGE and ordering.far_share(*rows[:2]) > _FAR:
+        order = ordering.breadth_first(*rows[:2], 0)
+        graph = Graph(*ordering.renumber(*rows, order))
     graphs, rank = pack_graphs(*coarsen_down(graph))
     if order is not None:
         rank = rank[inverse_of(order)]

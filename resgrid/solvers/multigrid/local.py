@@ -10,15 +10,13 @@ larger than the potential itself, it is found there from what flows in, all deca
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.solvers.extended import power
+from resgrid.solvers.extended import Scaled
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.refine import Approximation, Numbers
-from resgrid.solvers.supernodal import SupernodalFactors, factor_supernodes
+from resgrid.solvers.supernodal import factor_supernodes
 
 _FEW = 5_000
 """Rows left, at most, for which a direct pass is tried."""
@@ -54,75 +52,45 @@ class LocalCorrections:
     def __call__(self, m: NDArray[np.float64], e: NDArray[np.int64], accuracy: float) -> Numbers:
         """As `resgrid.solvers.refine.refine` takes it."""
         count = np.count_nonzero(m)
-        part = _part_around(self._laplacian, m) if 0 < count <= self._most else None
-        if part is not None:
-            self._most = _GAIN * count
-            return part.correction(m, e)
-        self._most, self._in_slit = _FEW, False
-        return self._whole(m, e, accuracy)
+        rows = _around(self._laplacian, np.flatnonzero(m)) if 0 < count <= self._most else None
+        if rows is None:
+            self._most, self._in_slit = _FEW, False
+            return self._whole(m, e, accuracy)
+        self._most = _GAIN * count
+        x, exponent = np.zeros_like(m), np.zeros_like(e)
+        x[rows], solved = self._solved(rows, m, e)
+        if e.size:
+            exponent[rows] = solved
+        return x, exponent
 
     def anew(
         self, left: NDArray[np.float64], voltage: Numbers, current: Numbers
     ) -> tuple[NDArray[np.int64], Numbers] | None:
-        """Voltages of the rows left and those around, from all others; as `resgrid.solvers.refine.refine` takes it."""
-        if self._in_slit:
-            return None
+        """Voltages of the rows left and those around, from all others; as `resgrid.solvers.refine.refine` takes it.
+
+        What the others feed into them is the residual where their own voltages are 0.
+        """
+        from resgrid.solvers.refine_kernels import residual
+
         count = np.count_nonzero(left)
-        part = _part_around(self._laplacian, left) if 0 < count <= self._most_anew else None
-        if part is None:
+        some = not self._in_slit and 0 < count <= self._most_anew
+        rows = _around(self._laplacian, np.flatnonzero(left)) if some else None
+        if rows is None:
             return None
         self._most_anew = _GAIN * count
-        return part.rows, part.fed(voltage, current)
+        x, e = voltage
+        others, fed = Scaled(x.copy(), np.zeros_like(x), e), (np.zeros_like(x), np.zeros_like(e))
+        others.hi[rows] = 0.0
+        those = np.zeros(0, dtype=np.int32) if e.size else rows.astype(np.int32)
+        residual(self._laplacian.conductances, current, others, 0.0, 1.0, those, fed)
+        return rows, self._solved(rows, *fed)
 
-
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """The equations of some rows.
-
-    `rows` (n,): in ascending order; `inside, outside` (edges,): conductances that lead out: from which of the rows,
-    counted, to which one; `conductance` (edges,).
-    """
-
-    rows: NDArray[np.int64]
-    inside: NDArray[np.int64]
-    outside: NDArray[np.int32]
-    conductance: NDArray[np.float64]
-    factors: SupernodalFactors
-
-    def correction(self, m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
-        """Corrections of these rows, all others as they are."""
-        x, exponent = np.zeros_like(m), np.zeros_like(e)
-        if e.size:
-            x[self.rows], exponent[self.rows] = self.factors.substitute(m[self.rows], e[self.rows])
-        else:
-            x[self.rows] = self.factors.solve(m[self.rows])
-        return x, exponent
-
-    def fed(self, voltage: Numbers, current: Numbers) -> Numbers:
-        """Voltages of these rows, fed by all others and by currents."""
-        (x, e), (b, scale), n = voltage, current, len(self.rows)
-        drawn, into = self.conductance * x[self.outside], b[self.rows]
-        if not e.size:
-            return self.factors.solve(into + np.bincount(self.inside, drawn, n)), e
-        there, own = e[self.outside], scale[self.rows]
-        top, flowing = np.where(into != 0.0, own, there.min(initial=0)), drawn != 0.0
-        np.maximum.at(top, self.inside[flowing], there[flowing])
-        drawn = drawn * power(np.clip(there - top[self.inside], -8, 0))
-        return self.factors.substitute(
-            into * power(np.clip(own - top, -8, 0)) + np.bincount(self.inside, drawn, n), top
-        )
-
-
-def _part_around(laplacian: Laplacian, left: NDArray[np.float64]) -> _Part | None:
-    """The equations of the rows left, and of those around; None for too many."""
-    region = _around(laplacian, np.flatnonzero(left))
-    if region is None:
-        return None
-    rows, kept = laplacian.edges[region], np.zeros(laplacian.size, dtype=np.bool_)
-    kept[region] = True
-    out = ~kept[rows.indices]
-    inside = np.repeat(np.arange(len(region)), np.diff(rows.indptr))[out]
-    return _Part(region, inside, rows.indices[out], rows.data[out], factor_supernodes(laplacian.within(kept)))
+    def _solved(self, rows: NDArray[np.int64], m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
+        """Voltages of some rows for what is fed into them, those of all others 0.  Shapes: `m, e` (n,) or (0,)."""
+        kept = np.zeros(self._laplacian.size, dtype=np.bool_)
+        kept[rows] = True
+        factors = factor_supernodes(self._laplacian.within(kept))
+        return factors.substitute(m[rows], e[rows]) if e.size else (factors.solve(m[rows]), e)
 
 
 def _around(laplacian: Laplacian, rows: NDArray[np.int64]) -> NDArray[np.int64] | None:

@@ -1,8 +1,8 @@
-"""Compiled loops of the approximate minimum degree ordering (Amestoy, Davis & Duff 1996).
+"""Compiled loops that order the nodes of a graph: breadth first, so that neighbours lie together, or by least degree.
 
-The graph of what is left is never formed.  It is kept as a quotient graph: a row that has been eliminated stands, as an
-*element*, for the clique of the rows that it was joined to; rows with the same neighbours are merged, and one of them
-stands for all.  It never takes more room than the graph of the matrix.
+Approximate minimum degree (Amestoy, Davis & Duff 1996): the graph of what is left is never formed.  It is kept as a
+quotient graph: a row that has been eliminated stands, as an *element*, for the clique of the rows that it was joined
+to; rows with the same neighbours are merged, and one of them stands for all.
 
 Numba takes seconds to import: only functions that are about to solve import this module.
 """
@@ -16,7 +16,73 @@ from numpy.typing import NDArray
 
 from resgrid.jit import inlined, kernel
 
+Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
+
+
+@kernel
+def far_share(indptr: Indices, indices: Indices) -> float:
+    """Share of a sample of neighbours that are numbered far apart: by more than a sixteenth of all."""
+    n = len(indptr) - 1
+    far, entries = 0, 0
+    for i in range(0, n, max(1, n // 2000)):
+        for k in range(indptr[i], indptr[i + 1]):
+            far += abs(indices[k] - i) > n // 16
+            entries += 1
+    return far / max(entries, 1)
+
+
+def breadth_first(indptr: Indices, indices: Indices, root: int = 0) -> Indices:
+    """The nodes by their distance from a root, other parts behind: neighbours together (Cuthill & McKee 1969)."""
+    n = len(indptr) - 1
+    order = np.empty(n + 1, dtype=np.int32)
+    _walk(indptr, indices, root, order, np.zeros(n, dtype=np.uint8))
+    return order[:n]
+
+
+@kernel
+def _walk(indptr: Indices, indices: Indices, root: int, order: Indices, seen: NDArray[np.uint8]) -> None:
+    """Number the nodes as they are reached.  Shapes: `order` (n + 1,), `seen` (n,): comes as 0."""
+    size = 0
+    for other in range(-1, len(seen)):
+        first = root if other < 0 else other
+        if seen[first]:
+            continue
+        seen[first] = 1
+        order[size] = first
+        head = size
+        size += 1
+        while head < size:
+            i = order[head]
+            head += 1
+            for k in range(indptr[i], indptr[i + 1]):
+                j = indices[k]
+                order[size] = j
+                size += 1 - seen[j]
+                seen[j] = 1
+
+
+@kernel
+def renumber(
+    indptr: Indices, indices: Indices, conductance: Floats, leak: Floats, order: Indices
+) -> tuple[Indices, Indices, Floats, Floats]:
+    """The same graph with its nodes in another order."""
+    n = len(order)
+    rank = np.empty(n, np.int32)
+    for place in range(n):
+        rank[order[place]] = place
+    new_indptr, new_leak = np.zeros(n + 1, np.int32), np.empty(n)
+    new_indices, new_conductance = np.empty_like(indices), np.empty_like(conductance)
+    size = 0
+    for place in range(n):
+        i = order[place]
+        new_leak[place] = leak[i]
+        for k in range(indptr[i], indptr[i + 1]):
+            new_indices[size] = rank[indices[k]]
+            new_conductance[size] = conductance[k]
+            size += 1
+        new_indptr[place + 1] = size
+    return new_indptr, new_indices, new_conductance, new_leak
 
 
 class Quotient(NamedTuple):
@@ -24,8 +90,8 @@ class Quotient(NamedTuple):
 
     `near` (entries,): from `start[i]` on what row ``i`` is joined to: elements, so many as `elements[i]`, then rows;
     `length[i]` in all; `weight` (n,): how many rows a row stands for; 0 for none, negative within the newest element;
-    `into` (n,): the row that a row was merged into; ``-1 - k`` for the ``k``-th element; `members` (entries + 2 n,):
-    rows of element ``e``, from `first[e]` to `last[e]`; `degree` (n,): of elements how many rows these stand for, of
+    `into` (n,): the row that a row was merged into; ``-1 - k`` for the ``k``-th element; `first, last` (n,): where the
+    members of an element begin and end in a list of all; `degree` (n,): of elements how many rows these stand for, of
     rows how many they would join; `outside, stamp` (n,): of elements what lies outside the newest one, and of which
     element that was told last; `head, after, before` (n,): rows by their degree, as linked lists; `bucket, chain, key`
     (n,): rows of the newest element by a hash of what they are joined to; `mark` (n,).
@@ -37,7 +103,6 @@ class Quotient(NamedTuple):
     length: Indices
     weight: Indices
     into: Indices
-    members: Indices
     first: Indices
     last: Indices
     degree: Indices
@@ -52,15 +117,28 @@ class Quotient(NamedTuple):
     mark: Indices
 
 
+def quotient_graph(indptr: Indices, indices: Indices) -> Quotient:
+    """The quotient graph before elimination, of a graph of rows `indptr` (n + 1,)."""
+    n = len(indptr) - 1
+    none, zero = np.full((7, n), -1, dtype=np.int32), np.zeros((7, n), dtype=np.int32)
+    elements, first, last, degree, outside, key, mark = zero
+    into, stamp, head, after, before, bucket, chain = none
+    return Quotient(
+        indptr, indices.copy(), elements, np.diff(indptr), np.ones(n, dtype=np.int32), into, first, last, degree,
+        outside, stamp, head, after, before, bucket, chain, key, mark,
+    )  # fmt: skip
+
+
 @kernel
-def minimum_degree(q: Quotient, dense: int, most: float, step: Indices) -> bool:
+def minimum_degree(q: Quotient, dense: int, most: float, most_members: int, step: Indices) -> bool:
     """Eliminate all rows, one of least degree after another; rows of more than ``dense`` neighbours come last.
 
     Shapes: `step` (n,): when every row is eliminated; rows that were merged have the same number.  Returns whether the
-    factors have at most so many entries.
+    factors have at most so many entries, and elements so many members.
     """
     n, least, size, k, tag = len(step), 0, 0, 0, 0
     left, entries = n, 0.0
+    members = np.empty(6 * n, np.int32)
     for i in range(n):
         if q.length[i] > dense:
             q.weight[i], q.into[i] = 0, -1 - n
@@ -72,26 +150,27 @@ def minimum_degree(q: Quotient, dense: int, most: float, step: Indices) -> bool:
             least += 1
         p = q.head[least]
         _unlink(q, p)
-        if size + n > len(q.members):
-            size = _compact(q)
-        begin, end = size, _gather(q, p, size)
+        if size + n > most_members:
+            return False
+        members = with_room(members, size, n)
+        begin, end = size, _gather(q, members, p, size)
         left -= q.weight[p]
-        total = _weigh(q, begin, end, k)
-        end, gone = _prune(q, p, begin, end)
+        total = _weigh(q, members, begin, end, k)
+        end, gone = _prune(q, members, p, begin, end)
         left, total = left - gone, total - gone
         entries += (q.weight[p] + gone) * (total + 0.5 * (q.weight[p] + gone))
         if entries > most:
             return False
-        tag = _merge_alike(q, begin, end, tag)
+        tag = _merge_alike(q, members, begin, end, tag)
         size = begin
         for r in range(begin, end):
-            i = q.members[r]
+            i = members[r]
             if q.weight[i] < 0:
                 q.weight[i] = -q.weight[i]
                 d = min(q.degree[i] + total, left) - q.weight[i]
                 _link(q, i, d)
                 least = min(least, d)
-                q.members[size] = i
+                members[size] = i
                 size += 1
         q.first[p], q.last[p], q.degree[p], q.weight[p], q.into[p] = begin, size, total, 0, -1 - k
         k += 1
@@ -126,41 +205,32 @@ def _unlink(q: Quotient, i: int) -> None:
 
 
 @inlined
-def _compact(q: Quotient) -> int:
-    """Move the members of all elements that are left together, in the order in which they stand; returns their end."""
-    size = 0
-    owner = np.full(len(q.members), -1, np.int32)
-    for e in range(len(q.first)):
-        if q.last[e] > q.first[e]:
-            owner[q.first[e]] = e
-    for begin in range(len(owner)):
-        e = owner[begin]
-        if e >= 0:
-            end = q.last[e]
-            q.first[e] = size
-            for r in range(begin, end):
-                q.members[size] = q.members[r]
-                size += 1
-            q.last[e] = size
-    return size
+def with_room(numbers: Indices, size: int, more: int) -> Indices:
+    """A list of so many numbers, with room for more behind them."""
+    if size + more <= len(numbers):
+        return numbers
+    longer = np.empty(2 * len(numbers) + more, np.int32)
+    for k in range(size):
+        longer[k] = numbers[k]
+    return longer
 
 
 @inlined
-def _gather(q: Quotient, p: int, size: int) -> int:
+def _gather(q: Quotient, members: Indices, p: int, size: int) -> int:
     """Make an element of a row: all that it is joined to, elements absorbed; returns where its members end."""
     begin, q.weight[p] = q.start[p], -q.weight[p]
     for s in range(begin, begin + q.length[p]):
         x = q.near[s]
         if s >= begin + q.elements[p]:
             if q.weight[x] > 0:
-                q.weight[x], q.members[size] = -q.weight[x], x
+                q.weight[x], members[size] = -q.weight[x], x
                 size += 1
                 _unlink(q, x)
             continue
         for r in range(q.first[x], q.last[x]):
-            i = q.members[r]
+            i = members[r]
             if q.weight[i] > 0:
-                q.weight[i], q.members[size] = -q.weight[i], i
+                q.weight[i], members[size] = -q.weight[i], i
                 size += 1
                 _unlink(q, i)
         q.last[x] = q.first[x]
@@ -169,11 +239,11 @@ def _gather(q: Quotient, p: int, size: int) -> int:
 
 
 @inlined
-def _weigh(q: Quotient, begin: int, end: int, k: int) -> int:
+def _weigh(q: Quotient, members: Indices, begin: int, end: int, k: int) -> int:
     """How many rows a new element holds, and how many rows of others lie outside it; returns the former."""
     total = 0
     for r in range(begin, end):
-        i = q.members[r]
+        i = members[r]
         total -= q.weight[i]
         for s in range(q.start[i], q.start[i] + q.elements[i]):
             e = q.near[s]
@@ -184,7 +254,7 @@ def _weigh(q: Quotient, begin: int, end: int, k: int) -> int:
 
 
 @inlined
-def _prune(q: Quotient, p: int, begin: int, end: int) -> tuple[int, int]:
+def _prune(q: Quotient, members: Indices, p: int, begin: int, end: int) -> tuple[int, int]:
     """Join the members of a new element to it, instead of to each other and to elements within it.
 
     Members that are joined to nothing else are eliminated along with it.  Returns where the others end, and how many
@@ -192,7 +262,7 @@ def _prune(q: Quotient, p: int, begin: int, end: int) -> tuple[int, int]:
     """
     kept, gone, n = begin, 0, len(q.weight)
     for r in range(begin, end):
-        i = q.members[r]
+        i = members[r]
         first, at, degree, key = q.start[i], q.start[i], 0, 0
         inner, last = first + q.elements[i], first + q.length[i]
         for s in range(first, inner):
@@ -218,17 +288,17 @@ def _prune(q: Quotient, p: int, begin: int, end: int) -> tuple[int, int]:
         q.degree[i] = min(q.degree[i], degree)
         key %= n
         q.key[i], q.chain[i], q.bucket[key] = key, q.bucket[key], i
-        q.members[kept] = i
+        members[kept] = i
         kept += 1
     return kept, gone
 
 
 @inlined
-def _merge_alike(q: Quotient, begin: int, end: int, tag: int) -> int:
+def _merge_alike(q: Quotient, members: Indices, begin: int, end: int, tag: int) -> int:
     """Merge members of an element that are joined to the same rows and elements; returns the last mark given."""
     for r in range(begin, end):
-        a = q.bucket[q.key[q.members[r]]]
-        q.bucket[q.key[q.members[r]]] = -1
+        a = q.bucket[q.key[members[r]]]
+        q.bucket[q.key[members[r]]] = -1
         while a >= 0:
             if q.weight[a] != 0 and q.chain[a] >= 0:
                 tag += 1
