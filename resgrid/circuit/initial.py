@@ -163,15 +163,15 @@ def _residual(
     laplacian: Laplacian, drive: NDArray[np.float64], rounding: NDArray[np.float64], x: Scaled
 ) -> tuple[Scaled, Scaled]:
     """The residual's positive part, and what is negative of it; both with what the drive's own rounding may hide."""
-    from resgrid.solvers.refine import scaled_currents
-    from resgrid.solvers.refine_kernels import correct, exact_residual
+    from resgrid.solvers.refine import imbalance, scaled_currents
+    from resgrid.solvers.refine_kernels import correct
 
     r, e = np.empty(laplacian.size), np.empty(laplacian.size, dtype=np.int64)
-    exact_residual(laplacian.conductances, scaled_currents(drive), x, (r, e))
+    imbalance(laplacian.conductances, scaled_currents(drive), x, (r, e), exact=True)
     none = np.zeros_like(e)
     parts = [Scaled(np.maximum(sign * r, 0.0), np.zeros_like(r), np.where(sign * r > 0.0, e, 0)) for sign in (1, -1)]
     for part in parts:
-        correct(part.hi, part.lo, part.exponent, rounding, none)
+        correct(part, rounding, none, part)
     return parts[0], parts[1]
 
 

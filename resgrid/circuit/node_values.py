@@ -168,10 +168,10 @@ def minus(a: Scaled, b: Scaled) -> Scaled:
     """``a - b``; all of shape (n,)."""
     from resgrid.solvers.refine_kernels import correct
 
-    hi, lo, exponent = a.hi.copy(), a.lo.copy(), a.exponent.copy()
-    correct(hi, lo, exponent, -b.hi, b.exponent)
-    correct(hi, lo, exponent, -b.lo, b.exponent)
-    return Scaled(hi, lo, exponent)
+    difference = Scaled(np.empty_like(a.hi), np.empty_like(a.lo), np.empty_like(a.exponent))
+    correct(a, -b.hi, b.exponent, difference)
+    correct(difference, -b.lo, b.exponent, difference)
+    return difference
 
 
 def quotient(parts: list[Scaled], x: Scaled) -> float:

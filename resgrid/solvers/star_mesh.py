@@ -19,7 +19,7 @@ from resgrid.solvers.extended import Scaled
 from resgrid.solvers.factors.factor import Factor, Residual, refine_normwise
 from resgrid.solvers.laplacian import Connections, Laplacian, Rows
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.refine import entry_bound, scaled_currents
+from resgrid.solvers.refine import entry_bound, imbalance, scaled_currents
 
 if TYPE_CHECKING:
     from resgrid.solvers.star_mesh_kernels import Log, QuotientGraph
@@ -207,7 +207,6 @@ class ReducedFactor(Factor):
         the core and of the whole laplacian.
         """
         from resgrid.solvers import star_mesh_kernels as kernels
-        from resgrid.solvers.refine_kernels import exact_residual
 
         mesh = self.mesh
         current, scale = scaled_currents(rhs)
@@ -218,10 +217,11 @@ class ReducedFactor(Factor):
         hi[kept], lo[kept], e[kept] = core.hi, core.lo, core.exponent
         kernels.backward_scaled(mesh.log, hi, lo, e)
         x, out = Scaled(hi, lo, e, core.noise), (np.empty(len(hi)), np.empty(len(hi), dtype=np.int64))
-        error, violation = exact_residual(self.laplacian.conductances, (current, scale), x, out)
+        found = imbalance(self.laplacian.conductances, (current, scale), x, out, exact=True)
+        error = max(found.backward, core_error)
         if watch is not None:
-            watch.done(max(error, core_error), entry_bound(violation))
-        return x, max(error, core_error)
+            watch.done(error, entry_bound(found.left + found.right))
+        return x, error
 
     def _core_solution(self, rhs: Scaled, watch: Watch | None) -> tuple[Scaled, float]:
         if self.inner is None or not rhs.hi.any():
