@@ -6,14 +6,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
-from resgrid.solvers.differences import columns_of
+from resgrid.solvers.laplacian import MOST_NUMBERED
 from resgrid.solvers.superlu import symmetric_factors
 from resgrid.solvers.supernodal import SupernodalFactors
+
+if TYPE_CHECKING:
+    from resgrid.solvers.column_kernels import Columns
 
 Indices = NDArray[np.int32]
 Integers = NDArray[np.int64]
@@ -39,6 +43,36 @@ def positive_inverse_diagonal(factors: SupernodalFactors) -> NDArray[np.float64]
     diagonal = np.empty(len(order))
     diagonal[order] = _diagonal(starts, rows, -weight, pivot)
     return diagonal
+
+
+def columns_of(factors: SupernodalFactors) -> tuple[NDArray[np.int64], Columns]:
+    """The columns of ``-L``, `order` (n,) first: the row that is eliminated at every place."""
+    from resgrid.solvers.column_kernels import Columns
+
+    symbolic, nodes = factors.symbolic, factors.symbolic.nodes
+    reduced, pattern = symbolic.reduced, symbolic.pattern
+    gone, kept = np.flatnonzero(reduced.number < 0), np.flatnonzero(reduced.number >= 0)
+    rows_gone = sparse.csr_array(reduced.whole[2::-1], shape=(len(reduced.number),) * 2)[gone]
+    degree, pivot = np.diff(rows_gone.indptr), reduced.pivot[gone]
+    ranks = pattern.rank[reduced.number[rows_gone.indices]]
+    rows_gone = sparse.csr_array((rows_gone.data, ranks, rows_gone.indptr), shape=(len(gone), max(reduced.size, 1)))
+    rows_gone.sort_indices()
+    node = np.repeat(np.arange(len(symbolic.widths)), symbolic.widths)
+    behind = np.arange(reduced.size) - nodes.first[node] + 1
+    below = symbolic.lengths[node] - behind
+    each = np.arange(below.sum()) - np.repeat(np.cumsum(below) - below, below)
+    row = nodes.rows[np.repeat(nodes.start[node] + behind, below) + each]
+    at = nodes.offset[node] + (behind - 1) * symbolic.lengths[node] + behind
+    starts = np.append(0, np.cumsum(np.append(degree, below) + 1))
+    starts = starts.astype(np.int32 if starts[-1] <= MOST_NUMBERED else np.int64)
+    rows, weight = np.empty(starts[-1], dtype=np.int32), np.full(starts[-1], -1.0)
+    off = np.ones(len(rows), dtype=np.bool_)
+    off[starts[:-1]] = False
+    rows[starts[:-1]] = np.arange(len(starts) - 1)
+    rows[off] = len(gone) + np.append(rows_gone.indices, row)
+    weight[off] = np.append(rows_gone.data / np.repeat(pivot, degree), factors.values[np.repeat(at, below) + each])
+    order = np.append(gone, kept[np.argsort(pattern.rank[reduced.number[kept]])])
+    return order, Columns(starts, rows, weight, np.append(pivot, factors.pivot))
 
 
 def random_signs(size: int, samples: int, seed: int) -> NDArray[np.float64]:
