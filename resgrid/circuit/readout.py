@@ -5,17 +5,15 @@ A current is a difference of two node values, both counted from the nearer rail;
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.equations import Equations
 from resgrid.circuit.node_values import NodeValues
-from resgrid.circuit.operating_point import Ammeters, OperatingPoint, Readings
+from resgrid.circuit.operating_point import OperatingPoint, Readings
 from resgrid.circuit.sources import SourceForest, source_currents
 from resgrid.errors import CircuitError
 from resgrid.netlist import GROUND, Netlist
@@ -33,35 +31,10 @@ DIRECTION_RESIDUAL = 1e-6
 HARMLESS = 1e-7
 """Share of a node's through-current that may be dropped where float64 values of its ends are equal."""
 
-_Falling = tuple[NDArray[np.float64], float]
-"""Values of the nodes (nodes,) and a sign: their product falls along currents, up to rounding."""
-
 _NONE = -(2**62)
 _LEAST_EXPONENT = -2
 _ORDINARY = 1e-60
 """Smallest current of a unit, in amperes, that leaves products of plain values in range; its inverse is the largest."""
-
-
-@dataclass(frozen=True, eq=False)
-class Balance:
-    """Kirchhoff's current law at every node, in units of ``2**(256 exponent)`` amperes.
-
-    `exponent` (nodes,); `through, net` (nodes,): half the sum of all magnitudes, and the net current into the node.
-    """
-
-    exponent: NDArray[np.int64]
-    through: NDArray[np.float64]
-    net: NDArray[np.float64]
-
-
-class _Nodes(NamedTuple):
-    """What currents are summed up at: `unknown` (nodes,): rows; `injected` (nodes,): amperes, used up; `falling`."""
-
-    netlist: Netlist
-    forest: SourceForest
-    unknown: NDArray[np.int32]
-    injected: NDArray[np.float64]
-    falling: _Falling | None
 
 
 def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
@@ -73,10 +46,11 @@ def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
     return injected
 
 
-def read_normwise(
-    system: Equations, x: NDArray[np.float64], method: str, seconds: Mapping[str, float]
-) -> OperatingPoint:
-    """Spread a normwise solution over the nodes; currents wait until they are asked for.  Shapes: `x` (n,)."""
+def read_normwise(system: Equations, x: NDArray[np.float64], **told: Any) -> OperatingPoint:
+    """Spread a normwise solution over the nodes; currents wait until they are asked for.
+
+    Shapes: `x` (n,); `told`: what the point is to say of how it was solved.
+    """
     from resgrid.circuit.kernels import spread
 
     forest = system.forest
@@ -89,11 +63,10 @@ def read_normwise(
         voltage=height if system.reference == 0.0 else system.reference + height,
         log_drop=None,
         potential=_share_of_span(system, height, x),
-        ammeters=Ammeters(partial(_normwise_readings, system.netlist, forest, system.unknown, height)),
+        ammeters=partial(_normwise_readings, system.netlist, forest, system.unknown, height),
         floating=system.floating,
         undriven=system.undriven,
-        method=method,
-        seconds=seconds,
+        **told,
     )
     if forest.loop.any():
         _ = point.readings  # warns of currents that are undetermined
@@ -103,25 +76,27 @@ def read_normwise(
 def read_entrywise(
     system: Equations,
     values: NodeValues,
-    method: str,
-    seconds: Mapping[str, float],
     team: Team,
     falls: NDArray[np.float64] | None = None,
+    **told: Any,
 ) -> tuple[OperatingPoint, NDArray[np.float64], bool]:
     """Read everything off the values of the nodes, or currents off falls across the resistors (resistors,), in volts.
 
-    Returns `residual` (nodes,), and whether differences of values have few digits left.
+    `told`: what the point is to say of how it was solved.  Returns `residual` (nodes,), and whether differences of
+    values have few digits left.
     """
     netlist, faint = system.netlist, False
-    injected, voltage, (log_drop, potential) = team.together(
-        [partial(injected_currents, netlist), partial(_voltage, system, values), partial(_stored, system, values)]
+    voltage, (log_drop, potential) = team.together(
+        [partial(_voltage, system, values), partial(_stored, system, values)]
     )
-    nodes = _Nodes(netlist, system.forest, system.unknown, injected, _falling(log_drop, potential, values))
+    sign = float(np.sign(values.volts))
+    falling = (potential, sign) if log_drop is None else (log_drop, -sign)
     if falls is None:
-        readings, residual, faint = _readings(nodes, values, team)
+        amps, exponent, heat, faint = _differences(values, netlist, team)
     else:
-        amps, none = netlist.conductance * falls, np.zeros(0, dtype=np.int64)
-        readings, residual = _taken(nodes, amps, none, float(amps @ falls), team)
+        amps, exponent = netlist.conductance * falls, np.zeros(0, dtype=np.int64)
+        heat = float(amps @ falls)
+    readings, residual = _read(netlist, system.forest, system.unknown, amps, exponent, heat, *falling, team)
     point = OperatingPoint(
         netlist=netlist,
         voltage=voltage,
@@ -130,19 +105,9 @@ def read_entrywise(
         ammeters=readings,
         floating=system.floating,
         undriven=system.undriven,
-        method=method,
-        seconds=seconds,
+        **told,
     )
     return point, residual, faint
-
-
-def _falling(
-    log_drop: NDArray[np.float64] | None, potential: NDArray[np.float64] | None, values: NodeValues
-) -> _Falling | None:
-    sign = float(np.sign(values.volts))
-    if log_drop is not None:
-        return log_drop, -sign
-    return None if potential is None else (potential, sign)
 
 
 def _normwise_readings(
@@ -152,14 +117,20 @@ def _normwise_readings(
     values = NodeValues(
         Scaled.of(np.nan_to_num(height))._replace(noise=0.0), np.zeros(len(height), np.bool_), 0.0, 1.0, 0.0
     )
-    return _readings(_Nodes(netlist, forest, unknown, injected_currents(netlist), None), values)[0]
+    amps, exponent, heat, _ = _differences(values, netlist, ALONE)
+    return _read(netlist, forest, unknown, amps, exponent, heat, None, 0.0, ALONE)[0]
 
 
-def _readings(nodes: _Nodes, values: NodeValues, team: Team = ALONE) -> tuple[Readings, NDArray[np.float64], bool]:
-    """Difference the values of all nodes; the rest is `_taken`'s.  Returns also whether differences are faint."""
+def _differences(
+    values: NodeValues, netlist: Netlist, team: Team
+) -> tuple[NDArray[np.float64], NDArray[np.int64], float, bool]:
+    """Currents from differences of the values of all nodes.
+
+    Returns `amps, exponent` (resistors,), the latter (0,) where all are 0; the power; and whether differences are
+    faint.
+    """
     from resgrid.circuit.kernels import currents
 
-    netlist = nodes.netlist
     value, plain = _plain_where_possible(values, netlist)
     ends, amps = netlist.resistor_nodes, np.empty(len(netlist.conductance))
     exponent = np.zeros(0 if plain else len(amps), dtype=np.int64)
@@ -170,32 +141,32 @@ def _readings(nodes: _Nodes, values: NodeValues, team: Team = ALONE) -> tuple[Re
             exponent[piece],
         )  # fmt: skip
 
-    powers, faint = zip(*team.over(len(amps), through), strict=True) if amps.size else ((), ())
-    return *_taken(nodes, amps, exponent, sum(powers), team), any(faint)
+    found = team.over(len(amps), through)
+    return amps, exponent, sum(power for power, _ in found), any(faint for _, faint in found)
 
 
-def _taken(
-    nodes: _Nodes, amps: NDArray[np.float64], exponent: NDArray[np.int64], power_sum: float, team: Team
-) -> tuple[Readings, NDArray[np.float64]]:
+def _read(
+    netlist: Netlist, forest: SourceForest, unknown: NDArray[np.int32], amps: NDArray[np.float64],
+    exponent: NDArray[np.int64], heat: float, stored: NDArray[np.float64] | None, sign: float, team: Team,
+) -> tuple[Readings, NDArray[np.float64]]:  # fmt: skip
     """Sum up the currents at every node; nodes that floating sources join count as one.
 
-    What is ``falling`` does so along currents up to rounding, and along every one that matters after this: others are
-    set to 0.  Shapes: `amps, exponent` (resistors,); returns `residual` (nodes,).
+    What is ``stored``, times ``sign``, falls along currents up to rounding, and along every one that matters after
+    this: others are set to 0.  Shapes: `amps, exponent` (resistors,), `stored` (nodes,); returns `residual` (nodes,).
     """
     from resgrid.circuit.kernels import drop_unresolved
 
-    (netlist, forest, unknown, injected, falling), plain = nodes, not exponent.size
-    sums = _balance(netlist, injected, amps, exponent)
-    if falling is not None:
-        drop_unresolved(
-            netlist.resistor_nodes, amps, exponent, sums.exponent, sums.net, sums.through, *falling, HARMLESS
-        )
-    scale = 1.0 if plain else power(sums.exponent)
-    net, through = sums.net, sums.through
+    ends, plain = netlist.resistor_nodes, not exponent.size
+    frame, net, through = _balance(netlist, amps, exponent)
+    if stored is not None:
+        drop_unresolved(ends, amps, exponent, frame, net, through, stored, sign, HARMLESS)
+    residual, direction = np.zeros(len(unknown)), np.empty(len(amps), dtype=np.int8)
+    net_amps, through_amps = (net, through) if plain else (net * power(frame), through * power(frame))
     if np.any(forest.base != GROUND):
         root = forest.root
-        net, through = (np.asarray(np.bincount(root, part * scale)[root], dtype=np.float64) for part in (net, through))
-    residual, direction = np.zeros(len(unknown)), np.empty(len(amps), dtype=np.int8)
+        net, through = (
+            np.asarray(np.bincount(root, part)[root], dtype=np.float64) for part in (net_amps, through_amps)
+        )
 
     def violated(some: slice) -> None:
         held = (unknown[some] >= 0) & (through[some] > 0)
@@ -207,8 +178,8 @@ def _taken(
         resistor_current=amps if plain else amps * power(exponent),
         scaled=None if plain else (amps, exponent),
         resistor_direction=direction,
-        source_current=source_currents(netlist, forest, -sums.net * scale, sums.through * scale),
-        power=float(power_sum),
+        source_current=source_currents(netlist, forest, -net_amps, through_amps),
+        power=heat,
         kcl_residual=float(residual.max(initial=0.0)),
     )
     return readings, residual
@@ -229,14 +200,16 @@ def _plain_where_possible(values: NodeValues, netlist: Netlist) -> tuple[Scaled,
 
 
 def _balance(
-    netlist: Netlist, net: NDArray[np.float64], amps: NDArray[np.float64], exponent: NDArray[np.int64]
-) -> Balance:
-    """Sum the currents at every node, relative to the largest one there, on what is injected, ``net``, in place.
+    netlist: Netlist, amps: NDArray[np.float64], exponent: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Kirchhoff's current law at every node, in units of ``2**(256 frame)`` amperes, about the largest current there.
 
-    Shapes: `net` (nodes,), `amps, exponent` (resistors,).
+    Shapes: `amps, exponent` (resistors,); returns `frame`, `net` into the node, and `through`, half the sum of all
+    magnitudes, (nodes,).
     """
     from resgrid.circuit.kernels import add_currents, frames
 
+    net = injected_currents(netlist)
     frame = np.zeros(len(net), dtype=np.int64)
     if exponent.size:
         own = frame.copy()
@@ -245,10 +218,10 @@ def _balance(
         frames(netlist.resistor_nodes, amps, exponent, frame)
         frame[frame == _NONE] = 0
         net *= power(np.where(net != 0, own - frame, 0))
-    total = np.abs(net)
-    add_currents(netlist.resistor_nodes, amps, exponent, frame, net, total)
-    total *= 0.5
-    return Balance(frame, total, net)
+    through = np.abs(net)
+    add_currents(netlist.resistor_nodes, amps, exponent, frame, net, through)
+    through *= 0.5
+    return frame, net, through
 
 
 def _share_of_span(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.operating_point import Ammeters, OperatingPoint
+from resgrid.circuit.operating_point import OperatingPoint, Readings
 from resgrid.circuit.readout import DIRECTION_RESIDUAL, injected_currents
 from resgrid.circuit.slabs import ROUNDING
 from resgrid.space import Cell
@@ -17,7 +17,7 @@ def safe_cells(op: OperatingPoint) -> NDArray[np.bool_] | None:
 
     None where the solver has seen to that in all of them.  No current flows into an obstacle.
     """
-    if not isinstance(op.ammeters, Ammeters):
+    if isinstance(op.ammeters, Readings):
         return None
     netlist, cells = op.netlist, op.netlist.cells
     from_node, to_node = netlist.resistor_nodes.T
