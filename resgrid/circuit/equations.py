@@ -236,7 +236,7 @@ def ground_and_feed(
     (a, b), siemens = np.take(ends, contacts, axis=0).T, conductance[contacts]
     i, j, a_volts, b_volts = unknown[a], unknown[b], forest.offset[a], forest.offset[b]
     tied = (i < 0) != (j < 0)
-    known, lift = np.where(i < 0, (a_volts, b_volts), (b_volts, a_volts))[:, tied]
+    known, lift = np.where(i < 0, a_volts, b_volts)[tied], np.where(i < 0, b_volts, a_volts)[tied]
     ties = Ties(np.maximum(i, j)[tied], siemens[tied], known - lift)
     ground, feed = np.zeros(size), np.zeros(size)
     np.add.at(ground, ties.row, ties.conductance)
@@ -252,9 +252,14 @@ def injected_into_rows(netlist: Netlist, unknown: NDArray[np.int32], size: int) 
     """What current sources drive into every row, in amperes, shape (n,)."""
     from resgrid.circuit.kernels import add_injected
 
-    injected = np.zeros(size if len(netlist.current_nodes) else 0)
-    add_injected(netlist.current_nodes, netlist.current_amps, unknown, injected, np.zeros_like(injected))
+    injected, rest = np.zeros(size), np.zeros(size)
+    add_injected(netlist.current_nodes, netlist.current_amps, unknown, injected, rest)
     return injected
+
+
+def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
+    """Current that the current sources feed into every node, in amperes; shape (nodes,)."""
+    return injected_into_rows(netlist, np.arange(netlist.node_count, dtype=np.int32), netlist.node_count)
 
 
 def grid_of(netlist: Netlist) -> Grid | None:

@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from resgrid.circuit.dynamics import ChargeBasis, Dynamics, charge_basis
-from resgrid.circuit.node_values import CERTAIN, minus, quotient
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import AccuracyError, InputError
 from resgrid.netlist import CellMap, Netlist
@@ -25,7 +24,7 @@ from resgrid.solvers.extended import Scaled
 from resgrid.solvers.factors.factor import Factor
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.refine import is_answer
+from resgrid.solvers.refine import CERTAIN, is_answer, minus, quotient
 
 _EPS = float(np.finfo(np.float64).eps)
 _DOUBT = 1e-6

@@ -15,9 +15,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.circuit.equations import Equations, assemble
-from resgrid.circuit.node_values import CERTAIN, node_values, values_above
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.circuit.readout import DIRECTION_RESIDUAL, OUT_OF_RANGE, read_entrywise, read_normwise
+from resgrid.circuit.readout import (
+    DIRECTION_RESIDUAL,
+    OUT_OF_RANGE,
+    node_values,
+    read_entrywise,
+    read_normwise,
+    values_above,
+)
 from resgrid.errors import AccuracyError, CircuitError
 from resgrid.netlist import Netlist
 from resgrid.solvers.choose import factor_laplacian
@@ -26,7 +32,7 @@ from resgrid.solvers.factors.direct import EXACT_ROWS
 from resgrid.solvers.factors.factor import Factor
 from resgrid.solvers.laplacian import count_connections
 from resgrid.solvers.monitor import Progress, Watch
-from resgrid.solvers.refine import is_answer
+from resgrid.solvers.refine import CERTAIN, is_answer
 from resgrid.solvers.team import Team
 
 _STIFF = 1e-9

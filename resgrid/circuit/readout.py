@@ -1,23 +1,31 @@
-"""From the values of nodes to voltages, potentials and currents that keep their last digits.
+"""The values of nodes, and voltages, potentials and currents read off them to their last digits.
 
-A current is a difference of two node values, both counted from the nearer rail; nothing is rounded before that.
+Every node is counted from the nearer rail, and a current is a difference of two such values: nothing is rounded before
+that.  Where a circuit hangs between two rails, the drop ``u`` from the high one is solved for; the height
+``phi = 1 - u`` above the low one is what is left of it, or a solution of its own where that would be a small difference
+somewhere.  Currents of both signs are solved for apart, and either solution is right entry by entry, which says little
+of their difference.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.equations import Equations
-from resgrid.circuit.node_values import NodeValues
+from resgrid.circuit.equations import Equations, injected_currents
 from resgrid.circuit.operating_point import OperatingPoint, Readings
 from resgrid.circuit.sources import SourceForest, source_currents
 from resgrid.errors import CircuitError
 from resgrid.netlist import GROUND, Netlist
 from resgrid.solvers.extended import Scaled, canonical, power
+from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.laplacian import Rails
+from resgrid.solvers.monitor import Watch
+from resgrid.solvers.refine import minus, quotient
 from resgrid.solvers.team import ALONE, Team
 
 OUT_OF_RANGE = (
@@ -31,19 +39,139 @@ DIRECTION_RESIDUAL = 1e-6
 HARMLESS = 1e-7
 """Share of a node's through-current that may be dropped where float64 values of its ends are equal."""
 
+_LEAST_REST = 1e-3
+"""Smallest height above the low rail, as a share of both rails' distance, that is read off the drop."""
+
 _NONE = -(2**62)
 _LEAST_EXPONENT = -2
 _ORDINARY = 1e-60
 """Smallest current of a unit, in amperes, that leaves products of plain values in range; its inverse is the largest."""
 
 
-def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
-    """Current that the current sources feed into every node, in amperes; shape (nodes,)."""
-    from resgrid.circuit.kernels import add_injected
+@dataclass(frozen=True, eq=False)
+class NodeValues:
+    """A value for every node, counted from one rail, or from the nearer one of two.
 
-    injected, rest = np.zeros((2, netlist.node_count))
-    add_injected(netlist.current_nodes, netlist.current_amps, np.arange(len(injected), dtype=np.int32), injected, rest)
-    return injected
+    `value` (nodes,): 0 where the node floats; `down` (nodes,): whether the value is a drop from the high rail, 1 unit
+    above the low one; `zero, volts`: voltage of the low (or only) rail, and volts of a unit; negative where values
+    grow as voltages fall; `noise`: relative difference of two values counted upwards below which it is noise;
+    ``value.noise`` is that of drops; `doubt`: by how much any value may be off at most, relative to the largest,
+    where currents of both signs drive the circuit; of all others nothing is said here.
+    """
+
+    value: Scaled
+    down: NDArray[np.bool_]
+    zero: float
+    volts: float
+    noise: float
+    doubt: float = 0.0
+
+    @property
+    def height(self) -> NDArray[np.float64]:
+        """Plain heights above the low rail, in units."""
+        plain = self.value.plain
+        return np.where(self.down, 1.0 - plain, plain)
+
+
+def node_values(system: Equations, factors: Factor | None, watch: Watch, team: Team) -> NodeValues:
+    """Solve for all that the currents of a circuit are read off."""
+    if system.rails is not None:
+        return _between(system, system.rails, *_drop_and_height(system.rails, factors, watch, team), team)
+    drive = system.drive
+    if not (np.any(drive < 0.0) and np.any(drive > 0.0)):
+        sign = -1.0 if np.any(drive < 0.0) else 1.0
+        (height,) = _solved(factors, [np.abs(drive)], watch, team)
+        return _above(system, height, sign, team)
+    rising, falling = _solved(factors, [np.maximum(drive, 0.0), np.maximum(-drive, 0.0)], watch, team)
+    difference = minus(rising, falling)
+    doubt = watch.bound * quotient([rising, falling], difference)
+    return replace(_above(system, difference, 1.0, team), doubt=doubt)
+
+
+def values_above(system: Equations, volts: NDArray[np.float64], above: NDArray[np.float64], team: Team) -> NodeValues:
+    """Values of all nodes from the heights of rows above every rail.  Shapes: `volts` (rails,), `above` (n, rails)."""
+    rails = system.rails
+    if rails is not None:
+        span = rails.high - rails.low
+        up, down = (above[:, int(np.argmin(np.abs(volts - rail)))] / span for rail in (rails.low, rails.high))
+        return _between(system, rails, Scaled.of(-down), Scaled.of(up), team)
+    nearest = np.abs(above).argmin(axis=1)
+    x = (volts - system.reference)[nearest] + np.take_along_axis(above, nearest[:, None], axis=1)[:, 0]
+    sign = -1.0 if np.all(x <= 0.0) else 1.0
+    return _above(system, Scaled.of(sign * x), sign, team)
+
+
+def _drop_and_height(rails: Rails, factors: Factor | None, watch: Watch, team: Team) -> tuple[Scaled, Scaled | None]:
+    """The drop from the high rail, and the height above the low one where it is no mere rest of the drop.
+
+    All that flows into the low rail comes from the high one: ``to_low * height`` is at most the sum of ``to_high``.
+    Where that says that both are needed, they are solved at once.
+    """
+    to_low = rails.to_low
+    if team.size > 1 and (to_high := rails.to_high).sum() < _LEAST_REST * to_low.max(initial=0.0):
+        drop, height = _solved(factors, [to_low, to_high], watch, team)
+        return drop, None if _leaves_rest(drop) else height
+    (drop,) = _solved(factors, [to_low], watch, team)
+    return drop, None if _leaves_rest(drop) else _solved(factors, [rails.to_high], watch, team)[0]
+
+
+def _leaves_rest(drop: Scaled) -> bool:
+    """Whether the height ``1 - drop`` is nowhere a small difference."""
+    return bool(drop.plain.max(initial=0.0) < 1.0 - _LEAST_REST)
+
+
+def _solved(factors: Factor | None, currents: list[NDArray[np.float64]], watch: Watch, team: Team) -> list[Scaled]:
+    """Solve for right-hand sides of one sign each, side by side; an interrupt stops all."""
+
+    def one(rhs: NDArray[np.float64]) -> Scaled:
+        if factors is None or not rhs.any():
+            return Scaled.of(np.zeros(len(rhs)))
+        try:
+            return factors.solve_nonnegative(rhs, watch=watch)[0]
+        except KeyboardInterrupt:
+            watch.stop()
+            raise
+
+    return team.together([partial(one, rhs) for rhs in currents])
+
+
+def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | None, team: Team) -> NodeValues:
+    """Spread drops, and heights where they were solved for, over the nodes."""
+    from resgrid.circuit.kernels import from_nearer_rail
+
+    nodes = len(system.unknown)
+    out, down = Scaled.of(np.zeros(nodes)), np.zeros(nodes, dtype=np.bool_)
+    own = Scaled.of(np.zeros(0)) if height is None else height
+    known = system.known_voltages()
+
+    def spread(piece: slice) -> None:
+        row = system.unknown[piece]
+        from_nearer_rail(row, known[piece], rails.low, rails.high, drop, own, out.at(piece), down[piece])
+
+    team.over(nodes, spread)
+    noise = height.noise if height is not None else drop.noise / _LEAST_REST
+    return NodeValues(out._replace(noise=drop.noise), down, rails.low, rails.high - rails.low, noise)
+
+
+def _above(system: Equations, rows: Scaled, volts: float, team: Team) -> NodeValues:
+    """Spread heights above the reference over the nodes."""
+    from resgrid.circuit.kernels import from_one_rail
+
+    nodes, forest = len(system.unknown), system.forest
+    out, known = Scaled.of(np.zeros(nodes)), system.known_voltages()
+
+    def spread(piece: slice) -> None:
+        from_one_rail(system.unknown[piece], known[piece], system.reference, volts, rows, out.at(piece))
+
+    team.over(nodes, spread)
+    lifted = (forest.height != 0) & (system.unknown[forest.order] >= 0)
+    if lifted.any():
+        # Floating sources occur only in circuits without two rails, whose values do not leave the range of a double.
+        node = forest.order[lifted]
+        out.hi[node] = out.hi[node] * power(out.exponent[node]) + forest.height[lifted] / volts
+        out.lo[node] = out.exponent[node] = 0
+    down = np.zeros(nodes, dtype=np.bool_)
+    return NodeValues(out._replace(noise=rows.noise), down, system.reference, volts, rows.noise)
 
 
 def read_normwise(system: Equations, x: NDArray[np.float64], **told: Any) -> OperatingPoint:
@@ -74,11 +202,7 @@ def read_normwise(system: Equations, x: NDArray[np.float64], **told: Any) -> Ope
 
 
 def read_entrywise(
-    system: Equations,
-    values: NodeValues,
-    team: Team,
-    falls: NDArray[np.float64] | None = None,
-    **told: Any,
+    system: Equations, values: NodeValues, team: Team, falls: NDArray[np.float64] | None = None, **told: Any
 ) -> tuple[OperatingPoint, NDArray[np.float64], bool]:
     """Read everything off the values of the nodes, or currents off falls across the resistors (resistors,), in volts.
 

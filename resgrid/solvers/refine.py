@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.solvers.extended import NOISE, Scaled, canonical
+from resgrid.solvers.extended import NOISE, Scaled, canonical, logarithm
 from resgrid.solvers.laplacian import Conductances, Laplacian
 from resgrid.solvers.team import ALONE, Team
 
@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 
 _CONVERGED = 1e-12
 """Componentwise backward error up to which an answer is one, whatever is proved of its entries."""
+
+CERTAIN = 1e-9
+"""Errors relative to the largest value that need no closer look."""
 
 _MOST_STEPS = 60
 _LEAST_GAIN = 0.5
@@ -196,3 +199,24 @@ def scaled_currents(rhs: NDArray[np.float64] | Scaled) -> Numbers:
         current, scale = np.array(rhs, dtype=np.float64), np.zeros(len(rhs), dtype=np.int64)
     canonical(current, scale)
     return current, scale
+
+
+def minus(a: Scaled, b: Scaled) -> Scaled:
+    """``a - b``; all of shape (n,)."""
+    from resgrid.solvers.refine_kernels import correct
+
+    difference = Scaled(np.empty_like(a.hi), np.empty_like(a.lo), np.empty_like(a.exponent))
+    correct(a, -b.hi, b.exponent, difference)
+    correct(difference, -b.lo, b.exponent, difference)
+    return difference
+
+
+def quotient(parts: list[Scaled], x: Scaled) -> float:
+    """The largest value of any part relative to that of ``x``; 0 where all parts vanish."""
+    largest, most = _largest_log(x), max(_largest_log(part) for part in parts)
+    with np.errstate(over="ignore"):
+        return 0.0 if most == -np.inf else float(np.exp(most - largest))
+
+
+def _largest_log(values: Scaled) -> float:
+    return float(logarithm(np.abs(values.hi), values.exponent).max(initial=-np.inf))

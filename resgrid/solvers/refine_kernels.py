@@ -20,6 +20,7 @@ from resgrid.solvers.extended_kernels import (
     _shift,
     _sum,
     _two_product,
+    _two_sum,
 )
 from resgrid.solvers.laplacian import Conductances
 
@@ -63,7 +64,8 @@ def correct(x: Scaled, m: Floats, me: Integers, out: Scaled) -> None:
         else:
             if me[i] == exponent + 1:
                 a, a_low, exponent = a * _INVERSE, a_low * _INVERSE, me[i]
-            a, a_low = _sum(a, a_low, _shift(m[i], me[i] - exponent), 0.0)
+            a, rest = _two_sum(a, _shift(m[i], me[i] - exponent))
+            a, a_low = _two_sum(a, rest + a_low)
             a, a_low, exponent = _canonical_pair(a, a_low, exponent)
         new_hi[i], new_lo[i], new_e[i] = a, a_low, exponent
 
