@@ -115,14 +115,13 @@ def dynamics_of(netlist: Netlist) -> Dynamics:
         return made.with_rows(), feed
 
     conductance, feed = laplacian(netlist.resistor_nodes, netlist.conductance)
-    injected = injected_into_rows(netlist, row, size)
     return Dynamics(
         netlist=netlist,
         row=row,
         fixed=fixed,
         conductance=conductance,
         capacitance=laplacian(capacitors, capacitance)[0],
-        drive=feed + injected if injected.size else feed,
+        drive=feed + injected_into_rows(netlist, row, size),
         floating=floating,
         forest=forest,
         branches=conductance.branches,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +12,6 @@ from resgrid.circuit.sources import SourceForest, tie_sources
 from resgrid.errors import CircuitError
 from resgrid.netlist import GROUND, Netlist
 from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian, Rails
-
-if TYPE_CHECKING:
-    from resgrid.circuit.kernels import Contacts
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,10 +119,9 @@ def assemble(netlist: Netlist) -> Equations:
     lifted = bool(np.any((unknown[forest.order] >= 0) & (forest.height != 0)))
     contacts = np.arange(len(netlist.conductance), dtype=np.int32) if lifted else parts.contacts
     ends, reference = netlist.resistor_nodes, float(low) if size else 0.0
-    ground, feed, two, ties = ground_and_feed(
-        ends, netlist.conductance, unknown, contacts, forest, size, reference, high
-    )
+    ground, feed, ties = ground_and_feed(ends, netlist.conductance, unknown, contacts, forest, size, reference)
     injected = injected_into_rows(netlist, unknown, size)
+    two = bool(np.all((ties.volts == low) | (ties.volts == high)))
     if alone is not None:
         low, high, two = alone
     plain = two and low < high and not lifted and not injected.any()
@@ -139,7 +135,7 @@ def assemble(netlist: Netlist) -> Equations:
             listed=EdgeList(ends, netlist.conductance, unknown),
             grid=grid,
             dimensions=2 if grid is None else grid.dimensions,
-            rails=_rails(netlist, size, contacts, ties, float(low), float(high)) if plain else None,
+            rails=_rails(netlist, size, ties, float(low), float(high)) if plain else None,
         ),
         contacts=contacts,
         feed=_without_memory(feed, size),
@@ -159,7 +155,7 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
     CircuitError
         If a current source feeds a part that nothing ties to ground.
     """
-    from resgrid.circuit.kernels import join_parts, known_range, mark_fed, number_parts
+    from resgrid.circuit.kernels import join_parts, mark_fed, number_parts
 
     part = np.arange(netlist.node_count, dtype=np.int32)
     part[forest.order[forest.base == GROUND]] = -1
@@ -167,8 +163,12 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
     contacts = room[: join_parts(elements, part, room)].copy()
     join_parts(netlist.source_nodes, part, room)
     number = number_parts(part)
+    first, second = np.take(elements, contacts, axis=0).T
+    of_part = np.maximum(part[first], part[second])
+    known = forest.offset[np.where(part[first] < 0, first, second)]
     lowest, highest = np.full(number, np.inf), np.full(number, -np.inf)
-    known_range(np.take(elements, contacts, axis=0), forest.offset, part, lowest, highest)
+    np.minimum.at(lowest, of_part, known)
+    np.maximum.at(highest, of_part, known)
     fed = np.zeros(number, dtype=np.bool_)
     mark_fed(netlist.current_nodes, netlist.current_amps, part, fed)
     fed[part[forest.order[(forest.base != GROUND) & (forest.height != 0)]]] = True
@@ -207,6 +207,18 @@ def number_rows(
     return size, unknown, other[~loose], volts[~loose], other[loose]
 
 
+class Ties(NamedTuple):
+    """Elements between rows and nodes of known voltage.
+
+    `row` (ties,); `conductance` (ties,), in siemens; `volts` (ties,): the known voltage, as seen from the row: without
+    what sources lift the element's other node above that.
+    """
+
+    row: NDArray[np.int32]
+    conductance: NDArray[np.float64]
+    volts: NDArray[np.float64]
+
+
 def ground_and_feed(
     ends: NDArray[np.int32],
     conductance: NDArray[np.float64],
@@ -215,29 +227,39 @@ def ground_and_feed(
     forest: SourceForest,
     size: int,
     low: float = 0.0,
-    high: float = np.inf,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], bool, Contacts]:
-    """What ties every row to known voltages, and what these drive into it, measured from ``low``.
+) -> tuple[NDArray[np.float64], NDArray[np.float64], Ties]:
+    """What ties every row to known voltages, and what these and floating sources drive into it, measured from ``low``.
 
     Shapes: `ends` (m, 2), `conductance` (m,), `contacts` (c,): the elements to look at; returns `ground` (n,), `feed`
-    (n,), whether all these voltages are ``low`` or ``high``, and which of the elements tie a row to which.
+    (n,), and the ties.
     """
-    from resgrid.circuit.kernels import Contacts, add_contacts
-
+    (a, b), siemens = np.take(ends, contacts, axis=0).T, conductance[contacts]
+    i, j, a_volts, b_volts = unknown[a], unknown[b], forest.offset[a], forest.offset[b]
+    tied = (i < 0) != (j < 0)
+    known, lift = np.where(i < 0, a_volts, b_volts)[tied], np.where(i < 0, b_volts, a_volts)[tied]
+    ties = Ties(np.maximum(i, j)[tied], siemens[tied], known - lift)
     ground, feed = np.zeros(size), np.zeros(size)
-    ties = Contacts(np.empty(len(contacts), dtype=np.int32), np.empty(len(contacts), dtype=np.bool_))
-    pairs = np.take(ends, contacts, axis=0)
-    two = add_contacts(pairs, conductance[contacts], unknown, forest.offset, low, float(high), ground, feed, ties)
-    return ground, feed, two, ties
+    np.add.at(ground, ties.row, ties.conductance)
+    np.add.at(feed, ties.row, ties.conductance * ((known - low) - lift))
+    apart = ~tied & (i != j) & (a_volts != b_volts)
+    amps = siemens[apart] * (a_volts - b_volts)[apart]
+    np.subtract.at(feed, i[apart], amps)
+    np.add.at(feed, j[apart], amps)
+    return ground, feed, ties
 
 
 def injected_into_rows(netlist: Netlist, unknown: NDArray[np.int32], size: int) -> NDArray[np.float64]:
     """What current sources drive into every row, in amperes, shape (n,)."""
     from resgrid.circuit.kernels import add_injected
 
-    injected = np.zeros(size if len(netlist.current_nodes) else 0)
-    add_injected(netlist.current_nodes, netlist.current_amps, unknown, injected, np.zeros_like(injected))
+    injected, rest = np.zeros(size), np.zeros(size)
+    add_injected(netlist.current_nodes, netlist.current_amps, unknown, injected, rest)
     return injected
+
+
+def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
+    """Current that the current sources feed into every node, in amperes; shape (nodes,)."""
+    return injected_into_rows(netlist, np.arange(netlist.node_count, dtype=np.int32), netlist.node_count)
 
 
 def grid_of(netlist: Netlist) -> Grid | None:
@@ -274,12 +296,8 @@ def _between_rails(netlist: Netlist, volts: NDArray[np.float64], parts: Parts) -
     return 0.0, 0.0, False
 
 
-def _rails(
-    netlist: Netlist, size: int, contacts: NDArray[np.int32], ties: Contacts, lowest: float, highest: float
-) -> Rails:
+def _rails(netlist: Netlist, size: int, ties: Ties, lowest: float, highest: float) -> Rails:
     """Both rails; a map of cells says which of them the obstacles are on."""
     upside_down = netlist.cell_map is not None and netlist.cell_map.wiring.supply < 0
     high, low = (lowest, highest) if upside_down else (highest, lowest)
-    there = ties.row >= 0
-    at_high = ties.upper[there] != upside_down
-    return Rails(high, low, size, ties.row[there], netlist.conductance[contacts[there]], at_high)
+    return Rails(high, low, size, ties.row, ties.conductance, ties.volts == high)

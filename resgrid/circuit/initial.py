@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from resgrid.circuit.dynamics import ChargeBasis, Dynamics, charge_basis
-from resgrid.circuit.node_values import CERTAIN, minus, quotient
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import AccuracyError, InputError
 from resgrid.netlist import CellMap, Netlist
@@ -25,7 +24,7 @@ from resgrid.solvers.extended import Scaled
 from resgrid.solvers.factors.factor import Factor
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.refine import is_answer
+from resgrid.solvers.refine import CERTAIN, is_answer, minus, quotient
 
 _EPS = float(np.finfo(np.float64).eps)
 _DOUBT = 1e-6
@@ -163,15 +162,15 @@ def _residual(
     laplacian: Laplacian, drive: NDArray[np.float64], rounding: NDArray[np.float64], x: Scaled
 ) -> tuple[Scaled, Scaled]:
     """The residual's positive part, and what is negative of it; both with what the drive's own rounding may hide."""
-    from resgrid.solvers.refine import scaled_currents
-    from resgrid.solvers.refine_kernels import correct, exact_residual
+    from resgrid.solvers.refine import imbalance, scaled_currents
+    from resgrid.solvers.refine_kernels import correct
 
     r, e = np.empty(laplacian.size), np.empty(laplacian.size, dtype=np.int64)
-    exact_residual(laplacian.conductances, scaled_currents(drive), x, (r, e))
+    imbalance(laplacian.conductances, scaled_currents(drive), x, (r, e), exact=True)
     none = np.zeros_like(e)
     parts = [Scaled(np.maximum(sign * r, 0.0), np.zeros_like(r), np.where(sign * r > 0.0, e, 0)) for sign in (1, -1)]
     for part in parts:
-        correct(part.hi, part.lo, part.exponent, rounding, none)
+        correct(part, rounding, none, part)
     return parts[0], parts[1]
 
 

@@ -7,7 +7,6 @@ at.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,19 +69,6 @@ def number_parts(part: Indices) -> int:
 
 
 @kernel
-def known_range(pairs: Indices, known: Floats, part: Indices, lowest: Floats, highest: Floats) -> None:
-    """Widen every part's range of known voltages that its resistors reach, in place; contacts alone do."""
-    for k in range(len(pairs)):
-        a, b = pairs[k, 0], pairs[k, 1]
-        if (part[a] >= 0) == (part[b] >= 0):
-            continue
-        if part[b] >= 0:
-            a, b = b, a
-        lowest[part[a]] = min(lowest[part[a]], known[b])
-        highest[part[a]] = max(highest[part[a]], known[b])
-
-
-@kernel
 def mark_fed(pairs: Indices, amps: Floats, part: Indices, fed: NDArray[np.bool_]) -> None:
     """Mark the parts that current sources feed, in place."""
     for k in range(len(pairs)):
@@ -113,46 +99,6 @@ def number_rows(part: Indices, solved: NDArray[np.bool_], root: Integers) -> int
             part[node] = rows
             rows += 1
     return rows
-
-
-class Contacts(NamedTuple):
-    """Elements between rows and nodes of known voltage, in the order of the elements looked at.
-
-    `row` (c,): the row; -1 for an element that is none; `upper` (c,): whether the voltage is the upper one of two.
-    """
-
-    row: Indices
-    upper: Bools
-
-
-@kernel
-def add_contacts(
-    pairs: Indices, conductance: Floats, row: Indices, offset: Floats, low: float, high: float, ground: Floats,
-    feed: Floats, contacts: Contacts,
-) -> bool:  # fmt: skip
-    """Add what ties rows to nodes of known voltage, and the current that these, and offsets, drive from ``low`` up.
-
-    Returns whether all known voltages there are ``low`` or ``high``; which it is goes into ``contacts``.
-    """
-    two = True
-    for k in range(len(pairs)):
-        a, b = pairs[k, 0], pairs[k, 1]
-        i, j = row[a], row[b]
-        contacts.row[k], contacts.upper[k] = -1, False
-        if i == j:
-            continue
-        if i >= 0 and j >= 0:
-            feed[i] -= conductance[k] * (offset[a] - offset[b])
-            feed[j] += conductance[k] * (offset[a] - offset[b])
-            continue
-        if i < 0:
-            i, a, b = j, b, a
-        ground[i] += conductance[k]
-        contacts.row[k], contacts.upper[k] = i, offset[b] == high
-        if offset[b] != low or offset[a] != 0.0:
-            feed[i] += conductance[k] * ((offset[b] - low) - offset[a])
-            two &= offset[b] == low or offset[b] == high
-    return two
 
 
 @kernel

@@ -1,13 +1,15 @@
 """Currents that obey Kirchhoff's current law at every node, where differences of its voltages do not tell them.
 
 Stiff ties to a rail, flat dead ends, balanced loops: what flows there is some 1e-16 of what the voltages are, or less.
-The state is the fall across every resistor; it is corrected by differences (`resgrid.solvers.differences`) until all
-currents balance at every node, each node by its own.
+Substitution is done in differences between the rows that elimination joins, each of them a sum of products
+(`resgrid.solvers.column_kernels.substitute_differences`), and corrected until all currents balance at every node, each
+node by its own.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +19,11 @@ from scipy.sparse.csgraph import connected_components
 from resgrid.circuit.equations import Equations
 from resgrid.errors import BudgetError
 from resgrid.solvers.choose import factor_laplacian
-from resgrid.solvers.differences import differences
 from resgrid.solvers.factors.direct import DirectFactor
+from resgrid.solvers.selected_inverse import columns_of
+
+if TYPE_CHECKING:
+    from resgrid.solvers.column_kernels import Columns, Gaps
 
 _MOST_TIES = 2e7
 """Rows times rails that are kept apart."""
@@ -58,31 +63,24 @@ def balance(system: Equations) -> Falls | None:
         return None
     rail_of = np.zeros(len(rows), dtype=np.int32)
     rail_of[contact] = rail
-    ties = np.zeros((system.size, len(volts)))
-    np.add.at(ties, (rows[contact][~held[contact]], rail), netlist.conductance[contact])
     try:
-        factors = factor_laplacian(system.laplacian, "direct")
+        by = _differences(system, rows, rail_of, len(volts))
     except BudgetError:
         return None
-    assert isinstance(factors, DirectFactor)
-    by = differences(factors.factors, ties)
     apart = np.where(
         held.all(axis=1), np.nan_to_num(known[:, 0] - known[:, 1]), -np.diff(lift[netlist.resistor_nodes])[:, 0]
     )
     none, faint = np.zeros_like(apart), np.zeros(len(apart), dtype=np.bool_)
-    places, worst = by.places(rows), np.inf
-    residual, _ = _residual(system, rows, (apart, none))
-    gaps = by.solve(residual, volts)
-    falls = by.falls(gaps, places, rail_of, apart)
-    residual, _ = _residual(system, rows, falls)
+    gaps, worst = by.solve(_residual(system, rows, (apart, none))[0], volts), np.inf
+    residual, _ = _residual(system, rows, by.falls(gaps, apart))
     for _ in range(_MOST_STEPS):
         more = by.solve(residual, np.zeros_like(volts))
         by.correct(gaps, more, volts)
-        falls = by.falls(gaps, places, rail_of, apart)
+        falls = by.falls(gaps, apart)
         residual, through = _residual(system, rows, falls)
         least = np.append(through, np.inf)[rows].min(axis=1)
         amps = netlist.conductance * np.abs(falls[0])
-        moved = netlist.conductance * np.abs(by.falls(more, places, rail_of, none)[0])
+        moved = netlist.conductance * np.abs(by.falls(more, none)[0])
         share = np.divide(moved, least, out=none.copy(), where=(amps > 0.0) & (least > 0.0))
         faint = (share > _CERTAIN) & (amps <= _FAINT * amps.max())
         before, worst = worst, float(share.max(where=~faint, initial=0.0))
@@ -90,7 +88,72 @@ def balance(system: Equations) -> Falls | None:
             break
     if faint.any():
         falls[0][_around(netlist.resistor_nodes, netlist.node_count, amps <= _FAINT * amps.max(), faint)] = 0.0
-    return Falls(falls[0], volts, by.heights(gaps), worst)
+    above = np.empty_like(gaps.above)
+    above[by.order] = gaps.above
+    return Falls(falls[0], volts, above, worst)
+
+
+@dataclass(frozen=True, eq=False)
+class _Differences:
+    """Factors by columns, with the rails as nodes of their own.
+
+    `columns`: of ``-L`` and ``D``; `order` (n,): the row that is eliminated at every place; `ties` (n, rails): what
+    joins a row to each rail when it is eliminated, in siemens; `ends` (resistors, 2): places of their ends, -1 for a
+    node of known voltage; `rail` (resistors,): which one that is.
+    """
+
+    columns: Columns
+    order: NDArray[np.int64]
+    ties: NDArray[np.float64]
+    ends: NDArray[np.int32]
+    rail: NDArray[np.int32]
+
+    def solve(self, fed: NDArray[np.float64], volts: NDArray[np.float64]) -> Gaps:
+        """Solve for what is fed into the rows (n,), in amperes, and the rails' voltages (rails,)."""
+        from resgrid.solvers.column_kernels import Gaps, feed_forward, substitute_differences
+
+        n, entries = len(self.order), len(self.columns.rows)
+        carried = np.stack([fed, np.abs(fed)], axis=1)[self.order]
+        feed_forward(self.columns, carried)
+        gaps = Gaps(*np.zeros((2, n)), *np.zeros((2, entries)), *np.zeros((2, n, len(volts))))
+        substitute_differences(self.columns, carried, self.ties, volts, gaps, given=False)
+        return gaps
+
+    def correct(self, gaps: Gaps, more: Gaps, volts: NDArray[np.float64]) -> None:
+        """Add the changes of other gaps, in place."""
+        from resgrid.solvers.column_kernels import substitute_differences
+
+        total = gaps.change + more.change
+        taken = total - gaps.change
+        lost = (gaps.change - (total - taken)) + (more.change - taken) + gaps.change_low
+        gaps.change[:] = total + lost
+        gaps.change_low[:] = lost - (gaps.change - total)
+        substitute_differences(self.columns, np.zeros((len(self.order), 2)), self.ties, volts, gaps, given=True)
+
+    def falls(self, gaps: Gaps, apart: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Falls across the resistors beside what sources hold ``apart``, in double-double; shapes (resistors,)."""
+        from resgrid.solvers.column_kernels import add_falls
+
+        falls, falls_low = apart.copy(), np.zeros_like(apart)
+        add_falls(self.columns, gaps, self.ends, self.rail, falls, falls_low)
+        return falls, falls_low
+
+
+def _differences(system: Equations, rows: NDArray[np.int32], rail: NDArray[np.int32], rails: int) -> _Differences:
+    """Factor a circuit with its rails.  Shapes: `rows` (resistors, 2), -1 on a rail, `rail` (resistors,)."""
+    from resgrid.solvers.column_kernels import feed_forward
+
+    factors = factor_laplacian(system.laplacian, "direct")
+    assert isinstance(factors, DirectFactor)
+    order, columns = columns_of(factors.factors)
+    place = np.full(system.size + 1, -1, dtype=np.int32)
+    place[order] = np.arange(system.size, dtype=np.int32)
+    ties = np.zeros((system.size, rails))
+    tied = (rows < 0).sum(axis=1) == 1
+    np.add.at(ties, (rows[tied].max(axis=1), rail[tied]), system.netlist.conductance[tied])
+    ties = ties[order]
+    feed_forward(columns, ties)
+    return _Differences(columns, order, ties, place[rows], rail)
 
 
 def _around(

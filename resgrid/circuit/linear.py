@@ -9,14 +9,21 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.circuit.equations import Equations, assemble
-from resgrid.circuit.node_values import CERTAIN, node_values, values_above
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.circuit.readout import DIRECTION_RESIDUAL, OUT_OF_RANGE, read_entrywise, read_normwise
+from resgrid.circuit.readout import (
+    DIRECTION_RESIDUAL,
+    OUT_OF_RANGE,
+    node_values,
+    read_entrywise,
+    read_normwise,
+    values_above,
+)
 from resgrid.errors import AccuracyError, CircuitError
 from resgrid.netlist import Netlist
 from resgrid.solvers.choose import factor_laplacian
@@ -25,7 +32,7 @@ from resgrid.solvers.factors.direct import EXACT_ROWS
 from resgrid.solvers.factors.factor import Factor
 from resgrid.solvers.laplacian import count_connections
 from resgrid.solvers.monitor import Progress, Watch
-from resgrid.solvers.refine import is_answer
+from resgrid.solvers.refine import CERTAIN, is_answer
 from resgrid.solvers.team import Team
 
 _STIFF = 1e-9
@@ -46,27 +53,28 @@ def _solved(netlist: Netlist, accuracy: str, method: str, rtol: float, team: Tea
         system = assemble(netlist)
     with _timed(seconds, "factor"):
         factors = factor_laplacian(system.laplacian, method, accuracy=accuracy, team=team) if system.size else None
-    name = factors.name if factors else "none"
+    told: dict[str, Any] = {"method": factors.name if factors else "none", "seconds": seconds}
     if accuracy == "normwise":
+
+        def read(x: NDArray[np.float64]) -> OperatingPoint:
+            if not np.isfinite(x).all():
+                raise CircuitError(OUT_OF_RANGE)
+            steps, error, levels = watch.iterations, watch.error, watch.levels
+            return read_normwise(system, x, iterations=steps, backward_error=error, levels=levels, **told)
+
         with _timed(seconds, "substitute"):
             try:
                 x = factors.solve(system.drive, rtol=rtol, watch=watch) if factors else np.zeros(0)
             except AccuracyError as error:
-                best = np.asarray(error.best, dtype=np.float64)
-                if not np.isfinite(best).all():
-                    raise CircuitError(OUT_OF_RANGE) from None
-                raise AccuracyError(str(error), read_normwise(system, best, name, seconds)) from None
+                raise AccuracyError(str(error), read(np.asarray(error.best, dtype=np.float64))) from None
             del factors
-        if not np.isfinite(x).all():
-            raise CircuitError(OUT_OF_RANGE)
         with _timed(seconds, "read"):
-            point = read_normwise(system, x, name, seconds)
-        return replace(point, iterations=watch.iterations, backward_error=watch.error, levels=watch.levels)
+            return read(x)
     with _timed(seconds, "substitute"):
         values = node_values(system, factors, watch, team)
         del factors
     with _timed(seconds, "read"):
-        point, residual, faint = read_entrywise(system, values, name, seconds, team)
+        point, residual, faint = read_entrywise(system, values, team, **told)
     doubt, balanced = values.doubt, False
     if point.readings.scaled is None and (faint or doubt > CERTAIN or _asks_for_balance(system, point)):
         from resgrid.circuit.kirchhoff import balance
@@ -75,7 +83,7 @@ def _solved(netlist: Netlist, accuracy: str, method: str, rtol: float, team: Tea
             found = balance(system)
             if found is not None:
                 values, doubt, balanced = values_above(system, found.volts, found.above, team), found.doubt, True
-                point, residual, _ = read_entrywise(system, values, name, seconds, team, found.falls)
+                point, residual, _ = read_entrywise(system, values, team, found.falls, **told)
     signed = point.log_drop is None and point.potential is None
     bound = np.inf if signed else watch.bound + np.finfo(np.float64).eps
     point = replace(

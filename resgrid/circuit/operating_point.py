@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,24 +58,6 @@ class Readings:
         )
 
 
-class Ammeters:
-    """Readings that are taken when they are asked for the first time, and remembered.
-
-    `taken`: the readings; None until then.
-    """
-
-    def __init__(self, read: Callable[[], Readings]) -> None:
-        self._read = read
-        self.taken: Readings | None = None
-
-    @property
-    def readings(self) -> Readings:
-        """The readings; two threads that ask at once may both take them, and find the same."""
-        if self.taken is None:
-            self.taken = self._read()
-        return self.taken
-
-
 @frozen
 @dataclass(frozen=True, eq=False)
 class OperatingPoint:
@@ -96,7 +79,7 @@ class OperatingPoint:
     potential : ndarray of float64, shape (nodes,), or None
         With two rails ``1 - u``, taken from whichever of both is smaller.  With one rail and currents of one sign the
         height above (or below) that rail, scaled to a maximum of 1.  None otherwise.
-    ammeters : Readings or Ammeters
+    ammeters : Readings, or callable
         Currents, power and KCL residual, at hand or to be read: the point has each reading as a property.
     floating : ndarray of int64
         Nodes that no path of resistors or voltage sources ties to ground; their voltage is NaN.
@@ -141,7 +124,7 @@ class OperatingPoint:
     voltage: NDArray[np.float64]
     log_drop: NDArray[np.float64] | None
     potential: NDArray[np.float64] | None
-    ammeters: Readings | Ammeters
+    ammeters: Readings | Callable[[], Readings]
     floating: NDArray[np.int64]
     undriven: NDArray[np.int64]
     method: str
@@ -166,10 +149,10 @@ class OperatingPoint:
         one, other = self.netlist, netlist
         return one is other or all(np.array_equal(getattr(one, part), getattr(other, part)) for part in _DIRECT_CURRENT)
 
-    @property
+    @cached_property
     def readings(self) -> Readings:
-        """What the ammeters read."""
-        return self.ammeters if isinstance(self.ammeters, Readings) else self.ammeters.readings
+        """What the ammeters read; two threads that ask at once may both take it, and find the same."""
+        return self.ammeters if isinstance(self.ammeters, Readings) else self.ammeters()
 
     @property
     def resistor_current(self) -> NDArray[np.float64]:

@@ -1,25 +1,31 @@
-"""From the values of nodes to voltages, potentials and currents that keep their last digits.
+"""The values of nodes, and voltages, potentials and currents read off them to their last digits.
 
-A current is a difference of two node values, both counted from the nearer rail; nothing is rounded before that.
+Every node is counted from the nearer rail, and a current is a difference of two such values: nothing is rounded before
+that.  Where a circuit hangs between two rails, the drop ``u`` from the high one is solved for; the height
+``phi = 1 - u`` above the low one is what is left of it, or a solution of its own where that would be a small difference
+somewhere.  Currents of both signs are solved for apart, and either solution is right entry by entry, which says little
+of their difference.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.equations import Equations
-from resgrid.circuit.node_values import NodeValues
-from resgrid.circuit.operating_point import Ammeters, OperatingPoint, Readings
+from resgrid.circuit.equations import Equations, injected_currents
+from resgrid.circuit.operating_point import OperatingPoint, Readings
 from resgrid.circuit.sources import SourceForest, source_currents
 from resgrid.errors import CircuitError
 from resgrid.netlist import GROUND, Netlist
 from resgrid.solvers.extended import Scaled, canonical, power
+from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.laplacian import Rails
+from resgrid.solvers.monitor import Watch
+from resgrid.solvers.refine import minus, quotient
 from resgrid.solvers.team import ALONE, Team
 
 OUT_OF_RANGE = (
@@ -33,8 +39,8 @@ DIRECTION_RESIDUAL = 1e-6
 HARMLESS = 1e-7
 """Share of a node's through-current that may be dropped where float64 values of its ends are equal."""
 
-_Falling = tuple[NDArray[np.float64], float]
-"""Values of the nodes (nodes,) and a sign: their product falls along currents, up to rounding."""
+_LEAST_REST = 1e-3
+"""Smallest height above the low rail, as a share of both rails' distance, that is read off the drop."""
 
 _NONE = -(2**62)
 _LEAST_EXPONENT = -2
@@ -43,40 +49,136 @@ _ORDINARY = 1e-60
 
 
 @dataclass(frozen=True, eq=False)
-class Balance:
-    """Kirchhoff's current law at every node, in units of ``2**(256 exponent)`` amperes.
+class NodeValues:
+    """A value for every node, counted from one rail, or from the nearer one of two.
 
-    `exponent` (nodes,); `through, net` (nodes,): half the sum of all magnitudes, and the net current into the node.
+    `value` (nodes,): 0 where the node floats; `down` (nodes,): whether the value is a drop from the high rail, 1 unit
+    above the low one; `zero, volts`: voltage of the low (or only) rail, and volts of a unit; negative where values
+    grow as voltages fall; `noise`: relative difference of two values counted upwards below which it is noise;
+    ``value.noise`` is that of drops; `doubt`: by how much any value may be off at most, relative to the largest,
+    where currents of both signs drive the circuit; of all others nothing is said here.
     """
 
-    exponent: NDArray[np.int64]
-    through: NDArray[np.float64]
-    net: NDArray[np.float64]
+    value: Scaled
+    down: NDArray[np.bool_]
+    zero: float
+    volts: float
+    noise: float
+    doubt: float = 0.0
+
+    @property
+    def height(self) -> NDArray[np.float64]:
+        """Plain heights above the low rail, in units."""
+        plain = self.value.plain
+        return np.where(self.down, 1.0 - plain, plain)
 
 
-class _Nodes(NamedTuple):
-    """What currents are summed up at: `unknown` (nodes,): rows; `injected` (nodes,): amperes, used up; `falling`."""
-
-    netlist: Netlist
-    forest: SourceForest
-    unknown: NDArray[np.int32]
-    injected: NDArray[np.float64]
-    falling: _Falling | None
-
-
-def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
-    """Current that the current sources feed into every node, in amperes; shape (nodes,)."""
-    from resgrid.circuit.kernels import add_injected
-
-    injected, rest = np.zeros((2, netlist.node_count))
-    add_injected(netlist.current_nodes, netlist.current_amps, np.arange(len(injected), dtype=np.int32), injected, rest)
-    return injected
+def node_values(system: Equations, factors: Factor | None, watch: Watch, team: Team) -> NodeValues:
+    """Solve for all that the currents of a circuit are read off."""
+    if system.rails is not None:
+        return _between(system, system.rails, *_drop_and_height(system.rails, factors, watch, team), team)
+    drive = system.drive
+    if not (np.any(drive < 0.0) and np.any(drive > 0.0)):
+        sign = -1.0 if np.any(drive < 0.0) else 1.0
+        (height,) = _solved(factors, [np.abs(drive)], watch, team)
+        return _above(system, height, sign, team)
+    rising, falling = _solved(factors, [np.maximum(drive, 0.0), np.maximum(-drive, 0.0)], watch, team)
+    difference = minus(rising, falling)
+    doubt = watch.bound * quotient([rising, falling], difference)
+    return replace(_above(system, difference, 1.0, team), doubt=doubt)
 
 
-def read_normwise(
-    system: Equations, x: NDArray[np.float64], method: str, seconds: Mapping[str, float]
-) -> OperatingPoint:
-    """Spread a normwise solution over the nodes; currents wait until they are asked for.  Shapes: `x` (n,)."""
+def values_above(system: Equations, volts: NDArray[np.float64], above: NDArray[np.float64], team: Team) -> NodeValues:
+    """Values of all nodes from the heights of rows above every rail.  Shapes: `volts` (rails,), `above` (n, rails)."""
+    rails = system.rails
+    if rails is not None:
+        span = rails.high - rails.low
+        up, down = (above[:, int(np.argmin(np.abs(volts - rail)))] / span for rail in (rails.low, rails.high))
+        return _between(system, rails, Scaled.of(-down), Scaled.of(up), team)
+    nearest = np.abs(above).argmin(axis=1)
+    x = (volts - system.reference)[nearest] + np.take_along_axis(above, nearest[:, None], axis=1)[:, 0]
+    sign = -1.0 if np.all(x <= 0.0) else 1.0
+    return _above(system, Scaled.of(sign * x), sign, team)
+
+
+def _drop_and_height(rails: Rails, factors: Factor | None, watch: Watch, team: Team) -> tuple[Scaled, Scaled | None]:
+    """The drop from the high rail, and the height above the low one where it is no mere rest of the drop.
+
+    All that flows into the low rail comes from the high one: ``to_low * height`` is at most the sum of ``to_high``.
+    Where that says that both are needed, they are solved at once.
+    """
+    to_low = rails.to_low
+    if team.size > 1 and (to_high := rails.to_high).sum() < _LEAST_REST * to_low.max(initial=0.0):
+        drop, height = _solved(factors, [to_low, to_high], watch, team)
+        return drop, None if _leaves_rest(drop) else height
+    (drop,) = _solved(factors, [to_low], watch, team)
+    return drop, None if _leaves_rest(drop) else _solved(factors, [rails.to_high], watch, team)[0]
+
+
+def _leaves_rest(drop: Scaled) -> bool:
+    """Whether the height ``1 - drop`` is nowhere a small difference."""
+    return bool(drop.plain.max(initial=0.0) < 1.0 - _LEAST_REST)
+
+
+def _solved(factors: Factor | None, currents: list[NDArray[np.float64]], watch: Watch, team: Team) -> list[Scaled]:
+    """Solve for right-hand sides of one sign each, side by side; an interrupt stops all."""
+
+    def one(rhs: NDArray[np.float64]) -> Scaled:
+        if factors is None or not rhs.any():
+            return Scaled.of(np.zeros(len(rhs)))
+        try:
+            return factors.solve_nonnegative(rhs, watch=watch)[0]
+        except KeyboardInterrupt:
+            watch.stop()
+            raise
+
+    return team.together([partial(one, rhs) for rhs in currents])
+
+
+def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | None, team: Team) -> NodeValues:
+    """Spread drops, and heights where they were solved for, over the nodes."""
+    from resgrid.circuit.kernels import from_nearer_rail
+
+    nodes = len(system.unknown)
+    out, down = Scaled.of(np.zeros(nodes)), np.zeros(nodes, dtype=np.bool_)
+    own = Scaled.of(np.zeros(0)) if height is None else height
+    known = system.known_voltages()
+
+    def spread(piece: slice) -> None:
+        row = system.unknown[piece]
+        from_nearer_rail(row, known[piece], rails.low, rails.high, drop, own, out.at(piece), down[piece])
+
+    team.over(nodes, spread)
+    noise = height.noise if height is not None else drop.noise / _LEAST_REST
+    return NodeValues(out._replace(noise=drop.noise), down, rails.low, rails.high - rails.low, noise)
+
+
+def _above(system: Equations, rows: Scaled, volts: float, team: Team) -> NodeValues:
+    """Spread heights above the reference over the nodes."""
+    from resgrid.circuit.kernels import from_one_rail
+
+    nodes, forest = len(system.unknown), system.forest
+    out, known = Scaled.of(np.zeros(nodes)), system.known_voltages()
+
+    def spread(piece: slice) -> None:
+        from_one_rail(system.unknown[piece], known[piece], system.reference, volts, rows, out.at(piece))
+
+    team.over(nodes, spread)
+    lifted = (forest.height != 0) & (system.unknown[forest.order] >= 0)
+    if lifted.any():
+        # Floating sources occur only in circuits without two rails, whose values do not leave the range of a double.
+        node = forest.order[lifted]
+        out.hi[node] = out.hi[node] * power(out.exponent[node]) + forest.height[lifted] / volts
+        out.lo[node] = out.exponent[node] = 0
+    down = np.zeros(nodes, dtype=np.bool_)
+    return NodeValues(out._replace(noise=rows.noise), down, system.reference, volts, rows.noise)
+
+
+def read_normwise(system: Equations, x: NDArray[np.float64], **told: Any) -> OperatingPoint:
+    """Spread a normwise solution over the nodes; currents wait until they are asked for.
+
+    Shapes: `x` (n,); `told`: what the point is to say of how it was solved.
+    """
     from resgrid.circuit.kernels import spread
 
     forest = system.forest
@@ -89,11 +191,10 @@ def read_normwise(
         voltage=height if system.reference == 0.0 else system.reference + height,
         log_drop=None,
         potential=_share_of_span(system, height, x),
-        ammeters=Ammeters(partial(_normwise_readings, system.netlist, forest, system.unknown, height)),
+        ammeters=partial(_normwise_readings, system.netlist, forest, system.unknown, height),
         floating=system.floating,
         undriven=system.undriven,
-        method=method,
-        seconds=seconds,
+        **told,
     )
     if forest.loop.any():
         _ = point.readings  # warns of currents that are undetermined
@@ -101,27 +202,25 @@ def read_normwise(
 
 
 def read_entrywise(
-    system: Equations,
-    values: NodeValues,
-    method: str,
-    seconds: Mapping[str, float],
-    team: Team,
-    falls: NDArray[np.float64] | None = None,
+    system: Equations, values: NodeValues, team: Team, falls: NDArray[np.float64] | None = None, **told: Any
 ) -> tuple[OperatingPoint, NDArray[np.float64], bool]:
     """Read everything off the values of the nodes, or currents off falls across the resistors (resistors,), in volts.
 
-    Returns `residual` (nodes,), and whether differences of values have few digits left.
+    `told`: what the point is to say of how it was solved.  Returns `residual` (nodes,), and whether differences of
+    values have few digits left.
     """
     netlist, faint = system.netlist, False
-    injected, voltage, (log_drop, potential) = team.together(
-        [partial(injected_currents, netlist), partial(_voltage, system, values), partial(_stored, system, values)]
+    voltage, (log_drop, potential) = team.together(
+        [partial(_voltage, system, values), partial(_stored, system, values)]
     )
-    nodes = _Nodes(netlist, system.forest, system.unknown, injected, _falling(log_drop, potential, values))
+    sign = float(np.sign(values.volts))
+    falling = (potential, sign) if log_drop is None else (log_drop, -sign)
     if falls is None:
-        readings, residual, faint = _readings(nodes, values, team)
+        amps, exponent, heat, faint = _differences(values, netlist, team)
     else:
-        amps, none = netlist.conductance * falls, np.zeros(0, dtype=np.int64)
-        readings, residual = _taken(nodes, amps, none, float(amps @ falls), team)
+        amps, exponent = netlist.conductance * falls, np.zeros(0, dtype=np.int64)
+        heat = float(amps @ falls)
+    readings, residual = _read(netlist, system.forest, system.unknown, amps, exponent, heat, *falling, team)
     point = OperatingPoint(
         netlist=netlist,
         voltage=voltage,
@@ -130,19 +229,9 @@ def read_entrywise(
         ammeters=readings,
         floating=system.floating,
         undriven=system.undriven,
-        method=method,
-        seconds=seconds,
+        **told,
     )
     return point, residual, faint
-
-
-def _falling(
-    log_drop: NDArray[np.float64] | None, potential: NDArray[np.float64] | None, values: NodeValues
-) -> _Falling | None:
-    sign = float(np.sign(values.volts))
-    if log_drop is not None:
-        return log_drop, -sign
-    return None if potential is None else (potential, sign)
 
 
 def _normwise_readings(
@@ -152,14 +241,20 @@ def _normwise_readings(
     values = NodeValues(
         Scaled.of(np.nan_to_num(height))._replace(noise=0.0), np.zeros(len(height), np.bool_), 0.0, 1.0, 0.0
     )
-    return _readings(_Nodes(netlist, forest, unknown, injected_currents(netlist), None), values)[0]
+    amps, exponent, heat, _ = _differences(values, netlist, ALONE)
+    return _read(netlist, forest, unknown, amps, exponent, heat, None, 0.0, ALONE)[0]
 
 
-def _readings(nodes: _Nodes, values: NodeValues, team: Team = ALONE) -> tuple[Readings, NDArray[np.float64], bool]:
-    """Difference the values of all nodes; the rest is `_taken`'s.  Returns also whether differences are faint."""
+def _differences(
+    values: NodeValues, netlist: Netlist, team: Team
+) -> tuple[NDArray[np.float64], NDArray[np.int64], float, bool]:
+    """Currents from differences of the values of all nodes.
+
+    Returns `amps, exponent` (resistors,), the latter (0,) where all are 0; the power; and whether differences are
+    faint.
+    """
     from resgrid.circuit.kernels import currents
 
-    netlist = nodes.netlist
     value, plain = _plain_where_possible(values, netlist)
     ends, amps = netlist.resistor_nodes, np.empty(len(netlist.conductance))
     exponent = np.zeros(0 if plain else len(amps), dtype=np.int64)
@@ -170,32 +265,32 @@ def _readings(nodes: _Nodes, values: NodeValues, team: Team = ALONE) -> tuple[Re
             exponent[piece],
         )  # fmt: skip
 
-    powers, faint = zip(*team.over(len(amps), through), strict=True) if amps.size else ((), ())
-    return *_taken(nodes, amps, exponent, sum(powers), team), any(faint)
+    found = team.over(len(amps), through)
+    return amps, exponent, sum(power for power, _ in found), any(faint for _, faint in found)
 
 
-def _taken(
-    nodes: _Nodes, amps: NDArray[np.float64], exponent: NDArray[np.int64], power_sum: float, team: Team
-) -> tuple[Readings, NDArray[np.float64]]:
+def _read(
+    netlist: Netlist, forest: SourceForest, unknown: NDArray[np.int32], amps: NDArray[np.float64],
+    exponent: NDArray[np.int64], heat: float, stored: NDArray[np.float64] | None, sign: float, team: Team,
+) -> tuple[Readings, NDArray[np.float64]]:  # fmt: skip
     """Sum up the currents at every node; nodes that floating sources join count as one.
 
-    What is ``falling`` does so along currents up to rounding, and along every one that matters after this: others are
-    set to 0.  Shapes: `amps, exponent` (resistors,); returns `residual` (nodes,).
+    What is ``stored``, times ``sign``, falls along currents up to rounding, and along every one that matters after
+    this: others are set to 0.  Shapes: `amps, exponent` (resistors,), `stored` (nodes,); returns `residual` (nodes,).
     """
     from resgrid.circuit.kernels import drop_unresolved
 
-    (netlist, forest, unknown, injected, falling), plain = nodes, not exponent.size
-    sums = _balance(netlist, injected, amps, exponent)
-    if falling is not None:
-        drop_unresolved(
-            netlist.resistor_nodes, amps, exponent, sums.exponent, sums.net, sums.through, *falling, HARMLESS
-        )
-    scale = 1.0 if plain else power(sums.exponent)
-    net, through = sums.net, sums.through
+    ends, plain = netlist.resistor_nodes, not exponent.size
+    frame, net, through = _balance(netlist, amps, exponent)
+    if stored is not None:
+        drop_unresolved(ends, amps, exponent, frame, net, through, stored, sign, HARMLESS)
+    residual, direction = np.zeros(len(unknown)), np.empty(len(amps), dtype=np.int8)
+    net_amps, through_amps = (net, through) if plain else (net * power(frame), through * power(frame))
     if np.any(forest.base != GROUND):
         root = forest.root
-        net, through = (np.asarray(np.bincount(root, part * scale)[root], dtype=np.float64) for part in (net, through))
-    residual, direction = np.zeros(len(unknown)), np.empty(len(amps), dtype=np.int8)
+        net, through = (
+            np.asarray(np.bincount(root, part)[root], dtype=np.float64) for part in (net_amps, through_amps)
+        )
 
     def violated(some: slice) -> None:
         held = (unknown[some] >= 0) & (through[some] > 0)
@@ -207,8 +302,8 @@ def _taken(
         resistor_current=amps if plain else amps * power(exponent),
         scaled=None if plain else (amps, exponent),
         resistor_direction=direction,
-        source_current=source_currents(netlist, forest, -sums.net * scale, sums.through * scale),
-        power=float(power_sum),
+        source_current=source_currents(netlist, forest, -net_amps, through_amps),
+        power=heat,
         kcl_residual=float(residual.max(initial=0.0)),
     )
     return readings, residual
@@ -229,14 +324,16 @@ def _plain_where_possible(values: NodeValues, netlist: Netlist) -> tuple[Scaled,
 
 
 def _balance(
-    netlist: Netlist, net: NDArray[np.float64], amps: NDArray[np.float64], exponent: NDArray[np.int64]
-) -> Balance:
-    """Sum the currents at every node, relative to the largest one there, on what is injected, ``net``, in place.
+    netlist: Netlist, amps: NDArray[np.float64], exponent: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Kirchhoff's current law at every node, in units of ``2**(256 frame)`` amperes, about the largest current there.
 
-    Shapes: `net` (nodes,), `amps, exponent` (resistors,).
+    Shapes: `amps, exponent` (resistors,); returns `frame`, `net` into the node, and `through`, half the sum of all
+    magnitudes, (nodes,).
     """
     from resgrid.circuit.kernels import add_currents, frames
 
+    net = injected_currents(netlist)
     frame = np.zeros(len(net), dtype=np.int64)
     if exponent.size:
         own = frame.copy()
@@ -245,10 +342,10 @@ def _balance(
         frames(netlist.resistor_nodes, amps, exponent, frame)
         frame[frame == _NONE] = 0
         net *= power(np.where(net != 0, own - frame, 0))
-    total = np.abs(net)
-    add_currents(netlist.resistor_nodes, amps, exponent, frame, net, total)
-    total *= 0.5
-    return Balance(frame, total, net)
+    through = np.abs(net)
+    add_currents(netlist.resistor_nodes, amps, exponent, frame, net, through)
+    through *= 0.5
+    return frame, net, through
 
 
 def _share_of_span(

@@ -85,8 +85,8 @@ class WarmPoint:
         node = netlist.cells.node
         row = np.where(node >= 0, system.unknown[node], -1)
         x[row[row >= 0]] = self.voltage[row >= 0] - system.reference
-        point = read_normwise(system, x, "multigrid", {})
-        return replace(point, iterations=self.iterations, backward_error=self.backward_error)
+        told = {"iterations": self.iterations, "backward_error": self.backward_error}
+        return read_normwise(system, x, method="multigrid", seconds={}, **told)
 
 
 class WarmStart:

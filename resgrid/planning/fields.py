@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.circuit.slabs import obeys_kcl
 from resgrid.compiler import Kind, contacts_of_box
 from resgrid.errors import AccuracyError, CircuitError, InputError
 from resgrid.frozen import frozen, picture_html
 from resgrid.grids import before_and_behind, by_axis, face_counts, face_shape, with_margin
 from resgrid.netlist import CellMap
 from resgrid.planning.clearance import obstacle_reach
-from resgrid.planning.safety import between_rails, safe_cells
+from resgrid.planning.safety import between_rails, face_currents, obeys_kcl, safe_cells
 from resgrid.space import Cell, ConfigurationSpace
 from resgrid.wiring import Wiring
 
@@ -277,20 +276,15 @@ def read_cells(space: ConfigurationSpace, wiring: Wiring, voltage: NDArray[np.fl
     contacts = contacts_of_box(space, wiring.on(space))
     wide = with_margin(volts, space.periodic)
     wide[contacts.kind == Kind.HIGH] = wiring.high
-    sides = [before_and_behind(wide, axis) for axis in range(space.ndim)]
-    falls = [np.sign(wiring.supply) * np.subtract(*ends) for ends in sides]
-    currents = [np.nan_to_num(g * volts) for g, volts in zip(contacts.conductance, falls, strict=True)]
+    currents = face_currents(contacts.conductance, np.sign(wiring.supply) * wide)
     if not unit > 0.0 or not any(current.any() for current in currents):
         raise CircuitError("nothing is driven: no current flows between the goal and what is at another voltage")
     safe = None
     if check:
-        magnitudes = [
-            np.nan_to_num(g * (np.abs(before) + np.abs(behind)))
-            for g, (before, behind) in zip(contacts.conductance, sides, strict=True)
-        ]
         fed = np.count_nonzero(space.goal_connected) if wiring.drive == "uniform" else 0
         injected = abs(wiring.supply) / (wiring.resistance * fed) if fed else 0.0
-        safe = (space.cell == Cell.FREE) & between_rails(height, wiring) & obeys_kcl(currents, magnitudes, injected)
+        safe = (space.cell == Cell.FREE) & between_rails(height, wiring)
+        safe &= obeys_kcl(contacts.conductance, wide, currents, injected)
         if wiring.start is not None:
             safe[wiring.start] = any(current.any() for current in currents)
     with np.errstate(divide="ignore"):

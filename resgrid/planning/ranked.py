@@ -2,14 +2,19 @@
 
 PETSc stops at a norm.  Which cells are direction-safe is found out afterwards, cell by cell, and streamlines end where
 the answer no longer tells a direction; far from the goals of a Dirichlet field that is so.
+
+In a circuit between two rails what is solved for is the drop ``u`` from the high one, 0 there and 1 on the goals; with
+a uniform drive it is the height above the goals.  Conductances count in units of ``1 / resistance``.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import tempfile
 import time
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from math import prod
 from pathlib import Path
@@ -20,14 +25,14 @@ from numpy.lib.format import open_memmap
 from numpy.typing import DTypeLike, NDArray
 
 from resgrid.budget import require_disk, require_memory
-from resgrid.circuit.slabs import read_rows, slabs, write_equations
-from resgrid.compiler import WALLED_IN
+from resgrid.compiler import WALLED_IN, Kind, contacts_of_box
 from resgrid.errors import CircuitError, InputError
 from resgrid.frozen import frozen
-from resgrid.grids import by_axis, face_counts
+from resgrid.grids import before_and_behind, by_axis, face_counts, sides_of_cells, with_margin
 from resgrid.planning.fields import Field
+from resgrid.planning.safety import face_currents, obeys_kcl
 from resgrid.solvers.petsc import Report, find_petsc, run_ranks
-from resgrid.space import ConfigurationSpace
+from resgrid.space import Cell, ConfigurationSpace
 from resgrid.wiring import Wiring
 
 RTOL = 1e-14
@@ -38,6 +43,10 @@ _BYTES = {1: 400, 2: 500, 3: 1200, 4: 2500}
 
 _BYTES_OF_RANK = 8e7
 """What a rank takes without any cell."""
+
+
+_CELLS = 2**20
+"""Cells of a slab: what is computed of one at a time takes some 100 MB."""
 
 
 @frozen
@@ -96,6 +105,82 @@ def solve_ranked(space: ConfigurationSpace, wiring: Wiring, ranks: int) -> Ranke
         field = _read(space, wiring, np.load(folder / "answer.npy", mmap_mode="r"), folder)
         seconds |= {**report.seconds, "read": time.perf_counter() - start}
     return Ranked(field, replace(report, seconds=seconds))
+
+
+def slabs(space: ConfigurationSpace) -> Iterator[tuple[int, int]]:
+    """Ranges of rows of the first axis, each of some `_CELLS` cells or a single row."""
+    size, step = space.shape[0], max(1, _CELLS // prod(space.shape[1:]))
+    return ((first, min(first + step, size)) for first in range(0, size, step))
+
+
+def write_equations(space: ConfigurationSpace, wiring: Wiring, folder: Path, rtol: float) -> None:
+    """Write the files that `resgrid.solvers.petsc_worker` reads, one slab in memory at a time.
+
+    Raises
+    ------
+    CircuitError
+        If no cell is tied to the high rail or fed.
+    """
+    driven = False
+    names = [*(f"ahead_{axis}" for axis in range(space.ndim)), "ground", "drive", "answer"]
+    *ahead, ground, drive, _ = (
+        open_memmap(folder / f"{name}.npy", mode="w+", dtype=np.float64, shape=space.shape) for name in names
+    )
+    for first, last in slabs(space):
+        contacts = contacts_of_box(space, wiring, [(first, last)])
+        inner = contacts.kind[(slice(1, -1),) * space.ndim] == Kind.NODE
+        ties, fed = np.zeros(inner.shape), np.zeros(inner.shape)
+        for axis, siemens in enumerate(contacts.conductance):
+            lower, upper = before_and_behind(contacts.kind, axis)
+            g = siemens * wiring.resistance
+            low, up = sides_of_cells(g, axis)
+            for here, beside in ((low, sides_of_cells(lower, axis)[0]), (up, sides_of_cells(upper, axis)[1])):
+                ties += np.where(beside != Kind.NODE, here, 0.0)
+                fed += np.where(beside == Kind.LOW, here, 0.0)
+            joined = np.where((lower == Kind.NODE) & (upper == Kind.NODE), g, 0.0)
+            ahead[axis][first:last] = sides_of_cells(joined, axis)[1]
+        ground[first:last] = np.where(inner, ties, 0.0)
+        driven |= bool(np.any(inner if wiring.drive == "uniform" else inner & (ties > fed)))
+        drive[first:last] = inner if wiring.drive == "uniform" else np.where(inner, fed, 0.0)
+    if not driven:
+        raise CircuitError(
+            "nothing is driven: no free cell touches an obstacle, or an edge that counts as one; add what drives the "
+            "grid, or choose boundary = 'neumann'"
+        )
+    (folder / "system.json").write_text(json.dumps({"shape": space.shape, "rtol": rtol}))
+
+
+@dataclass(frozen=True, eq=False)
+class SlabReading:
+    """What a slab of an answer shows.
+
+    `value`: of every cell, 0 to 1 where the circuit is right, NaN where there is no node; `current`: per axis through
+    the faces of the slab's cells, one more along that axis, in units of what a unit drives through the resistance,
+    positive in the axis' direction; `safe`: cells in which KCL holds to 1e-6 of their own current, rounding included,
+    and out of which current flows.
+    """
+
+    value: NDArray[np.float64]
+    current: list[NDArray[np.float64]]
+    safe: NDArray[np.bool_]
+
+
+def read_rows(
+    space: ConfigurationSpace, wiring: Wiring, answer: NDArray[np.float64], rows: tuple[int, int]
+) -> SlabReading:
+    """Read an answer off, and check it cell by cell.  Shapes: `answer` that of the space."""
+    contacts = contacts_of_box(space, wiring, [rows])
+    falls = wiring.drive != "uniform"  # a drop grows from the high rail to the goals
+    value = np.where(contacts.kind == Kind.NODE, with_margin(answer, space.periodic, [rows]), np.nan)
+    value[contacts.kind == Kind.LOW] = 1.0 if falls else 0.0
+    value[contacts.kind == Kind.HIGH] = 0.0
+    conductance = [siemens * wiring.resistance for siemens in contacts.conductance]
+    currents = face_currents(conductance, -value if falls else value)
+    inside = (slice(1, -1),) * space.ndim
+    own = contacts.kind[inside] == Kind.NODE
+    start = (contacts.kind[inside] == Kind.HIGH) & (space.cell[slice(*rows)] == Cell.FREE)
+    safe = (own | start) & obeys_kcl(conductance, value, currents, 0.0 if falls else 1.0, held=~own)
+    return SlabReading(value[inside], currents, safe)
 
 
 def _disk(space: ConfigurationSpace) -> int:

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.solvers.extended import BITS, NOISE, Scaled, canonical, power
+from resgrid.solvers.extended import NOISE, Scaled, canonical, logarithm, power
 from resgrid.solvers.laplacian import Conductances, Laplacian
 from resgrid.solvers.team import ALONE, Team
 
@@ -29,13 +29,11 @@ if TYPE_CHECKING:
 _CONVERGED = 1e-12
 """Componentwise backward error up to which an answer is one, whatever is proved of its entries."""
 
-_NONE = np.zeros(0, dtype=np.int64)
-_ALL = np.zeros(0, dtype=np.int32)
+CERTAIN = 1e-9
+"""Errors relative to the largest value that need no closer look."""
+
 _MOST_STEPS = 60
 _LEAST_GAIN = 0.5
-
-_FEW = 8
-"""One voltage in so many is few: then residuals are computed around those alone."""
 
 _ALLOWED = 2e-9
 """Violations of KCL, summed over the rows that are not right, that refinement leaves: entries are right to 4e-9, and to
@@ -56,11 +54,8 @@ _DIFFERENCE = 4.0
 _FLAT = 1e-14
 """Share of currents in ``(b + |A| |x|)_i`` below which they may be what rounding leaves of none."""
 
-_LEAST_PLAIN = 1e-200
-"""Smallest value that needs no exponent; residuals are up to a hundred decades smaller."""
-
 Numbers = tuple[NDArray[np.float64], NDArray[np.int64]]
-"""Scaled numbers in single doubles: mantissas and exponents; no exponents (an empty array) where all are 0."""
+"""Scaled numbers in single doubles: mantissas and exponents."""
 
 Approximation = Callable[[NDArray[np.float64], NDArray[np.int64], float], Numbers]
 """About ``A^-1`` times scaled numbers, right to a share (the third argument) of the largest; may be better."""
@@ -97,11 +92,7 @@ def is_answer(error: float, bound: float) -> bool:
 
 
 class _Worth(NamedTuple):
-    """What a residual says of an answer.
-
-    `error`: componentwise backward error; `left`: what is wrong, in units of what is allowed; `bound`: on the error of
-    every entry; `log_size`: natural logarithm of the largest entry of the residual.
-    """
+    """What a residual says of an answer; `left`: what is wrong, in units of what is allowed."""
 
     error: float = np.inf
     left: float = np.inf
@@ -125,145 +116,80 @@ def refine(
 ) -> Refined:
     """Solve for a right-hand side without negative entries.  Shapes: `rhs` (n,).
 
-    Numbers have exponents only where their range asks for them.  With ``exact``, or where hardly any current flows, the
-    residual is formed in double-double: answers are then the nearest doubles.  An entry of the first approximation is
-    off by a share of at most ``sure``: a correction by more is what rounding leaves where conductances differ by more
-    decades than double-doubles hold.
+    With ``exact``, or where hardly any current flows, the residual is formed in double-double: answers are then the
+    nearest doubles.  An entry of the first approximation is off by a share of at most ``sure``: a correction by more is
+    what rounding leaves where conductances differ by more decades than double-doubles hold.
     """
-    from resgrid.solvers.refine_kernels import exact_residual
+    from resgrid.solvers.refine_kernels import correct
 
     matrix, current = laplacian.conductances, scaled_currents(rhs)
-    doubles = None if exact else _as_doubles(*current)
-    if doubles is not None:
-        current = doubles, _NONE
     residual = current[0].copy(), current[1].copy()
-    x = Scaled(np.zeros(laplacian.size), np.zeros(laplacian.size), np.zeros_like(current[1]))
-    best, found = _Worth(), None
+    x, new = (Scaled.of(np.zeros(laplacian.size)) for _ in range(2))
+    best = _Worth()
     for step in range(1, _MOST_STEPS + 1):
-        hopeless = found is not None and not exact and best.error > _HOPELESS
+        hopeless = step > 1 and not exact and best.error > _HOPELESS
         anew = resolve(residual[0], (x.hi, x.exponent), current) if resolve is not None and hopeless else None
         if anew is None:
-            new, changed = _corrected(x, *approximate(*residual, _MARGIN / best.left))
+            correct(x, *approximate(*residual, _MARGIN / best.left), new)
         else:
-            new, changed = _replaced(x, *anew)
+            _replace(x, *anew, new)
         if step > 1 and np.isfinite(sure) and _moves(x, new, sure):
             break
-        current, residual = _alike(new, current), _alike(new, residual)
         if not exact:
-            rows = _ALL if found is None else _rows_changed(laplacian, new, changed, residual[0])
-            here = _imbalance(matrix, current, new, floor, step, rows, residual, team)
-            if here.least < _LEAST_PLAIN and not new.exponent.size:
-                new = _with_exponents(new)
-                current, residual, rows = _alike(new, current), _alike(new, residual), _ALL
-                here = _imbalance(matrix, current, new, floor, step, rows, residual, team)
-            found = here if found is None or not len(rows) else here.beside(found)
-            left, bound = found.left / _ALLOWED, entry_bound(found.left + found.right)
-            worth = _Worth(found.backward, left, bound, _log_size(residual, found))
+            found = imbalance(matrix, current, new, residual, floor=floor, kept=_kept(step), team=team)
+            left = found.left / _ALLOWED
             if left <= 1.0 and found.share <= _FLAT:
-                exact, best, new = True, _Worth(), _with_exponents(new)
-                current, residual = _alike(new, current), _alike(new, residual)
+                exact, best = True, _Worth()
         if exact:
-            error, violation = exact_residual(matrix, current, new, residual)
-            worth = _Worth(error, error / floor, entry_bound(violation), _log_size(residual))
+            found = imbalance(matrix, current, new, residual, exact=True, team=team)
+            left = found.backward / floor
+        worth = _Worth(found.backward, left, entry_bound(found.left + found.right), found.log_size)
         if not worth.gains_on(best):
             if anew is None:
+                x = new if step == 1 else x  # beyond the range of doubles, which is told where it is read
                 break
             resolve = None
-        x, best = new, worth
+        x, new, best = new, x, worth
         if best.left <= 1.0:
             break
-    answer = _with_exponents(x)._replace(noise=max(NOISE, _DIFFERENCE * floor))
-    return Refined(answer, float(best.error), best.bound)
+    return Refined(x._replace(noise=max(NOISE, _DIFFERENCE * floor)), float(best.error), best.bound)
 
 
-def _imbalance(
-    matrix: Conductances, current: Numbers, x: Scaled, floor: float, step: int, rows: NDArray[np.int32], out: Numbers,
-    team: Team,
-) -> Imbalance:  # fmt: skip
-    """Residuals of some rows, or of all; piece by piece where they are plain."""
+def imbalance(
+    matrix: Conductances,
+    current: Numbers,
+    x: Scaled,
+    out: Numbers,
+    *,
+    exact: bool = False,
+    floor: float = 0.0,
+    kept: float = 1.0,
+    team: Team = ALONE,
+) -> Imbalance:
+    """Residual of KCL into ``out``, as `resgrid.solvers.refine_kernels.residual`; piece by piece."""
     from resgrid.solvers.refine_kernels import Imbalance, residual
 
-    if x.exponent.size:
-        return residual(matrix, current, x, floor, _kept(step), rows, out)
-    if not len(rows):
-        rows = np.arange(len(x.hi), dtype=np.int32)
+    plain = not (x.exponent.any() or current[1].any())
 
-    def some(piece: slice) -> Imbalance:
-        return residual(matrix, current, x, floor, _kept(step), rows[piece], out)
+    def some(rows: slice) -> Imbalance:
+        return residual(matrix, current, x, rows.start, rows.stop, plain, exact, floor, kept, out)
 
-    return reduce(Imbalance.plus, team.over(len(rows), some))
-
-
-def _corrected(x: Scaled, m: NDArray[np.float64], e: NDArray[np.int64]) -> tuple[Scaled, NDArray[np.bool_]]:
-    """Values with a correction, and which of them it changes.  Shapes: `m` (n,), `e` (n,) or (0,)."""
-    from resgrid.solvers.refine_kernels import correct, corrected
-
-    doubles = _as_doubles(m, e) if not x.exponent.size else None
-    if doubles is not None:
-        hi, lo = np.empty_like(x.hi), np.empty_like(x.lo)
-        corrected(x.hi, x.lo, doubles, hi, lo)
-        return Scaled(hi, lo, x.exponent), doubles != 0.0
-    new = _with_exponents(x)
-    correct(*new[:3], m, e if e.size else np.zeros(len(m), dtype=np.int64))
-    return new, m != 0.0
+    return reduce(Imbalance.plus, team.over(len(x.hi), some))
 
 
 def _moves(x: Scaled, new: Scaled, share: float) -> bool:
     """Whether a correction changes an entry by more than such a share."""
-    steps = new.exponent - x.exponent if x.exponent.size else new.exponent
-    moved = np.abs(new.hi * power(steps) if steps.size else new.hi) - np.abs(x.hi)
+    moved = np.abs(new.hi * power(new.exponent - x.exponent)) - np.abs(x.hi)
     return bool(np.any(np.abs(moved) > share * np.abs(x.hi)))
 
 
-def _replaced(x: Scaled, rows: NDArray[np.int64], values: Numbers) -> tuple[Scaled, NDArray[np.bool_]]:
-    """Values of which some have been found anew, and which."""
-    m, e = values
-    new = Scaled(x.hi.copy(), x.lo.copy(), x.exponent.copy())
-    if new.exponent.size:
-        canonical(m, e)
-        new.exponent[rows] = e
-    new.hi[rows], new.lo[rows] = m, 0.0
-    changed = np.zeros(len(new.hi), dtype=np.bool_)
-    changed[rows] = True
-    return new, changed
-
-
-def _rows_changed(
-    laplacian: Laplacian, x: Scaled, changed: NDArray[np.bool_], residual: NDArray[np.float64]
-) -> NDArray[np.int32]:
-    """Rows whose residuals a change of few voltages changes; none where all are to be looked at."""
-    if x.exponent.size or _FEW * np.count_nonzero(changed) > len(changed):
-        return _ALL
-    around = changed.copy()
-    around[laplacian.edges[np.flatnonzero(changed)].indices] = True
-    rows = np.flatnonzero(around).astype(np.int32)
-    return rows if np.count_nonzero(residual[rows]) == np.count_nonzero(residual) else _ALL
-
-
-def _log_size(residual: Numbers, found: Imbalance | None = None) -> float:
-    """Natural logarithm of the largest entry of a residual, which is known of one without exponents."""
-    with np.errstate(divide="ignore"):
-        if found is not None and not residual[1].size:
-            return float(np.log(found.largest))
-        log = np.log(np.abs(residual[0])) + residual[1] * (BITS * np.log(2.0))
-    return float(np.max(log, initial=-np.inf))
-
-
-def _with_exponents(x: Scaled) -> Scaled:
-    """A copy in canonical numbers."""
-    e = x.exponent.copy() if x.exponent.size else np.zeros(len(x.hi), dtype=np.int64)
-    new = Scaled(x.hi.copy(), x.lo.copy(), e)
-    canonical(new.hi, new.exponent, new.lo)
-    return new
-
-
-def _alike(x: Scaled, numbers: Numbers) -> Numbers:
-    """Numbers with exponents where ``x`` has some."""
-    if not x.exponent.size or numbers[1].size:
-        return numbers
-    m, e = numbers[0].copy(), np.zeros(len(numbers[0]), dtype=np.int64)
-    canonical(m, e)
-    return m, e
+def _replace(x: Scaled, rows: NDArray[np.int64], values: Numbers, out: Scaled) -> None:
+    """Copy values, some of which have been found anew."""
+    canonical(*values)
+    for part, copy in zip(x[:3], out[:3], strict=True):
+        np.copyto(copy, part)
+    out.hi[rows], out.exponent[rows] = values
+    out.lo[rows] = 0.0
 
 
 def _kept(step: int) -> float:
@@ -275,14 +201,6 @@ def _kept(step: int) -> float:
     return 1.0 if step == 1 else 4.0 * step
 
 
-def _as_doubles(m: NDArray[np.float64], e: NDArray[np.int64]) -> NDArray[np.float64] | None:
-    """Scaled numbers as doubles; None where their range is too wide."""
-    lowest, highest = e.min(initial=0), e.max(initial=0)
-    if lowest < -2 or highest > 1:
-        return None
-    return m * power(e) if lowest < 0 or highest > 0 else m
-
-
 def scaled_currents(rhs: NDArray[np.float64] | Scaled) -> Numbers:
     """Currents as canonical scaled numbers of their own; ``lo`` is left out."""
     if isinstance(rhs, Scaled):
@@ -291,3 +209,24 @@ def scaled_currents(rhs: NDArray[np.float64] | Scaled) -> Numbers:
         current, scale = np.array(rhs, dtype=np.float64), np.zeros(len(rhs), dtype=np.int64)
     canonical(current, scale)
     return current, scale
+
+
+def minus(a: Scaled, b: Scaled) -> Scaled:
+    """``a - b``; all of shape (n,)."""
+    from resgrid.solvers.refine_kernels import correct
+
+    difference = Scaled(np.empty_like(a.hi), np.empty_like(a.lo), np.empty_like(a.exponent))
+    correct(a, -b.hi, b.exponent, difference)
+    correct(difference, -b.lo, b.exponent, difference)
+    return difference
+
+
+def quotient(parts: list[Scaled], x: Scaled) -> float:
+    """The largest value of any part relative to that of ``x``; 0 where all parts vanish."""
+    largest, most = _largest_log(x), max(_largest_log(part) for part in parts)
+    with np.errstate(over="ignore"):
+        return 0.0 if most == -np.inf else float(np.exp(most - largest))
+
+
+def _largest_log(values: Scaled) -> float:
+    return float(logarithm(np.abs(values.hi), values.exponent).max(initial=-np.inf))

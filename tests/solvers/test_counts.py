@@ -14,8 +14,8 @@ from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.circuit.equations import assemble
-from resgrid.circuit.slabs import slabs
 from resgrid.grids import face_counts
+from resgrid.planning.ranked import slabs
 from resgrid.solvers.laplacian import EdgeList, Laplacian
 from resgrid.solvers.multigrid.grid_level import lay_out
 from resgrid.solvers.multigrid.red_black import Lattice

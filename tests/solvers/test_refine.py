@@ -18,7 +18,6 @@ from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.extended import Scaled, power
 from resgrid.solvers.laplacian import Conductances
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.refine_kernels import residual
 from resgrid.space import ConfigurationSpace
 
 
@@ -138,41 +137,8 @@ def test_powers_are_those_of_two() -> None:
 def test_what_lower_parts_leave_of_values_that_are_gone_is_right() -> None:
     """Two nodes, joined and held by 1 S each, whose values have cancelled but for the last bits of a double."""
     indptr, indices, one = np.array([0, 1, 2], np.int32), np.array([1, 0], np.int32), np.ones(2)
-    none, hi, lo, left = np.empty(0, np.int64), np.zeros(2), np.array([0.0, 5e-324]), np.ones(2)
-    rows = np.empty(0, np.int32)
+    none, hi, lo, left = np.zeros(2, np.int64), np.zeros(2), np.array([0.0, 5e-324]), np.ones(2)
     matrix = Conductances(indptr, indices, one, one)
-    found = residual(matrix, (np.zeros(2), none), Scaled(hi, lo, none), 1e-20, 1.0, rows, (left, none))
-    assert (found.backward, found.left, found.largest) == (0.0, 0.0, 0.0)
+    found = refine.imbalance(matrix, (np.zeros(2), none), Scaled(hi, lo, none), (left, none.copy()), floor=1e-20)
+    assert (found.backward, found.left, found.log_size) == (0.0, 0.0, -np.inf)
     assert not left.any()
-
-
-@pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
-def test_around_few_corrections_residuals_are_those_of_all_rows(boundary: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An inverse that is off at some rows, and turns to them alone from its second pass on."""
-    system = assemble(compile_space(scattered((60, 50), 8), boundary=boundary))
-    rhs = system.rails.to_low if system.rails is not None else system.injected
-    inverse = np.linalg.inv(np.diag(system.laplacian.diagonal) - system.laplacian.edges.toarray())
-    late = np.random.default_rng(1).random(system.size) < 0.01
-    own = np.linalg.inv(np.linalg.inv(inverse)[np.ix_(late, late)])
-
-    def answer() -> refine.Refined:
-        passes = 0
-
-        def approximate(m: np.ndarray, e: np.ndarray, _: float) -> refine.Numbers:
-            nonlocal passes
-            passes += 1
-            x = (inverse @ m) * np.where(late, 1.001, 1.0)
-            if passes > 1:
-                x = np.zeros_like(m)
-                x[late] = own @ m[late]
-            return x, np.zeros_like(e)
-
-        return refine.refine(system.laplacian, rhs, approximate, 1e-20)
-
-    around = answer()
-    monkeypatch.setattr(refine, "_FEW", system.size + 1)
-    of_all = answer()
-    assert np.array_equal(around.solution.hi, of_all.solution.hi)
-    assert np.array_equal(around.solution.lo, of_all.solution.lo)
-    assert of_all.error <= around.error < 1e-12
-    assert of_all.bound <= around.bound < 1e-8

@@ -69,7 +69,7 @@ class DirectFactor(Factor):
     def _substitute(self, m: NDArray[np.float64], e: NDArray[np.int64], accuracy: float) -> Numbers:
         """Both substitutions, in scaled numbers, as accurate as the factors are."""
         del accuracy
-        return self.factors.substitute(m, e if e.size else np.zeros(len(m), dtype=np.int64))
+        return self.factors.substitute(m, e)
 
 
 def factor_direct(laplacian: Laplacian, order: Symbolic | None = None, plain: Residual | None = None) -> DirectFactor:

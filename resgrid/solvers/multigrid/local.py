@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from resgrid.solvers.extended import Scaled
 from resgrid.solvers.laplacian import Laplacian
-from resgrid.solvers.refine import Approximation, Numbers
+from resgrid.solvers.refine import Approximation, Numbers, imbalance
 from resgrid.solvers.supernodal import factor_supernodes
 
 _FEW = 5_000
@@ -58,9 +58,7 @@ class LocalCorrections:
             return self._whole(m, e, accuracy)
         self._most = _GAIN * count
         x, exponent = np.zeros_like(m), np.zeros_like(e)
-        x[rows], solved = self._solved(rows, m, e)
-        if e.size:
-            exponent[rows] = solved
+        x[rows], exponent[rows] = self._solved(rows, m, e)
         return x, exponent
 
     def anew(
@@ -70,8 +68,6 @@ class LocalCorrections:
 
         What the others feed into them is the residual where their own voltages are 0.
         """
-        from resgrid.solvers.refine_kernels import residual
-
         count = np.count_nonzero(left)
         some = not self._in_slit and 0 < count <= self._most_anew
         rows = _around(self._laplacian, np.flatnonzero(left)) if some else None
@@ -81,16 +77,14 @@ class LocalCorrections:
         x, e = voltage
         others, fed = Scaled(x.copy(), np.zeros_like(x), e), (np.zeros_like(x), np.zeros_like(e))
         others.hi[rows] = 0.0
-        those = np.zeros(0, dtype=np.int32) if e.size else rows.astype(np.int32)
-        residual(self._laplacian.conductances, current, others, 0.0, 1.0, those, fed)
+        imbalance(self._laplacian.conductances, current, others, fed)
         return rows, self._solved(rows, *fed)
 
     def _solved(self, rows: NDArray[np.int64], m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
-        """Voltages of some rows for what is fed into them, those of all others 0.  Shapes: `m, e` (n,) or (0,)."""
+        """Voltages of some rows for what is fed into them, those of all others 0.  Shapes: `m, e` (n,)."""
         kept = np.zeros(self._laplacian.size, dtype=np.bool_)
         kept[rows] = True
-        factors = factor_supernodes(self._laplacian.within(kept))
-        return factors.substitute(m[rows], e[rows]) if e.size else (factors.solve(m[rows]), e)
+        return factor_supernodes(self._laplacian.within(kept)).substitute(m[rows], e[rows])
 
 
 def _around(laplacian: Laplacian, rows: NDArray[np.int64]) -> NDArray[np.int64] | None:
