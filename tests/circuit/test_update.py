@@ -6,7 +6,7 @@ from hypothesis import example, given, settings, strategies as st
 
 import resgrid as rg
 from resgrid.circuit.equations import assemble
-from resgrid.circuit.window import boxes_around
+from resgrid.circuit.update import _boxes_around
 
 WIRINGS = (
     {"boundary": "dirichlet"},
@@ -216,7 +216,9 @@ def test_what_is_no_space_is_refused():
 
 def test_changes_in_several_places_are_joined_where_their_windows_meet():
     """Two places apart, and a third that meets the second one alone."""
-    boxes = boxes_around(plane((400, 400), 0), np.array([[8, 8], [300, 300], [330, 330]]))
+    changed = np.zeros((400, 400), dtype=bool)
+    changed[[8, 300, 330], [8, 300, 330]] = True
+    boxes = _boxes_around(changed)
     assert boxes is not None and len(boxes) == 2
 
 
