@@ -31,8 +31,9 @@ from resgrid.wiring import Wiring, wiring_of
 _SMALL = 100_000
 """Cells below which iterations cost less than what windows spare of them."""
 
-_WORN = 2
-"""Iterations of a warm start beyond those of the first solution after which levels are made anew."""
+_WORN, _STALE = 2, 1.5
+"""Iterations beyond those of the first solution after which levels are made anew for the next one, and how many times
+as many tell that old levels do not serve: what their steps say of the error is not to be trusted either."""
 
 _WINDOW, _SHARE = 12_000, 16
 """Cells of a window around a small change, and the share of the space that it is at most."""
@@ -163,7 +164,9 @@ class WarmStart:
         last, self._last = self._last, None
         with suppress(AccuracyError):
             if last is not None and last.change(space, wiring):
-                return self._solved(last, wiring, Watch(progress), fresh=False)
+                point = self._solved(last, wiring, Watch(progress), fresh=False)
+                if point.iterations <= _STALE * last.first_iterations:
+                    return point
         system = assemble(compile_space(space, replace(wiring, supply=1.0, goal_voltage=0.0)))
         watch, circuit = Watch(progress), _Circuit.of(system, space, wiring)
         if circuit is not None:
@@ -177,8 +180,8 @@ class WarmStart:
     def _solved(self, circuit: _Circuit, wiring: Wiring, watch: Watch, *, fresh: bool) -> WarmPoint:
         circuit.grid.solve(self.rtol, watch)
         if fresh:
-            circuit.most = watch.iterations + _WORN
-        self._last = circuit if watch.iterations <= circuit.most else None
+            circuit.first_iterations = watch.iterations
+        self._last = circuit if watch.iterations <= circuit.first_iterations + _WORN else None
         share = circuit.first_rows / np.count_nonzero(circuit.row) if circuit.amps else 1.0
         voltage = circuit.grid.values(circuit.space.shape)
         voltage *= wiring.supply * share
@@ -199,7 +202,7 @@ class _Circuit:
     """A circuit with its rails at 0 and 1 V, and the space it was compiled from.
 
     `row`: cells with rows, of the space's shape; `amps`: into every row at first, where all are fed the same;
-    `first_rows`: how many there were then; `most`: iterations from which on levels have worn out.
+    `first_rows, first_iterations`: how many rows there were then, and steps that their solution took.
     """
 
     space: ConfigurationSpace
@@ -207,7 +210,7 @@ class _Circuit:
     grid: WarmGrid
     amps: float
     first_rows: int
-    most: int = 0
+    first_iterations: int = 0
 
     @classmethod
     def of(cls, system: Equations, space: ConfigurationSpace, wiring: Wiring) -> _Circuit | None:
@@ -253,6 +256,8 @@ def _rows_of(space: ConfigurationSpace, wiring: Wiring) -> NDArray[np.bool_]:
         beside, met = np.flatnonzero(kind == rail), np.zeros_like(meets_both)
         for step in steps:
             met[part.take(beside + step, mode="clip")] = True
+            if met[meets_both].all():
+                break
         meets_both &= met
     return np.asarray(meets_both[part[inside]])
 
@@ -265,9 +270,9 @@ def _boxes_around(changed: NDArray[np.bool_]) -> list[tuple[slice, ...]] | None:
     if np.count_nonzero(changed) > changed.size / _MOST:
         return None
     ndim, shape = changed.ndim, np.array(changed.shape)
-    side = 2 * max(round(min(_WINDOW, changed.size / _SHARE) ** (1 / ndim) / 6), _RIM)
+    side = 2 * max(round(min(_WINDOW, changed.size / _SHARE) ** (1 / ndim) / 7), _RIM)
     tiles = np.zeros(-(-shape // side) + 2, dtype=np.bool_)
-    tile = np.argwhere(changed) // side
+    tile = np.stack(np.unravel_index(np.flatnonzero(changed), changed.shape), axis=1) // side
     for step in np.ndindex((3,) * ndim):
         tiles[tuple((tile + step).T)] = True
     part = label_regions(tiles[(slice(1, -1),) * ndim], np.zeros(ndim, dtype=np.bool_), corners=True)

@@ -235,3 +235,24 @@ def test_levels_that_do_not_serve_any_more_are_made_anew():
         cost[near] *= 10.0 ** (6 * rng.standard_normal())
         point = warm.solve(rg.ConfigurationSpace(axes, cell.copy(), cost.copy()))
         assert point.backward_error <= 1e-8
+
+
+@pytest.mark.parametrize("boundary, seed", [("neumann", 20), ("neumann", 22), ("dirichlet", 20)])
+def test_voltages_over_many_decades(boundary, seed):
+    """Guesses with small residuals and large errors were taken, and steps on levels that did not serve any more."""
+    rng = np.random.default_rng(seed)
+    shape, wiring = (26, 65), {"boundary": boundary, "edge": "open" if boundary == "neumann" else "obstacle"}
+    axes = [rg.Axis("x", 0.0, 26.0, 26), rg.Axis("y", 0.0, 65.0, 65)]
+    cell, cost = np.zeros(shape, dtype=np.uint8), 10.0 ** rng.uniform(-1, 1, shape)
+    cell[3, 3] = rg.Cell.GOAL
+    warm = rg.WarmStart(**wiring)
+    for _ in range(9):
+        at = [int(rng.integers(n)) for n in shape]
+        near = tuple(slice(first, first + 3) for first in at)
+        cost[near] = np.clip(cost[near] * 10.0 ** (3 * rng.standard_normal()), 1e-15, 1e15)
+        space = rg.ConfigurationSpace(axes, cell, cost.copy())
+        netlist = rg.compile_space(space, **wiring)
+        exact = rg.solve(netlist, method="direct").voltage[netlist.cells.node]
+        point = warm.solve(space)
+        solved = np.isfinite(point.voltage)
+        assert np.abs(point.voltage - exact)[solved].max() <= 1e-5 * np.abs(exact[solved]).max()
