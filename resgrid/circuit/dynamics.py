@@ -27,7 +27,7 @@ from resgrid.circuit.sources import SourceForest, tie_sources
 from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import Netlist
 from resgrid.solvers.choose import factor_laplacian
-from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.factor import Factor
 from resgrid.solvers.laplacian import Branches, EdgeList, Laplacian, Rows
 
 

@@ -22,7 +22,7 @@ from resgrid.errors import AccuracyError, InputError
 from resgrid.netlist import CellMap, Netlist
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.extended import Scaled
-from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.factor import Factor
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.refine import is_answer

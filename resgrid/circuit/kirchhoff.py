@@ -18,7 +18,7 @@ from resgrid.circuit.equations import Equations
 from resgrid.errors import BudgetError
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.differences import differences
-from resgrid.solvers.factors.direct import DirectFactor
+from resgrid.solvers.factor import DirectFactor
 
 _MOST_TIES = 2e7
 """Rows times rails that are kept apart."""

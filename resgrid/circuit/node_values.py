@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from resgrid.circuit.equations import Equations
 from resgrid.solvers.extended import Scaled, logarithm, power
-from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.factor import Factor
 from resgrid.solvers.laplacian import Rails
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.team import Team

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from resgrid.circuit.dynamics import Dynamics, factor_resolvent
 from resgrid.circuit.initial import Charges
 from resgrid.errors import AccuracyError, BudgetError
-from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.factor import Factor
 
 METHODS = ("backward_euler", "trapezoidal", "tr-bdf2")
 

@@ -25,7 +25,7 @@ from resgrid.errors import InputError
 from resgrid.frozen import frozen
 from resgrid.netlist import Netlist
 from resgrid.solvers import choose as methods
-from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.factor import Factor
 
 
 @frozen

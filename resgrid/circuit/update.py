@@ -21,7 +21,7 @@ from resgrid.compiler import Kind, compile_space, contacts_of_box
 from resgrid.errors import AccuracyError, InputError
 from resgrid.grids import before_and_behind, box_around, label_regions
 from resgrid.netlist import Netlist
-from resgrid.solvers.factors.factor import check_rtol
+from resgrid.solvers.factor import check_rtol
 from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian
 from resgrid.solvers.monitor import Progress, Watch
 from resgrid.solvers.warm import WarmGrid, Window

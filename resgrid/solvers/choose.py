@@ -6,20 +6,20 @@ mazes and netlists; it tells what the choice loses against the best of them. Onl
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from resgrid.budget import require_memory
 from resgrid.errors import InputError
-from resgrid.solvers.decay import VOLUME, Fall, foresee_decades, h_transform_pays
-from resgrid.solvers.factors.direct import EXACT_ROWS, factor_direct
-from resgrid.solvers.factors.factor import Factor, Residual
-from resgrid.solvers.factors.multigrid import factor_multigrid
+from resgrid.solvers.factor import EXACT_ROWS, Factor, Residual, factor_direct, factor_multigrid
 from resgrid.solvers.laplacian import Connections, Laplacian, count_connections
 from resgrid.solvers.star_mesh import ReducedFactor, may_shrink, shrink
 from resgrid.solvers.supernodal import ON_ROWS, Symbolic, order_by_degree, order_by_distance
 from resgrid.solvers.team import ALONE, Team
+
+if TYPE_CHECKING:
+    from resgrid.solvers.decay import Fall
 
 METHODS = ("direct", "multigrid")
 
@@ -166,6 +166,8 @@ def _plain(laplacian: Laplacian, accuracy: str, both: bool) -> Residual | None:
 
 def _fall(choice: Choice, accuracy: str) -> Fall | None:
     """By how much the potential falls, where directions are asked for."""
+    from resgrid.solvers.decay import foresee_decades
+
     if accuracy != "direction":
         return None
     return choice.fall or foresee_decades(choice.laplacian, choice.found)
@@ -196,6 +198,8 @@ def _choose(laplacian: Laplacian, found: Connections, method: str, accuracy: str
         return direct if method == "direct" else multigrid
     if laplacian.size < _SMALL or not found.entries:
         return direct
+    from resgrid.solvers.decay import VOLUME
+
     if found.weak > (_ROUGH_VOLUME if found.entries > VOLUME * laplacian.size else _ROUGH):
         return direct
     return _direct_in_time(laplacian, found) if accuracy == "direction" else multigrid
@@ -203,6 +207,8 @@ def _choose(laplacian: Laplacian, found: Connections, method: str, accuracy: str
 
 def _direct_in_time(laplacian: Laplacian, found: Connections) -> Choice:
     """The direct method in the order by distance or by degree, if it takes less time than multigrid would."""
+    from resgrid.solvers.decay import foresee_decades
+
     fall, decades, width = None, _LEAST_DECADES, corridor_width(laplacian, found)
     seconds = multigrid_seconds(laplacian, width, decades)
     along = corridor_seconds(laplacian, width)
@@ -283,6 +289,8 @@ def estimate_memory(laplacian: Laplacian, method: str = "auto", accuracy: str = 
 
 def _multigrid_memory(choice: Choice, fall: Fall | None) -> float:
     """The same of multigrid, for directions where the fall of the potential is foreseen."""
+    from resgrid.solvers.decay import h_transform_pays
+
     laplacian = choice.laplacian
     on_nodes, on_entries = (100.0, 12.0) if laplacian.grid is not None else (230.0, 22.0)
     if fall is not None:

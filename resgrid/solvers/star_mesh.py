@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
 from resgrid.solvers.extended import Scaled
-from resgrid.solvers.factors.factor import Factor, Residual, refine_normwise
+from resgrid.solvers.factor import Factor, Residual, refine_normwise
 from resgrid.solvers.laplacian import Connections, Laplacian, Rows
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.refine import entry_bound, scaled_currents

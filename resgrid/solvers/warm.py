@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
-from resgrid.solvers.factors.multigrid import factor_multigrid
+from resgrid.solvers.factor import factor_multigrid
 from resgrid.solvers.laplacian import Grid, Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid.conjugate_gradients import ROUNDING, GridProblem, Stop, converge

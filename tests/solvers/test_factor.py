@@ -12,7 +12,7 @@ from support.spaces import serpentine, space_of
 import resgrid as rg
 from resgrid.solvers import choose as methods
 from resgrid.solvers.extended import Scaled
-from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.factor import Factor
 from resgrid.solvers.star_mesh import ReducedFactor
 
 

@@ -18,7 +18,7 @@ from resgrid.errors import BudgetError, CircuitError
 from resgrid.netlist import Netlist
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.extended import Scaled
-from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.factor import Factor
 from resgrid.solvers.laplacian import count_connections
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.star_mesh import ReducedFactor, may_shrink, shrink
