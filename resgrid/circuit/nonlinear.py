@@ -31,7 +31,9 @@ from resgrid.netlist import Netlist, add_elements, crossed_by, select_elements
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.monitor import Progress
 
-MOST_STEPS = 200
+_MANY_STEPS, MOST_STEPS = 20, 200
+"""Steps after which a cut may be overloaded, and at most."""
+
 _EPS = float(np.finfo(np.float64).eps)
 _FLOOR = 1e-15
 """Least differential conductance, as a share of the one at 0 V: what keeps the matrix regular in saturation."""
@@ -195,14 +197,10 @@ def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
             if np.abs(circuit.ratio(x)).max(initial=0.0) > _SATURATED:
                 refuse_saturated_cut(netlist, circuit.system)
             return NewtonSolution(circuit.voltage(x), tuple(residuals), tuple(steps))
-        try:
-            move, share = _step(circuit, x, excess, method)
-        except AccuracyError:
-            refuse_saturated_cut(netlist, circuit.system)
-            raise
+        move, share = _step(circuit, x, excess, method)
         x = x + move
         steps.append(share)
-        if len(steps) in {20, MOST_STEPS}:
+        if len(steps) == _MANY_STEPS:
             refuse_saturated_cut(netlist, circuit.system)
         if share == 1.0 and np.abs(move).max() <= 4 * _EPS * np.abs(x).max():
             return NewtonSolution(circuit.voltage(x), tuple(residuals), tuple(steps))
