@@ -256,3 +256,16 @@ def test_voltages_over_many_decades(boundary, seed):
         point = warm.solve(space)
         solved = np.isfinite(point.voltage)
         assert np.abs(point.voltage - exact)[solved].max() <= 1e-5 * np.abs(exact[solved]).max()
+
+
+@pytest.mark.usefixtures("windows_always")
+@pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
+def test_cells_freed_where_nothing_conducts(boundary):
+    before = room(range(40), goal=(35, 35))
+    cell = np.pad(before.cell, ((0, 80), (0, 80)), constant_values=rg.Cell.FREE)
+    axes = [rg.Axis(name, 0.0, 1.0, 120) for name in "xy"]
+    warm = rg.WarmStart(boundary=boundary)
+    for low, high, kind in ((0, 0, 0), (70, 120, rg.Cell.OBSTACLE), (118, 120, rg.Cell.FREE)):
+        cell[low:high, low:high] = kind
+        space = rg.ConfigurationSpace(axes, cell.copy())
+        assert_as_fresh(warm.solve(space), space, {"boundary": boundary})
