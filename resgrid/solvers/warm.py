@@ -26,6 +26,9 @@ from resgrid.solvers.multigrid.lattice import Lattice
 from resgrid.solvers.multigrid.packing import with_work
 from resgrid.solvers.multigrid.red_black import Stencil
 
+_EVEN = 1e4
+"""Range of conductances within which steps tell the error that is left: beyond, strong ones hide that of weak ones."""
+
 _WINDOW_RTOL = 1e-10
 """Residual of a window: the mode outside is found from small differences at its rim."""
 
@@ -97,7 +100,9 @@ class WarmGrid:
         """
         begun, allowed = bool(self._x.any()), rtol * norm(self._b.ravel())
         hierarchy, largest = self._hierarchy, self._hierarchy.largest_degree / self._hierarchy.unit
-        stop = Stop(allowed, ROUNDING * largest, hierarchy.unit, self._x if begun else None, rtol)
+        degree = self._true.black_degree
+        even = float(degree.max()) <= _EVEN * float(degree.min(where=degree > 0.0, initial=np.inf))
+        stop = Stop(allowed, ROUNDING * largest, hierarchy.unit, self._x if begun else None, rtol if even else 0.0)
         problem = GridProblem(self._true, hierarchy.finest, with_work(hierarchy.levels), self._b)
         size = converge(problem, self._x, stop, watch)
         scale = 2.0 * largest * norm(self._x.ravel()) + norm(self._b.ravel())
