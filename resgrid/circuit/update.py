@@ -35,8 +35,8 @@ _WORN, _STALE = 2, 1.5
 """Iterations beyond those of the first solution after which levels are made anew for the next one, and how many times
 as many tell that old levels do not serve: what their steps say of the error is not to be trusted either."""
 
-_WINDOW, _SHARE = 12_000, 16
-"""Cells of a window around a small change, and the share of the space that it is at most."""
+_WINDOW = 12_000
+"""Cells of a window around a small change that is solved anew, about."""
 
 _MOST = 4
 """Share of the space beyond which windows are no gain."""
@@ -105,8 +105,8 @@ class WarmStart:
 
     Where few cells have changed (obstacles set or freed, goals added, moved or taken away, conductivities), the finest
     level's equations are written over around them, the coarser levels are kept, and the iteration begins with the
-    voltages there were, solved anew around the change.  Where many have, or parts of the circuit are joined or cut
-    off, or the old levels do not serve, it starts afresh (`WarmPoint.fresh` tells).
+    voltages there were, solved anew around the change.  Where many have, cells of parts that are joined or cut off
+    among them, or the old levels do not serve, it starts afresh (`WarmPoint.fresh` tells).
 
     Parameters
     ----------
@@ -272,7 +272,7 @@ def _boxes_around(changed: NDArray[np.bool_]) -> list[tuple[slice, ...]] | None:
     if np.count_nonzero(changed) > changed.size / _MOST:
         return None
     ndim, shape = changed.ndim, np.array(changed.shape)
-    side = 2 * max(round(min(_WINDOW, changed.size / _SHARE) ** (1 / ndim) / 7), _RIM)
+    side = 2 * (_RIM if changed.size < _SMALL else max(round(_WINDOW ** (1 / ndim) / 7), _RIM))
     tiles = np.zeros(-(-shape // side) + 2, dtype=np.bool_)
     tile = np.stack(np.unravel_index(np.flatnonzero(changed), changed.shape), axis=1) // side
     for step in np.ndindex((3,) * ndim):
