@@ -28,7 +28,7 @@ from scipy import sparse
 from resgrid.circuit.dynamics import Dynamics, charge_basis, factor_resolvent
 from resgrid.errors import AccuracyError, InputError
 from resgrid.solvers.extended import BITS
-from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.factor import Factor
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.superlu import symmetric_factors

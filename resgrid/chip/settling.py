@@ -22,7 +22,7 @@ from resgrid.chip.modes import (
     slowest_modes,
 )
 from resgrid.chip.motion import SPAN, Motion, motions
-from resgrid.circuit.dynamics import Dynamics, EnergyMeter, charge_basis, dynamics_of, factor_resolvent
+from resgrid.circuit.dynamics import Dynamics, charge_basis, dynamics_of, energy_delivered, factor_resolvent
 from resgrid.circuit.initial import charges_of, initial_state
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import AccuracyError, InputError
@@ -261,7 +261,7 @@ def _energy(dynamics: Dynamics, solve: Solver, final: Floats, start: Floats, end
         return 0.0
     integral = final * time + solve(dynamics.capacitance.matrix @ (start - end))
     with np.errstate(over="ignore", invalid="ignore"):
-        return EnergyMeter(dynamics).delivered(time, end - start, integral)
+        return energy_delivered(dynamics, time, end - start, integral)
 
 
 def _within_range(name: str, value: float) -> float:

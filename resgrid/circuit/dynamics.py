@@ -27,7 +27,7 @@ from resgrid.circuit.sources import SourceForest, tie_sources
 from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import Netlist
 from resgrid.solvers.choose import factor_laplacian
-from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.factor import Factor
 from resgrid.solvers.laplacian import Branches, EdgeList, Laplacian, Rows
 
 
@@ -196,29 +196,24 @@ def charge_basis(dynamics: Dynamics) -> ChargeBasis:
     return ChargeBasis(charged, sparse.coo_array(entries, shape=(n, int(loose.sum()))).tocsr())
 
 
-@dataclass(frozen=True, eq=False)
-class EnergyMeter:
-    """What all sources deliver, and what the capacitors hold."""
+def energy_delivered(
+    dynamics: Dynamics, time: float, change: NDArray[np.float64], integral: NDArray[np.float64]
+) -> float:
+    """Energy that all sources have delivered since 0+, in joules; floating parts count nothing.
 
-    dynamics: Dynamics
+    Shapes: `change` (n,): of the state, `integral` (n,).
+    """
+    if not time > 0.0:
+        return 0.0
+    netlist, mean = dynamics.netlist, dynamics.voltage(integral / time)
+    heat = netlist.conductance * _across(mean, netlist.resistor_nodes) ** 2
+    moved = netlist.capacitance * _across(dynamics.at_nodes(change), netlist.capacitor_nodes)
+    return float(time * heat.sum() + moved @ _across(mean, netlist.capacitor_nodes))
 
-    def delivered(self, time: float, change: NDArray[np.float64], integral: NDArray[np.float64]) -> float:
-        """Energy that sources have delivered since 0+, in joules; floating parts count nothing.
 
-        Shapes: `change` (n,), `integral` (n,).
-        """
-        if not time > 0.0:
-            return 0.0
-        netlist = self.dynamics.netlist
-        mean = self.dynamics.voltage(integral / time)
-        heat = netlist.conductance * _across(mean, netlist.resistor_nodes) ** 2
-        moved = netlist.capacitance * _across(self.dynamics.at_nodes(change), netlist.capacitor_nodes)
-        return float(time * heat.sum() + moved @ _across(mean, netlist.capacitor_nodes))
-
-    def stored(self, voltage: NDArray[np.float64]) -> float:
-        """Energy in the capacitors at node voltages, in joules."""
-        netlist = self.dynamics.netlist
-        return float(0.5 * np.sum(netlist.capacitance * _across(voltage, netlist.capacitor_nodes) ** 2))
+def energy_stored(netlist: Netlist, voltage: NDArray[np.float64]) -> float:
+    """Energy in the capacitors at node voltages, in joules."""
+    return float(0.5 * np.sum(netlist.capacitance * _across(voltage, netlist.capacitor_nodes) ** 2))
 
 
 def _across(voltage: NDArray[np.float64], nodes: NDArray[np.int32]) -> NDArray[np.float64]:

@@ -21,7 +21,7 @@ from resgrid.errors import AccuracyError, InputError
 from resgrid.netlist import CellMap, Netlist
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.extended import Scaled
-from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.factor import Factor
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.refine import CERTAIN, is_answer, minus, quotient
@@ -99,42 +99,25 @@ def charges_of(dynamics: Dynamics) -> Charges:
 
 
 def _entrywise(factors: Factor, drive: NDArray[np.float64], rounding: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Solve for a right-hand side of both signs, each entry right beside the largest one."""
-    watch = Watch()
-    parts = [np.maximum(drive, 0.0), np.maximum(-drive, 0.0)]
-    found = [factors.solve_nonnegative(part, watch=watch)[0] if part.any() else None for part in parts]
-    rising, falling = found
-    doubt = 0.0
-    if rising is not None and falling is not None:
-        rising, doubt = _subtract(factors, drive, rounding, rising, falling, watch.bound)
-        falling = None
+    """Solve for a right-hand side of both signs, each entry right beside the largest one.
+
+    Shapes: `drive` (n,); `rounding` (n,): what it may be off by; returns (n,).
+    """
+    watch, doubt = Watch(), 0.0
+    parts = [np.maximum(sign * drive, 0.0) for sign in (1.0, -1.0)]
+    rising, falling = (
+        factors.solve_nonnegative(part, watch=watch)[0] if part.any() else Scaled.of(part) for part in parts
+    )
+    x = minus(rising, falling)
+    if all(part.any() for part in parts) and watch.bound * quotient([rising, falling], x) > CERTAIN:
+        x, doubt = _refined(factors, drive, rounding, x)
     if doubt > _DOUBT or not is_answer(watch.error, watch.bound):
         raise AccuracyError(
             "the voltages at 0+ cannot be told: currents of both signs nearly cancel, or conductances and capacitances "
             f"span too many decades (voltages may be off by {max(doubt, watch.error):.1e} of the largest); check what "
             "ties the circuit to its rails"
         )
-    if rising is not None:
-        return rising.plain
-    return np.zeros_like(drive) if falling is None else -falling.plain
-
-
-def _subtract(
-    factors: Factor,
-    drive: NDArray[np.float64],
-    rounding: NDArray[np.float64],
-    rising: Scaled,
-    falling: Scaled,
-    bound: float,
-) -> tuple[Scaled, float]:
-    """Subtract the solutions for the currents of either sign; ``rounding`` is what these may be off by themselves.
-
-    Shapes: `drive, rounding` (n,), `rising, falling` (n,); returns `difference` (n,).
-    """
-    difference = minus(rising, falling)
-    if bound * quotient([rising, falling], difference) > CERTAIN:
-        return _refined(factors, drive, rounding, difference)
-    return difference, 0.0
+    return x.plain
 
 
 def _refined(

@@ -19,7 +19,7 @@ from scipy.sparse.csgraph import connected_components
 from resgrid.circuit.equations import Equations
 from resgrid.errors import BudgetError
 from resgrid.solvers.choose import factor_laplacian
-from resgrid.solvers.factors.direct import DirectFactor
+from resgrid.solvers.factor import DirectFactor
 from resgrid.solvers.selected_inverse import columns_of
 
 if TYPE_CHECKING:

@@ -28,8 +28,7 @@ from resgrid.errors import AccuracyError, CircuitError
 from resgrid.netlist import Netlist
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.extended import Scaled
-from resgrid.solvers.factors.direct import EXACT_ROWS
-from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.factor import EXACT_ROWS, Factor
 from resgrid.solvers.laplacian import count_connections
 from resgrid.solvers.monitor import Progress, Watch
 from resgrid.solvers.refine import CERTAIN, is_answer

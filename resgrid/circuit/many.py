@@ -16,7 +16,7 @@ from resgrid.errors import InputError
 from resgrid.executors import Part, in_order
 from resgrid.netlist import Netlist
 from resgrid.solvers.batch import Chip, FactoredBatch, GridBatch, grid_batch
-from resgrid.solvers.factors.factor import check_rtol
+from resgrid.solvers.factor import check_rtol
 from resgrid.solvers.laplacian import EdgeList, Laplacian
 from resgrid.solvers.supernodal import order_rows
 

@@ -22,7 +22,7 @@ from resgrid.circuit.sources import SourceForest, source_currents
 from resgrid.errors import CircuitError
 from resgrid.netlist import GROUND, Netlist
 from resgrid.solvers.extended import Scaled, canonical, power
-from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.factor import Factor
 from resgrid.solvers.laplacian import Rails
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.refine import minus, quotient

@@ -13,7 +13,7 @@ from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
 from resgrid.solvers.choose import check_method
-from resgrid.solvers.factors.factor import check_rtol
+from resgrid.solvers.factor import check_rtol
 from resgrid.solvers.monitor import Progress
 
 ACCURACIES = ("direction", "normwise")

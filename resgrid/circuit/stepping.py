@@ -18,7 +18,6 @@ and no mode is ever jumped over.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +25,7 @@ from numpy.typing import NDArray
 from resgrid.circuit.dynamics import Dynamics, factor_resolvent
 from resgrid.circuit.initial import Charges
 from resgrid.errors import AccuracyError, BudgetError
-from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.factor import Factor
 
 METHODS = ("backward_euler", "trapezoidal", "tr-bdf2")
 
@@ -36,11 +35,8 @@ _KEPT = 4
 RTOL = 1e-11
 """Normwise backward error of every solution within a step."""
 
-Step = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""Solves ``(G + rate C) x = rhs`` at the rate of a step."""
-
 Solve = Callable[[float, NDArray[np.float64]], NDArray[np.float64]]
-"""The same at any rate, which comes first."""
+"""Solves ``(G + rate C) x = rhs``; the rate comes first."""
 
 State = tuple[NDArray[np.float64], NDArray[np.float64], int]
 """State, its integral since 0+, and the number of steps taken."""
@@ -77,27 +73,28 @@ def rate_of(method: str, h: float) -> float:
 
 
 def advance(
-    dynamics: Dynamics, method: str, x: NDArray[np.float64], h: float, solve: Step
+    dynamics: Dynamics, method: str, x: NDArray[np.float64], h: float, solve: Solve
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Make one step.  Shapes: `x` (n,); returns `after` (n,), `integral` (n,)."""
-    half = solve(dynamics.imbalance(x))
+    rate = rate_of(method, h)
+    half = solve(rate, dynamics.imbalance(x))
     if method == "backward_euler":
         after = x + half
         return after, h * after
     if method == "trapezoidal":
         return x + 2.0 * half, h * (x + half)
     between, past = x + 2.0 * half, x + (_ROOT2 + 1.0) * half
-    after = past + solve(dynamics.imbalance(past))
+    after = past + solve(rate, dynamics.imbalance(past))
     return after, h * (_ROOT2 / 4.0 * (x + between) + (1.0 - _ROOT2 / 2.0) * after)
 
 
-def advance_by_sums(dynamics: Dynamics, x: NDArray[np.float64], h: float, solve: Step) -> NDArray[np.float64]:
+def advance_by_sums(dynamics: Dynamics, x: NDArray[np.float64], h: float, solve: Solve) -> NDArray[np.float64]:
     """State after one step of backward Euler, where every capacitor goes to a rail: nothing is subtracted then.
 
     Voltages of one sign that span many decades keep their relative accuracy then, each of them.  Nothing is lost by
     rounding either, for ``rate C x`` holds nothing that would have to cancel.
     """
-    return solve(dynamics.capacitance.ground * x / h + dynamics.drive)
+    return solve(1.0 / h, dynamics.capacitance.ground * x / h + dynamics.drive)
 
 
 def fixed_steps(
@@ -117,7 +114,7 @@ def fixed_steps(
             damped = method == "trapezoidal" and taken < 2
             for length in (h / 2, h / 2) if damped else (h,):
                 rule = "backward_euler" if damped else method
-                x, part = advance(dynamics, rule, x, length, partial(solve, rate_of(rule, length)))
+                x, part = advance(dynamics, rule, x, length, solve)
                 integral = integral + part
             taken += 1
         now = time
@@ -167,10 +164,9 @@ def controlled_steps(
         if not waiting:
             return
         h = 2.0**exponent
-        whole, at_once = advance(dynamics, method, x, h, partial(solve, rate_of(method, h)))
-        by_half = partial(solve, rate_of(method, h / 2))
-        half, first = advance(dynamics, method, x, h / 2, by_half)
-        after, second = advance(dynamics, method, half, h / 2, by_half)
+        whole, at_once = advance(dynamics, method, x, h, solve)
+        half, first = advance(dynamics, method, x, h / 2, solve)
+        after, second = advance(dynamics, method, half, h / 2, solve)
         increment = first + second
         reached = _range(dynamics, half) if now + h / 2 <= end else (low, high)
         lowest, highest = min(low, reached[0]), max(high, reached[1])

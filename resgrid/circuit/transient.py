@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import check_number
-from resgrid.circuit.dynamics import Dynamics, EnergyMeter, dynamics_of, factor_resolvent
+from resgrid.circuit.dynamics import Dynamics, dynamics_of, energy_delivered, energy_stored, factor_resolvent
 from resgrid.circuit.initial import charges_of, initial_state, real_numbers
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.stepping import (
@@ -25,7 +25,7 @@ from resgrid.errors import InputError
 from resgrid.frozen import frozen
 from resgrid.netlist import Netlist
 from resgrid.solvers import choose as methods
-from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.factor import Factor
 
 
 @frozen
@@ -109,7 +109,8 @@ class TransientStepper:
             after, _ = advance(dynamics, self.method, x, self.step, self._solve)
         return dynamics.voltage(after)
 
-    def _solve(self, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _solve(self, rate: float, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
+        del rate  # there is one alone
         return rhs if self.factors is None else self.factors.solve(rhs, rtol=RTOL)
 
 
@@ -180,7 +181,6 @@ def transient(
     resolvents = Resolvents(dynamics, solver)
     charges = charges_of(dynamics)
     x = initial_state(charges, initial)
-    meter = EnergyMeter(dynamics)
     voltage = np.empty((len(when), netlist.node_count))
     energy, stored = np.empty(len(when)), np.empty(len(when))
     if step is not None:
@@ -190,8 +190,8 @@ def transient(
     steps = 0
     for number, (state, integral, taken) in enumerate(states):
         voltage[number] = dynamics.voltage(state)
-        energy[number] = meter.delivered(when[number], state - x, integral)
-        stored[number] = meter.stored(voltage[number])
+        energy[number] = energy_delivered(dynamics, when[number], state - x, integral)
+        stored[number] = energy_stored(netlist, voltage[number])
         steps = taken
     return Transient(netlist, when, voltage, energy, stored, steps, resolvents.made, method)
 

@@ -1,11 +1,12 @@
 """Circuits of a space that changes, each solved from the one before.
 
-What a change of cells does to the equations is found in a window around it, by the compiler's rules
+What a change of cells does to the equations is found in windows around it, by the compiler's rules
 (`resgrid.compiler`), so that neither a netlist nor its equations are made before somebody asks for them.
 """
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,21 +17,32 @@ from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.linear import factor_circuit, solve_linear
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.readout import read_normwise
-from resgrid.circuit.window import boxes_around, rows_after, window_of
-from resgrid.compiler import compile_space
+from resgrid.compiler import Kind, compile_space, contacts_of_box
 from resgrid.errors import AccuracyError, InputError
+from resgrid.grids import before_and_behind, box_around, label_regions
 from resgrid.netlist import Netlist
-from resgrid.solvers.factors.factor import check_rtol
+from resgrid.solvers.factor import check_rtol
+from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian
 from resgrid.solvers.monitor import Progress, Watch
-from resgrid.solvers.warm import WarmGrid
+from resgrid.solvers.warm import WarmGrid, Window
 from resgrid.space import Cell, ConfigurationSpace
 from resgrid.wiring import Wiring, wiring_of
 
 _SMALL = 100_000
 """Cells below which iterations cost less than what windows spare of them."""
 
-_WORN = 2
-"""Iterations of a warm start beyond those of the first solution after which levels are made anew."""
+_WORN, _STALE = 2, 1.5
+"""Iterations beyond those of the first solution after which levels are made anew for the next one, and how many times
+as many tell that old levels do not serve: what their steps say of the error is not to be trusted either."""
+
+_WINDOW = 12_000
+"""Cells of a window around a small change that is solved anew, about."""
+
+_MOST = 4
+"""Share of the space beyond which windows are no gain."""
+
+_RIM, _NEAR = 3, 2
+"""Cells beside a window's cut sides whose equations are not whole, and how far from a change equations change."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,9 +93,8 @@ class WarmPoint:
         if accuracy != "normwise":
             return solve_linear(netlist, accuracy=accuracy, method="auto", rtol=1e-10)
         system = assemble(netlist)
+        row = _row_of_cells(system)
         x = np.empty(system.size)
-        node = netlist.cells.node
-        row = np.where(node >= 0, system.unknown[node], -1)
         x[row[row >= 0]] = self.voltage[row >= 0] - system.reference
         told = {"iterations": self.iterations, "backward_error": self.backward_error}
         return read_normwise(system, x, method="multigrid", seconds={}, **told)
@@ -94,8 +105,8 @@ class WarmStart:
 
     Where few cells have changed (obstacles set or freed, goals added, moved or taken away, conductivities), the finest
     level's equations are written over around them, the coarser levels are kept, and the iteration begins with the
-    voltages there were, solved anew around the change.  Where many have, or parts of the circuit are joined or cut
-    off, or the old levels do not serve, it starts afresh (`WarmPoint.fresh` tells).
+    voltages there were, solved anew around the change.  Where many have, cells of parts that are joined or cut off
+    among them, or the old levels do not serve, it starts afresh (`WarmPoint.fresh` tells).
 
     Parameters
     ----------
@@ -125,7 +136,7 @@ class WarmStart:
         self.wiring, self.rtol = wiring_of(wiring, options), rtol
         if self.wiring.rails != "merged":
             raise InputError("a warm start needs rails = 'merged': with rails = 'cells', use resgrid.solve")
-        self._state: _State | None = None
+        self._last: _Circuit | None = None
 
     def solve(self, space: ConfigurationSpace, *, progress: Progress | None = None) -> WarmPoint:
         """Solve the circuit of a space, from the last one on where few cells are others.
@@ -149,98 +160,170 @@ class WarmStart:
         """
         if not isinstance(space, ConfigurationSpace):
             raise InputError(f"space = {space!r} must be a ConfigurationSpace (rg.sample(scene))")
-        watch, state, self._state = Watch(progress), self._state, None
         wiring = self.wiring.on(space)
-        fresh = state is None or not state.takes(space)
+        last, self._last = self._last, None
+        with suppress(AccuracyError):
+            if last is not None and last.change(space, wiring):
+                point = self._solved(last, wiring, Watch(progress), fresh=False)
+                if point.iterations <= _STALE * last.first_iterations:
+                    return point
+        system = assemble(compile_space(space, replace(wiring, supply=1.0, goal_voltage=0.0)))
+        watch, circuit = Watch(progress), _Circuit.of(system, space, wiring)
+        if circuit is not None:
+            return self._solved(circuit, wiring, watch, fresh=True)
+        x = factor_circuit(system).solve(system.drive, rtol=self.rtol, watch=watch) if system.size else np.zeros(0)
+        height = np.append(x, np.nan)[_row_of_cells(system)]
+        return WarmPoint(
+            space, wiring, wiring.goal_voltage + wiring.supply * height, True, watch.iterations, watch.error
+        )
+
+    def _solved(self, circuit: _Circuit, wiring: Wiring, watch: Watch, *, fresh: bool) -> WarmPoint:
+        circuit.grid.solve(self.rtol, watch)
         if fresh:
-            system = assemble(compile_space(space, replace(wiring, supply=1.0, goal_voltage=0.0)))
-            state = _State.of(system, space, wiring)
-            if state is None:
-                voltage = _solved_plainly(system, wiring, self.rtol, watch)
-                return WarmPoint(space, wiring, voltage, True, watch.iterations, watch.error)
-        assert state is not None
-        try:
-            voltage = state.solve(self.rtol, watch)
-        except AccuracyError:
-            if fresh:
-                raise
-            return self.solve(space, progress=progress)
-        self._state = None if state.worn else state
-        return WarmPoint(space, wiring, voltage, fresh, watch.iterations, watch.error)
+            circuit.first_iterations = watch.iterations
+        self._last = circuit if watch.iterations <= circuit.first_iterations + _WORN else None
+        share = circuit.first_rows / np.count_nonzero(circuit.row) if circuit.amps else 1.0
+        voltage = circuit.grid.values(circuit.space.shape)
+        voltage *= wiring.supply * share
+        voltage += wiring.goal_voltage
+        voltage[~circuit.row] = np.nan
+        return WarmPoint(circuit.space, wiring, voltage, fresh, watch.iterations, watch.error)
 
 
-def _solved_plainly(system: Equations, wiring: Wiring, rtol: float, watch: Watch) -> NDArray[np.float64]:
-    """Voltages of all cells with rows, from nothing; NaN elsewhere."""
-    x = factor_circuit(system).solve(system.drive, rtol=rtol, watch=watch) if system.size else np.zeros(0)
-    node = system.netlist.cells.node
-    row = np.where((node >= 0), system.unknown[node], -1)
-    return np.where(row >= 0, wiring.goal_voltage + wiring.supply * np.append(x, np.nan)[row], np.nan)
+def _row_of_cells(system: Equations) -> NDArray[np.int32]:
+    """Row of every cell, of the space's shape; -1 where its voltage is not solved for."""
+    grid = system.laplacian.grid
+    assert grid is not None
+    return grid.of_rows(system.unknown).vertex
 
 
-class _State:
+@dataclass(eq=False)
+class _Circuit:
     """A circuit with its rails at 0 and 1 V, and the space it was compiled from.
 
-    `row`: cells with rows, of the space's shape; `drive`: current into every row, in amperes, where it is the same.
+    `row`: cells with rows, of the space's shape; `amps`: into every row at first, where all are fed the same;
+    `first_rows, first_iterations`: how many rows there were then, and steps that their solution took.
     """
 
-    def __init__(
-        self, space: ConfigurationSpace, wiring: Wiring, row: NDArray[np.bool_], drive: float, grid: WarmGrid
-    ) -> None:
-        self.space, self.wiring, self.worn = space, wiring, False
-        self._row, self._drive, self._grid = row, drive, grid
-        self._first_rows = self._rows = int(np.count_nonzero(row))
-        self._most = 0
+    space: ConfigurationSpace
+    row: NDArray[np.bool_]
+    grid: WarmGrid
+    amps: float
+    first_rows: int
+    first_iterations: int = 0
 
     @classmethod
-    def of(cls, system: Equations, space: ConfigurationSpace, wiring: Wiring) -> _State | None:
+    def of(cls, system: Equations, space: ConfigurationSpace, wiring: Wiring) -> _Circuit | None:
         """Lay the levels of a space's equations out; None where these are no grid of two colours."""
-        node = system.netlist.cells.node
-        row = (node >= 0) & (space.cell == Cell.FREE)
-        row[row] = system.unknown[node[row]] >= 0
-        flat = wiring.drive == "uniform"
-        grid = WarmGrid.of(system.laplacian, system.drive, flat) if system.size == np.count_nonzero(row) > 0 else None
-        return None if grid is None else cls(space, wiring, row, float(system.drive[0]) if flat else 0.0, grid)
+        row, fed = _rows_of(space, wiring), wiring.drive == "uniform"
+        if not system.size == np.count_nonzero(row) > 0:
+            return None
+        grid = WarmGrid.of(system.laplacian, system.drive, flat=fed)
+        return None if grid is None else cls(space, row, grid, float(system.drive[0]) if fed else 0.0, system.size)
 
-    def takes(self, space: ConfigurationSpace) -> bool:
-        """Take over what has changed since; False, of no use any more, where that is no gain or asks for a search."""
+    def change(self, space: ConfigurationSpace, wiring: Wiring) -> bool:
+        """Take over what has changed since; False, of no use any more, where that is no gain."""
         old, self.space = self.space, space
         if space.axes != old.axes or (space.conductivity is None) != (old.conductivity is None):
             return False
-        changed = space.cell != old.cell
+        row = _rows_of(space, wiring)
+        changed = (space.cell != old.cell) | (row != self.row)
         if space.conductivity is not None and space.conductivity is not old.conductivity:
             changed |= space.conductivity != old.conductivity
-        if not changed.any():
-            return True
-        boxes = boxes_around(space, np.argwhere(changed))
-        if boxes is None or not all(self._grid.covers(box) for box, _ in boxes):
+        self.row = row
+        boxes = _boxes_around(changed)
+        if boxes is None or not row.any() or not all(self.grid.covers(box) for box in boxes):
+            return False
+        if any(changed[box].sum() > changed[box][_inside(space, box, _RIM + _NEAR)].sum() for box in boxes):
             return False
         goals = np.count_nonzero(space.cell == Cell.GOAL)
-        windows = []
-        for box, near in boxes:
-            before = self._row[box]
-            after = rows_after(old, space, self.wiring, box, before)
-            if after is None:
-                return False
-            window = window_of(space, self.wiring, box, near, after, self._drive)
+        for box in boxes:
+            alone = len(boxes) == 1 and np.count_nonzero(space.cell[box] == Cell.GOAL) == goals
+            window = _window_of(space, wiring, box, row[box], self.amps)
             if window is None:
                 return False
-            self._rows += int(np.count_nonzero(after) - np.count_nonzero(before))
-            self._row[box] = after
-            windows.append(window)
-        for window in windows:
-            alone = len(windows) == 1 and np.count_nonzero(space.cell[window.box] == Cell.GOAL) == goals
-            self._grid.change(window, solve=self._row.size >= _SMALL, follow=alone)
+            self.grid.change(window, solve=row.size >= _SMALL, follow=alone)
         return True
 
-    def solve(self, rtol: float, watch: Watch) -> NDArray[np.float64]:
-        """Voltages of all cells with rows; NaN elsewhere."""
-        self._grid.solve(rtol, watch)
-        self._most = self._most or watch.iterations + _WORN
-        self.worn = watch.iterations > self._most
-        wiring = self.wiring
-        voltage = self._grid.values(self.space.shape)
-        voltage *= wiring.supply * (self._first_rows / self._rows if wiring.drive == "uniform" else 1.0)
-        if wiring.goal_voltage:
-            voltage += wiring.goal_voltage
-        voltage[~self._row] = np.nan
-        return voltage
+
+def _rows_of(space: ConfigurationSpace, wiring: Wiring) -> NDArray[np.bool_]:
+    """Which cells have rows, of the space's shape: parts that meet both rails, or the goal where all cells are fed."""
+    if wiring.drive == "uniform":
+        return space.goal_connected
+    kind, inside = contacts_of_box(space, wiring, connected=False).kind, (slice(1, -1),) * space.ndim
+    part = np.pad(label_regions(kind[inside] == Kind.NODE, space.periodic), 1)
+    steps = [sign * stride // part.itemsize for stride in part.strides for sign in (-1, 1)]
+    meets_both = np.arange(int(part.max()) + 1) > 0
+    for rail in (Kind.LOW, Kind.HIGH):
+        beside, met = np.flatnonzero(kind == rail), np.zeros_like(meets_both)
+        for step in steps:
+            met[part.take(beside + step, mode="clip")] = True
+            if met[meets_both].all():
+                break
+        meets_both &= met
+    return np.asarray(meets_both[part[inside]])
+
+
+def _boxes_around(changed: NDArray[np.bool_]) -> list[tuple[slice, ...]] | None:
+    """Boxes of whole tiles around changed cells, none of whose tiles meet; None if these are no gain.
+
+    Tiles have an even number of cells along every axis: colours in a box are those of the whole grid.
+    """
+    if np.count_nonzero(changed) > changed.size / _MOST:
+        return None
+    ndim, shape = changed.ndim, np.array(changed.shape)
+    side = 2 * (_RIM if changed.size < _SMALL else max(round(_WINDOW ** (1 / ndim) / 7), _RIM))
+    tiles = np.zeros(-(-shape // side) + 2, dtype=np.bool_)
+    tile = np.stack(np.unravel_index(np.flatnonzero(changed), changed.shape), axis=1) // side
+    for step in np.ndindex((3,) * ndim):
+        tiles[tuple((tile + step).T)] = True
+    part = label_regions(tiles[(slice(1, -1),) * ndim], np.zeros(ndim, dtype=np.bool_), corners=True)
+    around = [box_around(part == k) for k in range(1, int(part.max()) + 1)]
+    boxes = [
+        tuple(slice(ends.start * side, min(ends.stop * side, n)) for ends, n in zip(box, changed.shape, strict=True))
+        for box in around
+    ]
+    volume = sum(np.prod([ends.stop - ends.start for ends in box]) for box in boxes)
+    return boxes if volume <= max(changed.size / _MOST, _WINDOW) else None
+
+
+def _inside(space: ConfigurationSpace, box: tuple[slice, ...], margin: int) -> tuple[slice, ...]:
+    """The cells of a box that are so far from where the grid goes on beyond it."""
+    return tuple(
+        slice(
+            margin if ends.start > 0 or axis.periodic else 0,
+            ends.stop - ends.start - (margin if ends.stop < axis.cells or axis.periodic else 0),
+        )
+        for ends, axis in zip(box, space.axes, strict=True)
+    )
+
+
+def _window_of(
+    space: ConfigurationSpace, wiring: Wiring, box: tuple[slice, ...], row: NDArray[np.bool_], amps: float
+) -> Window | None:
+    """The equations of a box, with the high rail at 1 V, the low one at 0 V, and so many amperes into every row.
+
+    Shapes: `row`, of the box: which of its cells have rows.  None if no two of them are joined.
+    """
+    contacts = contacts_of_box(space, wiring, [(ends.start, ends.stop) for ends in box], connected=False)
+    size, vertex = int(np.count_nonzero(row)), np.full(row.shape, -1, dtype=np.int32)
+    vertex[row] = np.arange(size, dtype=np.int32)
+    wide = np.pad(vertex, 1, constant_values=-1)
+    ground, drive = np.zeros(size), np.full(size, amps)
+    pairs, conductance = [], []
+    for axis, siemens in enumerate(contacts.conductance):
+        rows, kinds = before_and_behind(wide, axis), before_and_behind(contacts.kind, axis)
+        inner = (rows[0] >= 0) & (rows[1] >= 0) & (siemens > 0.0)
+        pairs.append(np.stack([end[inner] for end in rows], axis=1))
+        conductance.append(siemens[inner])
+        for here, beside in zip(rows, kinds[::-1], strict=True):
+            tied = (here >= 0) & (beside != Kind.NODE)
+            ground += np.bincount(here[tied], siemens[tied], size)
+            tied &= beside == Kind.HIGH
+            drive += np.bincount(here[tied], siemens[tied], size)
+    if not any(map(len, pairs)):
+        return None
+    listed = EdgeList(np.concatenate(pairs), np.concatenate(conductance), np.arange(size, dtype=np.int32))
+    grid = Grid(vertex, (False,) * vertex.ndim)
+    laplacian = Laplacian(ground, listed, grid=grid, dimensions=grid.dimensions)
+    return Window(box, laplacian, drive, _inside(space, box, _RIM))

@@ -6,19 +6,19 @@ mazes and netlists; it tells what the choice loses against the best of them. Onl
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from resgrid.budget import require_memory
 from resgrid.errors import InputError
-from resgrid.solvers.decay import VOLUME, Fall, foresee_decades, h_transform_pays
-from resgrid.solvers.factors.direct import EXACT_ROWS, factor_direct
-from resgrid.solvers.factors.factor import Factor, Residual
-from resgrid.solvers.factors.multigrid import factor_multigrid
+from resgrid.solvers.factor import EXACT_ROWS, Factor, Residual, factor_direct, factor_multigrid
 from resgrid.solvers.laplacian import Connections, Laplacian, count_connections
 from resgrid.solvers.supernodal import ON_ROWS, Symbolic, order_by_degree, order_by_distance
 from resgrid.solvers.team import ALONE, Team
+
+if TYPE_CHECKING:
+    from resgrid.solvers.decay import Fall
 
 METHODS = ("direct", "multigrid")
 
@@ -69,7 +69,7 @@ class Choice(NamedTuple):
     """A method for a laplacian, and what was found out on the way to it.
 
     `laplacian`: with its rows, where they had to be made; `found`: counts over it; `method`; `order`: of a direct
-    method; None where the first that suits is to be taken; `fall`: of the potential, where it was foreseen.
+    method; None where the first that suits is to be taken; `fall`: of the potential, for directions by multigrid.
     """
 
     laplacian: Laplacian
@@ -102,9 +102,8 @@ def factor_laplacian(
     choice = _choose(laplacian, count_connections(laplacian, team), method, accuracy)
     laplacian = choice.laplacian
     if choice.method == "multigrid":
-        fall = _fall(choice, accuracy)
-        _require(_multigrid_memory(choice, fall), laplacian, "multigrid")
-        return factor_multigrid(laplacian, fall, both=both, team=team)
+        _require(_multigrid_memory(choice), laplacian, "multigrid")
+        return factor_multigrid(laplacian, choice.fall, both=both, team=team)
     laplacian = laplacian.with_rows()
     order = choice.order or order_by_distance(laplacian)
     _require(order.memory if order is not None else wide_memory(laplacian), laplacian, "direct")
@@ -116,13 +115,6 @@ def check_method(method: str) -> None:
     """Refuse a method that is none."""
     if method != "auto" and method not in METHODS:
         raise InputError(f"method = {method!r} is unknown; it may be one of auto, {', '.join(METHODS)}")
-
-
-def _fall(choice: Choice, accuracy: str) -> Fall | None:
-    """By how much the potential falls, where directions are asked for."""
-    if accuracy != "direction":
-        return None
-    return choice.fall or foresee_decades(choice.laplacian, choice.found)
 
 
 def _require(needed: float, laplacian: Laplacian, name: str) -> None:
@@ -145,14 +137,17 @@ def choose_method(laplacian: Laplacian, accuracy: str = "direction") -> str:
 
 def _choose(laplacian: Laplacian, found: Connections, method: str, accuracy: str) -> Choice:
     """As `choose_method`, with what was found on the way."""
-    direct, multigrid = Choice(laplacian, found, "direct"), Choice(laplacian, found, "multigrid")
-    if method != "auto":
-        return direct if method == "direct" else multigrid
-    if laplacian.size < _SMALL or not found.entries:
-        return direct
-    if found.weak > (_ROUGH_VOLUME if found.entries > VOLUME * laplacian.size else _ROUGH):
-        return direct
-    return _direct_in_time(laplacian, found) if accuracy == "direction" else _direct_if_sparse(laplacian, found)
+    if method == "direct" or (method == "auto" and (laplacian.size < _SMALL or not found.entries)):
+        return Choice(laplacian, found, "direct")
+    from resgrid.solvers.decay import VOLUME, foresee_decades
+
+    if method == "auto" and found.weak > (_ROUGH_VOLUME if found.entries > VOLUME * laplacian.size else _ROUGH):
+        return Choice(laplacian, found, "direct")
+    if method == "auto":
+        return (_in_less_time if accuracy == "direction" else _direct_if_sparse)(laplacian, found)
+    if accuracy != "direction":
+        return Choice(laplacian, found, "multigrid")
+    return Choice(laplacian, found, "multigrid", fall=foresee_decades(laplacian, found))
 
 
 def _direct_if_sparse(laplacian: Laplacian, found: Connections) -> Choice:
@@ -165,27 +160,31 @@ def _direct_if_sparse(laplacian: Laplacian, found: Connections) -> Choice:
     return Choice(laplacian, found, "multigrid")
 
 
-def _direct_in_time(laplacian: Laplacian, found: Connections) -> Choice:
-    """The direct method in the order by distance or by degree, if it takes less time than multigrid would."""
-    fall, decades, width = None, _LEAST_DECADES, corridor_width(laplacian, found)
-    seconds = multigrid_seconds(laplacian, width, decades)
-    along = corridor_seconds(laplacian, width)
-    if laplacian.rails is not None and not along < seconds:
+def _in_less_time(laplacian: Laplacian, found: Connections) -> Choice:
+    """The direct method in the order by distance or by degree, if it takes less time than multigrid would.
+
+    The fall of the potential is not asked for where corridors are narrow enough for any.
+    """
+    from resgrid.solvers.decay import Fall, foresee_decades
+
+    width, fall = corridor_width(laplacian, found), Fall(most=_LEAST_DECADES)
+    along = corridor_seconds(laplacian, width) < multigrid_seconds(laplacian, width, fall)
+    if not along:
         fall = foresee_decades(laplacian, found)
-        decades = fall.most
-        seconds = multigrid_seconds(laplacian, width, decades, scaled=fall.in_reach)
-    if decades > _MOST_DECADES:
+    if fall.most > _MOST_DECADES:
         return Choice(laplacian, found, "direct")
+    seconds = multigrid_seconds(laplacian, width, fall)
     most = most_entries(laplacian, seconds)
-    if along < seconds or most > 0.0:
+    if along or most > 0.0:
         laplacian = laplacian.with_rows()
-    if along < seconds:
+    if along:
         narrow = order_by_distance(laplacian)
         if narrow is not None and direct_seconds(narrow) < seconds:
             return Choice(laplacian, found, "direct", narrow)
     wide = order_by_degree(laplacian, most) if most > 0.0 else None
     if wide is not None and direct_seconds(wide) + SECONDS.order * laplacian.size < seconds:
         return Choice(laplacian, found, "direct", wide)
+    fall = foresee_decades(laplacian, found) if along else fall
     return Choice(laplacian, found, "multigrid", fall=fall)
 
 
@@ -218,18 +217,18 @@ def most_entries(laplacian: Laplacian, seconds: float) -> float:
     return max(left, 0.0) / SECONDS.entry
 
 
-def multigrid_seconds(laplacian: Laplacian, width: float, decades: float, *, scaled: bool = True) -> float:
-    """Time of directions by multigrid, by the width of corridors; ``scaled``: an h-transform reaches all decades."""
+def multigrid_seconds(laplacian: Laplacian, width: float, fall: Fall) -> float:
+    """Time of directions by multigrid, by the width of corridors and the fall of the potential."""
     mazy = width < ROOM
     if laplacian.rails is None and width < SPARSE:
         a_row = SECONDS.fed_sparse
     elif laplacian.rails is None:
         a_row = SECONDS.fed_netlist if laplacian.grid is None else SECONDS.fed_mazy if mazy else SECONDS.fed
     elif laplacian.grid is None:
-        a_row = SECONDS.netlist + SECONDS.netlist_decade * decades
+        a_row = SECONDS.netlist + SECONDS.netlist_decade * fall.most
     else:
-        a_decade = SECONDS.decade if scaled else SECONDS.far_decade
-        a_row = (SECONDS.mazy if mazy else SECONDS.open) + a_decade * decades
+        a_decade = SECONDS.decade if fall.in_reach else SECONDS.far_decade
+        a_row = (SECONDS.mazy if mazy else SECONDS.open) + a_decade * fall.most
     return SECONDS.levels + a_row * laplacian.size
 
 
@@ -242,14 +241,16 @@ def estimate_memory(laplacian: Laplacian, method: str = "auto", accuracy: str = 
     """
     choice = _choose(laplacian, count_connections(laplacian), method, accuracy)
     if choice.method == "multigrid":
-        return _multigrid_memory(choice, _fall(choice, accuracy))
+        return _multigrid_memory(choice)
     narrow = order_by_distance(choice.laplacian)
     return narrow.memory if narrow is not None else wide_memory(laplacian)
 
 
-def _multigrid_memory(choice: Choice, fall: Fall | None) -> float:
+def _multigrid_memory(choice: Choice) -> float:
     """The same of multigrid, for directions where the fall of the potential is foreseen."""
-    laplacian = choice.laplacian
+    from resgrid.solvers.decay import h_transform_pays
+
+    laplacian, fall = choice.laplacian, choice.fall
     on_nodes, on_entries = (100.0, 12.0) if laplacian.grid is not None else (230.0, 22.0)
     if fall is not None:
         on_nodes, on_entries = on_nodes + (120.0 if h_transform_pays(laplacian, fall) else 60.0), on_entries + 18.0

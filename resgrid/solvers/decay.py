@@ -7,17 +7,13 @@ circuits that are then solved directly do not need.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.solvers.laplacian import Connections, EdgeList, Grid, Laplacian
-
-if TYPE_CHECKING:
-    from scipy import sparse
-
-    from resgrid.solvers.decay_kernels import Places
+from resgrid.jit import inlined, inner, kernel
+from resgrid.solvers.laplacian import Connections, EdgeList, Grid, Laplacian, Rows
 
 VOLUME = 4.2
 """Neighbours a node above which corridors have two dimensions across."""
@@ -40,7 +36,6 @@ _PARTS = 64.0
 _ROUNDS = 30
 """Rounds in which depths are found where rows are numbered as it happens, at most."""
 
-
 MOST_DECADES = 120.0
 """By how many decades heights may fall: their squares are doubles."""
 
@@ -52,6 +47,9 @@ _FAR_IN_VOLUMES = 40.0
 
 _STEEP = 8.0
 """Decades around the low rail from which it lies in a slit: a pass would gain little beyond."""
+
+_SEEN = -1
+"""End of a list of nodes; whatever is less stands for the cost of a step to a node that has not been reached."""
 
 
 class Fall(NamedTuple):
@@ -74,6 +72,22 @@ class Fall(NamedTuple):
     def in_reach(self) -> bool:
         """Whether they are no more than levels can be scaled for by an h-transform."""
         return self.whole <= MOST_DECADES
+
+
+class Places(NamedTuple):
+    """Nodes and their neighbours: of a graph in compressed rows, or of a grid's cells with a margin around them.
+
+    `there, low, high` (places,): whether there is a node at a place, and whether it touches the low rail, the high
+    rail; `indptr, indices`: neighbours of a graph's nodes, empty for a grid; `offsets`: from a cell to its
+    neighbours, those before it first; empty for a graph.
+    """
+
+    there: NDArray[np.bool_]
+    low: NDArray[np.bool_]
+    high: NDArray[np.bool_]
+    indptr: NDArray[np.int32]
+    indices: NDArray[np.int32]
+    offsets: NDArray[np.int64]
 
 
 def foresee_decades(laplacian: Laplacian, found: Connections) -> Fall:
@@ -103,8 +117,6 @@ def decay(places: Places, rate: float, wall: float, rounds: int, first: int, res
     the potential falls by ``((w / rate)**2 + w wall)**(-1/2)`` a step: as between plain rails where there is no
     ``wall``, by the square root of what leaks through it where that is large.
     """
-    from resgrid.solvers.decay_kernels import fall
-
     n = len(places.there)
     after, head = np.full(n, n, dtype=np.int32), np.full(int(_PARTS * rate) + 2, -1, dtype=np.int32)
     costs, kept = costs_by_depth(n, rate, wall), int(np.count_nonzero(places.there)) - rest
@@ -133,19 +145,15 @@ def _places(laplacian: Laplacian, low: NDArray[np.bool_], high: NDArray[np.bool_
     """The rows as a graph, or, where most cells of a grid are rows, as its cells: these need no compressed rows."""
     grid, listed = laplacian.grid, laplacian.listed
     if grid is None or listed is None or any(grid.periodic) or grid.vertex.size > _SPARSE * laplacian.size:
-        return _of_graph(laplacian.rows, low, high)
+        return _of_graph(laplacian.as_rows(ordered=False), low, high)
     return _of_grid(grid, listed, low, high)
 
 
-def _of_graph(rows: sparse.csr_array, low: NDArray[np.bool_], high: NDArray[np.bool_]) -> Places:
-    from resgrid.solvers.decay_kernels import Places
-
+def _of_graph(rows: Rows, low: NDArray[np.bool_], high: NDArray[np.bool_]) -> Places:
     return Places(np.ones_like(low), low, high, rows.indptr, rows.indices, np.empty(0, dtype=np.int64))
 
 
 def _of_grid(grid: Grid, listed: EdgeList, low: NDArray[np.bool_], high: NDArray[np.bool_]) -> Places:
-    from resgrid.solvers.decay_kernels import Places
-
     row = np.take(np.append(listed.row, np.int32(-1)), np.pad(grid.vertex, 1, constant_values=-1))
     strides, row = np.array(row.strides) // row.itemsize, row.ravel()
     low, high = (np.take(np.append(flags, False), row) for flags in (low, high))
@@ -159,3 +167,89 @@ def h_transform_pays(laplacian: Laplacian, fall: Fall) -> bool:
         return False
     far = _FAR_IN_VOLUMES if laplacian.dimensions > 2 else _FAR + _FIXED / laplacian.size
     return fall.in_reach and fall.most - fall.in_slit >= far
+
+
+@inlined
+def _neighbours(places: Places, node: int) -> int:
+    return len(places.offsets) if len(places.offsets) > 0 else int(places.indptr[node + 1] - places.indptr[node])
+
+
+@inlined
+def _neighbour(places: Places, node: int, k: int) -> int:
+    return int(node + places.offsets[k]) if len(places.offsets) > 0 else int(places.indices[places.indptr[node] + k])
+
+
+@inner
+def _find_depths(places: Places, rounds: int, steps: NDArray[np.int32]) -> None:
+    """Steps from the nearest node at the high rail, by sweeps up and down; left alone where none comes.
+
+    Where nodes are numbered as the cells of a grid, one round does: a shortest way runs up or down the rows.  Of a
+    cell's neighbours each sweep asks those that it has passed.
+    """
+    n, half = len(places.there), len(places.offsets) // 2
+    for _ in range(rounds):
+        moved = False
+        for i in range(n):
+            if places.there[i]:
+                least = 0 if places.high[i] else steps[i]
+                for k in range(half if half > 0 else _neighbours(places, i)):
+                    here = steps[_neighbour(places, i, k)] + 1
+                    least = here if here < least else least
+                moved |= least < steps[i]
+                steps[i] = least
+        if not moved:
+            break
+        for i in range(n - 1, -1, -1):
+            if places.there[i]:
+                least = steps[i]
+                for k in range(half, _neighbours(places, i)):
+                    here = steps[_neighbour(places, i, k)] + 1
+                    least = here if here < least else least
+                steps[i] = least
+
+
+@kernel
+def fall(
+    places: Places,
+    costs: NDArray[np.int32],
+    rounds: int,
+    first: int,
+    kept: int,
+    after: NDArray[np.int32],
+    head: NDArray[np.int32],
+) -> tuple[int, int, int]:
+    """What the way costs on which a potential falls least: over the ``first`` nodes, the ``kept`` ones, and all.
+
+    ``costs`` (n + 1,): of a step to a node by its depth, as `_find_depths` finds it in some rounds; ``after`` (n,)
+    comes as ``n``, and ``head`` (buckets,) as -1.  By buckets (Dial 1969): since a step costs what the node it leads to
+    does, the first way found to a node is the best.
+    """
+    n = len(places.there)
+    # Lists of nodes in the buckets: their heads, and the one after every node; until then, a node's depth or cost.
+    _find_depths(places, rounds, after)
+    for node in range(n):
+        after[node] = _SEEN - 1 - costs[after[node]] if places.there[node] else _SEEN
+    buckets, waiting, seen = len(head), 0, 0
+    for node in range(n):
+        if places.low[node]:
+            after[node], head[0] = head[0], node
+            waiting += 1
+    now, near, most, deepest, bucket = 0, 0, 0, 0, 0
+    while waiting > 0:
+        node = head[bucket]
+        if node == _SEEN:
+            now += 1
+            bucket = bucket + 1 if bucket + 1 < buckets else 0
+            continue
+        head[bucket], deepest = after[node], now
+        waiting, seen = waiting - 1, seen + 1
+        near = now if seen <= first else near
+        most = now if seen <= kept else most
+        for k in range(_neighbours(places, node)):
+            other = _neighbour(places, node, k)
+            if after[other] < _SEEN:
+                ahead = bucket + _SEEN - 1 - after[other]
+                ahead -= buckets if ahead >= buckets else 0
+                after[other], head[ahead] = head[ahead], other
+                waiting += 1
+    return near, most, deepest

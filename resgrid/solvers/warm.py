@@ -8,18 +8,15 @@ energy norm, for ``alpha = v.(b - A x) / v.A v``, and both products come from th
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
-from resgrid.grids import slab
-from resgrid.solvers.factors.factor import Factor
-from resgrid.solvers.factors.multigrid import factor_multigrid
-from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian
+from resgrid.solvers.factor import factor_multigrid
+from resgrid.solvers.laplacian import Grid, Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid.conjugate_gradients import ROUNDING, GridProblem, Stop, converge
 from resgrid.solvers.multigrid.grid_level import lay_out
@@ -28,38 +25,30 @@ from resgrid.solvers.multigrid.krylov import gather_rows, norm, scatter_rows
 from resgrid.solvers.multigrid.levels import Finest
 from resgrid.solvers.multigrid.red_black import Lattice
 
+_EVEN = 1e4
+"""Range of conductances within which steps tell the error that is left: beyond, strong ones hide that of weak ones."""
+
 _WINDOW_RTOL = 1e-10
 """Residual of a window: the mode outside is found from small differences at its rim."""
 
 
-@dataclass(frozen=True, eq=False)
-class Window:
-    """The equations of a box of cells, with a rim of cells around those that are solved for.
+class Window(NamedTuple):
+    """The equations of a box of cells: right, but for rows on its rim.
 
-    `low`: first cell of the box; `row`: which cells have a row, of the box's shape; `edges`: conductances from every
-    cell to the next one along each axis, 0 unless both have rows, one shorter along the axis; `ground, drive`: ground
-    conductance and current into every cell, of the box's shape, right within `core`; `core`: the cells to solve for;
-    `changed`: those whose equations have changed, within the core.
+    `laplacian` (n, n): on the grid of the box; `drive` (n,): current into every row, in amperes; `core`: those cells
+    of the box whose equations are whole: what has changed lies among them.
     """
 
-    low: tuple[int, ...]
-    row: NDArray[np.bool_]
-    edges: tuple[NDArray[np.float64], ...]
-    ground: NDArray[np.float64]
+    box: tuple[slice, ...]
+    laplacian: Laplacian
     drive: NDArray[np.float64]
     core: tuple[slice, ...]
-    changed: tuple[slice, ...]
 
     @property
-    def box(self) -> tuple[slice, ...]:
-        """Where the box lies in the grid."""
-        return tuple(slice(first, first + n) for first, n in zip(self.low, self.row.shape, strict=True))
-
-    def relaxed(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """One relaxation of every row, of the box's shape: ``(b + G x) / degree``."""
-        degree = self.ground + _into(self.edges, np.ones(self.row.shape), self.row)
-        total = self.drive + _into(self.edges, values, self.row)
-        return np.divide(total, degree, out=np.zeros_like(total), where=self.row & (degree > 0.0))
+    def vertex(self) -> NDArray[np.int32]:
+        """Row of every cell of the box, -1 for none."""
+        assert self.laplacian.grid is not None
+        return self.laplacian.grid.vertex
 
 
 class WarmGrid:
@@ -110,7 +99,9 @@ class WarmGrid:
         """
         begun, allowed = bool(self._x.any()), rtol * norm(self._b.ravel())
         hierarchy, largest = self._hierarchy, self._hierarchy.largest_degree / self._hierarchy.unit
-        stop = Stop(allowed, ROUNDING * largest, hierarchy.unit, self._x if begun else None, rtol)
+        degree = self._finest.true.black_degree
+        even = float(degree.max()) <= _EVEN * float(degree.min(where=degree > 0.0, initial=np.inf))
+        stop = Stop(allowed, ROUNDING * largest, hierarchy.unit, self._x if begun else None, rtol if even else 0.0)
         problem = GridProblem(self._finest, hierarchy.levels, self._b)
         size = converge(problem, self._x, stop, watch)
         scale = 2.0 * largest * norm(self._x.ravel()) + norm(self._b.ravel())
@@ -130,47 +121,59 @@ class WarmGrid:
 
     def change(self, window: Window, *, solve: bool = True, follow: bool = False) -> None:
         """Take over the equations of a window; solve them, and let the outside follow."""
+        vertex, x = window.vertex, self._x.ravel()
+        slot = self._lattice.slot(self._number(window.box))
         self._write(window)
-        cells = [np.arange(ends.start, ends.stop) for ends in window.box]
-        number = self._lattice.number(np.ix_(*(c - a for c, a in zip(cells, self._first.tolist(), strict=True))))
-        slot, x = self._lattice.slot(number), self._x.ravel()
-        before = np.where(window.row, x[slot], 0.0)
-        x[slot[~window.row]] = 0.0
+        x[slot[vertex < 0]] = 0.0
+        slot = slot[vertex >= 0]
+        before = x[slot]
         if not solve:
-            new = window.row & (before == 0.0)
-            x[slot[new]] = window.relaxed(before)[new]
+            laplacian, new = window.laplacian, before == 0.0
+            x[slot[new]] = ((window.drive + laplacian.edges @ before) / laplacian.diagonal)[new]
             return
-        inner = _Inner.of(window)
-        after = before.copy()
-        after[inner.mask] = inner.solve(window.drive[inner.mask] + inner.from_rim(before))
-        if follow and inner.rim.any():
+        core = np.full_like(vertex, -1)
+        core[window.core] = vertex[window.core]
+        own = np.zeros(len(before), dtype=np.bool_)
+        own[core[core >= 0]] = True
+        if not own.any():
+            return
+        core[core >= 0] = np.arange(np.count_nonzero(own), dtype=np.int32)
+        inner = replace(window.laplacian.within(own), grid=Grid(core, (False,) * core.ndim))
+        factor = factor_multigrid(inner)
+        from_rim = window.laplacian.edges[own][:, ~own]
+        after = factor.solve(window.drive[own] + from_rim @ before[~own], rtol=_WINDOW_RTOL)
+        if follow and from_rim.nnz:
             mode = np.ones_like(before) if self._flat else 1.0 - before
-            followed = inner.solve(inner.from_rim(mode))
-            moved = mode.copy()
-            moved[inner.mask] -= followed
-            missing, energy = inner.at_rim(after - before, mode), inner.at_rim(moved, mode)
-            alpha = missing / energy if energy > 0.0 else 0.0
-            after[inner.mask] += alpha * followed
+            followed = factor.solve(from_rim @ mode[~own], rtol=_WINDOW_RTOL)
+            at_rim = from_rim @ mode[~own]
+            energy = float(at_rim @ (mode[own] - followed))
+            alpha = float(at_rim @ (after - before[own])) / energy if energy > 0.0 else 0.0
+            after += alpha * followed
             np.add(x, alpha if self._flat else alpha * (1.0 - x), out=x, where=x != 0.0)
-        x[slot[inner.mask]] = after[inner.mask]
+        x[slot[own]] = after
+
+    def _number(self, box: tuple[slice, ...]) -> NDArray[np.int64]:
+        """Numbers of the cells of a box, of its shape."""
+        first = self._first.tolist()
+        return self._lattice.number(
+            np.ix_(*(np.arange(ends.start - a, ends.stop - a) for ends, a in zip(box, first, strict=True)))
+        )
 
     def _write(self, window: Window) -> None:
-        """Write the equations of the changed cells over those of the finest level."""
-        true, finest, lattice, unit = self._finest.true, self._finest, self._lattice, self._hierarchy.unit
-        vertex, pairs, conductance = _edge_list(window.row, window.edges)
-        row = np.arange(np.count_nonzero(window.row), dtype=np.int32)
-        found = lay_out(pairs, conductance, row, vertex, window.ground[window.row], unit)
+        """Write the equations of a window's core over those of the finest level."""
+        true, finest, margin, unit = self._finest.true, self._finest, self._lattice.margin, self._hierarchy.unit
+        listed, drive = window.laplacian.listed, np.append(window.drive, 0.0)[window.vertex[window.core]].ravel()
+        assert listed is not None
+        found = lay_out(*listed, window.vertex, window.laplacian.ground, unit)
         assert found is not None
         small = found[0].lattice
         new = finest_stencils(found[0])
-        cells = np.ix_(*(np.arange(ends.start, ends.stop) for ends in window.changed))
-        here = small.number(cells).ravel()
-        shift = [int(a) for a in np.array(window.low) - self._first]
-        there = lattice.number([c + a for c, a in zip(cells, shift, strict=True)]).ravel()
+        here = small.number(np.ix_(*map(np.arange, small.shape)))[window.core].ravel()
+        there = self._number(window.box)[window.core].ravel()
         for colour in range(2):
             mine = (here & 1) == colour
-            source, target = small.margin + (here[mine] >> 1), lattice.margin + (there[mine] >> 1)
-            self._b[colour, target] = window.drive[window.changed].ravel()[mine] / unit
+            source, target = small.margin + (here[mine] >> 1), margin + (there[mine] >> 1)
+            self._b[colour, target] = drive[mine] / unit
             if colour == 0:
                 for old, fresh in zip((true, finest.stencil), new[:2], strict=True):
                     old.faces[:, target] = fresh.faces[:, source]
@@ -193,81 +196,3 @@ class WarmGrid:
             best = np.unravel_index(int(np.argmax(strength)), strength.shape)
             if strength[best] > 0.0:
                 target[k] = target[onwards[best]]
-
-
-@dataclass(frozen=True, eq=False)
-class _Inner:
-    """The rows of a window's core, with those around it held.
-
-    `mask`: cells to solve for; `rim`: cells around them with rows; `factor`: of the former; None if there are none.
-    """
-
-    window: Window
-    mask: NDArray[np.bool_]
-    rim: NDArray[np.bool_]
-    factor: Factor | None
-
-    @classmethod
-    def of(cls, window: Window) -> _Inner:
-        core = np.zeros_like(window.row)
-        core[window.core] = True
-        mask = window.row & core
-        vertex, pairs, conductance = _edge_list(mask, window.edges)
-        rim = window.row & ~core
-        ground = window.ground + _into(window.edges, rim.astype(np.float64), rim)
-        row = np.arange(np.count_nonzero(mask), dtype=np.int32)
-        grid = Grid(vertex, (False,) * vertex.ndim)
-        listed = EdgeList(pairs, conductance, row)
-        laplacian = Laplacian(ground[mask], listed=listed, grid=grid, dimensions=grid.dimensions)
-        return cls(window, mask, rim, factor_multigrid(laplacian) if laplacian.size else None)
-
-    def solve(self, currents: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Voltages for currents into the rows."""
-        return currents if self.factor is None else self.factor.solve(currents, rtol=_WINDOW_RTOL)
-
-    def from_rim(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What values of the rim drive into the rows."""
-        return _into(self.window.edges, values, self.rim)[self.mask]
-
-    def at_rim(self, inside: NDArray[np.float64], weight: NDArray[np.float64]) -> float:
-        """What values inside drive into the rim, weighted and summed."""
-        return float(np.sum((weight * _into(self.window.edges, inside, self.mask))[self.rim]))
-
-
-def neighbours(array: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Views of all cells that have a next one along an axis, and of those next ones."""
-    n = array.shape[axis]
-    return slab(array, axis, 0, n - 1), slab(array, axis, 1, n)
-
-
-def _into(
-    edges: tuple[NDArray[np.float64], ...], values: NDArray[np.float64], source: NDArray[np.bool_]
-) -> NDArray[np.float64]:
-    """``sum_j g_ij x_j`` over the neighbours that are sources, of the box's shape."""
-    values = np.where(source, values, 0.0)
-    total = np.zeros_like(values)
-    for axis, edge in enumerate(edges):
-        below, above = neighbours(total, axis)
-        lower, upper = neighbours(values, axis)
-        below += edge * upper
-        above += edge * lower
-    return total
-
-
-def _edge_list(
-    rows: NDArray[np.bool_], edges: tuple[NDArray[np.float64], ...]
-) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
-    """Rows numbered in C order, and the edges between them.  Returns `vertex`, of the box, `pairs`, `conductance`."""
-    vertex = np.full(rows.shape, -1, dtype=np.int32)
-    vertex[rows] = np.arange(np.count_nonzero(rows), dtype=np.int32)
-    pairs, conductance = zip(*_along_axes(vertex, edges), strict=True)
-    return vertex, np.ascontiguousarray(np.concatenate(pairs)), np.concatenate(conductance)
-
-
-def _along_axes(
-    vertex: NDArray[np.int32], edges: tuple[NDArray[np.float64], ...]
-) -> Iterator[tuple[NDArray[np.int32], NDArray[np.float64]]]:
-    for axis, edge in enumerate(edges):
-        lower, upper = neighbours(vertex, axis)
-        kept = (lower >= 0) & (upper >= 0) & (edge > 0.0)
-        yield np.stack([lower[kept], upper[kept]], axis=1), edge[kept]

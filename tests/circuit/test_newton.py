@@ -14,8 +14,7 @@ from support.circuits import random_grid
 from support.spaces import serpentine, space_of, spaces
 
 import resgrid as rg
-from resgrid.circuit.newton import newton
-from resgrid.circuit.nonlinear import small_signal
+from resgrid.circuit.nonlinear import newton, small_signal
 from resgrid.space import Cell
 
 

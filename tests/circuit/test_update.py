@@ -6,7 +6,7 @@ from hypothesis import example, given, settings, strategies as st
 
 import resgrid as rg
 from resgrid.circuit.equations import assemble
-from resgrid.circuit.window import boxes_around
+from resgrid.circuit.update import _boxes_around
 
 WIRINGS = (
     {"boundary": "dirichlet"},
@@ -216,7 +216,9 @@ def test_what_is_no_space_is_refused():
 
 def test_changes_in_several_places_are_joined_where_their_windows_meet():
     """Two places apart, and a third that meets the second one alone."""
-    boxes = boxes_around(plane((400, 400), 0), np.array([[8, 8], [300, 300], [330, 330]]))
+    changed = np.zeros((400, 400), dtype=bool)
+    changed[[8, 300, 330], [8, 300, 330]] = True
+    boxes = _boxes_around(changed)
     assert boxes is not None and len(boxes) == 2
 
 
@@ -233,3 +235,37 @@ def test_levels_that_do_not_serve_any_more_are_made_anew():
         cost[near] *= 10.0 ** (6 * rng.standard_normal())
         point = warm.solve(rg.ConfigurationSpace(axes, cell.copy(), cost.copy()))
         assert point.backward_error <= 1e-8
+
+
+@pytest.mark.parametrize("boundary, seed", [("neumann", 20), ("neumann", 22), ("dirichlet", 20)])
+def test_voltages_over_many_decades(boundary, seed):
+    """Guesses with small residuals and large errors were taken, and steps of strong conductances for the last ones."""
+    rng = np.random.default_rng(seed)
+    shape, wiring = (26, 65), {"boundary": boundary, "edge": "open" if boundary == "neumann" else "obstacle"}
+    axes = [rg.Axis("x", 0.0, 26.0, 26), rg.Axis("y", 0.0, 65.0, 65)]
+    cell, cost = np.zeros(shape, dtype=np.uint8), 10.0 ** rng.uniform(-1, 1, shape)
+    cell[3, 3] = rg.Cell.GOAL
+    warm = rg.WarmStart(**wiring)
+    for _ in range(9):
+        at = [int(rng.integers(n)) for n in shape]
+        near = tuple(slice(first, first + 3) for first in at)
+        cost[near] = np.clip(cost[near] * 10.0 ** (3 * rng.standard_normal()), 1e-15, 1e15)
+        space = rg.ConfigurationSpace(axes, cell, cost.copy())
+        netlist = rg.compile_space(space, **wiring)
+        exact = rg.solve(netlist, method="direct").voltage[netlist.cells.node]
+        point = warm.solve(space)
+        solved = np.isfinite(point.voltage)
+        assert np.abs(point.voltage - exact)[solved].max() <= 1e-6 * np.abs(exact[solved]).max()
+
+
+@pytest.mark.usefixtures("windows_always")
+@pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
+def test_cells_freed_where_nothing_conducts(boundary):
+    before = room(range(40), goal=(35, 35))
+    cell = np.pad(before.cell, ((0, 80), (0, 80)), constant_values=rg.Cell.FREE)
+    axes = [rg.Axis(name, 0.0, 1.0, 120) for name in "xy"]
+    warm = rg.WarmStart(boundary=boundary)
+    for low, high, kind in ((0, 0, 0), (70, 120, rg.Cell.OBSTACLE), (118, 120, rg.Cell.FREE)):
+        cell[low:high, low:high] = kind
+        space = rg.ConfigurationSpace(axes, cell.copy())
+        assert_as_fresh(warm.solve(space), space, {"boundary": boundary})

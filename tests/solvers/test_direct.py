@@ -15,7 +15,7 @@ from resgrid.errors import CircuitError
 from resgrid.netlist import Netlist
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.extended import Scaled
-from resgrid.solvers.factors.direct import factor_direct
+from resgrid.solvers.factor import factor_direct
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.supernodal import order_by_degree, order_by_distance
 

@@ -11,7 +11,7 @@ from support.spaces import serpentine, space_of
 
 import resgrid as rg
 from resgrid.solvers.extended import Scaled
-from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.factor import Factor
 
 
 def room(*shape: int) -> rg.Netlist:

@@ -11,7 +11,7 @@ from resgrid.errors import BudgetError, CircuitError, InputError
 from resgrid.netlist import Netlist
 from resgrid.solvers import choose as methods
 from resgrid.solvers.decay import MOST_DECADES, WHOLE_STEPS, foresee_decades
-from resgrid.solvers.factors.multigrid import factor_multigrid
+from resgrid.solvers.factor import factor_multigrid
 from resgrid.solvers.laplacian import count_connections
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid import graphs

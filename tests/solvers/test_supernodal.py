@@ -15,7 +15,7 @@ from resgrid.compiler import compile_space
 from resgrid.errors import AccuracyError
 from resgrid.netlist import Netlist
 from resgrid.solvers.choose import factor_laplacian
-from resgrid.solvers.factors.direct import DirectFactor, factor_direct
+from resgrid.solvers.factor import DirectFactor, factor_direct
 from resgrid.solvers.laplacian import Laplacian, Rows
 from resgrid.solvers.ordering_kernels import minimum_degree, quotient_graph
 from resgrid.solvers.supernodal import (

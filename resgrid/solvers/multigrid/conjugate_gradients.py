@@ -244,9 +244,10 @@ class Stop:
         self._far, self._then = 0.0, 1.0
 
     def goal(self, x: NDArray[np.float64] | None, *, first: bool) -> float:
-        """The residual to reach."""
-        goal = _SMOOTH * self.wanted if first and self.guessed else self.wanted
-        return goal if x is None else max(goal, self.rounding * krylov.norm(x.ravel()))
+        """The residual to reach; before any step, when the error may be large beside it, rounding excuses none."""
+        if first:
+            return _SMOOTH * self.wanted if self.guessed else self.wanted
+        return self.wanted if x is None else max(self.wanted, self.rounding * krylov.norm(x.ravel()))
 
     def moved(self, power: float, far: Callable[[], float]) -> None:
         """A step has lessened the squared norm by so much; ``far`` tells the most it has moved a voltage.

@@ -1,0 +1,325 @@
+"""What every method of solving makes of a nodal laplacian: something to solve with, many times.
+
+The direct method: factors are made in positive numbers alone (`resgrid.solvers.supernodal`), and substitution keeps an
+exponent beside every number, for a potential that falls below 1e-308.  The answer is refined with residuals in which
+differences come first, until the violations of KCL, summed, prove every entry right, or in small circuits until KCL
+holds to the rounding of the voltages (`resgrid.solvers.refine`).
+
+The multigrid method: normwise answers by iteration, entrywise ones by refinement; the algorithm is told on one page in
+`resgrid.solvers.multigrid`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.arguments import check_number
+from resgrid.errors import AccuracyError, InputError
+from resgrid.solvers.extended import Scaled
+from resgrid.solvers.laplacian import Laplacian
+from resgrid.solvers.monitor import Watch
+from resgrid.solvers.refine import Approximation, Numbers, Refined, refine
+from resgrid.solvers.supernodal import SupernodalFactors, Symbolic, factor_supernodes
+from resgrid.solvers.team import ALONE, Team
+
+if TYPE_CHECKING:
+    from scipy import sparse
+
+    from resgrid.solvers.decay import Fall
+    from resgrid.solvers.multigrid.h_transform import Scalable
+    from resgrid.solvers.multigrid.hierarchy import Hierarchy
+
+EXACT_ROWS = 20_000
+"""Rows up to which KCL holds to rounding: their answers are the nearest doubles, on every machine the same."""
+
+_REFINED_DIRECTLY, _REFINED = 1e-28, 1e-26
+"""Componentwise backward error that is enough where no current flows: the noise of double-double arithmetic, or more
+where every digit takes steps."""
+
+_ROUNDINGS = 16.0 * np.finfo(np.float64).eps
+"""Share of itself by which factors and substitution in positive numbers put an entry off for every row, at most."""
+
+_LEAST_SHARE = 1e-150
+"""Entry of ``-L`` from which products of two are no subnormal numbers."""
+
+_MOST_PASSES = 4
+"""Solutions and corrections of a direct method: each gains most of the digits, or none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Factor(ABC):
+    """A matrix made ready for many right-hand sides.
+
+    `laplacian`: the matrix.
+    """
+
+    laplacian: Laplacian
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """The method."""
+
+    def solve(
+        self,
+        rhs: ArrayLike,
+        *,
+        rtol: float = 1e-10,
+        guess: ArrayLike | None = None,
+        watch: Watch | None = None,
+    ) -> NDArray[np.float64]:
+        """Solve to a normwise backward error.  Shapes: `rhs` (n,), `guess` (n,); returns (n,)."""
+        check_rtol(rtol)
+        begin = None if guess is None else self._one_per_row("guess", guess)
+        return self._solve(self._one_per_row("rhs", rhs), rtol, begin, watch)
+
+    def solve_nonnegative(self, rhs: ArrayLike | Scaled, *, watch: Watch | None = None) -> tuple[Scaled, float]:
+        """Solve for a right-hand side without negative entries, entry by entry.
+
+        Shapes: `rhs` (n,); returns `solution` (n,).
+        """
+        currents = self._one_per_row("rhs", rhs.hi if isinstance(rhs, Scaled) else rhs)
+        if currents.min(initial=0.0) < 0.0:
+            row = int(np.argmin(currents))
+            raise InputError(
+                f"rhs[{row}] is negative, and only currents of one sign are solved for entry by entry; solve for both "
+                "signs apart, or use Factor.solve"
+            )
+        return self._solve_nonnegative(rhs if isinstance(rhs, Scaled) else currents, watch)
+
+    def _judged(self, x: NDArray[np.float64], error: float, rtol: float, watch: Watch | None) -> NDArray[np.float64]:
+        """The solution, if its backward error is small enough."""
+        if not error <= rtol:
+            raise AccuracyError(
+                f"method {self.name!r} stagnates at a backward error of {error:.1e}, above rtol = {rtol:.1e}; use "
+                "another method, or a larger rtol",
+                x,
+            )
+        if watch is not None:
+            watch.done(error)
+        return x
+
+    @abstractmethod
+    def _solve(
+        self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
+    ) -> NDArray[np.float64]:
+        """As `solve`, for contiguous arrays of the right shape."""
+
+    @abstractmethod
+    def _solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> tuple[Scaled, float]:
+        """As `solve_nonnegative`, for contiguous arrays of the right shape."""
+
+    def _one_per_row(self, name: str, values: ArrayLike) -> NDArray[np.float64]:
+        no_numbers = f"{name} must be real numbers, one per row of the matrix"
+        try:
+            array = np.ascontiguousarray(values, dtype=None if np.iscomplexobj(values) else np.float64)
+        except (TypeError, ValueError):
+            raise InputError(no_numbers) from None
+        if array.dtype.kind == "c":
+            raise InputError(no_numbers)
+        if array.shape != (self.laplacian.size,):
+            raise InputError(
+                f"{name} has shape {array.shape}, but there are {self.laplacian.size} rows; give one number per row"
+            )
+        if not np.isfinite(array).all():
+            row = int(np.flatnonzero(~np.isfinite(array))[0])
+            raise InputError(f"{name}[{row}] is {array[row]}; it must be finite")
+        return array
+
+
+class Residual(NamedTuple):
+    """``b - A x`` in doubles: `degree` (n,): the diagonal; `coupling` (n, n): edge conductances; both in siemens."""
+
+    degree: NDArray[np.float64]
+    coupling: sparse.csr_array
+
+    @classmethod
+    def of(cls, laplacian: Laplacian) -> Residual:
+        """That of a matrix."""
+        return cls(laplacian.diagonal, laplacian.edges)
+
+
+def refine_normwise(
+    matrix: Residual,
+    rhs: NDArray[np.float64],
+    correction: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    x: NDArray[np.float64],
+    rtol: float,
+) -> tuple[NDArray[np.float64], float]:
+    """Correct a solution until its backward error is small enough, or a few times (Higham 2002, section 12.1).
+
+    Shapes: `rhs` (n,), `x` (n,); returns `x` (n,).
+    """
+    degree, coupling = matrix
+    norm, drive = 2.0 * float(degree.max(initial=0.0)), float(np.abs(rhs).max(initial=0.0))
+    for left in reversed(range(_MOST_PASSES)):
+        with np.errstate(over="ignore", invalid="ignore"):
+            residual = rhs - (degree * x - coupling @ x)
+        scale = norm * float(np.abs(x).max(initial=0.0)) + drive
+        error = float(np.abs(residual).max(initial=0.0)) / scale if scale else 0.0
+        if error <= rtol or not left or not np.isfinite(error):
+            break
+        x = x + correction(residual)
+    return x, error
+
+
+def check_rtol(rtol: float) -> None:
+    """Refuse a backward error that is none."""
+    check_number("rtol", rtol, "a number between 0 and 1", above=0.0, below=1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class DirectFactor(Factor):
+    """A matrix and its factors ``L D L^T``.
+
+    `laplacian`: as of every `Factor`; `plain`: residuals of normwise answers, where many will be asked for.
+    """
+
+    factors: SupernodalFactors
+    plain: Residual | None = None
+    name = "direct"
+
+    def _solve(
+        self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
+    ) -> NDArray[np.float64]:
+        del guess
+        matrix = self.plain or Residual.of(self.laplacian)
+        x, error = refine_normwise(matrix, rhs, self.factors.solve, self.factors.solve(rhs), rtol)
+        return self._judged(x, error, rtol, watch)
+
+    def _solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> tuple[Scaled, float]:
+        exact = self.laplacian.size <= EXACT_ROWS
+        sure = self._certainty() if exact else np.inf
+        found = refine(self.laplacian, rhs, self._substitute, _REFINED_DIRECTLY, exact=exact, sure=sure)
+        if watch is not None:
+            watch.done(found.error, found.bound)
+        return found.solution, found.error
+
+    def _certainty(self) -> float:
+        """Share of itself by which substitution puts an entry off, at most; infinite where shares may underflow."""
+        values = self.factors.values
+        least = values.min(initial=1.0, where=values > 0.0)
+        return _ROUNDINGS * self.laplacian.size if least > _LEAST_SHARE else np.inf
+
+    def _substitute(self, m: NDArray[np.float64], e: NDArray[np.int64], accuracy: float) -> Numbers:
+        """Both substitutions, in scaled numbers, as accurate as the factors are."""
+        del accuracy
+        return self.factors.substitute(m, e)
+
+
+def factor_direct(laplacian: Laplacian, order: Symbolic | None = None, plain: Residual | None = None) -> DirectFactor:
+    """Factor a matrix, in an order that has been found or in the one that suits it."""
+    laplacian = laplacian.with_rows()
+    return DirectFactor(laplacian, factor_supernodes(laplacian, order), plain)
+
+
+@dataclass(frozen=True, eq=False)
+class MultigridFactor(Factor):
+    """A matrix and the hierarchy that preconditions it.
+
+    `laplacian`: as of every `Factor`; `plain`: levels as they are; None where there are `scalable` ones and no others
+    were asked for; `scalable`: levels to be scaled by the solution's h-transform, where the potential falls by so many
+    decades that plain ones would take longer; `in_slit`: whether it falls steeply around the low rail; `team`: whose
+    threads take the steps.
+    """
+
+    plain: Hierarchy | None
+    scalable: Scalable | None = None
+    in_slit: bool = False
+    team: Team = ALONE
+    name = "multigrid"
+
+    @property
+    def hierarchy(self) -> Hierarchy:
+        """Plain levels: those at hand, or others made now."""
+        from resgrid.solvers.multigrid.hierarchy import build_hierarchy
+
+        return self.plain or build_hierarchy(self.laplacian, self.team)
+
+    def _solve(
+        self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
+    ) -> NDArray[np.float64]:
+        """As every `Factor` does; the residual norm is brought to ``rtol |b|`` where rounding allows.
+
+        From a guess on, the iteration also ends where it estimates the error of every voltage to be at most ``rtol``
+        of the largest one: where all currents meet in a few cells, as at the goal of open obstacles, the residual
+        norm asks for much more than that.
+        """
+        from resgrid.solvers.multigrid.conjugate_gradients import iterate
+        from resgrid.solvers.multigrid.krylov import norm
+
+        _tell(watch, "plain")
+        hierarchy = self.hierarchy
+        x, residual = iterate(self.laplacian, hierarchy, rhs, rtol, guess, watch, self.team)
+        scale = 2.0 * hierarchy.largest_degree * norm(x, self.team) + norm(rhs, self.team)
+        error = residual / (scale or 1.0)
+        return self._judged(x, error, rtol, watch)
+
+    def _solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> tuple[Scaled, float]:
+        """As every `Factor` does, on scaled levels if there are any; where these do not converge, on plain ones.
+
+        ``watch`` is told which.
+        """
+        from resgrid.solvers.multigrid.conjugate_gradients import approximate
+
+        found = None
+        scaled = self._on_scaled_levels(rhs, watch)
+        if scaled is not None:
+            _tell(watch, "h-transform")
+            found = self._refined(rhs, scaled)
+        if found is None or not found.converged:
+            _tell(watch, "plain")
+            found = self._refined(rhs, partial(approximate, self.laplacian, self.hierarchy, watch, team=self.team))
+        if watch is not None:
+            watch.done(found.error, found.bound)
+        return found.solution, found.error
+
+    def _refined(self, rhs: NDArray[np.float64] | Scaled, passes: Approximation) -> Refined:
+        from resgrid.solvers.multigrid.local import LocalCorrections
+
+        local = LocalCorrections(self.laplacian, passes, self.in_slit)
+        return refine(self.laplacian, rhs, local, _REFINED, resolve=local.anew, team=self.team)
+
+    def _on_scaled_levels(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> Approximation | None:
+        """What approximates ``A^-1`` in proportion to the solution, where that falls by many decades."""
+        if self.scalable is None or isinstance(rhs, Scaled):
+            return None
+        from resgrid.solvers.multigrid.h_transform import scaled_approximation
+
+        return scaled_approximation(self.laplacian, self.scalable, rhs, watch, self.team)
+
+
+def _tell(watch: Watch | None, levels: str) -> None:
+    if watch is not None:
+        watch.uses(levels)
+
+
+def factor_multigrid(
+    laplacian: Laplacian, fall: Fall | None = None, *, both: bool = False, team: Team = ALONE
+) -> MultigridFactor:
+    """Coarsen a matrix: for an h-transform where the potential is foreseen to fall by many decades, plainly otherwise.
+
+    ``fall``: of the potential, if answers are to be right entry by entry; ``both``: if others will be asked for, too.
+    """
+    from resgrid.solvers.decay import h_transform_pays
+    from resgrid.solvers.multigrid.h_transform import scalable
+    from resgrid.solvers.multigrid.hierarchy import build_hierarchy
+
+    if laplacian.grid is None:
+        laplacian = laplacian.with_rows(ordered=False)
+    if fall is None:
+        return MultigridFactor(laplacian, build_hierarchy(laplacian, team), team=team)
+
+    def levels() -> tuple[Hierarchy | None, Scalable | None]:
+        scaled = scalable(laplacian, team) if h_transform_pays(laplacian, fall) else None
+        return build_hierarchy(laplacian, team) if scaled is None or both else None, scaled
+
+    (plain, scaled), rows = team.together([levels, laplacian.with_rows])  # which refinement asks for
+    return MultigridFactor(rows, plain, scaled, fall.in_slit > 0.0, team)
