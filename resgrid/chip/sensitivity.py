@@ -250,6 +250,7 @@ class Adjoint:
         log_doubt = self._log_doubt(residual)
         if np.isfinite(bound):
             log_doubt = np.minimum(log_doubt, np.log(bound + _EPS) + log_sum)
+        log_doubt[np.isneginf(log_sum)] = -np.inf  # parts that no current of `rhs` enters
         return *self._across(parts), log_doubt
 
     def _log_doubt(self, residual: NDArray[np.float64]) -> NDArray[np.float64]:

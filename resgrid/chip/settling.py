@@ -15,7 +15,6 @@ from resgrid.chip.figures import Figure, Result
 from resgrid.chip.modes import (
     Solver,
     accurate_solver,
-    entrywise_solution,
     fastest_time_constant,
     laplacian_root,
     require_charge,
@@ -25,6 +24,7 @@ from resgrid.chip.motion import SPAN, Motion, motions
 from resgrid.circuit.dynamics import Dynamics, charge_basis, dynamics_of, energy_delivered, factor_resolvent
 from resgrid.circuit.initial import charges_of, initial_state
 from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.circuit.solve import solve as solve_circuit
 from resgrid.errors import AccuracyError, InputError
 from resgrid.netlist import Netlist
 
@@ -152,7 +152,7 @@ def analyse_settling(
     solve = accurate_solver(factors, dynamics.capacitance)
     slow = slowest_modes(dynamics, modes, solve)
     fastest = float(slow.tau[-1]) if slow.whole else fastest_time_constant(dynamics)
-    final = entrywise_solution(factors, dynamics.drive)
+    final = dynamics.state(solve_circuit(netlist, method=method).voltage)
     settled = dynamics.voltage(final)
     reach = _reach(settled) if span is None else float(span)
     deviation = initial_state(charges_of(dynamics), initial) - final

@@ -202,7 +202,7 @@ def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
         steps.append(share)
         if len(steps) == _MANY_STEPS:
             refuse_saturated_cut(netlist, circuit.system)
-        if share == 1.0 and np.abs(move).max() <= 4 * _EPS * np.abs(x).max():
+        if share > 0.0 and np.abs(move).max() <= 4 * _EPS * share * np.abs(x).max():
             return NewtonSolution(circuit.voltage(x), tuple(residuals), tuple(steps))
     raise AccuracyError(
         f"Newton's method did not converge in {MOST_STEPS} steps: Kirchhoff's current law is still violated by "

@@ -193,6 +193,18 @@ def test_where_the_rails_hold_every_node_nothing_is_sensitive() -> None:
     assert not rg.study(op).voltage_sensitivity([0.0, 1.0, 0.0]).any()
 
 
+def test_a_node_at_rest_is_sensitive_to_nothing() -> None:
+    """A current flows elsewhere, beyond ground: no rounding of what it could do there is a doubt."""
+    resting = [[7, 0], [5, 7], [6, 5], [2, 6]]
+    netlist = rg.Netlist(
+        8, [[3, 0], [1, 3], *resting],
+        [1.7501931038694856e-3, 3.1193072013202517e-3, 3.1271250039966872e-3, 4.5828841515009757e-4,
+         6.449885307398361e-4, 2.512164356057074e-3],
+        source_nodes=[[0, 1], [4, 5]], source_volts=[0.9, -2.0],
+    )  # fmt: skip
+    assert not rg.study(netlist).voltage_sensitivity(np.eye(8)[4]).any()
+
+
 @settings(max_examples=20)
 @given(space=spaces(max_cells=6))
 def test_any_space_gives_the_steepest_neighbour(space: rg.ConfigurationSpace) -> None:

@@ -85,6 +85,17 @@ def test_the_last_node_settles_when_the_exact_motion_says(boundary: str) -> None
     assert result.mode.min() >= -1e-12
 
 
+def test_a_stiff_part_that_a_source_lifts_ends_at_the_operating_point() -> None:
+    """Inside it flows nothing in the end, though each of its rows is fed by 6 kA, less as much."""
+    netlist = rg.Netlist(
+        5, [[1, 0], [3, 2], [4, 2], [3, 4]], [1e-10, 6e3, 0.03, 60.0], source_nodes=[[2, 1]], source_volts=[1.0],
+        capacitor_nodes=[[3, 0], [4, 0]], capacitance=[C, C],
+    )  # fmt: skip
+    result = rg.study(netlist).settling()
+    assert result.final == pytest.approx([0.0, 0.0, 1.0, 1.0, 1.0], abs=1e-12)
+    assert result.power == pytest.approx(0.0, abs=1e-30)
+
+
 def test_a_change_of_scene_settles_sooner_than_a_cold_start() -> None:
     netlist = small_scene()
     other = netlist.cells.space.cell.copy()

@@ -112,6 +112,22 @@ def test_deep_saturation_is_damped_and_still_converges() -> None:
     assert rg.solve(netlist).kcl_residual < 1e-12
 
 
+@pytest.mark.parametrize("order", [(2, 3, 1, 4, 5), (3, 5, 4, 2, 1), (4, 1, 2, 3, 5), (5, 4, 3, 2, 1)])
+def test_nodes_at_rest_beside_a_loop_of_current_are_found(order: tuple[int, ...]) -> None:
+    """The current returns where it came from: beyond that loop voltages end at 0, where no digit is ever right."""
+    tied, end, up, down, fed = order
+    netlist = rg.Netlist(
+        6, [[tied, 0], [end, tied]], [1.1e-3, 2.7e-3],
+        source_nodes=[[up, tied], [up, down]], source_volts=[0.53, 1.0],
+        current_nodes=[[fed, tied]], current_amps=[7e-4],
+        nonlinear_nodes=[[fed, down]], nonlinear_current=[7e-3], nonlinear_voltage=[6.76],
+    )  # fmt: skip
+    op = rg.solve(netlist)
+    assert op.voltage[[tied, end]] == pytest.approx([0.0, 0.0], abs=1e-15)
+    assert op.voltage[fed] == pytest.approx(-0.47 - 6.76 * np.arctanh(0.1))
+    assert op.nonlinear_amps == pytest.approx([-7e-4])
+
+
 @given(space=spaces(), volts=st.sampled_from([0.02, 0.2, 2.0]), spread=st.floats(0, 0.5), seed=st.integers(0, 99))
 @settings(max_examples=25)
 def test_monotone_branches_leave_no_local_minimum(

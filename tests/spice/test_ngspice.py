@@ -9,8 +9,10 @@ import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from support.circuits import ladder
+from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.errors import BudgetError, InputError, ToolMissingError
@@ -41,6 +43,17 @@ def test_a_current_source_feeds_its_second_node(tmp_path: Path) -> None:
 def test_temperature_coefficients_do_nothing_at_the_nominal_temperature() -> None:
     netlist = ladder(2).replace(tc1=[1e-2, 0, 0], tc2=[1e-4, 0, 0])
     assert simulate(flatten(netlist).text.encode()).voltage == simulate(flatten(ladder(2)).text.encode()).voltage
+
+
+@pytest.mark.parametrize("volts", [0.2, 0.03])
+def test_the_simulators_way_to_a_saturated_chip_is_no_complaint(volts: float) -> None:
+    """It lowers gmin in steps until it needs none; a floating node is told by what else it says."""
+    cell = np.zeros((3, 3), dtype=np.uint8)
+    cell[1, 1], cell[2, 2] = rg.Cell.OBSTACLE, rg.Cell.GOAL
+    chip = rg.Chip(saturation_voltage=volts, readout=rg.Readout(input_resistance=1e6))
+    agreement = rg.check_deck(rg.study(space_of(cell), chip, boundary="neumann").op)
+    assert agreement.findings == ()
+    assert agreement.agrees
 
 
 def test_a_floating_node_poisons_ngspice_and_is_told() -> None:

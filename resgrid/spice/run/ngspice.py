@@ -39,7 +39,8 @@ _COMPLAINT = re.compile(
 )
 _HARMLESS = re.compile(
     r"no compatibility mode|initialization file spinit|spinit|no \"\.plot\"|direct linear solver|klu|"
-    r"no resource usage|no active circuit|^trying gmin|^supplies reduced|further gmin|^note: one successful",
+    r"no resource usage|no active circuit|^trying gmin|^supplies reduced|further gmin|^note: one successful|"
+    r"^note: starting (dynamic|true) gmin stepping$|^note: (dynamic|true) gmin stepping completed$",
     re.IGNORECASE,
 )
 # ngspice goes by how a word begins, drops carriage returns wherever they stand, and takes a file for a script whose
