@@ -86,28 +86,30 @@ class GridPreconditioner:
         self, r: Singles, s: Singles, z: Singles, w: Singles, stop: float = ENOUGH
     ) -> tuple[float, float, float]:
         """Precondition ``r`` into ``z``, and multiply into ``w``; `cycle.precondition_grid` says the rest."""
-        table, state, run = self.table, self.state, (self._graphs, self._work, stop)
         self.use(r, s, z, w)
         if self.before is None:
-            return precondition_grid(table, state, *run)
-        margin, made = int(table["margin"][0]), list[float]()
+            return self._lead(stop)
+        margin, made = int(self.table["margin"][0]), list[float]()
         z[:margin], z[len(z) - margin :] = 0.0, 0.0
-        atomics.begin_jobs(state)
+        atomics.begin_jobs(self.state)
 
-        def part(number: int) -> None:
+        def part(number: int) -> None:  # keeps what the table points to, whoever is interrupted
             if number:
-                help_sweep(table, state)
+                help_sweep(self.table, self.state)
             else:
-                made.extend(precondition_grid(table, state, *run))
+                made.extend(self._lead(stop))
 
         self._team.share(part, self._team.size)
         rest, product, gamma = made
         return rest, product, gamma
 
+    def _lead(self, stop: float) -> tuple[float, float, float]:
+        return precondition_grid(self.table, self.state, self._graphs, self._work, stop)
+
     def use(self, r: Singles, s: Singles, z: Singles, w: Singles) -> None:
         """Let the finest level have these vectors."""
-        before = z if self.before is None else self.before
-        for name, vector in {"before": before, "r": r, "s": s, "z": z, "w": w}.items():
+        self._vectors = {"before": z if self.before is None else self.before, "r": r, "s": s, "z": z, "w": w}
+        for name, vector in self._vectors.items():
             self.table[name][0] = vector.ctypes.data
 
     def residual(self, b: Floats, x: Floats, r: Floats) -> float:
