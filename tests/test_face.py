@@ -144,6 +144,6 @@ def test_a_repr_is_a_short_line() -> None:
         3, [[1, 0], [1, 2], [2, 0]], [1e-3] * 3, capacitor_nodes=[[1, 0]], capacitance=[1e-9],
         current_nodes=[[0, 1]], current_amps=[1e-3],
     )  # fmt: skip
-    assert repr(rg.factor(ladder)) == f"<CircuitFactor of {ladder!r}: 2 rows, elimination>"
+    assert repr(rg.factor(ladder)) == f"<CircuitFactor of {ladder!r}: 2 rows, direct>"
     assert repr(rg.transient_stepper(ladder, 1e-6)).endswith(": steps of 1e-06 s, tr-bdf2>")
     assert repr(rg.PolygonRobot(round_[:3])).startswith("PolygonRobot(vertices=((1.0, 0.0), ")

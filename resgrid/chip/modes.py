@@ -31,7 +31,7 @@ from resgrid.solvers.extended import BITS
 from resgrid.solvers.factor import Factor
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.superlu import symmetric_factors
+from resgrid.solvers.selected_inverse import symmetric_factors
 
 Floats = NDArray[np.float64]
 Solver = Callable[[Floats], Floats]

@@ -49,7 +49,7 @@ from resgrid.solvers.multigrid.levels import Finest, GridLevel, Levels, Way
 from resgrid.solvers.multigrid.preconditioner import black_residual
 from resgrid.solvers.multigrid.red_black import Edges, Floats, Stencil
 from resgrid.solvers.refine import Approximation, Numbers
-from resgrid.solvers.superlu import symmetric_factors
+from resgrid.solvers.selected_inverse import symmetric_factors
 from resgrid.solvers.team import ALONE, Team
 
 _MOST_LEFT = 500
