@@ -155,7 +155,7 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
     CircuitError
         If a current source feeds a part that nothing ties to ground.
     """
-    from resgrid.circuit.kernels import join_parts, mark_fed, number_parts
+    from resgrid.circuit.kernels import join_parts, known_range, mark_fed, number_parts
 
     part = np.arange(netlist.node_count, dtype=np.int32)
     part[forest.order[forest.base == GROUND]] = -1
@@ -163,12 +163,8 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
     contacts = room[: join_parts(elements, part, room)].copy()
     join_parts(netlist.source_nodes, part, room)
     number = number_parts(part)
-    first, second = np.take(elements, contacts, axis=0).T
-    of_part = np.maximum(part[first], part[second])
-    known = forest.offset[np.where(part[first] < 0, first, second)]
     lowest, highest = np.full(number, np.inf), np.full(number, -np.inf)
-    np.minimum.at(lowest, of_part, known)
-    np.maximum.at(highest, of_part, known)
+    known_range(np.take(elements, contacts, axis=0), forest.offset, part, lowest, highest)
     fed = np.zeros(number, dtype=np.bool_)
     mark_fed(netlist.current_nodes, netlist.current_amps, part, fed)
     fed[part[forest.order[(forest.base != GROUND) & (forest.height != 0)]]] = True
@@ -233,19 +229,14 @@ def ground_and_feed(
     Shapes: `ends` (m, 2), `conductance` (m,), `contacts` (c,): the elements to look at; returns `ground` (n,), `feed`
     (n,), and the ties.
     """
-    (a, b), siemens = np.take(ends, contacts, axis=0).T, conductance[contacts]
-    i, j, a_volts, b_volts = unknown[a], unknown[b], forest.offset[a], forest.offset[b]
-    tied = (i < 0) != (j < 0)
-    known, lift = np.where(i < 0, a_volts, b_volts)[tied], np.where(i < 0, b_volts, a_volts)[tied]
-    ties = Ties(np.maximum(i, j)[tied], siemens[tied], known - lift)
+    from resgrid.circuit.kernels import add_contacts
+
+    c = len(contacts)
     ground, feed = np.zeros(size), np.zeros(size)
-    np.add.at(ground, ties.row, ties.conductance)
-    np.add.at(feed, ties.row, ties.conductance * ((known - low) - lift))
-    apart = ~tied & (i != j) & (a_volts != b_volts)
-    amps = siemens[apart] * (a_volts - b_volts)[apart]
-    np.subtract.at(feed, i[apart], amps)
-    np.add.at(feed, j[apart], amps)
-    return ground, feed, ties
+    row, siemens, volts = np.empty(c, dtype=np.int32), np.empty(c), np.empty(c)
+    pairs = np.take(ends, contacts, axis=0)
+    count = add_contacts(pairs, conductance[contacts], unknown, forest.offset, low, ground, feed, row, siemens, volts)
+    return ground, feed, Ties(row[:count], siemens[:count], volts[:count])
 
 
 def injected_into_rows(netlist: Netlist, unknown: NDArray[np.int32], size: int) -> NDArray[np.float64]:

@@ -69,6 +69,17 @@ def number_parts(part: Indices) -> int:
 
 
 @kernel
+def known_range(contacts: Indices, known: Floats, part: Indices, lowest: Floats, highest: Floats) -> None:
+    """Widen every part's range of known voltages that its contacts (c, 2) reach, in place."""
+    for k in range(len(contacts)):
+        a, b = contacts[k, 0], contacts[k, 1]
+        if part[b] >= 0:
+            a, b = b, a
+        lowest[part[a]] = min(lowest[part[a]], known[b])
+        highest[part[a]] = max(highest[part[a]], known[b])
+
+
+@kernel
 def mark_fed(pairs: Indices, amps: Floats, part: Indices, fed: NDArray[np.bool_]) -> None:
     """Mark the parts that current sources feed, in place."""
     for k in range(len(pairs)):
@@ -99,6 +110,35 @@ def number_rows(part: Indices, solved: NDArray[np.bool_], root: Integers) -> int
             part[node] = rows
             rows += 1
     return rows
+
+
+@kernel
+def add_contacts(
+    pairs: Indices, conductance: Floats, row: Indices, offset: Floats, low: float, ground: Floats, feed: Floats,
+    tied: Indices, siemens: Floats, volts: Floats,
+) -> int:  # fmt: skip
+    """Add what ties rows to nodes of known voltage, and the current that these, and offsets, drive from ``low`` up.
+
+    Notes the row, the conductance and the voltage (as seen from the row) of every such tie; returns their number.
+    """
+    count = 0
+    for k in range(len(pairs)):
+        a, b = pairs[k, 0], pairs[k, 1]
+        i, j = row[a], row[b]
+        if i == j:
+            continue
+        if i >= 0 and j >= 0:
+            feed[i] -= conductance[k] * (offset[a] - offset[b])
+            feed[j] += conductance[k] * (offset[a] - offset[b])
+            continue
+        if i < 0:
+            i, a, b = j, b, a
+        tied[count], siemens[count], volts[count] = i, conductance[k], offset[b] - offset[a]
+        count += 1
+        ground[i] += conductance[k]
+        if offset[b] != low or offset[a] != 0.0:
+            feed[i] += conductance[k] * ((offset[b] - low) - offset[a])
+    return count
 
 
 @kernel

@@ -80,7 +80,7 @@ def node_values(system: Equations, factors: Factor | None, watch: Watch, team: T
     drive = system.drive
     if not (np.any(drive < 0.0) and np.any(drive > 0.0)):
         sign = -1.0 if np.any(drive < 0.0) else 1.0
-        (height,) = _solved(factors, [np.abs(drive)], watch, team)
+        (height,) = _solved(factors, [drive if sign > 0.0 else -drive], watch, team)
         return _above(system, height, sign, team)
     rising, falling = _solved(factors, [np.maximum(drive, 0.0), np.maximum(-drive, 0.0)], watch, team)
     difference = minus(rising, falling)

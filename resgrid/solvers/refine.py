@@ -120,19 +120,13 @@ def refine(
     nearest doubles.  An entry of the first approximation is off by a share of at most ``sure``: a correction by more is
     what rounding leaves where conductances differ by more decades than double-doubles hold.
     """
-    from resgrid.solvers.refine_kernels import correct
-
     matrix, current = laplacian.conductances, scaled_currents(rhs)
     residual = current[0].copy(), current[1].copy()
-    x, new = (Scaled.of(np.zeros(laplacian.size)) for _ in range(2))
-    best = _Worth()
+    x, best = Scaled.of(np.zeros(laplacian.size)), _Worth()
     for step in range(1, _MOST_STEPS + 1):
         hopeless = step > 1 and not exact and best.error > _HOPELESS
         anew = resolve(residual[0], (x.hi, x.exponent), current) if resolve is not None and hopeless else None
-        if anew is None:
-            correct(x, *approximate(*residual, _MARGIN / best.left), new)
-        else:
-            _replace(x, *anew, new)
+        new = _corrected(x, *approximate(*residual, _MARGIN / best.left)) if anew is None else _replaced(x, *anew)
         if step > 1 and np.isfinite(sure) and _moves(x, new, sure):
             break
         if not exact:
@@ -149,7 +143,7 @@ def refine(
                 x = new if step == 1 else x  # beyond the range of doubles, which is told where it is read
                 break
             resolve = None
-        x, new, best = new, x, worth
+        x, best = new, worth
         if best.left <= 1.0:
             break
     return Refined(x._replace(noise=max(NOISE, _DIFFERENCE * floor)), float(best.error), best.bound)
@@ -183,13 +177,22 @@ def _moves(x: Scaled, new: Scaled, share: float) -> bool:
     return bool(np.any(np.abs(moved) > share * np.abs(x.hi)))
 
 
-def _replace(x: Scaled, rows: NDArray[np.int64], values: Numbers, out: Scaled) -> None:
-    """Copy values, some of which have been found anew."""
+def _corrected(x: Scaled, m: NDArray[np.float64], e: NDArray[np.int64]) -> Scaled:
+    """Values with a correction.  Shapes: `m, e` (n,)."""
+    from resgrid.solvers.refine_kernels import correct
+
+    new = Scaled(np.empty_like(x.hi), np.empty_like(x.lo), np.empty_like(x.exponent))
+    correct(x, m, e, new)
+    return new
+
+
+def _replaced(x: Scaled, rows: NDArray[np.int64], values: Numbers) -> Scaled:
+    """Values of which some have been found anew."""
+    new = Scaled(x.hi.copy(), x.lo.copy(), x.exponent.copy())
     canonical(*values)
-    for part, copy in zip(x[:3], out[:3], strict=True):
-        np.copyto(copy, part)
-    out.hi[rows], out.exponent[rows] = values
-    out.lo[rows] = 0.0
+    new.hi[rows], new.exponent[rows] = values
+    new.lo[rows] = 0.0
+    return new
 
 
 def _kept(step: int) -> float:
@@ -215,8 +218,7 @@ def minus(a: Scaled, b: Scaled) -> Scaled:
     """``a - b``; all of shape (n,)."""
     from resgrid.solvers.refine_kernels import correct
 
-    difference = Scaled(np.empty_like(a.hi), np.empty_like(a.lo), np.empty_like(a.exponent))
-    correct(a, -b.hi, b.exponent, difference)
+    difference = _corrected(a, -b.hi, b.exponent)
     correct(difference, -b.lo, b.exponent, difference)
     return difference
 
