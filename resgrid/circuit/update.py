@@ -31,7 +31,7 @@ from resgrid.wiring import Wiring, wiring_of
 _SMALL = 100_000
 """Cells below which iterations cost less than what windows spare of them."""
 
-_WORN, _STALE = 2, 1.5
+_WORN, _STALE = 2, 3
 """Iterations beyond those of the first solution after which levels are made anew for the next one, and how many times
 as many tell that old levels do not serve: what their steps say of the error is not to be trusted either."""
 
