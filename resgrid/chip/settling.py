@@ -60,7 +60,7 @@ class Settling(Result):
         Shape of the slowest mode: voltages that fall everywhere as ``exp(-t / tau)``; largest magnitude 1; 0 on rails,
         NaN where a node floats.
     fastest : float
-        Shortest time constant, in seconds.
+        Shortest time constant, in seconds; to 1 % in circuits of more than 200 rows.
     node_time : ndarray of float64, shape (nodes,)
         When every node has settled, in seconds; 0 on rails, NaN where a node floats.  It holds for a band that is
         right to 0.5 %, or better where the circuit has no more than 200 rows.

@@ -162,6 +162,21 @@ def test_walls_that_cut_a_part_off(boundary, low, keeps):
     assert point.fresh != keeps
 
 
+@pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
+def test_cells_change_where_no_free_cell_has_a_free_neighbour(boundary):
+    cell = (np.indices((30, 30)).sum(axis=0) % 2).astype(np.uint8)
+    cell[:8][cell[:8] == rg.Cell.OBSTACLE] = rg.Cell.GOAL
+    cell[15:] = rg.Cell.FREE
+    cell[20, 20] = rg.Cell.GOAL
+    space = rg.ConfigurationSpace([rg.Axis("x", 0.0, 1.0, 30), rg.Axis("y", 0.0, 1.0, 30)], cell)
+    warm = rg.WarmStart(boundary=boundary)
+    warm.solve(space)
+    for place, code in (((4, 4), 1), ((4, 4), 2), ((4, 4), 0), ((10, 10), 1), ((10, 10), 0)):
+        cell[place] = code
+        after = space.with_cells(cell)
+        assert_as_fresh(warm.solve(after), after, {"boundary": boundary})
+
+
 def test_a_start_that_drives():
     wiring = {"boundary": "neumann", "drive": "start", "start": (35, 35)}
     warm = rg.WarmStart(**wiring)

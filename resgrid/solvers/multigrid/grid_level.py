@@ -105,6 +105,8 @@ def _filled(
     thread fills them all then.
     """
     faces = np.zeros((2 * len(lattice.shape), lattice.slots))
+    if not len(pairs):
+        return faces, np.empty(0, dtype=np.int64)
     room = sum(prod(lattice.shape) // size for size in lattice.shape)
 
     def fill(some: slice) -> tuple[int, NDArray[np.int64] | None]:
