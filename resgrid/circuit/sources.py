@@ -65,12 +65,12 @@ def tie_sources(netlist: Netlist) -> SourceForest:
     order, parent = _walk(ends, len(tied))
     source = _tree_sources(ends, parent)
     base, height = np.arange(len(tied)), np.zeros(len(tied))
-    exact = [Fraction(0)] * len(tied)  # sums of volts that cancel do so to the last digit
+    exact: list[float | Fraction] = [0.0] * len(tied)  # sums of volts that cancel do so to the last digit
     for node in order[parent[order] >= 0].tolist():
         up, tie = int(parent[node]), int(source[node])
         base[node] = base[up]
         step = float(volts[tie] if ends[tie, 0] == node else -volts[tie])
-        exact[node] = exact[up] + Fraction(step) if exact[up] else Fraction(step)
+        exact[node] = Fraction(exact[up]) + Fraction(step) if exact[up] else step
         height[node] = float(exact[node])
     closing = np.ones(len(volts), dtype=np.bool_)
     closing[source[source >= 0]] = False

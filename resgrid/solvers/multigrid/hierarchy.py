@@ -111,7 +111,7 @@ def _grid_levels(levels: list[Level], steps: list[Coarsened], first: FirstLevel)
     packed, rank = pack_graphs(graphs, shrinking)
     targets[-1] = counted(number, rank, targets[-1])
     grids = tuple(
-        GridLevel(in_single(coarse), coarse.degree[1], Way(target, UNSCALED))
+        GridLevel(in_single(coarse), coarse.degree[1].copy(), Way(target, UNSCALED))
         for coarse, target in zip(levels[1:-1], targets[1:], strict=True)
     )
     return Finest(*first, Way(targets[0], UNSCALED)), Levels(grids, packed)
