@@ -173,8 +173,9 @@ def imbalance(
 
 def _moves(x: Scaled, new: Scaled, share: float) -> bool:
     """Whether a correction changes an entry by more than such a share."""
-    moved = np.abs(new.hi * power(new.exponent - x.exponent)) - np.abs(x.hi)
-    return bool(np.any(np.abs(moved) > share * np.abs(x.hi)))
+    with np.errstate(invalid="ignore"):
+        moved = np.abs(new.hi * power(new.exponent - x.exponent)) - np.abs(x.hi)
+    return not np.all(np.abs(moved) <= share * np.abs(x.hi))
 
 
 def _corrected(x: Scaled, m: NDArray[np.float64], e: NDArray[np.int64]) -> Scaled:
