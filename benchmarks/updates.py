@@ -88,7 +88,7 @@ def _stream_rows(scale: Scale) -> list[Row]:
 
 
 def goal_in(place: str, size: int, seed: int) -> ConfigurationSpace:
-    """Random rectangles with the goal in a corner, or alone in the middle of a free place."""
+    """Random rectangles with the goal in a corner, or alone in a free middle; others where it is walled in."""
     space = boxes(size, 2, seed)
     if place == "corner":
         return space
@@ -97,7 +97,9 @@ def goal_in(place: str, size: int, seed: int) -> ConfigurationSpace:
     cell[cell == Cell.GOAL] = Cell.FREE
     cell[middle - 2 : middle + 3, middle - 2 : middle + 3] = Cell.FREE
     cell[middle, middle] = Cell.GOAL
-    return ConfigurationSpace(space.axes, cell)
+    made = ConfigurationSpace(space.axes, cell)
+    reached = np.count_nonzero(made.goal_connected)
+    return made if 2 * reached > np.count_nonzero(cell == Cell.FREE) else goal_in(place, size, seed + 1)
 
 
 def near_goal(space: ConfigurationSpace, seed: int, to: Cell) -> NDArray[np.int64]:
