@@ -34,7 +34,7 @@ def eliminate(level: Row, slab: Slab) -> None:
     red_inverse, red_fed, r = singles(level.red_inverse, slots), singles(level.red_fed, slots), singles(level.r, slots)
     black_inverse, black_fed = singles(level.black_inverse, slots), singles(level.black_fed, slots)
     before, total, begin = singles(level.before, slots), np.empty(level.block, r.dtype), max(slab.first - ahead, 0)
-    window = open_window(level, begin, r, r)
+    window = open_window(level, begin, r)
     for step in range(begin, slab.last + ahead):
         to = make_room(level, window, step)
         if step < level.blocks:
@@ -94,7 +94,8 @@ def restrict(level: Row, slab: Slab) -> None:
     aggregate, weight = indices(level.aggregate, slots), _weight(level)
     coarse, total = singles(level.below_fed, level.below_slots), np.empty(level.block, z.dtype)
     begin, last = max(slab.first - ahead, 0), -(-(slab.end - level.margin) // level.block)
-    window = open_window(level, begin, z, z)
+    window = open_window(level, begin, z)
+    draw(level, z, window.drawn)
     for step in range(begin, max(last, slab.last) + ahead):
         lead(level, window, slab, z, step)
         block = step - ahead
@@ -187,10 +188,12 @@ def finish(level: Row, slab: Slab, own: Singles, product: Singles, stages: tuple
     relaxed, led = 2 * ahead, 3 * ahead if relaxing else 0
     begin = max(first - 2 * ahead, 0) if relaxing else lead_second
     end = slab.last + led + ahead if multiplying else last + relaxed
-    window, other = open_window(level, lead_first, before, own), open_window(level, lead_second, own, degree)
+    window, other = open_window(level, lead_first, own), open_window(level, lead_second, degree)
     total, drawn = np.empty(level.block, own.dtype), np.empty(level.block)
     if relaxing:
         _draw_raised(level, aggregate, weight, coarse, before, window.drawn)
+    else:
+        draw(level, own, other.drawn)
     for step in range(begin, end):
         if relaxing:
             if step < min(last + 2 * ahead, blocks):

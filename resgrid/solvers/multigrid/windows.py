@@ -58,12 +58,11 @@ def blocks_ahead(level: Row) -> int:
 
 
 @inner
-def open_window(level: Row, block: int, x: Singles, like: Reals) -> Window:
-    """A window that comes to a block first, of the precision of other values; couplings draw from ``x``."""
+def open_window(level: Row, block: int, like: Reals) -> Window:
+    """A window that comes to a block first, of the precision of other values; what couplings draw is left open."""
     begin, coupling = level.margin + block * level.block, 0
     kept = blocks_ahead(level) * level.block + level.margin
     red, drawn = np.zeros(_ROOM * (kept + level.block), like.dtype), np.empty(level.joined, like.dtype)
-    draw(level, x, drawn)
     off_red = indices(level.off_red, level.joined)
     while coupling < level.joined and off_red[coupling] < begin:
         coupling += 1
