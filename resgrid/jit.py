@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from typing import Any, ClassVar, TypeVar, cast
 
 import numba
 import numpy as np
@@ -19,16 +20,40 @@ _Loop = TypeVar("_Loop", bound=Callable[..., Any])
 
 
 _KNOWN = (0, 68)
-"""The numba whose insides `_part_compiler` knows; any other compiles inner loops in its slower, ordinary way."""
+"""The numba whose insides `_compilers` knows; any other compiles in its slower, ordinary way."""
 
 
-def _part_compiler() -> type[Any]:
-    """A compiler of loops that are optimized and translated as parts of their callers alone."""
+def _compilers() -> tuple[type[Any], type[Any]]:
+    """Compilers of kernels, and of loops that are optimized and translated as parts of their callers alone.
+
+    Numba looks for what a call means by the flags of the caller too, and hashes and compares some twenty of them for
+    every candidate: here all callers have the same.  Nothing it makes meanwhile is garbage.
+    """
     from numba._dynfunc import make_function
     from numba.core.codegen import JITCodeLibrary
-    from numba.core.compiler import CompilerBase, DefaultPassBuilder
+    from numba.core.compiler import CompilerBase, DefaultPassBuilder, Flags
     from numba.core.compiler_machinery import register_pass
-    from numba.core.typed_passes import NativeLowering
+    from numba.core.targetconfig import ConfigStack
+    from numba.core.typed_passes import NativeLowering, NopythonTypeInference
+
+    class Common(Flags):
+        """The flags of all callers, one object."""
+
+        __hash__ = object.__hash__
+
+        def __eq__(self, other: object) -> bool:
+            return self is other
+
+    common = Common()
+    common.nrt = True
+
+    @register_pass(mutates_CFG=True, analysis_only=False)
+    class Inference(NopythonTypeInference):
+        _name = "nopython_type_inference_by_common_flags"
+
+        def run_pass(self, state: Any) -> bool:
+            with ConfigStack().enter(common):
+                return bool(super().run_pass(state))
 
     class Part(JITCodeLibrary):
         """Code that is not optimized and translated once more by itself."""
@@ -56,20 +81,34 @@ def _part_compiler() -> type[Any]:
             state.cr = state.cr._replace(cfunc=name)
             return True
 
-    class PartCompiler(CompilerBase):
+    class KernelCompiler(CompilerBase):
+        instead: ClassVar = {NopythonTypeInference: Inference}
+
         def define_pipelines(self) -> list[Any]:
             passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
-            passes.passes = [(PartLowering if one is NativeLowering else one, why) for one, why in passes.passes]
+            passes.passes = [(self.instead.get(one, one), why) for one, why in passes.passes]
             passes.finalize()
             return [passes]
 
-    return PartCompiler
+        def compile_extra(self, function: Any) -> Any:
+            if not gc.isenabled():
+                return super().compile_extra(function)
+            gc.disable()
+            try:
+                return super().compile_extra(function)
+            finally:
+                gc.enable()
+
+    class PartCompiler(KernelCompiler):
+        instead: ClassVar = {NopythonTypeInference: Inference, NativeLowering: PartLowering}
+
+    return KernelCompiler, PartCompiler
 
 
 _KERNEL: dict[str, Any] = {"cache": True, "nogil": True, "no_cfunc_wrapper": True}
 _INNER: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 if numba.version_info.short == _KNOWN:
-    _INNER["pipeline_class"] = _part_compiler()
+    _KERNEL["pipeline_class"], _INNER["pipeline_class"] = _compilers()
 
 
 def kernel(function: _Loop) -> _Loop:

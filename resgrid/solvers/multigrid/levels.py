@@ -9,10 +9,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
-from numba.np.numpy_support import carray
+from numba.np.arrayobj import make_array, populate_array
 
 from resgrid.jit import inlined, inner, inner_fast
 from resgrid.solvers.multigrid.graph_sweeps import Graphs
@@ -97,38 +96,25 @@ class Levels(NamedTuple):
     graphs: Graphs
 
 
-def _pointing(_typing: Any, _address: Any) -> Any:
-    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        return builder.inttoptr(arguments[0], ir.IntType(8).as_pointer())
+def _viewing(number: Any) -> Any:
+    """An array (count,) of such numbers that stand at an address; whoever made the table keeps it."""
+    of = types.Array(number, 1, "C")
 
-    return types.voidptr(types.int64), generate
+    def typed(_typing: Any, _address: Any, _count: Any) -> Any:
+        def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+            address, count = arguments
+            view = make_array(of)(context, builder)
+            size = context.get_constant(types.intp, context.get_abi_sizeof(context.get_data_type(number)))
+            data = builder.inttoptr(address, view.data.type)
+            populate_array(view, data=data, shape=[count], strides=[size], itemsize=size, meminfo=None)
+            return view._getvalue()
 
+        return of(types.int64, types.int64), generate
 
-_at: Any = intrinsic(_pointing)
-
-
-@inlined
-def singles(address: int, count: int) -> Singles:
-    """Numbers of single precision that stand at an address."""
-    return carray(_at(address), count, np.float32)
-
-
-@inlined
-def doubles(address: int, count: int) -> Floats:
-    """The same of double precision."""
-    return carray(_at(address), count, np.float64)
+    return intrinsic(typed)
 
 
-@inlined
-def indices(address: int, count: int) -> Indices:
-    """Indices of 32 bits that stand at an address."""
-    return carray(_at(address), count, np.int32)
-
-
-@inlined
-def integers(address: int, count: int) -> Integers:
-    """Integers of 64 bits that stand at an address."""
-    return carray(_at(address), count, np.int64)
+singles, doubles, indices, integers = map(_viewing, (types.float32, types.float64, types.int32, types.int64))
 
 
 @inlined
@@ -143,7 +129,7 @@ def draw_into(level: Row, colour: int, x: Reals, first: int, block: int, total: 
 
     ``x`` begins at slot ``first``.
     """
-    faces = carray(_at(level.faces), (level.sides, level.slots), np.float32)
+    faces = singles(level.faces, level.sides * level.slots).reshape((level.sides, level.slots))
     begin, count = extent(level, block)
     products(faces, integers(level.distance, level.sides), (colour, begin, count), x, begin - first, total, to)
 
