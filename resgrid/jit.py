@@ -16,6 +16,7 @@ FAST = {"contract", "reassoc", "nsz", "arcp"}
 ZERO = cast(int, np.int64(0))
 """A number that is no literal, for which functions would be compiled once more."""
 
+_njit: Any = njit
 _Loop = TypeVar("_Loop", bound=Callable[..., Any])
 
 
@@ -27,7 +28,7 @@ def _compilers() -> tuple[type[Any], type[Any]]:
     """Compilers of kernels, and of loops that are optimized and translated as parts of their callers alone.
 
     Numba looks for what a call means by the flags of the caller too, and hashes and compares some twenty of them for
-    every candidate: here all callers have the same.  Nothing it makes meanwhile is garbage.
+    every candidate: here all callers have the same.
     """
     from numba._dynfunc import make_function
     from numba.core.codegen import JITCodeLibrary
@@ -44,15 +45,15 @@ def _compilers() -> tuple[type[Any], type[Any]]:
         def __eq__(self, other: object) -> bool:
             return self is other
 
-    common = Common()
-    common.nrt = True
+    counting, common = (cast(Any, Common()) for _ in range(2))
+    counting.nrt, common.nrt = True, False
 
     @register_pass(mutates_CFG=True, analysis_only=False)
     class Inference(NopythonTypeInference):
         _name = "nopython_type_inference_by_common_flags"
 
         def run_pass(self, state: Any) -> bool:
-            with ConfigStack().enter(common):
+            with ConfigStack().enter(counting if state.flags.nrt else common):
                 return bool(super().run_pass(state))
 
     class Part(JITCodeLibrary):
@@ -82,7 +83,7 @@ def _compilers() -> tuple[type[Any], type[Any]]:
             return True
 
     class KernelCompiler(CompilerBase):
-        instead: ClassVar = {NopythonTypeInference: Inference}
+        instead: ClassVar[dict[type, type]] = {NopythonTypeInference: Inference}
 
         def define_pipelines(self) -> list[Any]:
             passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
@@ -91,6 +92,7 @@ def _compilers() -> tuple[type[Any], type[Any]]:
             return [passes]
 
         def compile_extra(self, function: Any) -> Any:
+            """As ever, but what is made meanwhile is no garbage, and is not looked through for some."""
             if not gc.isenabled():
                 return super().compile_extra(function)
             gc.disable()
@@ -100,7 +102,7 @@ def _compilers() -> tuple[type[Any], type[Any]]:
                 gc.enable()
 
     class PartCompiler(KernelCompiler):
-        instead: ClassVar = {NopythonTypeInference: Inference, NativeLowering: PartLowering}
+        instead: ClassVar[dict[type, type]] = {NopythonTypeInference: Inference, NativeLowering: PartLowering}
 
     return KernelCompiler, PartCompiler
 
@@ -111,29 +113,39 @@ if numba.version_info.short == _KNOWN:
     _KERNEL["pipeline_class"], _INNER["pipeline_class"] = _compilers()
 
 
+def makes_arrays(function: _Loop) -> _Loop:
+    """Let a loop make arrays, or return some: what others are given outlives them, and its references are not counted.
+
+    Counting them is a fifth of all that is compiled, and takes as long as short loops.
+    """
+    function._makes_arrays = True  # type: ignore[attr-defined]
+    return function
+
+
+def _compiled(function: _Loop, options: dict[str, Any]) -> _Loop:
+    return cast(_Loop, _njit(**options, _nrt=hasattr(function, "_makes_arrays"))(function))
+
+
 def kernel(function: _Loop) -> _Loop:
     """Compile a loop, or an inner one once more, that Python calls, and keep it on disk; other threads may run."""
-    return cast(_Loop, njit(**_KERNEL)(getattr(function, "py_func", function)))
+    return _compiled(getattr(function, "py_func", function), _KERNEL)
 
 
 def kernel_fast(function: _Loop) -> _Loop:
     """The same for one whose sums may be taken in any order."""
-    return cast(_Loop, njit(**_KERNEL, fastmath=FAST)(function))
+    return _compiled(function, _KERNEL | {"fastmath": FAST})
 
 
 def inner(function: _Loop) -> _Loop:
     """Compile a loop that only compiled ones call: sooner, for it has no way in from Python and no code of its own."""
-    return cast(_Loop, njit(**_INNER)(function))
+    return _compiled(function, _INNER)
 
 
 def inlined(function: _Loop) -> _Loop:
-    """The same for one that takes hardly longer than its call: it becomes part of its callers.
-
-    Counting the references to its arrays alone doubles the time of a call.
-    """
-    return cast(_Loop, njit(**_INNER, forceinline=True)(function))
+    """The same for one that takes hardly longer than its call: it becomes part of its callers."""
+    return _compiled(function, _INNER | {"forceinline": True})
 
 
 def inner_fast(function: _Loop) -> _Loop:
     """The same for one whose sums may be taken in any order."""
-    return cast(_Loop, njit(**_INNER, fastmath=FAST)(function))
+    return _compiled(function, _INNER | {"fastmath": FAST})

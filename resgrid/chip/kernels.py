@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inner, kernel
+from resgrid.jit import inner, kernel, makes_arrays
 
 Floats = NDArray[np.float64]
 
@@ -75,6 +75,7 @@ def _last_between(
 
 
 @kernel
+@makes_arrays
 def last_outside(
     shape: Floats, weight: Floats, rate: Floats, times: Floats, band: float, rows: NDArray[np.int64], result: Floats
 ) -> None:  # fmt: skip
@@ -151,6 +152,7 @@ def step_down(
 
 
 @kernel
+@makes_arrays
 def follow(following: Integers, goal: NDArray[np.bool_], reached: NDArray[np.bool_]) -> None:
     """Which cells lead to a goal; one that leads to a dead end, or back to a cell passed before, does not."""
     count = len(following)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inlined, inner, kernel
+from resgrid.jit import inlined, inner, kernel, makes_arrays
 
 REACHED, NO_CURRENT, ENDLESS = 0, 1, 2
 MIXED = -2
@@ -165,6 +165,7 @@ def _log_add(a: float, b: float) -> float:
 
 
 @kernel
+@makes_arrays
 def trace(flow: Flow, cell: Integers, local: Floats, cells: Integers, locals_: Floats) -> tuple[int, int, float, float]:
     """Follow the current from one point until it enters a goal cell.
 
@@ -198,6 +199,7 @@ def trace(flow: Flow, cell: Integers, local: Floats, cells: Integers, locals_: F
 
 
 @kernel
+@makes_arrays
 def only_goal(flow: Flow, goal: Integers, periodic: NDArray[np.bool_]) -> Integers:
     """The goal to which the current leads from every cell, whichever face it takes.
 
@@ -248,6 +250,7 @@ def only_goal(flow: Flow, goal: Integers, periodic: NDArray[np.bool_]) -> Intege
 
 
 @kernel
+@makes_arrays
 def trace_many(
     flow: Flow, starts: Integers, locals_: Floats, outcome: Integers, steps: Integers, length: Floats, log_time: Floats
 ) -> None:
@@ -284,6 +287,7 @@ def segment_to_box(start: Floats, end: Floats, lower: Floats, upper: Floats) -> 
 
 
 @kernel
+@makes_arrays
 def clearance(
     cells: Integers,
     starts: Floats,
@@ -336,6 +340,7 @@ def clearance(
 
 
 @kernel
+@makes_arrays
 def segment_is_free(
     start: Floats, end: Floats, free: NDArray[np.bool_], shape: Integers, periodic: NDArray[np.bool_], rim: float
 ) -> bool:

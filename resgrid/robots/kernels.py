@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inner, kernel
+from resgrid.jit import inner, kernel, makes_arrays
 from resgrid.robots.geometry import Links, ObstacleArrays
 
 Floats = NDArray[np.float64]
@@ -142,6 +142,7 @@ def _hits(
 
 
 @kernel
+@makes_arrays
 def mark_link(
     out: Flags, first: int, last: int, link: int, counts: Integers, centres: Floats, widths: Floats, links: Links,
     self_collision: bool, parts: int, slack: float, solids: ObstacleArrays,
@@ -268,6 +269,7 @@ def mark_parallelograms(out: Flags, pieces: Floats, reach: float, plane: Plane) 
 
 
 @kernel
+@makes_arrays
 def mark_enclosed(out: Flags, edges: Floats, plane: Plane) -> None:
     """Mark the cells, shape (columns, rows), whose centre closed rings of edges, shape (e, 4), enclose.
 

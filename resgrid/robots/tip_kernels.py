@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from resgrid.jit import inner, kernel
+from resgrid.jit import inner, kernel, makes_arrays
 from resgrid.robots.geometry import Links, ObstacleArrays
 from resgrid.robots.kernels import Flags, Floats, Integers, near_solids, place_joints, share
 
@@ -211,6 +211,7 @@ def _find(work: _Work, links: Links, goal: ObstacleArrays, tolerance: float) -> 
 
 
 @kernel
+@makes_arrays
 def find_tips(
     out: Flags, points: Floats, first: int, counts: Integers, lower: Floats, widths: Floats,
     links: Links, goal: ObstacleArrays, bounds: Floats, tolerance: float,

@@ -73,8 +73,9 @@ class GridBatch:
         diagonal, leak, x = np.empty(len(slot)), np.zeros_like(problem.currents), np.empty_like(problem.currents)
         for number, chip in enumerate(chips):
             unit = hierarchy.unit * chip.mostly
-            first = problem.finest[:3]
-            _refill(edges.indptr, chip.entries, chip.ground, self.face, slot, unit, first, leak, diagonal)
+            first, (_, stencil, compensated, _) = problem.finest[:2], problem.finest
+            _refill(edges.indptr, chip.entries, chip.ground, self.face, slot, unit, first, leak.ravel(), diagonal)
+            compensate(stencil, leak, compensated, np.zeros(leak.shape[1]))
             # A row whose own diagonal exceeds an ordinary one counts for so much less.
             wanted = rtol * norm(chip.drive * np.minimum(1.0, ordinary / diagonal)) / unit
             x[:] = 0.0
@@ -127,18 +128,18 @@ def _copied(stencil: Stencil) -> Stencil:
 @kernel
 def _refill(
     indptr: Indices, conductance: Floats, ground: Floats, face: Integers, slot: Indices, unit: float,
-    first: tuple[Stencil, Stencil, Floats], leak: Floats, diagonal: Floats,
+    first: tuple[Stencil, Stencil], leak: Floats, diagonal: Floats,
 ) -> None:  # fmt: skip
     """Write the conductances of a chip onto its finest level, and its ``diagonal`` (n,), all in units.
 
-    ``face`` says where an entry of a red row belongs: its face, or -1 less its coupling; ``leak`` of shape (2, slots)
+    ``face`` says where an entry of a red row belongs: its face, or -1 less its coupling; ``leak`` (2 slots,)
     receives what leads to the rails.
     """
-    true, stencil, compensated = first
-    scale, slots, leaks = 1.0 / unit, len(true.black_degree), leak.ravel()
+    true, stencil = first
+    scale, slots = 1.0 / unit, len(true.black_degree)
     for i in range(len(slot)):
         here, degree = slot[i], ground[i] * scale
-        leaks[here] = degree
+        leak[here] = degree
         for k in range(indptr[i], indptr[i + 1]):
             g = conductance[k] * scale
             degree += g
@@ -156,7 +157,6 @@ def _refill(
         else:
             true.black_degree[here - slots] = degree
             stencil.black_inverse[here - slots] = 1.0 / degree
-    compensate(stencil, leak, compensated)
 
 
 @dataclass(frozen=True, eq=False)

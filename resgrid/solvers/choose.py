@@ -88,6 +88,9 @@ _ROUGH, _ROUGH_VOLUME = 0.25, 0.5
 _LEAST_DECADES, _MOST_DECADES = 30.0, 250.0
 """By how many decades any maze's potential falls, and from how many on refinement takes too long."""
 
+_ON_WINDOWS = 0.5e6
+"""Bytes that a grid's sweeps take for their windows, whatever its size."""
+
 
 def factor_laplacian(
     laplacian: Laplacian, method: str, *, accuracy: str = "direction", both: bool = False, team: Team = ALONE
@@ -254,7 +257,7 @@ def _multigrid_memory(choice: Choice) -> float:
     on_nodes, on_entries = (100.0, 12.0) if laplacian.grid is not None else (230.0, 22.0)
     if fall is not None:
         on_nodes, on_entries = on_nodes + (120.0 if h_transform_pays(laplacian, fall) else 60.0), on_entries + 18.0
-    return on_nodes * laplacian.size + on_entries * choice.found.entries
+    return on_nodes * laplacian.size + on_entries * choice.found.entries + _ON_WINDOWS
 
 
 def wide_memory(laplacian: Laplacian) -> float:

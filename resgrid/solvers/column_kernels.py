@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inner, kernel
+from resgrid.jit import inner, kernel, makes_arrays
 from resgrid.solvers.extended_kernels import Floats, Indices, Integers, _sum
 
 _NOISE = 2.0**-96
@@ -110,6 +110,7 @@ def _rail_above(columns: Columns, gaps: Gaps, volts: Floats, r: int, base: int) 
 
 
 @kernel
+@makes_arrays
 def substitute_differences(columns: Columns, fed: Floats, ties: Floats, volts: Floats, gaps: Gaps, given: bool) -> None:
     """Find all gaps, in place; or, where the changes are ``given``, the other ones.
 
@@ -166,6 +167,7 @@ def add_falls(columns: Columns, gaps: Gaps, ends: Indices, rail: Indices, falls:
 
 
 @kernel
+@makes_arrays
 def selected_inverse(
     starts: Indices | Integers, rows: Indices, lower: Floats | NDArray[np.complex128], pivot: Floats, inverse: Floats
 ) -> None:

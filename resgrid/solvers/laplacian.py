@@ -329,7 +329,7 @@ def count_connections(laplacian: Laplacian, team: Team = ALONE) -> Connections:
     if edges is None or grid is None or not grid.simple:
         edges = EdgeList(*laplacian.as_rows(ordered=False).pairs, np.arange(n, dtype=np.int32))
     inner, smallest, largest, total = _count_edges(edges, team)
-    weak = weak_pairs(*edges, n, WEAK) / inner if smallest < WEAK * largest else 0.0
+    weak = weak_pairs(*edges, np.zeros(n), WEAK) / inner if smallest < WEAK * largest else 0.0
     present = laplacian.ground[laplacian.ground > 0]
     return Connections(
         entries=2 * inner,

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inlined, kernel
+from resgrid.jit import inlined, kernel, makes_arrays
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
@@ -63,6 +63,7 @@ def _walk(indptr: Indices, indices: Indices, root: int, order: Indices, seen: ND
 
 
 @kernel
+@makes_arrays
 def renumber(
     indptr: Indices, indices: Indices, conductance: Floats, leak: Floats, order: Indices
 ) -> tuple[Indices, Indices, Floats, Floats]:
@@ -130,6 +131,7 @@ def quotient_graph(indptr: Indices, indices: Indices) -> Quotient:
 
 
 @kernel
+@makes_arrays
 def minimum_degree(q: Quotient, dense: int, most: float, most_members: int, step: Indices) -> bool:
     """Eliminate all rows, one of least degree after another; rows of more than ``dense`` neighbours come last.
 
@@ -205,6 +207,7 @@ def _unlink(q: Quotient, i: int) -> None:
 
 
 @inlined
+@makes_arrays
 def with_room(numbers: Indices, size: int, more: int) -> Indices:
     """A list of so many numbers, with room for more behind them."""
     if size + more <= len(numbers):

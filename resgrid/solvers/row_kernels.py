@@ -134,9 +134,11 @@ def count_edges(pairs: Indices, conductance: Floats, row: Indices) -> tuple[int,
 
 
 @kernel
-def weak_pairs(pairs: Indices, conductance: Floats, row: Indices, size: int, weak: float) -> int:
-    """Count the conductances below ``weak`` times the strongest one at either of their rows."""
-    strongest = np.zeros(size)
+def weak_pairs(pairs: Indices, conductance: Floats, row: Indices, strongest: Floats, weak: float) -> int:
+    """Count the conductances below ``weak`` times the strongest one at either of their rows.
+
+    Shapes: `strongest` (n,): room, comes as 0.
+    """
     for k in range(len(pairs)):
         i, j = row[pairs[k, 0]], row[pairs[k, 1]]
         if i >= 0 and j >= 0 and i != j:

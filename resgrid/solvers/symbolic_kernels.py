@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import ZERO, inlined, inner, kernel
+from resgrid.jit import ZERO, inlined, inner, kernel, makes_arrays
 from resgrid.solvers.laplacian import Conductances
 from resgrid.solvers.ordering_kernels import with_room
 
@@ -155,6 +155,7 @@ def _elimination_tree(pattern: Pattern, parent: Indices, ancestor: Indices) -> N
 
 
 @kernel
+@makes_arrays
 def list_supernodes(
     pattern: Pattern, most: float, most_rows: int, first: Indices, start: Indices, seen: Indices, branch: Indices,
     sibling: Indices,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import ZERO, inner, kernel
+from resgrid.jit import ZERO, inner, kernel, makes_arrays
 from resgrid.solvers.multigrid.grid_level import WEAK, Level, level_of
 from resgrid.solvers.multigrid.red_black import Edges, Floats, Indices, Integers, Lattice, Singles, slot_of
 from resgrid.solvers.row_kernels import find, join
@@ -302,6 +302,7 @@ def join_inside(
 
 
 @kernel
+@makes_arrays
 def split_blocks(
     doubtful: NDArray[np.bool_], parent: Indices, block: Indices, coarse_slots: int, extra_block: Integers
 ) -> int:

@@ -116,8 +116,9 @@ def _run_within(
     flags = flush_subnormals()
     count = len(on_grids[0]) - 1 if on_grids is not None else 0
     last, b, x = count + len(graphs.first) - 2, work.b[1:], work.x[1:]
-    visits, first_steps = np.zeros(last + 1, np.int64), np.zeros((last + 1, 2))
-    level = top
+    visits, first_steps, level = work.visits, work.first_steps, top
+    for number in range(last + 1):
+        visits[number] = 0
     while level >= top:
         if level == last:
             solve_coarsest(graphs, b, x)

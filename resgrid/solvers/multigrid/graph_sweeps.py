@@ -17,6 +17,10 @@ Unsigned = NDArray[np.uint32]
 """Indices without a sign: compiled code need not ask whether one counts from the end."""
 
 
+_MOST_LEVELS = 64
+"""Of a hierarchy: nobody has nodes for more."""
+
+
 class Graphs(NamedTuple):
     """Graphs in compressed rows, without diagonal, one behind the other; nodes and entries count over all levels.
 
@@ -41,7 +45,8 @@ class Work(NamedTuple):
     """Work space of one solve, over the nodes of all graphs.
 
     `b, x` (1 + nodes,): currents and voltages, behind those of nothing; `c, v, w` (nodes,): first direction, and
-    products.
+    products; `visits` (levels,), `first_steps` (levels, 2): of a K-cycle, how often it has come to every level, and
+    what the first step there was made of.
     """
 
     b: Singles
@@ -49,12 +54,15 @@ class Work(NamedTuple):
     c: Singles
     v: Singles
     w: Singles
+    visits: Integers
+    first_steps: Floats
 
 
 def work_space(graphs: Graphs) -> Work:
     """Work space of its own, so that one hierarchy can serve several solves at a time."""
     nodes = int(graphs.first[-1])
-    return Work(*np.zeros((2, 1 + nodes), dtype=np.float32), *np.zeros((3, nodes), dtype=np.float32))
+    (b, x), (c, v, w) = np.zeros((2, 1 + nodes), dtype=np.float32), np.zeros((3, nodes), dtype=np.float32)
+    return Work(b, x, c, v, w, np.zeros(_MOST_LEVELS, dtype=np.int64), np.zeros((_MOST_LEVELS, 2)))
 
 
 @kernel

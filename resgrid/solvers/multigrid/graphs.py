@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inner, kernel
+from resgrid.jit import inner, kernel, makes_arrays
 from resgrid.solvers import ordering_kernels as ordering
 from resgrid.solvers.multigrid.graph_sweeps import Graphs
 
@@ -86,6 +86,7 @@ def coarsen_down(graph: Graph) -> tuple[list[Graph], list[NDArray[np.int32]]]:
 
 
 @kernel
+@makes_arrays
 def grow_aggregates(
     indptr: Indices, indices: Indices, conductance: Floats, leak: Floats, most: int, strict: bool
 ) -> tuple[Indices, int]:
@@ -147,6 +148,7 @@ def grow_aggregates(
 
 
 @inner
+@makes_arrays
 def _degrees(indptr: Indices, conductance: Floats, leak: Floats) -> tuple[Floats, Singles, Floats]:
     """All conductances of a node summed, one over the root of that, and the strongest one."""
     n = len(leak)
@@ -172,6 +174,7 @@ def _host(indptr: Indices, indices: Indices, conductance: Floats, aggregate: Ind
 
 
 @kernel
+@makes_arrays
 def sum_up(
     indptr: Indices, indices: Indices, conductance: Floats, leak: Floats, aggregate: Indices, count: int
 ) -> tuple[Indices, Indices, Floats, Floats]:
@@ -275,6 +278,7 @@ def inverse_of(order: NDArray[np.int32]) -> NDArray[np.int32]:
 
 
 @kernel
+@makes_arrays
 def order_by_colour(indptr: Indices, indices: Indices, window: int) -> Indices:
     """The nodes by colour; in windows of each colour by the length of their rows, then by how many come before.
 
@@ -303,6 +307,7 @@ def order_by_colour(indptr: Indices, indices: Indices, window: int) -> Indices:
 
 
 @kernel
+@makes_arrays
 def _colours(indptr: Indices, indices: Indices) -> tuple[Indices, NDArray[np.int64]]:
     """Greedy colours, and how many nodes have each."""
     n = len(indptr) - 1
@@ -323,6 +328,7 @@ def _colours(indptr: Indices, indices: Indices) -> tuple[Indices, NDArray[np.int
 
 
 @inner
+@makes_arrays
 def _sorted(nodes: Indices, key: Indices, start: Indices) -> Indices:
     """Nodes by key, those of one key in their order; ``start[k + 1]`` says how many there are of key ``k``."""
     for k in range(len(start) - 1):

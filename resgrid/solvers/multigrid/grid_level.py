@@ -202,7 +202,7 @@ def compensated(level: Level, single: Stencil) -> NDArray[np.float64]:
     Products are right to a few roundings of every conductance then, however smooth the vector.
     """
     degree = np.empty(level.lattice.slots)
-    compensate(single, level.leak, degree)
+    compensate(single, level.leak, degree, np.zeros(level.lattice.slots))
     return degree
 
 
@@ -323,14 +323,16 @@ def sum_degrees(
 
 
 @kernel
-def compensate(stencil: Stencil, leak: Floats, degree: Reals) -> None:
+def compensate(stencil: Stencil, leak: Floats, degree: Reals, share: Floats) -> None:
     """Diagonal at black slots that makes up for the rounding of conductances and of the red diagonal's reciprocals.
 
     ``S = D - G R G^T`` then leaks at every black slot exactly what it would without that rounding: its rows' sums are
     those of the leaks, for red ones in the share ``leak / degree`` of the currents that pass them.
+
+    Shapes: `share` (slots,): room, comes as 0.
     """
     faces, distance, couplings = stencil.faces, stencil.distance, stencil.couplings
-    margin, end, share = stencil.margin, faces.shape[1] - stencil.margin, np.zeros(faces.shape[1])
+    margin, end = stencil.margin, faces.shape[1] - stencil.margin
     for k in range(len(degree)):
         degree[k] = leak[1, k]
     for k in range(len(couplings)):

@@ -50,13 +50,17 @@ def scatter_rows(slot: Indices, values: Floats, factor: float, at_slots: Floats)
         at_slots[np.uint32(slot[k])] = factor * values[k]
 
 
-@kernel
 def gather_rows(slot: Indices, at_slots: Floats) -> Floats:
     """The values of all rows."""
     values = np.empty(len(slot))
+    _gather(slot, at_slots, values)
+    return values
+
+
+@kernel
+def _gather(slot: Indices, at_slots: Floats, values: Floats) -> None:
     for k in range(len(values)):
         values[k] = at_slots[np.uint32(slot[k])]
-    return values
 
 
 def norm(x: Floats, team: Team = ALONE) -> float:

@@ -6,26 +6,29 @@ of the table (`GRID`) opens what it reads.  Who made the table keeps the arrays.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numba import types
 from numba.extending import intrinsic
-from numba.np.arrayobj import make_array, populate_array
+from numba.np import arrayobj
 
 from resgrid.jit import inlined, inner, inner_fast
 from resgrid.solvers.multigrid.graph_sweeps import Graphs
-from resgrid.solvers.multigrid.red_black import Floats, Indices, Integers, Reals, Singles, Stencil, products
+from resgrid.solvers.multigrid.red_black import Floats, Indices, Reals, Singles, Stencil, products
+
+_arrays: Any = arrayobj
 
 CHUNK = 2048
 """Slots over which sums are taken before they are added to others: the same whoever takes them."""
 
-SINGLE = np.dtype(np.float32).itemsize
+SINGLE, DOUBLE = (cast(int, np.int64(kind.itemsize)) for kind in (np.dtype(np.float32), np.dtype(np.float64)))
+"""Bytes of a number; no literals, as `resgrid.jit.ZERO`."""
 
 GRID = np.dtype([
     (name, np.int64)
     for name in (
-        *("slots", "sides", "margin", "block", "blocks", "joined", "weighted", "below_slots"),
+        *("slots", "sides", "margin", "block", "blocks", "joined", "weighted", "below_slots", "window"),
         *("faces", "distance", "off_red", "off_black", "couplings", "red_inverse", "black_inverse", "degree"),
         *("aggregate", "weight", "below_fed", "below"),
         *("red_fed", "black_fed", "red", "before", "r", "s", "z", "w", "c"),
@@ -35,7 +38,8 @@ GRID = np.dtype([
 """A grid of a hierarchy, for the compiled cycle: counts, then addresses of arrays.
 
 `slots, sides, margin, block`: of its stencil; `blocks`: how many; `joined`: couplings; `weighted`: whether what its
-nodes take from the next level has weights; `below_slots`: of the next level's right-hand side.
+nodes take from the next level has weights; `below_slots`: of the next level's right-hand side; `window`: red values in
+a window (`resgrid.solvers.multigrid.windows`).
 
 From `faces` to `weight`: as of `GridLevel`, in single precision, but for `degree`; `below_fed, below`: the next level's
 right-hand side and answer.
@@ -45,7 +49,7 @@ residual, relaxed from zero, for slabs read what others had before they write, a
 residual; `s`: what ``z`` is multiplied by too, and the first product; `z`: the answer; `w`: its product; `c`: the first
 direction.
 
-`parts`: slabs; `slabs` (parts, 4): as of `Slab`; `own` (parts, slots): their work space; `noted` (joined,): red values
+`parts`: slabs; `slabs` (parts, 5): as of `Slab`; `own` (parts, slots): their answers; `noted` (joined,): red values
 where couplings begin; `sums` (3 blocks,): of products, or of squares, of every block or chunk of slots; `shares` (2,):
 what both directions of a K-cycle have in its answer, or the first step's length.
 """
@@ -96,25 +100,31 @@ class Levels(NamedTuple):
     graphs: Graphs
 
 
-def _viewing(number: Any) -> Any:
-    """An array (count,) of such numbers that stand at an address; whoever made the table keeps it."""
-    of = types.Array(number, 1, "C")
+def _generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    """The array that stands at an address, which its first argument is, as its shape is the others."""
+    view, (address, *shape) = _arrays.make_array(signature.return_type)(context, builder), arguments
+    size = context.get_abi_sizeof(context.get_data_type(signature.return_type.dtype))
+    strides = [context.get_constant(types.intp, size)]
+    for count in reversed(shape[1:]):
+        strides.insert(0, builder.mul(strides[0], count))
+    data = builder.inttoptr(address, view.data.type)
+    _arrays.populate_array(view, data=data, shape=shape, strides=strides, itemsize=strides[-1], meminfo=None)
+    return view._getvalue()
 
+
+def _view(number: Any) -> Any:
     def typed(_typing: Any, _address: Any, _count: Any) -> Any:
-        def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-            address, count = arguments
-            view = make_array(of)(context, builder)
-            size = context.get_constant(types.intp, context.get_abi_sizeof(context.get_data_type(number)))
-            data = builder.inttoptr(address, view.data.type)
-            populate_array(view, data=data, shape=[count], strides=[size], itemsize=size, meminfo=None)
-            return view._getvalue()
-
-        return of(types.int64, types.int64), generate
+        return types.Array(number, 1, "C")(types.int64, types.int64), _generate
 
     return intrinsic(typed)
 
 
-singles, doubles, indices, integers = map(_viewing, (types.float32, types.float64, types.int32, types.int64))
+def _view_faces(_typing: Any, _address: Any, _sides: Any, _slots: Any) -> Any:
+    return types.Array(types.float32, 2, "C")(types.int64, types.int64, types.int64), _generate
+
+
+singles, doubles, indices, integers = (_view(n) for n in (types.float32, types.float64, types.int32, types.int64))
+_faces: Any = intrinsic(_view_faces)
 
 
 @inlined
@@ -129,7 +139,7 @@ def draw_into(level: Row, colour: int, x: Reals, first: int, block: int, total: 
 
     ``x`` begins at slot ``first``.
     """
-    faces = singles(level.faces, level.sides * level.slots).reshape((level.sides, level.slots))
+    faces = _faces(level.faces, level.sides, level.slots)
     begin, count = extent(level, block)
     products(faces, integers(level.distance, level.sides), (colour, begin, count), x, begin - first, total, to)
 

@@ -17,7 +17,7 @@ from resgrid.solvers.multigrid.graph_sweeps import work_space
 from resgrid.solvers.multigrid.krylov import norm
 from resgrid.solvers.multigrid.levels import CHUNK, GRID, Finest, GridLevel, Levels
 from resgrid.solvers.multigrid.red_black import BLACK, RED, Floats, Reals, Singles, Stencil, products, relax
-from resgrid.solvers.multigrid.windows import Slab
+from resgrid.solvers.multigrid.windows import Slab, values_in_window
 from resgrid.solvers.team import ALONE, Team
 
 _LEAST = 60_000
@@ -56,6 +56,11 @@ class GridPreconditioner:
                 (red_fed, black_fed), (red, before) = fed[number - 1], answers[number - 1]
                 r, s, z, w, c = np.zeros((5, slots[number]), dtype=np.float32)
                 self._note(row, red_fed=red_fed, black_fed=black_fed, red=red, before=before, r=r, s=s, z=z, w=w, c=c)
+        numbers = 2 + int((self.table["window"] + self.table["joined"] + self.table["block"]).max())
+        self._rooms = np.zeros((max(len(cut) for cut in cuts), 2 * numbers))
+        for row, cut in zip(self.table, cuts, strict=True):
+            slabs = [(*slab[:-1], room.ctypes.data) for slab, room in zip(cut, self._rooms, strict=False)]
+            self._note(row, slabs=np.array(slabs))
         self.before = np.zeros(slots[0], dtype=np.float32) if len(cuts[0]) > 1 else None
 
     def _fill(self, row: np.void, of: GridLevel, cut: list[Slab], below: tuple[Singles, Singles]) -> None:
@@ -65,14 +70,14 @@ class GridPreconditioner:
         counts = {
             "slots": slots, "sides": sides, "margin": stencil.margin, "block": stencil.block,
             "blocks": blocks_of(stencil), "joined": len(stencil.couplings), "weighted": len(weight) > 0,
-            "below_slots": below[0].size, "parts": len(cut),
+            "below_slots": below[0].size, "window": values_in_window(stencil), "parts": len(cut),
         }  # fmt: skip
         for name, count in counts.items():
             row[name] = count
         names = ("faces", "distance", "off_red", "off_black", "couplings", "red_inverse", "black_inverse")
         self._note(row, **{name: getattr(stencil, name) for name in names})
         own = np.zeros((len(cut) if len(cut) > 1 else 0, slots), dtype=np.float32)
-        self._note(row, degree=of.degree, aggregate=aggregate, weight=weight, own=own, slabs=np.array(cut))
+        self._note(row, degree=of.degree, aggregate=aggregate, weight=weight, own=own)
         self._note(row, below_fed=below[0], below=below[1])
 
     def _note(self, row: np.void, **arrays: NDArray[np.generic]) -> None:
@@ -129,7 +134,7 @@ def black_residual(
     for colour in (RED, BLACK):
 
         def sweep(part: int, of: int = colour) -> None:
-            sweep_colour(stencil, of, b, x, r, squares, parts[part][:2])
+            sweep_colour(stencil, of, b, x, r, squares, np.empty(stencil.block), parts[part][:2])
 
         team.share(sweep, len(parts))
     r[:margin], r[len(r) - margin :] = 0.0, 0.0
@@ -141,13 +146,14 @@ def black_residual(
 
 @kernel
 def sweep_colour(
-    stencil: Stencil, colour: int, b: Floats, x: Floats, r: Floats, squares: Floats, blocks: tuple[int, int]
-) -> None:
+    stencil: Stencil, colour: int, b: Floats, x: Floats, r: Floats, squares: Floats, total: Floats,
+    blocks: tuple[int, int],
+) -> None:  # fmt: skip
     """Relax the red cells of some blocks exactly, or form the residual at the black ones, but for couplings.
 
-    ``squares`` receives those of every block, summed.
+    ``squares`` receives those of every block, summed; ``total`` (block,) is room.
     """
-    total, there, margin, coupling, (first, last) = np.empty(stencil.block), x[1 - colour], stencil.margin, 0, blocks
+    there, margin, coupling, (first, last) = x[1 - colour], stencil.margin, 0, blocks
     while coupling < len(stencil.couplings) and stencil.off_red[coupling] < margin + first * stencil.block:
         coupling += 1
     for block in range(first, last):

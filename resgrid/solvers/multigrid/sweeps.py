@@ -24,7 +24,7 @@ from resgrid.solvers.multigrid.levels import (
     take_step,
 )
 from resgrid.solvers.multigrid.red_black import BLACK, RED, Indices, Reals, Singles, relax
-from resgrid.solvers.multigrid.windows import Slab, blocks_ahead, draw, lead, make_room, open_window
+from resgrid.solvers.multigrid.windows import Slab, blocks_ahead, draw, lead, make_room, open_second, open_window
 
 
 @inner
@@ -33,8 +33,8 @@ def eliminate(level: Row, slab: Slab) -> None:
     slots, ahead = level.slots, blocks_ahead(level)
     red_inverse, red_fed, r = singles(level.red_inverse, slots), singles(level.red_fed, slots), singles(level.r, slots)
     black_inverse, black_fed = singles(level.black_inverse, slots), singles(level.black_fed, slots)
-    before, total, begin = singles(level.before, slots), np.empty(level.block, r.dtype), max(slab.first - ahead, 0)
-    window = open_window(level, begin, r)
+    before, begin = singles(level.before, slots), max(slab.first - ahead, 0)
+    window = open_window(level, slab, begin)
     for step in range(begin, slab.last + ahead):
         to = make_room(level, window, step)
         if step < level.blocks:
@@ -43,8 +43,8 @@ def eliminate(level: Row, slab: Slab) -> None:
         block = step - ahead
         if block >= slab.first:
             at, count = extent(level, block)
-            draw_into(level, BLACK, window.red, window.at[0], block, total, ZERO)
-            _feed(black_inverse, black_fed, total, at, count, r, before)
+            draw_into(level, BLACK, window.red, window.at[0], block, window.total, ZERO)
+            _feed(black_inverse, black_fed, window.total, at, count, r, before)
 
 
 @inner_fast
@@ -71,7 +71,8 @@ def _feed(inverse: Singles, fed: Singles, total: Singles, begin: int, count: int
 def eliminate_couplings(level: Row) -> None:
     """The rest of `eliminate`, behind all slabs."""
     slots, joined = level.slots, level.joined
-    off_red, off_black, g = indices(level.off_red, joined), indices(level.off_black, joined), _couplings(level)
+    off_red, off_black = indices(level.off_red, joined), indices(level.off_black, joined)
+    g = singles(level.couplings, joined)
     inverse, fed, r = singles(level.red_inverse, slots), singles(level.red_fed, slots), singles(level.r, slots)
     before, black_inverse = singles(level.before, slots), singles(level.black_inverse, slots)
     for m in range(joined):
@@ -81,37 +82,25 @@ def eliminate_couplings(level: Row) -> None:
         before[black] = black_inverse[black] * r[black]
 
 
-@inlined
-def _couplings(level: Row) -> Singles:
-    """Conductances of the off-stencil couplings."""
-    return singles(level.couplings, level.joined)
-
-
 @inner
 def restrict(level: Row, slab: Slab) -> None:
     """Let the red cells follow ``before``, and sum the black residual into the next level."""
     slots, ahead, z = level.slots, blocks_ahead(level), singles(level.before, level.slots)
-    aggregate, weight = indices(level.aggregate, slots), _weight(level)
-    coarse, total = singles(level.below_fed, level.below_slots), np.empty(level.block, z.dtype)
+    aggregate, weight = indices(level.aggregate, slots), singles(level.weight, slots * level.weighted)
+    coarse = singles(level.below_fed, level.below_slots)
     begin, last = max(slab.first - ahead, 0), -(-(slab.end - level.margin) // level.block)
-    window = open_window(level, begin, z)
+    window = open_window(level, slab, begin)
     draw(level, z, window.drawn)
     for step in range(begin, max(last, slab.last) + ahead):
         lead(level, window, slab, z, step)
         block = step - ahead
         if slab.first <= block < last:
-            draw_into(level, BLACK, window.red, window.at[0], block, total, ZERO)
+            draw_into(level, BLACK, window.red, window.at[0], block, window.total, ZERO)
             at, count = extent(level, block)
             behind = max(slab.begin - at, 0)
             if behind < count:
                 count = min(count, slab.end - at) - behind
-                _add_to_nodes(aggregate, weight, at + behind, count, total[behind:], coarse)
-
-
-@inlined
-def _weight(level: Row) -> Singles:
-    """What black slots take from their nodes; empty where that is all."""
-    return singles(level.weight, level.slots * level.weighted)
+                _add_to_nodes(aggregate, weight, at + behind, count, window.total, behind, coarse)
 
 
 @inlined
@@ -123,7 +112,8 @@ def _share(weight: Singles, black: int) -> np.float32:
 @inner
 def restrict_couplings(level: Row) -> None:
     """The rest of `restrict`, behind all slabs."""
-    g, red, weight = _couplings(level), doubles(level.noted, level.joined), _weight(level)
+    g, red = singles(level.couplings, level.joined), doubles(level.noted, level.joined)
+    weight = singles(level.weight, level.slots * level.weighted)
     off_black, aggregate = indices(level.off_black, level.joined), indices(level.aggregate, level.slots)
     coarse = singles(level.below_fed, level.below_slots)
     for m in range(level.joined):
@@ -133,16 +123,18 @@ def restrict_couplings(level: Row) -> None:
 
 
 @inner
-def _add_to_nodes(aggregate: Indices, weight: Singles, begin: int, count: int, total: Reals, coarse: Singles) -> None:
-    at = np.uint64(begin)
+def _add_to_nodes(
+    aggregate: Indices, weight: Singles, begin: int, count: int, total: Singles, behind: int, coarse: Singles
+) -> None:
+    at, t_at = np.uint64(begin), np.uint64(behind)
     if len(weight) > 0:
         for i in range(count):
             k = np.uint64(i)
-            coarse[np.uint32(aggregate[at + k])] += weight[at + k] * total[k]
+            coarse[np.uint32(aggregate[at + k])] += weight[at + k] * total[t_at + k]
         return
     for i in range(count):
         k = np.uint64(i)
-        coarse[np.uint32(aggregate[at + k])] += total[k]
+        coarse[np.uint32(aggregate[at + k])] += total[t_at + k]
 
 
 @inner
@@ -173,7 +165,8 @@ def finish(level: Row, slab: Slab, own: Singles, product: Singles, stages: tuple
     slab keeps its values of ``z`` and those next to it: ``z`` itself where there is no other slab.
     """
     (relaxing, multiplying), slots, blocks, ahead = stages, level.slots, level.blocks, blocks_ahead(level)
-    aggregate, weight, coarse = indices(level.aggregate, slots), _weight(level), singles(level.below, level.below_slots)
+    aggregate, weight = indices(level.aggregate, slots), singles(level.weight, slots * level.weighted)
+    coarse = singles(level.below, level.below_slots)
     before, r, s, z = (
         singles(level.before, slots),
         singles(level.r, slots),
@@ -188,8 +181,7 @@ def finish(level: Row, slab: Slab, own: Singles, product: Singles, stages: tuple
     relaxed, led = 2 * ahead, 3 * ahead if relaxing else 0
     begin = max(first - 2 * ahead, 0) if relaxing else lead_second
     end = slab.last + led + ahead if multiplying else last + relaxed
-    window, other = open_window(level, lead_first, own), open_window(level, lead_second, degree)
-    total, drawn = np.empty(level.block, own.dtype), np.empty(level.block)
+    window, other = open_window(level, slab, lead_first), open_second(level, slab, lead_second)
     if relaxing:
         _draw_raised(level, aggregate, weight, coarse, before, window.drawn)
     else:
@@ -204,8 +196,8 @@ def finish(level: Row, slab: Slab, own: Singles, product: Singles, stages: tuple
             block = step - relaxed
             if first <= block < last:
                 at, count = extent(level, block)
-                draw_into(level, BLACK, window.red, window.at[0], block, total, ZERO)
-                relax(black_inverse, r, at, count, total, own)
+                draw_into(level, BLACK, window.red, window.at[0], block, window.total, ZERO)
+                relax(black_inverse, r, at, count, window.total, own)
                 if apart and slab.first <= block < slab.last:
                     copy(own, at, count, z)
         if multiplying and lead_second <= step - led:
@@ -213,8 +205,8 @@ def finish(level: Row, slab: Slab, own: Singles, product: Singles, stages: tuple
             block = step - led - ahead
             if slab.first <= block:
                 at, count = extent(level, block)
-                draw_into(level, BLACK, other.red, other.at[0], block, drawn, ZERO)
-                k, sum_of = 3 * block, _multiply(degree, own, r, s, at, count, drawn, product)
+                draw_into(level, BLACK, other.red, other.at[0], block, other.total, ZERO)
+                k, sum_of = 3 * block, _multiply(degree, own, r, s, at, count, other.total, product)
                 sums[k], sums[k + 1], sums[k + 2] = sum_of
 
 
@@ -223,7 +215,7 @@ def _draw_raised(
     level: Row, aggregate: Indices, weight: Singles, coarse: Singles, before: Singles, drawn: Singles
 ) -> None:
     """What every coupling draws into its red cell, once the next level's answer is added."""
-    g, off_black = _couplings(level), indices(level.off_black, level.joined)
+    g, off_black = singles(level.couplings, level.joined), indices(level.off_black, level.joined)
     for m in range(level.joined):
         black = off_black[m]
         drawn[m] = g[m] * (before[black] + _share(weight, black) * coarse[aggregate[black]])
@@ -232,7 +224,8 @@ def _draw_raised(
 @inner
 def relax_couplings(level: Row) -> None:
     """Add what couplings feed into black cells that have been relaxed."""
-    g, red, off_black = _couplings(level), doubles(level.noted, level.joined), indices(level.off_black, level.joined)
+    g, red = singles(level.couplings, level.joined), doubles(level.noted, level.joined)
+    off_black = indices(level.off_black, level.joined)
     inverse, z = singles(level.black_inverse, level.slots), singles(level.z, level.slots)
     for m in range(level.joined):
         black = off_black[m]
@@ -243,7 +236,7 @@ def relax_couplings(level: Row) -> None:
 def multiply_couplings(level: Row, product: Singles) -> float:
     """Take what couplings draw off the product; returns by how much ``z.w`` becomes less."""
     less, z, off_black = 0.0, singles(level.z, level.slots), indices(level.off_black, level.joined)
-    g, red = _couplings(level), doubles(level.noted, level.joined)
+    g, red = singles(level.couplings, level.joined), doubles(level.noted, level.joined)
     for m in range(level.joined):
         black, drawn = off_black[m], g[m] * red[m]
         product[black] -= drawn
@@ -289,7 +282,7 @@ def put_back(level: Row, slab: Slab, own: Singles) -> None:
 
     ``own``: as of `finish`, ``before`` where there is no other slab.
     """
-    slots, ahead, blocks, coupling = level.slots, blocks_ahead(level), level.blocks, ZERO
+    slots, ahead, blocks = level.slots, blocks_ahead(level), level.blocks
     z, c, black = singles(level.z, slots), singles(level.c, slots), singles(level.before, slots)
     red_inverse, red_fed, red = (
         singles(level.red_inverse, slots),
@@ -298,16 +291,10 @@ def put_back(level: Row, slab: Slab, own: Singles) -> None:
     )
     on_c, on_z = np.float32(doubles(level.shares, 2)[0]), np.float32(doubles(level.shares, 2)[1])
     off_red, off_black = indices(level.off_red, level.joined), indices(level.off_black, level.joined)
-    total, drawn, apart = (
-        np.empty(level.block, z.dtype),
-        np.empty(level.joined, z.dtype),
-        slab.last - slab.first < blocks,
-    )
+    window, apart = open_window(level, slab, slab.first), slab.last - slab.first < blocks
     for m in range(level.joined):
         combine(z, c, on_c, on_z, off_black[m], off_black[m] + 1, own)
-    draw(level, own, drawn)
-    while coupling < level.joined and off_red[coupling] < level.margin + slab.first * level.block:
-        coupling += 1
+    draw(level, own, window.drawn)
     for step in range(max(slab.first - ahead, 0), slab.last + ahead):
         if step < blocks:
             at, count = extent(level, step)
@@ -317,8 +304,8 @@ def put_back(level: Row, slab: Slab, own: Singles) -> None:
         block = step - ahead
         if block >= slab.first:
             at, count = extent(level, block)
-            draw_into(level, RED, own, ZERO, block, total, ZERO)
-            while coupling < level.joined and off_red[coupling] < at + count:
-                total[off_red[coupling] - at] += drawn[coupling]
-                coupling += 1
-            relax(red_inverse, red_fed, at, count, total, red)
+            draw_into(level, RED, own, ZERO, block, window.total, ZERO)
+            while window.at[1] < level.joined and off_red[window.at[1]] < at + count:
+                window.total[off_red[window.at[1]] - at] += window.drawn[window.at[1]]
+                window.at[1] += 1
+            relax(red_inverse, red_fed, at, count, window.total, red)

@@ -10,9 +10,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from resgrid.jit import ZERO, inner, inner_fast
-from resgrid.solvers.multigrid.levels import Row, doubles, draw_into, extent, indices, integers, singles
-from resgrid.solvers.multigrid.red_black import RED, Integers, Reals, Singles
+from resgrid.jit import ZERO, inlined, inner, inner_fast
+from resgrid.solvers.multigrid.levels import (
+    DOUBLE,
+    SINGLE,
+    Row,
+    doubles,
+    draw_into,
+    extent,
+    indices,
+    integers,
+    singles,
+)
+from resgrid.solvers.multigrid.red_black import RED, Integers, Reals, Singles, Stencil
 
 _ROOM = 4
 """Of a window, in units of what is kept and a block; so seldom it is moved."""
@@ -21,12 +31,14 @@ _ROOM = 4
 class Window(NamedTuple):
     """The red values around the slots that a window has come to.
 
-    `red`: the values; `drawn` (couplings,): what couplings draw into red cells; `at` (2,): slot of the first of the red
-    values, and the next coupling; `kept`: how many values behind a block may still be asked for.
+    `red`: the values; `drawn` (couplings,): what couplings draw into red cells; `total` (block,): for sums; `at` (2,):
+    slot of the first of the red values, and the next coupling; `kept`: how many values behind a block may still be
+    asked for.
     """
 
     red: Reals
     drawn: Reals
+    total: Reals
     at: Integers
     kept: int
 
@@ -35,20 +47,21 @@ class Slab(NamedTuple):
     """A part of a grid that one thread sweeps over.
 
     `first, last`: its blocks, the last one left out; `begin, end`: black slots that share their nodes on the next level
-    with no other slab's.
+    with no other slab's; `room`: where it keeps its two windows, an address.
     """
 
     first: int
     last: int
     begin: int
     end: int
+    room: int = 0
 
 
 @inner
 def slab_of(level: Row, part: int) -> Slab:
     """One of the slabs of a grid."""
-    of, k = integers(level.slabs, 4 * level.parts), 4 * part
-    return Slab(of[k], of[k + 1], of[k + 2], of[k + 3])
+    of, k = integers(level.slabs, 5 * level.parts), 5 * part
+    return Slab(of[k], of[k + 1], of[k + 2], of[k + 3], of[k + 4])
 
 
 @inner
@@ -57,16 +70,38 @@ def blocks_ahead(level: Row) -> int:
     return int(-(-level.margin // level.block))
 
 
+def values_in_window(stencil: Stencil) -> int:
+    """How many red values a window holds."""
+    return int(_ROOM * ((-(-stencil.margin // stencil.block) + 1) * stencil.block + stencil.margin))
+
+
+@inlined
+def open_window(level: Row, slab: Slab, block: int) -> Window:
+    """A window of single precision that comes to a block first; what couplings draw is left open."""
+    room, drawn = slab.room + 2 * DOUBLE, slab.room + 2 * DOUBLE + level.window * SINGLE
+    red, total = singles(room, level.window), singles(drawn + level.joined * SINGLE, level.block)
+    return _opened(level, slab.room, block, red, singles(drawn, level.joined), total)
+
+
+@inlined
+def open_second(level: Row, slab: Slab, block: int) -> Window:
+    """The same beside it, of double precision."""
+    begin = slab.room + (2 + level.window + level.joined + level.block) * DOUBLE
+    room, drawn = begin + 2 * DOUBLE, begin + (2 + level.window) * DOUBLE
+    red, total = doubles(room, level.window), doubles(drawn + level.joined * DOUBLE, level.block)
+    return _opened(level, begin, block, red, doubles(drawn, level.joined), total)
+
+
 @inner
-def open_window(level: Row, block: int, like: Reals) -> Window:
-    """A window that comes to a block first, of the precision of other values; what couplings draw is left open."""
-    begin, coupling = level.margin + block * level.block, 0
+def _opened(level: Row, room: int, block: int, red: Reals, drawn: Reals, total: Reals) -> Window:
+    begin, at, off_red = level.margin + block * level.block, integers(room, 2), indices(level.off_red, level.joined)
     kept = blocks_ahead(level) * level.block + level.margin
-    red, drawn = np.zeros(_ROOM * (kept + level.block), like.dtype), np.empty(level.joined, like.dtype)
-    off_red = indices(level.off_red, level.joined)
-    while coupling < level.joined and off_red[coupling] < begin:
-        coupling += 1
-    return Window(red, drawn, np.array([begin - kept, coupling]), kept)
+    at[0], at[1] = begin - kept, 0
+    while at[1] < level.joined and off_red[at[1]] < begin:
+        at[1] += 1
+    for k in range(len(red)):
+        red[k] = 0.0
+    return Window(red, drawn, total, at, kept)
 
 
 @inner
