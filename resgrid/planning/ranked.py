@@ -119,7 +119,7 @@ def write_equations(space: ConfigurationSpace, wiring: Wiring, folder: Path, rto
     Raises
     ------
     CircuitError
-        If no cell is tied to the high rail or fed.
+        If no cell with a way to a goal is tied to the high rail or fed.
     """
     driven = False
     names = [*(f"ahead_{axis}" for axis in range(space.ndim)), "ground", "drive", "answer"]
@@ -140,12 +140,13 @@ def write_equations(space: ConfigurationSpace, wiring: Wiring, folder: Path, rto
             joined = np.where((lower == Kind.NODE) & (upper == Kind.NODE), g, 0.0)
             ahead[axis][first:last] = sides_of_cells(joined, axis)[1]
         ground[first:last] = np.where(inner, ties, 0.0)
-        driven |= bool(np.any(inner if wiring.drive == "uniform" else inner & (ties > fed)))
+        served = inner & space.goal_connected[first:last]
+        driven |= bool(np.any(served if wiring.drive == "uniform" else served & (ties > fed)))
         drive[first:last] = inner if wiring.drive == "uniform" else np.where(inner, fed, 0.0)
     if not driven:
         raise CircuitError(
-            "nothing is driven: no free cell touches an obstacle, or an edge that counts as one; add what drives the "
-            "grid, or choose boundary = 'neumann'"
+            "nothing is driven: no free cell with a way to a goal touches an obstacle, or an edge that counts as one; "
+            "add what drives the grid, or choose boundary = 'neumann'"
         )
     (folder / "system.json").write_text(json.dumps({"shape": space.shape, "rtol": rtol}))
 
