@@ -25,6 +25,20 @@ _STALE = 86_400.0
 """Seconds after which what a killed process left half-written is taken for that."""
 
 
+@contextlib.contextmanager
+def temporary_folder() -> Iterator[Path]:
+    """A folder among the system's temporary ones (``TMPDIR``), gone at the end.
+
+    Also where the process ends while a thread that was left behind is removing it: both do it then.
+    """
+    folder = tempfile.TemporaryDirectory(prefix="resgrid-", ignore_cleanup_errors=True)
+    try:
+        yield Path(folder.name)
+    finally:
+        shutil.rmtree(folder.name, ignore_errors=True)
+        folder.cleanup()
+
+
 def read_bytes(
     path: Path, limit: int | None = None, *, name: str | None = None, first: int = -1, piped: bool = True
 ) -> bytes:

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -74,3 +76,30 @@ def test_a_wrong_place_is_one_clear_message(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError, match="cannot write"):
         write_text(f"{tmp_path}/{name}", "x")
     assert names(tmp_path) == ["file"]
+
+
+def test_a_folder_that_a_thread_is_removing_is_gone_at_the_end_of_the_process(tmp_path: Path) -> None:
+    program = """
+import os, shutil, threading, time, weakref
+from resgrid.files import temporary_folder
+
+removing, remove = threading.Event(), shutil.rmtree
+
+def slowly(*arguments, **options):
+    if threading.current_thread() is not threading.main_thread():
+        removing.set()
+        time.sleep(600)
+    remove(*arguments, **options)
+
+def work():
+    with temporary_folder() as folder:
+        (folder / "file").write_text("content")
+
+shutil.rmtree = slowly
+threading.Thread(target=work, daemon=True).start()
+removing.wait()
+weakref.finalize._exitfunc()
+os._exit(0)
+"""
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=60, env=os.environ | {"TMPDIR": str(tmp_path)})
+    assert list(tmp_path.iterdir()) == []

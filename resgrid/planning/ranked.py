@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import json
 import os
-import tempfile
 import time
 import warnings
 from collections.abc import Iterator
@@ -27,6 +26,7 @@ from numpy.typing import DTypeLike, NDArray
 from resgrid.budget import require_disk, require_memory
 from resgrid.compiler import WALLED_IN, Kind, contacts_of_box
 from resgrid.errors import CircuitError, InputError
+from resgrid.files import temporary_folder
 from resgrid.frozen import frozen
 from resgrid.grids import before_and_behind, by_axis, face_counts, sides_of_cells, with_margin
 from resgrid.planning.fields import Field
@@ -93,8 +93,7 @@ def solve_ranked(space: ConfigurationSpace, wiring: Wiring, ranks: int) -> Ranke
     cells = space.cell.size
     job, remedy = f"solving {cells:,} cells by method 'petsc' on {ranks} ranks", "take fewer ranks, or larger cells"
     require_memory(_BYTES[space.ndim] * cells + _BYTES_OF_RANK * ranks, job, remedy)
-    with tempfile.TemporaryDirectory(prefix="resgrid-") as name:
-        folder = Path(name)
+    with temporary_folder() as folder:
         require_disk(_disk(space), folder, f"{cells:,} cells in mapped files")
         seconds = dict[str, float]()
         start = time.perf_counter()
