@@ -25,6 +25,20 @@ _STALE = 86_400.0
 """Seconds after which what a killed process left half-written is taken for that."""
 
 
+@contextlib.contextmanager
+def temporary_folder() -> Iterator[Path]:
+    """A folder among the system's temporary ones (``TMPDIR``), gone at the end.
+
+    Also where the process ends while a thread that was left behind is removing it: both do it then.
+    """
+    folder = tempfile.TemporaryDirectory(prefix="resgrid-", ignore_cleanup_errors=True)
+    try:
+        yield Path(folder.name)
+    finally:
+        shutil.rmtree(folder.name, ignore_errors=True)
+        folder.cleanup()
+
+
 def read_bytes(
     path: Path, limit: int | None = None, *, name: str | None = None, first: int = -1, piped: bool = True
 ) -> bytes:
@@ -109,7 +123,7 @@ def whole_folder(path: str | Path) -> Iterator[Path]:
     """Yield a temporary folder beside ``path`` whose files move there if the block succeeds.
 
     An existing folder keeps its other files; those that its own earlier ``summary.json`` lists and that were not made
-    again are removed.  The summary is moved last.
+    again are removed.  The summary is moved last.  While another process makes the same folder it is refused.
     """
     target = Path(path)
     if target.exists() and not target.is_dir():
@@ -118,8 +132,11 @@ def whole_folder(path: str | Path) -> Iterator[Path]:
     temporary = temporary_place(target.parent, target.name)
     try:
         temporary.mkdir()
-        yield temporary
-        _move_files(temporary, target)
+        with _held(temporary):
+            if any(_is_held(other) for other in _beside(temporary.parent, target.name) if other != temporary):
+                raise InputError(f"-o {path}: another run is writing this folder; wait for its end, or name another")
+            yield temporary
+            _move_files(temporary, target)
         parents = []
     except OSError as error:
         raise _unwritable(target, error) from error
@@ -164,13 +181,51 @@ def _earlier_files(target: Path) -> set[str]:
 
 def temporary_place(folder: Path, stem: str, suffix: str = "") -> Path:
     """Where something may be made before it is renamed; what was killed while it made the same is removed."""
-    stem, suffix = stem[:80], suffix[:20]
-    ours = re.compile(re.escape(f".{stem}-") + "[0-9a-f]{12}" + re.escape(suffix))
     with contextlib.suppress(OSError):  # somebody else removed it; whether the folder can be written shows itself
-        for left in [path for path in folder.iterdir() if ours.fullmatch(path.name)]:
-            if time.time() - left.lstat().st_mtime > _STALE:
+        for left in _beside(folder, stem, suffix):
+            if time.time() - left.lstat().st_mtime > _STALE and not _is_held(left):
                 shutil.rmtree(left) if left.is_dir() and not left.is_symlink() else left.unlink()
-    return folder / f".{stem}-{secrets.token_hex(6)}{suffix}"
+    return folder / f".{stem[:80]}-{secrets.token_hex(6)}{suffix[:20]}"
+
+
+def _beside(folder: Path, stem: str, suffix: str = "") -> list[Path]:
+    """Every place in a folder where something of that name is being made, or was."""
+    ours = re.compile(re.escape(f".{stem[:80]}-") + "[0-9a-f]{12}" + re.escape(suffix[:20]))
+    return [path for path in folder.iterdir() if ours.fullmatch(path.name)]
+
+
+@contextlib.contextmanager
+def _held(place: Path) -> Iterator[bool]:
+    """Hold what is being made until this process ends, however it does; yields whether nobody else holds it.
+
+    That is True, too, where there are no locks (on Windows, in some networks), and of what is gone.
+    """
+    try:
+        number = os.open(place, os.O_RDONLY)
+    except OSError:
+        yield True
+        return
+    try:
+        yield _lock(number)
+    finally:
+        os.close(number)
+
+
+def _is_held(place: Path) -> bool:
+    with _held(place) as alone:
+        return not alone
+
+
+def _lock(number: int) -> bool:
+    try:
+        import fcntl
+
+        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except (ImportError, OSError):
+        pass
+    return True
 
 
 def target_of(path: Path) -> Path:

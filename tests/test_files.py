@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -54,6 +56,28 @@ def test_what_a_killed_process_left_is_removed_by_the_next_one(tmp_path: Path) -
     assert names(tmp_path) == [".deck-0123456789ac.cir", ".deck-of-mine.cir", "deck.cir", "out"]
 
 
+def test_a_folder_that_another_run_is_making_is_refused(tmp_path: Path) -> None:
+    with whole_folder(tmp_path / "out") as first:
+        (first / "a").touch()
+        os.utime(first, (0, 0))  # however long it takes
+        with pytest.raises(InputError, match="another run is writing this folder"), whole_folder(tmp_path / "out"):
+            pass
+        with whole_folder(tmp_path / "other"):
+            pass
+    assert names(tmp_path) == ["other", "out"] and names(tmp_path / "out") == ["a"]
+    with whole_folder(tmp_path / "out"):
+        pass
+
+
+def test_a_folder_that_a_killed_run_was_making_is_made_by_the_next_one(tmp_path: Path) -> None:
+    program = "import os\nfrom resgrid.files import whole_folder\nwith whole_folder('out'):\n    os._exit(9)"
+    assert subprocess.run([sys.executable, "-c", program], cwd=tmp_path, check=False).returncode == 9
+    assert len(names(tmp_path)) == 1
+    with whole_folder(tmp_path / "out"):
+        pass
+    assert "out" in names(tmp_path)
+
+
 def test_a_link_is_followed_and_a_device_is_written_to(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to(tmp_path / "real")
     write_text(tmp_path / "link", "x")
@@ -74,3 +98,30 @@ def test_a_wrong_place_is_one_clear_message(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError, match="cannot write"):
         write_text(f"{tmp_path}/{name}", "x")
     assert names(tmp_path) == ["file"]
+
+
+def test_a_folder_that_a_thread_is_removing_is_gone_at_the_end_of_the_process(tmp_path: Path) -> None:
+    program = """
+import os, shutil, threading, time, weakref
+from resgrid.files import temporary_folder
+
+removing, remove = threading.Event(), shutil.rmtree
+
+def slowly(*arguments, **options):
+    if threading.current_thread() is not threading.main_thread():
+        removing.set()
+        time.sleep(600)
+    remove(*arguments, **options)
+
+def work():
+    with temporary_folder() as folder:
+        (folder / "file").write_text("content")
+
+shutil.rmtree = slowly
+threading.Thread(target=work, daemon=True).start()
+removing.wait()
+weakref.finalize._exitfunc()
+os._exit(0)
+"""
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=60, env=os.environ | {"TMPDIR": str(tmp_path)})
+    assert list(tmp_path.iterdir()) == []

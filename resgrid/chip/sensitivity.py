@@ -19,6 +19,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from resgrid.chip.figures import Figure, Result, defined
 from resgrid.chip.precision import Steps, steps_of
@@ -217,6 +219,8 @@ class Adjoint:
                 known = log_across > log_doubt
                 signs = np.where(known, sign * self.direction, 0).astype(np.int8)
                 return signs, np.asarray(np.where(known, log_size + np.log(scale), -np.inf))
+        if self._is_at_rest_around(rhs):
+            return nothing
         raise AccuracyError(
             f"the derivatives with respect to resistances may be off by {np.exp(min(doubt - largest, 0.0)):.0e} of the "
             "largest of them: the conductances span too many decades"
@@ -252,6 +256,23 @@ class Adjoint:
             log_doubt = np.minimum(log_doubt, np.log(bound + _EPS) + log_sum)
         log_doubt[np.isneginf(log_sum)] = -np.inf  # parts that no current of `rhs` enters
         return *self._across(parts), log_doubt
+
+    def _is_at_rest_around(self, rhs: NDArray[np.float64]) -> bool:
+        """Whether what `rhs` (n,) feeds in is taken out again within parts at rest that hang at one node, or at rails.
+
+        There alone ``lambda`` changes from node to node, and there no resistor carries a current.
+        """
+        size, resting = len(rhs), np.isneginf(self.log_amps)
+        is_inner = (self.row >= 0).all(axis=1)
+        ends = self.row[resting & is_inner]
+        joined = coo_array((np.ones(len(ends), dtype=np.int8), (ends[:, 0], ends[:, 1])), shape=(size, size))
+        part = connected_components(joined, directed=False)[1]
+        is_held, is_active = np.zeros((2, size + 1), dtype=bool)  # the last: whatever has a known voltage
+        is_held[self.row[resting & ~is_inner]] = True
+        is_active[self.row[~resting]] = True
+        held, active, fed = (np.bincount(part, mask) for mask in (is_held[:-1], is_active[:-1], rhs != 0.0))
+        is_shut = np.where(held > 0, active == 0, (active <= 1) & (np.bincount(part, rhs) == 0.0))
+        return bool(is_shut[fed > 0].all())
 
     def _log_doubt(self, residual: NDArray[np.float64]) -> NDArray[np.float64]:
         """Logarithm of the error across every resistor that a residual may leave."""

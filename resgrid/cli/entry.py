@@ -79,7 +79,7 @@ class Verbs(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         """Call the verb; click would end a broken pipe and an interrupt with codes of its own."""
         try:
-            with warnings.catch_warnings(), _terminable(), _patient_collector():
+            with warnings.catch_warnings(), _patient_collector():
                 warnings.showwarning = _show_warning
                 result = super().invoke(ctx)
             if sys.stdout is not None:  # closed from the beginning
@@ -101,7 +101,8 @@ class Verbs(click.Group):
         words = list(sys.argv[1:] if args is None else args)
         extra["standalone_mode"] = False
         try:
-            code = super().main(words, *rest, **extra)
+            with _terminable(is_process=args is None):
+                code = super().main(words, *rest, **extra)
         except Exception as error:  # the one place where every error ends
             failure = failure_of(error)
             if failure.code == UNEXPECTED and "--debug" in words:
@@ -112,8 +113,11 @@ class Verbs(click.Group):
 
 
 @contextlib.contextmanager
-def _terminable() -> Iterator[None]:
-    """Let a request to terminate clean up as an interrupt does; what comes while one cleans up is not heard."""
+def _terminable(*, is_process: bool) -> Iterator[None]:
+    """Let a request to terminate clean up as an interrupt does; what comes while one cleans up is not heard.
+
+    In a process of our own nothing is heard from then on, for its end cleans up, too.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -130,8 +134,9 @@ def _terminable() -> Iterator[None]:
     try:
         yield
     finally:
-        for each, handler in before.items():
-            signal.signal(each, handler)
+        if not (is_process and signal.getsignal(signal.SIGTERM) is signal.SIG_IGN):
+            for each, handler in before.items():
+                signal.signal(each, handler)
 
 
 @contextlib.contextmanager

@@ -95,19 +95,21 @@ def open_job(source: Source, *, require_goal: bool = True, method: str | None = 
 
 
 def _load_scene(source: Source) -> rg.Scene:
-    from resgrid.scene.overrides import apply_overrides
-    from resgrid.scene.read import is_link, read_link
+    from resgrid.scene.overrides import build_changed
+    from resgrid.scene.read import is_link, link_document, read_document
 
     if source.dialect != "auto" or source.root is not None:
         raise InputError(f"{source.file} is no deck: --read-as and --root say how decks are read; remove them")
+    if source.file == "-":
+        return _piped_scene(source)
     if is_link(source.file):
         _refuse_map_options(source)
-        scene = read_link(source.file)
+        document = link_document(source.file)
     elif Path(source.file).suffix.lower() in DECK_SUFFIXES:
         raise InputError(f"{source.file}: this is a deck, and a scene or a map is needed; decks go to 'resgrid check'")
     else:
-        scene = _piped_scene(source) if source.file == "-" else rg.read_scene(source.file, **source.map_options)
-    return apply_overrides(scene, source.changes) if source.changes else scene
+        document = read_document(source.file, source.map_options)
+    return build_changed(document, source.changes)
 
 
 def _refuse_map_options(source: Source) -> None:
@@ -122,6 +124,8 @@ def _piped_scene(source: Source) -> rg.Scene:
 
     from resgrid.files import decode
     from resgrid.scene.maps.formats import FORMATS
+    from resgrid.scene.overrides import build_changed
+    from resgrid.scene.read import parse_document, read_document
 
     data = sys.stdin.buffer.read()
     if not data.strip():
@@ -131,11 +135,11 @@ def _piped_scene(source: Source) -> rg.Scene:
         and source.map_options.get("format") is None
     ):
         _refuse_map_options(source)
-        return rg.parse_scene(decode(data, Path("standard input")), "standard input")
+        return build_changed(parse_document(decode(data, Path("standard input")), "standard input"), source.changes)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "standard_input"
         file.write_bytes(data)
-        return rg.read_scene(file, **source.map_options)
+        return build_changed(read_document(file, source.map_options), source.changes)
 
 
 FIRST_RUN = (

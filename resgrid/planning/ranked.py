@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import json
 import os
-import tempfile
 import time
 import warnings
 from collections.abc import Iterator
@@ -27,6 +26,7 @@ from numpy.typing import DTypeLike, NDArray
 from resgrid.budget import require_disk, require_memory
 from resgrid.compiler import WALLED_IN, Kind, contacts_of_box
 from resgrid.errors import CircuitError, InputError
+from resgrid.files import temporary_folder
 from resgrid.frozen import frozen
 from resgrid.grids import before_and_behind, by_axis, face_counts, sides_of_cells, with_margin
 from resgrid.planning.fields import Field
@@ -93,8 +93,7 @@ def solve_ranked(space: ConfigurationSpace, wiring: Wiring, ranks: int) -> Ranke
     cells = space.cell.size
     job, remedy = f"solving {cells:,} cells by method 'petsc' on {ranks} ranks", "take fewer ranks, or larger cells"
     require_memory(_BYTES[space.ndim] * cells + _BYTES_OF_RANK * ranks, job, remedy)
-    with tempfile.TemporaryDirectory(prefix="resgrid-") as name:
-        folder = Path(name)
+    with temporary_folder() as folder:
         require_disk(_disk(space), folder, f"{cells:,} cells in mapped files")
         seconds = dict[str, float]()
         start = time.perf_counter()
@@ -119,7 +118,7 @@ def write_equations(space: ConfigurationSpace, wiring: Wiring, folder: Path, rto
     Raises
     ------
     CircuitError
-        If no cell is tied to the high rail or fed.
+        If no cell with a way to a goal is tied to the high rail or fed.
     """
     driven = False
     names = [*(f"ahead_{axis}" for axis in range(space.ndim)), "ground", "drive", "answer"]
@@ -140,12 +139,13 @@ def write_equations(space: ConfigurationSpace, wiring: Wiring, folder: Path, rto
             joined = np.where((lower == Kind.NODE) & (upper == Kind.NODE), g, 0.0)
             ahead[axis][first:last] = sides_of_cells(joined, axis)[1]
         ground[first:last] = np.where(inner, ties, 0.0)
-        driven |= bool(np.any(inner if wiring.drive == "uniform" else inner & (ties > fed)))
+        served = inner & space.goal_connected[first:last]
+        driven |= bool(np.any(served if wiring.drive == "uniform" else served & (ties > fed)))
         drive[first:last] = inner if wiring.drive == "uniform" else np.where(inner, fed, 0.0)
     if not driven:
         raise CircuitError(
-            "nothing is driven: no free cell touches an obstacle, or an edge that counts as one; add what drives the "
-            "grid, or choose boundary = 'neumann'"
+            "nothing is driven: no free cell with a way to a goal touches an obstacle, or an edge that counts as one; "
+            "add what drives the grid, or choose boundary = 'neumann'"
         )
     (folder / "system.json").write_text(json.dumps({"shape": space.shape, "rtol": rtol}))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,11 +11,12 @@ from typing import Any
 from resgrid.errors import InputError
 from resgrid.robots import ROBOTS, Robot
 from resgrid.scene.goals import CostArea, GoalJoints
-from resgrid.scene.read import build_scene
+from resgrid.scene.read import Document, build_scene
 from resgrid.scene.scene import IN_FILES, LISTS, Scene
 from resgrid.scene.table import plain
 
 SHORT = {"resistance": "chip.resistance", "supply": "chip.supply", "radius": "robot.radius"}
+_WIRING = re.compile(r"(boundary|drive|k|start|start_cell|chip\..*)$")
 PLACES = {"goal": "point", "goal_cell": "cell", "start": "point", "start_cell": "cell"}
 
 
@@ -70,29 +72,53 @@ def apply_overrides(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     cell indices counted from 0.  A text is read as TOML would read it (``"4.5"`` is a number, ``"[0, 1]"`` a list), as
     numbers separated by commas, or else as itself.  Another ``robot.type`` or ``robot.footprint`` is another robot.
     """
-    document = document_of(scene)
-    changes_by_key = {SHORT.get(key, key): value for key, value in changes.items()}
-    edge = changes_by_key.get("edge")
-    if isinstance(edge, str) and "," in edge and "[" not in edge:
-        changes_by_key["edge"] = [rule.strip() for rule in edge.split(",")]
-    for key in ("goal", "start"):
-        places = _places(key, changes_by_key)
-        if places is not None:
-            document[key] = places
-            if key == "start":
-                document["starts"] = []
-    if {"robot.type", "robot.footprint"} & changes_by_key.keys():
+    document, changes = document_of(scene), _by_key(changes)
+    if {"robot.type", "robot.footprint"} & changes.keys():
         document["robot"] = {}
-    for key, value in changes_by_key.items():
-        if key not in PLACES:
-            _set(document, key, value)
+    _apply(document, changes)
     grid = document.get("grid")
-    if "grid.cells" in changes_by_key and isinstance(grid, dict) and isinstance(grid.get("axes"), list):
+    if "grid.cells" in changes and isinstance(grid, dict) and isinstance(grid.get("axes"), list):
         for axis in grid["axes"]:
             if isinstance(axis, dict):
                 axis.pop("cells", None)
     is_same_map = scene.map is not None and document.get("map") == plain(scene.map.table)
     return build_scene(document, scene.source or "scene", Path(), known=scene.map if is_same_map else None)
+
+
+def build_changed(document: Document, changes: Mapping[str, Any]) -> Scene:
+    """The scene of a document with some keys changed, as by `apply_overrides`.
+
+    How it is wired may be said by both together: a wall here, its resistance there.
+    """
+    by_key = _by_key(changes)
+    wiring = {key: value for key, value in by_key.items() if _WIRING.match(key)}
+    _apply(document.raw, wiring)
+    said = {("start" if key in PLACES else key.partition(".")[0],) for key in wiring}
+    lines = {path: line for path, line in document.lines.items() if path[:1] not in said}
+    scene = build_scene(document.raw, document.source, document.folder, lines)
+    return apply_overrides(scene, changes) if changes else scene
+
+
+def _by_key(changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Changes by whole keys, rules of edges as a list."""
+    by_key = {SHORT.get(key, key): value for key, value in changes.items()}
+    edge = by_key.get("edge")
+    if isinstance(edge, str) and "," in edge and "[" not in edge:
+        by_key["edge"] = [rule.strip() for rule in edge.split(",")]
+    return by_key
+
+
+def _apply(document: dict[str, Any], changes: Mapping[str, Any]) -> None:
+    """Set keys of a document; goals and starts replace all that there are."""
+    for key in ("goal", "start"):
+        places = _places(key, changes)
+        if places is not None:
+            document[key] = places
+            if key == "start":
+                document["starts"] = []
+    for key, value in changes.items():
+        if key not in PLACES:
+            _set(document, key, value)
 
 
 def parse_value(text: str) -> Any:

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from itertools import chain, repeat
 from math import isclose
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from resgrid.axis import Axis
 from resgrid.errors import InputError
@@ -32,6 +32,19 @@ _LINK = re.compile(r"https?://\S*#(?:\S*&)?s=(?P<code>[^&\s]+)")
 
 _LONGEST = 1 << 26
 """Bytes of the longest document that a link may hold."""
+
+
+class Document(NamedTuple):
+    """What describes a scene, before it is checked.
+
+    `raw`: its keys and tables; `source`: its name, for messages; `folder`: where names of map files start; `lines`: of
+    its keys, as far as they are known.
+    """
+
+    raw: dict[str, Any]
+    source: str
+    folder: Path
+    lines: dict[KeyPath, int]
 
 
 def read_scene(file: str | os.PathLike[str], **options: Any) -> Scene:
@@ -64,21 +77,25 @@ def read_scene(file: str | os.PathLike[str], **options: Any) -> Scene:
     >>> scene.title, scene.k, len(scene.obstacles)
     ('Eight by eight', (0.5,), 3)
     """
-    path = Path(file)
     map_keys = (*COMMON[1:], *map_options())
     check_attributes(options, *map_keys)
     table = {key: options.pop(key) for key in map_keys if key in options}
-    if path.suffix.lower() == ".toml":
-        raw, lines = _toml(decode(read_bytes(path), path), str(path))
-        if table and "map" not in raw:
-            raise InputError(f"{path}: this scene has no map, so {', '.join(table)} would do nothing; leave that out")
-        if table and isinstance(raw["map"], dict):
-            raw["map"] |= table
-    else:
-        table |= {"file": path.name, "format": format_of(path, table)}
-        raw, lines = {"schema": 1, "title": path.stem, "map": table}, {}
-    scene = build_scene(raw, str(path), path.parent, lines)
+    scene = build_scene(*read_document(file, table))
     return scene.replace(**options) if options else scene
+
+
+def read_document(file: str | os.PathLike[str], table: Mapping[str, Any]) -> Document:
+    """The document in a file, or that of a map; `table`: how a map is read, as `read_scene` takes it."""
+    path = Path(file)
+    if path.suffix.lower() != ".toml":
+        map_table = {**table, "file": path.name, "format": format_of(path, table)}
+        return Document({"schema": 1, "title": path.stem, "map": map_table}, str(path), path.parent, {})
+    raw, lines = _toml(decode(read_bytes(path), path), str(path))
+    if table and "map" not in raw:
+        raise InputError(f"{path}: this scene has no map, so {', '.join(table)} would do nothing; leave that out")
+    if table and isinstance(raw["map"], dict):
+        raw["map"] |= table
+    return Document(raw, str(path), path.parent, lines)
 
 
 def parse_scene(text: str, source: str = "scene", folder: str | os.PathLike[str] = ".") -> Scene:
@@ -120,8 +137,13 @@ def parse_scene(text: str, source: str = "scene", folder: str | os.PathLike[str]
            [0, 0],
            [2, 0]], dtype=uint8)
     """
+    return build_scene(*parse_document(text, source, Path(folder)))
+
+
+def parse_document(text: str, source: str, folder: Path = Path()) -> Document:
+    """The document that a TOML text holds."""
     raw, lines = _toml(text, source)
-    return build_scene(raw, source, Path(folder), lines)
+    return Document(raw, source, folder, lines)
 
 
 def is_link(text: str) -> bool:
@@ -130,7 +152,12 @@ def is_link(text: str) -> bool:
 
 
 def read_link(text: str) -> Scene:
-    """The scene that a link holds; nothing is fetched, and no map file is read."""
+    """The scene that a link holds."""
+    return build_scene(*link_document(text))
+
+
+def link_document(text: str) -> Document:
+    """The document that a link holds; nothing is fetched, and no map file is read."""
     match = _LINK.match(text)
     code = "" if match is None else match["code"]
     unpacking = zlib.decompressobj()
@@ -143,7 +170,7 @@ def read_link(text: str) -> Scene:
         raise InputError("this link holds no whole scene: part of it is missing or was changed; copy it again")
     if "map" in document:
         raise InputError("the scene of this link names a map file, which a link cannot bring along")
-    return build_scene(document, "the link", Path())
+    return Document(document, "the link", Path(), {})
 
 
 def _toml(text: str, source: str) -> tuple[dict[str, Any], dict[KeyPath, int]]:

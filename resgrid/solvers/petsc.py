@@ -61,16 +61,18 @@ def find_petsc() -> Petsc:
         if not os.access(what, os.X_OK):
             raise ToolMissingError(_REMEDY.format(what=f"there is no {what}"))
     builds = sorted(Path(_DEBIAN).glob("*/*-real*"), reverse=True)
+    reasons = []
     for petsc in (*builds, None):
         environment = _environment(petsc)
         probe = subprocess.run(
             [python, "-s", "-c", "import numpy, petsc4py.PETSc"],
-            env={**environment, "PETSC_OPTIONS": ""}, stdin=subprocess.DEVNULL, capture_output=True, check=False,
-            timeout=60,
+            env={**environment, "PETSC_OPTIONS": ""}, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE, text=True, errors="replace", check=False, timeout=60,
         )  # fmt: skip
         if probe.returncode == 0:
             return Petsc(str(mpiexec), python, environment)
-    raise ToolMissingError(_REMEDY.format(what=f"{python} cannot import petsc4py"))
+        reasons.append(_last_words(probe.stderr))
+    raise ToolMissingError(_REMEDY.format(what=f"{python} cannot import petsc4py ({reasons[0]})"))
 
 
 def run_ranks(petsc: Petsc, folder: Path, ranks: int) -> Report:
@@ -100,9 +102,10 @@ def run_ranks(petsc: Petsc, folder: Path, ranks: int) -> Report:
     report, refused = folder / "report.json", folder / "refused"
     if refused.exists():
         raise InputError(f"PETSc refuses an option of PETSC_OPTIONS: {refused.read_text()}; correct or unset it")
+    said = log.read_text("utf-8", "replace")
     if status != 0 or not report.exists():
-        raise AccuracyError(f"PETSc ended without an answer (mpiexec's exit status {status}): {_last_words(log)}")
-    unused = re.findall(r"^Option left: name:(-\S+)", log.read_text("utf-8", "replace"), re.MULTILINE)
+        raise AccuracyError(f"PETSc ended without an answer (mpiexec's exit status {status}): {_last_words(said)}")
+    unused = re.findall(r"^Option left: name:(-\S+)", said, re.MULTILINE)
     if unused:
         warnings.warn(f"PETSc has no use for {', '.join(unused)} of PETSC_OPTIONS", stacklevel=2)
     peaks = tuple(int((folder / f"peak_{rank}.json").read_text()) for rank in range(ranks))
@@ -136,8 +139,8 @@ def _end(process: subprocess.Popen[bytes]) -> None:
         process.wait()
 
 
-def _last_words(log: Path) -> str:
+def _last_words(log: str) -> str:
     """The lines that say why: exceptions, and which rank was killed."""
-    lines = [line.strip() for line in log.read_text("utf-8", "replace").splitlines()]
+    lines = [line.strip() for line in log.splitlines()]
     telling = [line for line in lines if "Error" in line or "signal" in line or "exited" in line]
     return "; ".join(dict.fromkeys(telling[:_LAST_WORDS])) or " ".join(lines[-_LAST_WORDS:]) or "it said nothing"

@@ -205,6 +205,25 @@ def test_a_node_at_rest_is_sensitive_to_nothing() -> None:
     assert not rg.study(netlist).voltage_sensitivity(np.eye(8)[4]).any()
 
 
+# 1 V over a divider, 1 - 2 - 0; at node 2 hang a ring, 3 - 4 - 2, with an end, 5, and another end, 6; 8 hangs at 0.
+HANGING = rg.Netlist(
+    9, [[1, 2], [2, 0], [2, 3], [3, 4], [4, 2], [4, 5], [2, 6], [0, 7], [7, 8]],
+    [1e-3, 3e-3, 1.1e-3, 0.7e-3, 0.3e-3, 1.3e-3, 0.9e-3, 1e-3, 2e-3], source_nodes=[[1, 0]], source_volts=[1.0],
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(("plus", "minus"), [(4, 2), (4, 3), (5, 3), (5, 6), (6, 2), (8, 7), (7, 0)])
+def test_voltages_within_a_part_at_rest_are_sensitive_to_nothing(plus: int, minus: int) -> None:
+    """Whatever the resistances are, no current flows there, so that these nodes have one voltage."""
+    assert not rg.study(HANGING).voltage_sensitivity(np.eye(9)[plus] - np.eye(9)[minus]).any()
+
+
+@pytest.mark.parametrize(("plus", "minus"), [(5, 0), (6, 1), (6, 8)])
+def test_voltages_of_parts_at_rest_follow_the_node_they_hang_at(plus: int, minus: int) -> None:
+    found = rg.study(HANGING).voltage_sensitivity(np.eye(9)[plus] - np.eye(9)[minus])
+    assert found == pytest.approx([-0.1875, 0.1875, *[0.0] * 7], abs=1e-12)
+
+
 @settings(max_examples=20)
 @given(space=spaces(max_cells=6))
 def test_any_space_gives_the_steepest_neighbour(space: rg.ConfigurationSpace) -> None:

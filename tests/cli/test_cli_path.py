@@ -112,3 +112,26 @@ def test_paths_of_arms_tell_where_the_tip_is(call, scenes):
         angles = float(row["theta_1"]), float(row["theta_2"])
         assert float(row["tip_x"]) == pytest.approx(np.cos(angles).sum(), abs=1e-12)
         assert float(row["tip_y"]) == pytest.approx(np.sin(angles).sum(), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("said", "missing"),
+    [
+        ('boundary = "wall"', ["--set", "chip.wall_resistance=1k"]),
+        ('boundary = "wall"', ["--boundary", "dirichlet"]),
+        ('boundary = "neumann"\ndrive = "start"', ["--start", "0.5,0.5"]),
+        ('drive = "uniform"', ["--set", "boundary=neumann"]),
+    ],
+)
+@pytest.mark.parametrize("is_piped", [True, False])
+def test_options_may_say_what_a_scene_lacks(said, missing, is_piped, call, room, tmp_path):
+    text = f"{said}\n{room.read_text()}"
+    if "drive" in said:
+        text = text.replace("starts = [[0.5, 0.5], [5.5, 4.5]]\n", "")
+    scene = tmp_path / "lacking.toml"
+    scene.write_text(text)
+    words, piped = (["-"], text) if is_piped else ([scene], None)
+    assert call("solve", *words, piped=piped).exit_code == 2
+    assert call("solve", *words, *missing, piped=piped).exit_code == 0
+    wrong = call("solve", *words, *missing, "--set", "k=3", piped=piped)
+    assert wrong.exit_code == 2 and ": k: must be at most 1, got 3" in wrong.stderr

@@ -97,6 +97,41 @@ def test_an_interrupt_leaves_nothing_half_written(scenes, tmp_path, sent, code):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("left_behind", [True, False])
+def test_a_second_interrupt_does_not_cut_the_end_short(scenes, tmp_path, left_behind):
+    """What the first one makes end, ends: here what is registered for it takes its time."""
+    program = f"""
+import os, signal, sys, time, weakref
+from resgrid import cli
+from resgrid.cli import report
+
+class Thing:
+    pass
+
+def end():
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(0.2)
+    print("ended", flush=True)
+
+thing = Thing()
+weakref.finalize(thing, end)
+
+def interrupted(*arguments, **options):
+    if {left_behind}:
+        report.threading.Thread(target=time.sleep, args=(600,), name=report._WORKER, daemon=True).start()
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(600)
+
+from resgrid.cli import scenes
+scenes.stage = interrupted
+sys.argv = ["resgrid", "path", {str(scenes / "lesson.toml")!r}]
+cli.main(prog_name="resgrid")
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=60)
+    assert (done.returncode, done.stdout) == (130, "ended\n"), done.stderr
+    assert done.stderr == "resgrid: interrupted; nothing half-written is left\n"
+
+
 def test_json_in_a_real_process_is_alone_on_standard_output(scenes):
     words = [*COMMAND, "path", str(scenes / "lesson.toml"), "--json", "-v"]
     done = subprocess.run(words, capture_output=True, text=True, check=True)

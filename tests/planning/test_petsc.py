@@ -136,6 +136,15 @@ def test_where_it_is_missing_one_sentence_says_how_to_get_it(tmp_path: Path, mon
     assert "apt-get install python3-petsc4py" in result.stderr
 
 
+def test_what_a_python_that_cannot_import_it_says_is_passed_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, says in (("python3", "OSError: libpetsc.so: cannot open shared object file"), ("mpiexec", "")):
+        (tmp_path / name).write_text(f"#!/bin/sh\necho '{says}' >&2\nexit 1\n")
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv("RESGRID_PETSC_PYTHON", str(tmp_path / "python3"))
+    with pytest.raises(ToolMissingError, match=r"cannot import petsc4py \(OSError: libpetsc\.so: cannot open"):
+        petsc.find_petsc()
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -170,6 +179,13 @@ def test_a_walled_in_goal_is_refused(boundary: str) -> None:
     cell[3:6, 3:6], cell[4, 4] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     with pytest.raises(rg.CircuitError, match="no free cell is connected to a goal; move the goal"):
         rg.plan(space_of(cell), method="petsc", boundary=boundary)
+
+
+@pytest.mark.parametrize("method", ["auto", "petsc"])
+def test_obstacles_that_touch_no_cell_with_a_way_to_the_goal_drive_nothing(method: str) -> None:
+    cell = np.array([[1, 0, 1, 2, 0]], dtype=np.uint8).T
+    with pytest.raises(rg.CircuitError, match="nothing is driven: no "):
+        rg.plan(space_of(cell), method=method, edge="open")
 
 
 def test_ranks_that_memory_has_no_room_for_are_refused() -> None:

@@ -247,14 +247,23 @@ class _Reader:
         return value
 
     def _call_function(self, token: _Token) -> float:
+        try:
+            values = self._arguments()
+        except ExpressionError:
+            if token.text.lower() not in _STATISTICS:
+                raise
+            raise _no_function(token, self.rules) from None  # its arguments may be nodes, as those of v(a, b)
+        value = self.call(token.text.lower(), values, self.lookup)
+        return _built_in(token, values, self.rules) if value is None else value
+
+    def _arguments(self) -> list[float]:
         self.position += 1
         values = [self.choice()]
         while self._now.text == ",":
             self.position += 1
             values.append(self.choice())
         self._expect(")")
-        value = self.call(token.text.lower(), values, self.lookup)
-        return _built_in(token, values, self.rules) if value is None else value
+        return values
 
 
 _BINARY: dict[str, tuple[int, Callable[[float, float], float | bool]]] = {
@@ -279,13 +288,16 @@ _BINARY: dict[str, tuple[int, Callable[[float, float], float | bool]]] = {
 """How tightly operators bind, and what they do; `ReadingRules.operators` says where a dialect's differ."""
 
 
+def _no_function(token: _Token, rules: ReadingRules) -> ExpressionError:
+    statistical = "is statistical, or depends on the solution, and is not evaluated"
+    why = statistical if token.text.lower() in _STATISTICS else "is unknown"
+    return ExpressionError(token.offset, f"the function {token.text!r} {why} ({rules.name})")
+
+
 def _built_in(token: _Token, values: list[float], rules: ReadingRules) -> float:
-    name = token.text.lower()
-    own = rules.functions.get(name)
+    own = rules.functions.get(token.text.lower())
     if own is None:
-        statistical = "is statistical, or depends on the solution, and is not evaluated"
-        why = statistical if name in _STATISTICS else "is unknown"
-        raise ExpressionError(token.offset, f"the function {token.text!r} {why} ({rules.name})")
+        raise _no_function(token, rules)
     count, function = FUNCTIONS[own]
     if len(values) != count:
         raise ExpressionError(token.offset, f"{token.text} takes {count} argument(s), not {len(values)}")

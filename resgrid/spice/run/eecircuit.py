@@ -10,11 +10,11 @@ import json
 import os
 import re
 import shutil
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 from resgrid.errors import ToolMissingError
+from resgrid.files import temporary_folder
 from resgrid.spice.run.ngspice import (
     RAW,
     Simulation,
@@ -41,8 +41,7 @@ def simulate_eecircuit(
     """Find the operating point of a deck's content with ``eecircuit-engine``; as `ngspice.simulate`."""
     node, module = find_program(NODE_VARIABLE, "node", _INSTALL), find_module()
     refuse_commands(data, source, models=direct)
-    with tempfile.TemporaryDirectory(prefix="resgrid-") as name:
-        folder = Path(name)
+    with temporary_folder() as folder:
         analysis = b"" if direct else b"\n.options klu\n.op"
         (folder / "deck.cir").write_bytes(_END.sub(b"", data) + analysis + b"\n.end\n")
         words = [node, str(_SCRIPT), str(module), "deck.cir", RAW]

@@ -7,7 +7,6 @@ import re
 import shutil
 import signal
 import subprocess
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from types import MappingProxyType
 import numpy as np
 
 from resgrid.errors import BudgetError, InputError, ToolMissingError
+from resgrid.files import temporary_folder
 from resgrid.spice.run.rawfile import RawFile, read_rawfile
 
 EXECUTABLE_VARIABLE = "RESGRID_NGSPICE"
@@ -84,8 +84,7 @@ def simulate(
     """
     program = find_program(EXECUTABLE_VARIABLE, "ngspice", _INSTALL)
     refuse_commands(data, source, models=direct, includes=bool(files))
-    with tempfile.TemporaryDirectory(prefix="resgrid-") as name:
-        folder = Path(name)
+    with temporary_folder() as folder:
         version = _version(program, folder)
         own = folder.joinpath(*["_"] * MAX_ASCENT) if files else folder
         for where, content in {place: data, **files}.items():
@@ -100,8 +99,8 @@ def simulate(
 
 def ngspice_version() -> str:
     """Version of the installed ngspice, e.g. ``"39"``; ``"unknown"`` if it does not tell."""
-    with tempfile.TemporaryDirectory(prefix="resgrid-") as name:
-        return _version(find_program(EXECUTABLE_VARIABLE, "ngspice", _INSTALL), Path(name))
+    with temporary_folder() as folder:
+        return _version(find_program(EXECUTABLE_VARIABLE, "ngspice", _INSTALL), folder)
 
 
 def find_program(variable: str, name: str, remedy: str) -> str:

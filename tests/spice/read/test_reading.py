@@ -155,6 +155,7 @@ def test_dialects_read_numbers_their_own_way() -> None:
         ("R1 a 0 {1 +}", ":2:12: "),
         ("R1 a 0 {q}", "no parameter 'q'"),
         ("R1 a 0 {agauss(1,2,3)}", "statistical"),
+        ("R1 a 0 {1k + 3*v(a, b)}", "the function 'v' is statistical, or depends on the solution"),
         ("R1 a 0 {1", "not closed"),
         ("R1 a 0 tc1=1", "no value"),
         (".wat", "not known"),
