@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from resgrid.circuit.equations import grid_of, ground_and_feed, injected_into_rows, number_rows, parts_of
+from resgrid.circuit.equations import grid_of, ground_and_feed, injected_into_rows, number_rows, parts_of, sum_by_row
 from resgrid.circuit.sources import SourceForest, tie_sources
 from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import Netlist
@@ -91,7 +91,7 @@ class Dynamics:
     def injection(self, nodes: NDArray[np.int64], amount: NDArray[np.float64]) -> NDArray[np.float64]:
         """Sum amounts given at nodes over rows, shape (n,); what reaches rails is left out."""
         inside = self.row[nodes] >= 0
-        return np.asarray(np.bincount(self.row[nodes[inside]], amount[inside], self.size), dtype=np.float64)
+        return sum_by_row(self.row[nodes[inside]], amount[inside], self.size)
 
 
 def dynamics_of(netlist: Netlist) -> Dynamics:

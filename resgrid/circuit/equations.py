@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -59,6 +60,18 @@ class Equations:
         known[forest.order[held]] = forest.height[held]
         known[self.undriven] = self.undriven_volts
         return known
+
+    def heights(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Heights of all nodes above `reference`, in volts, (nodes,), from those of the rows; NaN where one floats."""
+        forest, heights = self.forest, self.known_voltages() - self.reference
+        np.copyto(heights, np.append(x, 0.0)[self.unknown], where=self.unknown >= 0)
+        lifted = (self.unknown[forest.order] >= 0) & (forest.height != 0)
+        heights[forest.order[lifted]] += forest.height[lifted]
+        return heights
+
+    def voltages(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Voltages of all nodes above ground, (nodes,), from the heights of the rows; NaN where one floats."""
+        return np.where(self.unknown >= 0, self.reference + self.heights(x), self.known_voltages())
 
     def with_conductance(self, conductance: NDArray[np.float64]) -> tuple[Laplacian, NDArray[np.float64]]:
         """The matrix of the same circuit with other conductances, and their `feed`.  Shapes: (resistors,)."""
@@ -155,7 +168,7 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
     CircuitError
         If a current source feeds a part that nothing ties to ground.
     """
-    from resgrid.circuit.kernels import join_parts, known_range, mark_fed, number_parts
+    from resgrid.circuit.kernels import join_parts, number_parts
 
     part = np.arange(netlist.node_count, dtype=np.int32)
     part[forest.order[forest.base == GROUND]] = -1
@@ -164,10 +177,15 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
     join_parts(netlist.source_nodes, part, room)
     number = number_parts(part)
     lowest, highest = np.full(number, np.inf), np.full(number, -np.inf)
-    known_range(np.take(elements, contacts, axis=0), forest.offset, part, lowest, highest)
-    fed = np.zeros(number, dtype=np.bool_)
-    mark_fed(netlist.current_nodes, netlist.current_amps, part, fed)
+    inside, outside = _held_last(np.take(elements, contacts, axis=0), part)
+    reached, known = part[inside], forest.offset[outside]
+    np.minimum.at(lowest, reached, known)
+    np.maximum.at(highest, reached, known)
+    fed = np.zeros(number + 1, dtype=np.bool_)  # the last one for what is tied to ground
+    for end in netlist.current_nodes.T:
+        fed[np.take(part, end)[netlist.current_amps != 0]] = True
     fed[part[forest.order[(forest.base != GROUND) & (forest.height != 0)]]] = True
+    fed = fed[:number]
     parts = Parts(part, lowest, highest, fed, contacts)
     if np.any(fed & parts.floating):
         _refuse_fed(netlist, parts)
@@ -192,15 +210,23 @@ def number_rows(
     Shapes: `solved` (parts,).  Returns how many rows there are, `unknown` (nodes,), the nodes of the other parts and
     their voltages, and the nodes that float.
     """
-    from resgrid.circuit import kernels
-
-    unknown = parts.of_node.copy()
-    other = np.zeros(0, dtype=np.int64) if solved.all() else np.flatnonzero(np.append(~solved, False)[unknown])
-    volts = parts.lowest[unknown[other]]
+    part = parts.of_node
+    solved_for = part >= 0 if solved.all() else np.append(solved, False)[part]
+    other = np.flatnonzero(~solved_for & (part >= 0))
+    volts = parts.lowest[part[other]]
     loose = np.isinf(volts)
-    root = forest.root if np.any(forest.base != GROUND) else np.empty(0, dtype=np.int64)
-    size = kernels.number_rows(unknown, solved, root)
+    tied = bool(np.any(forest.base != GROUND))
+    row = np.cumsum(solved_for & (forest.root == np.arange(forest.count)) if tied else solved_for, dtype=np.int32)
+    size = int(row[-1])
+    row -= 1
+    unknown = np.where(solved_for, row[forest.root] if tied else row, np.int32(-1))
     return size, unknown, other[~loose], volts[~loose], other[loose]
+
+
+def _held_last(pairs: NDArray[np.int32], row: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """The ends that have a row, (c,), and the others, of pairs (c, 2) where just one has."""
+    first = row[pairs[:, 0]] >= 0
+    return np.where(first, pairs[:, 0], pairs[:, 1]), np.where(first, pairs[:, 1], pairs[:, 0])
 
 
 class Ties(NamedTuple):
@@ -229,28 +255,42 @@ def ground_and_feed(
     Shapes: `ends` (m, 2), `conductance` (m,), `contacts` (c,): the elements to look at; returns `ground` (n,), `feed`
     (n,), and the ties.
     """
-    from resgrid.circuit.kernels import add_contacts
+    pairs, siemens, offset = np.take(ends, contacts, axis=0), conductance[contacts], forest.offset
+    first, second = unknown[pairs].T
+    tied, joined = (first < 0) != (second < 0), (first >= 0) & (second >= 0) & (first != second)
+    inside, outside = _held_last(pairs[tied], unknown)
+    ties = Ties(unknown[inside], siemens[tied], offset[outside] - offset[inside])
+    held = ties.conductance * ((offset[outside] - low) - offset[inside])
+    lifted = siemens[joined] * (offset[pairs[joined, 0]] - offset[pairs[joined, 1]])
+    rows = np.concatenate([first[joined], second[joined], ties.row])
+    feed = sum_by_row(rows, np.concatenate([-lifted, lifted, held]), size)
+    return sum_by_row(ties.row, ties.conductance, size), feed, ties
 
-    c = len(contacts)
-    ground, feed = np.zeros(size), np.zeros(size)
-    row, siemens, volts = np.empty(c, dtype=np.int32), np.empty(c), np.empty(c)
-    pairs = np.take(ends, contacts, axis=0)
-    count = add_contacts(pairs, conductance[contacts], unknown, forest.offset, low, ground, feed, row, siemens, volts)
-    return ground, feed, Ties(row[:count], siemens[:count], volts[:count])
+
+def sum_by_row(row: NDArray[np.int32], values: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+    """Sums of the values (k,) that belong to every row, shape (n,)."""
+    return np.asarray(np.bincount(row, values, size), dtype=np.float64)
 
 
 def injected_into_rows(netlist: Netlist, unknown: NDArray[np.int32], size: int) -> NDArray[np.float64]:
-    """What current sources drive into every row, in amperes, shape (n,)."""
-    from resgrid.circuit.kernels import add_injected
-
-    injected, rest = np.zeros(size), np.zeros(size)
-    add_injected(netlist.current_nodes, netlist.current_amps, unknown, injected, rest)
+    """What current sources drive into every row, in amperes, shape (n,); rounded once: several may nearly cancel."""
+    taken, fed = (np.take(unknown, end) for end in netlist.current_nodes.T)
+    row = np.concatenate([taken[taken >= 0], fed[fed >= 0]])
+    amps = np.concatenate([-netlist.current_amps[taken >= 0], netlist.current_amps[fed >= 0]])
+    injected, count = sum_by_row(row, amps, size), np.bincount(row, minlength=size)
+    if count.max(initial=0) > 2:
+        several = np.flatnonzero(count[row] > 2)
+        several = several[np.argsort(row[several], kind="stable")]
+        ends = np.cumsum(count[count > 2])[:-1]
+        injected[count > 2] = [math.fsum(part) for part in np.split(amps[several], ends)]
     return injected
 
 
 def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
-    """Current that the current sources feed into every node, in amperes; shape (nodes,)."""
-    return injected_into_rows(netlist, np.arange(netlist.node_count, dtype=np.int32), netlist.node_count)
+    """Current that the current sources feed into every node but ground, in amperes; shape (nodes,)."""
+    unknown = np.arange(netlist.node_count, dtype=np.int32)
+    unknown[GROUND] = -1
+    return injected_into_rows(netlist, unknown, netlist.node_count)
 
 
 def grid_of(netlist: Netlist) -> Grid | None:
