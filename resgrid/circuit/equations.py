@@ -15,6 +15,34 @@ from resgrid.netlist import GROUND, Netlist
 from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian, Rails
 
 
+def sum_by_row(row: NDArray[np.int32], values: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+    """Sums of the values (k,) that belong to every row, shape (n,)."""
+    return np.asarray(np.bincount(row, values, size), dtype=np.float64)
+
+
+class Contacts(NamedTuple):
+    """Through which elements known voltages drive the rows, and where floating sources lift one end over the other.
+
+    `element, row` (c,); `volts` (c,): what the row sees behind the element, in volts; the first `ties` lead to nodes of
+    known voltage, the others from row to row.
+    """
+
+    element: NDArray[np.int32]
+    row: NDArray[np.int32]
+    volts: NDArray[np.float64]
+    ties: int
+
+    def ground(self, conductance: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+        """What ties every row to known voltages, in siemens, (n,).  Shapes: `conductance` (elements,)."""
+        return sum_by_row(self.row[: self.ties], conductance[self.element[: self.ties]], size)
+
+    def feed(self, conductance: NDArray[np.float64], size: int, low: float = 0.0) -> NDArray[np.float64]:
+        """What is driven into every row, measured from ``low``, in amperes, (n,)."""
+        volts = self.volts.copy()
+        volts[: self.ties] -= low
+        return sum_by_row(self.row, conductance[self.element] * volts, size)
+
+
 @dataclass(frozen=True, eq=False)
 class Equations:
     """The reduced nodal equations of a netlist: ``laplacian @ x = drive``, heights ``x`` above `reference`.
@@ -22,19 +50,18 @@ class Equations:
     `forest`: how the voltage sources tie the nodes; `unknown` (nodes,): row of every node that is solved for, -1
     elsewhere; nodes tied by floating sources share a row; `laplacian` (n, n): conductances between the rows, and from
     them to nodes of known voltage; it tells the two rails apart, if the known voltages take just two values and
-    nothing else drives the circuit; `contacts` (c,): the resistors of which `feed` and ground conductances are made:
-    those at nodes of known voltage, or all where floating sources lift nodes above their rows; `feed` (n,): current
-    that the known voltages drive into every row, measured from `reference`, in amperes; read-only where there is none;
-    `injected` (n,): current that current sources drive into every row, in amperes, likewise; `reference`: the lowest
-    known voltage in contact with the rows, in volts; `undriven`: nodes of parts that a single rail holds;
-    `undriven_volts`: their voltages; `floating`: nodes that nothing ties to ground.
+    nothing else drives the circuit; `contacts`: the resistors of which `feed` and ground conductances are made; `feed`
+    (n,): current that the known voltages drive into every row, measured from `reference`, in amperes; read-only where
+    there is none; `injected` (n,): current that current sources drive into every row, in amperes, likewise;
+    `reference`: the lowest known voltage in contact with the rows, in volts; `undriven`: nodes of parts that a single
+    rail holds; `undriven_volts`: their voltages; `floating`: nodes that nothing ties to ground.
     """
 
     netlist: Netlist
     forest: SourceForest
     unknown: NDArray[np.int32]
     laplacian: Laplacian
-    contacts: NDArray[np.int32]
+    contacts: Contacts
     feed: NDArray[np.float64]
     injected: NDArray[np.float64]
     reference: float
@@ -75,12 +102,10 @@ class Equations:
 
     def with_conductance(self, conductance: NDArray[np.float64]) -> tuple[Laplacian, NDArray[np.float64]]:
         """The matrix of the same circuit with other conductances, and their `feed`.  Shapes: (resistors,)."""
-        ends = self.netlist.resistor_nodes
-        ground, feed, *_ = ground_and_feed(
-            ends, conductance, self.unknown, self.contacts, self.forest, self.size, self.reference
-        )
-        listed = EdgeList(ends, conductance, self.unknown)
-        return Laplacian(ground, listed, grid=self.laplacian.grid, dimensions=self.laplacian.dimensions), feed
+        listed = EdgeList(self.netlist.resistor_nodes, conductance, self.unknown)
+        ground = self.contacts.ground(conductance, self.size)
+        laplacian = Laplacian(ground, listed, grid=self.laplacian.grid, dimensions=self.laplacian.dimensions)
+        return laplacian, self.contacts.feed(conductance, self.size, self.reference)
 
     @property
     def drive(self) -> NDArray[np.float64]:
@@ -130,11 +155,12 @@ def assemble(netlist: Netlist) -> Equations:
     low, high = parts.lowest[driven].min(initial=np.inf), parts.highest[driven].max(initial=-np.inf)
     size, unknown, undriven, volts, floating = number_rows(parts, driven, forest)
     lifted = bool(np.any((unknown[forest.order] >= 0) & (forest.height != 0)))
-    contacts = np.arange(len(netlist.conductance), dtype=np.int32) if lifted else parts.contacts
+    some = np.arange(len(netlist.conductance), dtype=np.int32) if lifted else parts.contacts
     ends, reference = netlist.resistor_nodes, float(low) if size else 0.0
-    ground, feed, ties = ground_and_feed(ends, netlist.conductance, unknown, contacts, forest, size, reference)
+    contacts = contacts_of(ends, some, unknown, forest)
     injected = injected_into_rows(netlist, unknown, size)
-    two = bool(np.all((ties.volts == low) | (ties.volts == high)))
+    volts_behind = contacts.volts[: contacts.ties]
+    two = bool(np.all((volts_behind == low) | (volts_behind == high)))
     if alone is not None:
         low, high, two = alone
     plain = two and low < high and not lifted and not injected.any()
@@ -144,14 +170,14 @@ def assemble(netlist: Netlist) -> Equations:
         forest=forest,
         unknown=unknown,
         laplacian=Laplacian(
-            ground,
+            contacts.ground(netlist.conductance, size),
             listed=EdgeList(ends, netlist.conductance, unknown),
             grid=grid,
             dimensions=2 if grid is None else grid.dimensions,
-            rails=_rails(netlist, size, ties, float(low), float(high)) if plain else None,
+            rails=_rails(netlist, size, contacts, float(low), float(high)) if plain else None,
         ),
         contacts=contacts,
-        feed=_without_memory(feed, size),
+        feed=_without_memory(contacts.feed(netlist.conductance, size, reference), size),
         injected=_without_memory(injected, size),
         reference=reference,
         undriven=undriven,
@@ -229,47 +255,21 @@ def _held_last(pairs: NDArray[np.int32], row: NDArray[np.int32]) -> tuple[NDArra
     return np.where(first, pairs[:, 0], pairs[:, 1]), np.where(first, pairs[:, 1], pairs[:, 0])
 
 
-class Ties(NamedTuple):
-    """Elements between rows and nodes of known voltage.
-
-    `row` (ties,); `conductance` (ties,), in siemens; `volts` (ties,): the known voltage, as seen from the row: without
-    what sources lift the element's other node above that.
-    """
-
-    row: NDArray[np.int32]
-    conductance: NDArray[np.float64]
-    volts: NDArray[np.float64]
-
-
-def ground_and_feed(
-    ends: NDArray[np.int32],
-    conductance: NDArray[np.float64],
-    unknown: NDArray[np.int32],
-    contacts: NDArray[np.int32],
-    forest: SourceForest,
-    size: int,
-    low: float = 0.0,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], Ties]:
-    """What ties every row to known voltages, and what these and floating sources drive into it, measured from ``low``.
-
-    Shapes: `ends` (m, 2), `conductance` (m,), `contacts` (c,): the elements to look at; returns `ground` (n,), `feed`
-    (n,), and the ties.
-    """
-    pairs, siemens, offset = np.take(ends, contacts, axis=0), conductance[contacts], forest.offset
+def contacts_of(
+    ends: NDArray[np.int32], some: NDArray[np.int32], unknown: NDArray[np.int32], forest: SourceForest
+) -> Contacts:
+    """Look at some of the elements.  Shapes: `ends` (m, 2), `some` (k,): their numbers."""
+    pairs, offset = np.take(ends, some, axis=0), forest.offset
     first, second = unknown[pairs].T
     tied, joined = (first < 0) != (second < 0), (first >= 0) & (second >= 0) & (first != second)
     inside, outside = _held_last(pairs[tied], unknown)
-    ties = Ties(unknown[inside], siemens[tied], offset[outside] - offset[inside])
-    held = ties.conductance * ((offset[outside] - low) - offset[inside])
-    lifted = siemens[joined] * (offset[pairs[joined, 0]] - offset[pairs[joined, 1]])
-    rows = np.concatenate([first[joined], second[joined], ties.row])
-    feed = sum_by_row(rows, np.concatenate([-lifted, lifted, held]), size)
-    return sum_by_row(ties.row, ties.conductance, size), feed, ties
-
-
-def sum_by_row(row: NDArray[np.int32], values: NDArray[np.float64], size: int) -> NDArray[np.float64]:
-    """Sums of the values (k,) that belong to every row, shape (n,)."""
-    return np.asarray(np.bincount(row, values, size), dtype=np.float64)
+    lift = np.diff(offset[pairs[joined]])[:, 0]
+    return Contacts(
+        element=np.concatenate([some[tied], some[joined], some[joined]]),
+        row=np.concatenate([unknown[inside], first[joined], second[joined]]),
+        volts=np.concatenate([offset[outside] - offset[inside], lift, -lift]),
+        ties=len(inside),
+    )
 
 
 def injected_into_rows(netlist: Netlist, unknown: NDArray[np.int32], size: int) -> NDArray[np.float64]:
@@ -327,8 +327,9 @@ def _between_rails(netlist: Netlist, volts: NDArray[np.float64], parts: Parts) -
     return 0.0, 0.0, False
 
 
-def _rails(netlist: Netlist, size: int, ties: Ties, lowest: float, highest: float) -> Rails:
+def _rails(netlist: Netlist, size: int, contacts: Contacts, lowest: float, highest: float) -> Rails:
     """Both rails; a map of cells says which of them the obstacles are on."""
     upside_down = netlist.cell_map is not None and netlist.cell_map.wiring.supply < 0
     high, low = (lowest, highest) if upside_down else (highest, lowest)
-    return Rails(high, low, size, ties.row, ties.conductance, ties.volts == high)
+    siemens = netlist.conductance[contacts.element]
+    return Rails(high, low, size, contacts.row, siemens, contacts.volts == high)
