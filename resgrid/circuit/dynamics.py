@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from resgrid.circuit.equations import grid_of, ground_and_feed, injected_into_rows, number_rows, parts_of
+from resgrid.circuit.equations import contacts_of, grid_of, injected_into_rows, number_rows, parts_of, sum_by_row
 from resgrid.circuit.sources import SourceForest, tie_sources
 from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import Netlist
@@ -91,7 +91,7 @@ class Dynamics:
     def injection(self, nodes: NDArray[np.int64], amount: NDArray[np.float64]) -> NDArray[np.float64]:
         """Sum amounts given at nodes over rows, shape (n,); what reaches rails is left out."""
         inside = self.row[nodes] >= 0
-        return np.asarray(np.bincount(self.row[nodes[inside]], amount[inside], self.size), dtype=np.float64)
+        return sum_by_row(self.row[nodes[inside]], amount[inside], self.size)
 
 
 def dynamics_of(netlist: Netlist) -> Dynamics:
@@ -108,11 +108,10 @@ def dynamics_of(netlist: Netlist) -> Dynamics:
     fixed[floating] = np.nan
 
     def laplacian(ends: NDArray[np.int32], value: NDArray[np.float64]) -> tuple[Laplacian, NDArray[np.float64]]:
-        every = np.arange(len(ends), dtype=np.int32)
-        ground, feed, *_ = ground_and_feed(ends, value, row, every, forest, size)
-        dimensions = 2 if grid is None else grid.dimensions
+        contacts = contacts_of(ends, np.arange(len(ends), dtype=np.int32), row, forest)
+        ground, dimensions = contacts.ground(value, size), 2 if grid is None else grid.dimensions
         made = Laplacian(ground, EdgeList(ends, value, row), grid=grid, dimensions=dimensions)
-        return made.with_rows(), feed
+        return made.with_rows(), contacts.feed(value, size)
 
     conductance, feed = laplacian(netlist.resistor_nodes, netlist.conductance)
     return Dynamics(

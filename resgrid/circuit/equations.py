@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,6 +15,34 @@ from resgrid.netlist import GROUND, Netlist
 from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian, Rails
 
 
+def sum_by_row(row: NDArray[np.int32], values: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+    """Sums of the values (k,) that belong to every row, shape (n,)."""
+    return np.asarray(np.bincount(row, values, size), dtype=np.float64)
+
+
+class Contacts(NamedTuple):
+    """Through which elements known voltages drive the rows, and where floating sources lift one end over the other.
+
+    `element, row` (c,); `volts` (c,): what the row sees behind the element, in volts; the first `ties` lead to nodes of
+    known voltage, the others from row to row.
+    """
+
+    element: NDArray[np.int32]
+    row: NDArray[np.int32]
+    volts: NDArray[np.float64]
+    ties: int
+
+    def ground(self, conductance: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+        """What ties every row to known voltages, in siemens, (n,).  Shapes: `conductance` (elements,)."""
+        return sum_by_row(self.row[: self.ties], conductance[self.element[: self.ties]], size)
+
+    def feed(self, conductance: NDArray[np.float64], size: int, low: float = 0.0) -> NDArray[np.float64]:
+        """What is driven into every row, measured from ``low``, in amperes, (n,)."""
+        volts = self.volts.copy()
+        volts[: self.ties] -= low
+        return sum_by_row(self.row, conductance[self.element] * volts, size)
+
+
 @dataclass(frozen=True, eq=False)
 class Equations:
     """The reduced nodal equations of a netlist: ``laplacian @ x = drive``, heights ``x`` above `reference`.
@@ -21,19 +50,18 @@ class Equations:
     `forest`: how the voltage sources tie the nodes; `unknown` (nodes,): row of every node that is solved for, -1
     elsewhere; nodes tied by floating sources share a row; `laplacian` (n, n): conductances between the rows, and from
     them to nodes of known voltage; it tells the two rails apart, if the known voltages take just two values and
-    nothing else drives the circuit; `contacts` (c,): the resistors of which `feed` and ground conductances are made:
-    those at nodes of known voltage, or all where floating sources lift nodes above their rows; `feed` (n,): current
-    that the known voltages drive into every row, measured from `reference`, in amperes; read-only where there is none;
-    `injected` (n,): current that current sources drive into every row, in amperes, likewise; `reference`: the lowest
-    known voltage in contact with the rows, in volts; `undriven`: nodes of parts that a single rail holds;
-    `undriven_volts`: their voltages; `floating`: nodes that nothing ties to ground.
+    nothing else drives the circuit; `contacts`: the resistors of which `feed` and ground conductances are made; `feed`
+    (n,): current that the known voltages drive into every row, measured from `reference`, in amperes; read-only where
+    there is none; `injected` (n,): current that current sources drive into every row, in amperes, likewise;
+    `reference`: the lowest known voltage in contact with the rows, in volts; `undriven`: nodes of parts that a single
+    rail holds; `undriven_volts`: their voltages; `floating`: nodes that nothing ties to ground.
     """
 
     netlist: Netlist
     forest: SourceForest
     unknown: NDArray[np.int32]
     laplacian: Laplacian
-    contacts: NDArray[np.int32]
+    contacts: Contacts
     feed: NDArray[np.float64]
     injected: NDArray[np.float64]
     reference: float
@@ -60,14 +88,24 @@ class Equations:
         known[self.undriven] = self.undriven_volts
         return known
 
+    def heights(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Heights of all nodes above `reference`, in volts, (nodes,), from those of the rows; NaN where one floats."""
+        forest, heights = self.forest, self.known_voltages() - self.reference
+        np.copyto(heights, np.append(x, 0.0)[self.unknown], where=self.unknown >= 0)
+        lifted = (self.unknown[forest.order] >= 0) & (forest.height != 0)
+        heights[forest.order[lifted]] += forest.height[lifted]
+        return heights
+
+    def voltages(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Voltages of all nodes above ground, (nodes,), from the heights of the rows; NaN where one floats."""
+        return np.where(self.unknown >= 0, self.reference + self.heights(x), self.known_voltages())
+
     def with_conductance(self, conductance: NDArray[np.float64]) -> tuple[Laplacian, NDArray[np.float64]]:
         """The matrix of the same circuit with other conductances, and their `feed`.  Shapes: (resistors,)."""
-        ends = self.netlist.resistor_nodes
-        ground, feed, *_ = ground_and_feed(
-            ends, conductance, self.unknown, self.contacts, self.forest, self.size, self.reference
-        )
-        listed = EdgeList(ends, conductance, self.unknown)
-        return Laplacian(ground, listed, grid=self.laplacian.grid, dimensions=self.laplacian.dimensions), feed
+        listed = EdgeList(self.netlist.resistor_nodes, conductance, self.unknown)
+        ground = self.contacts.ground(conductance, self.size)
+        laplacian = Laplacian(ground, listed, grid=self.laplacian.grid, dimensions=self.laplacian.dimensions)
+        return laplacian, self.contacts.feed(conductance, self.size, self.reference)
 
     @property
     def drive(self) -> NDArray[np.float64]:
@@ -117,11 +155,12 @@ def assemble(netlist: Netlist) -> Equations:
     low, high = parts.lowest[driven].min(initial=np.inf), parts.highest[driven].max(initial=-np.inf)
     size, unknown, undriven, volts, floating = number_rows(parts, driven, forest)
     lifted = bool(np.any((unknown[forest.order] >= 0) & (forest.height != 0)))
-    contacts = np.arange(len(netlist.conductance), dtype=np.int32) if lifted else parts.contacts
+    some = np.arange(len(netlist.conductance), dtype=np.int32) if lifted else parts.contacts
     ends, reference = netlist.resistor_nodes, float(low) if size else 0.0
-    ground, feed, ties = ground_and_feed(ends, netlist.conductance, unknown, contacts, forest, size, reference)
+    contacts = contacts_of(ends, some, unknown, forest)
     injected = injected_into_rows(netlist, unknown, size)
-    two = bool(np.all((ties.volts == low) | (ties.volts == high)))
+    volts_behind = contacts.volts[: contacts.ties]
+    two = bool(np.all((volts_behind == low) | (volts_behind == high)))
     if alone is not None:
         low, high, two = alone
     plain = two and low < high and not lifted and not injected.any()
@@ -131,14 +170,14 @@ def assemble(netlist: Netlist) -> Equations:
         forest=forest,
         unknown=unknown,
         laplacian=Laplacian(
-            ground,
+            contacts.ground(netlist.conductance, size),
             listed=EdgeList(ends, netlist.conductance, unknown),
             grid=grid,
             dimensions=2 if grid is None else grid.dimensions,
-            rails=_rails(netlist, size, ties, float(low), float(high)) if plain else None,
+            rails=_rails(netlist, size, contacts, float(low), float(high)) if plain else None,
         ),
         contacts=contacts,
-        feed=_without_memory(feed, size),
+        feed=_without_memory(contacts.feed(netlist.conductance, size, reference), size),
         injected=_without_memory(injected, size),
         reference=reference,
         undriven=undriven,
@@ -155,7 +194,7 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
     CircuitError
         If a current source feeds a part that nothing ties to ground.
     """
-    from resgrid.circuit.kernels import join_parts, known_range, mark_fed, number_parts
+    from resgrid.circuit.kernels import join_parts, number_parts
 
     part = np.arange(netlist.node_count, dtype=np.int32)
     part[forest.order[forest.base == GROUND]] = -1
@@ -164,10 +203,15 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
     join_parts(netlist.source_nodes, part, room)
     number = number_parts(part)
     lowest, highest = np.full(number, np.inf), np.full(number, -np.inf)
-    known_range(np.take(elements, contacts, axis=0), forest.offset, part, lowest, highest)
-    fed = np.zeros(number, dtype=np.bool_)
-    mark_fed(netlist.current_nodes, netlist.current_amps, part, fed)
+    inside, outside = _held_last(np.take(elements, contacts, axis=0), part)
+    reached, known = part[inside], forest.offset[outside]
+    np.minimum.at(lowest, reached, known)
+    np.maximum.at(highest, reached, known)
+    fed = np.zeros(number + 1, dtype=np.bool_)  # the last one for what is tied to ground
+    for end in netlist.current_nodes.T:
+        fed[np.take(part, end)[netlist.current_amps != 0]] = True
     fed[part[forest.order[(forest.base != GROUND) & (forest.height != 0)]]] = True
+    fed = fed[:number]
     parts = Parts(part, lowest, highest, fed, contacts)
     if np.any(fed & parts.floating):
         _refuse_fed(netlist, parts)
@@ -192,65 +236,61 @@ def number_rows(
     Shapes: `solved` (parts,).  Returns how many rows there are, `unknown` (nodes,), the nodes of the other parts and
     their voltages, and the nodes that float.
     """
-    from resgrid.circuit import kernels
-
-    unknown = parts.of_node.copy()
-    other = np.zeros(0, dtype=np.int64) if solved.all() else np.flatnonzero(np.append(~solved, False)[unknown])
-    volts = parts.lowest[unknown[other]]
+    part = parts.of_node
+    solved_for = part >= 0 if solved.all() else np.append(solved, False)[part]
+    other = np.flatnonzero(~solved_for & (part >= 0))
+    volts = parts.lowest[part[other]]
     loose = np.isinf(volts)
-    root = forest.root if np.any(forest.base != GROUND) else np.empty(0, dtype=np.int64)
-    size = kernels.number_rows(unknown, solved, root)
+    tied = bool(np.any(forest.base != GROUND))
+    row = np.cumsum(solved_for & (forest.root == np.arange(forest.count)) if tied else solved_for, dtype=np.int32)
+    size = int(row[-1])
+    row -= 1
+    unknown = np.where(solved_for, row[forest.root] if tied else row, np.int32(-1))
     return size, unknown, other[~loose], volts[~loose], other[loose]
 
 
-class Ties(NamedTuple):
-    """Elements between rows and nodes of known voltage.
-
-    `row` (ties,); `conductance` (ties,), in siemens; `volts` (ties,): the known voltage, as seen from the row: without
-    what sources lift the element's other node above that.
-    """
-
-    row: NDArray[np.int32]
-    conductance: NDArray[np.float64]
-    volts: NDArray[np.float64]
+def _held_last(pairs: NDArray[np.int32], row: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """The ends that have a row, (c,), and the others, of pairs (c, 2) where just one has."""
+    first = row[pairs[:, 0]] >= 0
+    return np.where(first, pairs[:, 0], pairs[:, 1]), np.where(first, pairs[:, 1], pairs[:, 0])
 
 
-def ground_and_feed(
-    ends: NDArray[np.int32],
-    conductance: NDArray[np.float64],
-    unknown: NDArray[np.int32],
-    contacts: NDArray[np.int32],
-    forest: SourceForest,
-    size: int,
-    low: float = 0.0,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], Ties]:
-    """What ties every row to known voltages, and what these and floating sources drive into it, measured from ``low``.
-
-    Shapes: `ends` (m, 2), `conductance` (m,), `contacts` (c,): the elements to look at; returns `ground` (n,), `feed`
-    (n,), and the ties.
-    """
-    from resgrid.circuit.kernels import add_contacts
-
-    c = len(contacts)
-    ground, feed = np.zeros(size), np.zeros(size)
-    row, siemens, volts = np.empty(c, dtype=np.int32), np.empty(c), np.empty(c)
-    pairs = np.take(ends, contacts, axis=0)
-    count = add_contacts(pairs, conductance[contacts], unknown, forest.offset, low, ground, feed, row, siemens, volts)
-    return ground, feed, Ties(row[:count], siemens[:count], volts[:count])
+def contacts_of(
+    ends: NDArray[np.int32], some: NDArray[np.int32], unknown: NDArray[np.int32], forest: SourceForest
+) -> Contacts:
+    """Look at some of the elements.  Shapes: `ends` (m, 2), `some` (k,): their numbers."""
+    pairs, offset = np.take(ends, some, axis=0), forest.offset
+    first, second = unknown[pairs].T
+    tied, joined = (first < 0) != (second < 0), (first >= 0) & (second >= 0) & (first != second)
+    inside, outside = _held_last(pairs[tied], unknown)
+    lift = np.diff(offset[pairs[joined]])[:, 0]
+    return Contacts(
+        element=np.concatenate([some[tied], some[joined], some[joined]]),
+        row=np.concatenate([unknown[inside], first[joined], second[joined]]),
+        volts=np.concatenate([offset[outside] - offset[inside], lift, -lift]),
+        ties=len(inside),
+    )
 
 
 def injected_into_rows(netlist: Netlist, unknown: NDArray[np.int32], size: int) -> NDArray[np.float64]:
-    """What current sources drive into every row, in amperes, shape (n,)."""
-    from resgrid.circuit.kernels import add_injected
-
-    injected, rest = np.zeros(size), np.zeros(size)
-    add_injected(netlist.current_nodes, netlist.current_amps, unknown, injected, rest)
+    """What current sources drive into every row, in amperes, shape (n,); rounded once: several may nearly cancel."""
+    taken, fed = (np.take(unknown, end) for end in netlist.current_nodes.T)
+    row = np.concatenate([taken[taken >= 0], fed[fed >= 0]])
+    amps = np.concatenate([-netlist.current_amps[taken >= 0], netlist.current_amps[fed >= 0]])
+    injected, count = sum_by_row(row, amps, size), np.bincount(row, minlength=size)
+    if count.max(initial=0) > 2:
+        several = np.flatnonzero(count[row] > 2)
+        several = several[np.argsort(row[several], kind="stable")]
+        ends = np.cumsum(count[count > 2])[:-1]
+        injected[count > 2] = [math.fsum(part) for part in np.split(amps[several], ends)]
     return injected
 
 
 def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
-    """Current that the current sources feed into every node, in amperes; shape (nodes,)."""
-    return injected_into_rows(netlist, np.arange(netlist.node_count, dtype=np.int32), netlist.node_count)
+    """Current that the current sources feed into every node but ground, in amperes; shape (nodes,)."""
+    unknown = np.arange(netlist.node_count, dtype=np.int32)
+    unknown[GROUND] = -1
+    return injected_into_rows(netlist, unknown, netlist.node_count)
 
 
 def grid_of(netlist: Netlist) -> Grid | None:
@@ -287,8 +327,9 @@ def _between_rails(netlist: Netlist, volts: NDArray[np.float64], parts: Parts) -
     return 0.0, 0.0, False
 
 
-def _rails(netlist: Netlist, size: int, ties: Ties, lowest: float, highest: float) -> Rails:
+def _rails(netlist: Netlist, size: int, contacts: Contacts, lowest: float, highest: float) -> Rails:
     """Both rails; a map of cells says which of them the obstacles are on."""
     upside_down = netlist.cell_map is not None and netlist.cell_map.wiring.supply < 0
     high, low = (lowest, highest) if upside_down else (highest, lowest)
-    return Rails(high, low, size, ties.row, ties.conductance, ties.volts == high)
+    siemens = netlist.conductance[contacts.element]
+    return Rails(high, low, size, contacts.row, siemens, contacts.volts == high)

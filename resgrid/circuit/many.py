@@ -59,13 +59,7 @@ class Batch:
 
     def voltages(self, solution: NDArray[np.float64]) -> NDArray[np.float64]:
         """Voltages of all nodes, shape (chips, nodes), from those of the rows, (chips, n); NaN where a node floats."""
-        system = self.system
-        node = np.flatnonzero(system.unknown >= 0)
-        voltage = np.tile(system.known_voltages(), (len(solution), 1))
-        row, base = system.unknown[node], system.reference + system.forest.offset[node]
-        for volts, x in zip(voltage, solution, strict=True):
-            volts[node] = x[row] + base
-        return voltage
+        return np.stack([self.system.voltages(x) for x in solution])
 
 
 def solve_many(

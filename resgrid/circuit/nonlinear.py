@@ -44,7 +44,7 @@ _NEGLIGIBLE = 1e-9
 _WORTHWHILE = 0.05
 """Share of a Newton step from which nothing else is tried."""
 
-_SHORTER, _SHORTEST = 0.125, 1e-30
+_SHORTER, _SHORTEST = 0.7, 1e-30
 _ROUNDING = 1e-12
 """Rise of the co-content, as a share of the sum of its parts, that may be rounding."""
 
@@ -196,18 +196,18 @@ def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
         if residuals[-1] <= _NEGLIGIBLE * circuit.largest_current(x) and np.all(np.abs(excess) <= circuit.rounding(x)):
             if np.abs(circuit.ratio(x)).max(initial=0.0) > _SATURATED:
                 refuse_saturated_cut(netlist, circuit.system)
-            return NewtonSolution(circuit.voltage(x), tuple(residuals), tuple(steps))
+            return NewtonSolution(circuit.system.voltages(x), tuple(residuals), tuple(steps))
         move, share = _step(circuit, x, excess, method)
         x = x + move
         steps.append(share)
         if len(steps) == _MANY_STEPS:
             refuse_saturated_cut(netlist, circuit.system)
         if share > 0.0 and np.abs(move).max() <= 4 * _EPS * share * np.abs(x).max():
-            return NewtonSolution(circuit.voltage(x), tuple(residuals), tuple(steps))
+            return NewtonSolution(circuit.system.voltages(x), tuple(residuals), tuple(steps))
     raise AccuracyError(
         f"Newton's method did not converge in {MOST_STEPS} steps: Kirchhoff's current law is still violated by "
         f"{residuals[-1]:.1e} A",
-        NewtonSolution(circuit.voltage(x), tuple(residuals), tuple(steps)),
+        NewtonSolution(circuit.system.voltages(x), tuple(residuals), tuple(steps)),
     )
 
 
@@ -251,31 +251,23 @@ class _Circuit:
     """Kirchhoff's current law for the rows of a nodal system, each element with its own law; linear resistors first.
 
     `incidence` (elements, n): from rows to what they add to the voltages across elements; `lift` (elements,): these
-    voltages where all rows are 0; `offset` (nodes,): voltage above the reference there; 0 where a node floats.
+    voltages where all rows are 0.
     """
 
     netlist: Netlist
     system: Equations
     incidence: sparse.csr_array
     lift: NDArray[np.float64]
-    offset: NDArray[np.float64]
 
     @classmethod
     def of(cls, netlist: Netlist) -> _Circuit:
         system = assemble(linear_netlist(netlist, _slope_at_zero(netlist)))
-        fixed = np.nan_to_num(system.known_voltages() - system.reference)
-        offset = np.where(system.unknown >= 0, system.forest.offset, fixed)
+        heights = np.nan_to_num(system.heights(np.zeros(system.size)))
         ends = np.concatenate([netlist.resistor_nodes, netlist.nonlinear_nodes])
-        row, sign = system.unknown[ends], np.broadcast_to([1.0, -1.0], ends.shape)
-        starts = np.append(0, np.cumsum(np.count_nonzero(row >= 0, axis=1)))
-        incidence = sparse.csr_array((sign[row >= 0], row[row >= 0], starts), shape=(len(ends), system.size))
-        return cls(netlist, system, incidence, offset[ends[:, 0]] - offset[ends[:, 1]], offset)
-
-    def voltage(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Node voltages above ground."""
-        unknown, known = self.system.unknown, self.system.known_voltages()
-        rows = np.append(x, 0.0)[unknown]
-        return np.where(unknown >= 0, self.system.reference + (self.offset + rows), known)
+        element, end = np.nonzero(system.unknown[ends] >= 0)
+        entries = (1.0 - 2.0 * end, (element, system.unknown[ends][element, end]))
+        incidence = sparse.coo_array(entries, shape=(len(ends), system.size)).tocsr()
+        return cls(netlist, system, incidence, heights[ends[:, 0]] - heights[ends[:, 1]])
 
     def drops(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Voltage across every element."""
@@ -353,16 +345,7 @@ def _share(
     def slope(share: float) -> float:
         return float(circuit.excess(x + share * direction) @ direction)
 
-    first = abs(float(excess @ direction))
-    if slope(1.0) <= 0.1 * first:
-        return 1.0
-    high, low = 1.0, _SHORTER
-    while slope(low) > 0 and low > _SHORTEST:
-        high, low = low, low * _SHORTER
-    while high - low > 0.1 * low:
-        middle = 0.5 * (low + high)
-        here = slope(middle)
-        if -0.5 * first <= here <= 0:
-            return middle
-        low, high = (middle, high) if here < 0 else (low, middle)
-    return low
+    first, share = abs(float(excess @ direction)), 1.0
+    while slope(share) > 0.1 * first and share > _SHORTEST:
+        share *= _SHORTER
+    return share

@@ -136,42 +136,45 @@ def _solved(factors: Factor | None, currents: list[NDArray[np.float64]], watch: 
 
 
 def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | None, team: Team) -> NodeValues:
-    """Spread drops, and heights where they were solved for, over the nodes."""
-    from resgrid.circuit.kernels import from_nearer_rail
-
-    nodes = len(system.unknown)
-    out, down = Scaled.of(np.zeros(nodes)), np.zeros(nodes, dtype=np.bool_)
-    own = Scaled.of(np.zeros(0)) if height is None else height
-    known = system.known_voltages()
-
-    def spread(piece: slice) -> None:
-        row = system.unknown[piece]
-        from_nearer_rail(row, known[piece], rails.low, rails.high, drop, own, out.at(piece), down[piece])
-
-    team.over(nodes, spread)
+    """Spread drops, and heights where they were solved for, over the nodes: whichever of both is smaller."""
+    up = minus(Scaled.of(np.ones(len(drop.hi))), drop) if height is None else height
+    near = (drop.exponent < 0) | (drop.hi <= 0.5)
+    rows = Scaled(*(np.where(near, below, above) for below, above in zip(drop[:3], up[:3], strict=True)))
+    span, known = rails.high - rails.low, system.known_voltages()
+    below, above = (rails.high - known) / span, (known - rails.low) / span
+    with np.errstate(invalid="ignore"):
+        down = np.abs(below) < np.abs(above)
+    np.copyto(down, np.append(near, False)[system.unknown], where=system.unknown >= 0)
+    value = _spread(system, rows, np.where(down, below, above), team)
     noise = height.noise if height is not None else drop.noise / _LEAST_REST
-    return NodeValues(out._replace(noise=drop.noise), down, rails.low, rails.high - rails.low, noise)
+    return NodeValues(value._replace(noise=drop.noise), down, rails.low, span, noise)
 
 
 def _above(system: Equations, rows: Scaled, volts: float, team: Team) -> NodeValues:
     """Spread heights above the reference over the nodes."""
-    from resgrid.circuit.kernels import from_one_rail
-
-    nodes, forest = len(system.unknown), system.forest
-    out, known = Scaled.of(np.zeros(nodes)), system.known_voltages()
-
-    def spread(piece: slice) -> None:
-        from_one_rail(system.unknown[piece], known[piece], system.reference, volts, rows, out.at(piece))
-
-    team.over(nodes, spread)
+    forest = system.forest
+    out = _spread(system, rows, (system.known_voltages() - system.reference) / volts, team)
     lifted = (forest.height != 0) & (system.unknown[forest.order] >= 0)
     if lifted.any():
         # Floating sources occur only in circuits without two rails, whose values do not leave the range of a double.
         node = forest.order[lifted]
         out.hi[node] = out.hi[node] * power(out.exponent[node]) + forest.height[lifted] / volts
         out.lo[node] = out.exponent[node] = 0
-    down = np.zeros(nodes, dtype=np.bool_)
+    down = np.zeros(len(system.unknown), dtype=np.bool_)
     return NodeValues(out._replace(noise=rows.noise), down, system.reference, volts, rows.noise)
+
+
+def _spread(system: Equations, rows: Scaled, known: NDArray[np.float64], team: Team) -> Scaled:
+    """Values of all nodes: of their rows, or those that are ``known`` (nodes,), where NaN counts as 0."""
+    solved = system.unknown >= 0
+    parts = [np.nan_to_num(known), np.zeros(len(known)), np.zeros(len(known), dtype=np.int64)]
+
+    def fill(piece: slice) -> None:
+        for part, of_rows in zip(parts, rows[:3], strict=True):
+            part[piece][solved[piece]] = of_rows[system.unknown[piece][solved[piece]]]
+
+    team.over(len(known), fill)
+    return Scaled(*parts)
 
 
 def read_normwise(system: Equations, x: NDArray[np.float64], **told: Any) -> OperatingPoint:
@@ -179,13 +182,7 @@ def read_normwise(system: Equations, x: NDArray[np.float64], **told: Any) -> Ope
 
     Shapes: `x` (n,); `told`: what the point is to say of how it was solved.
     """
-    from resgrid.circuit.kernels import spread
-
-    forest = system.forest
-    height = system.known_voltages()
-    spread(system.unknown, x, system.reference, height)
-    lifted = (system.unknown[forest.order] >= 0) & (forest.height != 0)
-    height[forest.order[lifted]] += forest.height[lifted]
+    forest, height = system.forest, system.heights(x)
     point = OperatingPoint(
         netlist=system.netlist,
         voltage=height if system.reference == 0.0 else system.reference + height,

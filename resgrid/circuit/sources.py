@@ -9,6 +9,7 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,9 @@ from resgrid.netlist import GROUND, Netlist
 
 LOOP_TOLERANCE = 1e-12
 """Share of the largest voltage up to which the sources of a loop agree."""
+
+_MOST_OF_FLOW = 0.6
+"""Share of what flows in a tree of sources from which its lower part is the louder one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,59 +95,36 @@ def source_currents(
 ) -> NDArray[np.float64]:
     """Current into the plus terminal of every voltage source, from KCL on the forest.
 
+    That of a floating source is summed on the side of it where less flows, and less is lost to rounding: from the
+    leaves of its tree and from its root towards the node around which most flows.
     Shapes: `outflow, through` (nodes,), the net current and half the sum of all magnitudes; returns (sources,).
     """
     current = np.full(len(netlist.source_volts), np.nan)
-    remaining = {node: float(outflow[node]) for node in forest.order.tolist()}
-    ties = list(zip(forest.order.tolist(), forest.above.tolist(), forest.source.tolist(), strict=True))
+    ties = list(zip(*(part.tolist() for part in (forest.order, forest.above, forest.source)), strict=True))
+    remaining, flow = ({node: float(values[node]) for node, *_ in ties} for values in (outflow, through))
     for node, above, source in reversed(ties):
         if source >= 0:
-            from_source = remaining[node]
-            current[source] = -from_source if netlist.source_nodes[source, 0] == node else from_source
-            remaining[above] += from_source
-    if np.any(forest.base != GROUND):
-        _take_quieter_sides(netlist, forest, (outflow, through), remaining, current)
+            flow[above] += flow[node]
+    floating = forest.base != GROUND
+    heavy = [
+        tie
+        for tie, base in zip(compress(ties, floating), forest.base[floating].tolist(), strict=True)
+        if flow[tie[0]] > _MOST_OF_FLOW * flow[base] and tie[2] >= 0
+    ]
+    inwards = set(heavy)
+    for node, above, source in [tie for tie in reversed(ties) if tie not in inwards]:
+        if source >= 0:
+            current[source] = remaining[node] * (-1.0 if netlist.source_nodes[source, 0] == node else 1.0)
+            remaining[above] += remaining[node]
+    for node, above, source in heavy:
+        current[source] = remaining[above] * (-1.0 if netlist.source_nodes[source, 0] == above else 1.0)
+        remaining[node] += remaining[above]
     if forest.loop.any():
         current[forest.loop] = np.nan
         warnings.warn(
             f"{int(forest.loop.sum())} voltage sources form loops; their currents are undetermined (NaN)", stacklevel=2
         )
     return current
-
-
-def _take_quieter_sides(
-    netlist: Netlist,
-    forest: SourceForest,
-    nodes: tuple[NDArray[np.float64], NDArray[np.float64]],
-    below: dict[int, float],
-    current: NDArray[np.float64],
-) -> None:
-    """Sum the current of a floating source on that side of it where less flows, and less is lost to rounding.
-
-    `nodes`: outflow and through-current of each; `below`: the sums of all that hang on a node; changes `current`
-    (sources,).
-    """
-    outflow, through = nodes
-    ties = list(zip(forest.order.tolist(), forest.above.tolist(), forest.source.tolist(), strict=True))
-    flow = {node: float(through[node]) for node in forest.order.tolist()}
-    hanging: dict[int, list[int]] = {node: [] for node in flow}
-    for node, above, source in reversed(ties):
-        if source >= 0:
-            flow[above] += flow[node]
-            hanging[above].append(node)
-    whole = {node: flow[base] for node, base in zip(forest.order.tolist(), forest.base.tolist(), strict=True)}
-    source_of = {node: source for node, _, source in ties}
-    beyond = dict.fromkeys(flow, 0.0)
-    for node, base in zip(forest.order.tolist(), forest.base.tolist(), strict=True):
-        if base == GROUND:
-            continue
-        sums = np.array([below[one] for one in hanging[node]])
-        before, behind = np.append(0.0, np.cumsum(sums)), np.append(np.cumsum(sums[::-1])[::-1], 0.0)
-        for number, one in enumerate(hanging[node]):
-            beyond[one] = beyond[node] + float(outflow[node] + before[number] + behind[number + 1])
-            if flow[one] > whole[one] - flow[one]:
-                source = source_of[one]
-                current[source] = beyond[one] if netlist.source_nodes[source, 0] == one else -beyond[one]
 
 
 def _walk(ends: NDArray[np.int64], size: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
