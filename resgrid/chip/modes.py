@@ -27,11 +27,11 @@ from scipy import sparse
 
 from resgrid.circuit.dynamics import Dynamics, charge_basis, factor_resolvent
 from resgrid.errors import AccuracyError, InputError
+from resgrid.solvers.columns import symmetric_factors
 from resgrid.solvers.extended import BITS
 from resgrid.solvers.factor import Factor
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.selected_inverse import symmetric_factors
 
 Floats = NDArray[np.float64]
 Solver = Callable[[Floats], Floats]

@@ -22,7 +22,7 @@ from resgrid.chip.impedance import estimate, find_exactly, inverse_columns, resi
 from resgrid.circuit.dynamics import Dynamics, charge_basis, dynamics_of, require_grounded
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
-from resgrid.solvers.selected_inverse import positive_inverse_diagonal, random_signs
+from resgrid.solvers.columns import positive_inverse_diagonal, random_signs
 from resgrid.solvers.supernodal import SupernodalFactors, factor_supernodes
 
 BOLTZMANN = 1.380649e-23

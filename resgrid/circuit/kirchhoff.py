@@ -2,14 +2,14 @@
 
 Stiff ties to a rail, flat dead ends, balanced loops: what flows there is some 1e-16 of what the voltages are, or less.
 Substitution is done in differences between the rows that elimination joins, each of them a sum of products
-(`resgrid.solvers.column_kernels.substitute_differences`), and corrected until all currents balance at every node, each
+(`resgrid.solvers.columns.substitute_differences`), and corrected until all currents balance at every node, each
 node by its own.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +19,8 @@ from scipy.sparse.csgraph import connected_components
 from resgrid.circuit.equations import Equations
 from resgrid.errors import BudgetError
 from resgrid.solvers.choose import factor_laplacian
+from resgrid.solvers.columns import Columns, Gaps, add_falls, columns_of, feed_forward, substitute_differences
 from resgrid.solvers.factor import DirectFactor
-from resgrid.solvers.selected_inverse import columns_of
-
-if TYPE_CHECKING:
-    from resgrid.solvers.column_kernels import Columns, Gaps
 
 _MOST_TIES = 2e7
 """Rows times rails that are kept apart."""
@@ -88,72 +85,69 @@ def balance(system: Equations) -> Falls | None:
             break
     if faint.any():
         falls[0][_around(netlist.resistor_nodes, netlist.node_count, amps <= _FAINT * amps.max(), faint)] = 0.0
-    above = np.empty_like(gaps.above)
-    above[by.order] = gaps.above
+    above = np.empty((system.size, len(volts)))
+    above[by.order] = gaps.apart[by.columns.starts[1:, np.newaxis] - np.arange(len(volts), 0, -1)]
     return Falls(falls[0], volts, above, worst)
 
 
 @dataclass(frozen=True, eq=False)
 class _Differences:
-    """Factors by columns, with the rails as nodes of their own.
+    """Factors by columns, with the rails as rows behind all others.
 
-    `columns`: of ``-L`` and ``D``; `order` (n,): the row that is eliminated at every place; `ties` (n, rails): what
-    joins a row to each rail when it is eliminated, in siemens; `ends` (resistors, 2): places of their ends, -1 for a
-    node of known voltage; `rail` (resistors,): which one that is.
+    `columns`: of ``-L`` and ``D``; `order` (n,): the row that is eliminated at every place; `ends` (resistors, 2):
+    places of their ends; -1 where both are of known voltage.
     """
 
     columns: Columns
     order: NDArray[np.int64]
-    ties: NDArray[np.float64]
     ends: NDArray[np.int32]
-    rail: NDArray[np.int32]
 
     def solve(self, fed: NDArray[np.float64], volts: NDArray[np.float64]) -> Gaps:
         """Solve for what is fed into the rows (n,), in amperes, and the rails' voltages (rails,)."""
-        from resgrid.solvers.column_kernels import Gaps, feed_forward, substitute_differences
-
         n, entries = len(self.order), len(self.columns.rows)
-        carried = np.stack([fed, np.abs(fed)], axis=1)[self.order]
+        carried = np.zeros((n + len(volts), 2))
+        carried[:n] = np.stack([fed, np.abs(fed)], axis=1)[self.order]
         feed_forward(self.columns, carried)
-        gaps = Gaps(*np.zeros((2, n)), *np.zeros((2, entries)), *np.zeros((2, n, len(volts))))
-        substitute_differences(self.columns, carried, self.ties, volts, gaps, given=False)
+        gaps = Gaps(*np.zeros((2, n)), *np.zeros((2, entries)))
+        substitute_differences(self.columns, carried, volts, gaps, given=False)
         return gaps
 
     def correct(self, gaps: Gaps, more: Gaps, volts: NDArray[np.float64]) -> None:
         """Add the changes of other gaps, in place."""
-        from resgrid.solvers.column_kernels import substitute_differences
-
         total = gaps.change + more.change
         taken = total - gaps.change
         lost = (gaps.change - (total - taken)) + (more.change - taken) + gaps.change_low
         gaps.change[:] = total + lost
         gaps.change_low[:] = lost - (gaps.change - total)
-        substitute_differences(self.columns, np.zeros((len(self.order), 2)), self.ties, volts, gaps, given=True)
+        substitute_differences(self.columns, np.zeros((len(self.order), 2)), volts, gaps, given=True)
 
     def falls(self, gaps: Gaps, apart: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Falls across the resistors beside what sources hold ``apart``, in double-double; shapes (resistors,)."""
-        from resgrid.solvers.column_kernels import add_falls
-
         falls, falls_low = apart.copy(), np.zeros_like(apart)
-        add_falls(self.columns, gaps, self.ends, self.rail, falls, falls_low)
+        add_falls(self.columns, gaps, self.ends, falls, falls_low)
         return falls, falls_low
 
 
 def _differences(system: Equations, rows: NDArray[np.int32], rail: NDArray[np.int32], rails: int) -> _Differences:
     """Factor a circuit with its rails.  Shapes: `rows` (resistors, 2), -1 on a rail, `rail` (resistors,)."""
-    from resgrid.solvers.column_kernels import feed_forward
-
     factors = factor_laplacian(system.laplacian, "direct")
     assert isinstance(factors, DirectFactor)
     order, columns = columns_of(factors.factors)
-    place = np.full(system.size + 1, -1, dtype=np.int32)
-    place[order] = np.arange(system.size, dtype=np.int32)
-    ties = np.zeros((system.size, rails))
-    tied = (rows < 0).sum(axis=1) == 1
-    np.add.at(ties, (rows[tied].max(axis=1), rail[tied]), system.netlist.conductance[tied])
-    ties = ties[order]
+    n, tied = system.size, (rows < 0).sum(axis=1) == 1
+    place = np.argsort(order)
+    ends = np.where(rows >= 0, np.append(place, -1)[rows], np.where(tied, n + rail, -1)[:, np.newaxis])
+    ties = np.zeros((n, rails))
+    np.add.at(ties, (place[rows[tied].max(axis=1)], rail[tied]), system.netlist.conductance[tied])
     feed_forward(columns, ties)
-    return _Differences(columns, order, ties, place[rows], rail)
+    at = np.repeat(columns.starts[1:], rails)
+    behind, shares = np.tile(np.arange(n, n + rails), n), ties / columns.pivot[:, np.newaxis]
+    columns = Columns(
+        columns.starts + rails * np.arange(n + 1),
+        np.insert(columns.rows, at, behind),
+        np.insert(columns.weight, at, shares.ravel()),
+        columns.pivot,
+    )
+    return _Differences(columns, order, ends.astype(np.int32))
 
 
 def _around(

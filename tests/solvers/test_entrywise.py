@@ -15,7 +15,7 @@ from resgrid.compiler import compile_space
 from resgrid.errors import AccuracyError, InputError
 from resgrid.netlist import Netlist
 from resgrid.solvers.choose import factor_laplacian
-from resgrid.solvers.selected_inverse import symmetric_factors
+from resgrid.solvers.columns import symmetric_factors
 
 
 def reference_log(system: Equations, rhs: np.ndarray) -> np.ndarray:

@@ -29,6 +29,7 @@ from scipy import sparse
 
 from resgrid.errors import AccuracyError
 from resgrid.jit import kernel
+from resgrid.solvers.columns import symmetric_factors
 from resgrid.solvers.decay import MOST_DECADES
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
@@ -49,7 +50,6 @@ from resgrid.solvers.multigrid.levels import Finest, GridLevel, Levels, Way
 from resgrid.solvers.multigrid.preconditioner import black_residual
 from resgrid.solvers.multigrid.red_black import Edges, Floats, Stencil
 from resgrid.solvers.refine import Approximation, Numbers
-from resgrid.solvers.selected_inverse import symmetric_factors
 from resgrid.solvers.team import ALONE, Team
 
 _MOST_LEFT = 500

@@ -1,0 +1,277 @@
+"""Factors by columns: the diagonal of an inverse, and substitution in differences.
+
+`inverse_diagonal` and `positive_inverse_diagonal` are exact and cost about as much as the factors themselves;
+`estimate_diagonal` needs only products with the inverse and tells how far it may be off.
+
+`symmetric_factors` are made by differences (SuperLU; Li 2005), for what is not positive throughout, or needs a few
+digits alone: admittances and quadratic forms are complex, or have entries of both signs; levels scaled by a potential
+have ground conductances of both signs; preconditioners need few digits.  All other factors are made in positive numbers
+alone (`resgrid.solvers.supernodal`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from resgrid.errors import AccuracyError
+from resgrid.jit import inner, kernel
+from resgrid.solvers.extended_kernels import Floats, Indices, Integers, _sum
+
+if TYPE_CHECKING:
+    from resgrid.solvers.supernodal import SupernodalFactors
+
+_PANEL, _RELAXED = 3, 1
+"""Columns that are worked on together, and those of a subtree that count as one.
+
+Columns of a grid's factors are short, and few have the same rows: with SuperLU's own 20 and 10, planes and mazes take
+1.7 times as long, and volumes no less.
+"""
+
+_NOISE = 2.0**-96
+"""A difference of double-doubles this small beside them is what rounding leaves of none."""
+
+_ROUNDING = 2.0**-44
+"""The same of a sum of products of doubles; what else it may have been is for a correction to find."""
+
+
+class Columns(NamedTuple):
+    """A unit lower triangle by columns: `starts` (n + 1,), `rows`, `weight` (entries,): ``-L``; `pivot` (n,): ``D``.
+
+    Every column begins with its diagonal entry, of weight -1; the others are sorted by row.
+    """
+
+    starts: Integers
+    rows: Indices
+    weight: Floats
+    pivot: Floats
+
+
+def symmetric_factors(matrix: Any) -> Any:
+    """Factor a symmetric matrix, real or complex, with diagonal pivots.  Shapes: `matrix` (n, n)."""
+    from scipy.sparse.linalg import splu
+
+    try:
+        factors = splu(
+            sparse.csc_matrix(matrix),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            relax=_RELAXED,
+            panel_size=_PANEL,
+            options={"SymmetricMode": True, "Equil": False},
+        )
+    except RuntimeError as error:
+        raise AccuracyError(
+            "the matrix is singular in double precision: its conductances span too many decades for a direct solution"
+        ) from error
+    if np.any(factors.perm_r != factors.perm_c):
+        raise AccuracyError("a pivot vanished in double precision: the conductances span too many decades")
+    return factors
+
+
+def inverse_diagonal(matrix: Any) -> NDArray[Any]:
+    """All diagonal entries of the inverse of a symmetric sparse matrix, real or complex.
+
+    Shapes: `matrix` (n, n); returns (n,).
+    """
+    factors = symmetric_factors(matrix)
+    lower = factors.L
+    lower.sort_indices()
+    starts = lower.indptr.astype(np.int64)
+    return _diagonal(np.argsort(factors.perm_c), starts, lower.indices, lower.data, factors.U.diagonal())
+
+
+def positive_inverse_diagonal(factors: SupernodalFactors) -> NDArray[np.float64]:
+    """All diagonal entries of the inverse of an M-matrix, right entry by entry; shape (n,)."""
+    order, (starts, rows, weight, pivot) = columns_of(factors)
+    return _diagonal(order, starts, rows, -weight, pivot)
+
+
+def columns_of(factors: SupernodalFactors) -> tuple[NDArray[np.int64], Columns]:
+    """The columns of ``-L``, `order` (n,) first: the row that is eliminated at every place."""
+    symbolic, nodes, reduced = factors.symbolic, factors.symbolic.nodes, factors.symbolic.reduced
+    order = np.argsort(symbolic.place, kind="stable")
+    size, gone = len(order), order[: len(order) - reduced.size]
+    rows_gone = sparse.csr_array(reduced.whole[2::-1], shape=(size, size))[gone]
+    degree, pivot = np.diff(rows_gone.indptr), reduced.pivot[gone]
+    length = np.repeat(symbolic.lengths, symbolic.widths)
+    behind = np.arange(symbolic.entries) - np.repeat(np.cumsum(length) - length, length)
+    inside = nodes.rows[np.repeat(np.repeat(nodes.start[:-1], symbolic.widths), length) + behind]
+    row = np.append(np.argsort(order)[rows_gone.indices], len(gone) + inside)
+    column = np.repeat(np.arange(size), np.append(degree, length))
+    weight = np.append(rows_gone.data / np.repeat(pivot, degree), factors.values)
+    below, each = row > column, np.arange(size)
+    entries = np.append(-np.ones(size), weight[below]), (np.append(each, row[below]), np.append(each, column[below]))
+    lower = sparse.csc_array(entries, shape=(size, size))
+    return order, Columns(lower.indptr.astype(np.int64), lower.indices, lower.data, np.append(pivot, factors.pivot))
+
+
+def random_signs(size: int, samples: int, seed: int) -> NDArray[np.float64]:
+    """Vectors of random signs, shape (size, samples)."""
+    return np.asarray(np.random.default_rng(seed).integers(0, 2, (size, samples)) * 2.0 - 1.0, dtype=np.float64)
+
+
+def estimate_diagonal(
+    signs: NDArray[np.float64], products: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Estimate the diagonal of a matrix from its products with random signs (Bekas, Kokiopoulou & Saad 2007).
+
+    Shapes: `signs` (n, samples), `products` (n, samples); returns `estimate` (n,), `error` (n,).
+    """
+    each = signs * products
+    mean: NDArray[np.float64] = each.mean(axis=1)
+    error: NDArray[np.float64] = each.std(axis=1, ddof=1) / np.sqrt(each.shape[1])
+    return mean, error
+
+
+def _diagonal(
+    order: NDArray[np.int64], starts: Integers, rows: Indices, lower: NDArray[Any], pivot: NDArray[Any]
+) -> NDArray[Any]:
+    """Diagonal of ``(L D L^T)^-1``, shape (n,), by the row that is eliminated at every place, `order` (n,)."""
+    inverse, diagonal = np.empty_like(lower), np.empty_like(lower, shape=len(order))
+    selected_inverse(starts, rows, lower, pivot, inverse)
+    diagonal[order] = inverse[starts[:-1]]
+    return diagonal
+
+
+@kernel
+def selected_inverse(
+    starts: Integers, rows: Indices, lower: Floats | NDArray[np.complex128], pivot: Floats, inverse: Floats
+) -> None:
+    """Entries of the inverse of ``L D L^T`` on the pattern of ``L`` (Takahashi, Fagan & Chen 1973).
+
+    ``Z_ij = -sum_k Z_ik L_kj`` for ``i > j`` and ``Z_jj = 1 / D_j - sum_k Z_kj L_kj``, column by column from the last
+    one back.  All entries needed lie on the pattern, for it is closed under elimination.
+
+    Shapes: `pivot` (n,), `inverse` of ``lower``.
+    """
+    n = len(pivot)
+    place = np.full(n, -1, dtype=np.int64)
+    for j in range(n - 1, -1, -1):
+        first, last = starts[j] + 1, starts[j + 1]
+        for p in range(first, last):
+            place[rows[p]] = p
+            inverse[p] = 0.0
+        for p in range(first, last):
+            k = rows[p]
+            inverse[p] -= inverse[starts[k]] * lower[p]
+            for q in range(starts[k] + 1, starts[k + 1]):
+                at = place[rows[q]]
+                if at >= 0:
+                    inverse[at] -= inverse[q] * lower[p]
+                    inverse[p] -= inverse[q] * lower[at]
+        diagonal = 1.0 / pivot[j]
+        for p in range(first, last):
+            diagonal -= inverse[p] * lower[p]
+            place[rows[p]] = -1
+        inverse[starts[j]] = diagonal
+
+
+class Gaps(NamedTuple):
+    """Voltages as differences, in double-double (the ``low`` arrays hold the rest).
+
+    `change` (n,): of a row from the node its voltage hangs on most, its base; `apart` (entries,): of a column's row
+    from the entry's.
+    """
+
+    change: Floats
+    change_low: Floats
+    apart: Floats
+    apart_low: Floats
+
+
+@kernel
+def feed_forward(columns: Columns, fed: Floats) -> None:
+    """Carry what is fed into every row (n, sets) to the rows that are eliminated later, in place."""
+    for k in range(len(columns.pivot)):
+        for q in range(columns.starts[k] + 1, columns.starts[k + 1]):
+            for each in range(fed.shape[1]):
+                fed[columns.rows[q], each] += columns.weight[q] * fed[k, each]
+
+
+@inner
+def _less(a: float, a_low: float, b: float, b_low: float) -> tuple[float, float]:
+    """``a - b``; 0 where that is noise."""
+    d, d_low = _sum(a, a_low, -b, -b_low)
+    return (0.0, 0.0) if abs(d) <= _NOISE * max(abs(a), abs(b)) else (d, d_low)
+
+
+@inner
+def _at(columns: Columns, k: int, row: int) -> int:
+    """Where a column has its entry of a row."""
+    low, high = int(columns.starts[k]) + 1, int(columns.starts[k + 1]) - 1
+    while low < high:
+        middle = (low + high) // 2
+        if columns.rows[middle] < row:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@inner
+def _above(columns: Columns, gaps: Gaps, volts: Floats, place: Integers, j: int, base: int) -> tuple[float, float]:
+    """Height of a row or rail above a base that it is joined to; ``place`` is of the base's column."""
+    n = len(columns.pivot)
+    if min(j, base) >= n:
+        return _sum(volts[j - n], 0.0, -volts[base - n], 0.0)
+    if j == base:
+        return 0.0, 0.0
+    if j < base:
+        q = _at(columns, j, base)
+        return gaps.apart[q], gaps.apart_low[q]
+    return -gaps.apart[place[j]], -gaps.apart_low[place[j]]
+
+
+@kernel
+def substitute_differences(columns: Columns, fed: Floats, volts: Floats, gaps: Gaps, given: bool) -> None:
+    """Find all gaps, in place; or, where the changes are ``given``, the other ones.
+
+    The rails are rows that are never eliminated, ``n`` and on, and every column has entries of them all.  A row's
+    voltage is a mean of those of later rows, and what its own current adds; counted from its base ``p``:
+    ``x_k - x_p = sum_j w_kj (x_j - x_p) + b_k / d_k``.  All of them are joined in the filled graph, so that their
+    differences are at hand.
+
+    Shapes: `fed` (n and more, 2): currents and their magnitudes, carried forward; `volts` (rails,).
+    """
+    n = len(columns.pivot)
+    starts, rows, weight = columns.starts, columns.rows, columns.weight
+    change, change_low, apart, apart_low = gaps
+    place = np.full(n + len(volts), -1, np.int64)
+    for k in range(n - 1, -1, -1):
+        first, last, pivot = starts[k] + 1, starts[k + 1], columns.pivot[k]
+        heaviest = first
+        for q in range(first, last):
+            if weight[q] > weight[heaviest]:
+                heaviest = q
+        base = rows[heaviest]
+        if base < n:
+            for q in range(starts[base] + 1, starts[base + 1]):
+                place[rows[q]] = q
+        total, size = fed[k, 0] / pivot, fed[k, 1] / pivot
+        for q in range(first, last):
+            apart[q], apart_low[q] = _above(columns, gaps, volts, place, rows[q], base)
+            total += weight[q] * apart[q]
+            size += weight[q] * abs(apart[q])
+        if not given:
+            change[k] = 0.0 if abs(total) <= _ROUNDING * size else total
+        for q in range(first, last):
+            apart[q], apart_low[q] = _less(change[k], change_low[k], apart[q], apart_low[q])
+
+
+@kernel
+def add_falls(columns: Columns, gaps: Gaps, ends: Indices, falls: Floats, falls_low: Floats) -> None:
+    """Add the gaps between rows, or a row and a rail, to falls across edges, in place.
+
+    Shapes: `ends` (m, 2): places in the order of elimination, rails behind; two that are equal have no gap.
+    """
+    for edge in range(len(ends)):
+        a, b = ends[edge, 0], ends[edge, 1]
+        if a != b:
+            q, sign = _at(columns, min(a, b), max(a, b)), 1.0 if a < b else -1.0
+            falls[edge], falls_low[edge] = _less(
+                falls[edge], falls_low[edge], -sign * gaps.apart[q], -sign * gaps.apart_low[q]
+            )
