@@ -14,11 +14,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inlined, kernel
+from resgrid.jit import inlined, kernel, prefetch
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
 Singles = NDArray[np.float32]
+
+AHEAD = 16
+"""Rows by which what they hold is asked for ahead, where they are not taken in their order."""
 
 
 @kernel
@@ -72,7 +75,7 @@ def renumber(
     Conductances come out in units.
     """
     n, entries = len(leak), len(indices)
-    number, order = np.full(n, -1, np.int32), np.empty(n + 1, np.int32)
+    number, order = np.full(n, -1, np.int32), np.zeros(n + AHEAD, np.int32)
     new_indptr, new_indices = np.zeros(n + 1, np.int32), np.empty(entries, np.int32)
     new_conductance, new_leak = np.empty(entries, np.float32), np.empty(n)
     reached, root, size = 0, 0, 0
@@ -82,7 +85,9 @@ def renumber(
                 root += 1
             number[root], order[reached] = reached, root
             reached += 1
-        i = order[place]
+        i, ahead = order[place], indptr[order[place + AHEAD]]
+        prefetch(indices, ahead)
+        prefetch(conductance, ahead)
         new_leak[place] = leak[i]
         for k in range(indptr[i], indptr[i + 1]):
             j = indices[k]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inner, kernel
+from resgrid.jit import inner, kernel, prefetch
 from resgrid.solvers import ordering_kernels as ordering
 from resgrid.solvers.laplacian import Rows
 from resgrid.solvers.multigrid.graph_sweeps import Graphs
@@ -253,8 +253,8 @@ def pack_graphs(graphs: list[Graph], targets: list[NDArray[np.int32]]) -> tuple[
     for level, graph in enumerate(graphs):
         lay_rows(graph.rows, order[level], rank[level], first[level], entry[level], packed)
     for level, target in enumerate(targets):
-        own = first[level + 1] + rank[level + 1][target[order[level]]]
-        packed.aggregate[first[level] : first[level + 1]] = own
+        own = rank[level + 1][target[order[level]]]
+        np.add(own, first[level + 1], out=packed.aggregate[first[level] : first[level + 1]], casting="unsafe")
     return packed, rank[0]
 
 
@@ -355,7 +355,9 @@ def lay_rows(
     indptr, indices, conductance, leak = rows
     begin = entry
     for slot in range(len(order)):
-        i = order[slot]
+        i, ahead = order[slot], indptr[order[min(slot + ordering.AHEAD, len(order) - 1)]]
+        prefetch(indices, ahead)
+        prefetch(conductance, ahead)
         end = begin + indptr[i + 1] - indptr[i]
         packed.indptr[first + slot] = begin
         front, back, degree = begin, end - 1, leak[i]

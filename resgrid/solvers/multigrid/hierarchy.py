@@ -68,7 +68,8 @@ def build_hierarchy(laplacian: Laplacian, team: Team = ALONE) -> Hierarchy:
     graphs, slot = pack_netlist(rows, laplacian.ground, unit)
     ground = np.empty(laplacian.size)
     scatter_rows(slot, laplacian.ground, 1.0 / unit, ground)
-    largest = float(laplacian.diagonal.max(initial=0.0))
+    inverse = graphs.inverse[: laplacian.size]
+    largest = unit / float(inverse.min(initial=np.inf, where=inverse > 0.0))
     return Hierarchy(Levels((), graphs), slot, unit, largest, ground=ground)
 
 
