@@ -323,17 +323,21 @@ def count_connections(laplacian: Laplacian, team: Team = ALONE) -> Connections:
     On a grid the resistors are counted one by one, so that no compressed rows are needed; there only the two across
     a ring of two cells are parallel.
     """
-    from resgrid.solvers.row_kernels import weak_pairs
+    from resgrid.solvers.row_kernels import weak_entries, weak_pairs
 
     edges, grid, n = laplacian.listed, laplacian.grid, laplacian.size
     if edges is None or grid is None or not grid.simple:
-        edges = EdgeList(*laplacian.as_rows(ordered=False).pairs, np.arange(n, dtype=np.int32))
-    inner, smallest, largest, total = _count_edges(edges, team)
-    weak = weak_pairs(*edges, np.zeros(n), WEAK) / inner if smallest < WEAK * largest else 0.0
+        indptr, indices, data, _ = laplacian.as_rows(ordered=False)
+        inner, total = len(data) // 2, data.sum() / 2
+        smallest, largest = data.min(initial=np.inf), data.max(initial=0.0)
+        weak = weak_entries(indptr, indices, data, WEAK) // 2 if smallest < WEAK * largest else 0
+    else:
+        inner, smallest, largest, total = _count_edges(edges, team)
+        weak = weak_pairs(*edges, np.zeros(n), WEAK) if smallest < WEAK * largest else 0
     present = laplacian.ground[laplacian.ground > 0]
     return Connections(
         entries=2 * inner,
-        weak=float(weak),
+        weak=weak / inner if inner else 0.0,
         mean=float(total) / inner if inner else 0.0,
         smallest=float(min(smallest, present.min(initial=np.inf))),
         largest=float(max(largest, present.max(initial=0.0))),

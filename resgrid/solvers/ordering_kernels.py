@@ -14,10 +14,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inlined, kernel, makes_arrays
+from resgrid.jit import inlined, kernel, makes_arrays, prefetch
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
+Singles = NDArray[np.float32]
+
+AHEAD = 16
+"""Rows by which what they hold is asked for ahead, where they are not taken in their order."""
 
 
 @kernel
@@ -65,25 +69,38 @@ def _walk(indptr: Indices, indices: Indices, root: int, order: Indices, seen: ND
 @kernel
 @makes_arrays
 def renumber(
-    indptr: Indices, indices: Indices, conductance: Floats, leak: Floats, order: Indices
-) -> tuple[Indices, Indices, Floats, Floats]:
-    """The same graph with its nodes in another order."""
-    n = len(order)
-    rank = np.empty(n, np.int32)
+    indptr: Indices, indices: Indices, conductance: Floats, leak: Floats, unit: float
+) -> tuple[Indices, Indices, Indices, Singles, Floats]:
+    """The same graph with its nodes numbered breadth first, written as they are reached; ``number`` (n,) of every node.
+
+    Conductances come out in units.
+    """
+    n, entries = len(leak), len(indices)
+    number, order = np.full(n, -1, np.int32), np.zeros(n + AHEAD, np.int32)
+    new_indptr, new_indices = np.zeros(n + 1, np.int32), np.empty(entries, np.int32)
+    new_conductance, new_leak = np.empty(entries, np.float32), np.empty(n)
+    reached, root, size = 0, 0, 0
     for place in range(n):
-        rank[order[place]] = place
-    new_indptr, new_leak = np.zeros(n + 1, np.int32), np.empty(n)
-    new_indices, new_conductance = np.empty_like(indices), np.empty_like(conductance)
-    size = 0
-    for place in range(n):
-        i = order[place]
+        if place == reached:
+            while number[root] >= 0:
+                root += 1
+            number[root], order[reached] = reached, root
+            reached += 1
+        i, ahead = order[place], indptr[order[place + AHEAD]]
+        prefetch(indices, ahead)
+        prefetch(conductance, ahead)
         new_leak[place] = leak[i]
         for k in range(indptr[i], indptr[i + 1]):
-            new_indices[size] = rank[indices[k]]
-            new_conductance[size] = conductance[k]
+            j = indices[k]
+            order[reached] = j
+            known = number[j] >= 0
+            number[j] = number[j] if known else reached
+            reached += not known
+            new_indices[size] = number[j]
+            new_conductance[size] = conductance[k] / unit
             size += 1
         new_indptr[place + 1] = size
-    return new_indptr, new_indices, new_conductance, new_leak
+    return number, new_indptr, new_indices, new_conductance, new_leak
 
 
 class Quotient(NamedTuple):

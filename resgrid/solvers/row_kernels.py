@@ -149,3 +149,16 @@ def weak_pairs(pairs: Indices, conductance: Floats, row: Indices, strongest: Flo
         if i >= 0 and j >= 0 and i != j and conductance[k] < weak * max(strongest[i], strongest[j]):
             count += 1
     return count
+
+
+@kernel
+def weak_entries(indptr: Indices, indices: Indices, data: Floats, weak: float) -> int:
+    """The same for compressed rows, where every conductance stands twice."""
+    strongest, count = np.zeros(len(indptr) - 1), 0
+    for i in range(len(strongest)):
+        for k in range(indptr[i], indptr[i + 1]):
+            strongest[i] = max(strongest[i], data[k])
+    for i in range(len(strongest)):
+        for k in range(indptr[i], indptr[i + 1]):
+            count += data[k] < weak * max(strongest[i], strongest[indices[k]])
+    return count

@@ -11,6 +11,7 @@ from resgrid.circuit.equations import assemble
 from resgrid.circuit.solve import solve
 from resgrid.netlist import Netlist
 from resgrid.solvers import ordering_kernels as ordering
+from resgrid.solvers.laplacian import Rows
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid import cycle, graphs
 from resgrid.solvers.multigrid.conjugate_gradients import iterate
@@ -37,6 +38,10 @@ def random_graph(nodes: int, per_node: float, seed: int, decades: float = 2.0) -
 
 def rows_of(graph: Graph) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
     return graph.indptr, graph.indices, graph.conductance, graph.leak
+
+
+def packed_netlist(graph: Graph) -> tuple[Graphs, NDArray[np.int32]]:
+    return graphs.pack_netlist(Rows(*rows_of(graph)[:3], ordered=True), graph.leak, 1.0)
 
 
 def dense(graph: Graph) -> NDArray[np.float64]:
@@ -87,13 +92,19 @@ def test_aggregates_are_connected_and_their_sums_conserve_conductance(
 
 
 @settings(max_examples=40)
-@given(**GRAPHS)
-def test_breadth_first_renumbering_is_the_same_graph(nodes: int, per_node: float, seed: int) -> None:
+@given(**GRAPHS, unit=st.floats(1e-3, 1e3))
+def test_breadth_first_renumbering_is_the_same_graph(nodes: int, per_node: float, seed: int, unit: float) -> None:
     graph = random_graph(nodes, per_node, seed)
-    order = ordering.breadth_first(graph.indptr, graph.indices)
-    assert np.array_equal(np.sort(order), np.arange(nodes))
-    moved = Graph(*ordering.renumber(*rows_of(graph), order))
-    assert np.allclose(dense(moved), dense(graph)[np.ix_(order, order)], rtol=1e-14, atol=0)
+    number, *renumbered = ordering.renumber(*rows_of(graph), unit)
+    order = np.argsort(number)
+    assert np.array_equal(order, ordering.breadth_first(graph.indptr, graph.indices))
+    moved = dense(Graph(*renumbered))
+    inner = graph.leak + dense(Graph(*rows_of(graph)[:3], np.zeros(nodes))).diagonal() / unit
+    assert np.allclose(moved.diagonal(), inner[order], rtol=1e-6, atol=0)
+    np.fill_diagonal(moved, 0.0)
+    expected = dense(graph)[np.ix_(order, order)] / unit
+    np.fill_diagonal(expected, 0.0)
+    assert np.allclose(moved, expected, rtol=1e-6, atol=0)
 
 
 def test_breadth_first_brings_neighbours_together() -> None:
@@ -104,8 +115,7 @@ def test_breadth_first_brings_neighbours_together() -> None:
     upper = sparse.coo_array((np.ones(ends.shape[1]), tuple(ends)), shape=(side * side,) * 2).tocsr()
     rows = (upper + upper.T).tocsr()
     indptr, indices = rows.indptr.astype(np.int32), rows.indices.astype(np.int32)
-    order = ordering.breadth_first(indptr, indices)
-    moved = ordering.renumber(indptr, indices, rows.data, np.zeros(side * side), order)
+    _, *moved = ordering.renumber(indptr, indices, rows.data, np.zeros(side * side), 1.0)
     assert ordering.far_share(indptr, indices) > 0.7
     assert ordering.far_share(moved[0], moved[1]) < 0.1
 
@@ -113,7 +123,7 @@ def test_breadth_first_brings_neighbours_together() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_levels_are_packed_in_an_order_of_their_own(seed: int) -> None:
     graph = random_graph(2000, 4.0, seed)
-    levels, slot = graphs.pack_netlist(graph)
+    levels, slot = packed_netlist(graph)
     n, order = graph.size, np.argsort(slot)
     assert np.array_equal(slot[order], np.arange(n))
     matrix = dense(graph)[np.ix_(order, order)]
@@ -129,7 +139,7 @@ def test_levels_are_packed_in_an_order_of_their_own(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_one_cycle_without_inner_steps_is_symmetric_and_positive(seed: int) -> None:
     graph = random_graph(400, 3.0, seed)
-    packed, _ = graphs.pack_netlist(graph)
+    packed, _ = packed_netlist(graph)
     work = work_space(packed)
     assert len(packed.first) > 2
     columns = np.empty((graph.size, graph.size))
@@ -153,7 +163,7 @@ def _up_and_product(graphs: Graphs, work: Work) -> float:
 
 def test_half_a_product_after_the_way_up_is_the_whole_one() -> None:
     graph = random_graph(600, 4.0, 1)
-    packed, slot = graphs.pack_netlist(graph)
+    packed, slot = packed_netlist(graph)
     work, n, order = work_space(packed), graph.size, np.argsort(slot)
     rng = np.random.default_rng(0)
     work.b[1 : n + 1], work.x[:] = rng.random(n), rng.random(len(work.x))
@@ -205,9 +215,9 @@ def hubs(seed: int) -> Netlist:
 
 
 @pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("large", [0, 10**9])
-def test_netlists_with_hubs_agree_with_direct(seed: int, large: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(graphs, "_LARGE", large)
+@pytest.mark.parametrize("far", [-1.0, 1.0])
+def test_netlists_with_hubs_agree_with_direct(seed: int, far: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(graphs, "_FAR", far)
     netlist = hubs(seed)
     direct, multigrid = solve(netlist, method="direct"), solve(netlist, method="multigrid")
     assert np.allclose(direct.voltage, multigrid.voltage, rtol=1e-9, atol=1e-15, equal_nan=True)

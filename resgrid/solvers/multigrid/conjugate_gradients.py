@@ -138,9 +138,12 @@ class _GraphProblem:
 
     def residual(self, x: NDArray[np.float64], r: NDArray[np.float64]) -> float:
         """As of `Problem`."""
-        slot = self.hierarchy.slot
-        krylov.row_residual(*matrix_rows(self.laplacian), slot, self.b, krylov.gather_rows(slot, x[0]), r)
-        r *= 1.0 / self.hierarchy.unit
+        slot, unit = self.hierarchy.slot, self.hierarchy.unit
+        if x.any():
+            krylov.row_residual(*matrix_rows(self.laplacian), slot, self.b, krylov.gather_rows(slot, x[0]), r)
+            r *= 1.0 / unit
+        else:
+            krylov.scatter_rows(slot, self.b, 1.0 / unit, r)
         return krylov.norm(r)
 
     def precondition(self, z: NDArray[np.float32]) -> tuple[float, float, float]:

@@ -20,6 +20,7 @@ from resgrid.solvers.multigrid import atomics, sweeps
 from resgrid.solvers.multigrid.graph_sweeps import (
     Graphs,
     Work,
+    ascend_and_multiply,
     ascend_graph,
     descend_graph,
     multiply_after,
@@ -66,7 +67,9 @@ def precondition_graph(
     else:
         descend_graph(graphs, 0, b, x)
         run_cycle(graphs, work, ENOUGH, 1)
-        ascend_graph(graphs, 0, b, x, work.w)
+        products = ascend_and_multiply(graphs, ground, b, x, s, work.w, w)
+        z[:] = x[: len(r)]
+        return products
     z[:] = x[: len(r)]
     return multiply_graph(graphs, ground, z, r, s, w)
 

@@ -126,6 +126,43 @@ def solve_coarsest(graphs: Graphs, b: Singles, x: Singles) -> None:
         own[i] = total if len(inverse) > 0 else mine[i] * graphs.inverse[begin + i]
 
 
+@kernel
+def ascend_and_multiply(
+    graphs: Graphs, ground: Floats, b: Singles, x: Singles, s: Singles, change: Singles, w: Singles
+) -> tuple[float, float, float]:
+    flags = flush_subnormals()
+    n = len(s)
+    g, j = graphs.conductance, graphs.indices
+    inverse, aggregate, row = graphs.inverse[:n], graphs.aggregate[:n], graphs.indptr[: n + 1]
+    middle = graphs.middle[:n]
+    z, r = x[:n], b[:n]
+    for i in range(n):
+        z[i] += x[aggregate[i]]
+    for back in range(n):
+        i = np.uint32(n - 1 - back)
+        zi = z[i]
+        left = np.float32(0.0)
+        for k in range(row[i], row[i + np.uint32(1)]):
+            left += g[k] * (z[j[k]] - zi)
+        left += r[i] - np.float32(ground[i] * zi)
+        new = zi + left * inverse[i]
+        moved = new - zi
+        z[i], change[i] = new, moved
+        w[i] = left - moved / inverse[i] if inverse[i] > 0 else np.float32(0.0)
+    zr, zw, zs = 0.0, 0.0, 0.0
+    for i in range(n):
+        total = np.float32(0.0)
+        for k in range(row[i], middle[i]):
+            total += g[k] * change[j[k]]
+        zi, new = np.float64(z[i]), r[i] - w[i] - total
+        w[i] = new
+        zr += zi * r[i]
+        zw += zi * new
+        zs += zi * s[i]
+    restore_subnormals(flags)
+    return zr, zw, zs
+
+
 @kernel_fast
 def multiply_graph(
     graphs: Graphs, ground: Floats, z: Singles, r: Singles, s: Singles, w: Singles

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inner, kernel, makes_arrays
+from resgrid.jit import inner, kernel, makes_arrays, prefetch
 from resgrid.solvers import ordering_kernels as ordering
+from resgrid.solvers.laplacian import Rows
 from resgrid.solvers.multigrid.graph_sweeps import Graphs
 
 Floats = NDArray[np.float64]
@@ -35,8 +36,8 @@ _WEAK = 0.2
 _BESIDE_STRONGEST = 0.7
 """It may join, too, if it hangs on it by so much of the first node's strongest conductance."""
 
-_FAR, _LARGE = 0.5, 250_000
-"""Share of neighbours numbered far apart above which a graph of so many nodes is renumbered before anything else."""
+_FAR = 0.5
+"""Share of neighbours numbered far apart above which a graph is renumbered before anything else."""
 
 _WINDOW = 4096
 _LARGEST_INVERSE = 2000
@@ -56,8 +57,13 @@ class Graph:
 
     indptr: NDArray[np.int32]
     indices: NDArray[np.int32]
-    conductance: NDArray[np.float64]
+    conductance: NDArray[np.floating]
     leak: NDArray[np.float64]
+
+    @property
+    def rows(self) -> tuple[Indices, Indices, Singles, Floats]:
+        """As loops take it, conductances in single precision."""
+        return self.indptr, self.indices, self.conductance.astype(np.float32, copy=False), self.leak
 
     @property
     def size(self) -> int:
@@ -73,7 +79,7 @@ def coarsen_down(graph: Graph) -> tuple[list[Graph], list[NDArray[np.int32]]]:
     graphs: list[Graph] = [graph]
     targets: list[NDArray[np.int32]] = []
     while graph.size > _COARSEST and len(graphs) < _MOST_LEVELS:
-        rows = (graph.indptr, graph.indices, graph.conductance, graph.leak)
+        rows = graph.rows
         aggregate, count = grow_aggregates(*rows, _MEMBERS, True)
         if count > _CLUSTERS_SHRINK * graph.size:
             aggregate, count = grow_aggregates(*rows, _MEMBERS, False)
@@ -88,7 +94,7 @@ def coarsen_down(graph: Graph) -> tuple[list[Graph], list[NDArray[np.int32]]]:
 @kernel
 @makes_arrays
 def grow_aggregates(
-    indptr: Indices, indices: Indices, conductance: Floats, leak: Floats, most: int, strict: bool
+    indptr: Indices, indices: Indices, conductance: Singles, leak: Floats, most: int, strict: bool
 ) -> tuple[Indices, int]:
     """Aggregates of up to ``most`` nodes, grown one by one.
 
@@ -149,7 +155,7 @@ def grow_aggregates(
 
 @inner
 @makes_arrays
-def _degrees(indptr: Indices, conductance: Floats, leak: Floats) -> tuple[Floats, Singles, Floats]:
+def _degrees(indptr: Indices, conductance: Singles, leak: Floats) -> tuple[Floats, Singles, Floats]:
     """All conductances of a node summed, one over the root of that, and the strongest one."""
     n = len(leak)
     degree, scale, strongest = np.empty(n), np.empty(n, np.float32), np.empty(n)
@@ -164,7 +170,7 @@ def _degrees(indptr: Indices, conductance: Floats, leak: Floats) -> tuple[Floats
 
 
 @inner
-def _host(indptr: Indices, indices: Indices, conductance: Floats, aggregate: Indices, node: int) -> int:
+def _host(indptr: Indices, indices: Indices, conductance: Singles, aggregate: Indices, node: int) -> int:
     """The aggregate at the other end of a node's strongest conductance; -1 where it has none."""
     best, host = 0.0, -1
     for k in range(indptr[node], indptr[node + 1]):
@@ -176,8 +182,8 @@ def _host(indptr: Indices, indices: Indices, conductance: Floats, aggregate: Ind
 @kernel
 @makes_arrays
 def sum_up(
-    indptr: Indices, indices: Indices, conductance: Floats, leak: Floats, aggregate: Indices, count: int
-) -> tuple[Indices, Indices, Floats, Floats]:
+    indptr: Indices, indices: Indices, conductance: Singles, leak: Floats, aggregate: Indices, count: int
+) -> tuple[Indices, Indices, Singles, Floats]:
     """Sum conductances between aggregates, and leaks within them; rows come out unsorted."""
     n = len(leak)
     start = np.zeros(count + 1, np.int32)
@@ -190,38 +196,40 @@ def sum_up(
         member[fill[aggregate[node]]] = node
         fill[aggregate[node]] += 1
     new_indptr, new_leak = np.zeros(count + 1, np.int32), np.zeros(count)
-    new_indices, new_conductance = np.empty(len(indices) + 1, np.int32), np.empty(len(indices) + 1)
-    slot, inner = np.full(count, -1, np.int32), len(indices)
+    new_indices = np.empty(len(indices) + 1, np.int32)
+    new_conductance, total = np.empty(len(indices) + 1, conductance.dtype), np.zeros(count, conductance.dtype)
     size = 0
     for row in range(count):
         begin = size
-        slot[row] = inner
+        total[row] = 1.0
         for m in range(start[row], start[row + 1]):
             node = member[m]
             new_leak[row] += leak[node]
             for k in range(indptr[node], indptr[node + 1]):
                 column = aggregate[indices[k]]
-                known = slot[column] >= begin
-                at = slot[column] if known else size
-                slot[column] = at
-                new_indices[at] = column
-                new_conductance[at] = conductance[k] + (new_conductance[at] if known else 0.0)
-                size += not known
-        slot[row] = -1
+                new_indices[size] = column
+                size += total[column] == 0.0
+                total[column] += conductance[k]
+        total[row] = 0.0
+        for at in range(begin, size):
+            new_conductance[at] = total[new_indices[at]]
+            total[new_indices[at]] = 0.0
         new_indptr[row + 1] = size
     return new_indptr, new_indices[:size].copy(), new_conductance[:size].copy(), new_leak
 
 
-def pack_netlist(graph: Graph) -> tuple[Graphs, NDArray[np.int32]]:
-    """Coarsen a graph that is no grid, and lay out its levels; returns where every node stands, shape (n,)."""
-    rows, order = (graph.indptr, graph.indices, graph.conductance, graph.leak), None
-    if graph.size >= _LARGE and ordering.far_share(*rows[:2]) > _FAR:
-        order = ordering.breadth_first(*rows[:2], 0)
-        graph = Graph(*ordering.renumber(*rows, order))
-    graphs, rank = pack_graphs(*coarsen_down(graph))
-    if order is not None:
-        rank = rank[inverse_of(order)]
-    return graphs, rank
+def pack_netlist(rows: Rows, ground: Floats, unit: float) -> tuple[Graphs, NDArray[np.int32]]:
+    """Coarsen what is no grid, in units, and lay out its levels; returns where every row stands, shape (n,).
+
+    Where neighbours are numbered far apart, rows are renumbered breadth first.
+    """
+    leak = ground / unit
+    if ordering.far_share(rows.indptr, rows.indices) <= _FAR:
+        conductance = np.divide(rows.data, unit, out=np.empty(len(rows.data), np.float32), casting="same_kind")
+        return pack_graphs(*coarsen_down(Graph(rows.indptr, rows.indices, conductance, leak)))
+    number, *renumbered = ordering.renumber(rows.indptr, rows.indices, rows.data, leak, unit)
+    graphs, rank = pack_graphs(*coarsen_down(Graph(*renumbered)))
+    return graphs, rank[number]
 
 
 def pack_graphs(graphs: list[Graph], targets: list[NDArray[np.int32]]) -> tuple[Graphs, NDArray[np.int32]]:
@@ -246,11 +254,10 @@ def pack_graphs(graphs: list[Graph], targets: list[NDArray[np.int32]]) -> tuple[
         coarsest=inverse_matrix(graphs[-1]),
     )
     for level, graph in enumerate(graphs):
-        rows = (graph.indptr, graph.indices, graph.conductance, graph.leak)
-        lay_rows(rows, order[level], rank[level], first[level], entry[level], packed)
+        lay_rows(graph.rows, order[level], rank[level], first[level], entry[level], packed)
     for level, target in enumerate(targets):
-        own = first[level + 1] + rank[level + 1][target[order[level]]]
-        packed.aggregate[first[level] : first[level + 1]] = own
+        own = rank[level + 1][target[order[level]]]
+        np.add(own, first[level + 1], out=packed.aggregate[first[level] : first[level + 1]], casting="unsafe")
     return packed, rank[0]
 
 
@@ -343,13 +350,20 @@ def _sorted(nodes: Indices, key: Indices, start: Indices) -> Indices:
 
 @kernel
 def lay_rows(
-    rows: tuple[Indices, Indices, Floats, Floats], order: Indices, rank: Indices, first: int, entry: int, packed: Graphs
+    rows: tuple[Indices, Indices, Singles, Floats],
+    order: Indices,
+    rank: Indices,
+    first: int,
+    entry: int,
+    packed: Graphs,
 ) -> None:
     """Write the rows of a level behind those before it: earlier neighbours first, the others from ``middle`` on."""
     indptr, indices, conductance, leak = rows
     begin = entry
     for slot in range(len(order)):
-        i = order[slot]
+        i, ahead = order[slot], indptr[order[min(slot + ordering.AHEAD, len(order) - 1)]]
+        prefetch(indices, ahead)
+        prefetch(conductance, ahead)
         end = begin + indptr[i + 1] - indptr[i]
         packed.indptr[first + slot] = begin
         front, back, degree = begin, end - 1, leak[i]

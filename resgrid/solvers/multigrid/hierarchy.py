@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from resgrid.solvers.laplacian import EdgeList, Laplacian
 from resgrid.solvers.multigrid.blocks import Coarsened, coarsen
-from resgrid.solvers.multigrid.graphs import Graph, coarsen_down, pack_graphs, pack_netlist
+from resgrid.solvers.multigrid.graphs import coarsen_down, pack_graphs, pack_netlist
 from resgrid.solvers.multigrid.grid_level import Level, compensated, in_double, in_single, lay_out, to_graph
 from resgrid.solvers.multigrid.krylov import scatter_rows
 from resgrid.solvers.multigrid.levels import Finest, GridLevel, Levels, Way
@@ -63,12 +63,13 @@ def build_hierarchy(laplacian: Laplacian, team: Team = ALONE) -> Hierarchy:
             finest, levels = made
             return Hierarchy(levels, slot, unit, unit * largest_degree(finest.true), finest, box)
     # A grid's rows are sorted by a thread beside this one for refinement: their order is not to depend on who is first.
-    rows = laplacian.rows if laplacian.grid is None else laplacian.edges
-    unit = float(rows.data.mean()) if rows.nnz else float(laplacian.ground.mean())
-    graphs, slot = pack_netlist(Graph(rows.indptr, rows.indices, rows.data / unit, laplacian.ground / unit))
+    rows = laplacian.as_rows(ordered=laplacian.grid is not None)
+    unit = float(rows.data.mean()) if rows.data.size else float(laplacian.ground.mean())
+    graphs, slot = pack_netlist(rows, laplacian.ground, unit)
     ground = np.empty(laplacian.size)
     scatter_rows(slot, laplacian.ground, 1.0 / unit, ground)
-    largest = float(laplacian.diagonal.max(initial=0.0))
+    inverse = graphs.inverse[: laplacian.size]
+    largest = unit / float(inverse.min(initial=np.inf, where=inverse > 0.0))
     return Hierarchy(Levels((), graphs), slot, unit, largest, ground=ground)
 
 
