@@ -31,7 +31,7 @@ from resgrid.wiring import Wiring, wiring_of
 _SMALL = 100_000
 """Cells below which iterations cost less than what windows spare of them."""
 
-_WORN, _STALE = 2, 3
+_WORN, _STALE = 4, 3
 """Iterations beyond those of the first solution after which levels are made anew for the next one, and how many times
 as many tell that old levels do not serve: what their steps say of the error is not to be trusted either."""
 
@@ -238,7 +238,8 @@ class _Circuit:
             return False
         goals = np.count_nonzero(space.cell == Cell.GOAL)
         for box in boxes:
-            alone = len(boxes) == 1 and np.count_nonzero(space.cell[box] == Cell.GOAL) == goals
+            around_goals = space.cell[box][_inside(space, box, _RIM + 1)] == Cell.GOAL
+            alone = len(boxes) == 1 and np.count_nonzero(around_goals) == goals
             window = _window_of(space, wiring, box, row[box], self.amps)
             if window is None:
                 return False

@@ -150,6 +150,7 @@ def _choose(laplacian: Laplacian, found: Connections, method: str, accuracy: str
         return (_in_less_time if accuracy == "direction" else _direct_if_sparse)(laplacian, found)
     if accuracy != "direction":
         return Choice(laplacian, found, "multigrid")
+    laplacian = laplacian.with_rows()
     return Choice(laplacian, found, "multigrid", fall=foresee_decades(laplacian, found))
 
 
@@ -172,14 +173,13 @@ def _in_less_time(laplacian: Laplacian, found: Connections) -> Choice:
 
     width, fall = corridor_width(laplacian, found), Fall(most=_LEAST_DECADES)
     along = corridor_seconds(laplacian, width) < multigrid_seconds(laplacian, width, fall)
+    laplacian = laplacian.with_rows()
     if not along:
         fall = foresee_decades(laplacian, found)
     if fall.most > _MOST_DECADES:
         return Choice(laplacian, found, "direct")
     seconds = multigrid_seconds(laplacian, width, fall)
     most = most_entries(laplacian, seconds)
-    if along or most > 0.0:
-        laplacian = laplacian.with_rows()
     if along:
         narrow = order_by_distance(laplacian)
         if narrow is not None and direct_seconds(narrow) < seconds:

@@ -12,17 +12,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inlined, inner, kernel
-from resgrid.solvers.laplacian import Connections, EdgeList, Grid, Laplacian, Rows
+from resgrid.jit import inner, kernel
+from resgrid.solvers.laplacian import Connections, Laplacian, Rows
 
 VOLUME = 4.2
 """Neighbours a node above which corridors have two dimensions across."""
 
 WHOLE_STEPS = 0.7
 """Potentials fall over straight distances, ways on a grid are longer."""
-
-_SPARSE = 4
-"""Cells for each node above which a grid's cells take longer than its graph."""
 
 _MOST_REST, _SHARE_OF_REST = 5_000, 50
 """Nodes behind slits that are left out: so many at most, and one in so many."""
@@ -74,22 +71,6 @@ class Fall(NamedTuple):
         return self.whole <= MOST_DECADES
 
 
-class Places(NamedTuple):
-    """Nodes and their neighbours: of a graph in compressed rows, or of a grid's cells with a margin around them.
-
-    `there, low, high` (places,): whether there is a node at a place, and whether it touches the low rail, the high
-    rail; `indptr, indices`: neighbours of a graph's nodes, empty for a grid; `offsets`: from a cell to its
-    neighbours, those before it first; empty for a graph.
-    """
-
-    there: NDArray[np.bool_]
-    low: NDArray[np.bool_]
-    high: NDArray[np.bool_]
-    indptr: NDArray[np.int32]
-    indices: NDArray[np.int32]
-    offsets: NDArray[np.int64]
-
-
 def foresee_decades(laplacian: Laplacian, found: Connections) -> Fall:
     """Rough number of decades that a potential between two rails falls over the graph; 0 for other circuits.
 
@@ -105,22 +86,31 @@ def foresee_decades(laplacian: Laplacian, found: Connections) -> Fall:
     to_low, to_high = rails.to_low, rails.to_high
     wall = _wall(found.mean, to_high[to_high > 0])
     rest = min(_MOST_REST, laplacian.size // _SHARE_OF_REST)
-    places = _places(laplacian, to_low > 0, to_high > 0)
-    factors = decay(places, np.pi * np.sqrt(cross), wall / (2.0 * cross), rounds, _FIRST, rest)
+    ends, rate = (to_low > 0, to_high > 0), np.pi * np.sqrt(cross)
+    factors = decay(laplacian.as_rows(ordered=False), ends, rate, wall / (2.0 * cross), rounds, _FIRST, rest)
     return Fall(*(float(WHOLE_STEPS * factor / np.log(10.0)) for factor in factors))
 
 
-def decay(places: Places, rate: float, wall: float, rounds: int, first: int, rest: int) -> tuple[float, float, float]:
+def decay(
+    rows: Rows,
+    ends: tuple[NDArray[np.bool_], NDArray[np.bool_]],
+    rate: float,
+    wall: float,
+    rounds: int,
+    first: int,
+    rest: int,
+) -> tuple[float, float, float]:
     """Factors of e by which a potential falls, about: over the ``first`` nodes, but at the ``rest`` lowest, in all.
 
-    Where the nearest contact with the high rail lies ``r`` steps away, the corridor counts as ``w = 2 r + 1`` wide, and
-    the potential falls by ``((w / rate)**2 + w wall)**(-1/2)`` a step: as between plain rails where there is no
-    ``wall``, by the square root of what leaks through it where that is large.
+    ``ends``: the nodes that touch the low rail and the high rail.  Where the nearest contact with the high rail lies
+    ``r`` steps away, the corridor counts as ``w = 2 r + 1`` wide, and the potential falls by ``((w / rate)**2 + w
+    wall)**(-1/2)`` a step: as between plain rails where there is no ``wall``, by the square root of what leaks through
+    it where that is large.
     """
-    n = len(places.there)
+    (low, high), n = ends, len(ends[0])
     after, head = np.full(n, n, dtype=np.int32), np.full(int(_PARTS * rate) + 2, -1, dtype=np.int32)
-    costs, kept = costs_by_depth(n, rate, wall), int(np.count_nonzero(places.there)) - rest
-    near, most, whole = fall(places, costs, rounds, first, kept, after, head)
+    costs = costs_by_depth(n, rate, wall)
+    near, most, whole = fall(rows.indptr, rows.indices, low, high, costs, rounds, first, n - rest, after, head)
     return near / _PARTS, most / _PARTS, whole / _PARTS
 
 
@@ -141,26 +131,6 @@ def _wall(mean: float, tied: NDArray[np.float64]) -> float:
     return max(mean / float(tied.mean()) - 1.0, 0.0) if tied.size else 0.0
 
 
-def _places(laplacian: Laplacian, low: NDArray[np.bool_], high: NDArray[np.bool_]) -> Places:
-    """The rows as a graph, or, where most cells of a grid are rows, as its cells: these need no compressed rows."""
-    grid, listed = laplacian.grid, laplacian.listed
-    if grid is None or listed is None or any(grid.periodic) or grid.vertex.size > _SPARSE * laplacian.size:
-        return _of_graph(laplacian.as_rows(ordered=False), low, high)
-    return _of_grid(grid, listed, low, high)
-
-
-def _of_graph(rows: Rows, low: NDArray[np.bool_], high: NDArray[np.bool_]) -> Places:
-    return Places(np.ones_like(low), low, high, rows.indptr, rows.indices, np.empty(0, dtype=np.int64))
-
-
-def _of_grid(grid: Grid, listed: EdgeList, low: NDArray[np.bool_], high: NDArray[np.bool_]) -> Places:
-    row = np.take(np.append(listed.row, np.int32(-1)), np.pad(grid.vertex, 1, constant_values=-1))
-    strides, row = np.array(row.strides) // row.itemsize, row.ravel()
-    low, high = (np.take(np.append(flags, False), row) for flags in (low, high))
-    none = np.empty(0, dtype=np.int32)
-    return Places(row >= 0, low, high, none, none, np.concatenate([-strides, strides]))
-
-
 def h_transform_pays(laplacian: Laplacian, fall: Fall) -> bool:
     """Whether levels are scaled by the h-transform: it may be done, and saves more time than it takes."""
     if laplacian.rails is None or laplacian.grid is None or laplacian.dimensions not in (2, 3):
@@ -169,48 +139,48 @@ def h_transform_pays(laplacian: Laplacian, fall: Fall) -> bool:
     return fall.in_reach and fall.most - fall.in_slit >= far
 
 
-@inlined
-def _neighbours(places: Places, node: int) -> int:
-    return len(places.offsets) if len(places.offsets) > 0 else int(places.indptr[node + 1] - places.indptr[node])
+@inner
+def _find_depths(
+    indptr: NDArray[np.int32],
+    indices: NDArray[np.int32],
+    high: NDArray[np.bool_],
+    rounds: int,
+    steps: NDArray[np.int32],
+) -> None:
+    """Steps from the nearest node at the high rail, by sweeps up and down; left alone where none comes.
 
-
-@inlined
-def _neighbour(places: Places, node: int, k: int) -> int:
-    return int(node + places.offsets[k]) if len(places.offsets) > 0 else int(places.indices[places.indptr[node] + k])
+    Where nodes are numbered as the cells of a grid, one round does: a shortest way runs up or down the rows.
+    """
+    n = len(high)
+    for _ in range(rounds):
+        moved = _shorten(indptr, indices, high, steps, range(n))
+        if not moved:
+            break
+        _shorten(indptr, indices, high, steps, range(n - 1, -1, -1))
 
 
 @inner
-def _find_depths(places: Places, rounds: int, steps: NDArray[np.int32]) -> None:
-    """Steps from the nearest node at the high rail, by sweeps up and down; left alone where none comes.
-
-    Where nodes are numbered as the cells of a grid, one round does: a shortest way runs up or down the rows.  Of a
-    cell's neighbours each sweep asks those that it has passed.
-    """
-    n, half = len(places.there), len(places.offsets) // 2
-    for _ in range(rounds):
-        moved = False
-        for i in range(n):
-            if places.there[i]:
-                least = 0 if places.high[i] else steps[i]
-                for k in range(half if half > 0 else _neighbours(places, i)):
-                    here = steps[_neighbour(places, i, k)] + 1
-                    least = here if here < least else least
-                moved |= least < steps[i]
-                steps[i] = least
-        if not moved:
-            break
-        for i in range(n - 1, -1, -1):
-            if places.there[i]:
-                least = steps[i]
-                for k in range(half, _neighbours(places, i)):
-                    here = steps[_neighbour(places, i, k)] + 1
-                    least = here if here < least else least
-                steps[i] = least
+def _shorten(
+    indptr: NDArray[np.int32], indices: NDArray[np.int32], high: NDArray[np.bool_], steps: NDArray[np.int32],
+    nodes: range,
+) -> bool:  # fmt: skip
+    """Steps by way of the neighbours, node by node; whether any became fewer."""
+    moved = False
+    for node in nodes:
+        least = 0 if high[node] else steps[node]
+        for k in range(indptr[node], indptr[node + 1]):
+            least = min(least, steps[indices[k]] + 1)
+        moved |= least < steps[node]
+        steps[node] = least
+    return moved
 
 
 @kernel
 def fall(
-    places: Places,
+    indptr: NDArray[np.int32],
+    indices: NDArray[np.int32],
+    low: NDArray[np.bool_],
+    high: NDArray[np.bool_],
     costs: NDArray[np.int32],
     rounds: int,
     first: int,
@@ -224,14 +194,14 @@ def fall(
     comes as ``n``, and ``head`` (buckets,) as -1.  By buckets (Dial 1969): since a step costs what the node it leads to
     does, the first way found to a node is the best.
     """
-    n = len(places.there)
+    n = len(low)
     # Lists of nodes in the buckets: their heads, and the one after every node; until then, a node's depth or cost.
-    _find_depths(places, rounds, after)
+    _find_depths(indptr, indices, high, rounds, after)
     for node in range(n):
-        after[node] = _SEEN - 1 - costs[after[node]] if places.there[node] else _SEEN
+        after[node] = _SEEN - 1 - costs[after[node]]
     buckets, waiting, seen = len(head), 0, 0
     for node in range(n):
-        if places.low[node]:
+        if low[node]:
             after[node], head[0] = head[0], node
             waiting += 1
     now, near, most, deepest, bucket = 0, 0, 0, 0, 0
@@ -245,8 +215,8 @@ def fall(
         waiting, seen = waiting - 1, seen + 1
         near = now if seen <= first else near
         most = now if seen <= kept else most
-        for k in range(_neighbours(places, node)):
-            other = _neighbour(places, node, k)
+        for k in range(indptr[node], indptr[node + 1]):
+            other = indices[k]
             if after[other] < _SEEN:
                 ahead = bucket + _SEEN - 1 - after[other]
                 ahead -= buckets if ahead >= buckets else 0

@@ -317,9 +317,7 @@ def factor_multigrid(
     if fall is None:
         return MultigridFactor(laplacian, build_hierarchy(laplacian, team), team=team)
 
-    def levels() -> tuple[Hierarchy | None, Scalable | None]:
-        scaled = scalable(laplacian, team) if h_transform_pays(laplacian, fall) else None
-        return build_hierarchy(laplacian, team) if scaled is None or both else None, scaled
-
-    (plain, scaled), rows = team.together([levels, laplacian.with_rows])  # which refinement asks for
+    scaled = scalable(laplacian, team) if h_transform_pays(laplacian, fall) else None
+    plain = build_hierarchy(laplacian, team) if scaled is None or both else None
+    rows = laplacian.with_rows()  # which refinement asks for
     return MultigridFactor(rows, plain, scaled, fall.in_slit > 0.0, team)

@@ -209,6 +209,26 @@ def test_few_iterations_and_the_same_circuit():
     assert point.operating_point("direction").kcl_residual <= 1e-6
 
 
+@pytest.mark.usefixtures("windows_always")
+@pytest.mark.parametrize("goal", [(96, 96), (96, 97), (96, 99)])
+def test_a_goal_at_the_rim_of_a_window(goal):
+    """The surroundings follow along a mode that knows of no goal among them."""
+    cell = np.zeros((256, 256), dtype=np.uint8)
+    cell[100:110, 140:150] = rg.Cell.OBSTACLE
+    cell[goal] = rg.Cell.GOAL
+    before = rg.ConfigurationSpace([rg.Axis(name, 0.0, 1.0, 256) for name in "xy"], cell)
+    warm = rg.WarmStart(boundary="neumann")
+    first = warm.solve(before)
+    freed = cell.copy()
+    freed[100:110, 140] = rg.Cell.FREE
+    point = warm.solve(before.with_cells(freed))
+    assert not point.fresh
+    assert point.iterations < first.iterations
+    fresh = rg.solve(point.netlist, accuracy="normwise", rtol=1e-12)
+    expected = fresh.voltage[point.netlist.cells.node]
+    assert np.nanmax(np.abs(point.voltage - expected)) <= 1e-7 * np.nanmax(expected)
+
+
 def test_an_error_leaves_nothing_behind():
     warm = rg.WarmStart()
     warm.solve(room((3,)))

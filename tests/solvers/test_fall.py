@@ -1,4 +1,4 @@
-"""By how many decades a potential falls: cells against the graph, and the graph against networkx."""
+"""By how many decades a potential falls, against networkx."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
-from resgrid.solvers.decay import _of_graph, _of_grid, costs_by_depth, decay, foresee_decades
+from resgrid.solvers.decay import costs_by_depth, decay, foresee_decades
 from resgrid.solvers.laplacian import count_connections
 from resgrid.space import ConfigurationSpace
 
@@ -31,15 +31,16 @@ def railed(space: ConfigurationSpace, boundary: str) -> Equations | None:
 
 @settings(max_examples=150)
 @given(spaces(), st.sampled_from(["dirichlet", "neumann"]), st.integers(0, 5), st.integers(0, 5))
-def test_cells_tell_what_the_graph_tells(space, boundary, first, rest):
+def test_one_round_tells_depths_where_rows_are_numbered_as_cells(space, boundary, first, rest):
     axes = tuple(replace(axis, periodic=False) for axis in space.axes)
     system = railed(ConfigurationSpace(axes, space.cell, space.conductivity), boundary)
     if system is None:
         return
     low, high = system.rails.to_low > 0, system.rails.to_high > 0
-    on_grid = _of_grid(system.laplacian.grid, system.laplacian.listed, low, high)
-    on_graph = _of_graph(system.laplacian.edges, low, high)
-    assert decay(on_grid, RATE, WALL, 1, first, rest) == decay(on_graph, RATE, WALL, system.size, first, rest)
+    once, over_again = (
+        decay(system.laplacian.edges, (low, high), RATE, WALL, rounds, first, rest) for rounds in (1, system.size)
+    )
+    assert once == over_again
 
 
 @settings(max_examples=80)
@@ -56,7 +57,7 @@ def test_the_best_way_is_that_of_networkx_to_the_first_nodes_and_all_but_the_low
         graph, set(np.flatnonzero(low)), weight=lambda _, to, __: int(costs[depth.get(to, system.size)])
     )
     first, rest = int(near * system.size), int(share * system.size)
-    found = decay(_of_graph(system.laplacian.edges, low, high), RATE, WALL, system.size, first, rest)
+    found = decay(system.laplacian.edges, (low, high), RATE, WALL, system.size, first, rest)
     ways = sorted(parts.values())
     assert found == tuple(max(ways[:count], default=0) / 64.0 for count in (first, system.size - rest, system.size))
 

@@ -19,7 +19,7 @@
    burst of at most five digits the residual is replaced by the true one, in double precision
    (`preconditioner.sweep_colour`, `krylov.row_residual`; van der Vorst & Ye 2000), and the search directions go on. It
    ends at ``rtol |b|``, or where rounding, ``eps |A| |x|``, forbids more; from a guess on, also where the steps tell
-   that the error is small (`Stop`).
+   that the error is small (`Stop`). On a grid a Gauss-Seidel relaxation does what little is left after the last step.
 5. *Cycle* (`cycle.precondition_grid, precondition_graph`). One relaxation before and one after each visit of the next
    level, so that the preconditioner is symmetric; on the coarse levels K-cycles (Notay & Vassilevski 2008): one or two
    steps of conjugate gradients, each preconditioned by the level below. Grids are rows of a table with the addresses of

@@ -47,8 +47,9 @@ _LIFT = 2.0**64
 _SMOOTH = 0.1
 """Share of the residual allowed that a guess may leave: its error is smooth, and large beside its residual."""
 
-_SAFETY = 0.95
-"""The recursive residual is brought below the goal by this factor."""
+_SAFETY, _NEARLY = 0.95, 1.6
+"""Share of the goal that the recursive residual is brought to, and where a relaxation of red and black cells follows:
+it halves the residual, for less than a step takes."""
 
 _DRIFT = 2.0
 """By how much the true residual may exceed the recursive one, before the last direction is dropped."""
@@ -66,12 +67,13 @@ _PASS, _LEAST_PASS = 1e-12, 1e-2
 class Problem(Protocol):
     """Equations in units of the hierarchy's conductance, over vectors of slots.
 
-    `vectors`: of the iteration; `lift`: norm of the residual that a burst begins with; `team`: whose threads take its
-    steps.
+    `vectors`: of the iteration; `lift`: norm of the residual that a burst begins with; `nearly`: share of the goal to
+    which steps bring the residual, a relaxation does the rest; `team`: whose threads take its steps.
     """
 
     vectors: krylov.Vectors
     lift: float
+    nearly: float
     team: Team
 
     def relaxed(self, z: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -97,6 +99,7 @@ class GridProblem:
     currents: NDArray[np.float64]
     depth: int = _DEPTH
     team: Team = ALONE
+    nearly = _NEARLY
 
     def __post_init__(self) -> None:
         self.vectors = krylov.vectors_over(self.finest.stencil.black_inverse, self.depth)
@@ -126,7 +129,7 @@ class _GraphProblem:
     hierarchy: Hierarchy
     b: NDArray[np.float64]
     team: Team
-    lift = 1.0
+    lift, nearly = 1.0, _SAFETY
 
     def __post_init__(self) -> None:
         graphs = self.hierarchy.levels.graphs
@@ -281,6 +284,10 @@ def converge(problem: Problem, x: NDArray[np.float64], stop: Stop, watch: Watch 
         goal = stop.goal(None, first=first)
         if size > goal:
             goal = stop.goal(x, first=first)
+        if not first and goal < size <= problem.nearly * goal:
+            x[-1] += problem.vectors.inverse * burst.residual
+            burst.forget()
+            size = problem.residual(x, burst.residual)
         stop.small &= size <= max(_DRIFT * burst.left * last, goal)
         if stop.small or not (size > goal and size < LEAST_GAIN * last and left > 0):
             return size
@@ -288,7 +295,7 @@ def converge(problem: Problem, x: NDArray[np.float64], stop: Stop, watch: Watch 
             watch.begin(size * stop.unit, goal * stop.unit)
         if size > _DRIFT * burst.left * last or burst.left < _TOLD:
             burst.forget()
-        left -= burst.run(x[-1], size, _SAFETY * goal / size, left)
+        left -= burst.run(x[-1], size, min(problem.nearly * goal / size, _SAFETY), left)
         last = size
 
 
