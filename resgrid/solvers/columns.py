@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.errors import AccuracyError
-from resgrid.jit import inner, kernel
+from resgrid.jit import inner, kernel, makes_arrays
 from resgrid.solvers.extended_kernels import Floats, Indices, Integers, _sum
 
 if TYPE_CHECKING:
@@ -138,6 +138,7 @@ def _diagonal(
 
 
 @kernel
+@makes_arrays
 def selected_inverse(
     starts: Integers, rows: Indices, lower: Floats | NDArray[np.complex128], pivot: Floats, inverse: Floats
 ) -> None:
@@ -227,6 +228,7 @@ def _above(columns: Columns, gaps: Gaps, volts: Floats, place: Integers, j: int,
 
 
 @kernel
+@makes_arrays
 def substitute_differences(columns: Columns, fed: Floats, volts: Floats, gaps: Gaps, given: bool) -> None:
     """Find all gaps, in place; or, where the changes are ``given``, the other ones.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inner, kernel
+from resgrid.jit import inner, kernel, makes_arrays
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
@@ -152,6 +152,7 @@ def weak_pairs(pairs: Indices, conductance: Floats, row: Indices, strongest: Flo
 
 
 @kernel
+@makes_arrays
 def weak_entries(indptr: Indices, indices: Indices, data: Floats, weak: float) -> int:
     """The same for compressed rows, where every conductance stands twice."""
     strongest, count = np.zeros(len(indptr) - 1), 0
