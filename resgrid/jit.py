@@ -8,9 +8,7 @@ from typing import Any, ClassVar, TypeVar, cast
 
 import numba
 import numpy as np
-from llvmlite import ir
-from numba import njit, types
-from numba.extending import intrinsic
+from numba import njit
 
 FAST = {"contract", "reassoc", "nsz", "arcp"}
 """Liberties with the order of sums, so that they fill the vector registers; infinities and NaN keep their meaning."""
@@ -151,23 +149,3 @@ def inlined(function: _Loop) -> _Loop:
 def inner_fast(function: _Loop) -> _Loop:
     """The same for one whose sums may be taken in any order."""
     return _compiled(function, _INNER | {"fastmath": FAST})
-
-
-def _prefetching(_typing: Any, _address: Any) -> Any:
-    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        pointer, flag = ir.IntType(8).as_pointer(), ir.IntType(32)
-        of = ir.FunctionType(ir.VoidType(), [pointer, flag, flag, flag])
-        fetch = builder.module.declare_intrinsic("llvm.prefetch", (pointer,), of)
-        builder.call(fetch, [builder.inttoptr(arguments[0], pointer), flag(0), flag(3), flag(1)])
-        return context.get_dummy_value()
-
-    return types.void(types.int64), generate
-
-
-_prefetch: Any = intrinsic(_prefetching)
-
-
-@inlined
-def prefetch(array: Any, place: int) -> None:
-    """Have an element and those beside it brought into the cache, for a loop that does not run along the array."""
-    _prefetch(array.ctypes.data + place * array.itemsize)

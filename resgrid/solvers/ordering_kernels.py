@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inlined, kernel, makes_arrays, prefetch
+from resgrid.jit import inlined, kernel, makes_arrays
+from resgrid.solvers.machine import prefetch
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]

@@ -23,7 +23,7 @@
 5. *Cycle* (`cycle.precondition_grid, precondition_graph`). One relaxation before and one after each visit of the next
    level, so that the preconditioner is symmetric; on the coarse levels K-cycles (Notay & Vassilevski 2008): one or two
    steps of conjugate gradients, each preconditioned by the level below. Grids are rows of a table with the addresses of
-   their arrays (`levels.GRID`). Subnormal numbers count as zero meanwhile (`subnormals`).
+   their arrays (`levels.GRID`). Subnormal numbers count as zero meanwhile (`resgrid.solvers.machine`).
 6. *Fused sweeps* (`sweeps.restrict, finish`). The time is that of reading conductances from memory. Red cells go ahead
    of black ones by as far as neighbours reach, so that a sweep reads faces once; the relaxation and the product that
    follows it are two sweeps, one close behind the other. The product takes conductances in single precision and makes

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.jit import ZERO, inner, kernel
+from resgrid.solvers.machine import doubles, flush_subnormals, restore_subnormals, singles
 from resgrid.solvers.multigrid import atomics, sweeps
 from resgrid.solvers.multigrid.graph_sweeps import (
     Graphs,
@@ -27,20 +28,8 @@ from resgrid.solvers.multigrid.graph_sweeps import (
     multiply_graph,
     solve_coarsest,
 )
-from resgrid.solvers.multigrid.levels import (
-    CHUNK,
-    SINGLE,
-    Row,
-    chunks_of,
-    combine,
-    copy,
-    doubles,
-    second_step,
-    singles,
-    take_step,
-)
+from resgrid.solvers.multigrid.levels import CHUNK, SINGLE, Row, chunks_of, combine, copy, second_step, take_step
 from resgrid.solvers.multigrid.red_black import Floats, Integers, Singles
-from resgrid.solvers.multigrid.subnormals import flush_subnormals, restore_subnormals
 from resgrid.solvers.multigrid.windows import slab_of
 
 Table = NDArray[Any]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.jit import inner, inner_fast, kernel, kernel_fast
-from resgrid.solvers.multigrid.subnormals import flush_subnormals, restore_subnormals
+from resgrid.solvers.machine import flush_subnormals, restore_subnormals
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

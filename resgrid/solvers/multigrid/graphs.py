@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inner, kernel, makes_arrays, prefetch
+from resgrid.jit import inner, kernel, makes_arrays
 from resgrid.solvers import ordering_kernels as ordering
 from resgrid.solvers.laplacian import Rows
+from resgrid.solvers.machine import prefetch
 from resgrid.solvers.multigrid.graph_sweeps import Graphs
 
 Floats = NDArray[np.float64]

@@ -9,15 +9,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple, cast
 
 import numpy as np
-from numba import types
-from numba.extending import intrinsic
-from numba.np import arrayobj
 
 from resgrid.jit import inlined, inner, inner_fast
+from resgrid.solvers.machine import integers, singles_by_side
 from resgrid.solvers.multigrid.graph_sweeps import Graphs
 from resgrid.solvers.multigrid.red_black import Floats, Indices, Reals, Singles, Stencil, products
-
-_arrays: Any = arrayobj
 
 CHUNK = 2048
 """Slots over which sums are taken before they are added to others: the same whoever takes them."""
@@ -100,33 +96,6 @@ class Levels(NamedTuple):
     graphs: Graphs
 
 
-def _generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    """The array that stands at an address, which its first argument is, as its shape is the others."""
-    view, (address, *shape) = _arrays.make_array(signature.return_type)(context, builder), arguments
-    size = context.get_abi_sizeof(context.get_data_type(signature.return_type.dtype))
-    strides = [context.get_constant(types.intp, size)]
-    for count in reversed(shape[1:]):
-        strides.insert(0, builder.mul(strides[0], count))
-    data = builder.inttoptr(address, view.data.type)
-    _arrays.populate_array(view, data=data, shape=shape, strides=strides, itemsize=strides[-1], meminfo=None)
-    return view._getvalue()
-
-
-def _view(number: Any) -> Any:
-    def typed(_typing: Any, _address: Any, _count: Any) -> Any:
-        return types.Array(number, 1, "C")(types.int64, types.int64), _generate
-
-    return intrinsic(typed)
-
-
-def _view_faces(_typing: Any, _address: Any, _sides: Any, _slots: Any) -> Any:
-    return types.Array(types.float32, 2, "C")(types.int64, types.int64, types.int64), _generate
-
-
-singles, doubles, indices, integers = (_view(n) for n in (types.float32, types.float64, types.int32, types.int64))
-_faces: Any = intrinsic(_view_faces)
-
-
 @inlined
 def chunks_of(level: Row) -> int:
     """How many chunks of slots a grid has."""
@@ -139,7 +108,7 @@ def draw_into(level: Row, colour: int, x: Reals, first: int, block: int, total: 
 
     ``x`` begins at slot ``first``.
     """
-    faces = _faces(level.faces, level.sides, level.slots)
+    faces = singles_by_side(level.faces, level.sides, level.slots)
     begin, count = extent(level, block)
     products(faces, integers(level.distance, level.sides), (colour, begin, count), x, begin - first, total, to)
 

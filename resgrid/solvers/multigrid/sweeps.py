@@ -10,19 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from resgrid.jit import ZERO, inlined, inner, inner_fast
-from resgrid.solvers.multigrid.levels import (
-    CHUNK,
-    Row,
-    chunks_of,
-    combine,
-    copy,
-    doubles,
-    draw_into,
-    extent,
-    indices,
-    singles,
-    take_step,
-)
+from resgrid.solvers.machine import doubles, indices, singles
+from resgrid.solvers.multigrid.levels import CHUNK, Row, chunks_of, combine, copy, draw_into, extent, take_step
 from resgrid.solvers.multigrid.red_black import BLACK, RED, Indices, Reals, Singles, relax
 from resgrid.solvers.multigrid.windows import Slab, blocks_ahead, draw, lead, make_room, open_second, open_window
 

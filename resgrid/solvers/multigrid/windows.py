@@ -11,17 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from resgrid.jit import ZERO, inlined, inner, inner_fast
-from resgrid.solvers.multigrid.levels import (
-    DOUBLE,
-    SINGLE,
-    Row,
-    doubles,
-    draw_into,
-    extent,
-    indices,
-    integers,
-    singles,
-)
+from resgrid.solvers.machine import doubles, indices, integers, singles
+from resgrid.solvers.multigrid.levels import DOUBLE, SINGLE, Row, draw_into, extent
 from resgrid.solvers.multigrid.red_black import RED, Integers, Reals, Singles, Stencil
 
 _ROOM = 4
