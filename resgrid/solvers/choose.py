@@ -14,11 +14,11 @@ from resgrid.budget import require_memory
 from resgrid.errors import InputError
 from resgrid.solvers.factor import EXACT_ROWS, Factor, Residual, factor_direct, factor_multigrid
 from resgrid.solvers.laplacian import Connections, Laplacian, count_connections
-from resgrid.solvers.supernodal import ON_ROWS, Symbolic, order_by_degree, order_by_distance
 from resgrid.solvers.team import ALONE, Team
 
 if TYPE_CHECKING:
     from resgrid.solvers.decay import Fall
+    from resgrid.solvers.symbolic import Symbolic
 
 METHODS = ("direct", "multigrid")
 
@@ -85,8 +85,11 @@ _SMALL = 2000
 _ROUGH, _ROUGH_VOLUME = 0.25, 0.5
 """Share of weak conductances above which cycles are too many; in a volume direct factors cost so much more."""
 
-_LEAST_DECADES, _MOST_DECADES = 30.0, 250.0
-"""By how many decades any maze's potential falls, and from how many on refinement takes too long."""
+_MOST_DECADES = 250.0
+"""By how many decades a potential falls from which on refinement takes too long."""
+
+ON_ROWS = 500.0
+"""Peak memory of a direct solution besides its factors, in bytes a row."""
 
 
 def factor_laplacian(
@@ -104,9 +107,11 @@ def factor_laplacian(
     if choice.method == "multigrid":
         _require(_multigrid_memory(choice), laplacian, "multigrid")
         return factor_multigrid(laplacian, choice.fall, both=both, team=team)
+    from resgrid.solvers.symbolic import order_by_degree, order_by_distance
+
     laplacian = laplacian.with_rows()
     order = choice.order or order_by_distance(laplacian)
-    _require(order.memory if order is not None else wide_memory(laplacian), laplacian, "direct")
+    _require(_direct_memory(laplacian, order), laplacian, "direct")
     plain = Residual.of(laplacian) if both or accuracy == "normwise" else None  # scipy takes long to import
     return factor_direct(laplacian, order or order_by_degree(laplacian), plain)
 
@@ -141,50 +146,37 @@ def _choose(laplacian: Laplacian, found: Connections, method: str, accuracy: str
         return Choice(laplacian, found, "direct")
     from resgrid.solvers.decay import VOLUME, foresee_decades
 
-    if method == "auto" and found.weak > (_ROUGH_VOLUME if found.entries > VOLUME * laplacian.size else _ROUGH):
-        return Choice(laplacian, found, "direct")
     if method == "auto":
-        return (_in_less_time if accuracy == "direction" else _direct_if_sparse)(laplacian, found)
-    if accuracy != "direction":
-        return Choice(laplacian, found, "multigrid")
-    return Choice(laplacian, found, "multigrid", fall=foresee_decades(laplacian, found))
+        if found.weak > (_ROUGH_VOLUME if found.entries > VOLUME * laplacian.size else _ROUGH):
+            return Choice(laplacian, found, "direct")
+        return _in_less_time(laplacian, found, accuracy)
+    fall = foresee_decades(laplacian, found) if accuracy == "direction" else None
+    return Choice(laplacian, found, "multigrid", fall=fall)
 
 
-def _direct_if_sparse(laplacian: Laplacian, found: Connections) -> Choice:
-    """For voltages alone, the direct method along the narrowest corridors, chains and trees."""
-    if corridor_width(laplacian, found) < SPARSE:
-        laplacian = laplacian.with_rows()
-        narrow = order_by_distance(laplacian)
-        if narrow is not None and direct_seconds(narrow) < SECONDS.levels + SECONDS.normwise * laplacian.size:
-            return Choice(laplacian, found, "direct", narrow)
-    return Choice(laplacian, found, "multigrid")
+def _in_less_time(laplacian: Laplacian, found: Connections, accuracy: str) -> Choice:
+    """The direct method in either order, if it takes less time than multigrid would.
 
-
-def _in_less_time(laplacian: Laplacian, found: Connections) -> Choice:
-    """The direct method in the order by distance or by degree, if it takes less time than multigrid would.
-
-    The fall of the potential is not asked for where corridors are narrow enough for any.
+    For voltages alone it may do so in the order by distance, along the narrowest corridors, chains and trees.
     """
-    from resgrid.solvers.decay import Fall, foresee_decades
+    from resgrid.solvers.decay import foresee_decades
+    from resgrid.solvers.symbolic import order_by_degree, order_by_distance
 
-    width, fall = corridor_width(laplacian, found), Fall(most=_LEAST_DECADES)
-    along = corridor_seconds(laplacian, width) < multigrid_seconds(laplacian, width, fall)
-    if not along:
-        fall = foresee_decades(laplacian, found)
-    if fall.most > _MOST_DECADES:
+    width = corridor_width(laplacian, found)
+    fall = foresee_decades(laplacian, found) if accuracy == "direction" else None
+    if fall is not None and fall.most > _MOST_DECADES:
         return Choice(laplacian, found, "direct")
     seconds = multigrid_seconds(laplacian, width, fall)
-    most = most_entries(laplacian, seconds)
+    along = width < SPARSE if fall is None else corridor_seconds(laplacian, width) < seconds
+    most = 0.0 if fall is None else most_entries(laplacian, seconds)
     if along or most > 0.0:
         laplacian = laplacian.with_rows()
-    if along:
-        narrow = order_by_distance(laplacian)
-        if narrow is not None and direct_seconds(narrow) < seconds:
-            return Choice(laplacian, found, "direct", narrow)
+    narrow = order_by_distance(laplacian) if along else None
+    if narrow is not None and direct_seconds(narrow) < seconds:
+        return Choice(laplacian, found, "direct", narrow)
     wide = order_by_degree(laplacian, most) if most > 0.0 else None
     if wide is not None and direct_seconds(wide) + SECONDS.order * laplacian.size < seconds:
         return Choice(laplacian, found, "direct", wide)
-    fall = foresee_decades(laplacian, found) if along else fall
     return Choice(laplacian, found, "multigrid", fall=fall)
 
 
@@ -203,7 +195,7 @@ def corridor_seconds(laplacian: Laplacian, width: float) -> float:
 
 def direct_seconds(order: Symbolic) -> float:
     """Time of a direct solution in an order that has been found."""
-    return row_seconds(len(order.reduced.number)) + SECONDS.entry * order.entries + SECONDS.product * order.products
+    return row_seconds(len(order.order)) + SECONDS.entry * order.entries + SECONDS.product * order.products
 
 
 def row_seconds(rows: int) -> float:
@@ -217,10 +209,12 @@ def most_entries(laplacian: Laplacian, seconds: float) -> float:
     return max(left, 0.0) / SECONDS.entry
 
 
-def multigrid_seconds(laplacian: Laplacian, width: float, fall: Fall) -> float:
-    """Time of directions by multigrid, by the width of corridors and the fall of the potential."""
+def multigrid_seconds(laplacian: Laplacian, width: float, fall: Fall | None) -> float:
+    """Time of voltages by multigrid, or of directions, by the width of corridors and the fall of the potential."""
     mazy = width < ROOM
-    if laplacian.rails is None and width < SPARSE:
+    if fall is None:
+        a_row = SECONDS.normwise
+    elif laplacian.rails is None and width < SPARSE:
         a_row = SECONDS.fed_sparse
     elif laplacian.rails is None:
         a_row = SECONDS.fed_netlist if laplacian.grid is None else SECONDS.fed_mazy if mazy else SECONDS.fed
@@ -235,15 +229,23 @@ def multigrid_seconds(laplacian: Laplacian, width: float, fall: Fall) -> float:
 def estimate_memory(laplacian: Laplacian, method: str = "auto", accuracy: str = "direction") -> float:
     """Estimate the peak memory of a method above the netlist, in bytes.
 
-    Entries of narrow circuits' factors are counted (`resgrid.solvers.supernodal`).  Those of multigrid are a tenth
+    Entries of narrow circuits' factors are counted (`resgrid.solvers.symbolic`).  Those of multigrid are a tenth
     above what was measured on grids, which do without compressed rows, and on other netlists; directions take rows and
     scaled numbers besides, and with an h-transform, as in most planes, a second set of them.
     """
+    from resgrid.solvers.symbolic import order_by_distance
+
     choice = _choose(laplacian, count_connections(laplacian), method, accuracy)
     if choice.method == "multigrid":
         return _multigrid_memory(choice)
-    narrow = order_by_distance(choice.laplacian)
-    return narrow.memory if narrow is not None else wide_memory(laplacian)
+    return _direct_memory(laplacian, order_by_distance(choice.laplacian))
+
+
+def _direct_memory(laplacian: Laplacian, order: Symbolic | None) -> float:
+    """The same of a direct method, in an order if it has been found."""
+    if order is None:
+        return wide_memory(laplacian)
+    return 8.0 * (order.entries + len(order.nodes.rows)) + ON_ROWS * len(order.order)
 
 
 def _multigrid_memory(choice: Choice) -> float:

@@ -26,7 +26,6 @@ from resgrid.solvers.extended import Scaled
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.refine import Approximation, Numbers, Refined, refine
-from resgrid.solvers.supernodal import SupernodalFactors, Symbolic, factor_supernodes
 from resgrid.solvers.team import ALONE, Team
 
 if TYPE_CHECKING:
@@ -35,6 +34,8 @@ if TYPE_CHECKING:
     from resgrid.solvers.decay import Fall
     from resgrid.solvers.multigrid.h_transform import Scalable
     from resgrid.solvers.multigrid.hierarchy import Hierarchy
+    from resgrid.solvers.supernodal import SupernodalFactors
+    from resgrid.solvers.symbolic import Symbolic
 
 EXACT_ROWS = 20_000
 """Rows up to which KCL holds to rounding: their answers are the nearest doubles, on every machine the same."""
@@ -216,6 +217,8 @@ class DirectFactor(Factor):
 
 def factor_direct(laplacian: Laplacian, order: Symbolic | None = None, plain: Residual | None = None) -> DirectFactor:
     """Factor a matrix, in an order that has been found or in the one that suits it."""
+    from resgrid.solvers.supernodal import factor_supernodes
+
     laplacian = laplacian.with_rows()
     return DirectFactor(laplacian, factor_supernodes(laplacian, order), plain)
 
