@@ -150,8 +150,10 @@ def _choose(laplacian: Laplacian, found: Connections, method: str, accuracy: str
         if found.weak > (_ROUGH_VOLUME if found.entries > VOLUME * laplacian.size else _ROUGH):
             return Choice(laplacian, found, "direct")
         return _in_less_time(laplacian, found, accuracy)
-    fall = foresee_decades(laplacian, found) if accuracy == "direction" else None
-    return Choice(laplacian, found, "multigrid", fall=fall)
+    if accuracy != "direction":
+        return Choice(laplacian, found, "multigrid")
+    laplacian = laplacian.with_rows()
+    return Choice(laplacian, found, "multigrid", fall=foresee_decades(laplacian, found))
 
 
 def _in_less_time(laplacian: Laplacian, found: Connections, accuracy: str) -> Choice:
@@ -162,18 +164,19 @@ def _in_less_time(laplacian: Laplacian, found: Connections, accuracy: str) -> Ch
     from resgrid.solvers.decay import foresee_decades
     from resgrid.solvers.symbolic import order_by_degree, order_by_distance
 
-    width = corridor_width(laplacian, found)
-    fall = foresee_decades(laplacian, found) if accuracy == "direction" else None
-    if fall is not None and fall.most > _MOST_DECADES:
-        return Choice(laplacian, found, "direct")
-    seconds = multigrid_seconds(laplacian, width, fall)
-    along = width < SPARSE if fall is None else corridor_seconds(laplacian, width) < seconds
-    most = 0.0 if fall is None else most_entries(laplacian, seconds)
-    if along or most > 0.0:
+    width, fall = corridor_width(laplacian, found), None
+    if accuracy == "direction":
         laplacian = laplacian.with_rows()
-    narrow = order_by_distance(laplacian) if along else None
-    if narrow is not None and direct_seconds(narrow) < seconds:
-        return Choice(laplacian, found, "direct", narrow)
+        fall = foresee_decades(laplacian, found)
+        if fall.most > _MOST_DECADES:
+            return Choice(laplacian, found, "direct")
+    seconds = multigrid_seconds(laplacian, width, fall)
+    if width < SPARSE if fall is None else corridor_seconds(laplacian, width) < seconds:
+        laplacian = laplacian.with_rows()
+        narrow = order_by_distance(laplacian)
+        if narrow is not None and direct_seconds(narrow) < seconds:
+            return Choice(laplacian, found, "direct", narrow)
+    most = 0.0 if fall is None else most_entries(laplacian, seconds)
     wide = order_by_degree(laplacian, most) if most > 0.0 else None
     if wide is not None and direct_seconds(wide) + SECONDS.order * laplacian.size < seconds:
         return Choice(laplacian, found, "direct", wide)
