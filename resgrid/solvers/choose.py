@@ -12,7 +12,7 @@ import numpy as np
 
 from resgrid.budget import require_memory
 from resgrid.errors import InputError
-from resgrid.solvers.factor import EXACT_ROWS, Factor, Residual, factor_direct, factor_multigrid
+from resgrid.solvers.factor import EXACT_ROWS, Factor, factor_direct, factor_multigrid
 from resgrid.solvers.laplacian import Connections, Laplacian, count_connections
 from resgrid.solvers.team import ALONE, Team
 
@@ -112,8 +112,7 @@ def factor_laplacian(
     laplacian = laplacian.with_rows()
     order = choice.order or order_by_distance(laplacian)
     _require(_direct_memory(laplacian, order), laplacian, "direct")
-    plain = Residual.of(laplacian) if both or accuracy == "normwise" else None  # scipy takes long to import
-    return factor_direct(laplacian, order or order_by_degree(laplacian), plain)
+    return factor_direct(laplacian, order or order_by_degree(laplacian), normwise=both or accuracy == "normwise")
 
 
 def check_method(method: str) -> None:

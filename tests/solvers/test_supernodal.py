@@ -204,7 +204,7 @@ def test_potentials_below_the_range_of_doubles_need_no_refinement() -> None:
     system = assemble(compile_space(space_of(serpentine(21, 400, 1))))
     assert system.rails is not None
     factors = factor_direct(system.laplacian)
-    m, e = factors._substitute(system.rails.to_low, np.zeros(system.size, dtype=np.int64), 0.0)
+    m, e = factors.factors.substitute(system.rails.to_low, np.zeros(system.size, dtype=np.int64))
     refined, error = factors.solve_nonnegative(system.rails.to_low)
     assert e.min() < -10
     assert np.array_equal(e, refined.exponent)
