@@ -24,7 +24,7 @@ from resgrid.solvers.laplacian import Conductances, Laplacian
 from resgrid.solvers.team import ALONE, Team
 
 if TYPE_CHECKING:
-    from resgrid.solvers.refine_kernels import Imbalance
+    from resgrid.solvers.extended_kernels import Imbalance
 
 _CONVERGED = 1e-12
 """Componentwise backward error up to which an answer is one, whatever is proved of its entries."""
@@ -157,8 +157,8 @@ def imbalance(
     kept: float = 1.0,
     team: Team = ALONE,
 ) -> Imbalance:
-    """Residual of KCL into ``out``, as `resgrid.solvers.refine_kernels.residual`; piece by piece."""
-    from resgrid.solvers.refine_kernels import Imbalance, residual
+    """Residual of KCL into ``out``, as `resgrid.solvers.extended_kernels.residual`; piece by piece."""
+    from resgrid.solvers.extended_kernels import Imbalance, residual
 
     plain = not (x.exponent.any() or current[1].any())
 
@@ -177,7 +177,7 @@ def _moves(x: Scaled, new: Scaled, share: float) -> bool:
 
 def _corrected(x: Scaled, m: NDArray[np.float64], e: NDArray[np.int64]) -> Scaled:
     """Values with a correction.  Shapes: `m, e` (n,)."""
-    from resgrid.solvers.refine_kernels import correct
+    from resgrid.solvers.extended_kernels import correct
 
     new = Scaled(np.empty_like(x.hi), np.empty_like(x.lo), np.empty_like(x.exponent))
     correct(x, m, e, new)
@@ -205,7 +205,7 @@ def scaled_currents(rhs: NDArray[np.float64] | Scaled) -> Numbers:
 
 def minus(a: Scaled, b: Scaled) -> Scaled:
     """``a - b``; all of shape (n,)."""
-    from resgrid.solvers.refine_kernels import correct
+    from resgrid.solvers.extended_kernels import correct
 
     difference = _corrected(a, -b.hi, b.exponent)
     correct(difference, -b.lo, b.exponent, difference)
