@@ -85,8 +85,8 @@ _SMALL = 2000
 _ROUGH, _ROUGH_VOLUME = 0.25, 0.5
 """Share of weak conductances above which cycles are too many; in a volume direct factors cost so much more."""
 
-_MOST_DECADES = 250.0
-"""By how many decades a potential falls from which on refinement takes too long."""
+_LEAST_DECADES, _MOST_DECADES = 30.0, 250.0
+"""By how many decades any maze's potential falls, and from how many on refinement takes too long."""
 
 ON_ROWS = 500.0
 """Peak memory of a direct solution besides its factors, in bytes a row."""
@@ -158,23 +158,28 @@ def _choose(laplacian: Laplacian, found: Connections, method: str, accuracy: str
 def _in_less_time(laplacian: Laplacian, found: Connections, accuracy: str) -> Choice:
     """The direct method in either order, if it takes less time than multigrid would.
 
-    For voltages alone it may do so in the order by distance, along the narrowest corridors, chains and trees.
+    For voltages alone it may do so in the order by distance, along the narrowest corridors, chains and trees.  The fall
+    of the potential is not asked for where corridors are narrow enough for any.
     """
-    from resgrid.solvers.decay import foresee_decades
+    from resgrid.solvers.decay import Fall, foresee_decades
     from resgrid.solvers.symbolic import order_by_degree, order_by_distance
 
     width, fall = corridor_width(laplacian, found), None
+    along = corridor_seconds(laplacian, width)
     if accuracy == "direction":
-        laplacian = laplacian.with_rows()
-        fall = foresee_decades(laplacian, found)
-        if fall.most > _MOST_DECADES:
-            return Choice(laplacian, found, "direct")
+        laplacian, fall = laplacian.with_rows(), Fall(most=_LEAST_DECADES)
+        if along >= multigrid_seconds(laplacian, width, fall):
+            fall = foresee_decades(laplacian, found)
+            if fall.most > _MOST_DECADES:
+                return Choice(laplacian, found, "direct")
     seconds = multigrid_seconds(laplacian, width, fall)
-    if width < SPARSE if fall is None else corridor_seconds(laplacian, width) < seconds:
+    if width < SPARSE if fall is None else along < seconds:
         laplacian = laplacian.with_rows()
         narrow = order_by_distance(laplacian)
         if narrow is not None and direct_seconds(narrow) < seconds:
             return Choice(laplacian, found, "direct", narrow)
+        fall = None if fall is None else foresee_decades(laplacian, found)
+        seconds = multigrid_seconds(laplacian, width, fall)
     most = 0.0 if fall is None else most_entries(laplacian, seconds)
     wide = order_by_degree(laplacian, most) if most > 0.0 else None
     if wide is not None and direct_seconds(wide) + SECONDS.order * laplacian.size < seconds:
