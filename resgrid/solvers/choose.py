@@ -88,7 +88,7 @@ _ROUGH, _ROUGH_VOLUME = 0.25, 0.5
 _LEAST_DECADES, _MOST_DECADES = 30.0, 250.0
 """By how many decades any maze's potential falls, and from how many on refinement takes too long."""
 
-ON_ROWS = 500.0
+_ON_ROWS = 500.0
 """Peak memory of a direct solution besides its factors, in bytes a row."""
 
 
@@ -252,7 +252,7 @@ def _direct_memory(laplacian: Laplacian, order: Symbolic | None) -> float:
     """The same of a direct method, in an order if it has been found."""
     if order is None:
         return wide_memory(laplacian)
-    return 8.0 * (order.entries + len(order.nodes.rows)) + ON_ROWS * len(order.order)
+    return 8.0 * (order.entries + len(order.nodes.rows)) + _ON_ROWS * len(order.order)
 
 
 def _multigrid_memory(choice: Choice) -> float:
@@ -275,4 +275,4 @@ def wide_memory(laplacian: Laplacian) -> float:
     fill = {2: 2.6 * n * np.log2(n + 2), 3: 10.0 * n ** (4 / 3), 4: 4.5 * n ** (3 / 2)}.get(
         laplacian.dimensions, 3.0 * n
     )
-    return float(9.0 * fill + ON_ROWS * n)
+    return float(9.0 * fill + _ON_ROWS * n)
