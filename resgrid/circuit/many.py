@@ -18,7 +18,7 @@ from resgrid.netlist import Netlist
 from resgrid.solvers.batch import Chip, FactoredBatch, GridBatch, grid_batch
 from resgrid.solvers.factor import check_rtol
 from resgrid.solvers.laplacian import EdgeList, Laplacian
-from resgrid.solvers.supernodal import order_rows
+from resgrid.solvers.symbolic import order_rows
 
 _SMALL = 1000
 """Rows up to which factors are quicker than multigrid."""

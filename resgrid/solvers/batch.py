@@ -21,7 +21,8 @@ from resgrid.solvers.multigrid.hierarchy import Hierarchy, build_hierarchy
 from resgrid.solvers.multigrid.krylov import gather_rows, norm, scatter_rows
 from resgrid.solvers.multigrid.levels import Finest
 from resgrid.solvers.multigrid.red_black import Floats, Indices, Integers, Stencil
-from resgrid.solvers.supernodal import Symbolic, factor_in_order
+from resgrid.solvers.supernodal import factor_in_order
+from resgrid.solvers.symbolic import Symbolic
 
 _DEPTH = 12
 """Steps that are kept before they are gone: a whole burst."""
@@ -170,10 +171,10 @@ class FactoredBatch:
         self, chips: Iterable[Chip], rtol: float, solution: NDArray[np.float64], reached: NDArray[np.bool_]
     ) -> None:
         """As `GridBatch.solve`; ``rtol`` bounds the error of voltages, relative to the largest."""
-        matrix = self.order.reduced.whole
         for number, chip in enumerate(chips):
+            matrix = self.order.matrix._replace(edges=chip.entries, ground=chip.ground)
             try:
-                factors = factor_in_order(self.order.of(matrix._replace(edges=chip.entries, ground=chip.ground)))
+                factors = factor_in_order(self.order.of(matrix))
             except AccuracyError:
                 continue
             solution[number] = factors.solve(chip.drive)

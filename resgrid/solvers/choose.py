@@ -12,13 +12,13 @@ import numpy as np
 
 from resgrid.budget import require_memory
 from resgrid.errors import InputError
-from resgrid.solvers.factor import EXACT_ROWS, Factor, Residual, factor_direct, factor_multigrid
+from resgrid.solvers.factor import EXACT_ROWS, Factor, factor_direct, factor_multigrid
 from resgrid.solvers.laplacian import Connections, Laplacian, count_connections
-from resgrid.solvers.supernodal import ON_ROWS, Symbolic, order_by_degree, order_by_distance
 from resgrid.solvers.team import ALONE, Team
 
 if TYPE_CHECKING:
     from resgrid.solvers.decay import Fall
+    from resgrid.solvers.symbolic import Symbolic
 
 METHODS = ("direct", "multigrid")
 
@@ -91,6 +91,9 @@ _LEAST_DECADES, _MOST_DECADES = 30.0, 250.0
 _ON_WINDOWS = 0.5e6
 """Bytes that a grid's sweeps take for their windows, whatever its size."""
 
+_ON_ROWS = 500.0
+"""Peak memory of a direct solution besides its factors, in bytes a row."""
+
 
 def factor_laplacian(
     laplacian: Laplacian, method: str, *, accuracy: str = "direction", both: bool = False, team: Team = ALONE
@@ -107,11 +110,12 @@ def factor_laplacian(
     if choice.method == "multigrid":
         _require(_multigrid_memory(choice), laplacian, "multigrid")
         return factor_multigrid(laplacian, choice.fall, both=both, team=team)
+    from resgrid.solvers.symbolic import order_by_degree, order_by_distance
+
     laplacian = laplacian.with_rows()
     order = choice.order or order_by_distance(laplacian)
-    _require(order.memory if order is not None else wide_memory(laplacian), laplacian, "direct")
-    plain = Residual.of(laplacian) if both or accuracy == "normwise" else None  # scipy takes long to import
-    return factor_direct(laplacian, order or order_by_degree(laplacian), plain)
+    _require(_direct_memory(laplacian, order), laplacian, "direct")
+    return factor_direct(laplacian, order or order_by_degree(laplacian), normwise=both or accuracy == "normwise")
 
 
 def check_method(method: str) -> None:
@@ -144,50 +148,45 @@ def _choose(laplacian: Laplacian, found: Connections, method: str, accuracy: str
         return Choice(laplacian, found, "direct")
     from resgrid.solvers.decay import VOLUME, foresee_decades
 
-    if method == "auto" and found.weak > (_ROUGH_VOLUME if found.entries > VOLUME * laplacian.size else _ROUGH):
-        return Choice(laplacian, found, "direct")
     if method == "auto":
-        return (_in_less_time if accuracy == "direction" else _direct_if_sparse)(laplacian, found)
+        if found.weak > (_ROUGH_VOLUME if found.entries > VOLUME * laplacian.size else _ROUGH):
+            return Choice(laplacian, found, "direct")
+        return _in_less_time(laplacian, found, accuracy)
     if accuracy != "direction":
         return Choice(laplacian, found, "multigrid")
     laplacian = laplacian.with_rows()
     return Choice(laplacian, found, "multigrid", fall=foresee_decades(laplacian, found))
 
 
-def _direct_if_sparse(laplacian: Laplacian, found: Connections) -> Choice:
-    """For voltages alone, the direct method along the narrowest corridors, chains and trees."""
-    if corridor_width(laplacian, found) < SPARSE:
-        laplacian = laplacian.with_rows()
-        narrow = order_by_distance(laplacian)
-        if narrow is not None and direct_seconds(narrow) < SECONDS.levels + SECONDS.normwise * laplacian.size:
-            return Choice(laplacian, found, "direct", narrow)
-    return Choice(laplacian, found, "multigrid")
+def _in_less_time(laplacian: Laplacian, found: Connections, accuracy: str) -> Choice:
+    """The direct method in either order, if it takes less time than multigrid would.
 
-
-def _in_less_time(laplacian: Laplacian, found: Connections) -> Choice:
-    """The direct method in the order by distance or by degree, if it takes less time than multigrid would.
-
-    The fall of the potential is not asked for where corridors are narrow enough for any.
+    For voltages alone it may do so in the order by distance, along the narrowest corridors, chains and trees.  The fall
+    of the potential is not asked for where corridors are narrow enough for any.
     """
     from resgrid.solvers.decay import Fall, foresee_decades
+    from resgrid.solvers.symbolic import order_by_degree, order_by_distance
 
-    width, fall = corridor_width(laplacian, found), Fall(most=_LEAST_DECADES)
-    along = corridor_seconds(laplacian, width) < multigrid_seconds(laplacian, width, fall)
-    laplacian = laplacian.with_rows()
-    if not along:
-        fall = foresee_decades(laplacian, found)
-    if fall.most > _MOST_DECADES:
-        return Choice(laplacian, found, "direct")
+    width, fall = corridor_width(laplacian, found), None
+    along = corridor_seconds(laplacian, width)
+    if accuracy == "direction":
+        laplacian, fall = laplacian.with_rows(), Fall(most=_LEAST_DECADES)
+        if along >= multigrid_seconds(laplacian, width, fall):
+            fall = foresee_decades(laplacian, found)
+            if fall.most > _MOST_DECADES:
+                return Choice(laplacian, found, "direct")
     seconds = multigrid_seconds(laplacian, width, fall)
-    most = most_entries(laplacian, seconds)
-    if along:
+    if width < SPARSE if fall is None else along < seconds:
+        laplacian = laplacian.with_rows()
         narrow = order_by_distance(laplacian)
         if narrow is not None and direct_seconds(narrow) < seconds:
             return Choice(laplacian, found, "direct", narrow)
+        fall = None if fall is None else foresee_decades(laplacian, found)
+        seconds = multigrid_seconds(laplacian, width, fall)
+    most = 0.0 if fall is None else most_entries(laplacian, seconds)
     wide = order_by_degree(laplacian, most) if most > 0.0 else None
     if wide is not None and direct_seconds(wide) + SECONDS.order * laplacian.size < seconds:
         return Choice(laplacian, found, "direct", wide)
-    fall = foresee_decades(laplacian, found) if along else fall
     return Choice(laplacian, found, "multigrid", fall=fall)
 
 
@@ -206,7 +205,7 @@ def corridor_seconds(laplacian: Laplacian, width: float) -> float:
 
 def direct_seconds(order: Symbolic) -> float:
     """Time of a direct solution in an order that has been found."""
-    return row_seconds(len(order.reduced.number)) + SECONDS.entry * order.entries + SECONDS.product * order.products
+    return row_seconds(len(order.order)) + SECONDS.entry * order.entries + SECONDS.product * order.products
 
 
 def row_seconds(rows: int) -> float:
@@ -220,10 +219,12 @@ def most_entries(laplacian: Laplacian, seconds: float) -> float:
     return max(left, 0.0) / SECONDS.entry
 
 
-def multigrid_seconds(laplacian: Laplacian, width: float, fall: Fall) -> float:
-    """Time of directions by multigrid, by the width of corridors and the fall of the potential."""
+def multigrid_seconds(laplacian: Laplacian, width: float, fall: Fall | None) -> float:
+    """Time of voltages by multigrid, or of directions, by the width of corridors and the fall of the potential."""
     mazy = width < ROOM
-    if laplacian.rails is None and width < SPARSE:
+    if fall is None:
+        a_row = SECONDS.normwise
+    elif laplacian.rails is None and width < SPARSE:
         a_row = SECONDS.fed_sparse
     elif laplacian.rails is None:
         a_row = SECONDS.fed_netlist if laplacian.grid is None else SECONDS.fed_mazy if mazy else SECONDS.fed
@@ -238,15 +239,23 @@ def multigrid_seconds(laplacian: Laplacian, width: float, fall: Fall) -> float:
 def estimate_memory(laplacian: Laplacian, method: str = "auto", accuracy: str = "direction") -> float:
     """Estimate the peak memory of a method above the netlist, in bytes.
 
-    Entries of narrow circuits' factors are counted (`resgrid.solvers.supernodal`).  Those of multigrid are a tenth
+    Entries of narrow circuits' factors are counted (`resgrid.solvers.symbolic`).  Those of multigrid are a tenth
     above what was measured on grids, which do without compressed rows, and on other netlists; directions take rows and
     scaled numbers besides, and with an h-transform, as in most planes, a second set of them.
     """
+    from resgrid.solvers.symbolic import order_by_distance
+
     choice = _choose(laplacian, count_connections(laplacian), method, accuracy)
     if choice.method == "multigrid":
         return _multigrid_memory(choice)
-    narrow = order_by_distance(choice.laplacian)
-    return narrow.memory if narrow is not None else wide_memory(laplacian)
+    return _direct_memory(laplacian, order_by_distance(choice.laplacian))
+
+
+def _direct_memory(laplacian: Laplacian, order: Symbolic | None) -> float:
+    """The same of a direct method, in an order if it has been found."""
+    if order is None:
+        return wide_memory(laplacian)
+    return 8.0 * (order.entries + len(order.nodes.rows)) + _ON_ROWS * len(order.order)
 
 
 def _multigrid_memory(choice: Choice) -> float:
@@ -269,4 +278,4 @@ def wide_memory(laplacian: Laplacian) -> float:
     fill = {2: 2.6 * n * np.log2(n + 2), 3: 10.0 * n ** (4 / 3), 4: 4.5 * n ** (3 / 2)}.get(
         laplacian.dimensions, 3.0 * n
     )
-    return float(9.0 * fill + ON_ROWS * n)
+    return float(9.0 * fill + _ON_ROWS * n)

@@ -90,23 +90,23 @@ def positive_inverse_diagonal(factors: SupernodalFactors) -> NDArray[np.float64]
     return _diagonal(order, starts, rows, -weight, pivot)
 
 
-def columns_of(factors: SupernodalFactors) -> tuple[NDArray[np.int64], Columns]:
+def columns_of(factors: SupernodalFactors) -> tuple[Integers, Columns]:
     """The columns of ``-L``, `order` (n,) first: the row that is eliminated at every place."""
-    symbolic, nodes, reduced = factors.symbolic, factors.symbolic.nodes, factors.symbolic.reduced
-    order = np.argsort(symbolic.place, kind="stable")
-    size, gone = len(order), order[: len(order) - reduced.size]
-    rows_gone = sparse.csr_array(reduced.whole[2::-1], shape=(size, size))[gone]
-    degree, pivot = np.diff(rows_gone.indptr), reduced.pivot[gone]
+    symbolic, nodes, matrix = factors.symbolic, factors.symbolic.nodes, factors.symbolic.matrix
+    size, gone = len(symbolic.order), len(symbolic.order) - symbolic.kept
+    order, pivot = np.roll(symbolic.order, gone), np.roll(factors.pivot, gone)
+    rows_gone = sparse.csr_array(matrix[2::-1], shape=(size, size))[order[:gone]]
+    degree = np.diff(rows_gone.indptr)
     length = np.repeat(symbolic.lengths, symbolic.widths)
     behind = np.arange(symbolic.entries) - np.repeat(np.cumsum(length) - length, length)
     inside = nodes.rows[np.repeat(np.repeat(nodes.start[:-1], symbolic.widths), length) + behind]
-    row = np.append(np.argsort(order)[rows_gone.indices], len(gone) + inside)
+    row = np.append(np.argsort(order)[rows_gone.indices], gone + inside)
     column = np.repeat(np.arange(size), np.append(degree, length))
-    weight = np.append(rows_gone.data / np.repeat(pivot, degree), factors.values)
+    weight = np.append(rows_gone.data / np.repeat(pivot[:gone], degree), factors.values)
     below, each = row > column, np.arange(size)
     entries = np.append(-np.ones(size), weight[below]), (np.append(each, row[below]), np.append(each, column[below]))
     lower = sparse.csc_array(entries, shape=(size, size))
-    return order, Columns(lower.indptr.astype(np.int64), lower.indices, lower.data, np.append(pivot, factors.pivot))
+    return order, Columns(lower.indptr.astype(np.int64), lower.indices, lower.data, pivot)
 
 
 def random_signs(size: int, samples: int, seed: int) -> NDArray[np.float64]:
@@ -128,7 +128,7 @@ def estimate_diagonal(
 
 
 def _diagonal(
-    order: NDArray[np.int64], starts: Integers, rows: Indices, lower: NDArray[Any], pivot: NDArray[Any]
+    order: Integers, starts: Integers, rows: Indices, lower: NDArray[Any], pivot: NDArray[Any]
 ) -> NDArray[Any]:
     """Diagonal of ``(L D L^T)^-1``, shape (n,), by the row that is eliminated at every place, `order` (n,)."""
     inverse, diagonal = np.empty_like(lower), np.empty_like(lower, shape=len(order))

@@ -1,4 +1,4 @@
-"""Compiled loops of the direct solver, in numbers whose exponent never runs out.
+"""Compiled loops in numbers whose exponent never runs out: their arithmetic, corrections and residuals.
 
 A *scaled* number is ``m * 2**(256 e)`` with a double ``m`` (canonical: ``2**-128 <= |m| < 2**128``, or 0) and a 64-bit
 integer ``e``.  A scaled double-double adds a second double, ``(hi + lo) * 2**(256 e)`` with ``|lo| <= ulp(hi) / 2``;
@@ -10,12 +10,14 @@ Numba takes seconds to import: only functions that are about to solve import thi
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inlined
-from resgrid.solvers.extended import BITS
+from resgrid.jit import inlined, inner, kernel
+from resgrid.solvers.extended import BITS, Scaled
+from resgrid.solvers.laplacian import Conductances
 
 _BASE = 2.0**BITS
 _INVERSE = 2.0**-BITS
@@ -26,6 +28,18 @@ _SPLITTER = 2.0**27 + 1.0
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Indices = NDArray[np.int32]
+Numbers = tuple[Floats, Integers]
+
+_SETTLED = 1e-29
+_UNIT = 2.0**-53
+_NOTHING = 1e-290
+"""Residual below which a row is right: what the lower parts of values that are gone leave."""
+
+_NO_EXPONENT = -(2**62)
+_LOG_BASE = BITS * math.log(2.0)
+
+_ROW_ROUNDING = 12.0
+"""Rounding errors in a row's sum of currents beside one for each conductance, with a margin."""
 
 
 @inlined
@@ -102,3 +116,166 @@ def _shift(value: float, steps: int) -> float:
     if steps == -1:
         return value * _INVERSE
     return 0.0 if steps < 0 else math.copysign(np.inf, value)
+
+
+@inlined
+def _canonical_pair(hi: float, lo: float, e: int) -> tuple[float, float, int]:
+    if hi == 0.0 or not math.isfinite(hi):
+        return hi, lo, e
+    while abs(hi) < _SMALL:
+        hi, lo, e = hi * _BASE, lo * _BASE, e - 1
+    while abs(hi) >= _LARGE:
+        hi, lo, e = hi * _INVERSE, lo * _INVERSE, e + 1
+    return hi, lo, e
+
+
+@kernel
+def correct(x: Scaled, m: Floats, me: Integers, out: Scaled) -> None:
+    """Add the scaled numbers ``(m, me)`` to scaled double-doubles; ``out`` may be ``x``."""
+    hi, lo, e = x.hi, x.lo, x.exponent
+    new_hi, new_lo, new_e = out.hi, out.lo, out.exponent
+    for i in range(len(hi)):
+        a, a_low, exponent = hi[i], lo[i], e[i]
+        if m[i] == 0.0:
+            pass
+        elif a == 0.0 or me[i] > exponent + 1:
+            a, exponent = _canonical(m[i], me[i])
+            a_low = 0.0
+        else:
+            if me[i] == exponent + 1:
+                a, a_low, exponent = a * _INVERSE, a_low * _INVERSE, me[i]
+            a, rest = _two_sum(a, _shift(m[i], me[i] - exponent))
+            a, a_low = _two_sum(a, rest + a_low)
+            a, a_low, exponent = _canonical_pair(a, a_low, exponent)
+        new_hi[i], new_lo[i], new_e[i] = a, a_low, exponent
+
+
+class Imbalance(NamedTuple):
+    """How far KCL is from holding.
+
+    `backward`: componentwise backward error ``max |r_i| / (b + |A| |x|)_i`` (Oettli & Prager 1964); `left`: sum of the
+    violations of rows that are not right, each relative to the currents at its row; `right`: that of all other rows,
+    those below ``floor`` times ``(b + |A| |x|)_i`` among them, and what rounding may hide; `share`: smallest ratio of
+    a row's currents to ``(b + |A| |x|)_i``; `log_size`: natural logarithm of the largest residual.
+    """
+
+    backward: float
+    left: float
+    right: float
+    share: float
+    log_size: float
+
+    def plus(self, rest: Imbalance) -> Imbalance:
+        """Together with other rows."""
+        return Imbalance(
+            max(self.backward, rest.backward), self.left + rest.left, self.right + rest.right,
+            min(self.share, rest.share), max(self.log_size, rest.log_size),
+        )  # fmt: skip
+
+
+@inner
+def _find_exponents(matrix: Conductances, current: Numbers, x: Scaled, begin: int, end: int, top: Integers) -> None:
+    """Exponents of the largest number in some rows of the equations.
+
+    All rows at once: a function that takes arrays counts references at every call, which takes as long as ten rows.
+    """
+    indptr, indices, _, _ = matrix
+    injected, injected_e = current
+    hi, e = x.hi, x.exponent
+    for i in range(begin, end):
+        most = injected_e[i] if injected[i] != 0.0 else _NO_EXPONENT
+        if hi[i] != 0.0:
+            most = max(most, e[i])
+        for k in range(indptr[i], indptr[i + 1]):
+            if hi[indices[k]] != 0.0:
+                most = max(most, e[indices[k]])
+        top[i] = most
+
+
+@inlined
+def _add_inflow(
+    r: float, r_low: float, g: float, v: float, v_low: float, own: float, own_low: float, exact: bool
+) -> tuple[float, float, float]:
+    """A sum of currents with the one from another row; and that current."""
+    if exact:
+        d, d_low = _sum(v, v_low, -own, -own_low)
+        inflow, inflow_low = _two_product(g, d)
+        r, r_low = _sum(r, r_low, inflow, inflow_low + g * d_low)
+        return r, r_low, inflow
+    inflow = g * ((v - own) + (v_low - own_low))
+    return r + inflow, r_low, inflow
+
+
+@inlined
+def _rounding(entries: int, size: float, flow: float, exact: bool) -> float:
+    """Share of the currents at a row that rounding may hide."""
+    if not exact:
+        return _UNIT * (_ROW_ROUNDING + entries)
+    return _SETTLED * size / flow if flow > 0.0 else 0.0
+
+
+@kernel
+def residual(
+    matrix: Conductances, current: Numbers, x: Scaled, begin: int, end: int, plain: bool, exact: bool, floor: float,
+    kept: float, out: Numbers,
+) -> Imbalance:  # fmt: skip
+    """Residual of KCL of some rows into ``out``, in scaled numbers, and how large it is.
+
+    Row ``i`` is ``b_i - g_i x_i + sum_j g_ij (x_j - x_i)``: differences come first, so that off-diagonals and row
+    excess never meet in a rounded diagonal.  A difference of double-doubles is right to the last digits of a double
+    (of nearly equal values the upper parts subtract without error: Sterbenz 1974), and so the residual is right
+    relative to the currents at the row, which is all that counts.  Where it is to be ``exact``, sums and products are
+    double-doubles, too: where no current flows, differences of voltages then vanish to thirty digits.
+
+    Every row has the exponent of its largest value; in ``plain`` numbers all are 0.  Rows that are right to the
+    rounding of these sums come out as 0, so that a correction can turn to those that are smaller by many decades;
+    those that come in as 0 stay so up to ``kept`` times that rounding.
+    """
+    indptr, indices, conductance, ground = matrix
+    injected, injected_e = current
+    hi, lo, e = x.hi, x.lo, x.exponent
+    r_out, r_e = out
+    backward, left, right, share, largest, largest_e, top = 0.0, 0.0, 0.0, 1.0, 0.0, 0, 0
+    if not plain:
+        _find_exponents(matrix, current, x, begin, end, r_e)
+    for i in range(begin, end):
+        own, own_low, r, r_low = hi[i], lo[i], injected[i], 0.0
+        if not plain:
+            top = r_e[i]
+            own, own_low = _shift(own, e[i] - top), _shift(own_low, e[i] - top)
+            r = _shift(r, injected_e[i] - top)
+        size = abs(r)
+        if ground[i] > 0.0:
+            tied, tied_low = _two_product(ground[i], own)
+            r, r_low = _sum(r, 0.0, -tied, -(tied_low + ground[i] * own_low))
+            size += abs(tied)
+        flow = size
+        for k in range(indptr[i], indptr[i + 1]):
+            j, g = indices[k], conductance[k]
+            v, v_low = hi[j], lo[j]
+            if not plain:
+                v, v_low = _shift(v, e[j] - top), _shift(v_low, e[j] - top)
+            r, r_low, inflow = _add_inflow(r, r_low, g, v, v_low, own, own_low, exact)
+            flow += abs(inflow)
+            size += g * (abs(v) + abs(own))
+        r += r_low
+        wrong = 0.0 if abs(r) < _NOTHING else abs(r)
+        if not math.isfinite(wrong):
+            return Imbalance(np.inf, np.inf, np.inf, 0.0, np.inf)
+        if wrong > backward * size:
+            backward = wrong / size
+        if flow < share * size:
+            share = flow / size
+        rounding = _rounding(indptr[i + 1] - indptr[i], size, flow, exact)
+        violation = wrong / flow if wrong > 0.0 else 0.0
+        right += rounding
+        if wrong <= max(rounding * flow * (kept if r_out[i] == 0.0 else 1.0), _SETTLED * size):
+            r, right, r_e[i] = 0.0, right + violation, 0
+        else:
+            counted = violation if wrong > floor * size else 0.0
+            left, right, r_e[i] = left + counted, right + violation - counted, top
+            if wrong > _shift(largest, largest_e - top):
+                largest, largest_e = wrong, top
+        r_out[i] = r
+    log_size = math.log(largest) + largest_e * _LOG_BASE if largest > 0.0 else -np.inf
+    return Imbalance(backward, left, right, share, log_size)

@@ -12,10 +12,9 @@ The multigrid method: normwise answers by iteration, entrywise ones by refinemen
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,8 +24,7 @@ from resgrid.errors import AccuracyError, InputError
 from resgrid.solvers.extended import Scaled
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.refine import Approximation, Numbers, Refined, refine
-from resgrid.solvers.supernodal import SupernodalFactors, Symbolic, factor_supernodes
+from resgrid.solvers.refine import Approximation, Refined, refine
 from resgrid.solvers.team import ALONE, Team
 
 if TYPE_CHECKING:
@@ -35,6 +33,8 @@ if TYPE_CHECKING:
     from resgrid.solvers.decay import Fall
     from resgrid.solvers.multigrid.h_transform import Scalable
     from resgrid.solvers.multigrid.hierarchy import Hierarchy
+    from resgrid.solvers.supernodal import SupernodalFactors
+    from resgrid.solvers.symbolic import Symbolic
 
 EXACT_ROWS = 20_000
 """Rows up to which KCL holds to rounding: their answers are the nearest doubles, on every machine the same."""
@@ -134,42 +134,6 @@ class Factor(ABC):
         return array
 
 
-class Residual(NamedTuple):
-    """``b - A x`` in doubles: `degree` (n,): the diagonal; `coupling` (n, n): edge conductances; both in siemens."""
-
-    degree: NDArray[np.float64]
-    coupling: sparse.csr_array
-
-    @classmethod
-    def of(cls, laplacian: Laplacian) -> Residual:
-        """That of a matrix."""
-        return cls(laplacian.diagonal, laplacian.edges)
-
-
-def refine_normwise(
-    matrix: Residual,
-    rhs: NDArray[np.float64],
-    correction: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    x: NDArray[np.float64],
-    rtol: float,
-) -> tuple[NDArray[np.float64], float]:
-    """Correct a solution until its backward error is small enough, or a few times (Higham 2002, section 12.1).
-
-    Shapes: `rhs` (n,), `x` (n,); returns `x` (n,).
-    """
-    degree, coupling = matrix
-    norm, drive = 2.0 * float(degree.max(initial=0.0)), float(np.abs(rhs).max(initial=0.0))
-    for left in reversed(range(_MOST_PASSES)):
-        with np.errstate(over="ignore", invalid="ignore"):
-            residual = rhs - (degree * x - coupling @ x)
-        scale = norm * float(np.abs(x).max(initial=0.0)) + drive
-        error = float(np.abs(residual).max(initial=0.0)) / scale if scale else 0.0
-        if error <= rtol or not left or not np.isfinite(error):
-            break
-        x = x + correction(residual)
-    return x, error
-
-
 def check_rtol(rtol: float) -> None:
     """Refuse a backward error that is none."""
     check_number("rtol", rtol, "a number between 0 and 1", above=0.0, below=1.0)
@@ -179,25 +143,41 @@ def check_rtol(rtol: float) -> None:
 class DirectFactor(Factor):
     """A matrix and its factors ``L D L^T``.
 
-    `laplacian`: as of every `Factor`; `plain`: residuals of normwise answers, where many will be asked for.
+    `laplacian`: as of every `Factor`; `plain`: its diagonal and edges, where many normwise answers will be asked for.
     """
 
     factors: SupernodalFactors
-    plain: Residual | None = None
+    plain: tuple[NDArray[np.float64], sparse.csr_array] | None = None
     name = "direct"
 
     def _solve(
         self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
     ) -> NDArray[np.float64]:
+        """As every `Factor` does, corrected until it is right enough, or a few times (Higham 2002, section 12.1)."""
         del guess
-        matrix = self.plain or Residual.of(self.laplacian)
-        x, error = refine_normwise(matrix, rhs, self.factors.solve, self.factors.solve(rhs), rtol)
+        degree, edges = self.plain or (self.laplacian.diagonal, self.laplacian.edges)
+        norm, drive = 2.0 * float(degree.max(initial=0.0)), float(np.abs(rhs).max(initial=0.0))
+        x, residual = np.zeros_like(rhs), rhs
+        for _ in range(_MOST_PASSES):
+            x = x + self.factors.solve(residual)
+            with np.errstate(over="ignore", invalid="ignore"):
+                residual = rhs - (degree * x - edges @ x)
+            scale = norm * float(np.abs(x).max(initial=0.0)) + drive
+            error = float(np.abs(residual).max(initial=0.0)) / scale if scale else 0.0
+            if error <= rtol or not np.isfinite(error):
+                break
         return self._judged(x, error, rtol, watch)
 
     def _solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> tuple[Scaled, float]:
         exact = self.laplacian.size <= EXACT_ROWS
-        sure = self._certainty() if exact else np.inf
-        found = refine(self.laplacian, rhs, self._substitute, _REFINED_DIRECTLY, exact=exact, sure=sure)
+        found = refine(
+            self.laplacian,
+            rhs,
+            lambda m, e, _: self.factors.substitute(m, e),
+            _REFINED_DIRECTLY,
+            exact=exact,
+            sure=self._certainty() if exact else np.inf,
+        )
         if watch is not None:
             watch.done(found.error, found.bound)
         return found.solution, found.error
@@ -208,15 +188,13 @@ class DirectFactor(Factor):
         least = values.min(initial=1.0, where=values > 0.0)
         return _ROUNDINGS * self.laplacian.size if least > _LEAST_SHARE else np.inf
 
-    def _substitute(self, m: NDArray[np.float64], e: NDArray[np.int64], accuracy: float) -> Numbers:
-        """Both substitutions, in scaled numbers, as accurate as the factors are."""
-        del accuracy
-        return self.factors.substitute(m, e)
 
+def factor_direct(laplacian: Laplacian, order: Symbolic | None = None, *, normwise: bool = False) -> DirectFactor:
+    """Factor a matrix, in an order that has been found or in the one that suits it; for ``normwise`` answers, too."""
+    from resgrid.solvers.supernodal import factor_supernodes
 
-def factor_direct(laplacian: Laplacian, order: Symbolic | None = None, plain: Residual | None = None) -> DirectFactor:
-    """Factor a matrix, in an order that has been found or in the one that suits it."""
     laplacian = laplacian.with_rows()
+    plain = (laplacian.diagonal, laplacian.edges) if normwise else None  # scipy takes long to import
     return DirectFactor(laplacian, factor_supernodes(laplacian, order), plain)
 
 

@@ -24,7 +24,7 @@ from resgrid.solvers.laplacian import Conductances, Laplacian
 from resgrid.solvers.team import ALONE, Team
 
 if TYPE_CHECKING:
-    from resgrid.solvers.refine_kernels import Imbalance
+    from resgrid.solvers.extended_kernels import Imbalance
 
 _CONVERGED = 1e-12
 """Componentwise backward error up to which an answer is one, whatever is proved of its entries."""
@@ -91,18 +91,6 @@ def is_answer(error: float, bound: float) -> bool:
     return error <= _CONVERGED or bound <= _PROVED
 
 
-class _Worth(NamedTuple):
-    """What a residual says of an answer; `left`: what is wrong, in units of what is allowed."""
-
-    error: float = np.inf
-    left: float = np.inf
-    bound: float = np.inf
-    log_size: float = np.inf
-
-    def gains_on(self, other: _Worth) -> bool:
-        return self.error < _LEAST_GAIN * other.error or self.log_size < other.log_size + np.log(_LEAST_GAIN)
-
-
 def refine(
     laplacian: Laplacian,
     rhs: NDArray[np.float64] | Scaled,
@@ -122,31 +110,40 @@ def refine(
     """
     matrix, current = laplacian.conductances, scaled_currents(rhs)
     residual = current[0].copy(), current[1].copy()
-    x, best = Scaled.of(np.zeros(laplacian.size)), _Worth()
+    x, best, left = Scaled.of(np.zeros(laplacian.size)), None, np.inf
     for step in range(1, _MOST_STEPS + 1):
-        hopeless = step > 1 and not exact and best.error > _HOPELESS
+        hopeless = best is not None and not exact and best.backward > _HOPELESS
         anew = resolve(residual[0], (x.hi, x.exponent), current) if resolve is not None and hopeless else None
-        new = _corrected(x, *approximate(*residual, _MARGIN / best.left)) if anew is None else _replaced(x, *anew)
+        new = _corrected(x, *approximate(*residual, _MARGIN / left)) if anew is None else _replaced(x, *anew)
         if step > 1 and np.isfinite(sure) and _moves(x, new, sure):
             break
         if not exact:
-            found = imbalance(matrix, current, new, residual, floor=floor, kept=_kept(step), team=team)
-            left = found.left / _ALLOWED
-            if left <= 1.0 and found.share <= _FLAT:
-                exact, best = True, _Worth()
+            # More at every step: on the verge of a bound that stands still, rows would come and go, and what they stir
+            # up would drown others that are smaller by many decades.
+            kept = 1.0 if step == 1 else 4.0 * step
+            found = imbalance(matrix, current, new, residual, floor=floor, kept=kept, team=team)
+            now = found.left / _ALLOWED
+            if now <= 1.0 and found.share <= _FLAT:
+                exact, best = True, None
         if exact:
             found = imbalance(matrix, current, new, residual, exact=True, team=team)
-            left = found.backward / floor
-        worth = _Worth(found.backward, left, entry_bound(found.left + found.right), found.log_size)
-        if not worth.gains_on(best):
+            now = found.backward / floor
+        if not _gains(found, best):
             if anew is None:
                 x = new if step == 1 else x  # beyond the range of doubles, which is told where it is read
                 break
             resolve = None
-        x, best = new, worth
-        if best.left <= 1.0:
+        x, best, left = new, found, now
+        if left <= 1.0:
             break
-    return Refined(x._replace(noise=max(NOISE, _DIFFERENCE * floor)), float(best.error), best.bound)
+    error, bound = (np.inf, np.inf) if best is None else (best.backward, entry_bound(best.left + best.right))
+    return Refined(x._replace(noise=max(NOISE, _DIFFERENCE * floor)), float(error), bound)
+
+
+def _gains(found: Imbalance, best: Imbalance | None) -> bool:
+    """Whether an answer is so much better than the best one before, if any, by its error or by its residual."""
+    error, log_size = (np.inf, np.inf) if best is None else (best.backward, best.log_size)
+    return bool(found.backward < _LEAST_GAIN * error or found.log_size < log_size + np.log(_LEAST_GAIN))
 
 
 def imbalance(
@@ -160,8 +157,8 @@ def imbalance(
     kept: float = 1.0,
     team: Team = ALONE,
 ) -> Imbalance:
-    """Residual of KCL into ``out``, as `resgrid.solvers.refine_kernels.residual`; piece by piece."""
-    from resgrid.solvers.refine_kernels import Imbalance, residual
+    """Residual of KCL into ``out``, as `resgrid.solvers.extended_kernels.residual`; piece by piece."""
+    from resgrid.solvers.extended_kernels import Imbalance, residual
 
     plain = not (x.exponent.any() or current[1].any())
 
@@ -180,7 +177,7 @@ def _moves(x: Scaled, new: Scaled, share: float) -> bool:
 
 def _corrected(x: Scaled, m: NDArray[np.float64], e: NDArray[np.int64]) -> Scaled:
     """Values with a correction.  Shapes: `m, e` (n,)."""
-    from resgrid.solvers.refine_kernels import correct
+    from resgrid.solvers.extended_kernels import correct
 
     new = Scaled(np.empty_like(x.hi), np.empty_like(x.lo), np.empty_like(x.exponent))
     correct(x, m, e, new)
@@ -196,15 +193,6 @@ def _replaced(x: Scaled, rows: NDArray[np.int64], values: Numbers) -> Scaled:
     return new
 
 
-def _kept(step: int) -> float:
-    """Roundings by which a row may violate KCL that has been found right before.
-
-    More at every step: on the verge of a bound that stands still, rows would come and go, and what they stir up
-    would drown others that are smaller by many decades.
-    """
-    return 1.0 if step == 1 else 4.0 * step
-
-
 def scaled_currents(rhs: NDArray[np.float64] | Scaled) -> Numbers:
     """Currents as canonical scaled numbers of their own; ``lo`` is left out."""
     if isinstance(rhs, Scaled):
@@ -217,7 +205,7 @@ def scaled_currents(rhs: NDArray[np.float64] | Scaled) -> Numbers:
 
 def minus(a: Scaled, b: Scaled) -> Scaled:
     """``a - b``; all of shape (n,)."""
-    from resgrid.solvers.refine_kernels import correct
+    from resgrid.solvers.extended_kernels import correct
 
     difference = _corrected(a, -b.hi, b.exponent)
     correct(difference, -b.lo, b.exponent, difference)

@@ -1,136 +1,59 @@
 """Supernodal factors ``P A P^T = L D L^T`` of an M-matrix, in sums, products and quotients of positive numbers alone.
 
 Every entry is right to some roundings, whatever the conductances (Grassmann, Taksar & Heyman 1985; O'Cinneide 1993).
-Every other layer of rows is eliminated beforehand, where they are independent (odd-even reduction): factors of what is
-left have half of the entries, and take half of the products.  The others come in one of two orders:
+Substitution is done in scaled numbers (`resgrid.solvers.extended_kernels`).
 
-- *by distance* from the ground, far ends first: along the corridors of a maze a row is joined to those across the
-  corridor alone, and fewer operations come of it than a general order takes to be found;
-- *by degree*, the least first, for all that is wide.
+Numba takes seconds to import: only functions that are about to solve import this module.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.errors import AccuracyError, BudgetError
+from resgrid.errors import AccuracyError
+from resgrid.jit import ZERO, inlined, inner_fast, kernel
 from resgrid.solvers.extended import unscaled
-from resgrid.solvers.laplacian import MOST_NUMBERED, Conductances, Laplacian
+from resgrid.solvers.extended_kernels import _add_product, _canonical, _shift
+from resgrid.solvers.laplacian import Conductances, Laplacian
 from resgrid.solvers.refine import Numbers
+from resgrid.solvers.symbolic import Pattern, Supernodes, Symbolic, order_rows
 
-if TYPE_CHECKING:
-    from resgrid.solvers.supernodal_kernels import Supernodes
-    from resgrid.solvers.symbolic_kernels import Pattern
-
-_MOST_FILL, _MOST_FILL_OF_VOLUMES = 60, 600
-"""Entries a row above which a circuit is not narrow, and factors in the order by degree are sooner made."""
-
-ON_ROWS = 500.0
-"""Peak memory of a solution besides its factors, in bytes a row."""
-
-_DENSE = 10.0
-"""A row of more than so many times the square root of all is eliminated last."""
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Indices = NDArray[np.int32]
 
 _STRETCH = 2_000
 """Supernodes eliminated at a time."""
 
-
-@dataclass(frozen=True, eq=False)
-class OddEven:
-    """A matrix of which every other layer of rows has been eliminated: of a grid, the cells of one colour.
-
-    `whole`: all rows (n,); `left`: the rows kept (kept,), entries in any order; `number` (n,): of the rows kept; -1 for
-    the others; `kept` (kept,): which they are; `pivot` (n,): of the rows eliminated, in siemens; 0 for the others.
-    """
-
-    whole: Conductances
-    left: Conductances
-    number: NDArray[np.int32]
-    kept: NDArray[np.int32]
-    pivot: NDArray[np.float64]
-
-    @property
-    def size(self) -> int:
-        """Number of rows kept."""
-        return len(self.kept)
-
-
-@dataclass(frozen=True, eq=False)
-class Symbolic:
-    """An order of elimination, and where the factors have entries.
-
-    `reduced`: what odd-even reduction leaves; `pattern`: its graph and the order of its rows (kept,); `nodes`: columns
-    of the factor that are kept together, and their rows.
-    """
-
-    reduced: OddEven
-    pattern: Pattern
-    nodes: Supernodes
-
-    @property
-    def entries(self) -> int:
-        """Entries of all supernodes."""
-        return int(self.nodes.offset[-1])
-
-    @property
-    def products(self) -> float:
-        """Products that elimination takes, about."""
-        return float(0.5 * np.sum(self.widths * self.lengths.astype(np.float64) ** 2))
-
-    @property
-    def widths(self) -> NDArray[np.int32]:
-        """Columns of every supernode."""
-        return np.diff(self.nodes.first)
-
-    @property
-    def lengths(self) -> NDArray[np.int32]:
-        """Rows of every supernode."""
-        return np.diff(self.nodes.start)
-
-    def of(self, matrix: Conductances) -> Symbolic:
-        """The same order for other conductances between the same rows."""
-        return replace(self, reduced=_joined(matrix, self.reduced.number, self.reduced.kept))
-
-    @property
-    def memory(self) -> float:
-        """Peak memory of a solution in this order, in bytes, about."""
-        return 8.0 * (self.entries + len(self.nodes.rows)) + ON_ROWS * len(self.reduced.number)
-
-    @property
-    def place(self) -> NDArray[np.int32]:
-        """Where every row that is kept stands in the order, (n,); -1 for the others."""
-        number = self.reduced.number
-        return np.where(number >= 0, np.append(self.pattern.rank, -1)[number], -1).astype(np.int32)
+_LEAST, _MOST = 2.0**-700, 2.0**700
+"""Range in which a sum of doubles has lost nothing that counts to underflow, and overflows nowhere."""
 
 
 @dataclass(frozen=True, eq=False)
 class SupernodalFactors:
     """Factors ``L D L^T`` in such an order.
 
-    `values`: the entries of ``-L`` below the diagonal, supernode by supernode; `pivot` (kept,): ``D``, in siemens.
+    `values`: the entries of ``-L`` below the diagonal, supernode by supernode; `pivot` (n,): ``D`` in siemens, in the
+    order of ``symbolic``.
     """
 
     symbolic: Symbolic
-    values: NDArray[np.float64]
-    pivot: NDArray[np.float64]
+    values: Floats
+    pivot: Floats
 
-    def substitute(self, m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
+    def substitute(self, m: Floats, e: Integers) -> Numbers:
         """Both substitutions, in scaled numbers; ``m`` and ``e``, shape (n,), stay as they are."""
-        from resgrid.solvers.supernodal_kernels import Reduced, substitute
+        by = self.symbolic
+        x, exponent, column = m.take(by.order), e.take(by.order), np.empty(by.lengths.max(initial=0))
+        substitute(by.matrix, by.order, by.place, by.nodes, self.values, self.pivot, x, exponent, column)
+        return x.take(by.place), exponent.take(by.place)
 
-        symbolic, x = self.symbolic, (m.copy(), e.copy())
-        reduced, size = symbolic.reduced, symbolic.reduced.size
-        kept = np.empty(size), np.empty(size, dtype=np.int64)
-        where = Reduced(symbolic.place, reduced.pivot)
-        column = np.empty(_longest(symbolic))
-        substitute(reduced.whole, where, symbolic.nodes, self.values, self.pivot, *x, *kept, column)
-        return x
-
-    def solve(self, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
+    def solve(self, rhs: Floats) -> Floats:
         """Solve for doubles, shape (n,); entry by entry right where none of them is negative."""
         m, e = self.substitute(rhs, np.zeros(len(rhs), dtype=np.int64))
         return unscaled(m, e)
@@ -141,139 +64,328 @@ def factor_supernodes(laplacian: Laplacian, symbolic: Symbolic | None = None) ->
     return factor_in_order(symbolic or order_rows(laplacian))
 
 
-def order_rows(laplacian: Laplacian) -> Symbolic:
-    """Order the rows of a matrix as suits it; BudgetError where the factors would have too many entries."""
-    symbolic = order_by_distance(laplacian) or order_by_degree(laplacian)
-    if symbolic is None:
-        raise BudgetError(
-            f"the factors of {laplacian.size:,} rows have more entries than 32 bits can number: choose larger cells, "
-            "or method = 'multigrid'"
-        )
-    return symbolic
-
-
-def order_by_distance(laplacian: Laplacian) -> Symbolic | None:
-    """Order the rows of a matrix by their distance from the ground; None where it is not narrow."""
-    reduced = _reduce_odd_even(laplacian)
-    if reduced is None:
-        return None
-    return _analyse(reduced, np.arange(reduced.size, dtype=np.int32), _room(laplacian))
-
-
-def order_by_degree(laplacian: Laplacian, most: float = np.inf) -> Symbolic | None:
-    """Order the rows of a matrix by approximate minimum degree.
-
-    None for more than ``most`` entries of the factors, or more of their rows than can be numbered.
-    """
-    from resgrid.solvers.ordering_kernels import minimum_degree, quotient_graph
-
-    reduced = _reduce_odd_even(laplacian)
-    if reduced is None:
-        return None
-    n, indptr = reduced.size, reduced.left.indptr
-    quotient = quotient_graph(indptr, reduced.left.indices[: indptr[-1]])
-    step = np.empty(n, dtype=np.int32)
-    if not minimum_degree(quotient, max(16, int(_DENSE * np.sqrt(n))), float(most), MOST_NUMBERED, step):
-        return None
-    return _analyse(reduced, np.argsort(step, kind="stable").astype(np.int32), most)
-
-
-def _reduce_odd_even(laplacian: Laplacian) -> OddEven | None:
-    """Eliminate every other layer of rows, by their distance from the one that is most tied to the lower rail.
-
-    None where what is left may have more entries than can be numbered.
-    """
-    from resgrid.solvers import symbolic_kernels as kernels
-    from resgrid.solvers.ordering_kernels import breadth_first
-
-    tied = laplacian.ground if laplacian.rails is None else laplacian.rails.to_low
-    whole, n = laplacian.conductances, laplacian.size
-    order = np.ascontiguousarray(breadth_first(whole.indptr, whole.indices, int(np.argmax(tied)))[::-1])
-    number, kept = np.empty((2, n), dtype=np.int32)
-    kept = kept[: kernels.number_kept(whole.indptr, whole.indices, order, number, kept, _none(n))].copy()
-    return _joined(whole, number, kept) if _most_entries(whole, number) <= MOST_NUMBERED else None
-
-
-def _most_entries(whole: Conductances, number: NDArray[np.int32]) -> int:
-    """Entries of a matrix at most, once the rows that are not numbered, (n,), are eliminated."""
-    degree = np.diff(whole.indptr)[number < 0].astype(np.int64)
-    return len(whole.indices) + int(np.sum(degree * (degree - 3)))
-
-
-def _joined(whole: Conductances, number: NDArray[np.int32], kept: NDArray[np.int32]) -> OddEven:
-    """Eliminate the rows that are not numbered, (n,)."""
-    from resgrid.solvers.symbolic_kernels import join_kept
-
-    size, most = len(kept), _most_entries(whole, number)
-    left = Conductances(
-        np.empty(size + 1, dtype=np.int32), np.empty(most, dtype=np.int32), np.empty(most), np.empty(size)
-    )
-    pivot = np.zeros(len(number))
-    join_kept(whole, number, kept, pivot, left, _none(size))
-    return OddEven(whole, left, number, kept, pivot)
-
-
-def _none(n: int) -> NDArray[np.int32]:
-    return np.full(n, -1, dtype=np.int32)
-
-
-def _analyse(reduced: OddEven, order: NDArray[np.int32], most: float) -> Symbolic | None:
-    """List the supernodes of an order (kept,).
-
-    None where they come to have more entries than ``most``, or more rows than can be numbered.
-    """
-    from resgrid.solvers import symbolic_kernels as kernels
-    from resgrid.solvers.supernodal_kernels import Supernodes
-
-    size, (indptr, indices, _, _) = reduced.size, reduced.left
-    rank, parent = np.empty(size, dtype=np.int32), np.empty(size, dtype=np.int32)
-    rank[order] = np.arange(size, dtype=np.int32)
-    pattern = kernels.Pattern(indptr, indices, order, rank)
-    kernels.postorder(pattern, order.copy(), parent, _none(size), np.empty(size, dtype=np.int32))
-    first, start = np.empty((2, size + 1), dtype=np.int32)
-    limits, work = (float(most), MOST_NUMBERED), (_none(size) for _ in range(3))
-    count, rows = kernels.list_supernodes(pattern, *limits, first, start, *work)
-    if count < 0:
-        return None
-    first, start = first[: count + 1].copy(), start[: count + 1].copy()
-    offset = np.zeros(count + 1, dtype=np.int64)
-    np.cumsum(np.diff(first).astype(np.int64) * np.diff(start), out=offset[1:])
-    return Symbolic(reduced, pattern, Supernodes(first, start, rows[: start[-1]].copy(), offset))
-
-
-def _room(laplacian: Laplacian) -> int:
-    """Entries that the factor of a narrow circuit may have."""
-    most = _MOST_FILL_OF_VOLUMES if laplacian.dimensions > 2 else _MOST_FILL
-    return most * laplacian.size
-
-
-def _longest(symbolic: Symbolic) -> int:
-    return int(symbolic.lengths.max(initial=0))
-
-
 def factor_in_order(symbolic: Symbolic) -> SupernodalFactors:
     """Factor a matrix in an order."""
-    from resgrid.solvers.supernodal_kernels import Entries, Workspace, eliminate
-
-    n, count, widest = symbolic.reduced.size, len(symbolic.widths), int(symbolic.widths.max(initial=0))
-    entries = Entries(np.empty(symbolic.entries), np.empty(n), np.empty(n))
+    nodes, widths, size = symbolic.nodes, symbolic.widths, symbolic.kept
+    count, left, pattern = len(widths), symbolic.left, symbolic.pattern
+    entries = Entries(np.empty(symbolic.entries), np.empty(size), np.empty(size))
     work = Workspace(
-        node_of=np.repeat(np.arange(count, dtype=np.int32), symbolic.widths),
+        node_of=np.repeat(np.arange(count, dtype=np.int32), widths),
         waiting=np.full(count, -1, dtype=np.int32),
         following=np.empty(count, dtype=np.int32),
         after=np.empty(count, dtype=np.int32),
-        place=np.empty(n, dtype=np.int32),
-        column=np.empty(_longest(symbolic)),
-        weight=np.empty(widest),
+        at=np.empty(size, dtype=np.int32),
+        column=np.empty(symbolic.lengths.max(initial=0)),
+        weight=np.empty(widths.max(initial=0)),
     )
-    matrix, pattern, nodes = symbolic.reduced.left, symbolic.pattern, symbolic.nodes
-    in_range = bool(np.all(np.isfinite(symbolic.reduced.pivot)))
+    in_range = bool(np.all(np.isfinite(symbolic.pivot)))
     # In stretches, so that it can be interrupted.
     for begin in range(0, count, _STRETCH):
         end = min(begin + _STRETCH, count)
-        in_range = in_range and eliminate(matrix, pattern, nodes, entries, work, begin, end)
+        in_range = in_range and eliminate(left, pattern, nodes, entries, work, begin, end)
     if not in_range:
         raise AccuracyError(
             "a pivot left the range of doubles: the conductances span too many decades for a direct solution"
         )
-    return SupernodalFactors(symbolic, entries.values, entries.pivot)
+    pivot = np.append(entries.pivot, symbolic.pivot[symbolic.order[size:]])
+    return SupernodalFactors(symbolic, entries.values, pivot)
+
+
+class Entries(NamedTuple):
+    """The entries of the factors; a share is that of a conductance in its pivot.
+
+    `values`: the entries of ``-L`` below the diagonal, supernode by supernode: shares that go to later rows. What
+    stands above the diagonal is 0; `pivot, grounded` (kept,): ``D`` in siemens, and the shares that go to the ground.
+    """
+
+    values: Floats
+    pivot: Floats
+    grounded: Floats
+
+
+class Workspace(NamedTuple):
+    """Where elimination keeps what it is at.
+
+    `node_of` (kept,): supernode of every column; `waiting, following` (supernodes,): lists of the supernodes that are
+    next to be added to one: the first, and the one after each; -1 at the end; `after` (supernodes,): which of their
+    rows that one begins at; `at` (kept,): places of the rows of the supernode that is being eliminated; `column`: as
+    long as the longest one; `weight` (columns,): as the widest one.
+    """
+
+    node_of: Indices
+    waiting: Indices
+    following: Indices
+    after: Indices
+    at: Indices
+    column: Floats
+    weight: Floats
+
+
+@kernel
+def eliminate(
+    matrix: Conductances, pattern: Pattern, nodes: Supernodes, entries: Entries, work: Workspace, begin: int, end: int
+) -> bool:
+    """Factor some supernodes in order, in sums, products and quotients of positive numbers alone.
+
+    A row that is eliminated joins those it was joined to, and the ground, by ``c_i c_j / d``; its pivot ``d`` is the
+    sum of its conductances to later rows and to the ground, never a difference (Grassmann, Taksar & Heyman 1985).  So
+    every entry is right to some roundings, whatever the conductances.
+    """
+    for node in range(begin, end):
+        _load(matrix, pattern, nodes, entries, work, node)
+        other = work.waiting[node]
+        while other >= 0:
+            following = work.following[other]
+            _update(nodes, entries, work, other, node)
+            _wait(nodes, work, other)
+            other = following
+        if not _eliminate_within(nodes, entries, work, node):
+            return False
+        work.after[node] = nodes.start[node] + nodes.first[node + 1] - nodes.first[node]
+        _wait(nodes, work, node)
+    return True
+
+
+@inlined
+def _wait(nodes: Supernodes, work: Workspace, node: int) -> None:
+    """Have a supernode wait for the one that its next row belongs to."""
+    after = work.after[node]
+    if after < nodes.start[node + 1]:
+        target = work.node_of[nodes.rows[after]]
+        work.following[node] = work.waiting[target]
+        work.waiting[target] = node
+
+
+@inlined
+def _load(
+    matrix: Conductances, pattern: Pattern, nodes: Supernodes, entries: Entries, work: Workspace, node: int
+) -> None:
+    """Fill a supernode with the conductances of the matrix."""
+    indptr, indices, data, ground = matrix
+    order, rank = pattern.order, pattern.rank
+    values, at = entries.values, work.at
+    first, base = nodes.first[node], nodes.offset[node]
+    length = nodes.start[node + 1] - nodes.start[node]
+    for i in range(base, nodes.offset[node + 1]):
+        values[np.uint64(i)] = 0.0
+    for r in range(length):
+        at[nodes.rows[nodes.start[node] + r]] = r
+    for k in range(first, nodes.first[node + 1]):
+        entries.grounded[k] = ground[order[k]]
+        for entry in range(indptr[order[k]], indptr[order[k] + 1]):
+            row = rank[indices[entry]]
+            if row > k:
+                values[base + (k - first) * length + at[row]] = data[entry]
+
+
+@inlined
+def _update(nodes: Supernodes, entries: Entries, work: Workspace, other: int, node: int) -> None:
+    """Add what an eliminated supernode joins the columns of a later one to; moves on to its first row behind them."""
+    rows, at, weight, values = nodes.rows, work.at, work.weight, entries.values
+    begin, end = work.after[other], nodes.start[other + 1]
+    first, columns = nodes.first[other], nodes.first[other + 1] - nodes.first[other]
+    apart = end - nodes.start[other]
+    source = nodes.offset[other] + begin - nodes.start[other]
+    length = nodes.start[node + 1] - nodes.start[node]
+    follow_on = at[rows[end - 1]] - at[rows[begin]] == end - 1 - begin
+    r = begin
+    while r < end and rows[r] < nodes.first[node + 1]:
+        here, left = source + r - begin, end - r - 1
+        there = nodes.offset[node] + at[rows[r]] * (length + 1)
+        _weigh(entries, first, columns, here, apart, rows[r], weight)
+        if follow_on:
+            _add_columns(values, there + 1, values, here + 1, apart, weight, columns, left)
+        else:
+            for i in range(left):
+                work.column[i] = 0.0
+            _add_columns(work.column, ZERO, values, here + 1, apart, weight, columns, left)
+            there -= at[rows[r]]
+            for i in range(left):
+                values[there + at[rows[r + 1 + i]]] += work.column[i]
+        r += 1
+    work.after[other] = r
+
+
+@inlined
+def _weigh(entries: Entries, first: int, columns: int, here: int, apart: int, row: int, weight: Floats) -> None:
+    """Conductances from eliminated columns to a row, which their shares count by; adds what goes to the ground."""
+    values, pivot, grounded = entries
+    total = 0.0
+    for k in range(columns):
+        w = pivot[first + k] * values[here + k * apart]
+        weight[k] = w
+        total += w * grounded[first + k]
+    grounded[row] += total
+
+
+@inlined
+def _eliminate_within(nodes: Supernodes, entries: Entries, work: Workspace, node: int) -> bool:
+    """Eliminate the columns of a supernode that everything before has been added to."""
+    values, pivot, grounded = entries
+    first, base, width = nodes.first[node], nodes.offset[node], nodes.first[node + 1] - nodes.first[node]
+    length, weight = nodes.start[node + 1] - nodes.start[node], work.weight
+    for c in range(width):
+        k, below, end = first + c, base + c * length + c + 1, base + (c + 1) * length
+        _weigh(entries, first, c, base + c, length, k, weight)
+        _add_columns(values, below, values, base + c + 1, length, weight, c, end - below)
+        total = grounded[k] + _sum(values, below, end)
+        if not (total > 0.0 and math.isfinite(total)):
+            return False
+        pivot[k] = total
+        grounded[k] /= total
+        for i in range(base + c * length, below):
+            values[np.uint64(i)] = 0.0
+        for i in range(below, end):
+            values[np.uint64(i)] /= total
+    return True
+
+
+@inner_fast
+def _sum(values: Floats, begin: int, end: int) -> float:
+    total = 0.0
+    for i in range(begin, end):
+        total += values[np.uint64(i)]
+    return total
+
+
+@inner_fast
+def _add_columns(
+    target: Floats, there: int, values: Floats, here: int, apart: int, weight: Floats, columns: int, count: int
+) -> None:
+    """Add columns of values that begin ``apart``, by their weights, four at a time."""
+    t, k = np.uint64(there), 0
+    while k + 4 <= columns:
+        w0, w1, w2, w3 = weight[k], weight[k + 1], weight[k + 2], weight[k + 3]
+        s0, s1 = np.uint64(here + k * apart), np.uint64(here + (k + 1) * apart)
+        s2, s3 = np.uint64(here + (k + 2) * apart), np.uint64(here + (k + 3) * apart)
+        for each in range(count):
+            i = np.uint64(each)
+            target[t + i] += (w0 * values[s0 + i] + w1 * values[s1 + i]) + (w2 * values[s2 + i] + w3 * values[s3 + i])
+        k += 4
+    while k < columns:
+        w, s = weight[k], np.uint64(here + k * apart)
+        for each in range(count):
+            target[t + np.uint64(each)] += w * values[s + np.uint64(each)]
+        k += 1
+
+
+@kernel
+def substitute(
+    matrix: Conductances, order: Integers, place: Integers, nodes: Supernodes, values: Floats, pivot: Floats, m: Floats,
+    e: Integers, column: Floats,
+) -> None:  # fmt: skip
+    """Solve in place, in scaled numbers: reduce, ``L D L^T x = b`` for the rows kept, put the others back.
+
+    Within a supernode numbers have one exponent in common, the largest; where a sum leaves the range of doubles so, the
+    supernode is gone through again number by number.
+
+    Shapes: `m, e` (n,), in the order of elimination; `column` (longest supernode,): room.
+    """
+    indptr, indices, edges, _ = matrix
+    n, kept = len(order), nodes.first[-1]
+    for k in range(n):
+        m[k], e[k] = _canonical(m[k], e[k])
+    for k in range(kept, n):
+        for entry in range(indptr[order[k]], indptr[order[k] + 1]):
+            j, share = place[indices[entry]], edges[entry] / pivot[k]
+            m[j], e[j] = _add_product(m[j], e[j], share, m[k], e[k])
+    for node in range(len(nodes.first) - 1):
+        _forward(nodes, values, m, e, column, node)
+    for k in range(n):
+        m[k], e[k] = _canonical(m[k] / pivot[k], e[k])
+    for node in range(len(nodes.first) - 2, -1, -1):
+        _backward(nodes, values, m, e, column, node)
+    for k in range(kept, n):
+        value, scale = m[k], e[k]
+        for entry in range(indptr[order[k]], indptr[order[k] + 1]):
+            j, share = place[indices[entry]], edges[entry] / pivot[k]
+            value, scale = _add_product(value, scale, share, m[j], e[j])
+        m[k], e[k] = _canonical(value, scale)
+
+
+@inlined
+def _add_share(m: Floats, e: Integers, to: int, share: float, of: int) -> None:
+    """Add a share of one scaled number to another."""
+    value, scale = _add_product(m[to], e[to], share, m[of], e[of])
+    m[to], e[to] = _canonical(value, scale)
+
+
+@inlined
+def _forward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column: Floats, node: int) -> None:
+    """Spread what is fed into the columns of a supernode over its rows."""
+    begin, base, first = nodes.start[node], nodes.offset[node], nodes.first[node]
+    length, columns = nodes.start[node + 1] - begin, nodes.first[node + 1] - first
+    fed = 0
+    while fed < columns and m[first + fed] == 0.0:
+        fed += 1
+    if fed == columns:
+        return
+    common = _align(nodes.rows, begin, fed, length, m, e, column)
+    for c in range(fed, columns):
+        _add_times(column, values, base + c * length, c + 1, length, column[c])
+    if _smallest(column, fed, length) >= _LEAST:
+        for r in range(fed, length):
+            row = nodes.rows[begin + r]
+            m[row], e[row] = _canonical(column[r], common)
+        return
+    for c in range(fed, columns):
+        for r in range(c + 1, length):
+            _add_share(m, e, nodes.rows[begin + r], values[base + c * length + r], first + c)
+
+
+@inlined
+def _backward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column: Floats, node: int) -> None:
+    """Solve for the rows of a supernode's columns, from those of the later ones."""
+    begin, base, first = nodes.start[node], nodes.offset[node], nodes.first[node]
+    length, columns = nodes.start[node + 1] - begin, nodes.first[node + 1] - first
+    common = _align(nodes.rows, begin, ZERO, length, m, e, column)
+    plain = True
+    for c in range(columns - 1, -1, -1):
+        column[c] += _product(column, values, base + c * length, c + 1, length)
+        plain = plain and _LEAST <= abs(column[c]) <= _MOST
+    if plain:
+        for c in range(columns):
+            m[first + c], e[first + c] = _canonical(column[c], common)
+        return
+    for c in range(columns - 1, -1, -1):
+        for r in range(c + 1, length):
+            _add_share(m, e, first + c, values[base + c * length + r], nodes.rows[begin + r])
+
+
+@inlined
+def _align(rows: Indices, begin: int, skipped: int, length: int, m: Floats, e: Integers, column: Floats) -> int:
+    """Write some rows as doubles; returns the largest of their exponents, which is common to all then."""
+    common, found = int(e[rows[begin + skipped]]), m[rows[begin + skipped]] != 0.0
+    for r in range(skipped + 1, length):
+        row = rows[begin + r]
+        if m[row] != 0.0 and (not found or e[row] > common):
+            common, found = int(e[row]), True
+    for r in range(skipped, length):
+        row = rows[begin + r]
+        column[r] = _shift(m[row], e[row] - common)
+    return common
+
+
+@inner_fast
+def _smallest(column: Floats, begin: int, end: int) -> float:
+    least = np.inf
+    for i in range(begin, end):
+        least = min(least, abs(column[np.uint64(i)]))
+    return least
+
+
+@inner_fast
+def _add_times(column: Floats, values: Floats, base: int, begin: int, end: int, value: float) -> None:
+    b = np.uint64(base)
+    for each in range(begin, end):
+        i = np.uint64(each)
+        column[i] += value * values[b + i]
+
+
+@inner_fast
+def _product(column: Floats, values: Floats, base: int, begin: int, end: int) -> float:
+    total, b = 0.0, np.uint64(base)
+    for each in range(begin, end):
+        i = np.uint64(each)
+        total += column[i] * values[b + i]
+    return total

@@ -12,7 +12,8 @@ from scipy import sparse
 
 from resgrid.solvers.columns import inverse_diagonal, positive_inverse_diagonal
 from resgrid.solvers.laplacian import Laplacian, Rows
-from resgrid.solvers.supernodal import Symbolic, factor_supernodes, order_by_degree, order_by_distance
+from resgrid.solvers.supernodal import factor_supernodes
+from resgrid.solvers.symbolic import Symbolic, order_by_degree, order_by_distance
 
 
 def exact_inverse(coupling: np.ndarray, excess: np.ndarray) -> list[list[Fraction]]:

@@ -55,7 +55,7 @@ def test_factors_of_more_rows_than_can_be_numbered_are_refused(
     """What odd-even reduction leaves, the quotient graph's members, and the rows of supernodes."""
     netlist = rg.compile_space(scattered(shape))
     expected = rg.solve(netlist)
-    monkeypatch.setattr("resgrid.solvers.supernodal.MOST_NUMBERED", most)
+    monkeypatch.setattr("resgrid.solvers.symbolic.MOST_NUMBERED", most)
     with pytest.raises(rg.BudgetError, match=r"rows have more entries than 32 bits can number: .* 'multigrid'"):
         rg.solve(netlist, method="direct")
     np.testing.assert_allclose(rg.solve(netlist).log_drop, expected.log_drop, rtol=1e-9)

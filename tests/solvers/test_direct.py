@@ -17,7 +17,7 @@ from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.extended import Scaled
 from resgrid.solvers.factor import factor_direct
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.supernodal import order_by_degree, order_by_distance
+from resgrid.solvers.symbolic import order_by_degree, order_by_distance
 
 
 def grounded(pairs: np.ndarray, conductance: np.ndarray) -> Equations:

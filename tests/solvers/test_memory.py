@@ -11,7 +11,7 @@ from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.netlist import Netlist
 from resgrid.solvers.choose import estimate_memory
-from resgrid.solvers.supernodal import order_by_distance
+from resgrid.solvers.symbolic import order_by_distance
 from resgrid.space import Cell, ConfigurationSpace
 
 

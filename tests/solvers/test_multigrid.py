@@ -15,7 +15,7 @@ from resgrid.solvers.factor import factor_multigrid
 from resgrid.solvers.laplacian import count_connections
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid import graphs
-from resgrid.solvers.supernodal import order_by_distance
+from resgrid.solvers.symbolic import order_by_distance
 
 BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 2.0}]
 
