@@ -2,6 +2,9 @@
 
 Compiled functions that hand on dozens of arrays take most of their time to compile for that; one that is given a row
 of the table (`GRID`) opens what it reads.  Who made the table keeps the arrays.
+
+In a sweep the red cells go ahead of the black ones by as many slots as there are between neighbours, so that faces are
+read once; red values are only kept in a window around the slots that it has come to.
 """
 
 from __future__ import annotations
@@ -14,12 +17,15 @@ from numba import types
 from numba.extending import intrinsic
 from numba.np.numpy_support import carray
 
-from resgrid.jit import inlined, inner, inner_fast
+from resgrid.jit import ZERO, inlined, inner, inner_fast
 from resgrid.solvers.multigrid.graph_sweeps import Graphs
-from resgrid.solvers.multigrid.red_black import Floats, Indices, Integers, Reals, Singles, Stencil, products
+from resgrid.solvers.multigrid.red_black import RED, Floats, Indices, Integers, Reals, Singles, Stencil, products
 
 CHUNK = 2048
 """Slots over which sums are taken before they are added to others: the same whoever takes them."""
+
+_ROOM = 4
+"""Of a window, in units of what is kept and a block; so seldom it is moved."""
 
 SINGLE = np.dtype(np.float32).itemsize
 
@@ -178,14 +184,6 @@ def copy(values: Singles, begin: int, count: int, there: Singles) -> None:
         there[k] = values[k]
 
 
-@inner
-def second_step(alpha: float, energy: float, rest: float, product: float, gamma: float) -> tuple[float, float]:
-    """Shares of both directions in the answer."""
-    second = product - gamma * gamma / energy
-    step = rest / second if second > 0.0 else 0.0
-    return (alpha - gamma * step) / energy, step
-
-
 @inner_fast
 def combine(z: Singles, c: Singles, on_c: np.float32, on_z: np.float32, begin: int, end: int, both: Singles) -> None:
     """``both = on_c c + on_z z`` on some slots."""
@@ -193,3 +191,103 @@ def combine(z: Singles, c: Singles, on_c: np.float32, on_z: np.float32, begin: i
     for i in range(end - begin):
         k = at + np.uint64(i)
         both[k] = on_c * c[k] + on_z * z[k]
+
+
+class Window(NamedTuple):
+    """The red values around the slots that a window has come to.
+
+    `red`: the values; `drawn` (couplings,): what couplings draw into red cells; `at` (2,): slot of the first of the red
+    values, and the next coupling; `kept`: how many values behind a block may still be asked for.
+    """
+
+    red: Reals
+    drawn: Reals
+    at: Integers
+    kept: int
+
+
+class Slab(NamedTuple):
+    """A part of a grid that one thread sweeps over.
+
+    `first, last`: its blocks, the last one left out; `begin, end`: black slots that share their nodes on the next level
+    with no other slab's.
+    """
+
+    first: int
+    last: int
+    begin: int
+    end: int
+
+
+@inner
+def slab_of(level: Row, part: int) -> Slab:
+    """One of the slabs of a grid."""
+    of, k = integers(level.slabs, 4 * level.parts), 4 * part
+    return Slab(of[k], of[k + 1], of[k + 2], of[k + 3])
+
+
+@inner
+def blocks_ahead(level: Row) -> int:
+    """How many blocks red cells go ahead of black ones, so that all neighbours of these are there."""
+    return int(-(-level.margin // level.block))
+
+
+@inner
+def open_window(level: Row, block: int, like: Reals) -> Window:
+    """A window that comes to a block first, of the precision of other values; what couplings draw is left open."""
+    begin, coupling = level.margin + block * level.block, 0
+    kept = blocks_ahead(level) * level.block + level.margin
+    red, drawn = np.zeros(_ROOM * (kept + level.block), like.dtype), np.empty(level.joined, like.dtype)
+    off_red = indices(level.off_red, level.joined)
+    while coupling < level.joined and off_red[coupling] < begin:
+        coupling += 1
+    return Window(red, drawn, np.array([begin - kept, coupling]), kept)
+
+
+@inner
+def draw(level: Row, x: Singles, drawn: Reals) -> None:
+    """What every coupling draws into its red cell."""
+    couplings, off_black = singles(level.couplings, level.joined), indices(level.off_black, level.joined)
+    for k in range(level.joined):
+        drawn[k] = drawn.dtype.type(couplings[k]) * x[off_black[k]]
+
+
+@inner
+def make_room(level: Row, window: Window, block: int) -> int:
+    """Make room for a block of red values; returns where among them it begins."""
+    begin = level.margin + block * level.block
+    if begin + level.block - window.at[0] > len(window.red):
+        behind = begin - window.kept - window.at[0]
+        for k in range(window.kept):
+            window.red[k] = window.red[behind + k]
+        window.at[0] = begin - window.kept
+    return int(begin - window.at[0])
+
+
+@inner
+def lead(level: Row, window: Window, slab: Slab, x: Singles, block: int) -> None:
+    """``red = G x / degree`` on a block, zero behind the last one; a slab notes its own where couplings begin."""
+    to = make_room(level, window, block)
+    if block >= level.blocks:
+        for k in range(to, to + level.block):
+            window.red[k] = 0.0
+        return
+    begin, count = extent(level, block)
+    draw_into(level, RED, x, ZERO, block, window.red, to)
+    off_red, noted, first = indices(level.off_red, level.joined), doubles(level.noted, level.joined), window.at[1]
+    while window.at[1] < level.joined and off_red[window.at[1]] < begin + count:
+        window.red[to + off_red[window.at[1]] - begin] += window.drawn[window.at[1]]
+        window.at[1] += 1
+    _scale(singles(level.red_inverse, level.slots), begin, count, window.red, to)
+    if slab.first <= block < slab.last:
+        for m in range(first, window.at[1]):
+            noted[m] = window.red[to + off_red[m] - begin]
+
+
+@inner_fast
+def _scale(inverse: Reals, begin: int, count: int, value: Reals, to: int) -> None:
+    """``value = inverse * value``, the value from slot ``to`` on."""
+    at, v_at = np.uint64(begin), np.uint64(to)
+    for i in range(count):
+        k = np.uint64(i)
+        value[v_at + k] *= inverse[at + k]

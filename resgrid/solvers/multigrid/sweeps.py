@@ -13,18 +13,23 @@ from resgrid.jit import ZERO, inlined, inner, inner_fast
 from resgrid.solvers.multigrid.levels import (
     CHUNK,
     Row,
+    Slab,
+    blocks_ahead,
     chunks_of,
     combine,
     copy,
     doubles,
+    draw,
     draw_into,
     extent,
     indices,
+    lead,
+    make_room,
+    open_window,
     singles,
     take_step,
 )
 from resgrid.solvers.multigrid.red_black import BLACK, RED, Indices, Reals, Singles, relax
-from resgrid.solvers.multigrid.windows import Slab, blocks_ahead, draw, lead, make_room, open_window
 
 
 @inner
