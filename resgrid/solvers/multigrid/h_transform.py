@@ -155,13 +155,13 @@ def cut_off(height: NDArray[np.float64], unknown: NDArray[np.bool_]) -> NDArray[
 
 def transformed(level: Level, stencil: Stencil, h: NDArray[np.float64]) -> Level:
     """The circuit of ``u / h``, with the leaks ``h_i (A h)_i``."""
-    relaxed, inflow, blocks = h.copy(), np.zeros(h.shape[1]), blocks_of(stencil)
-    nothing, squares = np.zeros_like(h), np.empty(blocks)
-    sweep_colour(stencil, RED, nothing, relaxed, inflow, squares, (0, blocks))
-    sweep_colour(stencil, BLACK, nothing, h, inflow, squares, (0, blocks))
+    leak, relaxed, blocks = np.zeros_like(h), h.copy(), blocks_of(stencil)
+    squares, inflow = np.empty(blocks), leak[1]
+    sweep_colour(stencil, RED, leak, relaxed, inflow, squares, (0, blocks))
+    sweep_colour(stencil, BLACK, leak, h, inflow, squares, (0, blocks))
     np.add.at(inflow, stencil.off_black, stencil.couplings * h[0, stencil.off_red])
-    red = np.divide(relaxed[0] - h[0], stencil.red_inverse, out=nothing[0], where=stencil.red_inverse > 0.0)
-    leak = -h * np.stack([red, inflow])
+    np.divide(relaxed[0] - h[0], stencil.red_inverse, out=leak[0], where=stencil.red_inverse > 0.0)
+    leak *= -h
     return replace(level, edges=_scaled_edges(level.edges, h), leak=leak)
 
 
