@@ -110,7 +110,8 @@ def decay(
     (low, high), n = ends, len(ends[0])
     after, head = np.full(n, n, dtype=np.int32), np.full(int(_PARTS * rate) + 2, -1, dtype=np.int32)
     costs = costs_by_depth(n, rate, wall)
-    near, most, whole = fall(rows.indptr, rows.indices, low, high, costs, rounds, first, n - rest, after, head)
+    indptr, indices = rows.indptr.view(np.uint32), rows.indices.view(np.uint32)  # need no sign
+    near, most, whole = fall(indptr, indices, low, high, costs, rounds, first, n - rest, after, head)
     return near / _PARTS, most / _PARTS, whole / _PARTS
 
 
@@ -141,8 +142,8 @@ def h_transform_pays(laplacian: Laplacian, fall: Fall) -> bool:
 
 @inner
 def _find_depths(
-    indptr: NDArray[np.int32],
-    indices: NDArray[np.int32],
+    indptr: NDArray[np.uint32],
+    indices: NDArray[np.uint32],
     high: NDArray[np.bool_],
     rounds: int,
     steps: NDArray[np.int32],
@@ -161,7 +162,7 @@ def _find_depths(
 
 @inner
 def _shorten(
-    indptr: NDArray[np.int32], indices: NDArray[np.int32], high: NDArray[np.bool_], steps: NDArray[np.int32],
+    indptr: NDArray[np.uint32], indices: NDArray[np.uint32], high: NDArray[np.bool_], steps: NDArray[np.int32],
     nodes: range,
 ) -> bool:  # fmt: skip
     """Steps by way of the neighbours, node by node; whether any became fewer."""
@@ -169,7 +170,8 @@ def _shorten(
     for node in nodes:
         least = 0 if high[node] else steps[node]
         for k in range(indptr[node], indptr[node + 1]):
-            least = min(least, steps[indices[k]] + 1)
+            here = steps[indices[k]] + 1
+            least = here if here < least else least
         moved |= least < steps[node]
         steps[node] = least
     return moved
@@ -177,8 +179,8 @@ def _shorten(
 
 @kernel
 def fall(
-    indptr: NDArray[np.int32],
-    indices: NDArray[np.int32],
+    indptr: NDArray[np.uint32],
+    indices: NDArray[np.uint32],
     low: NDArray[np.bool_],
     high: NDArray[np.bool_],
     costs: NDArray[np.int32],

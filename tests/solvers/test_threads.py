@@ -13,7 +13,7 @@ from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.solvers.multigrid import atomics, preconditioner
-from resgrid.solvers.multigrid.windows import Slab
+from resgrid.solvers.multigrid.levels import Slab
 from resgrid.solvers.team import Team
 
 SHAPES = [(448, 384), (56, 64, 48)]

@@ -28,9 +28,8 @@ from resgrid.solvers.multigrid.graph_sweeps import (
     multiply_graph,
     solve_coarsest,
 )
-from resgrid.solvers.multigrid.levels import CHUNK, SINGLE, Row, chunks_of, combine, copy, second_step, take_step
+from resgrid.solvers.multigrid.levels import CHUNK, SINGLE, Row, chunks_of, combine, copy, slab_of, take_step
 from resgrid.solvers.multigrid.red_black import Floats, Integers, Singles
-from resgrid.solvers.multigrid.windows import slab_of
 
 Table = NDArray[Any]
 """Rows of `levels.GRID`, shape (levels,)."""
@@ -169,7 +168,10 @@ def _step(
     """
     (count, first), (rest, product, gamma) = visit, products
     if count > 1:
-        return False, second_step(first[0], first[1], rest, product, gamma)
+        alpha, energy = first[0], first[1]
+        second = product - gamma * gamma / energy
+        step = rest / second if second > 0.0 else 0.0
+        return False, ((alpha - gamma * step) / energy, step)
     first[0], first[1] = rest, product
     if product > 0.0 and stop < np.inf:
         return True, (rest / product, 0.0)

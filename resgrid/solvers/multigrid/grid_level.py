@@ -186,6 +186,7 @@ def stencil_of(
         faces=faces,
         distance=edges.distance,
         margin=edges.margin,
+        first_extra=level.lattice.first_extra,
         block=min(BLOCK, level.lattice.slots),
         off_red=edges.off_red,
         off_black=edges.off_black,
@@ -348,21 +349,16 @@ def compensate(stencil: Stencil, leak: Floats, degree: Reals, share: Floats) -> 
         degree[stencil.off_black[k]] += couplings[k] * share[stencil.off_red[k]]
 
 
-@inner
-def share_of_red(conductance: float, leak: float, inverse: float) -> float:
-    """Share of the current towards a red cell that comes out of it, and leaks, if its neighbours are at one voltage.
-
-    It is 1 but for the rounding of the reciprocal of its diagonal entry.
-    """
-    return inverse * conductance + leak / (conductance + leak + _TINY)
-
-
 @inner_fast
 def _turn_into_shares(conductance: Floats, leak: Floats, inverse: Reals, begin: int, count: int) -> None:
+    """Share of the current towards red cells that comes out of them, and leaks, if all neighbours are at one voltage.
+
+    It is 1 but for the rounding of the reciprocal of a diagonal entry.
+    """
     at = np.uint64(begin)
     for i in range(count):
         k = at + np.uint64(i)
-        conductance[k] = share_of_red(conductance[k], leak[k], inverse[k])
+        conductance[k] = inverse[k] * conductance[k] + leak[k] / (conductance[k] + leak[k] + _TINY)
 
 
 @inner_fast

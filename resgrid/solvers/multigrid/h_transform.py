@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.errors import AccuracyError
-from resgrid.jit import kernel
 from resgrid.solvers.columns import symmetric_factors
 from resgrid.solvers.decay import MOST_DECADES
 from resgrid.solvers.laplacian import Laplacian
@@ -47,8 +46,8 @@ from resgrid.solvers.multigrid.hierarchy import (
 )
 from resgrid.solvers.multigrid.krylov import scatter_rows
 from resgrid.solvers.multigrid.levels import Finest, GridLevel, Levels, Way
-from resgrid.solvers.multigrid.preconditioner import black_residual
-from resgrid.solvers.multigrid.red_black import Edges, Floats, Stencil
+from resgrid.solvers.multigrid.preconditioner import black_residual, blocks_of, sweep_colour
+from resgrid.solvers.multigrid.red_black import BLACK, RED, Edges, Stencil
 from resgrid.solvers.refine import Approximation, Numbers
 from resgrid.solvers.team import ALONE, Team
 
@@ -155,10 +154,15 @@ def cut_off(height: NDArray[np.float64], unknown: NDArray[np.bool_]) -> NDArray[
 
 
 def transformed(level: Level, stencil: Stencil, h: NDArray[np.float64]) -> Level:
-    """The circuit of ``u / h``."""
-    edges, leak = _scaled_edges(level.edges, h), np.empty_like(h)
-    transform(stencil, h, leak)
-    return replace(level, edges=edges, leak=leak)
+    """The circuit of ``u / h``, with the leaks ``h_i (A h)_i``."""
+    leak, relaxed, blocks = np.zeros_like(h), h.copy(), blocks_of(stencil)
+    squares, inflow = np.empty(blocks), leak[1]
+    sweep_colour(stencil, RED, leak, relaxed, inflow, squares, (0, blocks))
+    sweep_colour(stencil, BLACK, leak, h, inflow, squares, (0, blocks))
+    np.add.at(inflow, stencil.off_black, stencil.couplings * h[0, stencil.off_red])
+    np.divide(relaxed[0] - h[0], stencil.red_inverse, out=leak[0], where=stencil.red_inverse > 0.0)
+    leak *= -h
+    return replace(level, edges=_scaled_edges(level.edges, h), leak=leak)
 
 
 def summed(level: Level, step: Coarsened, *, fed: bool) -> Level:
@@ -298,27 +302,3 @@ def _solved(level: Level, currents: NDArray[np.float64]) -> NDArray[np.float64]:
     potential = np.zeros(number.size)
     potential[used] = symmetric_factors(matrix).solve(currents.ravel()[used])
     return potential.reshape(currents.shape)
-
-
-@kernel
-def transform(stencil: Stencil, height: Floats, leak: Floats) -> None:
-    """Fill ``leak``, shape (2, slots), with ``h_i (A h)_i``."""
-    margin, slots = stencil.margin, stencil.faces.shape[1]
-    red, black = height[0], height[1]
-    for k in range(slots):
-        leak[0, k] = leak[1, k] = 0.0
-    for k in range(len(stencil.couplings)):
-        i, j = stencil.off_red[k], stencil.off_black[k]
-        leak[0, i] += stencil.couplings[k] * black[j]
-        leak[1, j] += stencil.couplings[k] * red[i]
-    for k in range(margin, slots - margin):
-        drawn = 0.0
-        for q in range(len(stencil.distance)):
-            g, there = stencil.faces[q, k], k + stencil.distance[q]
-            drawn += g * black[there]
-            leak[1, there] += g * red[k]
-        leak[0, k] += drawn
-    for k in range(slots):
-        degree = 1.0 / stencil.red_inverse[k] if stencil.red_inverse[k] > 0.0 else 0.0
-        leak[0, k] = red[k] * (degree * red[k] - leak[0, k])
-        leak[1, k] = black[k] * (stencil.black_degree[k] * black[k] - leak[1, k])

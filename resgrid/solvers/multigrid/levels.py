@@ -2,6 +2,9 @@
 
 Compiled functions that hand on dozens of arrays take most of their time to compile for that; one that is given a row
 of the table (`GRID`) opens what it reads.  Who made the table keeps the arrays.
+
+In a sweep the red cells go ahead of the black ones by as many slots as there are between neighbours, so that faces are
+read once; red values are only kept in a window around the slots that it has come to.
 """
 
 from __future__ import annotations
@@ -10,13 +13,16 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from resgrid.jit import inlined, inner, inner_fast
-from resgrid.solvers.machine import integers, singles_by_side
+from resgrid.jit import ZERO, inlined, inner, inner_fast
+from resgrid.solvers.machine import doubles, indices, integers, singles, singles_by_side
 from resgrid.solvers.multigrid.graph_sweeps import Graphs
-from resgrid.solvers.multigrid.red_black import Floats, Indices, Reals, Singles, Stencil, products
+from resgrid.solvers.multigrid.red_black import RED, Floats, Indices, Integers, Reals, Singles, Stencil, products
 
 CHUNK = 2048
 """Slots over which sums are taken before they are added to others: the same whoever takes them."""
+
+_ROOM = 4
+"""Of a window, in units of what is kept and a block; so seldom it is moved."""
 
 SINGLE, DOUBLE = (cast(int, np.int64(kind.itemsize)) for kind in (np.dtype(np.float32), np.dtype(np.float64)))
 """Bytes of a number; no literals, as `resgrid.jit.ZERO`."""
@@ -35,7 +41,7 @@ GRID = np.dtype([
 
 `slots, sides, margin, block`: of its stencil; `blocks`: how many; `joined`: couplings; `weighted`: whether what its
 nodes take from the next level has weights; `below_slots`: of the next level's right-hand side; `window`: red values in
-a window (`resgrid.solvers.multigrid.windows`).
+a window (`Window`).
 
 From `faces` to `weight`: as of `GridLevel`, in single precision, but for `degree`; `below_fed, below`: the next level's
 right-hand side and answer.
@@ -143,14 +149,6 @@ def copy(values: Singles, begin: int, count: int, there: Singles) -> None:
         there[k] = values[k]
 
 
-@inner
-def second_step(alpha: float, energy: float, rest: float, product: float, gamma: float) -> tuple[float, float]:
-    """Shares of both directions in the answer."""
-    second = product - gamma * gamma / energy
-    step = rest / second if second > 0.0 else 0.0
-    return (alpha - gamma * step) / energy, step
-
-
 @inner_fast
 def combine(z: Singles, c: Singles, on_c: np.float32, on_z: np.float32, begin: int, end: int, both: Singles) -> None:
     """``both = on_c c + on_z z`` on some slots."""
@@ -158,3 +156,128 @@ def combine(z: Singles, c: Singles, on_c: np.float32, on_z: np.float32, begin: i
     for i in range(end - begin):
         k = at + np.uint64(i)
         both[k] = on_c * c[k] + on_z * z[k]
+
+
+class Window(NamedTuple):
+    """The red values around the slots that a window has come to.
+
+    `red`: the values; `drawn` (couplings,): what couplings draw into red cells; `total` (block,): for sums; `at` (2,):
+    slot of the first of the red values, and the next coupling; `kept`: how many values behind a block may still be
+    asked for.
+    """
+
+    red: Reals
+    drawn: Reals
+    total: Reals
+    at: Integers
+    kept: int
+
+
+class Slab(NamedTuple):
+    """A part of a grid that one thread sweeps over.
+
+    `first, last`: its blocks, the last one left out; `begin, end`: black slots that share their nodes on the next level
+    with no other slab's; `room`: where it keeps its two windows, an address.
+    """
+
+    first: int
+    last: int
+    begin: int
+    end: int
+    room: int = 0
+
+
+@inner
+def slab_of(level: Row, part: int) -> Slab:
+    """One of the slabs of a grid."""
+    of, k = integers(level.slabs, 5 * level.parts), 5 * part
+    return Slab(of[k], of[k + 1], of[k + 2], of[k + 3], of[k + 4])
+
+
+@inner
+def blocks_ahead(level: Row) -> int:
+    """How many blocks red cells go ahead of black ones, so that all neighbours of these are there."""
+    return int(-(-level.margin // level.block))
+
+
+def values_in_window(stencil: Stencil) -> int:
+    """How many red values a window holds."""
+    return int(_ROOM * ((-(-stencil.margin // stencil.block) + 1) * stencil.block + stencil.margin))
+
+
+@inlined
+def open_window(level: Row, slab: Slab, block: int) -> Window:
+    """A window of single precision that comes to a block first; what couplings draw is left open."""
+    room, drawn = slab.room + 2 * DOUBLE, slab.room + 2 * DOUBLE + level.window * SINGLE
+    red, total = singles(room, level.window), singles(drawn + level.joined * SINGLE, level.block)
+    return _opened(level, slab.room, block, red, singles(drawn, level.joined), total)
+
+
+@inlined
+def open_second(level: Row, slab: Slab, block: int) -> Window:
+    """The same beside it, of double precision."""
+    begin = slab.room + (2 + level.window + level.joined + level.block) * DOUBLE
+    room, drawn = begin + 2 * DOUBLE, begin + (2 + level.window) * DOUBLE
+    red, total = doubles(room, level.window), doubles(drawn + level.joined * DOUBLE, level.block)
+    return _opened(level, begin, block, red, doubles(drawn, level.joined), total)
+
+
+@inner
+def _opened(level: Row, room: int, block: int, red: Reals, drawn: Reals, total: Reals) -> Window:
+    begin, at, off_red = level.margin + block * level.block, integers(room, 2), indices(level.off_red, level.joined)
+    kept = blocks_ahead(level) * level.block + level.margin
+    at[0], at[1] = begin - kept, 0
+    while at[1] < level.joined and off_red[at[1]] < begin:
+        at[1] += 1
+    for k in range(len(red)):
+        red[k] = 0.0
+    return Window(red, drawn, total, at, kept)
+
+
+@inner
+def draw(level: Row, x: Singles, drawn: Reals) -> None:
+    """What every coupling draws into its red cell."""
+    couplings, off_black = singles(level.couplings, level.joined), indices(level.off_black, level.joined)
+    for k in range(level.joined):
+        drawn[k] = drawn.dtype.type(couplings[k]) * x[off_black[k]]
+
+
+@inner
+def make_room(level: Row, window: Window, block: int) -> int:
+    """Make room for a block of red values; returns where among them it begins."""
+    begin = level.margin + block * level.block
+    if begin + level.block - window.at[0] > len(window.red):
+        behind = begin - window.kept - window.at[0]
+        for k in range(window.kept):
+            window.red[k] = window.red[behind + k]
+        window.at[0] = begin - window.kept
+    return int(begin - window.at[0])
+
+
+@inner
+def lead(level: Row, window: Window, slab: Slab, x: Singles, block: int) -> None:
+    """``red = G x / degree`` on a block, zero behind the last one; a slab notes its own where couplings begin."""
+    to = make_room(level, window, block)
+    if block >= level.blocks:
+        for k in range(to, to + level.block):
+            window.red[k] = 0.0
+        return
+    begin, count = extent(level, block)
+    draw_into(level, RED, x, ZERO, block, window.red, to)
+    off_red, noted, first = indices(level.off_red, level.joined), doubles(level.noted, level.joined), window.at[1]
+    while window.at[1] < level.joined and off_red[window.at[1]] < begin + count:
+        window.red[to + off_red[window.at[1]] - begin] += window.drawn[window.at[1]]
+        window.at[1] += 1
+    _scale(singles(level.red_inverse, level.slots), begin, count, window.red, to)
+    if slab.first <= block < slab.last:
+        for m in range(first, window.at[1]):
+            noted[m] = window.red[to + off_red[m] - begin]
+
+
+@inner_fast
+def _scale(inverse: Reals, begin: int, count: int, value: Reals, to: int) -> None:
+    """``value = inverse * value``, the value from slot ``to`` on."""
+    at, v_at = np.uint64(begin), np.uint64(to)
+    for i in range(count):
+        k = np.uint64(i)
+        value[v_at + k] *= inverse[at + k]

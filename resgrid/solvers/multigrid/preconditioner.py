@@ -15,9 +15,8 @@ from resgrid.solvers.multigrid import atomics
 from resgrid.solvers.multigrid.cycle import ENOUGH, help_sweep, precondition_grid
 from resgrid.solvers.multigrid.graph_sweeps import work_space
 from resgrid.solvers.multigrid.krylov import norm
-from resgrid.solvers.multigrid.levels import CHUNK, GRID, Finest, GridLevel, Levels
+from resgrid.solvers.multigrid.levels import CHUNK, GRID, Finest, GridLevel, Levels, Slab, values_in_window
 from resgrid.solvers.multigrid.red_black import BLACK, RED, Floats, Reals, Singles, Stencil, products, relax
-from resgrid.solvers.multigrid.windows import Slab, values_in_window
 from resgrid.solvers.team import ALONE, Team
 
 _LEAST = 60_000
@@ -192,7 +191,7 @@ def slabs_of(stencil: Stencil, most: int) -> list[Slab]:
     count = min(most, int(blocks // (_THICK * -(-margin // stencil.block)))) if slots >= _LEAST else 1
     if count < 2:
         return [Slab(0, blocks, int(margin), int(slots - margin))]
-    stride, end = int(stencil.distance[1] - stencil.distance[0]), _behind_faces(stencil)
+    stride, end = int(stencil.distance[1] - stencil.distance[0]), stencil.first_extra
 
     def from_even_row(block: int) -> int:
         return min(int(margin) - (-(block * stencil.block) // stride) * stride, end)
@@ -200,19 +199,6 @@ def slabs_of(stencil: Stencil, most: int) -> list[Slab]:
     borders = [blocks * k // count for k in range(count + 1)]
     begins = [from_even_row(block) for block in borders[:-1]] + [end]
     return [Slab(*borders[k : k + 2], *begins[k : k + 2]) for k in range(count)]
-
-
-def _behind_faces(stencil: Stencil) -> int:
-    """Behind the last black slot that a face leads to: nodes beside the lattice follow, parts of blocks anywhere."""
-    reach, step = int(stencil.distance.max()), 4 * stencil.block
-    end = int(stencil.faces.shape[1] - stencil.margin)
-    while end > stencil.margin:
-        begin = max(end - step, int(stencil.margin))
-        used = np.flatnonzero(stencil.faces[:, begin:end].any(axis=0))
-        if len(used):
-            return min(begin + int(used[-1]) + 1 + reach, int(stencil.faces.shape[1] - stencil.margin))
-        end = begin
-    return end
 
 
 def blocks_of(stencil: Stencil) -> int:

@@ -104,15 +104,17 @@ class Stencil(NamedTuple):
     Arrays over slots have shape (slots,), with unused margins before and behind.
 
     `faces` (2 ndim, slots): conductance from a red cell to the black one at ``distance``; 0 for none; `distance` (2
-    ndim,): from a red slot to the black slot across each face; `margin, block`: slots before the first cell; how
-    many a pass takes at a time; `off_red, off_black`: slots that off-stencil couplings join, in the order of their red
-    slots; `couplings`: their conductances; `red_inverse, black_inverse, black_degree`: reciprocals of the diagonal at
-    red and at black cells, and the latter; 0 where there is no unknown.
+    ndim,): from a red slot to the black slot across each face; `margin, first_extra`: slots before the first cell, and
+    before the first node beside the grid; `block`: how many a pass takes at a time; `off_red, off_black`: slots that
+    off-stencil couplings join, in the order of their red slots; `couplings`: their conductances; `red_inverse,
+    black_inverse, black_degree`: reciprocals of the diagonal at red and at black cells, and the latter; 0 where there
+    is no unknown.
     """
 
     faces: Reals
     distance: Integers
     margin: int
+    first_extra: int
     block: int
     off_red: Indices
     off_black: Indices

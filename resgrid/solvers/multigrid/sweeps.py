@@ -11,9 +11,24 @@ import numpy as np
 
 from resgrid.jit import ZERO, inlined, inner, inner_fast
 from resgrid.solvers.machine import doubles, indices, singles
-from resgrid.solvers.multigrid.levels import CHUNK, Row, chunks_of, combine, copy, draw_into, extent, take_step
+from resgrid.solvers.multigrid.levels import (
+    CHUNK,
+    Row,
+    Slab,
+    blocks_ahead,
+    chunks_of,
+    combine,
+    copy,
+    draw,
+    draw_into,
+    extent,
+    lead,
+    make_room,
+    open_second,
+    open_window,
+    take_step,
+)
 from resgrid.solvers.multigrid.red_black import BLACK, RED, Indices, Reals, Singles, relax
-from resgrid.solvers.multigrid.windows import Slab, blocks_ahead, draw, lead, make_room, open_second, open_window
 
 
 @inner
