@@ -225,7 +225,7 @@ def pack_netlist(rows: Rows, ground: Floats, unit: float) -> tuple[Graphs, NDArr
         conductance = np.divide(rows.data, unit, out=np.empty(len(rows.data), np.float32), casting="same_kind")
         graph, number = Graph(rows.indptr, rows.indices, conductance, leak), None
     else:
-        number, *renumbered = ordering.renumber(rows.indptr, rows.indices, rows.data, leak, unit)
+        renumbered, number = ordering.renumber(rows.indptr, rows.indices, rows.data, leak, unit)
         graph = Graph(*renumbered)
     graphs, targets = coarsen_down(graph)
     if not targets:
