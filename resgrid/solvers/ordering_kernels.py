@@ -71,8 +71,8 @@ def _walk(indptr: Indices, indices: Indices, root: int, order: Indices, seen: ND
 @makes_arrays
 def renumber(
     indptr: Indices, indices: Indices, conductance: Floats, leak: Floats, unit: float
-) -> tuple[Indices, Indices, Indices, Singles, Floats]:
-    """The same graph with its nodes numbered breadth first, written as they are reached; ``number`` (n,) of every node.
+) -> tuple[tuple[Indices, Indices, Singles, Floats], Indices]:
+    """The same graph with its nodes numbered breadth first, written as they are reached, and their numbers (n,).
 
     Conductances come out in units.
     """
@@ -101,7 +101,7 @@ def renumber(
             new_conductance[size] = conductance[k] / unit
             size += 1
         new_indptr[place + 1] = size
-    return number, new_indptr, new_indices, new_conductance, new_leak
+    return (new_indptr, new_indices, new_conductance, new_leak), number
 
 
 class Quotient(NamedTuple):

@@ -12,8 +12,10 @@
    conduct badly are left for later. Middle to middle, two blocks are joined through half of either one's own
    resistance in series with what lies between (plain aggregation makes long ways too easy: Braess 1995).
 3. *Graphs* (`graphs.grow_aggregates, sum_up`). Netlists from the first level on, and grids that have fallen apart,
-   have aggregates grown node by node along the strongest conductances. The rows are laid out by colour and length
-   (`graphs.order_by_colour, lay_rows`); the last matrix is inverted (`inverse_matrix`).
+   have aggregates grown node by node along the strongest conductances. A netlist numbered at random is renumbered
+   breadth first before (`ordering_kernels.renumber`; Cuthill & McKee 1969). The rows are laid out by colour and length
+   (`graphs.order_by_colour, lay_rows`); the last matrix is inverted (`inverse_matrix`). The product behind a backward
+   sweep follows from its changes (`graph_sweeps.ascend_graph`; Eisenstat 1981).
 4. *Steps* (`conjugate_gradients.converge`, `krylov.advance`). Flexible conjugate gradients (Notay 2000) for the black
    cells of a grid, ``S = D_b - G^T D_r^-1 G``, or all rows of a netlist. Vectors are in single precision; after a
    burst of at most five digits the residual is replaced by the true one, in double precision
@@ -45,6 +47,9 @@ Notay, Flexible conjugate gradients, SIAM J. Sci. Comput. 22 (2000) 1444.
 van der Vorst & Ye, Residual replacement strategies for Krylov subspace methods, SIAM J. Sci. Comput. 22 (2000) 835.
 Notay & Vassilevski, Recursive Krylov-based multigrid cycles, Numer. Linear Algebra Appl. 15 (2008) 473.
 Notay, An aggregation-based algebraic multigrid method, Electron. Trans. Numer. Anal. 37 (2010) 123.
+Cuthill & McKee, Reducing the bandwidth of sparse symmetric matrices, Proc. 24th ACM National Conf. (1969) 157.
+Eisenstat, Efficient implementation of a class of preconditioned conjugate gradient methods, SIAM J. Sci. Stat. Comput.
+    2 (1981) 1.
 O'Cinneide, Entrywise perturbation theory and error analysis for Markov chains, Numer. Math. 65 (1993) 109.
 Doob, Conditional Brownian motion and the boundary limits of harmonic functions, Bull. SMF 85 (1957) 431.
 Horton & Leutenegger, A multi-level solution algorithm for steady-state Markov chains, ACM SIGMETRICS 22 (1994) 191.

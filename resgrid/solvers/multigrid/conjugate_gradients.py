@@ -152,7 +152,7 @@ class _GraphProblem:
     def precondition(self, z: NDArray[np.float32]) -> tuple[float, float, float]:
         """As of `Problem`."""
         v, of = self.vectors, self.hierarchy
-        return precondition_graph(of.levels.graphs, self._work, of.ground, v.r, v.s, z, v.w)
+        return precondition_graph(of.levels.graphs, self._work, v.r, v.s, z, v.w)
 
 
 _RANGE = 400

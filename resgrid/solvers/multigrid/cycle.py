@@ -21,11 +21,8 @@ from resgrid.solvers.multigrid import atomics, sweeps
 from resgrid.solvers.multigrid.graph_sweeps import (
     Graphs,
     Work,
-    ascend_and_multiply,
     ascend_graph,
     descend_graph,
-    multiply_after,
-    multiply_graph,
     solve_coarsest,
 )
 from resgrid.solvers.multigrid.levels import CHUNK, SINGLE, Row, chunks_of, combine, copy, slab_of, take_step
@@ -42,24 +39,16 @@ ENOUGH = 0.07
 
 
 def precondition_graph(
-    graphs: Graphs, work: Work, ground: Floats, r: Singles, s: Singles, z: Singles, w: Singles
+    graphs: Graphs, work: Work, r: Singles, s: Singles, z: Singles, w: Singles
 ) -> tuple[float, float, float]:
-    """Precondition the residual ``r`` of a netlist, and multiply: ``w = A z``; returns ``z.r, z.w, z.s``.
-
-    ``ground`` (n,): from every node of the first graph to known voltages.
-    """
-    b, x, only = work.b[1:], work.x[1:], len(graphs.first) == 2
+    """Precondition the residual ``r`` of a netlist, and multiply: ``w = A z``; returns ``z.r, z.w, z.s``."""
+    b, x = work.b[1:], work.x[1:]
     b[: len(r)] = r
-    if only:
-        run_cycle(graphs, work, ENOUGH, 0)
-    else:
-        descend_graph(graphs, 0, b, x)
-        run_cycle(graphs, work, ENOUGH, 1)
-        products = ascend_and_multiply(graphs, ground, b, x, s, work.w, w)
-        z[:] = x[: len(r)]
-        return products
+    descend_graph(graphs, 0, b, x)
+    run_cycle(graphs, work, ENOUGH, 1)
+    products = ascend_graph(graphs, 0, b, x, s, work.change, w)
     z[:] = x[: len(r)]
-    return multiply_graph(graphs, ground, z, r, s, w)
+    return products
 
 
 def run_cycle(graphs: Graphs, work: Work, stop: float, top: int) -> None:
@@ -119,7 +108,7 @@ def _run_within(
         done = True
         if level >= count:
             if on_graphs is not None:
-                done = _visit_graph(graphs, (b, x, work.c, work.v, work.w), level - count, visit, enough)
+                done = _visit_graph(graphs, (b, x, work.c, work.v, work.w, work.change), level - count, visit, enough)
         elif on_grids is not None:
             done = _visit_grid(on_grids[0], on_grids[1], level + 1, visit, enough)
         visits[level] = 0 if done else visits[level] + 1
@@ -132,16 +121,15 @@ _run_cycle = kernel(_run_within)
 
 @inner
 def _visit_graph(
-    graphs: Graphs, vectors: tuple[Singles, Singles, Singles, Singles, Singles], level: int,
+    graphs: Graphs, vectors: tuple[Singles, Singles, Singles, Singles, Singles, Singles], level: int,
     visit: tuple[int, Floats], stop: float,
 ) -> bool:  # fmt: skip
     """As `_visit_grid`, of a graph; ``vectors``: as of `Work`, from the first node on."""
-    b, x, c, v, w = vectors
+    b, x, c, v, w, change = vectors
     if visit[0] > 0:
         a, e = graphs.first[level], graphs.first[level + 1]
         r, z, first, product = b[a:e], x[a:e], c[a:e], v[a:e]
-        ascend_graph(graphs, level, b, x, w)
-        products = multiply_after(graphs, level, r, z, w, product, product if visit[0] == 1 else w[a:e])
+        products = ascend_graph(graphs, level, b, x, product, change, product if visit[0] == 1 else w[a:e])
         going_on, (on_c, on_z) = _step(visit, products, stop)
         if going_on:
             before, after, step = 0.0, 0.0, np.float32(on_c)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inner, inner_fast, kernel, kernel_fast
+from resgrid.jit import inner_fast, kernel
 from resgrid.solvers.machine import flush_subnormals, restore_subnormals
 
 Floats = NDArray[np.float64]
@@ -27,8 +27,9 @@ class Graphs(NamedTuple):
     Nodes of level ``l`` stand at ``first[l] ... first[l + 1]``.
 
     `first` (levels + 1,); `indptr` (nodes + 1,); `middle` (nodes,): where in a row the neighbours begin that come
-    after it; `indices, conductance` (entries,); `inverse` (nodes,): of the diagonal; `aggregate` (nodes,): node of the
-    next level; `coarsest`: inverse of the last level's matrix; empty where its diagonal must do.
+    after it; `indices, conductance` (entries,); `leak` (nodes,): to known voltages; `degree, inverse` (nodes,):
+    the diagonal, and of it; `aggregate` (nodes,): node of the next level; `coarsest`: inverse of the last level's
+    matrix; empty where its diagonal must do.
     """
 
     first: Integers
@@ -36,6 +37,8 @@ class Graphs(NamedTuple):
     middle: Unsigned
     indices: Unsigned
     conductance: Singles
+    leak: Singles
+    degree: Singles
     inverse: Singles
     aggregate: Unsigned
     coarsest: Singles
@@ -45,8 +48,8 @@ class Work(NamedTuple):
     """Work space of one solve, over the nodes of all graphs.
 
     `b, x` (1 + nodes,): currents and voltages, behind those of nothing; `c, v, w` (nodes,): first direction, and
-    products; `visits` (levels,), `first_steps` (levels, 2): of a K-cycle, how often it has come to every level, and
-    what the first step there was made of.
+    products; `change` (nodes,): of the last sweep; `visits` (levels,), `first_steps` (levels, 2): of a K-cycle, how
+    often it has come to every level, and what the first step there was made of.
     """
 
     b: Singles
@@ -54,6 +57,7 @@ class Work(NamedTuple):
     c: Singles
     v: Singles
     w: Singles
+    change: Singles
     visits: Integers
     first_steps: Floats
 
@@ -61,8 +65,8 @@ class Work(NamedTuple):
 def work_space(graphs: Graphs) -> Work:
     """Work space of its own, so that one hierarchy can serve several solves at a time."""
     nodes = int(graphs.first[-1])
-    (b, x), (c, v, w) = np.zeros((2, 1 + nodes), dtype=np.float32), np.zeros((3, nodes), dtype=np.float32)
-    return Work(b, x, c, v, w, np.zeros(_MOST_LEVELS, dtype=np.int64), np.zeros((_MOST_LEVELS, 2)))
+    (b, x), (c, v, w, change) = np.zeros((2, 1 + nodes), dtype=np.float32), np.zeros((4, nodes), dtype=np.float32)
+    return Work(b, x, c, v, w, change, np.zeros(_MOST_LEVELS, dtype=np.int64), np.zeros((_MOST_LEVELS, 2)))
 
 
 @kernel
@@ -93,25 +97,53 @@ def descend_graph(graphs: Graphs, level: int, b: Singles, x: Singles) -> None:
 
 
 @kernel
-def ascend_graph(graphs: Graphs, level: int, b: Singles, x: Singles, w: Singles) -> None:
-    """Add the next level's answer, then Gauss-Seidel in the reverse order; ``w`` keeps the changes."""
+def ascend_graph(
+    graphs: Graphs, level: int, b: Singles, x: Singles, s: Singles, change: Singles, y: Singles
+) -> tuple[float, float, float]:
+    """Add the next level's answer, then Gauss-Seidel in the reverse order; ``y = A x``; returns ``x.b, x.y, x.s``.
+
+    Rows are differences first.  What the sweep leaves over of a row is due to the rounding of its own voltage and to
+    the changes of earlier rows, which came after it (Eisenstat 1981).  Shapes: `s, y` (nodes of the level,).
+    """
     flags = flush_subnormals()
     begin, end = graphs.first[level], graphs.first[level + 1]
     g, j = graphs.conductance, graphs.indices
-    own, mine, inverse, change = x[begin:end], b[begin:end], graphs.inverse[begin:end], w[begin:end]
-    aggregate, row, after = graphs.aggregate[begin:end], graphs.indptr[begin:end], graphs.indptr[begin + 1 : end + 1]
-    n = len(own)
+    own, mine, inverse, changed = x[begin:end], b[begin:end], graphs.inverse[begin:end], change[begin:end]
+    aggregate, leak, degree = graphs.aggregate[begin:end], graphs.leak[begin:end], graphs.degree[begin:end]
+    row, after, n = graphs.indptr[begin:end], graphs.indptr[begin + 1 : end + 1], len(s)
     for i in range(n):
         own[i] += x[aggregate[i]]
     for back in range(n):
         at = np.uint32(n - 1 - back)
-        s = np.float32(0.0)
+        old, left = own[at], np.float32(0.0)
         for k in range(row[at], after[at]):
-            s += g[k] * x[j[k]]
-        new = (mine[at] + s) * inverse[at]
-        change[at] = new - own[at]
-        own[at] = new
+            left += g[k] * (x[j[k]] - old)
+        left += mine[at] - leak[at] * old
+        new = old + left * inverse[at]
+        own[at], changed[at] = new, new - old
+        y[at] = mine[at] - left + degree[at] * (new - old)
+    products = _subtract_changes(graphs, (row, graphs.middle[begin:end]), change, own, mine, s, y)
     restore_subnormals(flags)
+    return products
+
+
+@inner_fast
+def _subtract_changes(
+    graphs: Graphs, earlier: tuple[Unsigned, Unsigned], change: Singles, x: Singles, b: Singles, s: Singles, y: Singles
+) -> tuple[float, float, float]:
+    """``y -= sum_{j < i} g_ij change_j``; returns ``x.b, x.y, x.s``; ``earlier``: where such begin and end in a row."""
+    g, j, (begin, end) = graphs.conductance, graphs.indices, earlier
+    xb, xy, xs = 0.0, 0.0, 0.0
+    for i in range(len(y)):
+        total = np.float32(0.0)
+        for k in range(begin[i], end[i]):
+            total += g[k] * change[j[k]]
+        product, one = y[i] - total, np.float64(x[i])
+        xs += one * np.float64(s[i])
+        y[i] = product
+        xb += one * np.float64(b[i])
+        xy += one * np.float64(product)
+    return xb, xy, xs
 
 
 @inner_fast
@@ -124,86 +156,3 @@ def solve_coarsest(graphs: Graphs, b: Singles, x: Singles) -> None:
         for j in range(len(inverse)):
             total += inverse[i, j] * mine[j]
         own[i] = total if len(inverse) > 0 else mine[i] * graphs.inverse[begin + i]
-
-
-@kernel
-def ascend_and_multiply(
-    graphs: Graphs, ground: Floats, b: Singles, x: Singles, s: Singles, change: Singles, w: Singles
-) -> tuple[float, float, float]:
-    flags = flush_subnormals()
-    n = len(s)
-    g, j = graphs.conductance, graphs.indices
-    inverse, aggregate, row = graphs.inverse[:n], graphs.aggregate[:n], graphs.indptr[: n + 1]
-    middle = graphs.middle[:n]
-    z, r = x[:n], b[:n]
-    for i in range(n):
-        z[i] += x[aggregate[i]]
-    for back in range(n):
-        i = np.uint32(n - 1 - back)
-        zi = z[i]
-        left = np.float32(0.0)
-        for k in range(row[i], row[i + np.uint32(1)]):
-            left += g[k] * (z[j[k]] - zi)
-        left += r[i] - np.float32(ground[i] * zi)
-        new = zi + left * inverse[i]
-        moved = new - zi
-        z[i], change[i] = new, moved
-        w[i] = left - moved / inverse[i] if inverse[i] > 0 else np.float32(0.0)
-    zr, zw, zs = 0.0, 0.0, 0.0
-    for i in range(n):
-        total = np.float32(0.0)
-        for k in range(row[i], middle[i]):
-            total += g[k] * change[j[k]]
-        zi, new = np.float64(z[i]), r[i] - w[i] - total
-        w[i] = new
-        zr += zi * r[i]
-        zw += zi * new
-        zs += zi * s[i]
-    restore_subnormals(flags)
-    return zr, zw, zs
-
-
-@kernel_fast
-def multiply_graph(
-    graphs: Graphs, ground: Floats, z: Singles, r: Singles, s: Singles, w: Singles
-) -> tuple[float, float, float]:
-    """``w = A z`` in double precision, differences first; ``z.r``, ``z.w`` and ``z.s``."""
-    flags = flush_subnormals()
-    row, g, j = graphs.indptr, graphs.conductance, graphs.indices
-    zr, zw, zs = 0.0, 0.0, 0.0
-    for i in range(len(r)):
-        zi = np.float64(z[i])
-        total = ground[i] * zi
-        for k in range(row[i], row[i + 1]):
-            total += np.float64(g[k]) * (zi - np.float64(z[j[k]]))
-        w[i] = total
-        zr += zi * r[i]
-        zw += zi * total
-        zs += zi * s[i]
-    restore_subnormals(flags)
-    return zr, zw, zs
-
-
-@inner
-def multiply_after(
-    graphs: Graphs, level: int, r: Singles, z: Singles, change: Singles, s: Singles, y: Singles
-) -> tuple[float, float, float]:
-    """``y = A z`` behind the way up, which leaves ``change``; returns ``z.r, z.y, z.s``; ``y`` may be ``change``.
-
-    What the backward sweep leaves over of a row is due to the changes of earlier rows, which came after it.
-    """
-    begin, end = graphs.first[level], graphs.first[level + 1]
-    g, j = graphs.conductance, graphs.indices
-    row, middle = graphs.indptr[begin:end], graphs.middle[begin:end]
-    n, zr, zy, zs = len(z), 0.0, 0.0, 0.0
-    for back in range(n):
-        at = np.uint32(n - 1 - back)
-        total = np.float32(0.0)
-        for k in range(row[at], middle[at]):
-            total += g[k] * change[j[k]]
-        one = np.float64(z[at])
-        zs += one * np.float64(s[at])
-        y[at] = r[at] - total
-        zr += one * np.float64(r[at])
-        zy += one * np.float64(y[at])
-    return zr, zy, zs

@@ -222,15 +222,20 @@ def sum_up(
 def pack_netlist(rows: Rows, ground: Floats, unit: float) -> tuple[Graphs, NDArray[np.int32]]:
     """Coarsen what is no grid, in units, and lay out its levels; returns where every row stands, shape (n,).
 
-    Where neighbours are numbered far apart, rows are renumbered breadth first.
+    Where neighbours are numbered far apart, rows are renumbered breadth first.  One that does not shrink stands twice.
     """
     leak = ground / unit
     if ordering.far_share(rows.indptr, rows.indices) <= _FAR:
         conductance = np.divide(rows.data, unit, out=np.empty(len(rows.data), np.float32), casting="same_kind")
-        return pack_graphs(*coarsen_down(Graph(rows.indptr, rows.indices, conductance, leak)))
-    number, *renumbered = ordering.renumber(rows.indptr, rows.indices, rows.data, leak, unit)
-    graphs, rank = pack_graphs(*coarsen_down(Graph(*renumbered)))
-    return graphs, rank[number]
+        graph, number = Graph(rows.indptr, rows.indices, conductance, leak), None
+    else:
+        renumbered, number = ordering.renumber(rows.indptr, rows.indices, rows.data, leak, unit)
+        graph = Graph(*renumbered)
+    graphs, targets = coarsen_down(graph)
+    if not targets:
+        graphs, targets = [graph, graph], [np.arange(graph.size, dtype=np.int32)]
+    packed, rank = pack_graphs(graphs, targets)
+    return packed, rank if number is None else rank[number]
 
 
 def pack_graphs(graphs: list[Graph], targets: list[NDArray[np.int32]]) -> tuple[Graphs, NDArray[np.int32]]:
@@ -250,6 +255,8 @@ def pack_graphs(graphs: list[Graph], targets: list[NDArray[np.int32]]) -> tuple[
         middle=np.empty(nodes, dtype=np.uint32),
         indices=np.empty(entries, dtype=np.uint32),
         conductance=np.empty(entries, dtype=np.float32),
+        leak=np.empty(nodes, dtype=np.float32),
+        degree=np.empty(nodes, dtype=np.float32),
         inverse=np.empty(nodes, dtype=np.float32),
         aggregate=np.zeros(nodes, dtype=np.uint32),
         coarsest=inverse_matrix(graphs[-1]),
@@ -378,6 +385,8 @@ def lay_rows(
             packed.indices[at] = first + neighbour
             packed.conductance[at] = conductance[k]
         packed.middle[first + slot] = front
+        packed.leak[first + slot] = leak[i]
+        packed.degree[first + slot] = degree
         packed.inverse[first + slot] = 1.0 / degree if degree > 0.0 else 0.0
         begin = end
     packed.indptr[first + len(order)] = begin

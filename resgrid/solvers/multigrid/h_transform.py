@@ -156,9 +156,9 @@ def cut_off(height: NDArray[np.float64], unknown: NDArray[np.bool_]) -> NDArray[
 def transformed(level: Level, stencil: Stencil, h: NDArray[np.float64]) -> Level:
     """The circuit of ``u / h``, with the leaks ``h_i (A h)_i``."""
     leak, relaxed, blocks = np.zeros_like(h), h.copy(), blocks_of(stencil)
-    squares, inflow = np.empty(blocks), leak[1]
-    sweep_colour(stencil, RED, leak, relaxed, inflow, squares, (0, blocks))
-    sweep_colour(stencil, BLACK, leak, h, inflow, squares, (0, blocks))
+    squares, total, inflow = np.empty(blocks), np.empty(stencil.block), leak[1]
+    sweep_colour(stencil, RED, leak, relaxed, inflow, squares, total, (0, blocks))
+    sweep_colour(stencil, BLACK, leak, h, inflow, squares, total, (0, blocks))
     np.add.at(inflow, stencil.off_black, stencil.couplings * h[0, stencil.off_red])
     np.divide(relaxed[0] - h[0], stencil.red_inverse, out=leak[0], where=stencil.red_inverse > 0.0)
     leak *= -h

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -12,7 +12,6 @@ from resgrid.solvers.laplacian import EdgeList, Laplacian
 from resgrid.solvers.multigrid.blocks import Coarsened, coarsen
 from resgrid.solvers.multigrid.graphs import coarsen_down, pack_graphs, pack_netlist
 from resgrid.solvers.multigrid.grid_level import Level, compensated, in_double, in_single, lay_out, to_graph
-from resgrid.solvers.multigrid.krylov import scatter_rows
 from resgrid.solvers.multigrid.levels import Finest, GridLevel, Levels, Way
 from resgrid.solvers.multigrid.red_black import Stencil
 from resgrid.solvers.team import ALONE, Team
@@ -40,8 +39,7 @@ class Hierarchy:
     `levels`: the coarse levels; of a netlist, the finest one too; `slot` (n,): where every row stands among the
     vectors: of a grid, red cells first; `unit`: conductance that counts as 1 on all levels, in siemens;
     `largest_degree`: largest diagonal entry of the matrix, in siemens; `grid`: the finest level of a grid of two
-    colours; `box`: the range of cells along every axis that it covers; `ground` (n,): from every node of a netlist's
-    first graph to known voltages, in units.
+    colours; `box`: the range of cells along every axis that it covers.
     """
 
     levels: Levels
@@ -50,7 +48,6 @@ class Hierarchy:
     largest_degree: float
     grid: Finest | None = None
     box: tuple[slice, ...] = ()
-    ground: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
 
 def build_hierarchy(laplacian: Laplacian, team: Team = ALONE) -> Hierarchy:
@@ -66,11 +63,9 @@ def build_hierarchy(laplacian: Laplacian, team: Team = ALONE) -> Hierarchy:
     rows = laplacian.as_rows(ordered=laplacian.grid is not None)
     unit = float(rows.data.mean()) if rows.data.size else float(laplacian.ground.mean())
     graphs, slot = pack_netlist(rows, laplacian.ground, unit)
-    ground = np.empty(laplacian.size)
-    scatter_rows(slot, laplacian.ground, 1.0 / unit, ground)
     inverse = graphs.inverse[: laplacian.size]
     largest = unit / float(inverse.min(initial=np.inf, where=inverse > 0.0))
-    return Hierarchy(Levels((), graphs), slot, unit, largest, ground=ground)
+    return Hierarchy(Levels((), graphs), slot, unit, largest)
 
 
 def coarsen_beside(level: Level, team: Team, *, keep: bool = False) -> tuple[list[Level], list[Coarsened], FirstLevel]:
