@@ -81,7 +81,7 @@ class Dynamics:
 
     def voltage(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Node voltages of a state, in volts; shape (nodes,)."""
-        return self.fixed + np.append(x, 0.0)[self.row]
+        return np.asarray(self.fixed + np.append(x, 0.0)[self.row])
 
     def state(self, voltage: NDArray[np.float64]) -> NDArray[np.float64]:
         """State of node voltages, in volts, shape (n,); of nodes that share a row, the first one's."""
