@@ -194,7 +194,7 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
     CircuitError
         If a current source feeds a part that nothing ties to ground.
     """
-    from resgrid.circuit.kernels import join_parts, number_parts
+    from resgrid.circuit.kernels import join_parts, known_range, number_parts
 
     part = np.arange(netlist.node_count, dtype=np.int32)
     part[forest.order[forest.base == GROUND]] = -1
@@ -203,10 +203,7 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
     join_parts(netlist.source_nodes, part, room)
     number = number_parts(part)
     lowest, highest = np.full(number, np.inf), np.full(number, -np.inf)
-    inside, outside = _held_last(np.take(elements, contacts, axis=0), part)
-    reached, known = part[inside], forest.offset[outside]
-    np.minimum.at(lowest, reached, known)
-    np.maximum.at(highest, reached, known)
+    known_range(np.take(elements, contacts, axis=0), forest.offset, part, lowest, highest)
     fed = np.zeros(number + 1, dtype=np.bool_)  # the last one for what is tied to ground
     for end in netlist.current_nodes.T:
         fed[np.take(part, end)[netlist.current_amps != 0]] = True
@@ -249,26 +246,19 @@ def number_rows(
     return size, unknown, other[~loose], volts[~loose], other[loose]
 
 
-def _held_last(pairs: NDArray[np.int32], row: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """The ends that have a row, (c,), and the others, of pairs (c, 2) where just one has."""
-    first = row[pairs[:, 0]] >= 0
-    return np.where(first, pairs[:, 0], pairs[:, 1]), np.where(first, pairs[:, 1], pairs[:, 0])
-
-
 def contacts_of(
     ends: NDArray[np.int32], some: NDArray[np.int32], unknown: NDArray[np.int32], forest: SourceForest
 ) -> Contacts:
     """Look at some of the elements.  Shapes: `ends` (m, 2), `some` (k,): their numbers."""
-    pairs, offset = np.take(ends, some, axis=0), forest.offset
-    first, second = unknown[pairs].T
-    tied, joined = (first < 0) != (second < 0), (first >= 0) & (second >= 0) & (first != second)
-    inside, outside = _held_last(pairs[tied], unknown)
-    lift = np.diff(offset[pairs[joined]])[:, 0]
+    first, second = np.take(ends, some, axis=0).T
+    i, j = np.take(unknown, first), np.take(unknown, second)
+    tied, joined = (i < 0) != (j < 0), np.flatnonzero((i >= 0) & (j >= 0) & (i != j))
+    volts = np.take(forest.offset, second) - np.take(forest.offset, first)
     return Contacts(
         element=np.concatenate([some[tied], some[joined], some[joined]]),
-        row=np.concatenate([unknown[inside], first[joined], second[joined]]),
-        volts=np.concatenate([offset[outside] - offset[inside], lift, -lift]),
-        ties=len(inside),
+        row=np.concatenate([np.maximum(i, j)[tied], i[joined], j[joined]]),
+        volts=np.concatenate([np.where(i >= 0, volts, -volts)[tied], volts[joined], -volts[joined]]),
+        ties=int(np.count_nonzero(tied)),
     )
 
 
