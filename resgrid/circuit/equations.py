@@ -50,9 +50,9 @@ class Equations:
     `forest`: how the voltage sources tie the nodes; `unknown` (nodes,): row of every node that is solved for, -1
     elsewhere; nodes tied by floating sources share a row; `laplacian` (n, n): conductances between the rows, and from
     them to nodes of known voltage; it tells the two rails apart, if the known voltages take just two values and
-    nothing else drives the circuit; `contacts`: the resistors of which `feed` and ground conductances are made; `feed`
-    (n,): current that the known voltages drive into every row, measured from `reference`, in amperes; read-only where
-    there is none; `injected` (n,): current that current sources drive into every row, in amperes, likewise;
+    nothing else drives the circuit; `contacts` (c,): the resistors of which `feed` and ground conductances are made;
+    `feed` (n,): current that the known voltages drive into every row, measured from `reference`, in amperes; read-only
+    where there is none; `injected` (n,): current that current sources drive into every row, in amperes, likewise;
     `reference`: the lowest known voltage in contact with the rows, in volts; `undriven`: nodes of parts that a single
     rail holds; `undriven_volts`: their voltages; `floating`: nodes that nothing ties to ground.
     """
@@ -61,7 +61,7 @@ class Equations:
     forest: SourceForest
     unknown: NDArray[np.int32]
     laplacian: Laplacian
-    contacts: Contacts
+    contacts: NDArray[np.int32]
     feed: NDArray[np.float64]
     injected: NDArray[np.float64]
     reference: float
@@ -90,8 +90,9 @@ class Equations:
 
     def heights(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Heights of all nodes above `reference`, in volts, (nodes,), from those of the rows; NaN where one floats."""
-        forest, heights = self.forest, self.known_voltages() - self.reference
-        np.copyto(heights, np.append(x, 0.0)[self.unknown], where=self.unknown >= 0)
+        forest, heights, solved = self.forest, self.known_voltages(), self.unknown >= 0
+        heights -= self.reference
+        heights[solved] = x[self.unknown[solved]]
         lifted = (self.unknown[forest.order] >= 0) & (forest.height != 0)
         heights[forest.order[lifted]] += forest.height[lifted]
         return heights
@@ -100,12 +101,18 @@ class Equations:
         """Voltages of all nodes above ground, (nodes,), from the heights of the rows; NaN where one floats."""
         return np.where(self.unknown >= 0, self.reference + self.heights(x), self.known_voltages())
 
-    def with_conductance(self, conductance: NDArray[np.float64]) -> tuple[Laplacian, NDArray[np.float64]]:
+    def found_contacts(self) -> Contacts:
+        """What drives the rows, found anew."""
+        return contacts_of(self.netlist.resistor_nodes, self.contacts, self.unknown, self.forest)
+
+    def with_conductance(
+        self, conductance: NDArray[np.float64], contacts: Contacts
+    ) -> tuple[Laplacian, NDArray[np.float64]]:
         """The matrix of the same circuit with other conductances, and their `feed`.  Shapes: (resistors,)."""
         listed = EdgeList(self.netlist.resistor_nodes, conductance, self.unknown)
-        ground = self.contacts.ground(conductance, self.size)
+        ground = contacts.ground(conductance, self.size)
         laplacian = Laplacian(ground, listed, grid=self.laplacian.grid, dimensions=self.laplacian.dimensions)
-        return laplacian, self.contacts.feed(conductance, self.size, self.reference)
+        return laplacian, contacts.feed(conductance, self.size, self.reference)
 
     @property
     def drive(self) -> NDArray[np.float64]:
@@ -176,7 +183,7 @@ def assemble(netlist: Netlist) -> Equations:
             dimensions=2 if grid is None else grid.dimensions,
             rails=_rails(netlist, size, contacts, float(low), float(high)) if plain else None,
         ),
-        contacts=contacts,
+        contacts=some,
         feed=_without_memory(contacts.feed(netlist.conductance, size, reference), size),
         injected=_without_memory(injected, size),
         reference=reference,
