@@ -21,10 +21,18 @@ from resgrid.chip.modes import (
     slowest_modes,
 )
 from resgrid.chip.motion import SPAN, Motion, motions
-from resgrid.circuit.dynamics import Dynamics, charge_basis, dynamics_of, energy_delivered, factor_resolvent
-from resgrid.circuit.initial import charges_of, initial_state
+from resgrid.circuit.dynamics import (
+    Dynamics,
+    charge_basis,
+    charges_of,
+    dynamics_of,
+    energy_delivered,
+    factor_resolvent,
+    initial_state,
+)
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve as solve_circuit
+from resgrid.circuit.transient import initial_voltages
 from resgrid.errors import AccuracyError, InputError
 from resgrid.netlist import Netlist
 
@@ -155,7 +163,7 @@ def analyse_settling(
     final = dynamics.state(solve_circuit(netlist, method=method).voltage)
     settled = dynamics.voltage(final)
     reach = _reach(settled) if span is None else float(span)
-    deviation = initial_state(charges_of(dynamics), initial) - final
+    deviation = initial_state(charges_of(dynamics), initial_voltages(dynamics.netlist, initial)) - final
     # In units of a power of two near the largest deviation no square runs out of range.
     unit = float(2.0 ** np.floor(np.log2(np.abs(deviation).max(initial=0.0) or 1.0)))
     band = reach / 2.0 ** (bits + 1) / unit

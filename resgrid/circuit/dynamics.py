@@ -4,13 +4,14 @@ Nodes tied by voltage sources share a row, as in an operating point.  ``G + s C`
 of its own, in which a capacitor is a resistor of conductance ``s`` times its capacitance (the companion model of
 Nagel 1975, section 4.3), so that every method that solves operating points solves implicit time steps too.
 
-Energy is told by how far the state has moved and by its integral: no power needs to be integrated. By Tellegen's
-theorem the sources deliver what resistors and capacitors take up, and so they do when the currents are weighted by
-any other voltages ``W`` that the same sources allow: with node voltages ``V = W + P y`` (``P`` from rows to nodes)
-the power is ``W^T G_n V + W^T C_n V' + y^T P^T I``, ``G_n`` and ``C_n`` being the matrices of all nodes and ``I`` the
-currents fed in. For ``W`` the mean voltages are taken, whose ``y`` has no integral. What is left is the power that
-resistors turn into heat at the mean voltages, and the charge that every capacitor takes up, brought there against its
-mean voltage: differences across elements, none of which is counted from ground.
+At 0+ capacitors keep their charge, and everything else follows.  With ``x = E_c y + N z``, ``C N = 0``, charges give
+``y`` by ``C_cc y = q``, and Kirchhoff's law for the parts that capacitors leave loose gives ``z`` by
+``N^T G N z = N^T (b - G E_c y)``.  Both are nodal matrices, assembled and solved as such: a part of strong conductances
+keeps its weak ties to what holds it.
+
+The energy that sources deliver until ``t`` is ``t W^T G_n W + W^T C_n (V(t) - V(0))``: by Tellegen's theorem their
+currents may be weighted by any voltages ``W`` that they allow, and the mean voltages make the rest vanish (``G_n`` and
+``C_n`` are the matrices of all nodes).  Differences across elements tell both, none of them counted from ground.
 """
 
 from __future__ import annotations
@@ -24,11 +25,23 @@ from scipy.sparse.csgraph import connected_components
 
 from resgrid.circuit.equations import contacts_of, grid_of, injected_into_rows, number_rows, parts_of, sum_by_row
 from resgrid.circuit.sources import SourceForest, tie_sources
-from resgrid.errors import CircuitError, InputError
+from resgrid.errors import AccuracyError, CircuitError, InputError
 from resgrid.netlist import Netlist
 from resgrid.solvers.choose import factor_laplacian
+from resgrid.solvers.extended import Scaled
 from resgrid.solvers.factor import Factor
 from resgrid.solvers.laplacian import Branches, EdgeList, Laplacian, Rows
+from resgrid.solvers.monitor import Watch
+from resgrid.solvers.refine import CERTAIN, is_answer, minus, quotient
+
+_EPS = float(np.finfo(np.float64).eps)
+_DOUBT = 1e-6
+"""Largest share of the largest voltage by which any may be off at 0+."""
+
+_MOST_CORRECTIONS = 5
+
+_ROUGH = 1e-3
+"""Backward error that is enough of slopes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,10 +81,7 @@ class Dynamics:
 
     def voltage(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Node voltages of a state, in volts; shape (nodes,)."""
-        solved = self.row >= 0
-        volts = self.fixed.copy()
-        volts[solved] += x[self.row[solved]]
-        return volts
+        return np.asarray(self.fixed + np.append(x, 0.0)[self.row])
 
     def state(self, voltage: NDArray[np.float64]) -> NDArray[np.float64]:
         """State of node voltages, in volts, shape (n,); of nodes that share a row, the first one's."""
@@ -83,10 +93,7 @@ class Dynamics:
 
     def at_nodes(self, value: NDArray[np.float64]) -> NDArray[np.float64]:
         """Values of rows at nodes, shape (nodes,): 0 on rails, NaN where a node floats."""
-        result = np.where(np.isnan(self.fixed), np.nan, 0.0)
-        solved = self.row >= 0
-        result[solved] = value[self.row[solved]]
-        return result
+        return np.where(np.isnan(self.fixed), np.nan, np.append(value, 0.0)[self.row])
 
     def injection(self, nodes: NDArray[np.int64], amount: NDArray[np.float64]) -> NDArray[np.float64]:
         """Sum amounts given at nodes over rows, shape (n,); what reaches rails is left out."""
@@ -193,6 +200,144 @@ def charge_basis(dynamics: Dynamics) -> ChargeBasis:
     column = (np.cumsum(loose) - 1)[part[rows]]
     entries = (np.ones(len(rows)), (rows, column))
     return ChargeBasis(charged, sparse.coo_array(entries, shape=(n, int(loose.sum()))).tocsr())
+
+
+@dataclass(frozen=True, eq=False)
+class Charges:
+    """A circuit's charges, and the voltages that belong to them.
+
+    `basis`: coordinates that hold charge, and those that follow; `held`: factors of ``C_cc``; None where every
+    capacitor goes to a rail, or there is none; `loose`: factors of ``N^T G N``; None where nothing is loose.
+    """
+
+    dynamics: Dynamics
+    basis: ChargeBasis
+    held: Factor | None
+    loose: Factor | None
+
+    def voltages(self, charge: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What charges make of a circuit at 0 V, in volts, shape (n,); 0 in coordinates that hold none."""
+        charged, x = self.basis.charged, np.zeros(self.dynamics.size)
+        if self.held is None:
+            x[charged] = charge[charged] / self.dynamics.capacitance.ground[charged]
+        elif charge[charged].any():
+            x[charged] = _entrywise(self.held, charge[charged], self._lift(self.held))
+        return x
+
+    def followed(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The state with the charges of ``x`` at which Kirchhoff's law holds for every loose part, in volts."""
+        if self.loose is None:
+            return x
+        groups, netlist = self.basis.spread, self.dynamics.netlist
+        drive = groups.T @ self.dynamics.imbalance(x)
+        nodes, amps = netlist.current_nodes.ravel().astype(np.int64), np.repeat(netlist.current_amps, 2)
+        into = sparse.csr_array(groups.T)
+        several = into @ self.dynamics.injection(nodes, np.ones(len(nodes))) > 1.0
+        summed = np.where(several, into @ self.dynamics.injection(nodes, np.abs(amps)), 0.0)
+        rounding = self._lift(self.loose) + _EPS * summed
+        return np.asarray(x + groups @ _entrywise(self.loose, drive, rounding))
+
+    def slope(self, current: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How fast voltages rise when currents charge the rows, in V/s, shape (n,); to some 0.1 %."""
+        charged, groups, v = self.basis.charged, self.basis.spread, np.zeros(self.dynamics.size)
+        if self.held is None:
+            v[charged] = current[charged] / self.dynamics.capacitance.ground[charged]
+        else:
+            v[charged] = self.held.solve(current[charged], rtol=_ROUGH)
+        if self.loose is not None:
+            v += groups @ self.loose.solve(-(groups.T @ self.dynamics.branches.times(v)), rtol=_ROUGH)
+        return v
+
+    def _lift(self, factors: Factor) -> NDArray[np.float64]:
+        """What floating sources may round off the drive of every row of a matrix, shape (n,)."""
+        return np.asarray(_EPS * self.dynamics.forest.lift * factors.laplacian.diagonal)
+
+
+def charges_of(dynamics: Dynamics) -> Charges:
+    """Factor what tells a circuit's voltages from its charges."""
+    basis = charge_basis(dynamics)
+    held = loose = None
+    if not dynamics.apart and basis.charged.any():
+        held = factor_laplacian(dynamics.capacitance.within(basis.charged), "auto")
+    if basis.spread.shape[1]:
+        loose = factor_laplacian(dynamics.conductance.grouped(basis.spread), "auto")
+    return Charges(dynamics, basis, held, loose)
+
+
+def _entrywise(factors: Factor, drive: NDArray[np.float64], rounding: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Solve for a right-hand side of both signs, each entry right beside the largest one.
+
+    Shapes: `drive` (n,); `rounding` (n,): what it may be off by; returns (n,).
+    """
+    watch, doubt = Watch(), 0.0
+    parts = [np.maximum(sign * drive, 0.0) for sign in (1.0, -1.0)]
+    rising, falling = (
+        factors.solve_nonnegative(part, watch=watch)[0] if part.any() else Scaled.of(part) for part in parts
+    )
+    x = minus(rising, falling)
+    if all(part.any() for part in parts) and watch.bound * quotient([rising, falling], x) > CERTAIN:
+        x, doubt = _refined(factors, drive, rounding, x)
+    if doubt > _DOUBT or not is_answer(watch.error, watch.bound):
+        raise AccuracyError(
+            "the voltages at 0+ cannot be told: currents of both signs nearly cancel, or conductances and capacitances "
+            f"span too many decades (voltages may be off by {max(doubt, watch.error):.1e} of the largest); check what "
+            "ties the circuit to its rails"
+        )
+    return x.plain
+
+
+def _refined(
+    factors: Factor, drive: NDArray[np.float64], rounding: NDArray[np.float64], x: Scaled
+) -> tuple[Scaled, float]:
+    """Make a difference better; returns what it may be off by at most, relative to its largest entry.
+
+    ``A^-1`` has no negative entry: the error is at most ``A^-1 |r|``, with the residual ``r``, and what ``A^-1`` makes
+    of both signs of it corrects the difference.
+    """
+    best, doubt = x, np.inf
+    for _ in range(_MOST_CORRECTIONS):
+        rise, fall = (factors.solve_nonnegative(part)[0] for part in _residual(factors.laplacian, drive, rounding, x))
+        found = 2.0 * quotient([rise, fall], x)
+        if not found < doubt:
+            break
+        best, doubt = x, found
+        if doubt <= CERTAIN:
+            break
+        x = minus(x, minus(fall, rise))
+    return best, float(doubt)
+
+
+def _residual(
+    laplacian: Laplacian, drive: NDArray[np.float64], rounding: NDArray[np.float64], x: Scaled
+) -> tuple[Scaled, Scaled]:
+    """The residual's positive part, and what is negative of it; both with what the drive's own rounding may hide."""
+    from resgrid.solvers.refine import imbalance, scaled_currents
+    from resgrid.solvers.extended_kernels import correct
+
+    r, e = np.empty(laplacian.size), np.empty(laplacian.size, dtype=np.int64)
+    imbalance(laplacian.conductances, scaled_currents(drive), x, (r, e), exact=True)
+    none = np.zeros_like(e)
+    parts = [Scaled(np.maximum(sign * r, 0.0), np.zeros_like(r), np.where(sign * r > 0.0, e, 0)) for sign in (1, -1)]
+    for part in parts:
+        correct(part, rounding, none, part)
+    return parts[0], parts[1]
+
+
+def initial_state(charges: Charges, before: NDArray[np.float64]) -> NDArray[np.float64]:
+    """State at time 0+, (n,), when the sources of the netlist act at once on node voltages ``before`` (nodes,).
+
+    Finite currents move no charge in no time: at every node (or nodes joined by voltage sources) the charge on the
+    capacitors is that of the voltages before.  Nodes without capacitance take the voltage at which Kirchhoff's current
+    law holds.
+    """
+    dynamics, netlist, basis = charges.dynamics, charges.dynamics.netlist, charges.basis
+    x = dynamics.state(before)
+    x = np.asarray(x - basis.spread @ (basis.spread.T @ np.where(basis.charged, 0.0, x)))  # loose parts from 0 V on
+    held, now = (volts[netlist.capacitor_nodes] for volts in (before, dynamics.voltage(x)))
+    missing = netlist.capacitance * np.nan_to_num((held[:, 0] - held[:, 1]) - (now[:, 0] - now[:, 1]))
+    first, second = netlist.capacitor_nodes.T
+    charge = dynamics.injection(first, missing) - dynamics.injection(second, missing)
+    return charges.followed(x + charges.voltages(charge))
 
 
 def energy_delivered(

@@ -50,9 +50,9 @@ class Equations:
     `forest`: how the voltage sources tie the nodes; `unknown` (nodes,): row of every node that is solved for, -1
     elsewhere; nodes tied by floating sources share a row; `laplacian` (n, n): conductances between the rows, and from
     them to nodes of known voltage; it tells the two rails apart, if the known voltages take just two values and
-    nothing else drives the circuit; `contacts`: the resistors of which `feed` and ground conductances are made; `feed`
-    (n,): current that the known voltages drive into every row, measured from `reference`, in amperes; read-only where
-    there is none; `injected` (n,): current that current sources drive into every row, in amperes, likewise;
+    nothing else drives the circuit; `contacts` (c,): the resistors of which `feed` and ground conductances are made;
+    `feed` (n,): current that the known voltages drive into every row, measured from `reference`, in amperes; read-only
+    where there is none; `injected` (n,): current that current sources drive into every row, in amperes, likewise;
     `reference`: the lowest known voltage in contact with the rows, in volts; `undriven`: nodes of parts that a single
     rail holds; `undriven_volts`: their voltages; `floating`: nodes that nothing ties to ground.
     """
@@ -61,7 +61,7 @@ class Equations:
     forest: SourceForest
     unknown: NDArray[np.int32]
     laplacian: Laplacian
-    contacts: Contacts
+    contacts: NDArray[np.int32]
     feed: NDArray[np.float64]
     injected: NDArray[np.float64]
     reference: float
@@ -90,8 +90,9 @@ class Equations:
 
     def heights(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Heights of all nodes above `reference`, in volts, (nodes,), from those of the rows; NaN where one floats."""
-        forest, heights = self.forest, self.known_voltages() - self.reference
-        np.copyto(heights, np.append(x, 0.0)[self.unknown], where=self.unknown >= 0)
+        forest, heights, solved = self.forest, self.known_voltages(), self.unknown >= 0
+        heights -= self.reference
+        heights[solved] = x[self.unknown[solved]]
         lifted = (self.unknown[forest.order] >= 0) & (forest.height != 0)
         heights[forest.order[lifted]] += forest.height[lifted]
         return heights
@@ -100,12 +101,18 @@ class Equations:
         """Voltages of all nodes above ground, (nodes,), from the heights of the rows; NaN where one floats."""
         return np.where(self.unknown >= 0, self.reference + self.heights(x), self.known_voltages())
 
-    def with_conductance(self, conductance: NDArray[np.float64]) -> tuple[Laplacian, NDArray[np.float64]]:
+    def found_contacts(self) -> Contacts:
+        """What drives the rows, found anew."""
+        return contacts_of(self.netlist.resistor_nodes, self.contacts, self.unknown, self.forest)
+
+    def with_conductance(
+        self, conductance: NDArray[np.float64], contacts: Contacts
+    ) -> tuple[Laplacian, NDArray[np.float64]]:
         """The matrix of the same circuit with other conductances, and their `feed`.  Shapes: (resistors,)."""
         listed = EdgeList(self.netlist.resistor_nodes, conductance, self.unknown)
-        ground = self.contacts.ground(conductance, self.size)
+        ground = contacts.ground(conductance, self.size)
         laplacian = Laplacian(ground, listed, grid=self.laplacian.grid, dimensions=self.laplacian.dimensions)
-        return laplacian, self.contacts.feed(conductance, self.size, self.reference)
+        return laplacian, contacts.feed(conductance, self.size, self.reference)
 
     @property
     def drive(self) -> NDArray[np.float64]:
@@ -176,7 +183,7 @@ def assemble(netlist: Netlist) -> Equations:
             dimensions=2 if grid is None else grid.dimensions,
             rails=_rails(netlist, size, contacts, float(low), float(high)) if plain else None,
         ),
-        contacts=contacts,
+        contacts=some,
         feed=_without_memory(contacts.feed(netlist.conductance, size, reference), size),
         injected=_without_memory(injected, size),
         reference=reference,
@@ -194,7 +201,7 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
     CircuitError
         If a current source feeds a part that nothing ties to ground.
     """
-    from resgrid.circuit.kernels import join_parts, number_parts
+    from resgrid.circuit.kernels import join_parts, known_range, number_parts
 
     part = np.arange(netlist.node_count, dtype=np.int32)
     part[forest.order[forest.base == GROUND]] = -1
@@ -203,10 +210,7 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
     join_parts(netlist.source_nodes, part, room)
     number = number_parts(part)
     lowest, highest = np.full(number, np.inf), np.full(number, -np.inf)
-    inside, outside = _held_last(np.take(elements, contacts, axis=0), part)
-    reached, known = part[inside], forest.offset[outside]
-    np.minimum.at(lowest, reached, known)
-    np.maximum.at(highest, reached, known)
+    known_range(np.take(elements, contacts, axis=0), forest.offset, part, lowest, highest)
     fed = np.zeros(number + 1, dtype=np.bool_)  # the last one for what is tied to ground
     for end in netlist.current_nodes.T:
         fed[np.take(part, end)[netlist.current_amps != 0]] = True
@@ -249,26 +253,19 @@ def number_rows(
     return size, unknown, other[~loose], volts[~loose], other[loose]
 
 
-def _held_last(pairs: NDArray[np.int32], row: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """The ends that have a row, (c,), and the others, of pairs (c, 2) where just one has."""
-    first = row[pairs[:, 0]] >= 0
-    return np.where(first, pairs[:, 0], pairs[:, 1]), np.where(first, pairs[:, 1], pairs[:, 0])
-
-
 def contacts_of(
     ends: NDArray[np.int32], some: NDArray[np.int32], unknown: NDArray[np.int32], forest: SourceForest
 ) -> Contacts:
     """Look at some of the elements.  Shapes: `ends` (m, 2), `some` (k,): their numbers."""
-    pairs, offset = np.take(ends, some, axis=0), forest.offset
-    first, second = unknown[pairs].T
-    tied, joined = (first < 0) != (second < 0), (first >= 0) & (second >= 0) & (first != second)
-    inside, outside = _held_last(pairs[tied], unknown)
-    lift = np.diff(offset[pairs[joined]])[:, 0]
+    first, second = np.take(ends, some, axis=0).T
+    i, j = np.take(unknown, first), np.take(unknown, second)
+    tied, joined = (i < 0) != (j < 0), np.flatnonzero((i >= 0) & (j >= 0) & (i != j))
+    volts = np.take(forest.offset, second) - np.take(forest.offset, first)
     return Contacts(
         element=np.concatenate([some[tied], some[joined], some[joined]]),
-        row=np.concatenate([unknown[inside], first[joined], second[joined]]),
-        volts=np.concatenate([offset[outside] - offset[inside], lift, -lift]),
-        ties=len(inside),
+        row=np.concatenate([np.maximum(i, j)[tied], i[joined], j[joined]]),
+        volts=np.concatenate([np.where(i >= 0, volts, -volts)[tied], volts[joined], -volts[joined]]),
+        ties=int(np.count_nonzero(tied)),
     )
 
 

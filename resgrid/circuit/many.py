@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.budget import require_memory
-from resgrid.circuit.equations import Equations, assemble
+from resgrid.circuit.equations import Contacts, Equations, assemble
 from resgrid.circuit.linear import solve_linear
 from resgrid.errors import InputError
 from resgrid.executors import Part, in_order
@@ -35,11 +35,13 @@ class Batch:
     """What all chips of a kind share.
 
     `system`: the nominal chip's equations; rows and entries stay where they are; `source` (entries,): the resistor
-    behind every entry of its matrix's edges; None where resistors are in parallel; `solver`: solves for chips.
+    behind every entry of its matrix's edges; None where resistors are in parallel; `contacts`: what drives its
+    rows; `solver`: solves for chips.
     """
 
     system: Equations
     source: NDArray[np.int64] | None
+    contacts: Contacts
     solver: GridBatch | FactoredBatch
 
     @property
@@ -50,7 +52,7 @@ class Batch:
     def chip(self, conductance: NDArray[np.float64]) -> Chip:
         """The equations of a chip of other conductances, shape (resistors,), in siemens."""
         system = self.system
-        matrix, feed = system.with_conductance(conductance)
+        matrix, feed = system.with_conductance(conductance, self.contacts)
         entries = matrix.as_rows().data if self.source is None else conductance[self.source]
         few = slice(None, None, max(1, len(conductance) // _FEW))
         with np.errstate(over="ignore"):
@@ -139,8 +141,8 @@ def prepare_batch(netlist: Netlist) -> Batch | None:
     if system.size > _SMALL and contrast <= _MOST_CONTRAST:
         solver = grid_batch(matrix, system.drive)
         if solver is not None:
-            return Batch(system, source, solver)
-    return Batch(system, source, FactoredBatch(order_rows(matrix)))
+            return Batch(system, source, system.found_contacts(), solver)
+    return Batch(system, source, system.found_contacts(), FactoredBatch(order_rows(matrix)))
 
 
 def _solve_some(shared: tuple[Batch, float], conductance: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -314,7 +314,7 @@ class _Circuit:
 
     def move(self, x: NDArray[np.float64], excess: NDArray[np.float64], law: Law, method: str) -> NDArray[np.float64]:
         """What takes the excess away if conductances stay as they are."""
-        matrix, _ = self.system.with_conductance(self.siemens(x, law))
+        matrix, _ = self.system.with_conductance(self.siemens(x, law), self.system.found_contacts())
         return factor_laplacian(matrix, method).solve(-excess, rtol=1e-8)
 
 

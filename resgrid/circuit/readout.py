@@ -137,14 +137,20 @@ def _solved(factors: Factor | None, currents: list[NDArray[np.float64]], watch: 
 
 def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | None, team: Team) -> NodeValues:
     """Spread drops, and heights where they were solved for, over the nodes: whichever of both is smaller."""
-    up = minus(Scaled.of(np.ones(len(drop.hi))), drop) if height is None else height
-    near = (drop.exponent < 0) | (drop.hi <= 0.5)
-    rows = Scaled(*(np.where(near, below, above) for below, above in zip(drop[:3], up[:3], strict=True)))
+    far = np.flatnonzero((drop.exponent >= 0) & (drop.hi > 0.5))
+    there = drop if height is None else height
+    up = Scaled(there.hi[far], there.lo[far], there.exponent[far])
+    if height is None:
+        up = minus(Scaled.of(np.ones(len(far))), up)
+    rows = Scaled(drop.hi.copy(), drop.lo.copy(), drop.exponent.copy())
+    rows.hi[far], rows.lo[far], rows.exponent[far] = up[:3]
+    near = np.ones(len(drop.hi) + 1, dtype=np.bool_)
+    near[far] = False
     span, known = rails.high - rails.low, system.known_voltages()
     below, above = (rails.high - known) / span, (known - rails.low) / span
     with np.errstate(invalid="ignore"):
         down = np.abs(below) < np.abs(above)
-    np.copyto(down, np.append(near, False)[system.unknown], where=system.unknown >= 0)
+    np.copyto(down, near[system.unknown], where=system.unknown >= 0)
     value = _spread(system, rows, np.where(down, below, above), team)
     noise = height.noise if height is not None else drop.noise / _LEAST_REST
     return NodeValues(value._replace(noise=drop.noise), down, rails.low, span, noise)
@@ -167,21 +173,19 @@ def _above(system: Equations, rows: Scaled, volts: float, team: Team) -> NodeVal
 def _spread(system: Equations, rows: Scaled, known: NDArray[np.float64], team: Team) -> Scaled:
     """Values of all nodes: of their rows, or those that are ``known`` (nodes,), where NaN counts as 0."""
     solved = system.unknown >= 0
-    parts = [np.nan_to_num(known), np.zeros(len(known)), np.zeros(len(known), dtype=np.int64)]
+    out = Scaled.of(np.nan_to_num(known))
 
     def fill(piece: slice) -> None:
-        for part, of_rows in zip(parts, rows[:3], strict=True):
-            part[piece][solved[piece]] = of_rows[system.unknown[piece][solved[piece]]]
+        row = system.unknown[piece][solved[piece]]
+        for part, of_rows in zip(out.at(piece)[:3], rows[:3], strict=True):
+            part[solved[piece]] = of_rows[row]
 
     team.over(len(known), fill)
-    return Scaled(*parts)
+    return out
 
 
 def read_normwise(system: Equations, x: NDArray[np.float64], **told: Any) -> OperatingPoint:
-    """Spread a normwise solution over the nodes; currents wait until they are asked for.
-
-    Shapes: `x` (n,); `told`: what the point is to say of how it was solved.
-    """
+    """Spread a normwise solution (n,) over the nodes, with what is ``told`` of it; currents wait until asked for."""
     forest, height = system.forest, system.heights(x)
     point = OperatingPoint(
         netlist=system.netlist,
@@ -245,11 +249,7 @@ def _normwise_readings(
 def _differences(
     values: NodeValues, netlist: Netlist, team: Team
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], float, bool]:
-    """Currents from differences of the values of all nodes.
-
-    Returns `amps, exponent` (resistors,), the latter (0,) where all are 0; the power; and whether differences are
-    faint.
-    """
+    """Currents ``amps, exponent`` (resistors,), the latter (0,) where all are 0; the power; whether one is faint."""
     from resgrid.circuit.kernels import currents
 
     value, plain = _plain_where_possible(values, netlist)

@@ -22,8 +22,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.dynamics import Dynamics, factor_resolvent
-from resgrid.circuit.initial import Charges
+from resgrid.circuit.dynamics import Charges, Dynamics, factor_resolvent
 from resgrid.errors import AccuracyError, BudgetError
 from resgrid.solvers.factor import Factor
 
@@ -141,8 +140,8 @@ grows as their ``-1 / (p + 1)``-th power.  The factor is what a decay leaves of 
 extrapolated away to leading order (which the trapezoidal rule, not being L-stable, would not survive)."""
 
 _LEAST_SHARE = 16 * _EPS
-_FUTILE = 8
-"""Halvings in a row that do not halve the error, after which it is rounding."""
+_FUTILE = 30
+"""Halvings in a row that leave too much of an error, after which it is rounding."""
 
 
 def controlled_steps(
@@ -155,7 +154,7 @@ def controlled_steps(
     end = float(times[-1])
     exponent = _first_exponent(charges, x, order, share, high - low, end)
     integral = np.zeros_like(x)
-    now, taken, futile, before = 0.0, 0, 0, np.inf
+    now, taken, halved = 0.0, 0, 0
     waiting = times.tolist()
     while waiting:
         while waiting and waiting[0] <= now:
@@ -172,18 +171,15 @@ def controlled_steps(
         lowest, highest = min(low, reached[0]), max(high, reached[1])
         target = share * (highest - lowest)
         error = float(np.abs(whole - after).max(initial=0.0)) / (2**order - 1)
-        if before < np.inf:
-            futile = futile + 1 if error > 0.5 * before else 0
-        before = np.inf
         if error > target:
-            if futile >= _FUTILE or now + h / 4 == now:
+            if halved >= _FUTILE or now + h / 4 == now:
                 raise AccuracyError(
                     f"the voltages cannot be followed from {now:.3g} s on to tolerance = {tolerance:g}: rounding "
                     f"leaves {error:.1e} V of every step, however short; give a larger tolerance, or a step"
                 )
-            exponent, before = exponent - 1, error
+            exponent, halved = exponent - 1, halved + 1
             continue
-        low, high = lowest, highest
+        low, high, halved = lowest, highest, 0
         if method == "tr-bdf2":
             after = after + (after - whole) / (2**order - 1)
             increment = increment + (increment - at_once) / (2**order - 1)
@@ -194,7 +190,7 @@ def controlled_steps(
             yield *_between(x, half, after, integral, part, h), taken
         x, integral, now = after, integral + increment, now + h
         if error * 2.0 ** (order + 1) * 1.5 <= target and h <= end - now:
-            exponent, futile = exponent + 1, 0
+            exponent += 1
 
 
 def _share(method: str, tolerance: float) -> float:

@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Real
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import check_number
-from resgrid.circuit.dynamics import Dynamics, dynamics_of, energy_delivered, energy_stored, factor_resolvent
-from resgrid.circuit.initial import charges_of, initial_state, real_numbers
+from resgrid.circuit.dynamics import (
+    Dynamics,
+    charges_of,
+    dynamics_of,
+    energy_delivered,
+    energy_stored,
+    factor_resolvent,
+    initial_state,
+)
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.stepping import (
     METHODS,
@@ -23,7 +32,7 @@ from resgrid.circuit.stepping import (
 )
 from resgrid.errors import InputError
 from resgrid.frozen import frozen
-from resgrid.netlist import Netlist
+from resgrid.netlist import CellMap, Netlist
 from resgrid.solvers import choose as methods
 from resgrid.solvers.factor import Factor
 
@@ -89,7 +98,8 @@ class TransientStepper:
 
     def start(self, initial: OperatingPoint | ArrayLike | None = None) -> NDArray[np.float64]:
         """Node voltages at time 0+, shape (nodes,), in volts; ``initial`` as in `transient`."""
-        return self.dynamics.voltage(initial_state(charges_of(self.dynamics), initial))
+        before = initial_voltages(self.dynamics.netlist, initial)
+        return self.dynamics.voltage(initial_state(charges_of(self.dynamics), before))
 
     def advance(self, voltage: ArrayLike) -> NDArray[np.float64]:
         """Node voltages one step after ``voltage``, which `start` or `advance` returned; shape (nodes,), in volts.
@@ -102,7 +112,8 @@ class TransientStepper:
         InputError
             If the voltage is not one finite number for every node that is solved for.
         """
-        dynamics, x = self.dynamics, self.dynamics.state(_checked_voltage(self.dynamics, voltage))
+        dynamics = self.dynamics
+        x = dynamics.state(_checked_voltages(dynamics.netlist, "voltage", voltage, dynamics.row >= 0))
         if self.method == "backward_euler" and dynamics.apart:
             after = advance_by_sums(dynamics, x, self.step, self._solve)
         else:
@@ -180,7 +191,7 @@ def transient(
     dynamics = dynamics_of(netlist)
     resolvents = Resolvents(dynamics, solver)
     charges = charges_of(dynamics)
-    x = initial_state(charges, initial)
+    x = initial_state(charges, initial_voltages(netlist, initial))
     voltage = np.empty((len(when), netlist.node_count))
     energy, stored = np.empty(len(when)), np.empty(len(when))
     if step is not None:
@@ -239,7 +250,7 @@ def transient_stepper(
 
 
 def _checked_times(times: ArrayLike) -> NDArray[np.float64]:
-    when = real_numbers(times, "times must be real numbers, in seconds")
+    when = _real_numbers(times, "times must be real numbers, in seconds")
     if when.ndim != 1 or not len(when):
         raise InputError(f"times has shape {when.shape}; give at least one time, in a row")
     if not (np.isfinite(when).all() and (when >= 0).all() and (np.diff(when) >= 0).all()):
@@ -247,14 +258,57 @@ def _checked_times(times: ArrayLike) -> NDArray[np.float64]:
     return when
 
 
-def _checked_voltage(dynamics: Dynamics, voltage: ArrayLike) -> NDArray[np.float64]:
-    volts = real_numbers(voltage, "voltage must be one real number per node, in volts")
-    if volts.shape != dynamics.row.shape:
-        raise InputError(f"voltage has shape {volts.shape}, but the netlist has {len(dynamics.row)} nodes")
-    bad = ~np.isfinite(volts) & (dynamics.row >= 0)
+def initial_voltages(netlist: Netlist, initial: OperatingPoint | ArrayLike | None) -> NDArray[np.float64]:
+    """Node voltages before time 0, in volts, (nodes,), as `transient` takes them."""
+    if initial is None:
+        return np.zeros(netlist.node_count)
+    if isinstance(initial, OperatingPoint):
+        old, new = initial.netlist.cell_map, netlist.cell_map
+        if old is not None and new is not None:
+            return np.nan_to_num(_carried_over(initial, old, netlist, new), nan=0.0)
+        initial = np.nan_to_num(initial.voltage, nan=0.0)
+    return _checked_voltages(netlist, "initial", initial, np.ones(netlist.node_count, dtype=np.bool_))
+
+
+def _checked_voltages(netlist: Netlist, name: str, values: ArrayLike, needed: NDArray[np.bool_]) -> NDArray[np.float64]:
+    volts = _real_numbers(values, f"{name} must be one real number per node, in volts")
+    if volts.shape != needed.shape:
+        raise InputError(f"{name} has shape {volts.shape}, but the netlist has {netlist.node_count} nodes")
+    bad = needed & ~np.isfinite(volts)
     if bad.any():
-        raise InputError(f"the voltage of node {dynamics.netlist.node_name(int(np.argmax(bad)))} is not finite")
+        raise InputError(f"{name}: the voltage of node {netlist.node_name(int(np.argmax(bad)))} is not finite")
     return volts
+
+
+def _carried_over(point: OperatingPoint, old: CellMap, netlist: Netlist, new: CellMap) -> NDArray[np.float64]:
+    """Old voltages at the nodes of a new scene: cell by cell, and rail by rail."""
+    if old.space.shape != new.space.shape:
+        raise InputError(
+            f"initial is of a grid of {old.space.shape} cells, but this netlist has {new.space.shape}; "
+            "it must be the operating point of the same chip with another scene"
+        )
+    before = np.zeros(netlist.node_count)
+    if netlist.node_count == point.netlist.node_count and old.wiring.rails == new.wiring.rails == "cells":
+        before[:] = point.voltage
+    had = (new.node >= 0) & (old.node >= 0)
+    before[new.node[had]] = point.voltage[old.node[had]]
+    pairs = [(new.obstacle_node, old.obstacle_node), *zip(new.goal_nodes, old.goal_nodes, strict=False)]
+    for here, there in pairs:
+        if here >= 0 and there >= 0:
+            before[here] = point.voltage[there]
+    return before
+
+
+def _real_numbers(values: ArrayLike, message: str) -> NDArray[np.float64]:
+    """A new array of real numbers."""
+    try:
+        given: np.ndarray[Any, Any] = np.ma.asanyarray(values)
+        real = given.dtype.kind in "biuf" or all(isinstance(value, Real) for value in given.flat)
+        if not real or np.ma.is_masked(given):
+            raise InputError(message)
+        return np.array(given, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(message) from error
 
 
 def _check_step(step: float) -> None:

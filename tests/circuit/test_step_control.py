@@ -8,8 +8,7 @@ from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 
 import resgrid as rg
-from resgrid.circuit.dynamics import dynamics_of
-from resgrid.circuit.initial import charges_of
+from resgrid.circuit.dynamics import charges_of, dynamics_of
 from resgrid.circuit.stepping import METHODS, Resolvents, controlled_steps
 
 
