@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from resgrid.arguments import short
 from resgrid.errors import InputError, ToolMissingError
 
 FORMS = "processes[:N], dask://HOST:PORT, mpi or parsl:FILE"
@@ -169,6 +170,8 @@ def _parsl(file: str) -> Iterator[Executor]:
         raise InputError(f"{file}: cannot be read ({error.strerror}); name a Python file that sets config") from error
     except Exception as error:
         raise InputError(f"{file}: {error!r}; let it say config = parsl.Config(...)") from error
+    if not isinstance(config, importlib.import_module("parsl").Config):
+        raise InputError(f"{file}: config is {short(config)}; let it say config = parsl.Config(...)")
     try:
         with _interrupts_ignored():
             executor = concurrent.ParslPoolExecutor(config=config)
