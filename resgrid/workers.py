@@ -15,7 +15,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from resgrid.arguments import short
 from resgrid.errors import InputError, ToolMissingError
 
 FORMS = "processes[:N], dask://HOST:PORT, mpi or parsl:FILE"
@@ -171,7 +170,7 @@ def _parsl(file: str) -> Iterator[Executor]:
     except Exception as error:
         raise InputError(f"{file}: {error!r}; let it say config = parsl.Config(...)") from error
     if not isinstance(config, importlib.import_module("parsl").Config):
-        raise InputError(f"{file}: config is {short(config)}; let it say config = parsl.Config(...)")
+        raise InputError(f"{file}: config is {config!r:.100}; let it say config = parsl.Config(...)")
     try:
         with _interrupts_ignored():
             executor = concurrent.ParslPoolExecutor(config=config)
