@@ -169,6 +169,8 @@ def _parsl(file: str) -> Iterator[Executor]:
         raise InputError(f"{file}: cannot be read ({error.strerror}); name a Python file that sets config") from error
     except Exception as error:
         raise InputError(f"{file}: {error!r}; let it say config = parsl.Config(...)") from error
+    if not isinstance(config, importlib.import_module("parsl").Config):
+        raise InputError(f"{file}: config is {config!r:.100}; let it say config = parsl.Config(...)")
     try:
         with _interrupts_ignored():
             executor = concurrent.ParslPoolExecutor(config=config)

@@ -12,7 +12,6 @@ import sys
 import threading
 import traceback
 import warnings
-import weakref
 from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from typing import Any
@@ -20,7 +19,7 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
-from resgrid.cli.report import INTERRUPTED, LEFT, TERMINATED, UNEXPECTED, Failure, failure_of, is_computing
+from resgrid.cli.report import INTERRUPTED, LEFT, TERMINATED, UNEXPECTED, Failure, end_at_once, failure_of, is_computing
 
 VERBS = {
     "run": "Do it all: paths, pictures, and decks checked in SPICE.",
@@ -90,9 +89,8 @@ class Verbs(click.Group):
         except KeyboardInterrupt as interrupt:
             click.echo("resgrid: interrupted; nothing half-written is left", err=True)
             code = TERMINATED if interrupt.args == (signal.SIGTERM,) else INTERRUPTED
-            if is_computing():  # the interpreter cannot shut down beside a thread that is busy in compiled code
-                weakref.finalize._exitfunc()  # type: ignore[attr-defined]  # other processes and folders end
-                os._exit(code)
+            if is_computing():
+                end_at_once(code)
             ctx.exit(code)
         return result
 

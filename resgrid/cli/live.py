@@ -8,11 +8,14 @@ from contextlib import suppress
 import click
 
 from resgrid.cli.options import Source, verb, with_source
-from resgrid.cli.report import finish
+from resgrid.cli.report import end_at_once, finish, is_computing
 from resgrid.cli.scenes import open_job
 
 _ARENA_MAX = -8
 """What glibc's mallopt calls the number of heaps (M_ARENA_MAX)."""
+
+_PATIENCE = 0.5
+"""Seconds within which threads that have nothing to do end."""
 
 
 @verb("live", examples=("resgrid live", "resgrid live rooms.toml", "resgrid live map.yaml --goal 5,0 --port 8080"))
@@ -34,6 +37,8 @@ def command(source: Source | None, host: str, port: int, read_only: bool, browse
     with page, suppress(KeyboardInterrupt):
         finish({"url": page.url}, [f"the page is at {page.url}; Ctrl-C ends it"])
         page.wait()
+    if is_computing(patience=_PATIENCE):  # what nobody waits for any more
+        end_at_once(0)
     return 0
 
 

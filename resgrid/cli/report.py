@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import threading
 import time
+import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeVar, cast
 
 import click
 
@@ -233,9 +235,20 @@ def compute(
     return cast("Value", value)
 
 
-def is_computing() -> bool:
-    """Whether a call made by `compute` has been left behind, still busy."""
-    return any(thread.name == _WORKER for thread in threading.enumerate())
+def is_computing(patience: float = 0.0) -> bool:
+    """Whether a call made by `compute`, or for the live page, has been left behind, and is busy for so many seconds."""
+    until = time.perf_counter() + patience
+    while any(thread.name.startswith((_WORKER, "resgrid answers")) for thread in threading.enumerate()):
+        if time.perf_counter() >= until:
+            return True
+        time.sleep(0.01)
+    return False
+
+
+def end_at_once(code: int) -> NoReturn:
+    """End the process: the interpreter cannot shut down beside a thread that is busy in compiled code."""
+    weakref.finalize._exitfunc()  # type: ignore[attr-defined]  # other processes and folders end
+    os._exit(code)
 
 
 class Failure(NamedTuple):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import socket
 import sys
 import threading
@@ -87,7 +88,8 @@ class LivePage:
             pass
 
     def close(self) -> None:
-        """Stop serving."""
+        """Stop serving; requests that are being answered are dropped."""
+        logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)  # which would be told as faults
         self._server.should_exit = True
         self._ended.wait(_STOP_SECONDS)
         self._socket.close()

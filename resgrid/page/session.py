@@ -62,9 +62,11 @@ class Session:
             case "solve":
                 return self._solve(self._drawing(request, body), request.exact)
             case "probe":
+                if request.cell is None:
+                    raise InputError("this request needs a cell")
                 if self.frame is None:
                     raise InputError("nothing has been solved yet")
-                told = probe(self.frame, request.cell or ())
+                told = probe(self.frame, request.cell)
                 return {"probe": told | {"pose": pose(self.frame, told["centre"])}}, []
             case "paths":
                 return describe_others(self._drawing(request, body), request.paths or ())

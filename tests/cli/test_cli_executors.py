@@ -97,12 +97,15 @@ def test_what_is_interrupted_or_killed_is_taken_up(
         ("mpi", "mpiexec -n N, the one that belongs to", 2),
         ("dask://127.0.0.1:1", "no dask scheduler answers at 127.0.0.1:1", 2),
         ("parsl:none.py", "none.py: cannot be read", 2),
+        ("parsl:three.py", "three.py: config is 3; let it say config = parsl.Config", 2),
     ],
 )
 def test_wrong_names_have_one_message(
     scenes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, message: str, code: int
 ) -> None:
     monkeypatch.setattr("resgrid.workers.DASK_SECONDS", 0.5)
+    monkeypatch.chdir(tmp_path)
+    Path("three.py").write_text("config = 3")
     result = call("chip", scenes / "chip.toml", *WORDS, "--executor", name, "-o", tmp_path / "out")
     assert (result.exit_code, message in result.stderr) == (code, True)
 

@@ -81,6 +81,7 @@ def test_currents_that_are_told_keep_kirchhoff_s_law(served):
         ({"type": "dance"}, "type"),
         ({"type": "solve"}, "needs a drawing"),
         ({"type": "probe", "cell": [1]}, "cell"),
+        ({"type": "probe"}, "cell"),
         ({"type": "example", "name": "../../secret"}, "no example"),
         ({"type": "link", "document": {"schema": 1, "map": {"file": "/etc/passwd"}}}, "map file"),
         ({"type": "link", "document": {"schema": 1, "grid": {"axes": [

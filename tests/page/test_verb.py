@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 from support.cli import COMMAND, call
 from support.pages import PATIENCE
+from websockets.sync.client import connect
 
 import resgrid as rg
 
@@ -21,6 +24,25 @@ def test_it_says_where_the_page_is_until_it_is_ended(end):
         assert process.stdout.readline().startswith("the page is at http://127.0.0.1:")
         process.send_signal(end)
         _, complaints = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, complaints) == (0, "")
+
+
+def test_it_ends_while_requests_are_being_answered():
+    program = (
+        "import time\nfrom resgrid.page.session import Session\nfrom resgrid.cli import main\n"
+        "Session.answer = lambda session, message: time.sleep(600)\nmain(prog_name='resgrid')\n"
+    )
+    words = [sys.executable, "-c", program, "live", "--no-browser", "--port", "0", "--json"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        head = "".join(iter(process.stdout.readline, "}\n")) + "}"
+        address = json.loads(head)["url"]
+        with connect(address.replace("http", "ws") + "ws", origin=address.rstrip("/")) as socket:
+            socket.recv(timeout=PATIENCE)
+            socket.send(b"anything")
+            time.sleep(0.2)
+            process.send_signal(signal.SIGINT)
+            _, complaints = process.communicate(timeout=PATIENCE)
     assert (process.returncode, complaints) == (0, "")
 
 
