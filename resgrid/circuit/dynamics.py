@@ -311,8 +311,8 @@ def _residual(
     laplacian: Laplacian, drive: NDArray[np.float64], rounding: NDArray[np.float64], x: Scaled
 ) -> tuple[Scaled, Scaled]:
     """The residual's positive part, and what is negative of it; both with what the drive's own rounding may hide."""
-    from resgrid.solvers.refine import imbalance, scaled_currents
     from resgrid.solvers.extended_kernels import correct
+    from resgrid.solvers.refine import imbalance, scaled_currents
 
     r, e = np.empty(laplacian.size), np.empty(laplacian.size, dtype=np.int64)
     imbalance(laplacian.conductances, scaled_currents(drive), x, (r, e), exact=True)
