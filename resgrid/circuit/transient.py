@@ -271,7 +271,8 @@ def initial_voltages(netlist: Netlist, initial: OperatingPoint | ArrayLike | Non
 
 
 def _checked_voltages(netlist: Netlist, name: str, values: ArrayLike, needed: NDArray[np.bool_]) -> NDArray[np.float64]:
-    volts = _real_numbers(values, f"{name} must be one real number per node, in volts")
+    other = "an operating point, or " if name == "initial" else ""
+    volts = _real_numbers(values, f"{name} must be {other}one real number per node, in volts")
     if volts.shape != needed.shape:
         raise InputError(f"{name} has shape {volts.shape}, but the netlist has {netlist.node_count} nodes")
     bad = needed & ~np.isfinite(volts)
