@@ -15,9 +15,9 @@ from resgrid.circuit.linear import solve_linear
 from resgrid.errors import InputError
 from resgrid.executors import Part, in_order
 from resgrid.netlist import Netlist
-from resgrid.solvers.batch import Chip, FactoredBatch, GridBatch, grid_batch
 from resgrid.solvers.factor import check_rtol
 from resgrid.solvers.laplacian import EdgeList, Laplacian
+from resgrid.solvers.reuse import Chip, FactoredBatch, GridBatch, grid_batch
 from resgrid.solvers.symbolic import order_rows
 
 _SMALL = 1000

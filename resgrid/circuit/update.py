@@ -24,7 +24,7 @@ from resgrid.netlist import Netlist
 from resgrid.solvers.factor import check_rtol
 from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian
 from resgrid.solvers.monitor import Progress, Watch
-from resgrid.solvers.warm import WarmGrid, Window
+from resgrid.solvers.reuse import WarmGrid, Window
 from resgrid.space import Cell, ConfigurationSpace
 from resgrid.wiring import Wiring, wiring_of
 

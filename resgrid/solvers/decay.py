@@ -53,7 +53,7 @@ class Fall(NamedTuple):
     """By how many decades a potential falls.
 
     `near`: around the low rail; `most`: but at the lowest nodes, if these are few: they are found directly
-    (`resgrid.solvers.multigrid.local`); `whole`: in all.
+    (`resgrid.solvers.refine`); `whole`: in all.
     """
 
     near: float = 0.0

@@ -20,6 +20,10 @@ _POWERS = np.append(np.ldexp(1.0, BITS * np.arange(_LEAST, _MOST)), np.inf)
 _POWERS.flags.writeable = False
 
 
+Numbers = tuple[NDArray[np.float64], NDArray[np.int64]]
+"""Scaled numbers in single doubles: mantissas and exponents."""
+
+
 class Scaled(NamedTuple):
     """Numbers ``(hi + lo) * 2**(256 exponent)``; three arrays of one shape.
 

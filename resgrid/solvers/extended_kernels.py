@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.jit import inlined, inner, kernel
-from resgrid.solvers.extended import BITS, Scaled
+from resgrid.solvers.extended import BITS, Numbers, Scaled
 from resgrid.solvers.laplacian import Conductances
 
 _BASE = 2.0**BITS
@@ -28,7 +28,6 @@ _SPLITTER = 2.0**27 + 1.0
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Indices = NDArray[np.int32]
-Numbers = tuple[Floats, Integers]
 
 _SETTLED = 1e-29
 _UNIT = 2.0**-53

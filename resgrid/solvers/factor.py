@@ -260,7 +260,7 @@ class MultigridFactor(Factor):
         return found.solution, found.error
 
     def _refined(self, rhs: NDArray[np.float64] | Scaled, passes: Approximation) -> Refined:
-        from resgrid.solvers.multigrid.local import LocalCorrections
+        from resgrid.solvers.refine import LocalCorrections
 
         local = LocalCorrections(self.laplacian, passes, self.in_slit)
         return refine(self.laplacian, rhs, local, _REFINED, resolve=local.anew, team=self.team)

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
 from resgrid.jit import ZERO, inlined, inner_fast, kernel
-from resgrid.solvers.extended import unscaled
+from resgrid.solvers.extended import Numbers, unscaled
 from resgrid.solvers.extended_kernels import _add_product, _canonical, _shift
 from resgrid.solvers.laplacian import Conductances, Laplacian
-from resgrid.solvers.refine import Numbers
 from resgrid.solvers.symbolic import Pattern, Supernodes, Symbolic, order_rows
 
 Floats = NDArray[np.float64]

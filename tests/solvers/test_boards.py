@@ -20,9 +20,9 @@ from resgrid.solvers.multigrid import cycle
 from resgrid.solvers.multigrid.blocks import coarsen
 from resgrid.solvers.multigrid.graphs import Graph, pack_graphs
 from resgrid.solvers.multigrid.grid_level import Level, compensated, in_double, in_single, lay_out, to_graph
-from resgrid.solvers.multigrid.hierarchy import UNSCALED, build_hierarchy
+from resgrid.solvers.multigrid.hierarchy import UNSCALED, GridPreconditioner, build_hierarchy
+from resgrid.solvers.multigrid.krylov import black_residual
 from resgrid.solvers.multigrid.levels import Finest, Levels, Way
-from resgrid.solvers.multigrid.preconditioner import GridPreconditioner, black_residual
 from resgrid.space import ConfigurationSpace
 
 BOUNDARIES = st.sampled_from(["dirichlet", "neumann"])

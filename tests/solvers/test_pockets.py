@@ -15,8 +15,7 @@ from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.extended import Scaled
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.multigrid import local
-from resgrid.solvers.multigrid.local import LocalCorrections
-from resgrid.solvers.refine import Numbers
+from resgrid.solvers.refine import LocalCorrections, Numbers
 from resgrid.space import Cell, ConfigurationSpace
 
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.solvers.multigrid import atomics, preconditioner
+from resgrid.solvers import machine
+from resgrid.solvers.multigrid import hierarchy, krylov, levels
 from resgrid.solvers.multigrid.levels import Slab
 from resgrid.solvers.team import Team
 
@@ -58,14 +59,14 @@ def assert_same(one: rg.OperatingPoint, other: rg.OperatingPoint) -> None:
 def cuts(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Slabs of every level that is cut, solve by solve."""
     noted: list[int] = []
-    cut = preconditioner.slabs_of
+    cut = hierarchy.slabs_of
 
     def noting(*arguments: object) -> list[Slab]:
         parts = cut(*arguments)
         noted.append(len(parts))
         return parts
 
-    monkeypatch.setattr(preconditioner, "slabs_of", noting)
+    monkeypatch.setattr(hierarchy, "slabs_of", noting)
     return noted
 
 
@@ -108,8 +109,8 @@ def test_thin_slabs_leave_the_same_digits(
     shape: tuple[int, ...], seed: int, rings: bool, wiring: dict[str, object], threads: int
 ) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(preconditioner, "_LEAST", 0)
-        patch.setattr(preconditioner, "_THICK", 0.1)
+        patch.setattr(levels, "_LEAST", 0)
+        patch.setattr(levels, "_THICK", 0.1)
         patch.setattr("resgrid.solvers.multigrid.grid_level.BLOCK", 64)
         netlist = rg.compile_space(room(shape, seed, rings=rings), **wiring)
         one, other = (rg.solve(netlist, method="multigrid", threads=count) for count in (1, threads))
@@ -130,7 +131,7 @@ def test_many_solves_at_a_time_share_one_computer() -> None:
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
 def test_what_is_raised_in_a_slab_ends_the_solve(error: type[BaseException], monkeypatch: pytest.MonkeyPatch) -> None:
     netlist = rg.compile_space(room((420, 380), 3), boundary="neumann")
-    calls, part = iter(range(10**6)), preconditioner.sweep_colour
+    calls, part = iter(range(10**6)), krylov.sweep_colour
 
     def failing(*arguments: object) -> None:
         if next(calls) == 4:
@@ -138,7 +139,7 @@ def test_what_is_raised_in_a_slab_ends_the_solve(error: type[BaseException], mon
         part(*arguments)
 
     with monkeypatch.context() as patch:
-        patch.setattr(preconditioner, "sweep_colour", failing)
+        patch.setattr(krylov, "sweep_colour", failing)
         with pytest.raises(error, match="slab"):
             rg.solve(netlist, accuracy="normwise", method="multigrid", threads=3)
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("resgrid")]
@@ -184,34 +185,34 @@ def test_digits_do_not_depend_on_who_takes_a_job_first(shape: tuple[int, ...], m
 def lead(state: NDArray[np.int64], jobs: int, parts: int, done: NDArray[np.int64]) -> None:
     """Announce one job after the other; notes who has done which part."""
     for job in range(jobs):
-        atomics.announce(state, 0, job, 0, parts)
-        part = atomics.claim(state)
+        machine.announce(state, 0, job, 0, parts)
+        part = machine.claim(state)
         while part >= 0:
             done[job, part] += 1
-            atomics.finish(state)
-            part = atomics.claim(state)
-        atomics.wait_for(state, parts)
+            machine.finish(state)
+            part = machine.claim(state)
+        machine.wait_for(state, parts)
         for part in range(parts):
             done[job, part] *= 10
-    atomics.end_jobs(state)
+    machine.end_jobs(state)
 
 
 @njit(nogil=True)
 def helping(state: NDArray[np.int64], done: NDArray[np.int64]) -> int:
     """Do parts until there are no more."""
     count = 0
-    part = atomics.await_part(state)
+    part = machine.await_part(state)
     while part >= 0:
-        done[state[atomics.LEVEL], part] += 1
-        atomics.finish(state)
+        done[state[machine.LEVEL], part] += 1
+        machine.finish(state)
         count += 1
-        part = atomics.await_part(state)
+        part = machine.await_part(state)
     return count
 
 
 def test_every_part_of_a_job_is_done_once_before_the_next_one_begins() -> None:
-    state, done = np.zeros(atomics.PLACES, dtype=np.int64), np.zeros((300, 7), dtype=np.int64)
-    atomics.begin_jobs(state)
+    state, done = np.zeros(machine.PLACES, dtype=np.int64), np.zeros((300, 7), dtype=np.int64)
+    machine.begin_jobs(state)
     with ThreadPoolExecutor(3) as pool:
         helpers = [pool.submit(helping, state, done) for _ in range(3)]
         lead(state, *done.shape, done)
@@ -221,6 +222,6 @@ def test_every_part_of_a_job_is_done_once_before_the_next_one_begins() -> None:
 
 
 def test_a_helper_leaves_where_nobody_leads() -> None:
-    state = np.zeros(atomics.PLACES, dtype=np.int64)
-    atomics.begin_jobs(state)
+    state = np.zeros(machine.PLACES, dtype=np.int64)
+    machine.begin_jobs(state)
     assert helping(state, np.zeros((1, 1), dtype=np.int64)) == 0

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.solvers.multigrid.grid_level import Level, to_graph
-from resgrid.solvers.multigrid.hierarchy import Hierarchy
-from resgrid.solvers.multigrid.preconditioner import GridPreconditioner
+from resgrid.solvers.multigrid.hierarchy import GridPreconditioner, Hierarchy
 
 
 def matrix_of(level: Level) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -19,7 +19,7 @@
 4. *Steps* (`conjugate_gradients.converge`, `krylov.advance`). Flexible conjugate gradients (Notay 2000) for the black
    cells of a grid, ``S = D_b - G^T D_r^-1 G``, or all rows of a netlist. Vectors are in single precision; after a
    burst of at most five digits the residual is replaced by the true one, in double precision
-   (`preconditioner.sweep_colour`, `krylov.row_residual`; van der Vorst & Ye 2000), and the search directions go on. It
+   (`krylov.sweep_colour`, `krylov.row_residual`; van der Vorst & Ye 2000), and the search directions go on. It
    ends at ``rtol |b|``, or where rounding, ``eps |A| |x|``, forbids more; from a guess on, also where the steps tell
    that the error is small (`Stop`). On a grid a Gauss-Seidel relaxation does what little is left after the last step.
 5. *Cycle* (`cycle.precondition_grid, precondition_graph`). One relaxation before and one after each visit of the next
@@ -31,7 +31,7 @@
    follows it are two sweeps, one close behind the other. The product takes conductances in single precision and makes
    up for their rounding on the diagonal (`grid_level.compensate`): rows sum to what leaks. Large levels are cut into
    slabs, which leave the same digits however they are cut (`sweeps`); several threads take them, one of which leads in
-   compiled code from sweep to sweep (`cycle`, `atomics`).
+   compiled code from sweep to sweep (`cycle`, `resgrid.solvers.machine`).
 7. *Refinement* (`resgrid.solvers.refine`) makes a normwise answer right entry by entry: voltages in double-double,
    with exponents where doubles run out, every pass a solution to many digits of what is largest, until what all rows
    violate KCL by proves that no entry is off by more than 4e-9 of itself and the rounding of the sums. The last rows,

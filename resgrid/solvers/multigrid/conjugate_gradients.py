@@ -15,16 +15,14 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.solvers.extended import power
+from resgrid.solvers.extended import Numbers, power
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid import krylov
 from resgrid.solvers.multigrid.cycle import precondition_graph
 from resgrid.solvers.multigrid.graph_sweeps import work_space
-from resgrid.solvers.multigrid.hierarchy import Hierarchy
+from resgrid.solvers.multigrid.hierarchy import GridPreconditioner, Hierarchy
 from resgrid.solvers.multigrid.levels import Finest, Levels
-from resgrid.solvers.multigrid.preconditioner import GridPreconditioner
-from resgrid.solvers.refine import Numbers
 from resgrid.solvers.team import ALONE, Team
 
 MOST_ITERATIONS = 200

@@ -5,7 +5,7 @@ K-cycle makes of it one or two steps of flexible conjugate gradients.  A red-bla
 alone: red ones are eliminated exactly on the way down and put back on the way up.
 
 Sweeps over grids run slab by slab, on one thread or several (`sweeps`): one thread leads, and the others help where
-there is a part to be done (`atomics`).
+there is a part to be done (`resgrid.solvers.machine`).
 """
 
 from __future__ import annotations
@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.jit import ZERO, inner, kernel
+from resgrid.solvers import machine
 from resgrid.solvers.machine import doubles, flush_subnormals, restore_subnormals, singles
-from resgrid.solvers.multigrid import atomics, sweeps
+from resgrid.solvers.multigrid import sweeps
 from resgrid.solvers.multigrid.graph_sweeps import (
     Graphs,
     Work,
@@ -79,7 +80,7 @@ def _precondition_grid(
     _begin(table, state)
     _run_within(graphs, work, stop, 0, on_graphs, (table, state))
     products = finish_grid(table, state, ZERO, ZERO)
-    atomics.end_jobs(state)
+    machine.end_jobs(state)
     restore_subnormals(flags)
     return products
 
@@ -174,16 +175,16 @@ def _sweep(table: Table, state: Integers, kind: int, number: int, visit: int) ->
     """
     level, part = table[number], ZERO
     if level.parts > 1:
-        atomics.announce(state, kind, number, visit, level.parts)
-        part = atomics.claim(state)
+        machine.announce(state, kind, number, visit, level.parts)
+        part = machine.claim(state)
     while part >= 0:
         _sweep_slab(level, kind, visit, part)
         part = -1
         if level.parts > 1:
-            atomics.finish(state)
-            part = atomics.claim(state)
+            machine.finish(state)
+            part = machine.claim(state)
     if level.parts > 1:
-        atomics.wait_for(state, level.parts)
+        machine.wait_for(state, level.parts)
     first, second, third = 0.0, 0.0, 0.0
     if kind >= _MULTIPLY:
         count = 3 * (chunks_of(level) if kind == _TAKE else level.blocks)
@@ -212,11 +213,11 @@ def help_sweep(table: Table, state: Integers) -> None:
     """Sweep over slabs for the thread that leads, until it has no more."""
     flags = flush_subnormals()
     while True:
-        part = atomics.await_part(state)
+        part = machine.await_part(state)
         if part < 0:
             break
-        _sweep_slab(table[state[atomics.LEVEL]], state[atomics.KIND], state[atomics.VISIT], part)
-        atomics.finish(state)
+        _sweep_slab(table[state[machine.LEVEL]], state[machine.KIND], state[machine.VISIT], part)
+        machine.finish(state)
     restore_subnormals(flags)
 
 

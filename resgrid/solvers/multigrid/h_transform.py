@@ -30,6 +30,7 @@ from scipy import sparse
 from resgrid.errors import AccuracyError
 from resgrid.solvers.columns import symmetric_factors
 from resgrid.solvers.decay import MOST_DECADES
+from resgrid.solvers.extended import Numbers
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid.blocks import Coarsened, sum_up
@@ -44,11 +45,10 @@ from resgrid.solvers.multigrid.hierarchy import (
     largest_degree,
     lay_out_grid,
 )
-from resgrid.solvers.multigrid.krylov import scatter_rows
-from resgrid.solvers.multigrid.levels import Finest, GridLevel, Levels, Way
-from resgrid.solvers.multigrid.preconditioner import black_residual, blocks_of, sweep_colour
+from resgrid.solvers.multigrid.krylov import black_residual, scatter_rows, sweep_colour
+from resgrid.solvers.multigrid.levels import Finest, GridLevel, Levels, Way, blocks_of
 from resgrid.solvers.multigrid.red_black import BLACK, RED, Edges, Stencil
-from resgrid.solvers.refine import Approximation, Numbers
+from resgrid.solvers.refine import Approximation
 from resgrid.solvers.team import ALONE, Team
 
 _MOST_LEFT = 500

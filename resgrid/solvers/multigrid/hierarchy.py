@@ -1,4 +1,8 @@
-"""The hierarchy that preconditions the multigrid solver: red-black grids and graphs for grids, graphs for netlists."""
+"""The hierarchy that preconditions the multigrid solver: red-black grids and graphs for grids, graphs for netlists.
+
+A grid is preconditioned on one thread or several, with the same digits, whatever their number: the finest grids are cut
+into slabs (`resgrid.solvers.multigrid.sweeps`); levels below are too small to be worth a wait.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +12,27 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.solvers import machine
 from resgrid.solvers.laplacian import EdgeList, Laplacian
 from resgrid.solvers.multigrid.blocks import Coarsened, coarsen
+from resgrid.solvers.multigrid.cycle import ENOUGH, help_sweep, precondition_grid
+from resgrid.solvers.multigrid.graph_sweeps import work_space
 from resgrid.solvers.multigrid.graphs import coarsen_down, pack_graphs, pack_netlist
 from resgrid.solvers.multigrid.grid_level import Level, compensated, in_double, in_single, lay_out, to_graph
-from resgrid.solvers.multigrid.levels import Finest, GridLevel, Levels, Way
-from resgrid.solvers.multigrid.red_black import Stencil
+from resgrid.solvers.multigrid.krylov import black_residual
+from resgrid.solvers.multigrid.levels import (
+    CHUNK,
+    GRID,
+    Finest,
+    GridLevel,
+    Levels,
+    Slab,
+    Way,
+    blocks_of,
+    slabs_of,
+    values_in_window,
+)
+from resgrid.solvers.multigrid.red_black import Floats, Singles, Stencil
 from resgrid.solvers.team import ALONE, Team
 
 _WHOLE = 32
@@ -171,3 +190,98 @@ def _leading_without_rows(row: NDArray[np.int32], lines: NDArray[np.int32]) -> i
             count += len(some)
             step *= 2
     return count
+
+
+class GridPreconditioner:
+    """What preconditions the black cells of a grid on the slabs of its levels, for one solve.
+
+    `before` (slots,): the residual, relaxed: slabs read what their neighbours had before they write; None where there
+    is one slab, and the residual is relaxed where the answer will be.
+    """
+
+    def __init__(self, finest: Finest, levels: Levels, team: Team = ALONE) -> None:
+        self._team, self._true, self._graphs, self._work = team, finest.true, levels.graphs, work_space(levels.graphs)
+        self.state = np.zeros(machine.PLACES, dtype=np.int64)
+        grids = (GridLevel(finest.stencil, finest.degree, finest.way), *levels.grids)
+        slots = [len(of.degree) for of in grids]
+        cuts = [slabs_of(of.stencil, team.size) for of in grids[:-1]]
+        cuts.append(slabs_of(grids[-1].stencil, 1))  # nodes of a graph may have parts in several slabs
+        self._parts = cuts[0]
+        noted = np.empty(max(len(of.stencil.couplings) for of in grids))
+        sums, shares = np.empty((-(-slots[0] // min(finest.stencil.block, CHUNK)), 3)), np.empty(2)
+        self._kept: list[NDArray[np.generic]] = [noted, sums, shares]
+        self.table = np.zeros(len(grids), dtype=GRID)
+        fed = [np.zeros((2, count), dtype=np.float32) for count in slots[1:]]
+        answers = [np.zeros((2, count), dtype=np.float32) for count in slots[1:]]
+        below = [*zip(fed, answers, strict=True), (self._work.b[: 1 + self._graphs.first[1]], self._work.x)]
+        for number, (row, of, cut) in enumerate(zip(self.table, grids, cuts, strict=True)):
+            self._fill(row, of, cut, below[number])
+            self._note(row, noted=noted, sums=sums, shares=shares)
+            if number:
+                (red_fed, black_fed), (red, before) = fed[number - 1], answers[number - 1]
+                r, s, z, w, c = np.zeros((5, slots[number]), dtype=np.float32)
+                self._note(row, red_fed=red_fed, black_fed=black_fed, red=red, before=before, r=r, s=s, z=z, w=w, c=c)
+        numbers = 2 + int((self.table["window"] + self.table["joined"] + self.table["block"]).max())
+        self._rooms = np.zeros((max(len(cut) for cut in cuts), 2 * numbers))
+        for row, cut in zip(self.table, cuts, strict=True):
+            slabs = [(*slab[:-1], room.ctypes.data) for slab, room in zip(cut, self._rooms, strict=False)]
+            self._note(row, slabs=np.array(slabs))
+        self.before = np.zeros(slots[0], dtype=np.float32) if len(cuts[0]) > 1 else None
+
+    def _fill(self, row: np.void, of: GridLevel, cut: list[Slab], below: tuple[Singles, Singles]) -> None:
+        """Describe a grid by its row of the table."""
+        stencil, (aggregate, weight) = of.stencil, of.way
+        sides, slots = stencil.faces.shape
+        counts = {
+            "slots": slots, "sides": sides, "margin": stencil.margin, "block": stencil.block,
+            "blocks": blocks_of(stencil), "joined": len(stencil.couplings), "weighted": len(weight) > 0,
+            "below_slots": below[0].size, "window": values_in_window(stencil), "parts": len(cut),
+        }  # fmt: skip
+        for name, count in counts.items():
+            row[name] = count
+        names = ("faces", "distance", "off_red", "off_black", "couplings", "red_inverse", "black_inverse")
+        self._note(row, **{name: getattr(stencil, name) for name in names})
+        own = np.zeros((len(cut) if len(cut) > 1 else 0, slots), dtype=np.float32)
+        self._note(row, degree=of.degree, aggregate=aggregate, weight=weight, own=own)
+        self._note(row, below_fed=below[0], below=below[1])
+
+    def _note(self, row: np.void, **arrays: NDArray[np.generic]) -> None:
+        """Write addresses of arrays, and keep these."""
+        for name, array in arrays.items():
+            assert array.flags.c_contiguous
+            row[name] = array.ctypes.data
+            self._kept.append(array)
+
+    def __call__(
+        self, r: Singles, s: Singles, z: Singles, w: Singles, stop: float = ENOUGH
+    ) -> tuple[float, float, float]:
+        """Precondition ``r`` into ``z``, and multiply into ``w``; `cycle.precondition_grid` says the rest."""
+        self.use(r, s, z, w)
+        if self.before is None:
+            return self._lead(stop)
+        margin, made = int(self.table["margin"][0]), list[float]()
+        z[:margin], z[len(z) - margin :] = 0.0, 0.0
+        machine.begin_jobs(self.state)
+
+        def part(number: int) -> None:  # keeps what the table points to, whoever is interrupted
+            if number:
+                help_sweep(self.table, self.state)
+            else:
+                made.extend(self._lead(stop))
+
+        self._team.share(part, self._team.size)
+        rest, product, gamma = made
+        return rest, product, gamma
+
+    def _lead(self, stop: float) -> tuple[float, float, float]:
+        return precondition_grid(self.table, self.state, self._graphs, self._work, stop)
+
+    def use(self, r: Singles, s: Singles, z: Singles, w: Singles) -> None:
+        """Let the finest level have these vectors."""
+        self._vectors = {"before": z if self.before is None else self.before, "r": r, "s": s, "z": z, "w": w}
+        for name, vector in self._vectors.items():
+            self.table[name][0] = vector.ctypes.data
+
+    def residual(self, b: Floats, x: Floats, r: Floats) -> float:
+        """As `black_residual`, on the team's threads."""
+        return black_residual(self._true, b, x, r, self._parts, self._team)

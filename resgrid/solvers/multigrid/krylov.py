@@ -1,4 +1,4 @@
-"""The compiled steps of conjugate gradients, and what leads from rows to the slots where they stand and back.
+"""The compiled steps of conjugate gradients, residuals, and what leads from rows to their slots and back.
 
 Indices without a sign need not be asked whether they count from the end.
 """
@@ -11,13 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inner_fast, kernel, kernel_fast
-from resgrid.solvers.multigrid.levels import CHUNK
+from resgrid.jit import ZERO, inner_fast, kernel, kernel_fast
+from resgrid.solvers.multigrid.levels import CHUNK, Slab, blocks_of, slabs_of
+from resgrid.solvers.multigrid.red_black import BLACK, RED, Floats, Indices, Reals, Singles, Stencil, products, relax
 from resgrid.solvers.team import ALONE, Team
 
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Indices = NDArray[np.int32]
 Unsigned = NDArray[np.uint32]
 
 
@@ -154,3 +152,63 @@ def largest_step(z: Singles, on_p: Floats, p: Floats) -> float:
             ahead += on_p[j] * z[j, k]
         most = max(most, abs(ahead))
     return most
+
+
+def black_residual(
+    stencil: Stencil, b: Floats, x: Floats, r: Floats, parts: list[Slab] | None = None, team: Team = ALONE
+) -> float:
+    """Relax the red cells exactly, and form the residual ``r`` at the black ones; returns its norm.
+
+    Shapes: `b, x` (2, slots), `r` (slots,).
+    """
+    parts = slabs_of(stencil, 1) if parts is None else parts
+    squares, margin = np.empty(blocks_of(stencil)), int(stencil.margin)
+    for colour in (RED, BLACK):
+
+        def sweep(part: int, of: int = colour) -> None:
+            sweep_colour(stencil, of, b, x, r, squares, np.empty(stencil.block), parts[part][:2])
+
+        team.share(sweep, len(parts))
+    r[:margin], r[len(r) - margin :] = 0.0, 0.0
+    if not len(stencil.couplings):
+        return math.sqrt(squares.sum())
+    np.add.at(r, stencil.off_black, stencil.couplings * x[0, stencil.off_red])
+    return norm(r)
+
+
+@kernel
+def sweep_colour(
+    stencil: Stencil, colour: int, b: Floats, x: Floats, r: Floats, squares: Floats, total: Floats,
+    blocks: tuple[int, int],
+) -> None:  # fmt: skip
+    """Relax the red cells of some blocks exactly, or form the residual at the black ones, but for couplings.
+
+    ``squares`` receives those of every block, summed; ``total`` (block,) is room.
+    """
+    there, margin, coupling, (first, last) = x[1 - colour], stencil.margin, 0, blocks
+    while coupling < len(stencil.couplings) and stencil.off_red[coupling] < margin + first * stencil.block:
+        coupling += 1
+    for block in range(first, last):
+        at = margin + block * stencil.block
+        count = min(stencil.block, stencil.faces.shape[1] - margin - at)
+        products(stencil.faces, stencil.distance, (colour, at, count), there, at, total, ZERO)
+        if colour == BLACK:
+            squares[block] = _subtract(stencil.black_degree, b[1], x[1], at, count, total, r)
+            continue
+        while coupling < len(stencil.couplings) and stencil.off_red[coupling] < at + count:
+            total[stencil.off_red[coupling] - at] += stencil.couplings[coupling] * there[stencil.off_black[coupling]]
+            coupling += 1
+        relax(stencil.red_inverse, b[0], at, count, total, x[0])
+
+
+@inner_fast
+def _subtract(degree: Reals, b: Reals, x: Reals, begin: int, count: int, total: Reals, r: Reals) -> float:
+    """``r = b + total - degree x`` on a block; returns its squares, summed."""
+    squares = 0.0
+    at = np.uint64(begin)
+    for i in range(count):
+        k = at + np.uint64(i)
+        v = b[k] + (total[np.uint64(i)] - degree[k] * x[k])
+        r[k] = v
+        squares += v * v
+    return squares

@@ -24,6 +24,12 @@ CHUNK = 2048
 _ROOM = 4
 """Of a window, in units of what is kept and a block; so seldom it is moved."""
 
+_LEAST = 60_000
+"""Slots of a colour from which a grid is cut."""
+
+_THICK = 4
+"""Blocks of a slab, at least, in units of those that red cells go ahead of black ones: a neighbour finds these too."""
+
 SINGLE, DOUBLE = (cast(int, np.int64(kind.itemsize)) for kind in (np.dtype(np.float32), np.dtype(np.float64)))
 """Bytes of a number; no literals, as `resgrid.jit.ZERO`."""
 
@@ -281,3 +287,28 @@ def _scale(inverse: Reals, begin: int, count: int, value: Reals, to: int) -> Non
     for i in range(count):
         k = np.uint64(i)
         value[v_at + k] *= inverse[at + k]
+
+
+def slabs_of(stencil: Stencil, most: int) -> list[Slab]:
+    """Cut a stencil into so many slabs, or fewer; small ones are not cut.
+
+    No slab is thinner than what its neighbours find of it too, twice.  Nodes of the next level are parts of blocks that
+    begin at even indices along the first axis; two rows along it take a stride of slots.
+    """
+    margin, blocks, slots = stencil.margin, blocks_of(stencil), stencil.faces.shape[1]
+    count = min(most, int(blocks // (_THICK * -(-margin // stencil.block)))) if slots >= _LEAST else 1
+    if count < 2:
+        return [Slab(0, blocks, int(margin), int(slots - margin))]
+    stride, end = int(stencil.distance[1] - stencil.distance[0]), stencil.first_extra
+
+    def from_even_row(block: int) -> int:
+        return min(int(margin) - (-(block * stencil.block) // stride) * stride, end)
+
+    borders = [blocks * k // count for k in range(count + 1)]
+    begins = [from_even_row(block) for block in borders[:-1]] + [end]
+    return [Slab(*borders[k : k + 2], *begins[k : k + 2]) for k in range(count)]
+
+
+def blocks_of(stencil: Stencil) -> int:
+    """How many blocks there are."""
+    return int(-(-(stencil.faces.shape[1] - 2 * stencil.margin) // stencil.block))
