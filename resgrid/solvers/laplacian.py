@@ -272,11 +272,12 @@ class Laplacian:
 
     def within(self, rows: NDArray[np.bool_]) -> Laplacian:
         """Only some of the rows; the others count as nodes of known voltage."""
-        from scipy import sparse
-
-        kept = self.edges[rows]
-        ground = self.ground[rows] + kept[:, ~rows].sum(axis=1)
-        return Laplacian(ground, compressed=Rows.of(sparse.csr_array(kept[:, rows])), dimensions=self.dimensions)
+        kept, number, count = self.edges[np.flatnonzero(rows)], np.cumsum(rows, dtype=np.int32) - 1, int(rows.sum())
+        row, inside = np.repeat(np.arange(count, dtype=np.int32), np.diff(kept.indptr)), rows[kept.indices]
+        ground = self.ground[rows] + np.bincount(row[~inside], kept.data[~inside], count)
+        indptr = np.append(0, np.cumsum(np.bincount(row[inside], minlength=count))).astype(np.int32)
+        compressed = Rows(indptr, number[kept.indices[inside]], kept.data[inside], ordered=True)
+        return Laplacian(ground, compressed=compressed, dimensions=self.dimensions)
 
     def grouped(self, groups: sparse.csr_array) -> Laplacian:
         """Groups of rows as one row each; rows of no group count as nodes of known voltage.

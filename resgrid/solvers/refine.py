@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.errors import AccuracyError
 from resgrid.solvers.extended import NOISE, Numbers, Scaled, canonical, logarithm, power
 from resgrid.solvers.laplacian import Conductances, Laplacian
 from resgrid.solvers.team import ALONE, Team
@@ -268,7 +269,7 @@ class LocalCorrections:
             return self._whole(m, e, accuracy)
         self._most = _GAIN * count
         x, exponent = np.zeros_like(m), np.zeros_like(e)
-        x[rows], exponent[rows] = self._solved(rows, m, e)
+        x[rows], exponent[rows] = (self._solved if self._in_slit else self._approximated)(rows, m, e)
         return x, exponent
 
     def anew(
@@ -290,13 +291,29 @@ class LocalCorrections:
         imbalance(self._laplacian.conductances, current, others, fed)
         return rows, self._solved(rows, *fed)
 
+    def _approximated(self, rows: NDArray[np.int64], m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
+        """As `_solved`, to the rounding of the largest where all have one exponent: that takes no compiled loop."""
+        from resgrid.solvers.columns import symmetric_factors
+
+        exponents = np.unique(e[m != 0.0])
+        if len(exponents) > 1:
+            return self._solved(rows, m, e)
+        try:
+            x = symmetric_factors(self._within(rows).matrix).solve(m[rows])
+        except AccuracyError:
+            return self._solved(rows, m, e)
+        return x, np.repeat(exponents, len(rows))
+
     def _solved(self, rows: NDArray[np.int64], m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
         """Voltages of some rows for what is fed into them, those of all others 0.  Shapes: `m, e` (n,)."""
-        kept = np.zeros(self._laplacian.size, dtype=np.bool_)
-        kept[rows] = True
         from resgrid.solvers.supernodal import factor_supernodes
 
-        return factor_supernodes(self._laplacian.within(kept)).substitute(m[rows], e[rows])
+        return factor_supernodes(self._within(rows)).substitute(m[rows], e[rows])
+
+    def _within(self, rows: NDArray[np.int64]) -> Laplacian:
+        kept = np.zeros(self._laplacian.size, dtype=np.bool_)
+        kept[rows] = True
+        return self._laplacian.within(kept)
 
 
 def _around(laplacian: Laplacian, rows: NDArray[np.int64]) -> NDArray[np.int64] | None:

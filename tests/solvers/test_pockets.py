@@ -10,11 +10,10 @@ from support.spaces import space_of
 from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
-from resgrid.solvers import decay
+from resgrid.solvers import decay, refine as refinement
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.extended import Scaled
 from resgrid.solvers.laplacian import Laplacian
-from resgrid.solvers.multigrid import local
 from resgrid.solvers.refine import LocalCorrections, Numbers
 from resgrid.space import Cell, ConfigurationSpace
 
@@ -142,13 +141,13 @@ def test_pockets_have_exponents_of_their_own() -> None:
 def test_refinement_ends_with_pockets(monkeypatch: pytest.MonkeyPatch) -> None:
     netlist = compile_space(rooms_on_a_corridor(), boundary="dirichlet")
     calls: list[int] = []
-    around = local._around
+    around = refinement._around
 
     def counted(laplacian: Laplacian, rows: NDArray[np.int64]) -> NDArray[np.int64] | None:
         calls.append(len(rows))
         return around(laplacian, rows)
 
-    monkeypatch.setattr(local, "_around", counted)
+    monkeypatch.setattr(refinement, "_around", counted)
     point, direct = (solve(netlist, method=method) for method in ("multigrid", "direct"))
     assert point.log_drop is not None
     np.testing.assert_allclose(point.log_drop, direct.log_drop, rtol=0, atol=1e-8, equal_nan=True)
