@@ -295,7 +295,8 @@ class WarmGrid:
         before = x[slot]
         if not solve:
             laplacian, new = window.laplacian, before == 0.0
-            x[slot[new]] = ((window.drive + laplacian.edges @ before) / laplacian.diagonal)[new]
+            fed, degree = (window.drive + laplacian.edges @ before)[new], laplacian.diagonal[new]
+            x[slot[new]] = np.divide(fed, degree, out=np.zeros_like(fed), where=degree > 0.0)
             return
         core = np.full_like(vertex, -1)
         core[window.core] = vertex[window.core]
