@@ -167,12 +167,12 @@ def _in_less_time(laplacian: Laplacian, found: Connections, accuracy: str) -> Ch
     from resgrid.solvers.decay import Fall, foresee_decades
     from resgrid.solvers.symbolic import order_by_degree, order_by_distance
 
-    width, fall = corridor_width(laplacian, found), None
+    width, fall, foreseen = corridor_width(laplacian, found), None, None
     along = corridor_seconds(laplacian, width)
     if accuracy == "direction":
         laplacian, fall = laplacian.with_rows(), Fall(most=_LEAST_DECADES)
         if along >= multigrid_seconds(laplacian, width, fall):
-            fall = foresee_decades(laplacian, found)
+            fall = foreseen = foresee_decades(laplacian, found)
             if fall.most > _MOST_DECADES:
                 return Choice(laplacian, found, "direct")
     seconds = multigrid_seconds(laplacian, width, fall)
@@ -181,7 +181,7 @@ def _in_less_time(laplacian: Laplacian, found: Connections, accuracy: str) -> Ch
         narrow = order_by_distance(laplacian)
         if narrow is not None and direct_seconds(narrow) < seconds:
             return Choice(laplacian, found, "direct", narrow)
-        fall = None if fall is None else foresee_decades(laplacian, found)
+        fall = None if fall is None else foreseen or foresee_decades(laplacian, found)
         seconds = multigrid_seconds(laplacian, width, fall)
     most = 0.0 if fall is None else most_entries(laplacian, seconds)
     wide = order_by_degree(laplacian, most) if most > 0.0 else None

@@ -174,10 +174,7 @@ class Imbalance(NamedTuple):
 
 @inner
 def _find_exponents(matrix: Conductances, current: Numbers, x: Scaled, begin: int, end: int, top: Integers) -> None:
-    """Exponents of the largest number in some rows of the equations.
-
-    All rows at once: a function that takes arrays counts references at every call, which takes as long as ten rows.
-    """
+    """Exponents of the largest number in some rows of the equations."""
     indptr, indices, _, _ = matrix
     injected, injected_e = current
     hi, e = x.hi, x.exponent
