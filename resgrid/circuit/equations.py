@@ -99,7 +99,13 @@ class Equations:
 
     def voltages(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Voltages of all nodes above ground, (nodes,), from the heights of the rows; NaN where one floats."""
-        return np.where(self.unknown >= 0, self.reference + self.heights(x), self.known_voltages())
+        return self.above_ground(self.heights(x))
+
+    def above_ground(self, heights: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Voltages of all nodes above ground, (nodes,), from their heights: the known ones as they were given."""
+        if self.reference == 0.0:
+            return heights
+        return np.where(self.unknown >= 0, self.reference + heights, self.known_voltages())
 
     def found_contacts(self) -> Contacts:
         """What drives the rows, found anew."""

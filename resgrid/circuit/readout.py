@@ -189,7 +189,7 @@ def read_normwise(system: Equations, x: NDArray[np.float64], **told: Any) -> Ope
     forest, height = system.forest, system.heights(x)
     point = OperatingPoint(
         netlist=system.netlist,
-        voltage=height if system.reference == 0.0 else system.reference + height,
+        voltage=system.above_ground(height),
         log_drop=None,
         potential=_share_of_span(system, height, x),
         ammeters=partial(_normwise_readings, system.netlist, forest, system.unknown, height),

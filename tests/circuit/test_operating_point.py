@@ -24,6 +24,20 @@ def test_normwise_readings_are_those_of_a_dense_solution(netlist: Netlist) -> No
     np.testing.assert_allclose(np.exp(point.resistor_log_current), np.abs(point.resistor_current), rtol=1e-12)
 
 
+def test_normwise_rails_stand_at_the_voltages_they_were_given() -> None:
+    """Counted from the lowest rail, most of these come back with another last digit."""
+    volts = np.append(-np.pi, np.linspace(0.01, 0.1, 20))
+    rails = np.arange(1, len(volts) + 1)
+    to_one_row = np.stack([rails, np.full(len(rails), len(rails) + 1)], axis=1)
+    netlist = Netlist(
+        len(rails) + 2, to_one_row, np.ones(len(rails)),
+        source_nodes=np.stack([rails, np.zeros_like(rails)], axis=1), source_volts=volts,
+    )  # fmt: skip
+    assert np.any(volts[0] + (volts - volts[0]) != volts)
+    for method in ("direct", "multigrid"):
+        np.testing.assert_array_equal(rg.solve(netlist, accuracy="normwise", method=method).voltage[rails], volts)
+
+
 def test_normwise_readings_are_taken_once_and_are_those_of_copies() -> None:
     point = rg.solve(random_grid(3), accuracy="normwise")
     copy = replace(point, iterations=7)
