@@ -58,8 +58,7 @@ def _solved(netlist: Netlist, accuracy: str, method: str, rtol: float, team: Tea
         def read(x: NDArray[np.float64]) -> OperatingPoint:
             if not np.isfinite(x).all():
                 raise CircuitError(OUT_OF_RANGE)
-            steps, error, levels = watch.iterations, watch.error, watch.levels
-            return read_normwise(system, x, iterations=steps, backward_error=error, levels=levels, **told)
+            return read_normwise(system, x, iterations=watch.iterations, backward_error=watch.error, **told)
 
         with _timed(seconds, "substitute"):
             try:
@@ -85,9 +84,7 @@ def _solved(netlist: Netlist, accuracy: str, method: str, rtol: float, team: Tea
                 point, residual, _ = read_entrywise(system, values, team, found.falls, **told)
     signed = point.log_drop is None and point.potential is None
     bound = np.inf if signed else watch.bound + np.finfo(np.float64).eps
-    point = replace(
-        point, iterations=watch.iterations, backward_error=watch.error, entry_error=bound, levels=watch.levels
-    )
+    point = replace(point, iterations=watch.iterations, backward_error=watch.error, entry_error=bound)
     if not balanced and not is_answer(point.backward_error, point.entry_error):
         raise AccuracyError(
             f"method {point.method!r} reached a componentwise backward error of {point.backward_error:.1e} only: the "

@@ -92,9 +92,6 @@ class OperatingPoint:
         Wall-clock time of each stage.
     iterations : int
         Steps of the iterative method, all right-hand sides and passes of refinement together; 0 for the direct method.
-    levels : tuple of str
-        Which multigrid levels it ran on, in their order: ``"plain"``; ``"h-transform"`` where they were scaled for a
-        potential that falls by many decades; both where it had to go on with plain ones.  Empty for other methods.
     backward_error : float
         Of the solution: componentwise for ``accuracy = "direction"``, normwise for ``"normwise"``.  Of a circuit with
         nonlinear resistors it is the last linear system's.
@@ -130,7 +127,6 @@ class OperatingPoint:
     method: str
     seconds: Mapping[str, float]
     iterations: int = 0
-    levels: tuple[str, ...] = ()
     backward_error: float = 0.0
     entry_error: float = np.inf
     nonlinear_amps: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))

@@ -225,7 +225,6 @@ def solution_summary(name: str, op: rg.OperatingPoint, space: rg.ConfigurationSp
         "power": op.power,
         "solver": op.method,
         "iterations": op.iterations,
-        "levels": list(op.levels),
         "backward_error": op.backward_error,
         "entry_error": op.entry_error if math.isfinite(op.entry_error) else None,
         "seconds": dict(op.seconds),

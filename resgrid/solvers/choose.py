@@ -29,10 +29,9 @@ class Seconds(NamedTuple):
     `corridor, across`: a direct solution along corridors, and for every square cell of their width (plane, volume);
     `row, exact_row`: of factors and substitution but for their entries, and where the answer is the nearest double;
     `entry, product`: an entry of the factors, a product; `order`: an order of minimum degree; `levels`: levels,
-    however few the rows, in all; `open, mazy`: directions by multigrid on a grid between rails; `decade, far_decade`:
-    for every decade that the potential falls, where an h-transform reaches and where not; `fed, fed_mazy, fed_sparse,
-    fed_netlist`: directions where one rail is driven; `netlist, netlist_decade`: between rails off grids; `normwise`:
-    voltages alone in narrow corridors.
+    however few the rows, in all; `open, mazy`: directions by multigrid on a grid between rails; `decade`: for every
+    decade that the potential falls; `fed, fed_mazy, fed_sparse, fed_netlist`: directions where one rail is driven;
+    `netlist, netlist_decade`: between rails off grids; `normwise`: voltages alone in narrow corridors.
     """
 
     corridor: tuple[float, float] = (0.5e-6, 0.7e-6)
@@ -45,8 +44,7 @@ class Seconds(NamedTuple):
     levels: float = 4e-3
     open: float = 0.33e-6
     mazy: float = 0.7e-6
-    decade: float = 0.012e-6
-    far_decade: float = 0.025e-6
+    decade: float = 0.02e-6
     fed: float = 0.5e-6
     fed_mazy: float = 0.9e-6
     fed_sparse: float = 4e-6
@@ -109,7 +107,7 @@ def factor_laplacian(
     laplacian = choice.laplacian
     if choice.method == "multigrid":
         _require(_multigrid_memory(choice), laplacian, "multigrid")
-        return factor_multigrid(laplacian, choice.fall, both=both, team=team)
+        return factor_multigrid(laplacian, choice.fall, team=team)
     from resgrid.solvers.symbolic import order_by_degree, order_by_distance
 
     laplacian = laplacian.with_rows()
@@ -231,8 +229,7 @@ def multigrid_seconds(laplacian: Laplacian, width: float, fall: Fall | None) -> 
     elif laplacian.grid is None:
         a_row = SECONDS.netlist + SECONDS.netlist_decade * fall.most
     else:
-        a_decade = SECONDS.decade if fall.in_reach else SECONDS.far_decade
-        a_row = (SECONDS.mazy if mazy else SECONDS.open) + a_decade * fall.most
+        a_row = (SECONDS.mazy if mazy else SECONDS.open) + SECONDS.decade * fall.most
     return SECONDS.levels + a_row * laplacian.size
 
 
@@ -241,7 +238,7 @@ def estimate_memory(laplacian: Laplacian, method: str = "auto", accuracy: str = 
 
     Entries of narrow circuits' factors are counted (`resgrid.solvers.symbolic`).  Those of multigrid are a tenth
     above what was measured on grids, which do without compressed rows, and on other netlists; directions take rows and
-    scaled numbers besides, and with an h-transform, as in most planes, a second set of them.
+    scaled numbers besides.
     """
     from resgrid.solvers.symbolic import order_by_distance
 
@@ -260,12 +257,10 @@ def _direct_memory(laplacian: Laplacian, order: Symbolic | None) -> float:
 
 def _multigrid_memory(choice: Choice) -> float:
     """The same of multigrid, for directions where the fall of the potential is foreseen."""
-    from resgrid.solvers.decay import h_transform_pays
-
-    laplacian, fall = choice.laplacian, choice.fall
+    laplacian = choice.laplacian
     on_nodes, on_entries = (100.0, 12.0) if laplacian.grid is not None else (230.0, 22.0)
-    if fall is not None:
-        on_nodes, on_entries = on_nodes + (120.0 if h_transform_pays(laplacian, fall) else 60.0), on_entries + 18.0
+    if choice.fall is not None:
+        on_nodes, on_entries = on_nodes + 60.0, on_entries + 18.0
     return on_nodes * laplacian.size + on_entries * choice.found.entries + _ON_WINDOWS
 
 

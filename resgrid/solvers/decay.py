@@ -1,4 +1,4 @@
-"""By how many decades a potential falls, foreseen from the graph alone, and whether an h-transform pays for it.
+"""By how many decades a potential falls, foreseen from the graph alone.
 
 The answer of a coarse level would tell as well, and better in the open: of the true decades it found 0.7 to 0.95 in
 planes and volumes, but 0.2 to 0.7 where corridors are narrower than its blocks, and it costs the levels first, which
@@ -33,15 +33,6 @@ _PARTS = 64.0
 _ROUNDS = 30
 """Rounds in which depths are found where rows are numbered as it happens, at most."""
 
-MOST_DECADES = 120.0
-"""By how many decades heights may fall: their squares are doubles."""
-
-_FAR, _FIXED = 11.5, 7e5
-"""Decades in a plane from which an h-transform pays: so many, and so many over the rows."""
-
-_FAR_IN_VOLUMES = 40.0
-"""The same in a volume, where plain levels do better."""
-
 _STEEP = 8.0
 """Decades around the low rail from which it lies in a slit: a pass would gain little beyond."""
 
@@ -53,22 +44,16 @@ class Fall(NamedTuple):
     """By how many decades a potential falls.
 
     `near`: around the low rail; `most`: but at the lowest nodes, if these are few: they are found directly
-    (`resgrid.solvers.refine`); `whole`: in all.
+    (`resgrid.solvers.refine`).
     """
 
     near: float = 0.0
     most: float = 0.0
-    whole: float = 0.0
 
     @property
     def in_slit(self) -> float:
         """Decades in a slit around the low rail; 0 where it lies in none."""
         return self.near if self.near > _STEEP else 0.0
-
-    @property
-    def in_reach(self) -> bool:
-        """Whether they are no more than levels can be scaled for by an h-transform."""
-        return self.whole <= MOST_DECADES
 
 
 def foresee_decades(laplacian: Laplacian, found: Connections) -> Fall:
@@ -99,8 +84,8 @@ def decay(
     rounds: int,
     first: int,
     rest: int,
-) -> tuple[float, float, float]:
-    """Factors of e by which a potential falls, about: over the ``first`` nodes, but at the ``rest`` lowest, in all.
+) -> tuple[float, float]:
+    """Factors of e by which a potential falls, about: over the ``first`` nodes, and but at the ``rest`` lowest.
 
     ``ends``: the nodes that touch the low rail and the high rail.  Where the nearest contact with the high rail lies
     ``r`` steps away, the corridor counts as ``w = 2 r + 1`` wide, and the potential falls by ``((w / rate)**2 + w
@@ -111,8 +96,8 @@ def decay(
     after, head = np.full(n, n, dtype=np.int32), np.full(int(_PARTS * rate) + 2, -1, dtype=np.int32)
     costs = costs_by_depth(n, rate, wall)
     indptr, indices = rows.indptr.view(np.uint32), rows.indices.view(np.uint32)  # need no sign
-    near, most, whole = fall(indptr, indices, low, high, costs, rounds, first, n - rest, after, head)
-    return near / _PARTS, most / _PARTS, whole / _PARTS
+    near, most = fall(indptr, indices, low, high, costs, rounds, first, n - rest, after, head)
+    return near / _PARTS, most / _PARTS
 
 
 def costs_by_depth(deepest: int, rate: float, wall: float) -> NDArray[np.int32]:
@@ -130,14 +115,6 @@ def _wall(mean: float, tied: NDArray[np.float64]) -> float:
     Shapes: `tied` (rows there,): conductances to the rail.
     """
     return max(mean / float(tied.mean()) - 1.0, 0.0) if tied.size else 0.0
-
-
-def h_transform_pays(laplacian: Laplacian, fall: Fall) -> bool:
-    """Whether levels are scaled by the h-transform: it may be done, and saves more time than it takes."""
-    if laplacian.rails is None or laplacian.grid is None or laplacian.dimensions not in (2, 3):
-        return False
-    far = _FAR_IN_VOLUMES if laplacian.dimensions > 2 else _FAR + _FIXED / laplacian.size
-    return fall.in_reach and fall.most - fall.in_slit >= far
 
 
 @inner
@@ -189,8 +166,8 @@ def fall(
     kept: int,
     after: NDArray[np.int32],
     head: NDArray[np.int32],
-) -> tuple[int, int, int]:
-    """What the way costs on which a potential falls least: over the ``first`` nodes, the ``kept`` ones, and all.
+) -> tuple[int, int]:
+    """What the way costs on which a potential falls least: over the ``first`` nodes, and over the ``kept`` ones.
 
     ``costs`` (n + 1,): of a step to a node by its depth, as `_find_depths` finds it in some rounds; ``after`` (n,)
     comes as ``n``, and ``head`` (buckets,) as -1.  By buckets (Dial 1969): since a step costs what the node it leads to
@@ -206,17 +183,16 @@ def fall(
         if low[node]:
             after[node], head[0] = head[0], node
             waiting += 1
-    now, near, most, deepest, bucket = 0, 0, 0, 0, 0
-    while waiting > 0:
+    now, near, bucket = 0, 0, 0
+    while waiting > 0 and seen < kept:
         node = head[bucket]
         if node == _SEEN:
             now += 1
             bucket = bucket + 1 if bucket + 1 < buckets else 0
             continue
-        head[bucket], deepest = after[node], now
+        head[bucket] = after[node]
         waiting, seen = waiting - 1, seen + 1
         near = now if seen <= first else near
-        most = now if seen <= kept else most
         for k in range(indptr[node], indptr[node + 1]):
             other = indices[k]
             if after[other] < _SEEN:
@@ -224,4 +200,4 @@ def fall(
                 ahead -= buckets if ahead >= buckets else 0
                 after[other], head[ahead] = head[ahead], other
                 waiting += 1
-    return near, most, deepest
+    return near, now

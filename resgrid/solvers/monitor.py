@@ -30,9 +30,6 @@ class Watch:
         Steps of the iterative method, all right-hand sides and passes of refinement together; 0 without one.
     error : float
         Largest backward error of a solution, normwise or componentwise as promised; 0 until there is one.
-    levels : tuple of str
-        Which levels preconditioned, in their order: ``"plain"``, or ``"h-transform"`` where they were scaled by one;
-        both where the scaled ones did not converge.
     bound : float
         Largest bound on the relative error of the entries of a solution, infinite where none was proved; 0 until there
         is a solution.
@@ -41,17 +38,10 @@ class Watch:
     def __init__(self, progress: Progress | None = None) -> None:
         self.iterations = 0
         self.error = self.bound = 0.0
-        self.levels: tuple[str, ...] = ()
         self._progress = progress
         self._stopped = False
         self._lock = threading.Lock()
         self._pass = threading.local()
-
-    def uses(self, levels: str) -> None:
-        """Levels of this kind precondition from now on."""
-        with self._lock:
-            if levels not in self.levels:
-                self.levels = (*self.levels, levels)
 
     def begin(self, residual: float, goal: float) -> None:
         """A pass begins at a residual norm, and ends at another one."""

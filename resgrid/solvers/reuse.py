@@ -353,7 +353,7 @@ class WarmGrid:
 
     def _aggregate(self, slot: NDArray[np.int64], present: NDArray[np.bool_]) -> None:
         """Black slots that are new join the aggregate of a black one behind the strongest red neighbour."""
-        target, faces, distance = self._finest.way.aggregate, self._finest.true.faces, self._lattice.distance
+        target, faces, distance = self._finest.aggregate, self._finest.true.faces, self._lattice.distance
         target[slot[~present]] = 0
         for k in slot[present & (target[slot] == 0)].tolist():
             red = k - distance

@@ -20,9 +20,9 @@ from resgrid.solvers.multigrid import cycle
 from resgrid.solvers.multigrid.blocks import coarsen
 from resgrid.solvers.multigrid.graphs import Graph, pack_graphs
 from resgrid.solvers.multigrid.grid_level import Level, compensated, in_double, in_single, lay_out, to_graph
-from resgrid.solvers.multigrid.hierarchy import UNSCALED, GridPreconditioner, build_hierarchy
+from resgrid.solvers.multigrid.hierarchy import GridPreconditioner, build_hierarchy
 from resgrid.solvers.multigrid.krylov import black_residual
-from resgrid.solvers.multigrid.levels import Finest, Levels, Way
+from resgrid.solvers.multigrid.levels import Finest, Levels
 from resgrid.space import ConfigurationSpace
 
 BOUNDARIES = st.sampled_from(["dirichlet", "neumann"])
@@ -52,9 +52,9 @@ def down(level: Level, split: bool) -> list[Level]:
     levels = [level]
     while levels[-1].size > 3 and min(levels[-1].lattice.shape) > 1:
         made = coarsen(levels[-1], split=split)
-        if made is None or made.level.size == levels[-1].size:
+        if made is None or made[0].size == levels[-1].size:
             break
-        levels.append(made.level)
+        levels.append(made[0])
     return levels
 
 
@@ -98,7 +98,7 @@ def test_the_schur_complement_is_that_of_dense_elimination(
         relaxed = z[here] + 1.0
         to_one = np.zeros(slots, dtype=np.int32)
         to_one[here] = 1
-        finest = Finest(in_double(level), stencil, compensated(level, stencil), Way(to_one, UNSCALED))
+        finest = Finest(in_double(level), stencil, compensated(level, stencil), to_one)
         preconditioner = above_one_node(finest)
         preconditioner.use(r, s, z, w)
         zr, zw, zs = finished(preconditioner.table, preconditioner.state)
@@ -186,10 +186,10 @@ def check_aggregates(space: ConfigurationSpace, boundary: str, seed: int) -> Non
         return
     level = made[1]
     for _ in range(3):
-        result = coarsen(level, split=False, keep=True)
+        result = coarsen(level, split=False)
         if result is None or level.size < 3:
             return
-        coarse, target = result.level, result.whole_target
+        coarse, target = result
         graph, number = to_graph(level)
         row = np.repeat(np.arange(graph.size), np.diff(graph.indptr))
         shrinks = [n > m for n, m in zip(level.lattice.shape, coarse.lattice.shape, strict=True)]
@@ -211,10 +211,10 @@ def test_coarse_levels_join_what_resistors_join_and_nothing_else(
     space: ConfigurationSpace, boundary: str, seed: int
 ) -> None:
     made = laid_out(space, boundary, 0.0, seed)
-    result = None if made is None else coarsen(made[1], split=False, keep=True)
+    result = None if made is None else coarsen(made[1], split=False)
     if made is None or result is None:
         return
-    level, coarse, target = made[1], result.level, result.whole_target
+    level, (coarse, target) = made[1], result
     fine, number = to_graph(level)
     small, slot = to_graph(coarse)
     node = slot[target.ravel()[number >= 0]]

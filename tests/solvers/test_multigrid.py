@@ -10,7 +10,7 @@ from resgrid.compiler import compile_space
 from resgrid.errors import BudgetError, CircuitError, InputError
 from resgrid.netlist import Netlist
 from resgrid.solvers import choose as methods
-from resgrid.solvers.decay import MOST_DECADES, WHOLE_STEPS, foresee_decades
+from resgrid.solvers.decay import WHOLE_STEPS, foresee_decades
 from resgrid.solvers.factor import factor_multigrid
 from resgrid.solvers.laplacian import count_connections
 from resgrid.solvers.monitor import Watch
@@ -22,7 +22,7 @@ BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance
 
 def foreseen_decades(system: Equations) -> float:
     """By how many decades the potential of a circuit falls, about."""
-    return foresee_decades(system.laplacian, count_connections(system.laplacian)).whole
+    return foresee_decades(system.laplacian, count_connections(system.laplacian)).most
 
 
 def blocks(shape: tuple[int, ...], seed: int, share: float = 0.2) -> np.ndarray:
@@ -143,13 +143,11 @@ def test_auto_takes_direct_where_refinement_would_have_to_win_too_many_decades()
     assert methods.choose_method(assemble(compile_space(space_of(shaft), boundary="neumann")).laplacian) == "multigrid"
 
 
-@pytest.mark.parametrize(("length", "method"), [(800, "multigrid"), (1600, "direct")])
-def test_wide_corridors_take_multigrid_as_far_as_it_is_graded(length: int, method: str) -> None:
+@pytest.mark.parametrize(("length", "method"), [(300, "multigrid"), (1600, "direct")])
+def test_wide_corridors_take_multigrid_where_potentials_do_not_fall_far(length: int, method: str) -> None:
     corridor = np.zeros((14, 14, length), dtype=np.uint8)
     corridor[5, 5, 0] = 2
-    system = assemble(compile_space(space_of(corridor)))
-    assert (foreseen_decades(system) > MOST_DECADES) == (method == "direct")
-    assert methods.choose_method(system.laplacian) == method
+    assert methods.choose_method(assemble(compile_space(space_of(corridor))).laplacian) == method
 
 
 @pytest.mark.parametrize("width", [3, 8, 21])
@@ -243,16 +241,6 @@ def test_leaks_that_outweigh_the_grid_are_no_harder(boundary: str, leak: float) 
     assert watch.iterations <= 12
     expected = direct.solve(dynamics.drive, rtol=1e-14)
     np.testing.assert_allclose(x, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
-
-
-def test_an_operating_point_tells_on_which_levels_it_was_solved() -> None:
-    """Where they are scaled by an h-transform, and where those that are stand aside for plain ones."""
-    corridor = np.zeros((14, 14, 400), dtype=np.uint8)
-    corridor[5, 5, 0] = 2
-    netlist = compile_space(space_of(corridor))
-    assert solve(netlist, method="multigrid").levels == ("h-transform",)
-    assert solve(netlist, method="multigrid", accuracy="normwise").levels == ("plain",)
-    assert solve(netlist, method="direct").levels == ()
 
 
 def test_the_stage_called_factor_coarsens(monkeypatch: pytest.MonkeyPatch) -> None:

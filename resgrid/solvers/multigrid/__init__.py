@@ -36,10 +36,6 @@
    with exponents where doubles run out, every pass a solution to many digits of what is largest, until what all rows
    violate KCL by proves that no entry is off by more than 4e-9 of itself and the rounding of the sums. The last rows,
    mostly in slits, are solved directly with what surrounds them (`local`).
-8. *h-transform* (`h_transform`). Where a potential ``u`` falls by many decades, levels are those of ``u /
-   h``, with the conductances ``g_ij h_i h_j`` (Doob), and all decades gain digits alike. ``h`` comes from nested
-   iteration: a small level solved directly, its answer spread, and made better on every level by a multiplicative
-   cycle (Horton & Leutenegger 1994), in which all numbers stay positive.
 
 References
 ----------
@@ -51,7 +47,5 @@ Cuthill & McKee, Reducing the bandwidth of sparse symmetric matrices, Proc. 24th
 Eisenstat, Efficient implementation of a class of preconditioned conjugate gradient methods, SIAM J. Sci. Stat. Comput.
     2 (1981) 1.
 O'Cinneide, Entrywise perturbation theory and error analysis for Markov chains, Numer. Math. 65 (1993) 109.
-Doob, Conditional Brownian motion and the boundary limits of harmonic functions, Bull. SMF 85 (1957) 431.
-Horton & Leutenegger, A multi-level solution algorithm for steady-state Markov chains, ACM SIGMETRICS 22 (1994) 191.
 Braess, Towards algebraic multigrid for elliptic problems of second order, Computing 55 (1995) 379.
 """

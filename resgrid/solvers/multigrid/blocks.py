@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -19,25 +18,10 @@ _STRETCH = 2**16
 """Slots of a colour that one thread coarsens at a time, about."""
 
 
-@dataclass(frozen=True, eq=False)
-class Coarsened:
-    """A level and the way to it.
-
-    `target` (slots,): slot there, red ones first, of the aggregate that every black slot before belongs to; 0 for
-    unused slots; `whole_target` (2, slots): the same of both colours; empty, as what follows, where it was not
-    asked for; `stretch` (2 ndim, slots): what length has left of the conductance across every face; `off_stretch`
-    (couplings,): the same of every coupling.
-    """
-
-    level: Level
-    target: NDArray[np.int32]
-    whole_target: NDArray[np.int32]
-    stretch: NDArray[np.float32]
-    off_stretch: NDArray[np.float32]
-
-
-def coarsen(level: Level, *, split: bool, keep: bool = False, team: Team = ALONE) -> Coarsened | None:
+def coarsen(level: Level, *, split: bool, team: Team = ALONE) -> tuple[Level, NDArray[np.int32]] | None:
     """Make the next level: blocks of two cells along every axis but those that conduct badly.
+
+    Returns the slot there of every slot's aggregate too, red ones first, shape (2, slots); 0 for unused slots.
 
     A block that falls apart, without its weak conductances, keeps one part on the grid; the others become extra nodes
     beside it, reached by couplings.
@@ -57,7 +41,11 @@ def coarsen(level: Level, *, split: bool, keep: bool = False, team: Team = ALONE
         target[extra] = number[target[extra] - 2 * before]
     cells = [lattice.cells_at(c, home[colour == c] - c * before) for c in range(2)]
     red, black = (np.ravel_multi_index(cell, lattice.shape).astype(np.int64) for cell in cells)
-    return _summed(level, lattice, target, (red, black), keep, team)
+    summed = sum_up(level, lattice, target, len(home), team)
+    if summed is None:
+        return None
+    edges, leak = _lengthened(*summed, team)
+    return level_of(lattice, edges, leak, (red, black), team), target
 
 
 def _blocks(level: Level, lattice: Lattice, shift: NDArray[np.int64], team: Team) -> NDArray[np.int32]:
@@ -119,25 +107,6 @@ def _strongest(edges: Edges) -> NDArray[np.float32]:
     return strongest
 
 
-def _summed(
-    level: Level,
-    lattice: Lattice,
-    target: NDArray[np.int32],
-    extra_cell: tuple[NDArray[np.int64], NDArray[np.int64]],
-    keep: bool,
-    team: Team,
-) -> Coarsened | None:
-    summed = sum_up(level, lattice, target, sum(len(cell) for cell in extra_cell), team)
-    if summed is None:
-        return None
-    edges, leak, inner = summed
-    before = (edges.faces.copy(), edges.couplings.copy()) if keep else (np.empty((0, 0)), np.empty(0))
-    edges, leak = _lengthened(edges, leak, inner, team)
-    left = [_share_left(old, new) for old, new in zip(before, (edges.faces, edges.couplings), strict=True)]
-    coarse = level_of(lattice, edges, leak, extra_cell, team)
-    return Coarsened(coarse, target[1].copy(), target if keep else np.empty((2, 0), dtype=np.int32), *left)
-
-
 def _lengthened(
     edges: Edges, leak: NDArray[np.float64], inner: NDArray[np.float32], team: Team
 ) -> tuple[Edges, NDArray[np.float64]]:
@@ -164,13 +133,6 @@ def _in_series(conductance: NDArray[np.float64], inner: NDArray[np.float32], sha
     """Conductances in series with a share of what lies inside blocks, where there is some."""
     own = inner.astype(np.float64)
     return np.divide(own * conductance, own + share * conductance, out=conductance.copy(), where=own > 0.0)
-
-
-def _share_left(before: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[np.float32]:
-    left = np.ones(before.shape, dtype=np.float32)
-    if before.size:
-        np.divide(after, before, out=left, where=before > 0.0, casting="same_kind")
-    return left
 
 
 def _stretches(level: Level) -> tuple[list[tuple[int, int]], tuple[int, int]]:

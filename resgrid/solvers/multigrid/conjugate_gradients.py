@@ -39,9 +39,6 @@ _DEPTH = 3
 _BURST = 1e-5
 """Gain of a burst from its largest residual on: vectors in single precision allow no more."""
 
-_LIFT = 2.0**64
-"""Norm of a residual on levels scaled by an h-transform: it falls by as many binades as single precision spans."""
-
 _SMOOTH = 0.1
 """Share of the residual allowed that a guess may leave: its error is smooth, and large beside its residual."""
 
@@ -65,12 +62,11 @@ _PASS, _LEAST_PASS = 1e-12, 1e-2
 class Problem(Protocol):
     """Equations in units of the hierarchy's conductance, over vectors of slots.
 
-    `vectors`: of the iteration; `lift`: norm of the residual that a burst begins with; `nearly`: share of the goal to
-    which steps bring the residual, a relaxation does the rest; `team`: whose threads take its steps.
+    `vectors`: of the iteration; `nearly`: share of the goal to which steps bring the residual, a relaxation does the
+    rest; `team`: whose threads take its steps.
     """
 
     vectors: krylov.Vectors
-    lift: float
     nearly: float
     team: Team
 
@@ -101,7 +97,6 @@ class GridProblem:
 
     def __post_init__(self) -> None:
         self.vectors = krylov.vectors_over(self.finest.stencil.black_inverse, self.depth)
-        self.lift = _LIFT if len(self.finest.way.weight) else 1.0
         self._preconditioner = GridPreconditioner(self.finest, self.levels, self.team)
 
     def relaxed(self, z: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -127,7 +122,7 @@ class _GraphProblem:
     hierarchy: Hierarchy
     b: NDArray[np.float64]
     team: Team
-    lift, nearly = 1.0, _SAFETY
+    nearly = _SAFETY
 
     def __post_init__(self) -> None:
         graphs = self.hierarchy.levels.graphs
@@ -321,34 +316,33 @@ class _Burst:
 
     def run(self, x: NDArray[np.float64], size: float, gain: float, most: int) -> int:
         """Reduce the residual, of norm ``size``, by a factor ``gain``; returns the steps taken."""
-        v, lift, steps = self._v, self._problem.lift, 0
-        one = size / lift
+        v, steps = self._v, 0
         relaxed = self._problem.relaxed(v.z[0])
-        self._each(partial(krylov.begin_burst, v.inverse, v.r, relaxed, one, self.residual))
+        self._each(partial(krylov.begin_burst, v.inverse, v.r, relaxed, size, self.residual))
         self.left = largest = 1.0
         while steps < most and not self._stop.small and self.left > max(gain, _BURST * largest):
-            if not self._step(x, one):
+            if not self._step(x, size):
                 break
             largest = max(largest, self.left)
             steps += 1
             if self._watch is not None:
                 self._watch.step(self.left * size * self._stop.unit)
-        self._gather(x, one)
+        self._gather(x, size)
         return steps
 
     def _each(self, loop: Callable[[int, int], Any]) -> list[Any]:
         """Call a loop for all slots, piece by piece."""
         return self._problem.team.over(len(self._v.r), lambda some: loop(some.start, some.stop))
 
-    def _gather(self, x: NDArray[np.float64], one: float) -> None:
-        """Go the steps kept: they become part of ``x``, in units of ``one``."""
+    def _gather(self, x: NDArray[np.float64], unit: float) -> None:
+        """Go the steps kept: they become part of ``x``, in units of ``unit``."""
         v = self._v
-        self._each(partial(krylov.add_steps, v.z[: self._kept], self._on_x, self._on_p, v.p, one, x))
+        self._each(partial(krylov.add_steps, v.z[: self._kept], self._on_x, self._on_p, v.p, unit, x))
         self._on_x[:], self._on_p[:] = 0.0, 0.0
         self._on_p[-1] = 1.0
         self._kept = 0
 
-    def _step(self, x: NDArray[np.float64], one: float) -> bool:
+    def _step(self, x: NDArray[np.float64], unit: float) -> bool:
         """``p = z + beta p``, ``x += alpha p``, ``r -= alpha A p``, ``z`` about ``A^-1 r``; whether there was one.
 
         There is none where the direction has no energy ``p.A p``.
@@ -367,15 +361,15 @@ class _Burst:
 
         def move() -> float:
             """Largest move of a voltage in this step."""
-            return float(abs(alpha) * one * krylov.largest_step(v.z[: self._kept], self._on_p, v.p))
+            return float(abs(alpha) * unit * krylov.largest_step(v.z[: self._kept], self._on_p, v.p))
 
-        self._stop.moved(alpha * zr * one * one, move)
+        self._stop.moved(alpha * zr * unit * unit, move)
         if self._kept == len(v.z):
-            self._gather(x, one)
+            self._gather(x, unit)
         squares = self._each(
             partial(krylov.advance, v.inverse, v.w, v.s, v.r, problem.relaxed(v.z[self._kept]), beta, alpha)
         )
-        self.left = math.sqrt(sum(squares)) / problem.lift
+        self.left = math.sqrt(sum(squares))
         return True
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from resgrid.solvers import machine
 from resgrid.solvers.laplacian import EdgeList, Laplacian
-from resgrid.solvers.multigrid.blocks import Coarsened, coarsen
+from resgrid.solvers.multigrid.blocks import coarsen
 from resgrid.solvers.multigrid.cycle import ENOUGH, help_sweep, precondition_grid
 from resgrid.solvers.multigrid.graph_sweeps import work_space
 from resgrid.solvers.multigrid.graphs import coarsen_down, pack_graphs, pack_netlist
@@ -27,7 +27,6 @@ from resgrid.solvers.multigrid.levels import (
     GridLevel,
     Levels,
     Slab,
-    Way,
     blocks_of,
     slabs_of,
     values_in_window,
@@ -42,10 +41,8 @@ _SMALL = 250
 _SHRINKAGE = 0.6
 """Share of nodes above which a grid has fallen apart, and a graph takes its place."""
 
-_MOST_EXTRAS, _MOST_EXTRAS_KEPT = 0.1, 0.5
+_MOST_EXTRAS = 0.1
 """Share of nodes beside the lattice above which a graph serves better than a grid."""
-
-UNSCALED = np.empty(0, dtype=np.float32)
 
 FirstLevel = tuple[Stencil, Stencil, NDArray[np.float64]]
 """The finest level in double precision and in single, and the black diagonal that makes up for that, (slots,)."""
@@ -74,7 +71,9 @@ def build_hierarchy(laplacian: Laplacian, team: Team = ALONE) -> Hierarchy:
     found = lay_out_grid(laplacian, team)
     if found is not None:
         level, slot, unit, box = found
-        made = _grid_levels(*coarsen_beside(level, team))
+        # Side by side: of degrees, coarsening asks only which are positive.
+        coarse, first = team.together([partial(coarsen_grid, level, team), partial(finest_stencils, level)])
+        made = _grid_levels(coarse[0], coarse[1], first)
         if made is not None:
             finest, levels = made
             return Hierarchy(levels, slot, unit, unit * largest_degree(finest.true), finest, box)
@@ -87,34 +86,27 @@ def build_hierarchy(laplacian: Laplacian, team: Team = ALONE) -> Hierarchy:
     return Hierarchy(Levels((), graphs), slot, unit, largest)
 
 
-def coarsen_beside(level: Level, team: Team, *, keep: bool = False) -> tuple[list[Level], list[Coarsened], FirstLevel]:
-    """Coarsen a grid and lay its finest level out, side by side: of degrees coarsening asks only which are positive."""
-    coarse, finest = team.together(
-        [partial(coarsen_grid, level, keep=keep, team=team), partial(finest_stencils, level)]
-    )
-    return *coarse, finest
-
-
-def coarsen_grid(level: Level, *, keep: bool = False, team: Team = ALONE) -> tuple[list[Level], list[Coarsened]]:
-    """Coarsen a grid by blocks until it falls apart or is small."""
-    levels: list[Level] = [level]
-    steps: list[Coarsened] = []
+def coarsen_grid(level: Level, team: Team = ALONE) -> tuple[list[Level], list[NDArray[np.int32]]]:
+    """Coarsen a grid by blocks until it falls apart or is small; the levels, and where black slots lead, (slots,)."""
+    levels, targets = [level], list[NDArray[np.int32]]()
     while True:
-        made = coarsen(levels[-1], split=level.uneven, keep=keep, team=team)
-        if made is None or made.level.size > _SHRINKAGE * levels[-1].size:
+        made = coarsen(levels[-1], split=level.uneven, team=team)
+        if made is None or made[0].size > _SHRINKAGE * levels[-1].size:
             break
-        coarse = made.level
+        coarse, target = made
         levels.append(coarse)
-        steps.append(made)
+        targets.append(target[1].copy())
         extras = sum(len(cell) for cell in coarse.extra_cell)
-        if coarse.size < _SMALL or extras > (_MOST_EXTRAS_KEPT if keep else _MOST_EXTRAS) * coarse.size:
+        if coarse.size < _SMALL or extras > _MOST_EXTRAS * coarse.size:
             break
-    return levels, steps
+    return levels, targets
 
 
-def _grid_levels(levels: list[Level], steps: list[Coarsened], first: FirstLevel) -> tuple[Finest, Levels] | None:
+def _grid_levels(
+    levels: list[Level], targets: list[NDArray[np.int32]], first: FirstLevel
+) -> tuple[Finest, Levels] | None:
     """Lay grids out for the compiled passes, and coarsen the last one as a graph; None where it does not shrink."""
-    level, targets = levels[0], [step.target for step in steps]
+    level = levels[0]
     graph, number = to_graph(levels[-1])
     graphs, shrinking = coarsen_down(graph)
     if not targets:
@@ -124,12 +116,13 @@ def _grid_levels(levels: list[Level], steps: list[Coarsened], first: FirstLevel)
         targets = [np.arange(level.lattice.slots, 2 * level.lattice.slots, dtype=np.int32)]
         graphs, shrinking = graphs[1:], shrinking[1:]
     packed, rank = pack_graphs(graphs, shrinking)
-    targets[-1] = counted(number, rank, targets[-1])
+    node = number[targets[-1]]
+    targets[-1] = np.where(node >= 0, rank[node] + 1, 0).astype(np.int32)  # none at slot 0
     grids = tuple(
-        GridLevel(in_single(coarse), coarse.degree[1].copy(), Way(target, UNSCALED))
+        GridLevel(in_single(coarse), coarse.degree[1].copy(), target)
         for coarse, target in zip(levels[1:-1], targets[1:], strict=True)
     )
-    return Finest(*first, Way(targets[0], UNSCALED)), Levels(grids, packed)
+    return Finest(*first, targets[0]), Levels(grids, packed)
 
 
 def finest_stencils(level: Level) -> FirstLevel:
@@ -137,12 +130,6 @@ def finest_stencils(level: Level) -> FirstLevel:
     stencil = in_single(level)
     degree = compensated(level, stencil)
     return in_double(level), stencil, degree
-
-
-def counted(number: NDArray[np.int32], rank: NDArray[np.int32], slot: NDArray[np.integer]) -> NDArray[np.int32]:
-    """Where a graph's nodes at some slots stand, counted from 1; 0 for none, as at slot 0."""
-    node = number[slot]
-    return np.where(node >= 0, rank[node] + 1, 0).astype(np.int32)
 
 
 def largest_degree(true: Stencil) -> float:
@@ -202,7 +189,7 @@ class GridPreconditioner:
     def __init__(self, finest: Finest, levels: Levels, team: Team = ALONE) -> None:
         self._team, self._true, self._graphs, self._work = team, finest.true, levels.graphs, work_space(levels.graphs)
         self.state = np.zeros(machine.PLACES, dtype=np.int64)
-        grids = (GridLevel(finest.stencil, finest.degree, finest.way), *levels.grids)
+        grids = (GridLevel(finest.stencil, finest.degree, finest.aggregate), *levels.grids)
         slots = [len(of.degree) for of in grids]
         cuts = [slabs_of(of.stencil, team.size) for of in grids[:-1]]
         cuts.append(slabs_of(grids[-1].stencil, 1))  # nodes of a graph may have parts in several slabs
@@ -230,11 +217,11 @@ class GridPreconditioner:
 
     def _fill(self, row: np.void, of: GridLevel, cut: list[Slab], below: tuple[Singles, Singles]) -> None:
         """Describe a grid by its row of the table."""
-        stencil, (aggregate, weight) = of.stencil, of.way
+        stencil = of.stencil
         sides, slots = stencil.faces.shape
         counts = {
             "slots": slots, "sides": sides, "margin": stencil.margin, "block": stencil.block,
-            "blocks": blocks_of(stencil), "joined": len(stencil.couplings), "weighted": len(weight) > 0,
+            "blocks": blocks_of(stencil), "joined": len(stencil.couplings),
             "below_slots": below[0].size, "window": values_in_window(stencil), "parts": len(cut),
         }  # fmt: skip
         for name, count in counts.items():
@@ -242,7 +229,7 @@ class GridPreconditioner:
         names = ("faces", "distance", "off_red", "off_black", "couplings", "red_inverse", "black_inverse")
         self._note(row, **{name: getattr(stencil, name) for name in names})
         own = np.zeros((len(cut) if len(cut) > 1 else 0, slots), dtype=np.float32)
-        self._note(row, degree=of.degree, aggregate=aggregate, weight=weight, own=own)
+        self._note(row, degree=of.degree, aggregate=of.aggregate, own=own)
         self._note(row, below_fed=below[0], below=below[1])
 
     def _note(self, row: np.void, **arrays: NDArray[np.generic]) -> None:

@@ -36,21 +36,20 @@ SINGLE, DOUBLE = (cast(int, np.int64(kind.itemsize)) for kind in (np.dtype(np.fl
 GRID = np.dtype([
     (name, np.int64)
     for name in (
-        *("slots", "sides", "margin", "block", "blocks", "joined", "weighted", "below_slots", "window"),
+        *("slots", "sides", "margin", "block", "blocks", "joined", "below_slots", "window"),
         *("faces", "distance", "off_red", "off_black", "couplings", "red_inverse", "black_inverse", "degree"),
-        *("aggregate", "weight", "below_fed", "below"),
+        *("aggregate", "below_fed", "below"),
         *("red_fed", "black_fed", "red", "before", "r", "s", "z", "w", "c"),
         *("parts", "slabs", "own", "noted", "sums", "shares"),
     )
 ])  # fmt: skip
 """A grid of a hierarchy, for the compiled cycle: counts, then addresses of arrays.
 
-`slots, sides, margin, block`: of its stencil; `blocks`: how many; `joined`: couplings; `weighted`: whether what its
-nodes take from the next level has weights; `below_slots`: of the next level's right-hand side; `window`: red values in
-a window (`Window`).
+`slots, sides, margin, block`: of its stencil; `blocks`: how many; `joined`: couplings; `below_slots`: of the next
+level's right-hand side; `window`: red values in a window (`Window`).
 
-From `faces` to `weight`: as of `GridLevel`, in single precision, but for `degree`; `below_fed, below`: the next level's
-right-hand side and answer.
+From `faces` to `aggregate`: as of `GridLevel`, in single precision, but for `degree`; `below_fed, below`: the next
+level's right-hand side and answer.
 
 `red_fed, black_fed` (slots,): right-hand side; `red` (slots,): answer at red nodes.  Over black slots: `before`: the
 residual, relaxed from zero, for slabs read what others had before they write, and in the end the answer; `r`: the
@@ -66,39 +65,29 @@ Row = Any
 """A row of such a table."""
 
 
-class Way(NamedTuple):
-    """From the black slots of a grid to the next level.
-
-    `aggregate` (slots,): node of the next level that a slot belongs to: its slot there, red ones first; of a graph,
-    counted from 1; 0 for none; `weight` (slots,): what it takes from there; empty where that is all
-    (`resgrid.solvers.multigrid.h_transform`).
-    """
-
-    aggregate: Indices
-    weight: Singles
-
-
 class GridLevel(NamedTuple):
     """A grid of a hierarchy.
 
-    `stencil`: in single precision; `degree` (slots,): its black diagonal; `way`: to the next level.
+    `stencil`: in single precision; `degree` (slots,): its black diagonal; `aggregate` (slots,): node of the next level
+    that a black slot belongs to: its slot there, red ones first; of a graph, counted from 1; 0 for none.
     """
 
     stencil: Stencil
     degree: Floats
-    way: Way
+    aggregate: Indices
 
 
 class Finest(NamedTuple):
     """The finest grid: in double precision too, and with a black diagonal that makes up for single precision.
 
-    `true`: in double precision; `stencil, degree, way`: as of `GridLevel`, the diagonal `grid_level.compensated`.
+    `true`: in double precision; `stencil, degree, aggregate`: as of `GridLevel`, the diagonal
+    `grid_level.compensated`.
     """
 
     true: Stencil
     stencil: Stencil
     degree: Floats
-    way: Way
+    aggregate: Indices
 
 
 class Levels(NamedTuple):

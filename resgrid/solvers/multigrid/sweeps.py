@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from resgrid.jit import ZERO, inlined, inner, inner_fast
+from resgrid.jit import ZERO, inner, inner_fast
 from resgrid.solvers.machine import doubles, indices, singles
 from resgrid.solvers.multigrid.levels import (
     CHUNK,
@@ -90,7 +90,7 @@ def eliminate_couplings(level: Row) -> None:
 def restrict(level: Row, slab: Slab) -> None:
     """Let the red cells follow ``before``, and sum the black residual into the next level."""
     slots, ahead, z = level.slots, blocks_ahead(level), singles(level.before, level.slots)
-    aggregate, weight = indices(level.aggregate, slots), singles(level.weight, slots * level.weighted)
+    aggregate = indices(level.aggregate, slots)
     coarse = singles(level.below_fed, level.below_slots)
     begin, last = max(slab.first - ahead, 0), -(-(slab.end - level.margin) // level.block)
     window = open_window(level, slab, begin)
@@ -104,54 +104,33 @@ def restrict(level: Row, slab: Slab) -> None:
             behind = max(slab.begin - at, 0)
             if behind < count:
                 count = min(count, slab.end - at) - behind
-                _add_to_nodes(aggregate, weight, at + behind, count, window.total, behind, coarse)
-
-
-@inlined
-def _share(weight: Singles, black: int) -> np.float32:
-    """What a black slot counts for on the next level, and takes from it."""
-    return weight[black] if len(weight) > 0 else np.float32(1.0)
+                _add_to_nodes(aggregate, at + behind, count, window.total, behind, coarse)
 
 
 @inner
 def restrict_couplings(level: Row) -> None:
     """The rest of `restrict`, behind all slabs."""
     g, red = singles(level.couplings, level.joined), doubles(level.noted, level.joined)
-    weight = singles(level.weight, level.slots * level.weighted)
     off_black, aggregate = indices(level.off_black, level.joined), indices(level.aggregate, level.slots)
     coarse = singles(level.below_fed, level.below_slots)
     for m in range(level.joined):
         black = off_black[m]
-        coarse[aggregate[black]] += _share(weight, black) * g[m] * np.float32(red[m])
+        coarse[aggregate[black]] += g[m] * np.float32(red[m])
     coarse[0] = 0.0
 
 
 @inner
-def _add_to_nodes(
-    aggregate: Indices, weight: Singles, begin: int, count: int, total: Singles, behind: int, coarse: Singles
-) -> None:
+def _add_to_nodes(aggregate: Indices, begin: int, count: int, total: Singles, behind: int, coarse: Singles) -> None:
     at, t_at = np.uint64(begin), np.uint64(behind)
-    if len(weight) > 0:
-        for i in range(count):
-            k = np.uint64(i)
-            coarse[np.uint32(aggregate[at + k])] += weight[at + k] * total[t_at + k]
-        return
     for i in range(count):
         k = np.uint64(i)
         coarse[np.uint32(aggregate[at + k])] += total[t_at + k]
 
 
 @inner
-def _add_from_nodes(
-    aggregate: Indices, weight: Singles, begin: int, count: int, coarse: Singles, z: Singles, total: Singles
-) -> None:
+def _add_from_nodes(aggregate: Indices, begin: int, count: int, coarse: Singles, z: Singles, total: Singles) -> None:
     """``total = z +`` what the slots of a block take from their nodes."""
     at = np.uint64(begin)
-    if len(weight) > 0:
-        for i in range(count):
-            k = at + np.uint64(i)
-            total[k] = z[k] + weight[k] * coarse[np.uint32(aggregate[k])]
-        return
     for i in range(count):
         k = at + np.uint64(i)
         total[k] = z[k] + coarse[np.uint32(aggregate[k])]
@@ -169,7 +148,7 @@ def finish(level: Row, slab: Slab, own: Singles, product: Singles, stages: tuple
     slab keeps its values of ``z`` and those next to it: ``z`` itself where there is no other slab.
     """
     (relaxing, multiplying), slots, blocks, ahead = stages, level.slots, level.blocks, blocks_ahead(level)
-    aggregate, weight = indices(level.aggregate, slots), singles(level.weight, slots * level.weighted)
+    aggregate = indices(level.aggregate, slots)
     coarse = singles(level.below, level.below_slots)
     before, r, s, z = (
         singles(level.before, slots),
@@ -187,14 +166,14 @@ def finish(level: Row, slab: Slab, own: Singles, product: Singles, stages: tuple
     end = slab.last + led + ahead if multiplying else last + relaxed
     window, other = open_window(level, slab, lead_first), open_second(level, slab, lead_second)
     if relaxing:
-        _draw_raised(level, aggregate, weight, coarse, before, window.drawn)
+        _draw_raised(level, aggregate, coarse, before, window.drawn)
     else:
         draw(level, own, other.drawn)
     for step in range(begin, end):
         if relaxing:
             if step < min(last + 2 * ahead, blocks):
                 at, count = extent(level, step)
-                _add_from_nodes(aggregate, weight, at, count, coarse, before, own)
+                _add_from_nodes(aggregate, at, count, coarse, before, own)
             if lead_first <= step - ahead < last + ahead:
                 lead(level, window, slab, own, step - ahead)
             block = step - relaxed
@@ -215,14 +194,12 @@ def finish(level: Row, slab: Slab, own: Singles, product: Singles, stages: tuple
 
 
 @inner
-def _draw_raised(
-    level: Row, aggregate: Indices, weight: Singles, coarse: Singles, before: Singles, drawn: Singles
-) -> None:
+def _draw_raised(level: Row, aggregate: Indices, coarse: Singles, before: Singles, drawn: Singles) -> None:
     """What every coupling draws into its red cell, once the next level's answer is added."""
     g, off_black = singles(level.couplings, level.joined), indices(level.off_black, level.joined)
     for m in range(level.joined):
         black = off_black[m]
-        drawn[m] = g[m] * (before[black] + _share(weight, black) * coarse[aggregate[black]])
+        drawn[m] = g[m] * (before[black] + coarse[aggregate[black]])
 
 
 @inner
