@@ -27,7 +27,7 @@ from resgrid.solvers.row_kernels import find
 
 Bools = NDArray[np.bool_]
 
-_FAINT = 1e-20
+FAINT = 1e-20
 """Difference of two double-doubles, relative to them, that has half of its digits left."""
 
 
@@ -111,7 +111,7 @@ def currents(
             fall = _fall(hi[a], lo[a], down[a], hi[b], lo[b], down[b], noise, noise_down) * volts
             amps[k] = conductance[k] * fall
             power += amps[k] * fall
-            faint |= 0.0 < abs(fall) <= _FAINT * abs(volts * hi[a])
+            faint |= 0.0 < abs(fall) <= FAINT * abs(volts * hi[a])
             continue
         top = _pair_exponent(hi[a], e[a], hi[b], e[b]) if down[a] == down[b] else 0
         near, near_low = _shift(hi[a], e[a] - top), _shift(lo[a], e[a] - top)
@@ -119,7 +119,7 @@ def currents(
         fall = _fall(near, near_low, down[a], far, far_low, down[b], noise, noise_down) * volts
         amps[k], exponent[k] = _canonical(conductance[k] * fall, top)
         power += _shift(_shift(conductance[k] * fall * fall, top), top)
-        faint |= 0.0 < abs(fall) <= _FAINT * abs(volts * near)
+        faint |= 0.0 < abs(fall) <= FAINT * abs(volts * near)
     return power, faint
 
 
@@ -183,9 +183,9 @@ def drop_unresolved(
 
 @kernel
 def add_flows(
-    rows: Indices, conductance: Floats, falls: Floats, falls_low: Floats, net: Floats, net_low: Floats, total: Floats
+    rows: Indices, conductance: Floats, falls: Floats, falls_low: Floats, net: Floats, net_low: Floats
 ) -> None:
-    """Add what flows from one row to another to the net current into both, in double-double, and to their totals.
+    """Add what flows from one row to another to the net current into both, in double-double.
 
     Shapes: `rows` (m, 2), -1 for nodes without one; `conductance, falls` (m,).
     """
@@ -197,7 +197,5 @@ def add_flows(
         q += conductance[k] * falls_low[k]
         if a >= 0:
             net[a], net_low[a] = _sum(net[a], net_low[a], -p, -q)
-            total[a] += abs(p)
         if b >= 0:
             net[b], net_low[b] = _sum(net[b], net_low[b], p, q)
-            total[b] += abs(p)

@@ -26,10 +26,11 @@ _MOST_TIES = 2e7
 """Rows times rails that are kept apart."""
 
 _CERTAIN = 1e-9
-"""Share of the current through a node by which the last correction may have changed a current there."""
+"""Share of the current through a node by which a correction may still change a current there."""
 
-_FAINT = 1e-30
-"""Share of the largest current below which one that cancellation hides counts as none."""
+_FAINT, _NONE = 1e-30, 1e-28
+"""Shares of the largest current: below the one, one that cancellation hides counts as none; below the other, KCL is not
+asked for where it does."""
 
 _MOST_STEPS = 30
 
@@ -38,14 +39,16 @@ class Falls(NamedTuple):
     """Falls across resistors and the voltages that they make.
 
     `falls` (resistors,): voltage of the first end above the second one's; `volts` (rails,): voltages of the rails;
-    `above` (n, rails): heights of the rows above each, in volts; `doubt`: the most by which the last correction has
-    changed a current, relative to what flows through either end.
+    `above` (n, rails): heights of the rows above each, in volts; `doubt`: the most by which one more correction
+    would change a current, relative to what flows through either end; `excused` (nodes,): whether a current counts as
+    none there that others, of 1e-28 of the largest at most, may not add up without.
     """
 
     falls: NDArray[np.float64]
     volts: NDArray[np.float64]
     above: NDArray[np.float64]
     doubt: float
+    excused: NDArray[np.bool_]
 
 
 def balance(system: Equations) -> Falls | None:
@@ -68,26 +71,30 @@ def balance(system: Equations) -> Falls | None:
         held.all(axis=1), np.nan_to_num(known[:, 0] - known[:, 1]), -np.diff(lift[netlist.resistor_nodes])[:, 0]
     )
     none, faint = np.zeros_like(apart), np.zeros(len(apart), dtype=np.bool_)
-    gaps, worst = by.solve(_residual(system, rows, (apart, none))[0], volts), np.inf
-    residual, _ = _residual(system, rows, by.falls(gaps, apart))
+    gaps, worst = by.solve(_residual(system, rows, (apart, none)), volts), np.inf
+    fed = _through(netlist.current_nodes, np.abs(netlist.current_amps), netlist.node_count)
     for _ in range(_MOST_STEPS):
-        more = by.solve(residual, np.zeros_like(volts))
-        by.correct(gaps, more, volts)
         falls = by.falls(gaps, apart)
-        residual, through = _residual(system, rows, falls)
-        least = np.append(through, np.inf)[rows].min(axis=1)
-        amps = netlist.conductance * np.abs(falls[0])
+        more = by.solve(_residual(system, rows, falls), np.zeros_like(volts))
         moved = netlist.conductance * np.abs(by.falls(more, none)[0])
-        share = np.divide(moved, least, out=none.copy(), where=(amps > 0.0) & (least > 0.0))
+        amps = np.maximum(netlist.conductance * np.abs(falls[0]), moved)
+        through = fed + _through(netlist.resistor_nodes, amps, netlist.node_count)
+        least = through[netlist.resistor_nodes].min(axis=1)
+        share = np.divide(moved, least, out=none.copy(), where=least > 0.0)
         faint = (share > _CERTAIN) & (amps <= _FAINT * amps.max())
         before, worst = worst, float(share.max(where=~faint, initial=0.0))
         if worst <= _CERTAIN or not worst < before:
             break
+        by.correct(gaps, more, volts)  # only now: what is far below the rails' voltages loses digits by it
+    excused = np.zeros(netlist.node_count, dtype=np.bool_)
     if faint.any():
-        falls[0][_around(netlist.resistor_nodes, netlist.node_count, amps <= _FAINT * amps.max(), faint)] = 0.0
+        none_flows = _around(netlist.resistor_nodes, netlist.node_count, amps <= amps[faint].max(), faint)
+        falls[0][none_flows] = 0.0
+        excused[netlist.resistor_nodes[none_flows]] = True
+        excused &= through <= _NONE * amps.max()
     above = np.empty((system.size, len(volts)))
     above[by.order] = gaps.apart[by.columns.starts[1:, np.newaxis] - np.arange(len(volts), 0, -1)]
-    return Falls(falls[0], volts, above, worst)
+    return Falls(falls[0], volts, above, worst, excused)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,12 +169,17 @@ def _around(
 
 def _residual(
     system: Equations, rows: NDArray[np.int32], falls: tuple[NDArray[np.float64], NDArray[np.float64]]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """What flows into every row beyond what flows out, and half of all that flows there; in amperes, (n,)."""
+) -> NDArray[np.float64]:
+    """What flows into every row beyond what flows out, in amperes, (n,)."""
     from resgrid.circuit.kernels import add_flows
 
     netlist, amps = system.netlist, system.netlist.current_amps
-    net, net_low, total = np.zeros((3, system.size))
-    add_flows(rows, netlist.conductance, *falls, net, net_low, total)
-    add_flows(system.unknown[netlist.current_nodes], np.ones_like(amps), amps, np.zeros_like(amps), net, net_low, total)
-    return net, 0.5 * total
+    net, net_low = np.zeros((2, system.size))
+    add_flows(rows, netlist.conductance, *falls, net, net_low)
+    add_flows(system.unknown[netlist.current_nodes], np.ones_like(amps), amps, np.zeros_like(amps), net, net_low)
+    return net
+
+
+def _through(ends: NDArray[np.int32], amps: NDArray[np.float64], nodes: int) -> NDArray[np.float64]:
+    """Half of all magnitudes (m,) that flow into or out of every node."""
+    return np.asarray(np.bincount(ends.ravel(), np.repeat(0.5 * amps, 2), nodes), dtype=np.float64)

@@ -80,8 +80,11 @@ def _solved(netlist: Netlist, accuracy: str, method: str, rtol: float, team: Tea
         with _timed(seconds, "balance"):
             found = balance(system)
             if found is not None:
-                values, doubt, balanced = values_above(system, found.volts, found.above, team), found.doubt, True
-                point, residual, _ = read_entrywise(system, values, team, found.falls, **told)
+                proved = system.rails is not None and is_answer(watch.error, watch.bound)
+                values = values if proved else values_above(system, found.volts, found.above, team)
+                again = read_entrywise(system, values, team, found, **told)
+                if not proved or again[0].kcl_residual <= max(point.kcl_residual, DIRECTION_RESIDUAL):
+                    (point, residual, _), doubt, balanced = again, found.doubt, True
     signed = point.log_drop is None and point.potential is None
     bound = np.inf if signed else watch.bound + np.finfo(np.float64).eps
     point = replace(point, iterations=watch.iterations, backward_error=watch.error, entry_error=bound)

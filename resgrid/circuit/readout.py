@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,9 @@ from resgrid.solvers.laplacian import Rails
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.refine import minus, quotient
 from resgrid.solvers.team import ALONE, Team
+
+if TYPE_CHECKING:
+    from resgrid.circuit.kirchhoff import Falls
 
 OUT_OF_RANGE = (
     "a voltage exceeds 1.8e308 V, the range of double precision: the currents fed in are too large for the "
@@ -203,12 +206,12 @@ def read_normwise(system: Equations, x: NDArray[np.float64], **told: Any) -> Ope
 
 
 def read_entrywise(
-    system: Equations, values: NodeValues, team: Team, falls: NDArray[np.float64] | None = None, **told: Any
+    system: Equations, values: NodeValues, team: Team, falls: Falls | None = None, **told: Any
 ) -> tuple[OperatingPoint, NDArray[np.float64], bool]:
-    """Read everything off the values of the nodes, or currents off falls across the resistors (resistors,), in volts.
+    """Read everything off the values of the nodes, or currents off falls across the resistors.
 
-    `told`: what the point is to say of how it was solved.  Returns `residual` (nodes,), and whether differences of
-    values have few digits left.
+    `told`: what the point is to say of how it was solved.  Returns `residual` (nodes,), and whether currents that
+    matter have few digits left.
     """
     netlist, faint = system.netlist, False
     voltage, (log_drop, potential) = team.together(
@@ -219,9 +222,11 @@ def read_entrywise(
     if falls is None:
         amps, exponent, heat, faint = _differences(values, netlist, team)
     else:
-        amps, exponent = netlist.conductance * falls, np.zeros(0, dtype=np.int64)
-        heat = float(amps @ falls)
-    readings, residual = _read(netlist, system.forest, system.unknown, amps, exponent, heat, *falling, team)
+        amps, exponent = netlist.conductance * falls.falls, np.zeros(0, dtype=np.int64)
+        heat = float(amps @ falls.falls)
+    unknown = system.unknown if falls is None else np.where(falls.excused, -1, system.unknown)
+    readings, residual = _read(netlist, system.forest, unknown, amps, exponent, heat, *falling, team)
+    faint = faint and not exponent.size and _hides(values, netlist, amps)
     point = OperatingPoint(
         netlist=netlist,
         voltage=voltage,
@@ -264,6 +269,20 @@ def _differences(
 
     found = team.over(len(amps), through)
     return amps, exponent, sum(power for power, _ in found), any(faint for _, faint in found)
+
+
+def _hides(values: NodeValues, netlist: Netlist, amps: NDArray[np.float64]) -> bool:
+    """Whether differences of values have few digits left at currents that matter to either end's.
+
+    Shapes: `amps` (resistors,).  Between cells that mirror each other such a difference is rounding, beside others.
+    """
+    from resgrid.circuit.kernels import FAINT
+
+    ends, size = netlist.resistor_nodes, np.abs(amps)
+    from_values = np.abs(values.volts * values.value.plain)[ends[:, 0]] * netlist.conductance
+    faint = (size > 0.0) & (size <= FAINT * from_values)
+    through = 0.5 * np.bincount(ends.ravel(), np.repeat(size, 2), netlist.node_count)
+    return bool(np.any(size[faint] > HARMLESS * through[ends[faint]].min(axis=1)))
 
 
 def _read(

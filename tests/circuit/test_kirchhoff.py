@@ -124,6 +124,53 @@ def test_currents_far_down_a_wide_dead_end_are_right(method: str) -> None:
     assert log[-1] < -230 and point.kcl_residual < 1e-9
 
 
+def test_a_wide_dead_end_longer_than_the_range_of_doubles_is_right_as_far_as_that_reaches() -> None:
+    cell = np.zeros((2, 1000), dtype=np.uint8)
+    cell[0, 0] = 2
+    netlist = rg.compile_space(space_of(cell), boundary="neumann", drive="start", start=(0, 1), edge="open")
+    point = rg.solve(netlist)
+    assert point.kcl_residual < 1e-9
+    node = netlist.cells.node
+    across = {tuple(pair): k for k, pair in enumerate(np.sort(netlist.resistor_nodes, axis=1).tolist())}
+    rungs = [across[tuple(sorted((node[0, x], node[1, x])))] for x in range(5, 1000)]
+    amps = np.abs(point.resistor_current[rungs])
+    told = amps > 0.0
+    assert amps[told].min() < 1e-290 and not told[np.argmin(told) :].any()
+    steps = -np.diff(np.log(amps[amps > 1e-290]))
+    np.testing.assert_allclose(steps, np.arccosh(2.0), rtol=1e-9)
+
+
+@pytest.mark.parametrize(("width", "length", "wall"), [(12, 400, 0.0), (20, 500, 0.0), (16, 600, 1e5), (8, 300, 3e4)])
+@pytest.mark.parametrize("method", ["direct", "multigrid"])
+def test_a_corridor_whose_halves_mirror_each_other(width: int, length: int, wall: float, method: str) -> None:
+    """Far from the goal hardly any current flows between them; what rounding says of it makes no other one doubtful."""
+    cell = np.zeros((width, length), dtype=np.uint8)
+    cell[width // 2, 3] = 2
+    wired = {"boundary": "wall", "wall_resistance": wall} if wall else {}
+    point = rg.solve(rg.compile_space(space_of(cell), **wired), method=method)
+    log = point.log_drop[point.netlist.cells.node[:, 150 : length - 100]]
+    assert point.kcl_residual < 1e-9
+    assert "balance" not in point.seconds
+    np.testing.assert_allclose(log, log[::-1], rtol=0, atol=1e-8)
+    if not wall:  # the slowest mode, sin(pi (i + 1) / (width + 1)) across
+        np.testing.assert_allclose(-np.diff(log), np.arccosh(2.0 - np.cos(np.pi / (width + 1))), rtol=1e-8)
+
+
+def test_potentials_are_as_right_where_currents_have_been_balanced() -> None:
+    """A stiff resistor asks for it; thirty decades further down the potential is that of the corridor without it."""
+    cell = np.zeros((12, 400), dtype=np.uint8)
+    cell[5, 3] = 2
+    stiff = np.ones(cell.shape)
+    stiff[6, 380:382] = 1e12
+    plain, balanced = (
+        rg.solve(rg.compile_space(space_of(cell, conductivity=cost))) for cost in (np.ones(cell.shape), stiff)
+    )
+    assert "balance" in balanced.seconds and "balance" not in plain.seconds
+    node = balanced.netlist.cells.node[:, 10:330]
+    np.testing.assert_allclose(balanced.log_drop[node], plain.log_drop[node], rtol=0, atol=4e-9)
+    assert plain.log_drop[node].min() < -34 * np.log(10.0)
+
+
 def test_a_maze_without_a_way_on_carries_nothing() -> None:
     """Trees behind the start are flat, exactly."""
     cell = serpentine(9, 60, 1)
