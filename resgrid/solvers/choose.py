@@ -17,7 +17,6 @@ from resgrid.solvers.laplacian import Connections, Laplacian, count_connections
 from resgrid.solvers.team import ALONE, Team
 
 if TYPE_CHECKING:
-    from resgrid.solvers.decay import Fall
     from resgrid.solvers.symbolic import Symbolic
 
 METHODS = ("direct", "multigrid")
@@ -67,14 +66,13 @@ class Choice(NamedTuple):
     """A method for a laplacian, and what was found out on the way to it.
 
     `laplacian`: with its rows, where they had to be made; `found`: counts over it; `method`; `order`: of a direct
-    method; None where the first that suits is to be taken; `fall`: of the potential, for directions by multigrid.
+    method; None where the first that suits is to be taken.
     """
 
     laplacian: Laplacian
     found: Connections
     method: str
     order: Symbolic | None = None
-    fall: Fall | None = None
 
 
 _SMALL = 2000
@@ -106,8 +104,8 @@ def factor_laplacian(
     choice = _choose(laplacian, count_connections(laplacian, team), method, accuracy)
     laplacian = choice.laplacian
     if choice.method == "multigrid":
-        _require(_multigrid_memory(choice), laplacian, "multigrid")
-        return factor_multigrid(laplacian, choice.fall, team=team)
+        _require(_multigrid_memory(choice, accuracy), laplacian, "multigrid")
+        return factor_multigrid(laplacian, entrywise=accuracy == "direction", team=team)
     from resgrid.solvers.symbolic import order_by_degree, order_by_distance
 
     laplacian = laplacian.with_rows()
@@ -144,16 +142,13 @@ def _choose(laplacian: Laplacian, found: Connections, method: str, accuracy: str
     """As `choose_method`, with what was found on the way."""
     if method == "direct" or (method == "auto" and (laplacian.size < _SMALL or not found.entries)):
         return Choice(laplacian, found, "direct")
-    from resgrid.solvers.decay import VOLUME, foresee_decades
-
     if method == "auto":
+        from resgrid.solvers.decay import VOLUME
+
         if found.weak > (_ROUGH_VOLUME if found.entries > VOLUME * laplacian.size else _ROUGH):
             return Choice(laplacian, found, "direct")
         return _in_less_time(laplacian, found, accuracy)
-    if accuracy != "direction":
-        return Choice(laplacian, found, "multigrid")
-    laplacian = laplacian.with_rows()
-    return Choice(laplacian, found, "multigrid", fall=foresee_decades(laplacian, found))
+    return Choice(laplacian, found, "multigrid")
 
 
 def _in_less_time(laplacian: Laplacian, found: Connections, accuracy: str) -> Choice:
@@ -162,16 +157,16 @@ def _in_less_time(laplacian: Laplacian, found: Connections, accuracy: str) -> Ch
     For voltages alone it may do so in the order by distance, along the narrowest corridors, chains and trees.  The fall
     of the potential is not asked for where corridors are narrow enough for any.
     """
-    from resgrid.solvers.decay import Fall, foresee_decades
+    from resgrid.solvers.decay import foresee_decades
     from resgrid.solvers.symbolic import order_by_degree, order_by_distance
 
     width, fall, foreseen = corridor_width(laplacian, found), None, None
     along = corridor_seconds(laplacian, width)
     if accuracy == "direction":
-        laplacian, fall = laplacian.with_rows(), Fall(most=_LEAST_DECADES)
+        laplacian, fall = laplacian.with_rows(), _LEAST_DECADES
         if along >= multigrid_seconds(laplacian, width, fall):
             fall = foreseen = foresee_decades(laplacian, found)
-            if fall.most > _MOST_DECADES:
+            if fall > _MOST_DECADES:
                 return Choice(laplacian, found, "direct")
     seconds = multigrid_seconds(laplacian, width, fall)
     if width < SPARSE if fall is None else along < seconds:
@@ -185,7 +180,7 @@ def _in_less_time(laplacian: Laplacian, found: Connections, accuracy: str) -> Ch
     wide = order_by_degree(laplacian, most) if most > 0.0 else None
     if wide is not None and direct_seconds(wide) + SECONDS.order * laplacian.size < seconds:
         return Choice(laplacian, found, "direct", wide)
-    return Choice(laplacian, found, "multigrid", fall=fall)
+    return Choice(laplacian, found, "multigrid")
 
 
 def corridor_width(laplacian: Laplacian, found: Connections) -> float:
@@ -217,7 +212,7 @@ def most_entries(laplacian: Laplacian, seconds: float) -> float:
     return max(left, 0.0) / SECONDS.entry
 
 
-def multigrid_seconds(laplacian: Laplacian, width: float, fall: Fall | None) -> float:
+def multigrid_seconds(laplacian: Laplacian, width: float, fall: float | None) -> float:
     """Time of voltages by multigrid, or of directions, by the width of corridors and the fall of the potential."""
     mazy = width < ROOM
     if fall is None:
@@ -227,9 +222,9 @@ def multigrid_seconds(laplacian: Laplacian, width: float, fall: Fall | None) -> 
     elif laplacian.rails is None:
         a_row = SECONDS.fed_netlist if laplacian.grid is None else SECONDS.fed_mazy if mazy else SECONDS.fed
     elif laplacian.grid is None:
-        a_row = SECONDS.netlist + SECONDS.netlist_decade * fall.most
+        a_row = SECONDS.netlist + SECONDS.netlist_decade * fall
     else:
-        a_row = (SECONDS.mazy if mazy else SECONDS.open) + SECONDS.decade * fall.most
+        a_row = (SECONDS.mazy if mazy else SECONDS.open) + SECONDS.decade * fall
     return SECONDS.levels + a_row * laplacian.size
 
 
@@ -244,7 +239,7 @@ def estimate_memory(laplacian: Laplacian, method: str = "auto", accuracy: str = 
 
     choice = _choose(laplacian, count_connections(laplacian), method, accuracy)
     if choice.method == "multigrid":
-        return _multigrid_memory(choice)
+        return _multigrid_memory(choice, accuracy)
     return _direct_memory(laplacian, order_by_distance(choice.laplacian))
 
 
@@ -255,11 +250,11 @@ def _direct_memory(laplacian: Laplacian, order: Symbolic | None) -> float:
     return 8.0 * (order.entries + len(order.nodes.rows)) + _ON_ROWS * len(order.order)
 
 
-def _multigrid_memory(choice: Choice) -> float:
-    """The same of multigrid, for directions where the fall of the potential is foreseen."""
+def _multigrid_memory(choice: Choice, accuracy: str) -> float:
+    """The same of multigrid."""
     laplacian = choice.laplacian
     on_nodes, on_entries = (100.0, 12.0) if laplacian.grid is not None else (230.0, 22.0)
-    if choice.fall is not None:
+    if accuracy == "direction":
         on_nodes, on_entries = on_nodes + 60.0, on_entries + 18.0
     return on_nodes * laplacian.size + on_entries * choice.found.entries + _ON_WINDOWS
 

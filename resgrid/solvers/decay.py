@@ -7,8 +7,6 @@ circuits that are then solved directly do not need.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,40 +22,20 @@ WHOLE_STEPS = 0.7
 _MOST_REST, _SHARE_OF_REST = 5_000, 50
 """Nodes behind slits that are left out: so many at most, and one in so many."""
 
-_FIRST = 1_000
-"""Nodes near the low rail that count as its surroundings."""
-
 _PARTS = 64.0
 """Parts of a factor of e in which steps are counted."""
 
 _ROUNDS = 30
 """Rounds in which depths are found where rows are numbered as it happens, at most."""
 
-_STEEP = 8.0
-"""Decades around the low rail from which it lies in a slit: a pass would gain little beyond."""
-
 _SEEN = -1
 """End of a list of nodes; whatever is less stands for the cost of a step to a node that has not been reached."""
 
 
-class Fall(NamedTuple):
-    """By how many decades a potential falls.
-
-    `near`: around the low rail; `most`: but at the lowest nodes, if these are few: they are found directly
-    (`resgrid.solvers.refine`).
-    """
-
-    near: float = 0.0
-    most: float = 0.0
-
-    @property
-    def in_slit(self) -> float:
-        """Decades in a slit around the low rail; 0 where it lies in none."""
-        return self.near if self.near > _STEEP else 0.0
-
-
-def foresee_decades(laplacian: Laplacian, found: Connections) -> Fall:
+def foresee_decades(laplacian: Laplacian, found: Connections) -> float:
     """Rough number of decades that a potential between two rails falls over the graph; 0 for other circuits.
+
+    The lowest nodes are left out, if they are few: they are found directly (`resgrid.solvers.refine`).
 
     Along a corridor ``w`` cells wide it falls by ``exp(-pi sqrt(d) / w)`` a cell, in ``d = 1`` or 2 cross dimensions;
     behind walls of ``k`` times the resistance between cells by ``exp(-sqrt(2 d / (k w)))`` where that is less.  On 20
@@ -65,15 +43,15 @@ def foresee_decades(laplacian: Laplacian, found: Connections) -> Fall:
     """
     rails = laplacian.rails
     if rails is None or not found.entries:
-        return Fall()
+        return 0.0
     cross = 2.0 if found.entries > VOLUME * laplacian.size else 1.0
     rounds = 1 if laplacian.grid is not None else _ROUNDS
     to_low, to_high = rails.to_low, rails.to_high
     wall = _wall(found.mean, to_high[to_high > 0])
     rest = min(_MOST_REST, laplacian.size // _SHARE_OF_REST)
     ends, rate = (to_low > 0, to_high > 0), np.pi * np.sqrt(cross)
-    factors = decay(laplacian.as_rows(ordered=False), ends, rate, wall / (2.0 * cross), rounds, _FIRST, rest)
-    return Fall(*(float(WHOLE_STEPS * factor / np.log(10.0)) for factor in factors))
+    factors = decay(laplacian.as_rows(ordered=False), ends, rate, wall / (2.0 * cross), rounds, rest)
+    return float(WHOLE_STEPS * factors / np.log(10.0))
 
 
 def decay(
@@ -82,10 +60,9 @@ def decay(
     rate: float,
     wall: float,
     rounds: int,
-    first: int,
     rest: int,
-) -> tuple[float, float]:
-    """Factors of e by which a potential falls, about: over the ``first`` nodes, and but at the ``rest`` lowest.
+) -> float:
+    """Factors of e by which a potential falls, about, but at the ``rest`` lowest nodes.
 
     ``ends``: the nodes that touch the low rail and the high rail.  Where the nearest contact with the high rail lies
     ``r`` steps away, the corridor counts as ``w = 2 r + 1`` wide, and the potential falls by ``((w / rate)**2 + w
@@ -96,8 +73,7 @@ def decay(
     after, head = np.full(n, n, dtype=np.int32), np.full(int(_PARTS * rate) + 2, -1, dtype=np.int32)
     costs = costs_by_depth(n, rate, wall)
     indptr, indices = rows.indptr.view(np.uint32), rows.indices.view(np.uint32)  # need no sign
-    near, most = fall(indptr, indices, low, high, costs, rounds, first, n - rest, after, head)
-    return near / _PARTS, most / _PARTS
+    return fall(indptr, indices, low, high, costs, rounds, n - rest, after, head) / _PARTS
 
 
 def costs_by_depth(deepest: int, rate: float, wall: float) -> NDArray[np.int32]:
@@ -162,12 +138,11 @@ def fall(
     high: NDArray[np.bool_],
     costs: NDArray[np.int32],
     rounds: int,
-    first: int,
     kept: int,
     after: NDArray[np.int32],
     head: NDArray[np.int32],
-) -> tuple[int, int]:
-    """What the way costs on which a potential falls least: over the ``first`` nodes, and over the ``kept`` ones.
+) -> int:
+    """What the way costs on which a potential falls least, over the ``kept`` nearest nodes.
 
     ``costs`` (n + 1,): of a step to a node by its depth, as `_find_depths` finds it in some rounds; ``after`` (n,)
     comes as ``n``, and ``head`` (buckets,) as -1.  By buckets (Dial 1969): since a step costs what the node it leads to
@@ -183,7 +158,7 @@ def fall(
         if low[node]:
             after[node], head[0] = head[0], node
             waiting += 1
-    now, near, bucket = 0, 0, 0
+    now, bucket = 0, 0
     while waiting > 0 and seen < kept:
         node = head[bucket]
         if node == _SEEN:
@@ -192,7 +167,6 @@ def fall(
             continue
         head[bucket] = after[node]
         waiting, seen = waiting - 1, seen + 1
-        near = now if seen <= first else near
         for k in range(indptr[node], indptr[node + 1]):
             other = indices[k]
             if after[other] < _SEEN:
@@ -200,4 +174,4 @@ def fall(
                 ahead -= buckets if ahead >= buckets else 0
                 after[other], head[ahead] = head[ahead], other
                 waiting += 1
-    return near, now
+    return now

@@ -24,13 +24,12 @@ from resgrid.errors import AccuracyError, InputError
 from resgrid.solvers.extended import Scaled
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.refine import refine
+from resgrid.solvers.refine import FewRows, refine
 from resgrid.solvers.team import ALONE, Team
 
 if TYPE_CHECKING:
     from scipy import sparse
 
-    from resgrid.solvers.decay import Fall
     from resgrid.solvers.multigrid.hierarchy import Hierarchy
     from resgrid.solvers.supernodal import SupernodalFactors
     from resgrid.solvers.symbolic import Symbolic
@@ -201,12 +200,10 @@ def factor_direct(laplacian: Laplacian, order: Symbolic | None = None, *, normwi
 class MultigridFactor(Factor):
     """A matrix and the hierarchy that preconditions it.
 
-    `laplacian`: as of every `Factor`; `in_slit`: whether the potential falls steeply around the low rail; `team`: whose
-    threads take the steps.
+    `laplacian`: as of every `Factor`; `team`: whose threads take the steps.
     """
 
     hierarchy: Hierarchy
-    in_slit: bool = False
     team: Team = ALONE
     name = "multigrid"
 
@@ -230,23 +227,19 @@ class MultigridFactor(Factor):
     def _solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> tuple[Scaled, float]:
         """As every `Factor` does."""
         from resgrid.solvers.multigrid.conjugate_gradients import approximate
-        from resgrid.solvers.refine import LocalCorrections
 
-        whole = partial(approximate, self.laplacian, self.hierarchy, watch, team=self.team)
-        local = LocalCorrections(self.laplacian, whole, self.in_slit)
-        found = refine(self.laplacian, rhs, local, _REFINED, resolve=local.anew, team=self.team)
+        passes = partial(approximate, self.laplacian, self.hierarchy, watch, team=self.team)
+        found = refine(self.laplacian, rhs, passes, _REFINED, anew=FewRows(self.laplacian), team=self.team)
         if watch is not None:
             watch.done(found.error, found.bound)
         return found.solution, found.error
 
 
-def factor_multigrid(laplacian: Laplacian, fall: Fall | None = None, *, team: Team = ALONE) -> MultigridFactor:
-    """Coarsen a matrix; ``fall``: of the potential, if answers are to be right entry by entry."""
+def factor_multigrid(laplacian: Laplacian, *, entrywise: bool = False, team: Team = ALONE) -> MultigridFactor:
+    """Coarsen a matrix; for answers that are right ``entrywise`` it keeps its rows, by which these are refined."""
     from resgrid.solvers.multigrid.hierarchy import build_hierarchy
 
     if laplacian.grid is None:
         laplacian = laplacian.with_rows(ordered=False)
     hierarchy = build_hierarchy(laplacian, team)
-    if fall is None:
-        return MultigridFactor(laplacian, hierarchy, team=team)
-    return MultigridFactor(laplacian.with_rows(), hierarchy, fall.in_slit > 0.0, team)  # refinement asks for rows
+    return MultigridFactor(laplacian.with_rows() if entrywise else laplacian, hierarchy, team)

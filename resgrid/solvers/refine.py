@@ -9,14 +9,9 @@ than that share.  By the matrix-tree theorem every entry of ``A^-1`` is a ratio 
 them, in which each row has one conductance above and one below at most.  So every entry of ``A^-1 b``, be it the
 smallest, is off by a share of at most ``2 sum_i e_i`` (for shares that are all alike: O'Cinneide 1993).
 
-Passes where few rows are left: their equations are solved directly, with what surrounds them.
-
-Coarse levels see little of slits and of the patches behind them, which are the last to be right.  All around them is
-right by then, and corrections die out within a few cells, so that a pass over the whole circuit would serve some
-hundred rows alone.
-
-Along a slit the potential falls by decades within a few cells.  Where what a pass over the whole circuit leaves is
-larger than the potential itself, it is found there from what flows in, all decades at once: every number is positive.
+Coarse levels see little of slits, along which the potential falls by decades within a few cells.  Where what a pass
+over the whole circuit leaves is larger than the potential itself, and rows are few, it is found there directly from
+what flows in, all decades at once: every number is positive.
 """
 
 from __future__ import annotations
@@ -28,7 +23,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.errors import AccuracyError
 from resgrid.solvers.extended import NOISE, Numbers, Scaled, canonical, logarithm, power
 from resgrid.solvers.laplacian import Conductances, Laplacian
 from resgrid.solvers.team import ALONE, Team
@@ -64,11 +58,8 @@ _DIFFERENCE = 4.0
 _FLAT = 1e-14
 """Share of currents in ``(b + |A| |x|)_i`` below which they may be what rounding leaves of none."""
 
-_FEW = 5_000
-"""Rows left, at most, for which a direct pass is tried."""
-
 _STEPS = 8
-"""Steps around a row within which corrections die out."""
+"""Steps around a row that are solved for with it."""
 
 _MOST, _SHARE = 20_000, 16
 """Rows that are solved directly, at most: so many, or one in so many of all."""
@@ -77,7 +68,7 @@ _LEAST = 8
 """One of so many of these are solved at least: along a slit all that lies below changes with what lies above."""
 
 _GAIN = 0.5
-"""Share of the rows left before that may be left after a direct pass, for another one to follow."""
+"""Share of the rows left before that may be left after a direct solution, for another one to follow."""
 
 Approximation = Callable[[NDArray[np.float64], NDArray[np.int64], float], Numbers]
 """About ``A^-1`` times scaled numbers, right to a share (the third argument) of the largest; may be better."""
@@ -121,7 +112,7 @@ def refine(
     *,
     exact: bool = False,
     sure: float = np.inf,
-    resolve: Resolution | None = None,
+    anew: Resolution | None = None,
     team: Team = ALONE,
 ) -> Refined:
     """Solve for a right-hand side without negative entries.  Shapes: `rhs` (n,).
@@ -135,8 +126,8 @@ def refine(
     x, best, left = Scaled.of(np.zeros(laplacian.size)), None, np.inf
     for step in range(1, _MOST_STEPS + 1):
         hopeless = best is not None and not exact and best.backward > _HOPELESS
-        anew = resolve(residual[0], (x.hi, x.exponent), current) if resolve is not None and hopeless else None
-        new = _corrected(x, *approximate(*residual, _MARGIN / left)) if anew is None else _replaced(x, *anew)
+        some = anew(residual[0], (x.hi, x.exponent), current) if anew is not None and hopeless else None
+        new = _corrected(x, *approximate(*residual, _MARGIN / left)) if some is None else _replaced(x, *some)
         if step > 1 and np.isfinite(sure) and _moves(x, new, sure):
             break
         if not exact:
@@ -151,10 +142,10 @@ def refine(
             found = imbalance(matrix, current, new, residual, exact=True, team=team)
             now = found.backward / floor
         if not _gains(found, best):
-            if anew is None:
+            if some is None:
                 x = new if step == 1 else x  # beyond the range of doubles, which is told where it is read
                 break
-            resolve = None
+            anew = None
         x, best, left = new, found, now
         if left <= 1.0:
             break
@@ -245,75 +236,34 @@ def _largest_log(values: Scaled) -> float:
     return float(logarithm(np.abs(values.hi), values.exponent).max(initial=-np.inf))
 
 
-class LocalCorrections:
-    """An approximate inverse that solves directly where few entries of the right-hand side are left.
+class FewRows:
+    """Solves for the rows that are left, once these are few, from what flows into them.
 
-    Corrections in the open do not die out: where a direct pass leaves many of the rows, the next one is a whole one.
-
-    `whole`: the approximate inverse of all rows; `in_slit`: whether the currents flow into a slit. Its surroundings
-    have the first turn then, and not the whole: a pass over all rows would gain the decades along the slit, and few
-    beyond.
+    Where it leaves many of them, it is not asked again: in the open what surrounds them would have to change as well.
     """
 
-    def __init__(self, laplacian: Laplacian, whole: Approximation, in_slit: bool = False) -> None:
-        self._laplacian, self._whole = laplacian, whole
-        self._most, self._most_anew = float(_FEW if in_slit else 0), float(_MOST)
-        self._in_slit = in_slit
+    def __init__(self, laplacian: Laplacian) -> None:
+        self._laplacian, self._most = laplacian, float(_MOST)
 
-    def __call__(self, m: NDArray[np.float64], e: NDArray[np.int64], accuracy: float) -> Numbers:
-        """As `refine` takes it."""
-        count = np.count_nonzero(m)
-        rows = _around(self._laplacian, np.flatnonzero(m)) if 0 < count <= self._most else None
-        if rows is None:
-            self._most, self._in_slit = _FEW, False
-            return self._whole(m, e, accuracy)
-        self._most = _GAIN * count
-        x, exponent = np.zeros_like(m), np.zeros_like(e)
-        x[rows], exponent[rows] = (self._solved if self._in_slit else self._approximated)(rows, m, e)
-        return x, exponent
-
-    def anew(
+    def __call__(
         self, left: NDArray[np.float64], voltage: Numbers, current: Numbers
     ) -> tuple[NDArray[np.int64], Numbers] | None:
         """Voltages of the rows left and those around, from all others; as `refine` takes it.
 
         What the others feed into them is the residual where their own voltages are 0.
         """
-        count = np.count_nonzero(left)
-        some = not self._in_slit and 0 < count <= self._most_anew
-        rows = _around(self._laplacian, np.flatnonzero(left)) if some else None
-        if rows is None:
-            return None
-        self._most_anew = _GAIN * count
-        x, e = voltage
-        others, fed = Scaled(x.copy(), np.zeros_like(x), e), (np.zeros_like(x), np.zeros_like(e))
-        others.hi[rows] = 0.0
-        imbalance(self._laplacian.conductances, current, others, fed)
-        return rows, self._solved(rows, *fed)
-
-    def _approximated(self, rows: NDArray[np.int64], m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
-        """As `_solved`, to the rounding of the largest where all have one exponent: that takes no compiled loop."""
-        from resgrid.solvers.columns import symmetric_factors
-
-        exponents = np.unique(e[m != 0.0])
-        if len(exponents) > 1:
-            return self._solved(rows, m, e)
-        try:
-            x = symmetric_factors(self._within(rows).matrix).solve(m[rows])
-        except AccuracyError:
-            return self._solved(rows, m, e)
-        return x, np.repeat(exponents, len(rows))
-
-    def _solved(self, rows: NDArray[np.int64], m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
-        """Voltages of some rows for what is fed into them, those of all others 0.  Shapes: `m, e` (n,)."""
         from resgrid.solvers.supernodal import factor_supernodes
 
-        return factor_supernodes(self._within(rows)).substitute(m[rows], e[rows])
-
-    def _within(self, rows: NDArray[np.int64]) -> Laplacian:
-        kept = np.zeros(self._laplacian.size, dtype=np.bool_)
-        kept[rows] = True
-        return self._laplacian.within(kept)
+        count = np.count_nonzero(left)
+        rows = _around(self._laplacian, np.flatnonzero(left)) if 0 < count <= self._most else None
+        if rows is None:
+            return None
+        self._most = _GAIN * count
+        (x, e), kept = voltage, np.zeros(len(left), dtype=np.bool_)
+        others, (m, exponent) = Scaled(x.copy(), np.zeros_like(x), e), (np.zeros_like(x), np.zeros_like(e))
+        others.hi[rows], kept[rows] = 0.0, True
+        imbalance(self._laplacian.conductances, current, others, (m, exponent))
+        return rows, factor_supernodes(self._laplacian.within(kept)).substitute(m[rows], exponent[rows])
 
 
 def _around(laplacian: Laplacian, rows: NDArray[np.int64]) -> NDArray[np.int64] | None:

@@ -22,7 +22,7 @@ BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance
 
 def foreseen_decades(system: Equations) -> float:
     """By how many decades the potential of a circuit falls, about."""
-    return foresee_decades(system.laplacian, count_connections(system.laplacian)).most
+    return foresee_decades(system.laplacian, count_connections(system.laplacian))
 
 
 def blocks(shape: tuple[int, ...], seed: int, share: float = 0.2) -> np.ndarray:
