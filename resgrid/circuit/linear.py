@@ -81,7 +81,11 @@ def _solved(netlist: Netlist, accuracy: str, method: str, rtol: float, team: Tea
         with _timed(seconds, "balance"):
             found = balance(system)
             if found is not None:
-                values, doubt, balanced = values_above(system, found.volts, found.above, team), found.doubt, True
+                doubt, balanced = found.doubt, True
+                if system.rails is None:
+                    values = values_above(system, found.heights, team)
+                elif not watch.bound <= CERTAIN:
+                    values = node_values(system, found.factors, Watch(), team)
                 point, residual, _ = read_entrywise(system, values, team, found.falls, **told)
     signed = point.log_drop is None and point.potential is None
     bound = np.inf if signed else watch.bound + np.finfo(np.float64).eps
