@@ -291,7 +291,7 @@ def factor_multigrid(
     from resgrid.solvers.multigrid.hierarchy import build_hierarchy
 
     if laplacian.grid is None:
-        laplacian = laplacian.with_rows(ordered=False)
+        laplacian = laplacian.with_rows()
     if fall is None:
         return MultigridFactor(laplacian, build_hierarchy(laplacian, team), team=team)
 
