@@ -278,15 +278,18 @@ def _compress(listed: EdgeList | None, size: int) -> Rows:
 def count_connections(laplacian: Laplacian) -> Connections:
     """Count and compare the conductances between rows.
 
-    On a grid the resistors are counted one by one, so that no compressed rows are needed; there only the two across
-    a ring of two cells are parallel.
+    Resistors are counted one by one, unless some are parallel; on a grid, where only the two across a ring of two cells
+    are, no compressed rows are needed.
     """
     from resgrid.solvers.row_kernels import compare_edges
 
-    edges, grid = laplacian.listed, laplacian.grid
-    if edges is None or grid is None or not grid.simple:
-        edges = laplacian.as_rows().listed
-    inner, smallest, largest, total, weak = compare_edges(*edges, np.zeros(laplacian.size), WEAK)
+    def compared(edges: EdgeList) -> tuple[int, float, float, float, int]:
+        return compare_edges(*edges, np.zeros(laplacian.size), WEAK)
+
+    found, grid = compared(laplacian.listed or laplacian.as_rows().listed), laplacian.grid
+    if (grid is None or not grid.simple) and 2 * found[0] > len((rows := laplacian.as_rows()).data):
+        found = compared(rows.listed)
+    inner, smallest, largest, total, weak = found
     present = laplacian.ground[laplacian.ground > 0]
     return Connections(
         entries=2 * inner,
