@@ -30,7 +30,7 @@ from resgrid.netlist import Netlist
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.extended import Scaled
 from resgrid.solvers.factor import Factor
-from resgrid.solvers.laplacian import Branches, EdgeList, Laplacian, Rows
+from resgrid.solvers.laplacian import EdgeList, Laplacian, Rows
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.refine import CERTAIN, is_answer, minus, quotient
 
@@ -52,7 +52,7 @@ class Dynamics:
     `fixed` (nodes,): voltage of rails, and of other nodes above their row, in volts; NaN where a node floats;
     `conductance`: ``G``, in siemens; `capacitance`: ``C``, in farads; rows without capacitance are algebraic; `drive`
     (n,): ``b``: current that sources feed into every row, in amperes; `floating`: nodes that no resistor, capacitor
-    or voltage source ties to ground; `branches`: of ``G``.
+    or voltage source ties to ground; `branches`: of ``G``: (m, n) and (m,).
     """
 
     netlist: Netlist
@@ -63,7 +63,7 @@ class Dynamics:
     drive: NDArray[np.float64]
     floating: NDArray[np.int64]
     forest: SourceForest
-    branches: Branches
+    branches: tuple[sparse.csr_array, NDArray[np.float64]]
 
     @property
     def size(self) -> int:
@@ -72,7 +72,16 @@ class Dynamics:
 
     def imbalance(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """``b - G x``: the current that charges every row, in amperes, shape (n,); formed from differences."""
-        return np.asarray((self.drive - self.conductance.ground * x) - self.branches.between(x))
+        return np.asarray((self.drive - self.conductance.ground * x) - self.leaving(x))
+
+    def conducted(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """``G x``: the current that leaves every row, in amperes, shape (n,); formed from differences."""
+        return np.asarray(self.conductance.ground * x + self.leaving(x))
+
+    def leaving(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What of it goes to other rows."""
+        incidence, value = self.branches
+        return np.asarray(incidence.T @ (value * (incidence @ x)))
 
     @property
     def apart(self) -> bool:
@@ -245,7 +254,7 @@ class Charges:
         else:
             v[charged] = self.held.solve(current[charged], rtol=_ROUGH)
         if self.loose is not None:
-            v += groups @ self.loose.solve(-(groups.T @ self.dynamics.branches.times(v)), rtol=_ROUGH)
+            v += groups @ self.loose.solve(-(groups.T @ self.dynamics.conducted(v)), rtol=_ROUGH)
         return v
 
     def _lift(self, factors: Factor) -> NDArray[np.float64]:
@@ -260,7 +269,7 @@ def charges_of(dynamics: Dynamics) -> Charges:
     if not dynamics.apart and basis.charged.any():
         held = factor_laplacian(dynamics.capacitance.within(basis.charged), "auto")
     if basis.spread.shape[1]:
-        loose = factor_laplacian(dynamics.conductance.grouped(basis.spread), "auto")
+        loose = factor_laplacian(dynamics.conductance.grouped(sparse.csr_array(basis.spread.T)), "auto")
     return Charges(dynamics, basis, held, loose)
 
 

@@ -183,9 +183,9 @@ def drop_unresolved(
 
 @kernel
 def add_flows(
-    rows: Indices, conductance: Floats, falls: Floats, falls_low: Floats, net: Floats, net_low: Floats
+    rows: Indices, conductance: Floats, falls: Floats, falls_low: Floats, net: Floats, net_low: Floats, total: Floats
 ) -> None:
-    """Add what flows from one row to another to the net current into both, in double-double.
+    """Add what flows from one row to another to the net current into both, in double-double, and to their totals.
 
     Shapes: `rows` (m, 2), -1 for nodes without one; `conductance, falls` (m,).
     """
@@ -197,5 +197,7 @@ def add_flows(
         q += conductance[k] * falls_low[k]
         if a >= 0:
             net[a], net_low[a] = _sum(net[a], net_low[a], -p, -q)
+            total[a] += abs(p)
         if b >= 0:
             net[b], net_low[b] = _sum(net[b], net_low[b], p, q)
+            total[b] += abs(p)

@@ -1,14 +1,13 @@
 """Currents that obey Kirchhoff's current law at every node, where differences of its voltages do not tell them.
 
 Stiff ties to a rail, flat dead ends, balanced loops: what flows there is some 1e-16 of what the voltages are, or less.
-Substitution is done in differences between the rows that elimination joins, each of them a sum of products
-(`resgrid.solvers.columns.substitute_differences`), and corrected until all currents balance at every node, each
-node by its own.
+Voltages are sums of corrections, each of which makes up for what the others leave of Kirchhoff's law, node by node;
+falls are sums of the corrections' differences, so that one is known to its last digit, however small.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -19,142 +18,96 @@ from scipy.sparse.csgraph import connected_components
 from resgrid.circuit.equations import Equations
 from resgrid.errors import BudgetError
 from resgrid.solvers.choose import factor_laplacian
-from resgrid.solvers.columns import Columns, Gaps, add_falls, columns_of, feed_forward, substitute_differences
 from resgrid.solvers.factor import DirectFactor
 
-_MOST_TIES = 2e7
-"""Rows times rails that are kept apart."""
-
 _CERTAIN = 1e-9
-"""Share of the current through a node by which a correction may still change a current there."""
+"""Share of the current through a node by which the last correction may have changed a current there."""
 
-_FAINT, _NONE = 1e-30, 1e-28
-"""Shares of the largest current: below the one, one that cancellation hides counts as none; below the other, KCL is not
-asked for where it does."""
+_LEAST, _FAINT, _NONE = 1e-280, 1e-30, 1e-28
+"""Shares of the largest current: below the first, currents count as none, for doubles end; below the second, those that
+cancellation hides do; below the third, KCL is not asked for where they do."""
+
+_DIGITS = 48
+"""Binary digits of a correction, counted from its largest entry: what only rounding tells apart is equal."""
+
+_NOISE = 2.0**-98
+"""Share of the currents at a node below which their sum is what double-doubles leave of none."""
+
+_MOST_VOLTS = 1e200
+"""A correction from which on they make nothing better, only larger."""
 
 _MOST_STEPS = 30
+
+Doubled = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""Double-doubles: numbers and what they leave."""
 
 
 class Falls(NamedTuple):
     """Falls across resistors and the voltages that they make.
 
-    `falls` (resistors,): voltage of the first end above the second one's; `volts` (rails,): voltages of the rails;
-    `above` (n, rails): heights of the rows above each, in volts; `doubt`: the most by which one more correction
-    would change a current, relative to what flows through either end; `excused` (nodes,): whether a current counts as
-    none there that others, of 1e-28 of the largest at most, may not add up without.
+    `falls` (resistors,): voltage of the first end above the second one's; `heights` (n,): of the rows above the
+    reference, in volts; `doubt`: the most by which the last correction has changed a current, relative to what flows
+    through either end; `excused` (nodes,): whether a current counts as none there that others, of 1e-28 of the largest
+    at most, may not add up without; `factors`: those that they were found with.
     """
 
     falls: NDArray[np.float64]
-    volts: NDArray[np.float64]
-    above: NDArray[np.float64]
+    heights: NDArray[np.float64]
     doubt: float
     excused: NDArray[np.bool_]
+    factors: DirectFactor
 
 
 def balance(system: Equations) -> Falls | None:
-    """Falls that balance at every row; None where there are too many rails, or too little memory for the factors."""
-    forest, netlist = system.forest, system.netlist
-    lift = np.where(system.unknown >= 0, forest.offset, 0.0)
-    rows, known = system.unknown[netlist.resistor_nodes], system.known_voltages()[netlist.resistor_nodes]
-    held = rows < 0
-    contact = held[:, 0] != held[:, 1]
-    volts, rail = np.unique(known[contact][held[contact]], return_inverse=True)
-    if not 0 < system.size * len(volts) <= _MOST_TIES:
+    """Falls that balance at every row; None where there is none, or too little memory for the factors."""
+    if not system.size:
         return None
-    rail_of = np.zeros(len(rows), dtype=np.int32)
-    rail_of[contact] = rail
     try:
-        by = _differences(system, rows, rail_of, len(volts))
+        direct = factor_laplacian(system.laplacian, "direct")
     except BudgetError:
         return None
-    apart = np.where(
-        held.all(axis=1), np.nan_to_num(known[:, 0] - known[:, 1]), -np.diff(lift[netlist.resistor_nodes])[:, 0]
-    )
-    none, faint = np.zeros_like(apart), np.zeros(len(apart), dtype=np.bool_)
-    gaps, worst = by.solve(_residual(system, rows, (apart, none)), volts), np.inf
-    fed = _through(netlist.current_nodes, np.abs(netlist.current_amps), netlist.node_count)
+    assert isinstance(direct, DirectFactor)
+    netlist, none = system.netlist, np.zeros(system.size)
+    ends, rows = netlist.resistor_nodes, system.unknown[netlist.resistor_nodes]
+    held = np.where(system.unknown >= 0, system.forest.offset, np.nan_to_num(system.known_voltages()))
+    falls = _plus((np.take(held, ends[:, 0]), np.zeros(len(ends))), -np.take(held, ends[:, 1]))
+    heights, worst = (none - system.reference, none), np.inf
+    net, through = _residual(system, rows, falls)
     for _ in range(_MOST_STEPS):
-        falls = by.falls(gaps, apart)
-        more = by.solve(_residual(system, rows, falls), np.zeros_like(volts))
-        moved = netlist.conductance * np.abs(by.falls(more, none)[0])
-        amps = np.maximum(netlist.conductance * np.abs(falls[0]), moved)
-        through = fed + _through(netlist.resistor_nodes, amps, netlist.node_count)
-        least = through[netlist.resistor_nodes].min(axis=1)
-        share = np.divide(moved, least, out=none.copy(), where=least > 0.0)
-        faint = (share > _CERTAIN) & (amps <= _FAINT * amps.max())
-        before, worst = worst, float(share.max(where=~faint, initial=0.0))
-        if worst <= _CERTAIN or not worst < before:
+        x = direct.factors.solve(net)
+        size = float(np.abs(x).max())
+        if not size < _MOST_VOLTS:
+            worst = np.inf
             break
-        by.correct(gaps, more, volts)  # only now: what is far below the rails' voltages loses digits by it
-    excused = np.zeros(netlist.node_count, dtype=np.bool_)
+        digit = math.ldexp(1.0, math.frexp(size)[1] - _DIGITS) or 1.0
+        x = np.rint(x / digit) * digit
+        first, second = np.append(x, 0.0)[rows.T]
+        change = _plus((first, np.zeros(len(rows))), -second)
+        falls, heights = _plus(falls, *change), _plus(heights, x)
+        net, through = _residual(system, rows, falls)
+        amps, moved = netlist.conductance * np.abs(falls[0]), netlist.conductance * np.abs(change[0])
+        beside = np.where(rows >= 0, through[rows], amps[:, np.newaxis]).min(axis=1)
+        share = np.divide(moved, beside, out=np.zeros_like(amps), where=(amps > 0.0) & (beside > 0.0))
+        faint, least = (share > _CERTAIN) & (amps <= _FAINT * amps.max()), amps <= _LEAST * amps.max()
+        worst = float(share.max(where=~faint, initial=0.0))
+        if worst <= _CERTAIN and not (faint & ~least).any():
+            break
+    excused, faint = np.zeros(netlist.node_count, dtype=np.bool_), faint | (least & (amps > 0.0))
     if faint.any():
-        none_flows = _around(netlist.resistor_nodes, netlist.node_count, amps <= amps[faint].max(), faint)
+        none_flows = _around(ends, netlist.node_count, amps <= amps[faint].max(), faint)
         falls[0][none_flows] = 0.0
-        excused[netlist.resistor_nodes[none_flows]] = True
-        excused &= through <= _NONE * amps.max()
-    above = np.empty((system.size, len(volts)))
-    above[by.order] = gaps.apart[by.columns.starts[1:, np.newaxis] - np.arange(len(volts), 0, -1)]
-    return Falls(falls[0], volts, above, worst, excused)
+        excused[ends[none_flows]] = True
+        excused &= np.bincount(ends.ravel(), np.repeat(amps, 2), netlist.node_count) <= _NONE * amps.max()
+    return Falls(falls[0], heights[0], worst, excused, direct)
 
 
-@dataclass(frozen=True, eq=False)
-class _Differences:
-    """Factors by columns, with the rails as rows behind all others.
-
-    `columns`: of ``-L`` and ``D``; `order` (n,): the row that is eliminated at every place; `ends` (resistors, 2):
-    places of their ends; -1 where both are of known voltage.
-    """
-
-    columns: Columns
-    order: NDArray[np.int64]
-    ends: NDArray[np.int32]
-
-    def solve(self, fed: NDArray[np.float64], volts: NDArray[np.float64]) -> Gaps:
-        """Solve for what is fed into the rows (n,), in amperes, and the rails' voltages (rails,)."""
-        n, entries = len(self.order), len(self.columns.rows)
-        carried = np.zeros((n + len(volts), 2))
-        carried[:n] = np.stack([fed, np.abs(fed)], axis=1)[self.order]
-        feed_forward(self.columns, carried)
-        gaps = Gaps(*np.zeros((2, n)), *np.zeros((2, entries)))
-        substitute_differences(self.columns, carried, volts, gaps, given=False)
-        return gaps
-
-    def correct(self, gaps: Gaps, more: Gaps, volts: NDArray[np.float64]) -> None:
-        """Add the changes of other gaps, in place."""
-        total = gaps.change + more.change
-        taken = total - gaps.change
-        lost = (gaps.change - (total - taken)) + (more.change - taken) + gaps.change_low
-        gaps.change[:] = total + lost
-        gaps.change_low[:] = lost - (gaps.change - total)
-        substitute_differences(self.columns, np.zeros((len(self.order), 2)), volts, gaps, given=True)
-
-    def falls(self, gaps: Gaps, apart: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Falls across the resistors beside what sources hold ``apart``, in double-double; shapes (resistors,)."""
-        falls, falls_low = apart.copy(), np.zeros_like(apart)
-        add_falls(self.columns, gaps, self.ends, falls, falls_low)
-        return falls, falls_low
-
-
-def _differences(system: Equations, rows: NDArray[np.int32], rail: NDArray[np.int32], rails: int) -> _Differences:
-    """Factor a circuit with its rails.  Shapes: `rows` (resistors, 2), -1 on a rail, `rail` (resistors,)."""
-    factors = factor_laplacian(system.laplacian, "direct")
-    assert isinstance(factors, DirectFactor)
-    order, columns = columns_of(factors.factors)
-    n, tied = system.size, (rows < 0).sum(axis=1) == 1
-    place = np.argsort(order)
-    ends = np.where(rows >= 0, np.append(place, -1)[rows], np.where(tied, n + rail, -1)[:, np.newaxis])
-    ties = np.zeros((n, rails))
-    np.add.at(ties, (place[rows[tied].max(axis=1)], rail[tied]), system.netlist.conductance[tied])
-    feed_forward(columns, ties)
-    at = np.repeat(columns.starts[1:], rails)
-    behind, shares = np.tile(np.arange(n, n + rails), n), ties / columns.pivot[:, np.newaxis]
-    columns = Columns(
-        columns.starts + rails * np.arange(n + 1),
-        np.insert(columns.rows, at, behind),
-        np.insert(columns.weight, at, shares.ravel()),
-        columns.pivot,
-    )
-    return _Differences(columns, order, ends.astype(np.int32))
+def _plus(total: Doubled, more: NDArray[np.float64], more_low: NDArray[np.float64] | float = 0.0) -> Doubled:
+    """The sum of double-doubles (Knuth's, without an error in the leading parts)."""
+    s = total[0] + more
+    t = s - total[0]
+    rest = (total[0] - (s - t)) + (more - t) + (total[1] + more_low)
+    hi = s + rest
+    return hi, rest - (hi - s)
 
 
 def _around(
@@ -168,18 +121,13 @@ def _around(
 
 
 def _residual(
-    system: Equations, rows: NDArray[np.int32], falls: tuple[NDArray[np.float64], NDArray[np.float64]]
-) -> NDArray[np.float64]:
-    """What flows into every row beyond what flows out, in amperes, (n,)."""
+    system: Equations, rows: NDArray[np.int32], falls: Doubled
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """What flows into every row beyond what flows out, and half of all that flows there; in amperes, (n,)."""
     from resgrid.circuit.kernels import add_flows
 
     netlist, amps = system.netlist, system.netlist.current_amps
-    net, net_low = np.zeros((2, system.size))
-    add_flows(rows, netlist.conductance, *falls, net, net_low)
-    add_flows(system.unknown[netlist.current_nodes], np.ones_like(amps), amps, np.zeros_like(amps), net, net_low)
-    return net
-
-
-def _through(ends: NDArray[np.int32], amps: NDArray[np.float64], nodes: int) -> NDArray[np.float64]:
-    """Half of all magnitudes (m,) that flow into or out of every node."""
-    return np.asarray(np.bincount(ends.ravel(), np.repeat(0.5 * amps, 2), nodes), dtype=np.float64)
+    net, net_low, total = np.zeros((3, system.size))
+    add_flows(rows, netlist.conductance, *falls, net, net_low, total)
+    add_flows(system.unknown[netlist.current_nodes], np.ones_like(amps), amps, np.zeros_like(amps), net, net_low, total)
+    return np.where(np.abs(net) > _NOISE * total, net, 0.0), 0.5 * total

@@ -81,7 +81,10 @@ def _solved(netlist: Netlist, accuracy: str, method: str, rtol: float, team: Tea
             found = balance(system)
             if found is not None:
                 proved = system.rails is not None and is_answer(watch.error, watch.bound)
-                values = values if proved else values_above(system, found.volts, found.above, team)
+                if system.rails is None:
+                    values = values_above(system, found.heights, team)
+                elif not watch.bound <= CERTAIN:
+                    values = node_values(system, found.factors, Watch(), team)
                 again = read_entrywise(system, values, team, found, **told)
                 if not proved or again[0].kcl_residual <= max(point.kcl_residual, DIRECTION_RESIDUAL):
                     (point, residual, _), doubt, balanced = again, found.doubt, True

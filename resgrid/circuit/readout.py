@@ -91,17 +91,10 @@ def node_values(system: Equations, factors: Factor | None, watch: Watch, team: T
     return replace(_above(system, difference, 1.0, team), doubt=doubt)
 
 
-def values_above(system: Equations, volts: NDArray[np.float64], above: NDArray[np.float64], team: Team) -> NodeValues:
-    """Values of all nodes from the heights of rows above every rail.  Shapes: `volts` (rails,), `above` (n, rails)."""
-    rails = system.rails
-    if rails is not None:
-        span = rails.high - rails.low
-        up, down = (above[:, int(np.argmin(np.abs(volts - rail)))] / span for rail in (rails.low, rails.high))
-        return _between(system, rails, Scaled.of(-down), Scaled.of(up), team)
-    nearest = np.abs(above).argmin(axis=1)
-    x = (volts - system.reference)[nearest] + np.take_along_axis(above, nearest[:, None], axis=1)[:, 0]
-    sign = -1.0 if np.all(x <= 0.0) else 1.0
-    return _above(system, Scaled.of(sign * x), sign, team)
+def values_above(system: Equations, heights: NDArray[np.float64], team: Team) -> NodeValues:
+    """Values of all nodes from heights of the rows above the reference, in volts, (n,); no two rails alone."""
+    sign = -1.0 if np.all(heights <= 0.0) else 1.0
+    return _above(system, Scaled.of(sign * heights), sign, team)
 
 
 def _drop_and_height(rails: Rails, factors: Factor | None, watch: Watch, team: Team) -> tuple[Scaled, Scaled | None]:

@@ -228,7 +228,7 @@ def _first_exponent(
         if not 0.0 < size < np.inf:
             break
         logs.append(np.log(size))
-        current = -charges.dynamics.branches.times(slope / size)
+        current = -charges.dynamics.conducted(slope / size)
     steps = [np.log(max(longest, np.finfo(np.float64).tiny))]
     if len(logs) == order + 1:
         at_rest = (np.log(share) + logs[0] - sum(logs)) / order

@@ -100,8 +100,8 @@ def factor_laplacian(
     """
     check_method(method)
     if laplacian.grid is None or not laplacian.grid.simple:
-        laplacian = laplacian.with_rows(ordered=False)
-    choice = _choose(laplacian, count_connections(laplacian, team), method, accuracy)
+        laplacian = laplacian.with_rows()
+    choice = _choose(laplacian, count_connections(laplacian), method, accuracy)
     laplacian = choice.laplacian
     if choice.method == "multigrid":
         _require(_multigrid_memory(choice, accuracy), laplacian, "multigrid")

@@ -1,4 +1,4 @@
-"""Factors by columns: the diagonal of an inverse, and substitution in differences.
+"""Factors by columns, and the diagonal of an inverse.
 
 `inverse_diagonal` and `positive_inverse_diagonal` are exact and cost about as much as the factors themselves;
 `estimate_diagonal` needs only products with the inverse and tells how far it may be off.
@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.errors import AccuracyError
-from resgrid.jit import inner, kernel, makes_arrays
-from resgrid.solvers.extended_kernels import Floats, Indices, Integers, _sum
+from resgrid.jit import kernel, makes_arrays
+from resgrid.solvers.extended_kernels import Floats, Indices, Integers
 
 if TYPE_CHECKING:
     from resgrid.solvers.supernodal import SupernodalFactors
@@ -30,12 +30,6 @@ _PANEL, _RELAXED = 3, 1
 Columns of a grid's factors are short, and few have the same rows: with SuperLU's own 20 and 10, planes and mazes take
 1.7 times as long, and volumes no less.
 """
-
-_NOISE = 2.0**-96
-"""A difference of double-doubles this small beside them is what rounding leaves of none."""
-
-_ROUNDING = 2.0**-44
-"""The same of a sum of products of doubles; what else it may have been is for a correction to find."""
 
 
 class Columns(NamedTuple):
@@ -169,111 +163,3 @@ def selected_inverse(
             diagonal -= inverse[p] * lower[p]
             place[rows[p]] = -1
         inverse[starts[j]] = diagonal
-
-
-class Gaps(NamedTuple):
-    """Voltages as differences, in double-double (the ``low`` arrays hold the rest).
-
-    `change` (n,): of a row from the node its voltage hangs on most, its base; `apart` (entries,): of a column's row
-    from the entry's.
-    """
-
-    change: Floats
-    change_low: Floats
-    apart: Floats
-    apart_low: Floats
-
-
-@kernel
-def feed_forward(columns: Columns, fed: Floats) -> None:
-    """Carry what is fed into every row (n, sets) to the rows that are eliminated later, in place."""
-    for k in range(len(columns.pivot)):
-        for q in range(columns.starts[k] + 1, columns.starts[k + 1]):
-            for each in range(fed.shape[1]):
-                fed[columns.rows[q], each] += columns.weight[q] * fed[k, each]
-
-
-@inner
-def _less(a: float, a_low: float, b: float, b_low: float) -> tuple[float, float]:
-    """``a - b``; 0 where that is noise."""
-    d, d_low = _sum(a, a_low, -b, -b_low)
-    return (0.0, 0.0) if abs(d) <= _NOISE * max(abs(a), abs(b)) else (d, d_low)
-
-
-@inner
-def _at(columns: Columns, k: int, row: int) -> int:
-    """Where a column has its entry of a row."""
-    low, high = int(columns.starts[k]) + 1, int(columns.starts[k + 1]) - 1
-    while low < high:
-        middle = (low + high) // 2
-        if columns.rows[middle] < row:
-            low = middle + 1
-        else:
-            high = middle
-    return low
-
-
-@inner
-def _above(columns: Columns, gaps: Gaps, volts: Floats, place: Integers, j: int, base: int) -> tuple[float, float]:
-    """Height of a row or rail above a base that it is joined to; ``place`` is of the base's column."""
-    n = len(columns.pivot)
-    if min(j, base) >= n:
-        return _sum(volts[j - n], 0.0, -volts[base - n], 0.0)
-    if j == base:
-        return 0.0, 0.0
-    if j < base:
-        q = _at(columns, j, base)
-        return gaps.apart[q], gaps.apart_low[q]
-    return -gaps.apart[place[j]], -gaps.apart_low[place[j]]
-
-
-@kernel
-@makes_arrays
-def substitute_differences(columns: Columns, fed: Floats, volts: Floats, gaps: Gaps, given: bool) -> None:
-    """Find all gaps, in place; or, where the changes are ``given``, the other ones.
-
-    The rails are rows that are never eliminated, ``n`` and on, and every column has entries of them all.  A row's
-    voltage is a mean of those of later rows, and what its own current adds; counted from its base ``p``:
-    ``x_k - x_p = sum_j w_kj (x_j - x_p) + b_k / d_k``.  All of them are joined in the filled graph, so that their
-    differences are at hand.
-
-    Shapes: `fed` (n and more, 2): currents and their magnitudes, carried forward; `volts` (rails,).
-    """
-    n = len(columns.pivot)
-    starts, rows, weight = columns.starts, columns.rows, columns.weight
-    change, change_low, apart, apart_low = gaps
-    place = np.full(n + len(volts), -1, np.int64)
-    for k in range(n - 1, -1, -1):
-        first, last, pivot = starts[k] + 1, starts[k + 1], columns.pivot[k]
-        heaviest = first
-        for q in range(first, last):
-            if weight[q] > weight[heaviest]:
-                heaviest = q
-        base = rows[heaviest]
-        if base < n:
-            for q in range(starts[base] + 1, starts[base + 1]):
-                place[rows[q]] = q
-        total, size = fed[k, 0] / pivot, fed[k, 1] / pivot
-        for q in range(first, last):
-            apart[q], apart_low[q] = _above(columns, gaps, volts, place, rows[q], base)
-            total += weight[q] * apart[q]
-            size += weight[q] * abs(apart[q])
-        if not given:
-            change[k] = 0.0 if abs(total) <= _ROUNDING * size else total
-        for q in range(first, last):
-            apart[q], apart_low[q] = _less(change[k], change_low[k], apart[q], apart_low[q])
-
-
-@kernel
-def add_falls(columns: Columns, gaps: Gaps, ends: Indices, falls: Floats, falls_low: Floats) -> None:
-    """Add the gaps between rows, or a row and a rail, to falls across edges, in place.
-
-    Shapes: `ends` (m, 2): places in the order of elimination, rails behind; two that are equal have no gap.
-    """
-    for edge in range(len(ends)):
-        a, b = ends[edge, 0], ends[edge, 1]
-        if a != b:
-            q, sign = _at(columns, min(a, b), max(a, b)), 1.0 if a < b else -1.0
-            falls[edge], falls_low[edge] = _less(
-                falls[edge], falls_low[edge], -sign * gaps.apart[q], -sign * gaps.apart_low[q]
-            )

@@ -50,7 +50,7 @@ def foresee_decades(laplacian: Laplacian, found: Connections) -> float:
     wall = _wall(found.mean, to_high[to_high > 0])
     rest = min(_MOST_REST, laplacian.size // _SHARE_OF_REST)
     ends, rate = (to_low > 0, to_high > 0), np.pi * np.sqrt(cross)
-    factors = decay(laplacian.as_rows(ordered=False), ends, rate, wall / (2.0 * cross), rounds, rest)
+    factors = decay(laplacian.as_rows(), ends, rate, wall / (2.0 * cross), rounds, rest)
     return float(WHOLE_STEPS * factors / np.log(10.0))
 
 

@@ -240,6 +240,6 @@ def factor_multigrid(laplacian: Laplacian, *, entrywise: bool = False, team: Tea
     from resgrid.solvers.multigrid.hierarchy import build_hierarchy
 
     if laplacian.grid is None:
-        laplacian = laplacian.with_rows(ordered=False)
+        laplacian = laplacian.with_rows()
     hierarchy = build_hierarchy(laplacian, team)
     return MultigridFactor(laplacian.with_rows() if entrywise else laplacian, hierarchy, team)

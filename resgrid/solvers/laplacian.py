@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import BudgetError
-from resgrid.solvers.team import ALONE, Team
 
 if TYPE_CHECKING:
     from scipy import sparse
@@ -39,19 +38,18 @@ class EdgeList(NamedTuple):
 class Rows(NamedTuple):
     """Edges as compressed rows, symmetric and without a diagonal; as loops take them; scipy takes long to import.
 
-    `indptr` (n + 1,); `indices, data` (entries,): columns, and conductances in siemens; `ordered`: whether every row is
-    sorted by column.
+    `indptr` (n + 1,); `indices, data` (entries,): columns, sorted in every row, and conductances in siemens.
     """
 
     indptr: NDArray[np.int32]
     indices: NDArray[np.int32]
     data: NDArray[np.float64]
-    ordered: bool
 
     @classmethod
     def of(cls, array: sparse.csr_array) -> Rows:
-        """The rows of an array, in the same memory."""
-        return cls(array.indptr, array.indices, array.data, bool(array.has_sorted_indices))
+        """The rows of an array, which are sorted, in the same memory where its numbers are."""
+        array.sort_indices()
+        return cls(array.indptr.astype(np.int32, copy=False), array.indices.astype(np.int32, copy=False), array.data)
 
     @property
     def array(self) -> sparse.csr_array:
@@ -60,16 +58,16 @@ class Rows(NamedTuple):
 
         size = len(self.indptr) - 1
         array = sparse.csr_array((self.data, self.indices, self.indptr), shape=(size, size))
-        if self.ordered:
-            array.has_sorted_indices = array.has_canonical_format = True
+        array.has_sorted_indices = array.has_canonical_format = True
         return array
 
     @property
-    def pairs(self) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-        """Every pair of rows once, (m, 2), the lower one first, and its conductance (m,)."""
-        row = np.repeat(np.arange(len(self.indptr) - 1, dtype=np.int32), np.diff(self.indptr))
+    def listed(self) -> EdgeList:
+        """Every pair of rows once, the lower one first."""
+        each = np.arange(len(self.indptr) - 1, dtype=np.int32)
+        row = np.repeat(each, np.diff(self.indptr))
         upper = self.indices > row
-        return np.stack([row[upper], self.indices[upper]], axis=1), self.data[upper]
+        return EdgeList(np.stack([row[upper], self.indices[upper]], axis=1), self.data[upper], each)
 
 
 class Conductances(NamedTuple):
@@ -150,26 +148,6 @@ class Connections:
     largest: float
 
 
-class Branches(NamedTuple):
-    """Products with a matrix that are formed from differences, of which nothing is lost on the way.
-
-    `across` (m, n): from rows to the differences across what joins them, every pair once; `leaving` (n, m): from those
-    to what leaves every row; `ground` (n,): in siemens.
-    """
-
-    across: sparse.csr_array
-    leaving: sparse.csc_array
-    ground: NDArray[np.float64]
-
-    def between(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What leaves every row for other rows, shape (n,)."""
-        return np.asarray(self.leaving @ (self.across @ x))
-
-    def times(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The matrix times ``x``, shape (n,)."""
-        return self.ground * x + self.between(x)
-
-
 @dataclass(frozen=True, eq=False)
 class Laplacian:
     """``(A x)_i = sum_j g_ij (x_i - x_j) + g_i x_i``: edge and ground conductances, never a summed diagonal.
@@ -194,21 +172,13 @@ class Laplacian:
         """Number of rows."""
         return len(self.ground)
 
-    def as_rows(self, *, ordered: bool = True) -> Rows:
-        """The edges as rows, sorted unless any order does."""
-        from resgrid.solvers.row_kernels import transpose
+    def as_rows(self) -> Rows:
+        """The edges as rows."""
+        return self.compressed or _compress(self.listed, self.size)
 
-        rows = self.compressed or _compress(self.listed, self.size)
-        if rows.ordered or not ordered:
-            return rows
-        columns, values = np.empty_like(rows.indices), np.empty_like(rows.data)
-        transpose(rows.indptr, rows.indices, rows.data, rows.indptr[:-1].copy(), columns, values)
-        return Rows(rows.indptr, columns, values, ordered=True)
-
-    def with_rows(self, *, ordered: bool = True) -> Laplacian:
+    def with_rows(self) -> Laplacian:
         """The same, with its rows at hand for whoever asks for them more than once."""
-        rows = self.as_rows(ordered=ordered)
-        return self if rows is self.compressed else replace(self, compressed=rows)
+        return self if self.compressed else replace(self, compressed=self.as_rows())
 
     @property
     def edges(self) -> sparse.csr_array:
@@ -216,16 +186,9 @@ class Laplacian:
         return self.as_rows().array
 
     @property
-    def rows(self) -> sparse.csr_array:
-        """The `edges` with the entries of every row in any order."""
-        return self.as_rows(ordered=False).array
-
-    @property
     def conductances(self) -> Conductances:
-        """The whole matrix as loops take it, every row sorted by column."""
-        rows = self.as_rows()
-        indptr, indices = (part.astype(np.int32, copy=False) for part in (rows.indptr, rows.indices))
-        return Conductances(indptr, indices, rows.data, self.ground)
+        """The whole matrix as loops take it."""
+        return Conductances(*self.as_rows(), self.ground)
 
     @property
     def diagonal(self) -> NDArray[np.float64]:
@@ -246,60 +209,55 @@ class Laplacian:
         return sparse.csr_array(sparse.diags_array(self.diagonal, format="csr") - self.edges)
 
     @property
-    def elements(self) -> tuple[sparse.csr_array, NDArray[np.float64]]:
-        """What the matrix is made of: ``B^T diag(value) B``.  Returns `incidence` (m, n), `value` (m,)."""
+    def branches(self) -> tuple[sparse.csr_array, NDArray[np.float64]]:
+        """What joins the rows to each other, every pair once: ``B^T diag(value) B``, for products of differences.
+
+        Returns `incidence` (m, n), `value` (m,), in siemens.
+        """
         from scipy import sparse
 
-        (pairs, value), tied = self.as_rows().pairs, np.flatnonzero(self.ground)
+        pairs, value, _ = self.as_rows().listed
         m = len(value)
-        ends = np.append(pairs.ravel(), tied)
-        starts = np.append(np.arange(0, 2 * m + 1, 2), 2 * m + 1 + np.arange(len(tied)))
-        sign = np.append(np.tile([1.0, -1.0], m), np.ones(len(tied)))
-        incidence = sparse.csr_array((sign, ends, starts), shape=(m + len(tied), self.size))
-        return incidence, np.append(value, self.ground[tied])
+        starts, sign = np.arange(0, 2 * m + 1, 2, dtype=np.int32), np.tile([1.0, -1.0], m)
+        return sparse.csr_array((sign, pairs.ravel(), starts), shape=(m, self.size)), value
 
     @property
-    def branches(self) -> Branches:
-        """What joins the rows to each other, every pair once, for products formed from differences."""
+    def elements(self) -> tuple[sparse.csr_array, NDArray[np.float64]]:
+        """The `branches` and, behind them, what ties rows to nodes of known voltage: all of the matrix."""
         from scipy import sparse
 
-        pairs, value = self.as_rows().pairs
-        m, ends = len(value), pairs.ravel()
-        starts, sign = np.arange(0, 2 * m + 1, 2, dtype=np.int32), np.tile([1.0, -1.0], m)
-        across = sparse.csr_array((sign, ends, starts), shape=(m, self.size))
-        leaving = sparse.csc_array((sign * np.repeat(value, 2), ends, starts), shape=(self.size, m))
-        return Branches(across, leaving, self.ground)
+        (incidence, value), tied = self.branches, self.ground > 0
+        ties = sparse.eye_array(self.size, format="csr")[tied]
+        return sparse.csr_array(sparse.vstack([incidence, ties])), np.append(value, self.ground[tied])
 
     def within(self, rows: NDArray[np.bool_]) -> Laplacian:
         """Only some of the rows; the others count as nodes of known voltage."""
-        kept, number, count = self.edges[np.flatnonzero(rows)], np.cumsum(rows, dtype=np.int32) - 1, int(rows.sum())
-        row, inside = np.repeat(np.arange(count, dtype=np.int32), np.diff(kept.indptr)), rows[kept.indices]
-        ground = self.ground[rows] + np.bincount(row[~inside], kept.data[~inside], count)
-        indptr = np.append(0, np.cumsum(np.bincount(row[inside], minlength=count))).astype(np.int32)
-        compressed = Rows(indptr, number[kept.indices[inside]], kept.data[inside], ordered=True)
-        return Laplacian(ground, compressed=compressed, dimensions=self.dimensions)
+        from scipy import sparse
+
+        kept = np.flatnonzero(rows)
+        entries = (np.ones(len(kept)), kept, np.arange(len(kept) + 1))
+        return self.grouped(sparse.csr_array(entries, shape=(len(kept), self.size)))
 
     def grouped(self, groups: sparse.csr_array) -> Laplacian:
         """Groups of rows as one row each; rows of no group count as nodes of known voltage.
 
-        Shapes: `groups` (n, m).
+        Shapes: `groups` (m, n).
         """
         from scipy import sparse
 
-        edges = self.edges
-        joined = sparse.coo_array(groups.T @ edges @ groups)
+        own = groups @ self.edges
+        joined = sparse.coo_array(own @ groups.T)
         apart = joined.row != joined.col
         entries = (joined.data[apart], (joined.row[apart], joined.col[apart]))
-        outside = 1.0 - groups.sum(axis=1)
         return Laplacian(
-            groups.T @ (self.ground + edges @ outside),
+            groups @ self.ground + own @ (1.0 - groups.sum(axis=0)),
             compressed=Rows.of(sparse.coo_array(entries, shape=joined.shape).tocsr()),
             dimensions=self.dimensions,
         )
 
 
 def _compress(listed: EdgeList | None, size: int) -> Rows:
-    """Rows of a list of edges, their entries in any order."""
+    """Rows of a list of edges."""
     from resgrid.solvers.row_kernels import conductances_by_row
 
     assert listed is not None
@@ -309,47 +267,34 @@ def _compress(listed: EdgeList | None, size: int) -> Rows:
             f"the matrix has up to {entries:,} entries, and its rows are numbered with 32 bits, up to "
             f"{MOST_NUMBERED:,}: choose larger cells, accuracy = 'normwise', or method = 'petsc'"
         )
-    indptr, place = np.zeros(size + 1, dtype=np.int32), np.empty((2, size), dtype=np.int32)
-    indices, data = np.empty(entries, dtype=np.int32), np.empty(entries)
-    ordered = conductances_by_row(*listed, indptr, indices, data, place)
+    indptr, indices, data = np.zeros(size + 1, dtype=np.int32), np.empty(entries, dtype=np.int32), np.empty(entries)
+    conductances_by_row(*listed, indptr, indices, data)
     indices, data = indices[: indptr[-1]], data[: indptr[-1]]
     if len(data) < entries // 2:  # scipy would copy them whenever an array is made of these rows
         indices, data = indices.copy(), data.copy()
-    return Rows(indptr, indices, data, ordered)
+    return Rows(indptr, indices, data)
 
 
-def count_connections(laplacian: Laplacian, team: Team = ALONE) -> Connections:
+def count_connections(laplacian: Laplacian) -> Connections:
     """Count and compare the conductances between rows.
 
-    On a grid the resistors are counted one by one, so that no compressed rows are needed; there only the two across
-    a ring of two cells are parallel.
+    Resistors are counted one by one, unless some are parallel; on a grid, where only the two across a ring of two cells
+    are, no compressed rows are needed.
     """
-    from resgrid.solvers.row_kernels import weak_entries, weak_pairs
+    from resgrid.solvers.row_kernels import compare_edges
 
-    edges, grid, n = laplacian.listed, laplacian.grid, laplacian.size
-    if edges is None or grid is None or not grid.simple:
-        indptr, indices, data, _ = laplacian.as_rows(ordered=False)
-        inner, total = len(data) // 2, data.sum() / 2
-        smallest, largest = data.min(initial=np.inf), data.max(initial=0.0)
-        weak = weak_entries(indptr, indices, data, WEAK) // 2 if smallest < WEAK * largest else 0
-    else:
-        inner, smallest, largest, total = _count_edges(edges, team)
-        weak = weak_pairs(*edges, np.zeros(n), WEAK) if smallest < WEAK * largest else 0
+    def compared(edges: EdgeList) -> tuple[int, float, float, float, int]:
+        return compare_edges(*edges, np.zeros(laplacian.size), WEAK)
+
+    found, grid = compared(laplacian.listed or laplacian.as_rows().listed), laplacian.grid
+    if (grid is None or not grid.simple) and 2 * found[0] > len((rows := laplacian.as_rows()).data):
+        found = compared(rows.listed)
+    inner, smallest, largest, total, weak = found
     present = laplacian.ground[laplacian.ground > 0]
     return Connections(
         entries=2 * inner,
         weak=weak / inner if inner else 0.0,
-        mean=float(total) / inner if inner else 0.0,
+        mean=total / inner if inner else 0.0,
         smallest=float(min(smallest, present.min(initial=np.inf))),
         largest=float(max(largest, present.max(initial=0.0))),
     )
-
-
-def _count_edges(listed: EdgeList, team: Team) -> tuple[int, float, float, float]:
-    """Conductances between rows: how many, the smallest, the largest, and their sum."""
-    from resgrid.solvers.row_kernels import count_edges
-
-    ends, conductance, row = listed
-    found = team.over(len(conductance), lambda some: count_edges(ends[some], conductance[some], row))
-    inner, smallest, largest, total = zip(*found or [(0, np.inf, 0.0, 0.0)], strict=True)
-    return sum(inner), min(smallest), max(largest), sum(total)

@@ -40,7 +40,7 @@ def rows_of(graph: Graph) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray
 
 
 def packed_netlist(graph: Graph) -> tuple[Graphs, NDArray[np.int32]]:
-    return graphs.pack_netlist(Rows(*rows_of(graph)[:3], ordered=True), graph.leak, 1.0)
+    return graphs.pack_netlist(Rows(*rows_of(graph)[:3]), graph.leak, 1.0)
 
 
 def dense(graph: Graph) -> NDArray[np.float64]:

@@ -377,7 +377,7 @@ def matrix_rows(
     laplacian: Laplacian,
 ) -> tuple[NDArray[np.uint32], NDArray[np.uint32], NDArray[np.float64], NDArray[np.float64]]:
     """The nodal matrix in compressed rows, with indices that need no sign."""
-    rows = laplacian.rows
+    rows = laplacian.as_rows()
     return rows.indptr.view(np.uint32), rows.indices.view(np.uint32), rows.data, laplacian.ground
 
 

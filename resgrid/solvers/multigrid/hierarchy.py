@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.solvers import machine
-from resgrid.solvers.laplacian import EdgeList, Laplacian
+from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.multigrid.blocks import coarsen
 from resgrid.solvers.multigrid.cycle import ENOUGH, help_sweep, precondition_grid
 from resgrid.solvers.multigrid.graph_sweeps import work_space
@@ -77,8 +77,7 @@ def build_hierarchy(laplacian: Laplacian, team: Team = ALONE) -> Hierarchy:
         if made is not None:
             finest, levels = made
             return Hierarchy(levels, slot, unit, unit * largest_degree(finest.true), finest, box)
-    # A grid's rows are sorted by a thread beside this one for refinement: their order is not to depend on who is first.
-    rows = laplacian.as_rows(ordered=laplacian.grid is not None)
+    rows = laplacian.as_rows()
     unit = float(rows.data.mean()) if rows.data.size else float(laplacian.ground.mean())
     graphs, slot = pack_netlist(rows, laplacian.ground, unit)
     inverse = graphs.inverse[: laplacian.size]
@@ -145,9 +144,7 @@ def lay_out_grid(
     if laplacian.grid is None:
         return None
     node = laplacian.grid.vertex
-    pairs, conductance, row = laplacian.listed or EdgeList(
-        *laplacian.as_rows().pairs, np.arange(laplacian.size, dtype=np.int32)
-    )
+    pairs, conductance, row = laplacian.listed or laplacian.as_rows().listed
     if not conductance.size:
         return None
     unit = float(conductance.mean())
