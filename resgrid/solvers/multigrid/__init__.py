@@ -26,16 +26,15 @@
    level, so that the preconditioner is symmetric; on the coarse levels K-cycles (Notay & Vassilevski 2008): one or two
    steps of conjugate gradients, each preconditioned by the level below. Grids are rows of a table with the addresses of
    their arrays (`levels.GRID`). Subnormal numbers count as zero meanwhile (`resgrid.solvers.machine`).
-6. *Fused sweeps* (`sweeps.restrict, finish`). The time is that of reading conductances from memory. Red cells go ahead
-   of black ones by as far as neighbours reach, so that a sweep reads faces once; the relaxation and the product that
-   follows it are two sweeps, one close behind the other. The product takes conductances in single precision and makes
+6. *Sweeps* (`sweeps`). The time is that of reading conductances from memory. Red cells go ahead of black ones by as far
+   as neighbours reach, so that a sweep reads faces once. The product takes conductances in single precision and makes
    up for their rounding on the diagonal (`grid_level.compensate`): rows sum to what leaks. Large levels are cut into
-   slabs, which leave the same digits however they are cut (`sweeps`); several threads take them, one of which leads in
-   compiled code from sweep to sweep (`cycle`, `resgrid.solvers.machine`).
+   slabs, which leave the same digits however they are cut; several threads take them, one of which leads in compiled
+   code from sweep to sweep (`cycle`, `resgrid.solvers.machine`).
 7. *Refinement* (`resgrid.solvers.refine`) makes a normwise answer right entry by entry: voltages in double-double,
    with exponents where doubles run out, every pass a solution to many digits of what is largest, until what all rows
-   violate KCL by proves that no entry is off by more than 4e-9 of itself and the rounding of the sums. The last rows,
-   mostly in slits, are solved directly with what surrounds them (`local`).
+   violate KCL by proves that no entry is off by more than 4e-9 of itself and the rounding of the sums. Rows without a
+   digit, along slits, are solved directly (`resgrid.solvers.refine.FewRows`).
 
 References
 ----------

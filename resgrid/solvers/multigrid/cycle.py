@@ -10,7 +10,7 @@ there is a part to be done (`resgrid.solvers.machine`).
 
 from __future__ import annotations
 
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,14 +26,22 @@ from resgrid.solvers.multigrid.graph_sweeps import (
     descend_graph,
     solve_coarsest,
 )
-from resgrid.solvers.multigrid.levels import CHUNK, SINGLE, Row, chunks_of, combine, copy, slab_of, take_step
+from resgrid.solvers.multigrid.levels import CHUNK, Row, chunks_of, combine, copy, slab_of, take_step
 from resgrid.solvers.multigrid.red_black import Floats, Integers, Singles
+from resgrid.solvers.multigrid.sweeps import (
+    CLEAR,
+    COMBINE,
+    ELIMINATE,
+    MULTIPLY,
+    PUT_BACK,
+    RAISE,
+    RELAX,
+    RESTRICT,
+    TAKE,
+)
 
 Table = NDArray[Any]
 """Rows of `levels.GRID`, shape (levels,)."""
-
-_CLEAR, _ELIMINATE, _RESTRICT, _RELAX, _MULTIPLY, _FINISH, _TAKE, _PUT_BACK = (cast(int, np.int64(k)) for k in range(8))
-"""The sweeps; no literals, as `resgrid.jit.ZERO`."""
 
 ENOUGH = 0.07
 """Residual after the first step of a K-cycle on the first coarse level that spares the second."""
@@ -186,19 +194,13 @@ def _sweep(table: Table, state: Integers, kind: int, number: int, visit: int) ->
     if level.parts > 1:
         machine.wait_for(state, level.parts)
     first, second, third = 0.0, 0.0, 0.0
-    if kind >= _MULTIPLY:
-        count = 3 * (chunks_of(level) if kind == _TAKE else level.blocks)
+    if kind >= TAKE:
+        count = 3 * (chunks_of(level) if kind == TAKE else level.blocks)
         sums = doubles(level.sums, count)
         for k in range(0, count, 3):
             first, second, third = first + sums[k], second + sums[k + 1], third + sums[k + 2]
-    if kind == _ELIMINATE:
-        sweeps.eliminate_couplings(level)
-    elif kind == _RESTRICT:
-        sweeps.restrict_couplings(level)
-    elif kind == _RELAX:
-        sweeps.relax_couplings(level)
-    elif kind == _MULTIPLY:
-        second -= sweeps.multiply_couplings(level, singles(_product(level, visit), level.slots))
+    if ELIMINATE <= kind <= RELAX or kind == MULTIPLY:
+        second -= sweeps.follow_couplings(level, kind, singles(_product(level, visit), level.slots))
     return first, second, third
 
 
@@ -224,25 +226,19 @@ def help_sweep(table: Table, state: Integers) -> None:
 @inner
 def _sweep_slab(level: Row, kind: int, visit: int, part: int) -> None:
     """A slab's part of a sweep."""
-    slab, parts, slots = slab_of(level, part), level.parts, level.slots
-    own = level.before if kind == _PUT_BACK else level.z
-    if parts > 1 and kind != _MULTIPLY:
-        own = level.own + SINGLE * slots * part
-    at = singles(own, slots)
-    if kind == _CLEAR or kind == _ELIMINATE or kind == _TAKE:  # noqa: PLR1714, SIM109 (compiles in half the time)
+    slab, parts = slab_of(level, part), level.parts
+    if kind == CLEAR or kind == ELIMINATE or kind == TAKE:  # noqa: PLR1714, SIM109 (compiles in half the time)
         below_fed = singles(level.below_fed, level.below_slots)
         for k in range(part * len(below_fed) // parts, (part + 1) * len(below_fed) // parts):
             below_fed[k] = 0.0
-    if kind == _ELIMINATE:
-        sweeps.eliminate(level, slab)
-    elif kind == _RESTRICT:
-        sweeps.restrict(level, slab)
-    elif kind == _TAKE:
-        sweeps.take(level, part)
-    elif kind == _PUT_BACK:
-        sweeps.put_back(level, slab, at)
-    elif kind >= _RELAX:
-        sweeps.finish(level, slab, at, singles(_product(level, visit), slots), (kind != _MULTIPLY, kind != _RELAX))
+    if ELIMINATE <= kind <= RELAX:
+        sweeps.feed_black(level, kind, slab)
+    elif kind == MULTIPLY:
+        sweeps.multiply(level, slab, singles(_product(level, visit), level.slots))
+    elif kind == PUT_BACK:
+        sweeps.put_back(level, slab)
+    elif kind > CLEAR:
+        sweeps.pass_over(level, kind, part)
 
 
 @inner
@@ -252,30 +248,31 @@ def _visit_grid(table: Table, state: Integers, number: int, visit: tuple[int, Fl
     Coming from above, red nodes are eliminated; from below, the next level's answer is a direction; each time the level
     is relaxed from zero, and the residual summed into the next level.
     """
-    count, kind = visit[0], _ELIMINATE
-    if count > 0:
+    count, going_on = visit[0], True
+    if count == 0:
+        _sweep(table, state, ELIMINATE, number, count)
+    else:
         products, shares = finish_grid(table, state, number, count), doubles(table[number].shares, 2)
         going_on, (shares[0], shares[1]) = _step(visit, products, stop)
-        kind = _TAKE if going_on else _PUT_BACK
-    if kind != _PUT_BACK:
-        before, after, _ = _sweep(table, state, kind, number, count)
-        kind = _PUT_BACK if kind == _TAKE and not after > stop * stop * before else _RESTRICT
-    _sweep(table, state, kind, number, count)
-    return kind == _PUT_BACK
+        if going_on:
+            before, after, _ = _sweep(table, state, TAKE, number, count)
+            going_on = after > stop * stop * before
+        if not going_on:
+            _sweep(table, state, COMBINE, number, count)
+    _sweep(table, state, RESTRICT if going_on else PUT_BACK, number, count)
+    return not going_on
 
 
 @inner
 def finish_grid(table: Table, state: Integers, number: int, visit: int) -> tuple[float, float, float]:
-    """Add the next level's answer, relax, and multiply; returns ``z.r``, ``z.w`` and ``z.s`` (`sweeps.finish`)."""
-    kind = _FINISH
-    if table[number].joined > 0:
-        _sweep(table, state, _RELAX, number, visit)
-        kind = _MULTIPLY
-    return _sweep(table, state, kind, number, visit)
+    """Add the next level's answer, relax, and multiply; returns ``z.r``, ``z.w`` and ``z.s``."""
+    for kind in (RAISE, RELAX):
+        _sweep(table, state, kind, number, visit)
+    return _sweep(table, state, MULTIPLY, number, visit)
 
 
 @inner
 def _begin(table: Table, state: Integers) -> None:
     """Restrict the finest level's relaxed residual."""
-    for kind in (_CLEAR, _RESTRICT):
+    for kind in (CLEAR, RESTRICT):
         _sweep(table, state, kind, ZERO, ZERO)

@@ -206,7 +206,7 @@ class GridPreconditioner:
                 r, s, z, w, c = np.zeros((5, slots[number]), dtype=np.float32)
                 self._note(row, red_fed=red_fed, black_fed=black_fed, red=red, before=before, r=r, s=s, z=z, w=w, c=c)
         numbers = 2 + int((self.table["window"] + self.table["joined"] + self.table["block"]).max())
-        self._rooms = np.zeros((max(len(cut) for cut in cuts), 2 * numbers))
+        self._rooms = np.zeros((max(len(cut) for cut in cuts), numbers))
         for row, cut in zip(self.table, cuts, strict=True):
             slabs = [(*slab[:-1], room.ctypes.data) for slab, room in zip(cut, self._rooms, strict=False)]
             self._note(row, slabs=np.array(slabs))
@@ -225,8 +225,7 @@ class GridPreconditioner:
             row[name] = count
         names = ("faces", "distance", "off_red", "off_black", "couplings", "red_inverse", "black_inverse")
         self._note(row, **{name: getattr(stencil, name) for name in names})
-        own = np.zeros((len(cut) if len(cut) > 1 else 0, slots), dtype=np.float32)
-        self._note(row, degree=of.degree, aggregate=of.aggregate, own=own)
+        self._note(row, degree=of.degree, aggregate=of.aggregate)
         self._note(row, below_fed=below[0], below=below[1])
 
     def _note(self, row: np.void, **arrays: NDArray[np.generic]) -> None:

@@ -30,8 +30,8 @@ _LEAST = 60_000
 _THICK = 4
 """Blocks of a slab, at least, in units of those that red cells go ahead of black ones: a neighbour finds these too."""
 
-SINGLE, DOUBLE = (cast(int, np.int64(kind.itemsize)) for kind in (np.dtype(np.float32), np.dtype(np.float64)))
-"""Bytes of a number; no literals, as `resgrid.jit.ZERO`."""
+DOUBLE = cast(int, np.int64(np.dtype(np.float64).itemsize))
+"""Bytes of a number; no literal, as `resgrid.jit.ZERO`."""
 
 GRID = np.dtype([
     (name, np.int64)
@@ -40,7 +40,7 @@ GRID = np.dtype([
         *("faces", "distance", "off_red", "off_black", "couplings", "red_inverse", "black_inverse", "degree"),
         *("aggregate", "below_fed", "below"),
         *("red_fed", "black_fed", "red", "before", "r", "s", "z", "w", "c"),
-        *("parts", "slabs", "own", "noted", "sums", "shares"),
+        *("parts", "slabs", "noted", "sums", "shares"),
     )
 ])  # fmt: skip
 """A grid of a hierarchy, for the compiled cycle: counts, then addresses of arrays.
@@ -56,9 +56,9 @@ residual, relaxed from zero, for slabs read what others had before they write, a
 residual; `s`: what ``z`` is multiplied by too, and the first product; `z`: the answer; `w`: its product; `c`: the first
 direction.
 
-`parts`: slabs; `slabs` (parts, 5): as of `Slab`; `own` (parts, slots): their answers; `noted` (joined,): red values
-where couplings begin; `sums` (3 blocks,): of products, or of squares, of every block or chunk of slots; `shares` (2,):
-what both directions of a K-cycle have in its answer, or the first step's length.
+`parts`: slabs; `slabs` (parts, 5): as of `Slab`; `noted` (joined,): red values where couplings begin; `sums` (3
+blocks,): of products, or of squares, of every block or chunk of slots; `shares` (2,): what both directions of a K-cycle
+have in its answer, or the first step's length.
 """
 
 Row = Any
@@ -172,7 +172,7 @@ class Slab(NamedTuple):
     """A part of a grid that one thread sweeps over.
 
     `first, last`: its blocks, the last one left out; `begin, end`: black slots that share their nodes on the next level
-    with no other slab's; `room`: where it keeps its two windows, an address.
+    with no other slab's; `room`: where it keeps its window, an address.
     """
 
     first: int
@@ -203,24 +203,32 @@ def values_in_window(stencil: Stencil) -> int:
 @inlined
 def open_window(level: Row, slab: Slab, block: int) -> Window:
     """A window of single precision that comes to a block first; what couplings draw is left open."""
-    room, drawn = slab.room + 2 * DOUBLE, slab.room + 2 * DOUBLE + level.window * SINGLE
-    red, total = singles(room, level.window), singles(drawn + level.joined * SINGLE, level.block)
-    return _opened(level, slab.room, block, red, singles(drawn, level.joined), total)
+    red, drawn, total = _rooms(level, slab)
+    return _opened(
+        level, slab, block, singles(red, level.window), singles(drawn, level.joined), singles(total, level.block)
+    )
 
 
 @inlined
-def open_second(level: Row, slab: Slab, block: int) -> Window:
-    """The same beside it, of double precision."""
-    begin = slab.room + (2 + level.window + level.joined + level.block) * DOUBLE
-    room, drawn = begin + 2 * DOUBLE, begin + (2 + level.window) * DOUBLE
-    red, total = doubles(room, level.window), doubles(drawn + level.joined * DOUBLE, level.block)
-    return _opened(level, begin, block, red, doubles(drawn, level.joined), total)
+def open_double(level: Row, slab: Slab, block: int) -> Window:
+    """The same of double precision."""
+    red, drawn, total = _rooms(level, slab)
+    return _opened(
+        level, slab, block, doubles(red, level.window), doubles(drawn, level.joined), doubles(total, level.block)
+    )
+
+
+@inlined
+def _rooms(level: Row, slab: Slab) -> tuple[int, int, int]:
+    """Where a slab's window keeps its arrays, behind ``at``."""
+    drawn = slab.room + (2 + level.window) * DOUBLE
+    return slab.room + 2 * DOUBLE, drawn, drawn + level.joined * DOUBLE
 
 
 @inner
-def _opened(level: Row, room: int, block: int, red: Reals, drawn: Reals, total: Reals) -> Window:
-    begin, at, off_red = level.margin + block * level.block, integers(room, 2), indices(level.off_red, level.joined)
-    kept = blocks_ahead(level) * level.block + level.margin
+def _opened(level: Row, slab: Slab, block: int, red: Reals, drawn: Reals, total: Reals) -> Window:
+    begin, off_red = level.margin + block * level.block, indices(level.off_red, level.joined)
+    at, kept = integers(slab.room, 2), blocks_ahead(level) * level.block + level.margin
     at[0], at[1] = begin - kept, 0
     while at[1] < level.joined and off_red[at[1]] < begin:
         at[1] += 1
@@ -250,18 +258,26 @@ def make_room(level: Row, window: Window, block: int) -> int:
 
 
 @inner
-def lead(level: Row, window: Window, slab: Slab, x: Singles, block: int) -> None:
-    """``red = G x / degree`` on a block, zero behind the last one; a slab notes its own where couplings begin."""
+def lead(level: Row, window: Window, slab: Slab, x: Singles, block: int, given: bool) -> None:
+    """``red = G x / degree`` on a block, or of what is ``given`` at its red cells; zero behind the last one.
+
+    A slab notes its own where couplings begin.
+    """
     to = make_room(level, window, block)
     if block >= level.blocks:
         for k in range(to, to + level.block):
             window.red[k] = 0.0
         return
     begin, count = extent(level, block)
-    draw_into(level, RED, x, ZERO, block, window.red, to)
+    if given:
+        for k in range(count):
+            window.red[to + k] = x[begin + k]
+    else:
+        draw_into(level, RED, x, ZERO, block, window.red, to)
     off_red, noted, first = indices(level.off_red, level.joined), doubles(level.noted, level.joined), window.at[1]
     while window.at[1] < level.joined and off_red[window.at[1]] < begin + count:
-        window.red[to + off_red[window.at[1]] - begin] += window.drawn[window.at[1]]
+        if not given:
+            window.red[to + off_red[window.at[1]] - begin] += window.drawn[window.at[1]]
         window.at[1] += 1
     _scale(singles(level.red_inverse, level.slots), begin, count, window.red, to)
     if slab.first <= block < slab.last:
