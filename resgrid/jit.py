@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable
+from functools import cache
+from pathlib import Path
 from typing import Any, ClassVar, TypeVar, cast
 
 import numba
@@ -126,14 +128,32 @@ def _compiled(function: _Loop, options: dict[str, Any]) -> _Loop:
     return cast(_Loop, _njit(**options, _nrt=hasattr(function, "_makes_arrays"))(function))
 
 
+@cache
+def _stamp() -> tuple[float, int]:
+    """When the loops of any file were last changed, and how long these files are."""
+    here = Path(__file__).parent
+    files = [*here.rglob("*kernels.py"), *(here / "solvers").rglob("*.py"), here / "jit.py"]
+    found = [file.stat() for file in files]
+    return max((of.st_mtime for of in found), default=0.0), sum(of.st_size for of in found)
+
+
+def _kept(function: _Loop, options: dict[str, Any]) -> _Loop:
+    """Compile a loop that is kept on disk until those it calls change, too: numba looks at its own file alone."""
+    loop = _compiled(function, options)
+    kept = getattr(getattr(loop, "_cache", None), "_cache_file", None)
+    if kept is not None:
+        kept._source_stamp = (kept._source_stamp, _stamp())
+    return loop
+
+
 def kernel(function: _Loop) -> _Loop:
     """Compile a loop, or an inner one once more, that Python calls, and keep it on disk; other threads may run."""
-    return _compiled(getattr(function, "py_func", function), _KERNEL)
+    return _kept(getattr(function, "py_func", function), _KERNEL)
 
 
 def kernel_fast(function: _Loop) -> _Loop:
     """The same for one whose sums may be taken in any order."""
-    return _compiled(function, _KERNEL | {"fastmath": FAST})
+    return _kept(function, _KERNEL | {"fastmath": FAST})
 
 
 def inner(function: _Loop) -> _Loop:
