@@ -100,6 +100,7 @@ def test_the_schur_complement_is_that_of_dense_elimination(
         to_one[here] = 1
         finest = Finest(in_double(level), stencil, compensated(level, stencil), to_one)
         preconditioner = above_one_node(finest)
+        preconditioner.before[:] = z
         preconditioner.use(r, s, z, w)
         zr, zw, zs = finished(preconditioner.table, preconditioner.state)
         size = np.abs(schur).sum(axis=1).max() * np.abs(z).max()

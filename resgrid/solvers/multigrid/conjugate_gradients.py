@@ -62,16 +62,15 @@ _PASS, _LEAST_PASS = 1e-12, 1e-2
 class Problem(Protocol):
     """Equations in units of the hierarchy's conductance, over vectors of slots.
 
-    `vectors`: of the iteration; `nearly`: share of the goal to which steps bring the residual, a relaxation does the
-    rest; `team`: whose threads take its steps.
+    `vectors`: of the iteration; `before` (slots,): where the residual is relaxed from zero, to begin with; `nearly`:
+    share of the goal to which steps bring the residual, a relaxation does the rest; `team`: whose threads take its
+    steps.
     """
 
     vectors: krylov.Vectors
+    before: NDArray[np.float32]
     nearly: float
     team: Team
-
-    def relaxed(self, z: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Where the residual is to be relaxed before it is preconditioned into ``z``, shape (slots,)."""
 
     def residual(self, x: NDArray[np.float64], r: NDArray[np.float64]) -> float:
         """``r = b - A x``, and its norm.  Shapes: `x` (colours, slots), `r` (slots,)."""
@@ -98,11 +97,7 @@ class GridProblem:
     def __post_init__(self) -> None:
         self.vectors = krylov.vectors_over(self.finest.stencil.black_inverse, self.depth)
         self._preconditioner = GridPreconditioner(self.finest, self.levels, self.team)
-
-    def relaxed(self, z: NDArray[np.float32]) -> NDArray[np.float32]:
-        """As of `Problem`."""
-        before = self._preconditioner.before
-        return z if before is None else before
+        self.before = self._preconditioner.before
 
     def residual(self, x: NDArray[np.float64], r: NDArray[np.float64]) -> float:
         """As of `Problem`; relaxes the red cells."""
@@ -127,10 +122,7 @@ class _GraphProblem:
     def __post_init__(self) -> None:
         graphs = self.hierarchy.levels.graphs
         self.vectors, self._work = krylov.vectors_over(graphs.inverse[: len(self.b)], _DEPTH), work_space(graphs)
-
-    def relaxed(self, z: NDArray[np.float32]) -> NDArray[np.float32]:
-        """As of `Problem`."""
-        return z
+        self.before = np.empty_like(self.vectors.r)
 
     def residual(self, x: NDArray[np.float64], r: NDArray[np.float64]) -> float:
         """As of `Problem`."""
@@ -317,8 +309,7 @@ class _Burst:
     def run(self, x: NDArray[np.float64], size: float, gain: float, most: int) -> int:
         """Reduce the residual, of norm ``size``, by a factor ``gain``; returns the steps taken."""
         v, steps = self._v, 0
-        relaxed = self._problem.relaxed(v.z[0])
-        self._each(partial(krylov.begin_burst, v.inverse, v.r, relaxed, size, self.residual))
+        self._each(partial(krylov.begin_burst, v.inverse, v.r, self._problem.before, size, self.residual))
         self.left = largest = 1.0
         while steps < most and not self._stop.small and self.left > max(gain, _BURST * largest):
             if not self._step(x, size):
@@ -366,9 +357,7 @@ class _Burst:
         self._stop.moved(alpha * zr * unit * unit, move)
         if self._kept == len(v.z):
             self._gather(x, unit)
-        squares = self._each(
-            partial(krylov.advance, v.inverse, v.w, v.s, v.r, problem.relaxed(v.z[self._kept]), beta, alpha)
-        )
+        squares = self._each(partial(krylov.advance, v.inverse, v.w, v.s, v.r, problem.before, beta, alpha))
         self.left = math.sqrt(sum(squares))
         return True
 

@@ -29,7 +29,6 @@ from resgrid.solvers.multigrid.levels import (
     Slab,
     blocks_of,
     slabs_of,
-    values_in_window,
 )
 from resgrid.solvers.multigrid.red_black import Floats, Singles, Stencil
 from resgrid.solvers.team import ALONE, Team
@@ -179,8 +178,7 @@ def _leading_without_rows(row: NDArray[np.int32], lines: NDArray[np.int32]) -> i
 class GridPreconditioner:
     """What preconditions the black cells of a grid on the slabs of its levels, for one solve.
 
-    `before` (slots,): the residual, relaxed: slabs read what their neighbours had before they write; None where there
-    is one slab, and the residual is relaxed where the answer will be.
+    `before` (slots,): where the residual is relaxed to begin with.
     """
 
     def __init__(self, finest: Finest, levels: Levels, team: Team = ALONE) -> None:
@@ -191,26 +189,25 @@ class GridPreconditioner:
         cuts = [slabs_of(of.stencil, team.size) for of in grids[:-1]]
         cuts.append(slabs_of(grids[-1].stencil, 1))  # nodes of a graph may have parts in several slabs
         self._parts = cuts[0]
-        noted = np.empty(max(len(of.stencil.couplings) for of in grids))
         sums, shares = np.empty((-(-slots[0] // min(finest.stencil.block, CHUNK)), 3)), np.empty(2)
-        self._kept: list[NDArray[np.generic]] = [noted, sums, shares]
+        self._kept: list[NDArray[np.generic]] = []
         self.table = np.zeros(len(grids), dtype=GRID)
         fed = [np.zeros((2, count), dtype=np.float32) for count in slots[1:]]
         answers = [np.zeros((2, count), dtype=np.float32) for count in slots[1:]]
         below = [*zip(fed, answers, strict=True), (self._work.b[: 1 + self._graphs.first[1]], self._work.x)]
         for number, (row, of, cut) in enumerate(zip(self.table, grids, cuts, strict=True)):
             self._fill(row, of, cut, below[number])
-            self._note(row, noted=noted, sums=sums, shares=shares)
+            led, led_double = np.zeros(slots[number], dtype=np.float32), np.zeros(slots[number])
+            self._note(row, led=led, led_double=led_double, sums=sums, shares=shares)
             if number:
                 (red_fed, black_fed), (red, before) = fed[number - 1], answers[number - 1]
                 r, s, z, w, c = np.zeros((5, slots[number]), dtype=np.float32)
                 self._note(row, red_fed=red_fed, black_fed=black_fed, red=red, before=before, r=r, s=s, z=z, w=w, c=c)
-        numbers = 2 + int((self.table["window"] + self.table["joined"] + self.table["block"]).max())
-        self._rooms = np.zeros((max(len(cut) for cut in cuts), numbers))
+        self._rooms = np.zeros((max(len(cut) for cut in cuts), int(self.table["block"].max())))
         for row, cut in zip(self.table, cuts, strict=True):
             slabs = [(*slab[:-1], room.ctypes.data) for slab, room in zip(cut, self._rooms, strict=False)]
             self._note(row, slabs=np.array(slabs))
-        self.before = np.zeros(slots[0], dtype=np.float32) if len(cuts[0]) > 1 else None
+        self.before = np.zeros(slots[0], dtype=np.float32)
 
     def _fill(self, row: np.void, of: GridLevel, cut: list[Slab], below: tuple[Singles, Singles]) -> None:
         """Describe a grid by its row of the table."""
@@ -218,8 +215,8 @@ class GridPreconditioner:
         sides, slots = stencil.faces.shape
         counts = {
             "slots": slots, "sides": sides, "margin": stencil.margin, "block": stencil.block,
-            "blocks": blocks_of(stencil), "joined": len(stencil.couplings),
-            "below_slots": below[0].size, "window": values_in_window(stencil), "parts": len(cut),
+            "blocks": blocks_of(stencil), "joined": len(stencil.couplings), "below_slots": below[0].size,
+            "parts": len(cut),
         }  # fmt: skip
         for name, count in counts.items():
             row[name] = count
@@ -240,10 +237,9 @@ class GridPreconditioner:
     ) -> tuple[float, float, float]:
         """Precondition ``r`` into ``z``, and multiply into ``w``; `cycle.precondition_grid` says the rest."""
         self.use(r, s, z, w)
-        if self.before is None:
+        if len(self._parts) == 1:
             return self._lead(stop)
-        margin, made = int(self.table["margin"][0]), list[float]()
-        z[:margin], z[len(z) - margin :] = 0.0, 0.0
+        made = list[float]()
         machine.begin_jobs(self.state)
 
         def part(number: int) -> None:  # keeps what the table points to, whoever is interrupted
@@ -261,9 +257,11 @@ class GridPreconditioner:
 
     def use(self, r: Singles, s: Singles, z: Singles, w: Singles) -> None:
         """Let the finest level have these vectors."""
-        self._vectors = {"before": z if self.before is None else self.before, "r": r, "s": s, "z": z, "w": w}
+        self._vectors = {"before": self.before, "r": r, "s": s, "z": z, "w": w}
         for name, vector in self._vectors.items():
             self.table[name][0] = vector.ctypes.data
+        margin = int(self.table["margin"][0])
+        z[:margin], z[len(z) - margin :] = 0.0, 0.0
 
     def residual(self, b: Floats, x: Floats, r: Floats) -> float:
         """As `black_residual`, on the team's threads."""

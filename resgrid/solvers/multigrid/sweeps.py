@@ -1,8 +1,8 @@
 """Sweeps over a grid, slab by slab, in which red cells go ahead of black ones, so that faces are read once.
 
-Slabs are whole blocks; red values that two slabs need are found by both; no slab reads what another one writes; sums
-are kept block by block, and added in one order behind all slabs.  What couplings carry from anywhere to anywhere is
-noted by the slabs, and added behind them.  So the digits are the same however a level is cut.
+Slabs are whole blocks; red values that two slabs need are found by both, the same ones, and written at once; no slab
+reads what else another one writes; sums are kept block by block, and added in one order behind all slabs; what
+couplings carry from anywhere to anywhere is added behind them.  So the digits are the same however a level is cut.
 """
 
 from __future__ import annotations
@@ -21,15 +21,14 @@ from resgrid.solvers.multigrid.levels import (
     chunks_of,
     combine,
     copy,
-    draw,
     draw_into,
+    draw_red,
     extent,
-    lead,
-    open_double,
-    open_window,
+    first_coupling,
+    scale,
     take_step,
 )
-from resgrid.solvers.multigrid.red_black import BLACK, RED, Indices, Reals, Singles, relax
+from resgrid.solvers.multigrid.red_black import BLACK, Indices, Reals, Singles, relax
 
 CLEAR, ELIMINATE, RESTRICT, RELAX, RAISE, COMBINE, PUT_BACK, TAKE, MULTIPLY = (cast(int, np.int64(k)) for k in range(9))
 """The sweeps; no literals, as `resgrid.jit.ZERO`.
@@ -48,30 +47,35 @@ both directions; `CLEAR` does nothing but what `ELIMINATE` and `TAKE` do too: th
 @inner
 def feed_black(level: Row, kind: int, slab: Slab) -> None:
     """`ELIMINATE`, `RESTRICT` or `RELAX` on a slab, but for couplings."""
-    slots, ahead, eliminating = level.slots, blocks_ahead(level), kind == ELIMINATE
+    slots, ahead = level.slots, blocks_ahead(level)
     before, r, z = singles(level.before, slots), singles(level.r, slots), singles(level.z, slots)
     inverse, fed = singles(level.black_inverse, slots), singles(level.black_fed, slots)
+    red_inverse, red_fed = singles(level.red_inverse, slots), singles(level.red_fed, slots)
     aggregate, coarse = indices(level.aggregate, slots), singles(level.below_fed, level.below_slots)
-    source = singles(level.red_fed if eliminating else level.before, slots)
-    begin, last = max(slab.first - ahead, 0), slab.last
+    red, total, begin, last = singles(level.led, slots), singles(slab.room, level.block), slab.first - ahead, slab.last
     if kind == RESTRICT:
         last = -(-(slab.end - level.margin) // level.block)
-    window = open_window(level, slab, begin)
-    draw(level, before, window.drawn)
-    for step in range(begin, max(last, slab.last) + ahead):
-        lead(level, window, slab, source, step, eliminating)
+    coupling = first_coupling(level, max(begin, 0))
+    for step in range(max(begin, 0), max(last, slab.last) + ahead):
+        if step < level.blocks:
+            at, count = extent(level, step)
+            if kind == ELIMINATE:
+                scale(red_inverse, red_fed, at, at, count, red)
+            else:
+                coupling = draw_red(level, step, before, coupling, total)
+                scale(red_inverse, total, ZERO, at, count, red)
         block = step - ahead
         if not slab.first <= block < last:
             continue
         at, count = extent(level, block)
-        draw_into(level, BLACK, window.red, window.at[0], block, window.total, ZERO)
-        if eliminating:
-            _feed(inverse, fed, window.total, at, count, r, before)
+        draw_into(level, BLACK, red, block, total)
+        if kind == ELIMINATE:
+            _feed(inverse, fed, total, at, count, r, before)
         elif kind == RELAX:
-            relax(inverse, r, at, count, window.total, z)
+            relax(inverse, r, at, count, total, z)
         elif slab.begin < at + count:
             behind = max(slab.begin - at, 0)
-            _add_to_nodes(aggregate, at + behind, min(count, slab.end - at) - behind, window.total, behind, coarse)
+            _add_to_nodes(aggregate, at + behind, min(count, slab.end - at) - behind, total, behind, coarse)
 
 
 @inner_fast
@@ -96,18 +100,21 @@ def _add_to_nodes(aggregate: Indices, begin: int, count: int, total: Singles, be
 @inner
 def multiply(level: Row, slab: Slab, product: Singles) -> None:
     """`MULTIPLY` on a slab, but for couplings; ``sums`` receives ``z.r``, ``z.w`` and ``z.s``, ``w`` the product."""
-    slots, ahead, degree = level.slots, blocks_ahead(level), doubles(level.degree, level.slots)
+    slots, ahead, inverse = level.slots, blocks_ahead(level), singles(level.red_inverse, level.slots)
     r, s, z = singles(level.r, slots), singles(level.s, slots), singles(level.z, slots)
+    degree, red, total = doubles(level.degree, slots), doubles(level.led_double, slots), doubles(slab.room, level.block)
     sums, begin = doubles(level.sums, 3 * level.blocks), max(slab.first - ahead, 0)
-    window = open_double(level, slab, begin)
-    draw(level, z, window.drawn)
+    coupling = first_coupling(level, begin)
     for step in range(begin, slab.last + ahead):
-        lead(level, window, slab, z, step, False)
+        if step < level.blocks:
+            at, count = extent(level, step)
+            coupling = draw_red(level, step, z, coupling, total)
+            scale(inverse, total, ZERO, at, count, red)
         block = step - ahead
         if slab.first <= block:
             at, count = extent(level, block)
-            draw_into(level, BLACK, window.red, window.at[0], block, window.total, ZERO)
-            k, sum_of = 3 * block, _multiply(degree, z, r, s, at, count, window.total, product)
+            draw_into(level, BLACK, red, block, total)
+            k, sum_of = 3 * block, _multiply(degree, z, r, s, at, count, total, product)
             sums[k], sums[k + 1], sums[k + 2] = sum_of
 
 
@@ -133,12 +140,13 @@ def _multiply(
 def follow_couplings(level: Row, kind: int, product: Singles) -> float:
     """What couplings carry in a sweep that feeds black cells, behind all slabs; by how much ``z.w`` becomes less."""
     slots, joined, less = level.slots, level.joined, 0.0
-    off_black, g, red = indices(level.off_black, joined), singles(level.couplings, joined), doubles(level.noted, joined)
+    off_red, off_black = indices(level.off_red, joined), indices(level.off_black, joined)
+    g, red, exact = singles(level.couplings, joined), singles(level.led, slots), doubles(level.led_double, slots)
     before, r, z = singles(level.before, slots), singles(level.r, slots), singles(level.z, slots)
     inverse, aggregate = singles(level.black_inverse, slots), indices(level.aggregate, slots)
     coarse = singles(level.below_fed, level.below_slots)
     for m in range(joined):
-        black, drawn = off_black[m], g[m] * red[m]
+        black, drawn = off_black[m], g[m] * red[off_red[m]]
         if kind == ELIMINATE:
             r[black] += drawn
             before[black] = inverse[black] * r[black]
@@ -147,8 +155,8 @@ def follow_couplings(level: Row, kind: int, product: Singles) -> float:
         elif kind == RELAX:
             z[black] += inverse[black] * drawn
         else:
-            product[black] -= drawn
-            less += z[black] * drawn
+            product[black] -= g[m] * exact[off_red[m]]
+            less += z[black] * g[m] * exact[off_red[m]]
     coarse[0] = 0.0
     return less
 
@@ -156,17 +164,13 @@ def follow_couplings(level: Row, kind: int, product: Singles) -> float:
 @inner
 def put_back(level: Row, slab: Slab) -> None:
     """`PUT_BACK` on a slab."""
-    slots, window = level.slots, open_window(level, slab, slab.first)
+    slots, total, coupling = level.slots, singles(slab.room, level.block), first_coupling(level, slab.first)
     before, inverse = singles(level.before, slots), singles(level.red_inverse, slots)
-    fed, red, off_red = singles(level.red_fed, slots), singles(level.red, slots), indices(level.off_red, level.joined)
-    draw(level, before, window.drawn)
+    fed, red = singles(level.red_fed, slots), singles(level.red, slots)
     for block in range(slab.first, slab.last):
         at, count = extent(level, block)
-        draw_into(level, RED, before, ZERO, block, window.total, ZERO)
-        while window.at[1] < level.joined and off_red[window.at[1]] < at + count:
-            window.total[off_red[window.at[1]] - at] += window.drawn[window.at[1]]
-            window.at[1] += 1
-        relax(inverse, fed, at, count, window.total, red)
+        coupling = draw_red(level, block, before, coupling, total)
+        relax(inverse, fed, at, count, total, red)
 
 
 @inner
@@ -188,7 +192,7 @@ def pass_over(level: Row, kind: int, part: int) -> None:
             sums[3 * chunk], sums[3 * chunk + 1] = take_step(r, s, on_c, begin, end)
             sums[3 * chunk + 2] = 0.0
             copy(z, begin, end - begin, c)
-            _divide(inverse, r, begin, end, before)
+            scale(inverse, r, begin, begin, end - begin, before)
 
 
 @inner
@@ -198,12 +202,3 @@ def _add_from_nodes(aggregate: Indices, begin: int, end: int, coarse: Singles, t
     for i in range(end - begin):
         k = at + np.uint64(i)
         total[k] += coarse[np.uint32(aggregate[k])]
-
-
-@inner_fast
-def _divide(inverse: Singles, r: Singles, begin: int, end: int, value: Singles) -> None:
-    """``value = inverse r`` on some slots."""
-    at = np.uint64(begin)
-    for i in range(end - begin):
-        k = at + np.uint64(i)
-        value[k] = inverse[k] * r[k]
