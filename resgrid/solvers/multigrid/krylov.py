@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import ZERO, inner_fast, kernel, kernel_fast
+from resgrid.jit import inner_fast, kernel, kernel_fast
 from resgrid.solvers.multigrid.levels import CHUNK, Slab, blocks_of, slabs_of
 from resgrid.solvers.multigrid.red_black import BLACK, RED, Floats, Indices, Reals, Singles, Stencil, products, relax
 from resgrid.solvers.team import ALONE, Team
@@ -191,7 +191,7 @@ def sweep_colour(
     for block in range(first, last):
         at = margin + block * stencil.block
         count = min(stencil.block, stencil.faces.shape[1] - margin - at)
-        products(stencil.faces, stencil.distance, (colour, at, count), there, at, total, ZERO)
+        products(stencil.faces, stencil.distance, (colour, at, count), there, total)
         if colour == BLACK:
             squares[block] = _subtract(stencil.black_degree, b[1], x[1], at, count, total, r)
             continue

@@ -102,7 +102,7 @@ def draw_into(level: Row, colour: int, x: Reals, block: int, total: Reals) -> No
     """``total = sum_j g_ij x_j`` across the faces of a block's cells of one colour."""
     faces = singles_by_side(level.faces, level.sides, level.slots)
     begin, count = extent(level, block)
-    products(faces, integers(level.distance, level.sides), (colour, begin, count), x, begin, total, ZERO)
+    products(faces, integers(level.distance, level.sides), (colour, begin, count), x, total)
 
 
 @inlined

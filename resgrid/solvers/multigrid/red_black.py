@@ -141,58 +141,37 @@ class Edges(NamedTuple):
 
 
 @inner_fast
-def _four_products(
-    g: Reals, at: tuple[int, int, int, int], x: Reals, there: tuple[int, int, int, int], count: int, total: Reals,
-    to: int,
-) -> None:  # fmt: skip
-    """``total = g x`` across the first four faces over ``count`` slots, in the precision of the total.
+def _two_products(
+    g: Reals, q: int, at: tuple[int, int], x: Reals, there: tuple[int, int], count: int, total: Reals
+) -> None:
+    """``total = g x`` across faces ``q`` and ``q + 1`` over ``count`` slots, in its precision; added to it but for two.
 
     Conductances begin ``at``, values of ``x`` ``there``.  Without signs, no index is asked whether it counts from the
     end.
     """
-    real, t_at = total.dtype.type, np.uint64(to)
-    a, b, c, d = np.uint64(at[0]), np.uint64(at[1]), np.uint64(at[2]), np.uint64(at[3])
-    i, j, m, n = np.uint64(there[0]), np.uint64(there[1]), np.uint64(there[2]), np.uint64(there[3])
+    real, face, other = total.dtype.type, np.uint64(q), np.uint64(q + 1)
+    a, b, i, j = np.uint64(at[0]), np.uint64(at[1]), np.uint64(there[0]), np.uint64(there[1])
+    if q == 0:
+        for here in range(count):
+            k = np.uint64(here)
+            total[k] = real(g[face, a + k]) * x[i + k] + real(g[other, b + k]) * x[j + k]
+        return
     for here in range(count):
         k = np.uint64(here)
-        total[t_at + k] = (
-            real(g[np.uint64(0), a + k]) * x[i + k]
-            + real(g[np.uint64(1), b + k]) * x[j + k]
-            + real(g[np.uint64(2), c + k]) * x[m + k]
-            + real(g[np.uint64(3), d + k]) * x[n + k]
-        )
-
-
-@inner_fast
-def _add_two_products(
-    g: Reals, q: int, at: tuple[int, int], x: Reals, there: tuple[int, int], count: int, total: Reals, to: int
-) -> None:
-    """The same across faces ``q`` and ``q + 1``, added."""
-    real, t_at = total.dtype.type, np.uint64(to)
-    face, other, a, b = np.uint64(q), np.uint64(q + 1), np.uint64(at[0]), np.uint64(at[1])
-    i, j = np.uint64(there[0]), np.uint64(there[1])
-    for here in range(count):
-        k = np.uint64(here)
-        total[t_at + k] += real(g[face, a + k]) * x[i + k] + real(g[other, b + k]) * x[j + k]
+        total[k] += real(g[face, a + k]) * x[i + k] + real(g[other, b + k]) * x[j + k]
 
 
 @inner
-def products(
-    faces: Reals, away: Integers, cells: tuple[int, int, int], x: Reals, start: int, total: Reals, to: int
-) -> None:
-    """``total = sum_j g_ij x_j`` across the faces of some cells of one colour, from slot ``to`` on.
+def products(faces: Reals, away: Integers, cells: tuple[int, int, int], x: Reals, total: Reals) -> None:
+    """``total = sum_j g_ij x_j`` across the faces of some cells of one colour.
 
-    ``cells``: their colour, the first one, and how many; ``x`` of the first one stands at ``start``.  Conductances
-    stand at red cells.
+    ``cells``: their colour, the first one, and how many.  Conductances stand at red cells.
     """
     colour, begin, count = cells
     back, ahead = -colour, 1 - 2 * colour
-    at = (begin + back * away[0], begin + back * away[1], begin + back * away[2], begin + back * away[3])
-    there = (start + ahead * away[0], start + ahead * away[1], start + ahead * away[2], start + ahead * away[3])
-    _four_products(faces, at, x, there, count, total, to)
-    for q in range(4, len(away), 2):
-        pair, far = (begin + back * away[q], begin + back * away[q + 1]), start + ahead * away[q]
-        _add_two_products(faces, q, pair, x, (far, start + ahead * away[q + 1]), count, total, to)
+    for q in range(0, len(away), 2):
+        at = (begin + back * away[q], begin + back * away[q + 1])
+        _two_products(faces, q, at, x, (begin + ahead * away[q], begin + ahead * away[q + 1]), count, total)
 
 
 @inner_fast
