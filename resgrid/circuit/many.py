@@ -16,15 +16,11 @@ from resgrid.errors import InputError
 from resgrid.executors import Part, in_order
 from resgrid.netlist import Netlist
 from resgrid.solvers.factor import check_rtol
-from resgrid.solvers.laplacian import EdgeList, Laplacian
 from resgrid.solvers.reuse import Chip, FactoredBatch, GridBatch, grid_batch
 from resgrid.solvers.symbolic import order_rows
 
 _SMALL = 1000
 """Rows up to which factors are quicker than multigrid."""
-
-_FEW = 1000
-"""Resistors that tell in which unit a chip is solved."""
 
 _MOST_CONTRAST = 1e3
 """Between the nominal chip's conductances, up to which its levels precondition others."""
@@ -34,13 +30,11 @@ _MOST_CONTRAST = 1e3
 class Batch:
     """What all chips of a kind share.
 
-    `system`: the nominal chip's equations; rows and entries stay where they are; `source` (entries,): the resistor
-    behind every entry of its matrix's edges; None where resistors are in parallel; `contacts`: what drives its
-    rows; `solver`: solves for chips.
+    `system`: the nominal chip's equations; rows and entries stay where they are; `contacts`: what drives its rows;
+    `solver`: solves for chips.
     """
 
     system: Equations
-    source: NDArray[np.int64] | None
     contacts: Contacts
     solver: GridBatch | FactoredBatch
 
@@ -51,17 +45,8 @@ class Batch:
 
     def chip(self, conductance: NDArray[np.float64]) -> Chip:
         """The equations of a chip of other conductances, shape (resistors,), in siemens."""
-        system = self.system
-        matrix, feed = system.with_conductance(conductance, self.contacts)
-        entries = matrix.as_rows().data if self.source is None else conductance[self.source]
-        few = slice(None, None, max(1, len(conductance) // _FEW))
-        with np.errstate(over="ignore"):
-            times = np.median(conductance[few] / system.netlist.conductance[few])
-        return Chip(entries, matrix.ground, feed + system.injected, float(2.0 ** np.round(np.log2(times))))
-
-    def voltages(self, solution: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Voltages of all nodes, shape (chips, nodes), from those of the rows, (chips, n); NaN where a node floats."""
-        return np.stack([self.system.voltages(x) for x in solution])
+        laplacian, feed = self.system.with_conductance(conductance, self.contacts)
+        return laplacian, feed + self.system.injected
 
 
 def solve_many(
@@ -137,12 +122,10 @@ def prepare_batch(netlist: Netlist) -> Batch | None:
     diagonal, edges = matrix.diagonal, matrix.as_rows().data
     contrast = float(diagonal.max()) / min(float(diagonal.min()), float(edges.min(initial=np.inf)))
     system = replace(system, laplacian=matrix)
-    source = _sources_of_entries(system)
+    solver: GridBatch | FactoredBatch | None = None
     if system.size > _SMALL and contrast <= _MOST_CONTRAST:
         solver = grid_batch(matrix, system.drive)
-        if solver is not None:
-            return Batch(system, source, system.found_contacts(), solver)
-    return Batch(system, source, system.found_contacts(), FactoredBatch(order_rows(matrix)))
+    return Batch(system, system.found_contacts(), solver or FactoredBatch(order_rows(matrix)))
 
 
 def _solve_some(shared: tuple[Batch, float], conductance: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -151,26 +134,12 @@ def _solve_some(shared: tuple[Batch, float], conductance: NDArray[np.float64]) -
 
 
 def solve_batch(batch: Batch, conductance: NDArray[np.float64], *, rtol: float = 1e-10) -> NDArray[np.float64]:
-    """Voltages of some chips, shape (chips, nodes)."""
-    count = len(conductance)
-    solution, reached = np.zeros((count, batch.system.size)), np.zeros(count, dtype=np.bool_)
-    batch.solver.solve(map(batch.chip, conductance), rtol, solution, reached)
-    voltage = batch.voltages(solution)
-    for chip in np.flatnonzero(~reached):
-        voltage[chip] = _alone(batch.system.netlist, conductance[chip])
+    """Voltages of some chips, shape (chips, nodes); NaN where a node floats."""
+    voltage = np.empty((len(conductance), batch.system.netlist.node_count))
+    solutions = batch.solver.solve(map(batch.chip, conductance), rtol)
+    for volts, siemens, x in zip(voltage, conductance, solutions, strict=True):
+        volts[:] = _alone(batch.system.netlist, siemens) if x is None else batch.system.voltages(x)
     return voltage
-
-
-def _sources_of_entries(system: Equations) -> NDArray[np.int64] | None:
-    """The resistor behind every entry of the edges, where each has one: conductances tell, if they are its number."""
-    ends, entries = system.netlist.resistor_nodes, len(system.laplacian.as_rows().indices)
-    number = np.arange(1.0, len(ends) + 1.0)
-    rows = system.unknown[ends]
-    inner = np.count_nonzero((rows >= 0).all(axis=1) & (rows[:, 0] != rows[:, 1]))
-    if entries != 2 * inner:
-        return None
-    numbered = Laplacian(system.laplacian.ground, EdgeList(ends, number, system.unknown))
-    return numbered.as_rows().data.astype(np.int64) - 1
 
 
 def _alone(netlist: Netlist, conductance: NDArray[np.float64]) -> NDArray[np.float64]:
