@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.dynamics import Charges, Dynamics, factor_resolvent
+from resgrid.circuit.dynamics import Dynamics, factor_resolvent, slope
 from resgrid.errors import AccuracyError, BudgetError
 from resgrid.solvers.factor import Factor
 
@@ -145,14 +145,14 @@ _FUTILE = 30
 
 
 def controlled_steps(
-    charges: Charges, method: str, x: NDArray[np.float64], times: NDArray[np.float64], tolerance: float, solve: Solve
+    dynamics: Dynamics, method: str, x: NDArray[np.float64], times: NDArray[np.float64], tolerance: float, solve: Solve
 ) -> Iterator[State]:
     """States at times, by steps of ``2**k`` seconds; the halves are kept.  Shapes: `x` (n,), `times` (t,)."""
-    dynamics, order = charges.dynamics, _ORDER[method]
+    order = _ORDER[method]
     share = _share(method, tolerance)
     low, high = _range(dynamics, x)
     end = float(times[-1])
-    exponent = _first_exponent(charges, x, order, share, high - low, end)
+    exponent = _first_exponent(dynamics, x, order, share, high - low, end)
     integral = np.zeros_like(x)
     now, taken, halved = 0.0, 0, 0
     waiting = times.tolist()
@@ -214,21 +214,21 @@ def _range(dynamics: Dynamics, x: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def _first_exponent(
-    charges: Charges, x: NDArray[np.float64], order: int, share: float, span: float, longest: float
+    dynamics: Dynamics, x: NDArray[np.float64], order: int, share: float, span: float, longest: float
 ) -> int:
     """Power of two, in seconds, of a step with ``h**(p + 1) |x^(p + 1)|`` a share of the largest voltage difference.
 
     That is the error of a step of order ``p`` but for its constant (Hairer, Norsett & Wanner 1993, section II.4).  In a
     circuit at 0 V the first step itself makes the largest difference, ``h |x'|``.
     """
-    current, logs = charges.dynamics.imbalance(x), []
+    current, logs = dynamics.imbalance(x), []
     for _ in range(order + 1):
-        slope = charges.slope(current)
-        size = float(np.abs(slope).max(initial=0.0))
+        rise = slope(dynamics, current)
+        size = float(np.abs(rise).max(initial=0.0))
         if not 0.0 < size < np.inf:
             break
         logs.append(np.log(size))
-        current = -charges.dynamics.branches.times(slope / size)
+        current = -dynamics.branches.times(rise / size)
     steps = [np.log(max(longest, np.finfo(np.float64).tiny))]
     if len(logs) == order + 1:
         at_rest = (np.log(share) + logs[0] - sum(logs)) / order

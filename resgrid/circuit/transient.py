@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.arguments import check_number
 from resgrid.circuit.dynamics import (
     Dynamics,
-    charges_of,
     dynamics_of,
     energy_delivered,
     energy_stored,
@@ -99,7 +98,7 @@ class TransientStepper:
     def start(self, initial: OperatingPoint | ArrayLike | None = None) -> NDArray[np.float64]:
         """Node voltages at time 0+, shape (nodes,), in volts; ``initial`` as in `transient`."""
         before = initial_voltages(self.dynamics.netlist, initial)
-        return self.dynamics.voltage(initial_state(charges_of(self.dynamics), before))
+        return self.dynamics.voltage(initial_state(self.dynamics, before))
 
     def advance(self, voltage: ArrayLike) -> NDArray[np.float64]:
         """Node voltages one step after ``voltage``, which `start` or `advance` returned; shape (nodes,), in volts.
@@ -190,14 +189,13 @@ def transient(
     check_number("tolerance", tolerance, "a number between 1e-12 and 1", least=1e-12, below=1.0)
     dynamics = dynamics_of(netlist)
     resolvents = Resolvents(dynamics, solver)
-    charges = charges_of(dynamics)
-    x = initial_state(charges, initial_voltages(netlist, initial))
+    x = initial_state(dynamics, initial_voltages(netlist, initial))
     voltage = np.empty((len(when), netlist.node_count))
     energy, stored = np.empty(len(when)), np.empty(len(when))
     if step is not None:
         states = fixed_steps(dynamics, method, x, when, step, resolvents)
     else:
-        states = controlled_steps(charges, method, x, when, tolerance, resolvents)
+        states = controlled_steps(dynamics, method, x, when, tolerance, resolvents)
     steps = 0
     for number, (state, integral, taken) in enumerate(states):
         voltage[number] = dynamics.voltage(state)

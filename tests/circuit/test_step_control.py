@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 
 import resgrid as rg
-from resgrid.circuit.dynamics import charges_of, dynamics_of
+from resgrid.circuit.dynamics import dynamics_of
 from resgrid.circuit.stepping import METHODS, Resolvents, controlled_steps
 
 
@@ -137,6 +137,6 @@ def test_steps_that_no_longer_gain_are_refused(method: str) -> None:
     def noisy(rate: float, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
         return solve(rate, rhs) + rng.uniform(-1e-4, 1e-4, len(rhs))
 
-    states = controlled_steps(charges_of(dynamics), method, np.zeros(1), np.array([1e-6]), 1e-6, noisy)
+    states = controlled_steps(dynamics, method, np.zeros(1), np.array([1e-6]), 1e-6, noisy)
     with pytest.raises(rg.AccuracyError, match="rounding"):
         list(states)
