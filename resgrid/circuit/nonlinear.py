@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,14 +78,15 @@ def _settled(netlist: Netlist, *, accuracy: str, method: str, rtol: float, progr
     start = time.perf_counter()
     voltage = newton(netlist, method=method).voltage
     seconds = time.perf_counter() - start
-    secant = secant_conductance(netlist, _drops(netlist, voltage))
+    law = _Law.of(netlist)
+    secant = law.secant(_drops(netlist, voltage))
     best: OperatingPoint | None = None
     least = np.inf
     for _ in range(_MOST_PASSES):
         chords = linear_netlist(netlist, secant)
         point = solve_linear(chords, accuracy=accuracy, method=method, rtol=rtol, progress=progress)
         drop = point.resistor_current[len(netlist.conductance) :] / secant
-        better = secant_conductance(netlist, drop)
+        better = law.secant(drop)
         change = float(np.abs(better / secant - 1).max())
         if not change < least:
             break
@@ -128,7 +129,7 @@ def small_signal(op: OperatingPoint) -> Netlist:
     netlist = op.netlist
     if not netlist.nonlinear_nodes.size:
         return netlist
-    return linear_netlist(netlist, differential_conductance(netlist, nonlinear_drops(op)))
+    return linear_netlist(netlist, _Law.of(netlist).differential(nonlinear_drops(op)))
 
 
 def nonlinear_drops(point: OperatingPoint) -> NDArray[np.float64]:
@@ -165,8 +166,7 @@ def _in_place(netlist: Netlist, point: OperatingPoint, change: float, seconds: f
     )
 
 
-@dataclass(frozen=True, eq=False)
-class NewtonSolution:
+class NewtonSolution(NamedTuple):
     """Where Newton's method ended, and the way there.
 
     `voltage` (nodes,): node voltages above ground, in volts; NaN where a node floats; `residual`: largest violation
@@ -175,8 +175,8 @@ class NewtonSolution:
     """
 
     voltage: NDArray[np.float64]
-    residual: tuple[float, ...]
-    step: tuple[float, ...]
+    residual: list[float]
+    step: list[float]
 
 
 def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
@@ -187,28 +187,48 @@ def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
     touches it (as iteratively reweighted least squares do), so that the co-content falls as well.
     """
     circuit = _Circuit.of(netlist)
-    x = np.zeros(circuit.system.size)
+    x, at_rest = np.zeros(circuit.system.size), False
     residuals: list[float] = []
     steps: list[float] = []
-    while len(steps) < MOST_STEPS:
-        excess = circuit.excess(x)
+    while True:
+        drop = circuit.drops(x)
+        excess = circuit.excess(drop)
         residuals.append(float(np.abs(excess).max(initial=0.0)))
-        if residuals[-1] <= _NEGLIGIBLE * circuit.largest_current(x) and np.all(np.abs(excess) <= circuit.rounding(x)):
-            if np.abs(circuit.ratio(x)).max(initial=0.0) > _SATURATED:
+        if at_rest or circuit.obeys_kcl(x, drop, excess):
+            if np.abs(drop / circuit.law.volts).max(initial=0.0) > _SATURATED:
                 refuse_saturated_cut(netlist, circuit.system)
-            return NewtonSolution(circuit.system.voltages(x), tuple(residuals), tuple(steps))
-        move, share = _step(circuit, x, excess, method)
-        x = x + move
-        steps.append(share)
+            return NewtonSolution(circuit.system.voltages(x), residuals, steps)
         if len(steps) == _MANY_STEPS:
             refuse_saturated_cut(netlist, circuit.system)
-        if share > 0.0 and np.abs(move).max() <= 4 * _EPS * share * np.abs(x).max():
-            return NewtonSolution(circuit.system.voltages(x), tuple(residuals), tuple(steps))
-    raise AccuracyError(
-        f"Newton's method did not converge in {MOST_STEPS} steps: Kirchhoff's current law is still violated by "
-        f"{residuals[-1]:.1e} A",
-        NewtonSolution(circuit.system.voltages(x), tuple(residuals), tuple(steps)),
-    )
+        if len(steps) == MOST_STEPS:
+            raise AccuracyError(
+                f"Newton's method did not converge in {MOST_STEPS} steps: Kirchhoff's current law is still violated by "
+                f"{residuals[-1]:.1e} A",
+                NewtonSolution(circuit.system.voltages(x), residuals, steps),
+            )
+        move, share = _step(circuit, x, drop, excess, method)
+        x = x + move
+        steps.append(share)
+        at_rest = share > 0.0 and bool(np.abs(move).max() <= 4 * _EPS * share * np.abs(x).max())
+
+
+def _step(
+    circuit: _Circuit, x: NDArray[np.float64], drop: NDArray[np.float64], excess: NDArray[np.float64], method: str
+) -> tuple[NDArray[np.float64], float]:
+    """What to move by, and the share of a Newton step that it is: 0 for a step of the secants."""
+    here, size = circuit.content(x)
+    choices: list[tuple[NDArray[np.float64], float]] = []
+    with suppress(AccuracyError):  # differential conductances that vanish can leave the matrix singular
+        direction, share = circuit.move(excess, circuit.law.differential(drop), method), 1.0
+        # All of it unless the co-content, convex along it, rises before its end.
+        rise = 0.1 * abs(float(excess @ direction))
+        while circuit.excess(circuit.drops(x + share * direction)) @ direction > rise and share > _SHORTEST:
+            share *= _SHORTER
+        choices.append((share * direction, share))
+        if share >= _WORTHWHILE and circuit.content(x + share * direction)[0] <= here + _ROUNDING * size:
+            return choices[0]
+    choices.append((circuit.move(excess, circuit.law.secant(drop), method), 0.0))
+    return min(choices, key=lambda choice: circuit.content(x + choice[0])[0])
 
 
 def linear_netlist(netlist: Netlist, conductance: NDArray[np.float64]) -> Netlist:
@@ -218,32 +238,38 @@ def linear_netlist(netlist: Netlist, conductance: NDArray[np.float64]) -> Netlis
     return select_elements(joined, "nonlinear resistor", np.zeros(len(ends), dtype=np.bool_))
 
 
-def secant_conductance(netlist: Netlist, drop: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Conductance ``I0 tanh(dV / V0) / dV`` of every nonlinear resistor.
+class _Law(NamedTuple):
+    """Resistors that carry ``G V0 tanh(dV / V0)``.
 
-    Shapes: `drop` (nonlinear resistors,); returns (nonlinear resistors,).
+    `siemens` (m,): ``G``; `volts` (m,): ``V0``, infinite where one is linear.
     """
-    x = np.abs(drop / netlist.nonlinear_voltage)
-    small = x < 1e-4
-    ratio = np.where(small, 1 - x * x / 3, np.tanh(x) / np.where(small, 1.0, x))
-    return np.asarray(_slope_at_zero(netlist) * ratio)
 
+    siemens: NDArray[np.float64]
+    volts: NDArray[np.float64]
 
-def differential_conductance(netlist: Netlist, drop: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Conductance ``dI / dV = I0 / V0 sech^2(dV / V0)`` of every nonlinear resistor: what a small signal sees.
+    @classmethod
+    def of(cls, netlist: Netlist) -> _Law:
+        """The law of the nonlinear resistors."""
+        return cls(netlist.nonlinear_current / netlist.nonlinear_voltage, netlist.nonlinear_voltage)
 
-    Shapes: `drop` (nonlinear resistors,); returns (nonlinear resistors,).
-    """
-    decay = np.exp(-2 * np.abs(drop / netlist.nonlinear_voltage))
-    return np.asarray(_slope_at_zero(netlist) * np.maximum(4 * decay / (1 + decay) ** 2, _FLOOR))
+    def secant(self, drop: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Conductance ``I / dV`` of every resistor, shape (m,)."""
+        x = np.abs(drop / self.volts)
+        small = x < 1e-4
+        return np.asarray(self.siemens * np.where(small, 1 - x * x / 3, np.tanh(x) / np.where(small, 1.0, x)))
 
+    def differential(self, drop: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Conductance ``dI / dV = G sech^2(dV / V0)`` of every resistor, shape (m,): what a small signal sees."""
+        decay = np.exp(-2 * np.abs(drop / self.volts))
+        return np.asarray(self.siemens * np.maximum(4 * decay / (1 + decay) ** 2, _FLOOR))
 
-def _slope_at_zero(netlist: Netlist) -> NDArray[np.float64]:
-    return np.asarray(netlist.nonlinear_current / netlist.nonlinear_voltage)
-
-
-Law = Callable[[Netlist, NDArray[np.float64]], NDArray[np.float64]]
-"""Conductances of nonlinear resistors at the voltages across them."""
+    def content(self, drop: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The integral of ``I dV`` of every resistor, shape (m,), in watts."""
+        x, linear = np.abs(drop / self.volts), np.isinf(self.volts)
+        log_cosh = x + np.log1p(np.exp(-2 * x)) - np.log(2.0)
+        with np.errstate(over="ignore"):
+            square = np.where(linear, 0.5 * drop**2, np.where(linear, 0.0, self.volts) ** 2 * log_cosh)
+        return np.asarray(self.siemens * square)
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,98 +280,45 @@ class _Circuit:
     voltages where all rows are 0.
     """
 
-    netlist: Netlist
+    law: _Law
     system: Equations
     incidence: sparse.csr_array
     lift: NDArray[np.float64]
 
     @classmethod
     def of(cls, netlist: Netlist) -> _Circuit:
-        system = assemble(linear_netlist(netlist, _slope_at_zero(netlist)))
+        own, linear = _Law.of(netlist), netlist.conductance
+        law = _Law(np.append(linear, own.siemens), np.append(np.full(len(linear), np.inf), own.volts))
+        system = assemble(linear_netlist(netlist, own.siemens))
         heights = np.nan_to_num(system.heights(np.zeros(system.size)))
         ends = np.concatenate([netlist.resistor_nodes, netlist.nonlinear_nodes])
         element, end = np.nonzero(system.unknown[ends] >= 0)
         entries = (1.0 - 2.0 * end, (element, system.unknown[ends][element, end]))
         incidence = sparse.coo_array(entries, shape=(len(ends), system.size)).tocsr()
-        return cls(netlist, system, incidence, heights[ends[:, 0]] - heights[ends[:, 1]])
+        return cls(law, system, incidence, heights[ends[:, 0]] - heights[ends[:, 1]])
 
     def drops(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Voltage across every element."""
         return np.asarray(self.incidence @ x + self.lift)
 
-    def ratio(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """``dV / V0`` of every nonlinear resistor."""
-        return np.asarray(self.drops(x)[len(self.netlist.conductance) :] / self.netlist.nonlinear_voltage)
-
-    def amps(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Current through every element."""
-        g = self.netlist.conductance
-        return np.append(g * self.drops(x)[: len(g)], self.netlist.nonlinear_current * np.tanh(self.ratio(x)))
-
-    def siemens(self, x: NDArray[np.float64], law: Law) -> NDArray[np.float64]:
-        """Conductance of every element by a law of the nonlinear ones."""
-        g = self.netlist.conductance
-        return np.append(g, law(self.netlist, self.drops(x)[len(g) :]))
-
-    def excess(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def excess(self, drop: NDArray[np.float64]) -> NDArray[np.float64]:
         """Current that leaves every row beyond what is fed in."""
-        return np.asarray(self.incidence.T @ self.amps(x) - self.system.injected)
-
-    def rounding(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """How much of the excess may be rounding."""
-        touched = abs(self.incidence)
-        reach = touched @ np.abs(x) + np.abs(self.lift)
-        error = self.siemens(x, differential_conductance) * reach + np.abs(self.amps(x))
-        return np.asarray(4 * _EPS * (touched.T @ error + np.abs(self.system.injected)))
-
-    def largest_current(self, x: NDArray[np.float64]) -> float:
-        """Largest current that an element carries or a source feeds in."""
-        return float(max(np.abs(part).max(initial=0.0) for part in (self.amps(x), self.system.injected)))
+        return np.asarray(self.incidence.T @ (self.law.secant(drop) * drop) - self.system.injected)
 
     def content(self, x: NDArray[np.float64]) -> tuple[float, float]:
         """The co-content in watts, and the sum of its parts' magnitudes."""
-        netlist, ratio = self.netlist, np.abs(self.ratio(x))
-        log_cosh = ratio + np.log1p(np.exp(-2 * ratio)) - np.log(2.0)
-        with np.errstate(over="ignore"):
-            stored = float(0.5 * netlist.conductance @ self.drops(x)[: len(netlist.conductance)] ** 2)
-        stored += float((netlist.nonlinear_current * netlist.nonlinear_voltage) @ log_cosh)
-        fed = self.system.injected * x
+        fed, stored = self.system.injected * x, float(self.law.content(self.drops(x)).sum())
         return stored - float(fed.sum()), stored + float(np.abs(fed).sum())
 
-    def move(self, x: NDArray[np.float64], excess: NDArray[np.float64], law: Law, method: str) -> NDArray[np.float64]:
+    def obeys_kcl(self, x: NDArray[np.float64], drop: NDArray[np.float64], excess: NDArray[np.float64]) -> bool:
+        """Whether the excess is nothing beside the largest current, and everywhere what rounding may make of none."""
+        amps, fed = np.abs(self.law.secant(drop) * drop), np.abs(self.system.injected)
+        largest, touched = max(amps.max(initial=0.0), fed.max(initial=0.0)), abs(self.incidence)
+        error = self.law.differential(drop) * (touched @ np.abs(x) + np.abs(self.lift)) + amps
+        rounding = 4 * _EPS * (touched.T @ error + fed)
+        return bool(np.all(np.abs(excess) <= np.minimum(rounding, _NEGLIGIBLE * largest)))
+
+    def move(self, excess: NDArray[np.float64], conductance: NDArray[np.float64], method: str) -> NDArray[np.float64]:
         """What takes the excess away if conductances stay as they are."""
-        matrix, _ = self.system.with_conductance(self.siemens(x, law), self.system.found_contacts())
+        matrix, _ = self.system.with_conductance(conductance, self.system.found_contacts())
         return factor_laplacian(matrix, method).solve(-excess, rtol=1e-8)
-
-
-def _step(
-    circuit: _Circuit, x: NDArray[np.float64], excess: NDArray[np.float64], method: str
-) -> tuple[NDArray[np.float64], float]:
-    """What to move by, and the share of a Newton step that it is: 0 for a step of the secants."""
-    here, size = circuit.content(x)
-    choices: list[tuple[float, NDArray[np.float64], float]] = []
-    with suppress(AccuracyError):  # differential conductances that vanish can leave the matrix singular
-        direction = circuit.move(x, excess, differential_conductance, method)
-        share = _share(circuit, x, direction, excess)
-        there = circuit.content(x + share * direction)[0]
-        if share >= _WORTHWHILE and there <= here + _ROUNDING * size:
-            return share * direction, share
-        choices.append((there, share * direction, share))
-    move = circuit.move(x, excess, secant_conductance, method)
-    choices.append((circuit.content(x + move)[0], move, 0.0))
-    _, move, share = min(choices, key=lambda choice: choice[0])
-    return move, share
-
-
-def _share(
-    circuit: _Circuit, x: NDArray[np.float64], direction: NDArray[np.float64], excess: NDArray[np.float64]
-) -> float:
-    """How much of a Newton step to take: all of it unless the co-content, convex along it, rises before its end."""
-
-    def slope(share: float) -> float:
-        return float(circuit.excess(x + share * direction) @ direction)
-
-    first, share = abs(float(excess @ direction)), 1.0
-    while slope(share) > 0.1 * first and share > _SHORTEST:
-        share *= _SHORTER
-    return share
