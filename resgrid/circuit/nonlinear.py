@@ -7,6 +7,11 @@ M-matrix, that of the circuit's differential conductances ``I0 / V0 sech^2(dV / 
 At its operating point a nonlinear resistor carries what a linear one of its *secant* conductance ``I / dV`` would.  So
 the answer is read off the linear circuit of those, with all that solving a linear circuit promises: it keeps its last
 digits, has no local minimum, and its field is direction-safe.
+
+A nonlinear resistor carries less than its ``I0``: there is an operating point if and only if no set of nodes is fed
+more than the resistors around it can carry (Ford & Fulkerson 1956).  Where one is, voltages rise without bound, and the
+nodes above one of these voltages, or below, are such a set: the co-content falls along the voltages, and it is an
+integral over those sets (coarea formula; Strang 1983).
 """
 
 from __future__ import annotations
@@ -25,8 +30,7 @@ from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.linear import solve_linear
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.readout import DIRECTION_RESIDUAL
-from resgrid.circuit.saturation import refuse_saturated_cut
-from resgrid.errors import AccuracyError
+from resgrid.errors import AccuracyError, CircuitError
 from resgrid.netlist import Netlist, add_elements, crossed_by, select_elements
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.monitor import Progress
@@ -51,6 +55,9 @@ _ROUNDING = 1e-12
 _SATURATED = 14.0
 """``dV / V0`` from which the current of a nonlinear resistor is hard to tell from its ``I0``: then 1 in 1e12."""
 
+_MARGIN = 1e-12
+"""Share of what a cut carries, below which doubles do not tell what is left of it."""
+
 _SHARE_NOISE = 1e-13
 """Relative error of nonlinear currents; near saturation it makes much of the drop uncertain."""
 
@@ -66,15 +73,6 @@ def solve_nonlinear(
     Newton's method gives voltages to the rounding of doubles; the linear circuit of the secant conductances at them
     gives the answer with its last digits, and better secants, until these rest.
     """
-    try:
-        return _settled(netlist, accuracy=accuracy, method=method, rtol=rtol, progress=progress)
-    except AccuracyError:
-        # Voltages without bound look like any other failure until the flow through the circuit is asked.
-        refuse_saturated_cut(netlist, assemble(linear_netlist(netlist, netlist.nonlinear_current)))
-        raise
-
-
-def _settled(netlist: Netlist, *, accuracy: str, method: str, rtol: float, progress: Progress | None) -> OperatingPoint:
     start = time.perf_counter()
     voltage = newton(netlist, method=method).voltage
     seconds = time.perf_counter() - start
@@ -194,19 +192,23 @@ def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
         drop = circuit.drops(x)
         excess = circuit.excess(drop)
         residuals.append(float(np.abs(excess).max(initial=0.0)))
-        if at_rest or circuit.obeys_kcl(x, drop, excess):
-            if np.abs(drop / circuit.law.volts).max(initial=0.0) > _SATURATED:
-                refuse_saturated_cut(netlist, circuit.system)
+        done = at_rest or circuit.obeys_kcl(x, drop, excess)
+        saturated = np.abs(drop / circuit.law.volts).max(initial=0.0) > _SATURATED
+        if len(steps) in (_MANY_STEPS, MOST_STEPS) or (done and saturated):
+            _refuse_overloaded_cut(netlist, circuit.system, x)
+        if done:
             return NewtonSolution(circuit.system.voltages(x), residuals, steps)
-        if len(steps) == _MANY_STEPS:
-            refuse_saturated_cut(netlist, circuit.system)
         if len(steps) == MOST_STEPS:
             raise AccuracyError(
                 f"Newton's method did not converge in {MOST_STEPS} steps: Kirchhoff's current law is still violated by "
                 f"{residuals[-1]:.1e} A",
                 NewtonSolution(circuit.system.voltages(x), residuals, steps),
             )
-        move, share = _step(circuit, x, drop, excess, method)
+        try:
+            move, share = _step(circuit, x, drop, excess, method)
+        except AccuracyError:  # voltages without bound look like any other failure
+            _refuse_overloaded_cut(netlist, circuit.system, x)
+            raise
         x = x + move
         steps.append(share)
         at_rest = share > 0.0 and bool(np.abs(move).max() <= 4 * _EPS * share * np.abs(x).max())
@@ -322,3 +324,43 @@ class _Circuit:
         """What takes the excess away if conductances stay as they are."""
         matrix, _ = self.system.with_conductance(conductance, self.system.found_contacts())
         return factor_laplacian(matrix, method).solve(-excess, rtol=1e-8)
+
+
+def _refuse_overloaded_cut(netlist: Netlist, system: Equations, x: NDArray[np.float64]) -> None:
+    """Refuse a circuit whose current sources exceed what a cut through nonlinear resistors can carry.
+
+    Cuts between the rows above some voltage and all others are asked, and those below one.  Shapes: `x` (n,).
+    """
+    volts, rank = np.unique(np.append(x, 0.0), return_inverse=True)  # the last row is that of the rails
+    if len(volts) < 2:
+        return
+    ends = np.concatenate([netlist.resistor_nodes, netlist.nonlinear_nodes])
+    below, above = np.sort(rank[system.unknown[ends]], axis=1).T
+    m = len(netlist.resistor_nodes)
+    linear, limit = np.arange(len(ends)) < m, np.append(np.zeros(m), netlist.nonlinear_current)
+
+    def crossing(weight: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Sum over the elements that join what lies up to each voltage, but the last, to what lies above."""
+        return np.cumsum(np.bincount(below, weight, len(volts)) - np.bincount(above, weight, len(volts)))[:-1]
+
+    fed = np.cumsum(np.bincount(rank[:-1], system.injected, len(volts)))
+    surplus = np.where(np.arange(len(volts) - 1) < rank[-1], -fed[:-1], fed[-1] - fed[:-1])
+    surplus -= crossing(limit) * (1 - _MARGIN)
+    surplus[crossing(linear.astype(np.float64)) > 0] = -np.inf
+    cut = int(np.argmax(surplus))
+    inside = (rank[:-1] <= cut) == (cut < rank[-1])
+    within = np.append(inside, False)[system.unknown]
+    ends = within[netlist.nonlinear_nodes]
+    across = np.flatnonzero(ends[:, 0] != ends[:, 1])
+    amps, capacity = abs(float(system.injected[inside].sum())), float(netlist.nonlinear_current[across].sum())
+    if surplus[cut] == -np.inf or not across.size or amps < capacity * (1 - _MARGIN):
+        return
+    names = netlist.names_of(netlist.nonlinear_nodes[across[0]])
+    close = "" if amps >= capacity else "may be no operating point, so close are the resistors to I0"
+    raise CircuitError(
+        f"there {close or 'is no operating point'}: the current sources drive {amps:.6g} A through the {len(across)} "
+        f"nonlinear resistors around {np.count_nonzero(within)} nodes (such as "
+        f"{netlist.node_name(int(np.argmax(within)))}), but these (such as the one between {names[0]} and {names[1]}) "
+        f"carry less than {capacity:.6g} A, the sum of their "
+        "I0; feed less current, or raise I0"
+    )
