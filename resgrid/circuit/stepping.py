@@ -18,19 +18,18 @@ and no mode is ever jumped over.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.dynamics import Dynamics, factor_resolvent, slope
+from resgrid.circuit.dynamics import Dynamics, slope
 from resgrid.errors import AccuracyError, BudgetError
-from resgrid.solvers.factor import Factor
 
-METHODS = ("backward_euler", "trapezoidal", "tr-bdf2")
+Method = Literal["backward_euler", "trapezoidal", "tr-bdf2"]
 
 _ROOT2 = float(np.sqrt(2.0))
 _MOST_STEPS = 10_000_000
-_KEPT = 4
 RTOL = 1e-11
 """Normwise backward error of every solution within a step."""
 
@@ -41,38 +40,13 @@ State = tuple[NDArray[np.float64], NDArray[np.float64], int]
 """State, its integral since 0+, and the number of steps taken."""
 
 
-class Resolvents:
-    """Solves ``(G + rate C) x = rhs``; the factors of the last few rates are kept.
-
-    `made`: how many matrices were factored.
-    """
-
-    def __init__(self, dynamics: Dynamics, solver: str) -> None:
-        self._dynamics, self._solver = dynamics, solver
-        self._factors: dict[float, Factor] = {}
-        self.made = 0
-
-    def __call__(self, rate: float, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Solve for one right-hand side."""
-        if not len(rhs):
-            return rhs
-        factors = self._factors.pop(rate, None)
-        if factors is None:
-            factors = factor_resolvent(self._dynamics, rate, self._solver)
-            self.made += 1
-            while len(self._factors) >= _KEPT:
-                del self._factors[next(iter(self._factors))]
-        self._factors[rate] = factors
-        return factors.solve(rhs, rtol=RTOL)
-
-
-def rate_of(method: str, h: float) -> float:
+def rate_of(method: Method, h: float) -> float:
     """What capacitances count by in the matrix of a step, in 1/s; either stage of TR-BDF2 has the same."""
     return {"backward_euler": 1.0, "trapezoidal": 2.0, "tr-bdf2": 2.0 + _ROOT2}[method] / h
 
 
 def advance(
-    dynamics: Dynamics, method: str, x: NDArray[np.float64], h: float, solve: Solve
+    dynamics: Dynamics, method: Method, x: NDArray[np.float64], h: float, solve: Solve
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Make one step.  Shapes: `x` (n,); returns `after` (n,), `integral` (n,)."""
     rate = rate_of(method, h)
@@ -97,7 +71,7 @@ def advance_by_sums(dynamics: Dynamics, x: NDArray[np.float64], h: float, solve:
 
 
 def fixed_steps(
-    dynamics: Dynamics, method: str, x: NDArray[np.float64], times: NDArray[np.float64], step: float, solve: Solve
+    dynamics: Dynamics, method: Method, x: NDArray[np.float64], times: NDArray[np.float64], step: float, solve: Solve
 ) -> Iterator[State]:
     """States at times, every interval between them divided evenly into steps no longer than ``step``.
 
@@ -111,8 +85,8 @@ def fixed_steps(
         h = (time - now) / max(count, 1)
         for _ in range(count):
             damped = method == "trapezoidal" and taken < 2
+            rule: Method = "backward_euler" if damped else method
             for length in (h / 2, h / 2) if damped else (h,):
-                rule = "backward_euler" if damped else method
                 x, part = advance(dynamics, rule, x, length, solve)
                 integral = integral + part
             taken += 1
@@ -145,7 +119,12 @@ _FUTILE = 30
 
 
 def controlled_steps(
-    dynamics: Dynamics, method: str, x: NDArray[np.float64], times: NDArray[np.float64], tolerance: float, solve: Solve
+    dynamics: Dynamics,
+    method: Method,
+    x: NDArray[np.float64],
+    times: NDArray[np.float64],
+    tolerance: float,
+    solve: Solve,
 ) -> Iterator[State]:
     """States at times, by steps of ``2**k`` seconds; the halves are kept.  Shapes: `x` (n,), `times` (t,)."""
     order = _ORDER[method]
