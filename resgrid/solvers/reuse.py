@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,62 +127,40 @@ class FactoredBatch:
             yield solution if right else None
 
 
-class Window(NamedTuple):
-    """The equations of a box of cells: right, but for rows on its rim.
-
-    `laplacian` (n, n): on the grid of the box; `drive` (n,): current into every row, in amperes; `core`: those cells
-    of the box whose equations are whole: what has changed lies among them.
-    """
-
-    box: tuple[slice, ...]
-    laplacian: Laplacian
-    drive: NDArray[np.float64]
-    core: tuple[slice, ...]
-
-    @property
-    def vertex(self) -> NDArray[np.int32]:
-        """Row of every cell of the box, -1 for none."""
-        assert self.laplacian.grid is not None
-        return self.laplacian.grid.vertex
+def _slots_of(lattice: Lattice) -> NDArray[np.int32]:
+    """Slot of every cell of a lattice, black ones counted behind all red ones."""
+    return lattice.slot(lattice.number(np.ix_(*map(np.arange, lattice.shape)))).astype(np.int32)
 
 
+@dataclass(frozen=True, eq=False)
 class WarmGrid:
     """The equations ``A x = b`` of a grid that change, and their latest solution.
 
-    Parameters
-    ----------
-    hierarchy : Hierarchy
-        Of a grid of two colours, all of whose rows are cells; what changes is written into it.
-    finest : Finest
-        Its finest level.
-    drive : ndarray of float64, shape (n,)
-        Right-hand side, in amperes.
-    flat : bool
-        Whether constants are the mode outside of windows: there is a single rail.  Otherwise it is ``1 - x``.
+    `hierarchy`: of a grid of two colours, all of whose rows are cells; `finest`: its finest level, into which changes
+    are written; `lattice`: of that level; `slot`, of the grid's shape: slot of every cell, 0 for none; `flat`: whether
+    constants are the mode outside of windows, for there is a single rail; otherwise it is ``1 - x``; `b, x` (2,
+    slots): in units of the hierarchy, and in volts.
     """
 
-    def __init__(self, hierarchy: Hierarchy, finest: Finest, drive: NDArray[np.float64], flat: bool) -> None:
-        lattice = Lattice(tuple(ends.stop - ends.start for ends in hierarchy.box))
-        self._hierarchy, self._finest, self._lattice, self._flat = hierarchy, finest, lattice, flat
-        self._first = np.array([ends.start for ends in hierarchy.box], dtype=np.int64)
-        self._b, self._x = np.zeros((2, 2, lattice.slots))
-        index = np.ix_(*(np.arange(n) for n in lattice.shape))
-        self._slots = lattice.slot(lattice.number(index)).ravel().astype(np.int32)
-        scatter_rows(hierarchy.slot, drive, 1.0 / hierarchy.unit, self._b.ravel())
+    hierarchy: Hierarchy
+    finest: Finest
+    lattice: Lattice
+    slot: NDArray[np.int32]
+    flat: bool
+    b: NDArray[np.float64]
+    x: NDArray[np.float64]
 
     @classmethod
     def of(cls, laplacian: Laplacian, drive: NDArray[np.float64], flat: bool) -> WarmGrid | None:
         """Levels of a grid, at rest; None where it is no grid of two colours that coarsens by blocks."""
-        hierarchy = build_hierarchy(laplacian)
-        return None if hierarchy.grid is None else cls(hierarchy, hierarchy.grid, drive, flat)
-
-    def covers(self, box: tuple[slice, ...]) -> bool:
-        """Whether the levels have a slot for every cell of a box."""
-        last = self._first + self._lattice.shape
-        return all(
-            a <= ends.start and ends.stop <= b
-            for ends, a, b in zip(box, self._first.tolist(), last.tolist(), strict=True)
-        )
+        hierarchy, grid = build_hierarchy(laplacian), laplacian.grid
+        if hierarchy.grid is None or grid is None:
+            return None
+        lattice = Lattice(tuple(ends.stop - ends.start for ends in hierarchy.box))
+        slot, (b, x) = np.zeros(grid.vertex.shape, dtype=np.int32), np.zeros((2, 2, lattice.slots))
+        slot[hierarchy.box] = _slots_of(lattice)
+        scatter_rows(hierarchy.slot, drive, 1.0 / hierarchy.unit, b.ravel())
+        return cls(hierarchy, hierarchy.grid, lattice, slot, flat, b, x)
 
     def solve(self, rtol: float, watch: Watch) -> None:
         """Iterate from the latest solution on.
@@ -193,97 +170,92 @@ class WarmGrid:
         AccuracyError
             If the iteration stagnates.
         """
-        begun, allowed = bool(self._x.any()), rtol * norm(self._b.ravel())
-        hierarchy, largest = self._hierarchy, self._hierarchy.largest_degree / self._hierarchy.unit
-        degree = self._finest.true.black_degree
+        begun, allowed = bool(self.x.any()), rtol * norm(self.b.ravel())
+        hierarchy, largest = self.hierarchy, self.hierarchy.largest_degree / self.hierarchy.unit
+        degree = self.finest.true.black_degree
         even = float(degree.max()) <= _EVEN * float(degree.min(where=degree > 0.0, initial=np.inf))
-        stop = Stop(allowed, ROUNDING * largest, hierarchy.unit, self._x if begun else None, rtol if even else 0.0)
-        problem = GridProblem(self._finest, hierarchy.levels, self._b)
-        size = converge(problem, self._x, stop, watch)
-        scale = 2.0 * largest * norm(self._x.ravel()) + norm(self._b.ravel())
+        stop = Stop(allowed, ROUNDING * largest, hierarchy.unit, self.x if begun else None, rtol if even else 0.0)
+        size = converge(GridProblem(self.finest, hierarchy.levels, self.b), self.x, stop, watch)
+        scale = 2.0 * largest * norm(self.x.ravel()) + norm(self.b.ravel())
         error = size / (scale or 1.0)
         if not error <= rtol:
             raise AccuracyError(f"a warm start stagnates at a backward error of {error:.1e}, above rtol = {rtol:.1e}")
         watch.done(error)
 
-    def values(self, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    @property
+    def values(self) -> NDArray[np.float64]:
         """The latest solution in every cell of the grid, of its shape; undefined where a cell has no row."""
-        there: NDArray[np.float64] = gather_rows(self._slots, self._x.ravel()).reshape(self._lattice.shape)
-        if shape == self._lattice.shape:
-            return there
-        values = np.zeros(shape)
-        values[self._hierarchy.box] = there
-        return values
+        values: NDArray[np.float64] = gather_rows(self.slot.ravel(), self.x.ravel())
+        return values.reshape(self.slot.shape)
 
-    def change(self, window: Window, *, solve: bool = True, follow: bool = False) -> None:
-        """Take over the equations of a window; solve them, and let the outside follow."""
-        vertex, x = window.vertex, self._x.ravel()
-        slot = self._lattice.slot(self._number(window.box))
-        self._write(window)
-        x[slot[vertex < 0]] = 0.0
-        slot = slot[vertex >= 0]
+    def change(
+        self,
+        box: tuple[slice, ...],
+        core: tuple[slice, ...],
+        laplacian: Laplacian,
+        drive: NDArray[np.float64],
+        *,
+        solve: bool,
+        follow: bool,
+    ) -> None:
+        """Take over the equations of a box of cells; solve them, and let the outside follow.
+
+        `core`: those cells of the box whose equations are whole; `laplacian` (n, n): on the grid of the box, its rows
+        in C order; `drive` (n,): current into every row, in amperes.
+        """
+        assert laplacian.grid is not None
+        vertex, x = laplacian.grid.vertex, self.x.ravel()
+        self._write(self.slot[box][core].ravel(), core, laplacian, drive)
+        x[self.slot[box][vertex < 0]] = 0.0
+        slot = self.slot[box][vertex >= 0]
         before = x[slot]
         if not solve:
-            laplacian, new = window.laplacian, before == 0.0
-            fed, degree = (window.drive + laplacian.edges @ before)[new], laplacian.diagonal[new]
+            new = before == 0.0
+            fed, degree = (drive + laplacian.edges @ before)[new], laplacian.diagonal[new]
             x[slot[new]] = np.divide(fed, degree, out=np.zeros_like(fed), where=degree > 0.0)
             return
-        core = np.full_like(vertex, -1)
-        core[window.core] = vertex[window.core]
-        own = np.zeros(len(before), dtype=np.bool_)
-        own[core[core >= 0]] = True
+        inner = np.full_like(vertex, -1)
+        inner[core] = vertex[core]
+        own = inner[vertex >= 0] >= 0
         if not own.any():
             return
-        core[core >= 0] = np.arange(np.count_nonzero(own), dtype=np.int32)
-        inner = replace(window.laplacian.within(own), grid=Grid(core, (False,) * core.ndim))
-        factor = factor_multigrid(inner)
-        from_rim = window.laplacian.edges[own][:, ~own]
-        after = factor.solve(window.drive[own] + from_rim @ before[~own], rtol=_WINDOW_RTOL)
+        inner[inner >= 0] = np.arange(np.count_nonzero(own), dtype=np.int32)
+        factor = factor_multigrid(replace(laplacian.within(own), grid=Grid(inner, (False,) * inner.ndim)))
+        from_rim = laplacian.edges[own][:, ~own]
+        after = factor.solve(drive[own] + from_rim @ before[~own], rtol=_WINDOW_RTOL)
         if follow and from_rim.nnz:
-            mode = np.ones_like(before) if self._flat else 1.0 - before
-            followed = factor.solve(from_rim @ mode[~own], rtol=_WINDOW_RTOL)
+            mode = np.ones_like(before) if self.flat else 1.0 - before
             at_rim = from_rim @ mode[~own]
+            followed = factor.solve(at_rim, rtol=_WINDOW_RTOL)
             energy = float(at_rim @ (mode[own] - followed))
             alpha = float(at_rim @ (after - before[own])) / energy if energy > 0.0 else 0.0
             after += alpha * followed
-            np.add(x, alpha if self._flat else alpha * (1.0 - x), out=x, where=x != 0.0)
+            np.add(x, alpha if self.flat else alpha * (1.0 - x), out=x, where=x != 0.0)
         x[slot[own]] = after
 
-    def _number(self, box: tuple[slice, ...]) -> NDArray[np.int64]:
-        """Numbers of the cells of a box, of its shape."""
-        first = self._first.tolist()
-        return self._lattice.number(
-            np.ix_(*(np.arange(ends.start - a, ends.stop - a) for ends, a in zip(box, first, strict=True)))
-        )
+    def _write(
+        self, there: NDArray[np.int32], core: tuple[slice, ...], laplacian: Laplacian, drive: NDArray[np.float64]
+    ) -> None:
+        """Write the equations of a window's core, whose cells stand at some slots (cells,), over those of the level."""
+        assert laplacian.listed is not None and laplacian.grid is not None
+        finest, vertex, unit = self.finest, laplacian.grid.vertex, self.hierarchy.unit
+        laid_out = lay_out(*laplacian.listed, vertex, laplacian.ground, unit)
+        assert laid_out is not None
+        small = laid_out[0].lattice
+        fresh, here = finest_stencils(laid_out[0]), _slots_of(small)[core].ravel()
+        self.b.ravel()[there] = np.append(drive, 0.0)[vertex[core]].ravel() / unit
+        red = there < self.lattice.slots
+        to, of = there[red], here[red]
+        for old, new in zip(finest[:2], fresh[:2], strict=True):
+            old.faces[:, to], old.red_inverse[to] = new.faces[:, of], new.red_inverse[of]
+        to, of = there[~red] - self.lattice.slots, here[~red] - small.slots
+        finest.true.black_degree[to], finest.degree[to] = fresh[0].black_degree[of], fresh[2][of]
+        finest.stencil.black_inverse[to] = fresh[1].black_inverse[of]
+        self._aggregate(to, fresh[1].black_inverse[of] > 0.0)
 
-    def _write(self, window: Window) -> None:
-        """Write the equations of a window's core over those of the finest level."""
-        true, finest, margin, unit = self._finest.true, self._finest, self._lattice.margin, self._hierarchy.unit
-        listed, drive = window.laplacian.listed, np.append(window.drive, 0.0)[window.vertex[window.core]].ravel()
-        assert listed is not None
-        found = lay_out(*listed, window.vertex, window.laplacian.ground, unit)
-        assert found is not None
-        small = found[0].lattice
-        new = finest_stencils(found[0])
-        here = small.number(np.ix_(*map(np.arange, small.shape)))[window.core].ravel()
-        there = self._number(window.box)[window.core].ravel()
-        for colour in range(2):
-            mine = (here & 1) == colour
-            source, target = small.margin + (here[mine] >> 1), margin + (there[mine] >> 1)
-            self._b[colour, target] = drive[mine] / unit
-            if colour == 0:
-                for old, fresh in zip((true, finest.stencil), new[:2], strict=True):
-                    old.faces[:, target] = fresh.faces[:, source]
-                    old.red_inverse[target] = fresh.red_inverse[source]
-            else:
-                true.black_degree[target] = new[0].black_degree[source]
-                finest.stencil.black_inverse[target] = new[1].black_inverse[source]
-                finest.degree[target] = new[2][source]
-                self._aggregate(target, new[1].black_inverse[source] > 0.0)
-
-    def _aggregate(self, slot: NDArray[np.int64], present: NDArray[np.bool_]) -> None:
+    def _aggregate(self, slot: NDArray[np.int32], present: NDArray[np.bool_]) -> None:
         """Black slots that are new join the aggregate of a black one behind the strongest red neighbour."""
-        target, faces, distance = self._finest.way.aggregate, self._finest.true.faces, self._lattice.distance
+        target, faces, distance = self.finest.way.aggregate, self.finest.true.faces, self.lattice.distance
         target[slot[~present]] = 0
         for k in slot[present & (target[slot] == 0)].tolist():
             red = k - distance
