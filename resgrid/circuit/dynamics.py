@@ -52,8 +52,7 @@ class Dynamics:
     `row` (nodes,): row of every node, -1 for rails and floating nodes; nodes tied by floating sources share a row;
     `fixed` (nodes,): voltage of rails, and of other nodes above their row, in volts; NaN where a node floats;
     `conductance`: ``G``, in siemens; `capacitance`: ``C``, in farads; rows without capacitance are algebraic; `drive`
-    (n,): ``b``: current that sources feed into every row, in amperes; `floating`: nodes that no resistor, capacitor
-    or voltage source ties to ground; `branches`: of ``G``.
+    (n,): ``b``: current that sources feed into every row, in amperes; `branches`: of ``G``.
     """
 
     netlist: Netlist
@@ -62,7 +61,6 @@ class Dynamics:
     conductance: Laplacian
     capacitance: Laplacian
     drive: NDArray[np.float64]
-    floating: NDArray[np.int64]
     forest: SourceForest
     branches: Branches
 
@@ -161,7 +159,6 @@ def dynamics_of(netlist: Netlist) -> Dynamics:
         conductance=conductance,
         capacitance=laplacian(capacitors, capacitance)[0],
         drive=feed + injected_into_rows(netlist, row, size),
-        floating=floating,
         forest=forest,
         branches=conductance.branches,
     )

@@ -61,15 +61,6 @@ def advance(
     return after, h * (_ROOT2 / 4.0 * (x + between) + (1.0 - _ROOT2 / 2.0) * after)
 
 
-def advance_by_sums(dynamics: Dynamics, x: NDArray[np.float64], h: float, solve: Solve) -> NDArray[np.float64]:
-    """State after one step of backward Euler, where every capacitor goes to a rail: nothing is subtracted then.
-
-    Voltages of one sign that span many decades keep their relative accuracy then, each of them.  Nothing is lost by
-    rounding either, for ``rate C x`` holds nothing that would have to cancel.
-    """
-    return solve(1.0 / h, dynamics.capacitance.ground * x / h + dynamics.drive)
-
-
 def fixed_steps(
     dynamics: Dynamics, method: Method, x: NDArray[np.float64], times: NDArray[np.float64], step: float, solve: Solve
 ) -> Iterator[State]:

@@ -24,7 +24,6 @@ from resgrid.circuit.stepping import (
     RTOL,
     Method,
     advance,
-    advance_by_sums,
     controlled_steps,
     fixed_steps,
     rate_of,
@@ -118,13 +117,12 @@ class TransientStepper:
         dynamics = self.dynamics
         x = dynamics.state(_checked_voltages(dynamics.netlist, "voltage", voltage, dynamics.row >= 0))
         if self.method == "backward_euler" and dynamics.apart:
-            after = advance_by_sums(dynamics, x, self.step, self._solve)
+            after = self._solve(0.0, dynamics.capacitance.ground * x / self.step + dynamics.drive)
         else:
             after, _ = advance(dynamics, self.method, x, self.step, self._solve)
         return dynamics.voltage(after)
 
-    def _solve(self, rate: float, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
-        del rate  # there is one alone
+    def _solve(self, _: float, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
         return rhs if self.factors is None else self.factors.solve(rhs, rtol=RTOL)
 
 
