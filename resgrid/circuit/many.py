@@ -5,6 +5,7 @@ from __future__ import annotations
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +17,7 @@ from resgrid.errors import InputError
 from resgrid.executors import Part, in_order
 from resgrid.netlist import Netlist
 from resgrid.solvers.factor import check_rtol
-from resgrid.solvers.reuse import Chip, FactoredBatch, GridBatch, grid_batch
+from resgrid.solvers.reuse import Chip, Solver, solve_in_order, solver_by_levels
 from resgrid.solvers.symbolic import order_rows
 
 _SMALL = 1000
@@ -36,12 +37,7 @@ class Batch:
 
     system: Equations
     contacts: Contacts
-    solver: GridBatch | FactoredBatch
-
-    @property
-    def name(self) -> str:
-        """The method."""
-        return self.solver.name
+    solver: Solver
 
     def chip(self, conductance: NDArray[np.float64]) -> Chip:
         """The equations of a chip of other conductances, shape (resistors,), in siemens."""
@@ -122,10 +118,9 @@ def prepare_batch(netlist: Netlist) -> Batch | None:
     diagonal, edges = matrix.diagonal, matrix.as_rows().data
     contrast = float(diagonal.max()) / min(float(diagonal.min()), float(edges.min(initial=np.inf)))
     system = replace(system, laplacian=matrix)
-    solver: GridBatch | FactoredBatch | None = None
-    if system.size > _SMALL and contrast <= _MOST_CONTRAST:
-        solver = grid_batch(matrix, system.drive)
-    return Batch(system, system.found_contacts(), solver or FactoredBatch(order_rows(matrix)))
+    by_levels = system.size > _SMALL and contrast <= _MOST_CONTRAST
+    solver = solver_by_levels(matrix, system.drive) if by_levels else None
+    return Batch(system, system.found_contacts(), solver or partial(solve_in_order, order_rows(matrix)))
 
 
 def _solve_some(shared: tuple[Batch, float], conductance: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -136,7 +131,7 @@ def _solve_some(shared: tuple[Batch, float], conductance: NDArray[np.float64]) -
 def solve_batch(batch: Batch, conductance: NDArray[np.float64], *, rtol: float = 1e-10) -> NDArray[np.float64]:
     """Voltages of some chips, shape (chips, nodes); NaN where a node floats."""
     voltage = np.empty((len(conductance), batch.system.netlist.node_count))
-    solutions = batch.solver.solve(map(batch.chip, conductance), rtol)
+    solutions = batch.solver(map(batch.chip, conductance), rtol)
     for volts, siemens, x in zip(voltage, conductance, solutions, strict=True):
         volts[:] = _alone(batch.system.netlist, siemens) if x is None else batch.system.voltages(x)
     return voltage

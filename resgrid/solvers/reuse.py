@@ -11,8 +11,9 @@ the window (the drop from the high rail; or 1, above the only rail), ``x + alpha
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,78 +54,65 @@ Chip = tuple[Laplacian, NDArray[np.float64]]
 """Equations of a chip whose nodes are joined as the nominal one's are: its matrix, and what drives its rows."""
 
 
-@dataclass(frozen=True, eq=False)
-class GridBatch:
-    """A grid made ready for other conductances.
-
-    `laplacian, hierarchy`: of the nominal chip; `start` (n,): where the iteration begins, in volts.
-    """
-
-    laplacian: Laplacian
-    hierarchy: Hierarchy
-    start: NDArray[np.float64]
-    name = "multigrid"
-
-    def solve(self, chips: Iterable[Chip], rtol: float) -> Iterator[NDArray[np.float64] | None]:
-        """Solutions (n,) for some chips; None for those that are none."""
-        hierarchy, grid, listed = self.hierarchy, self.laplacian.grid, self.laplacian.listed
-        assert hierarchy.grid is not None and grid is not None and listed is not None
-        ordinary, slot = hierarchy.largest_degree / hierarchy.unit, hierarchy.slot
-        node = np.ascontiguousarray(grid.vertex[hierarchy.box])
-        problem = None
-        few = slice(None, None, max(1, len(listed.conductance) // _FEW))
-        for laplacian, drive in chips:
-            assert laplacian.listed is not None
-            # Most of its conductances are as large in this unit as the nominal ones are in theirs.
-            unit = hierarchy.unit * float(np.median(laplacian.listed.conductance[few] / listed.conductance[few]))
-            laid_out = lay_out(*laplacian.listed, node, laplacian.ground, unit)
-            assert laid_out is not None
-            degree, largest = np.maximum(laid_out[0].degree, ordinary), float(laid_out[0].degree.max())
-            fresh = finest_stencils(laid_out[0])
-            if problem is None:
-                problem = GridProblem(Finest(*fresh, hierarchy.grid.way), hierarchy.levels, np.zeros_like(degree))
-            true, single, compensated, _ = problem.finest
-            for old, new in zip((*true, *single, compensated), (*fresh[0], *fresh[1], fresh[2]), strict=True):
-                if isinstance(old, np.ndarray):  # written over, for the problem knows them by their addresses
-                    old[:] = new
-            x = np.zeros_like(degree)
-            scatter_rows(slot, self.start, 1.0, x.ravel())
-            scatter_rows(slot, drive, 1.0 / unit, problem.currents.ravel())
-            # A row whose own diagonal exceeds an ordinary one counts for so much less.
-            wanted = rtol * norm((problem.currents * (ordinary / degree)).ravel())
-            residual = converge(problem, x, Stop(wanted, ROUNDING * largest, unit), None)
-            solution = gather_rows(slot, x.ravel())
-            yield solution if residual <= max(wanted, _LEFT * ordinary * norm(solution)) else None
+Solver = Callable[[Iterable[Chip], float], Iterator[NDArray[np.float64] | None]]
+"""Solutions (n,) for some chips, to a tolerance; None for those that are none."""
 
 
-def grid_batch(laplacian: Laplacian, drive: NDArray[np.float64]) -> GridBatch | None:
+def solve_by_levels(
+    laplacian: Laplacian, hierarchy: Hierarchy, start: NDArray[np.float64], chips: Iterable[Chip], rtol: float
+) -> Iterator[NDArray[np.float64] | None]:
+    """As `Solver`; a chip has its own finest level and the coarse ones of the nominal chip.  Shapes: `start` (n,)."""
+    grid, listed = laplacian.grid, laplacian.listed
+    assert hierarchy.grid is not None and grid is not None and listed is not None
+    ordinary, slot = hierarchy.largest_degree / hierarchy.unit, hierarchy.slot
+    node = np.ascontiguousarray(grid.vertex[hierarchy.box])
+    problem = None
+    few = slice(None, None, max(1, len(listed.conductance) // _FEW))
+    for chip, drive in chips:
+        assert chip.listed is not None
+        # Most of its conductances are as large in this unit as the nominal ones are in theirs.
+        unit = hierarchy.unit * float(np.median(chip.listed.conductance[few] / listed.conductance[few]))
+        laid_out = lay_out(*chip.listed, node, chip.ground, unit)
+        assert laid_out is not None
+        degree, largest = np.maximum(laid_out[0].degree, ordinary), float(laid_out[0].degree.max())
+        fresh = finest_stencils(laid_out[0])
+        if problem is None:
+            problem = GridProblem(Finest(*fresh, hierarchy.grid.way), hierarchy.levels, np.zeros_like(degree))
+        true, single, compensated, _ = problem.finest
+        for old, new in zip((*true, *single, compensated), (*fresh[0], *fresh[1], fresh[2]), strict=True):
+            if isinstance(old, np.ndarray):  # written over, for the problem knows them by their addresses
+                old[:] = new
+        x = np.zeros_like(degree)
+        scatter_rows(slot, start, 1.0, x.ravel())
+        scatter_rows(slot, drive, 1.0 / unit, problem.currents.ravel())
+        # A row whose own diagonal exceeds an ordinary one counts for so much less.
+        wanted = rtol * norm((problem.currents * (ordinary / degree)).ravel())
+        residual = converge(problem, x, Stop(wanted, ROUNDING * largest, unit), None)
+        solution = gather_rows(slot, x.ravel())
+        yield solution if residual <= max(wanted, _LEFT * ordinary * norm(solution)) else None
+
+
+def solver_by_levels(laplacian: Laplacian, drive: NDArray[np.float64]) -> Solver | None:
     """Lay a grid out by colour; None where it has no two colours.  Shapes: `drive` (n,)."""
     hierarchy = build_hierarchy(laplacian)
     if hierarchy.grid is None:
         return None
-    return GridBatch(laplacian, hierarchy, iterate(laplacian, hierarchy, drive, 1e-12)[0])
+    return partial(solve_by_levels, laplacian, hierarchy, iterate(laplacian, hierarchy, drive, 1e-12)[0])
 
 
-@dataclass(frozen=True, eq=False)
-class FactoredBatch:
-    """An order of elimination for a circuit, whatever its conductances."""
-
-    order: Symbolic
-    name = "direct"
-
-    def solve(self, chips: Iterable[Chip], rtol: float) -> Iterator[NDArray[np.float64] | None]:
-        """As `GridBatch.solve`; ``rtol`` bounds the error of voltages, relative to the largest."""
-        for laplacian, drive in chips:
-            try:
-                factors = factor_in_order(self.order.of(laplacian.conductances))
-            except AccuracyError:
-                yield None
-                continue
-            solution = factors.solve(drive)
-            # Entries of a solution for currents of one sign are right to some roundings.
-            summed = factors.solve(np.abs(drive)) if drive.min() < 0.0 else solution
-            right = _ROUNDINGS * np.abs(summed).max() <= max(rtol, _FORBIDDEN) * np.abs(solution).max()
-            yield solution if right else None
+def solve_in_order(order: Symbolic, chips: Iterable[Chip], rtol: float) -> Iterator[NDArray[np.float64] | None]:
+    """As `Solver`, by elimination; ``rtol`` bounds the error of voltages, relative to the largest."""
+    for laplacian, drive in chips:
+        try:
+            factors = factor_in_order(order.of(laplacian.conductances))
+        except AccuracyError:
+            yield None
+            continue
+        solution = factors.solve(drive)
+        # Entries of a solution for currents of one sign are right to some roundings.
+        summed = factors.solve(np.abs(drive)) if drive.min() < 0.0 else solution
+        right = _ROUNDINGS * np.abs(summed).max() <= max(rtol, _FORBIDDEN) * np.abs(solution).max()
+        yield solution if right else None
 
 
 def _slots_of(lattice: Lattice) -> NDArray[np.int32]:
