@@ -241,8 +241,6 @@ class _Circuit:
             around_goals = space.cell[box][_inside(space, box, _RIM + 1)] == Cell.GOAL
             alone = len(boxes) == 1 and np.count_nonzero(around_goals) == goals
             window = _window_of(space, wiring, box, row[box], self.amps)
-            if window is None:
-                return False
             self.grid.change(box, _inside(space, box, _RIM), *window, solve=row.size >= _SMALL, follow=alone)
         return True
 
@@ -301,10 +299,10 @@ def _inside(space: ConfigurationSpace, box: tuple[slice, ...], margin: int) -> t
 
 def _window_of(
     space: ConfigurationSpace, wiring: Wiring, box: tuple[slice, ...], row: NDArray[np.bool_], amps: float
-) -> tuple[Laplacian, NDArray[np.float64]] | None:
+) -> tuple[Laplacian, NDArray[np.float64]]:
     """The equations of a box, with the high rail at 1 V, the low one at 0 V, and so many amperes into every row.
 
-    Shapes: `row`, of the box: which of its cells have rows.  None if no two of them are joined.
+    Shapes: `row`, of the box: which of its cells have rows.
     """
     contacts = contacts_of_box(space, wiring, [(ends.start, ends.stop) for ends in box], connected=False)
     size, vertex = int(np.count_nonzero(row)), np.full(row.shape, -1, dtype=np.int32)
@@ -322,8 +320,6 @@ def _window_of(
             ground += np.bincount(here[tied], siemens[tied], size)
             tied &= beside == Kind.HIGH
             drive += np.bincount(here[tied], siemens[tied], size)
-    if not any(map(len, pairs)):
-        return None
     listed = EdgeList(np.concatenate(pairs), np.concatenate(conductance), np.arange(size, dtype=np.int32))
     grid = Grid(vertex, (False,) * vertex.ndim)
     return Laplacian(ground, listed, grid=grid, dimensions=grid.dimensions), drive
