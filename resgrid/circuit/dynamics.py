@@ -100,10 +100,8 @@ class Dynamics:
 
     @cached_property
     def held(self) -> Factor | None:
-        """Factors of ``C_cc``; None where every capacitor goes to a rail, or there is none."""
-        if self.apart or not self.charged.any():
-            return None
-        return factor_laplacian(self.capacitance.within(self.charged), "auto")
+        """Factors of ``C_cc``; None where there is no capacitor."""
+        return factor_laplacian(self.capacitance.within(self.charged), "auto") if self.charged.any() else None
 
     @cached_property
     def loose(self) -> Factor | None:
@@ -219,9 +217,7 @@ def initial_state(dynamics: Dynamics, before: NDArray[np.float64]) -> NDArray[np
     missing = netlist.capacitance * np.nan_to_num((held[:, 0] - held[:, 1]) - (now[:, 0] - now[:, 1]))
     first, second = netlist.capacitor_nodes.T
     charge = (dynamics.injection(first, missing) - dynamics.injection(second, missing))[charged]
-    if dynamics.held is None:
-        x[charged] += charge / dynamics.capacitance.ground[charged]
-    else:
+    if dynamics.held is not None:
         x[charged] += _entrywise(dynamics.held, charge, _lift(dynamics, dynamics.held))
     if dynamics.loose is None:
         return x
@@ -234,9 +230,7 @@ def initial_state(dynamics: Dynamics, before: NDArray[np.float64]) -> NDArray[np
 def slope(dynamics: Dynamics, current: NDArray[np.float64]) -> NDArray[np.float64]:
     """How fast voltages rise when currents charge the rows, in V/s, shape (n,); to some 0.1 %."""
     charged, groups, v = dynamics.charged, dynamics.spread, np.zeros(dynamics.size)
-    if dynamics.held is None:
-        v[charged] = current[charged] / dynamics.capacitance.ground[charged]
-    else:
+    if dynamics.held is not None:
         v[charged] = dynamics.held.solve(current[charged], rtol=_ROUGH)
     if dynamics.loose is not None:
         v += groups @ dynamics.loose.solve(-(groups.T @ dynamics.branches.times(v)), rtol=_ROUGH)

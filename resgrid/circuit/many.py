@@ -103,7 +103,7 @@ def solve_many(
     if batch is None:
         return np.tile(assemble(netlist).known_voltages(), (len(wanted), 1))
     voltage = np.empty((len(wanted), netlist.node_count))
-    with closing(in_order([Part(_solve_some, (batch, rtol), wanted, "chips")], executor)) as results:
+    with closing(in_order([Part(partial(solve_batch, rtol=rtol), batch, wanted, "chips")], executor)) as results:
         for row, volts in zip(voltage, results, strict=True):
             row[:] = volts
     return voltage
@@ -121,11 +121,6 @@ def prepare_batch(netlist: Netlist) -> Batch | None:
     by_levels = system.size > _SMALL and contrast <= _MOST_CONTRAST
     solver = solver_by_levels(matrix, system.drive) if by_levels else None
     return Batch(system, system.found_contacts(), solver or partial(solve_in_order, order_rows(matrix)))
-
-
-def _solve_some(shared: tuple[Batch, float], conductance: NDArray[np.float64]) -> NDArray[np.float64]:
-    batch, rtol = shared
-    return solve_batch(batch, conductance, rtol=rtol)
 
 
 def solve_batch(batch: Batch, conductance: NDArray[np.float64], *, rtol: float = 1e-10) -> NDArray[np.float64]:
