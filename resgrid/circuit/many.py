@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from concurrent.futures import Executor
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +18,7 @@ from resgrid.errors import InputError
 from resgrid.executors import Part, in_order
 from resgrid.netlist import Netlist
 from resgrid.solvers.factor import check_rtol
-from resgrid.solvers.reuse import Chip, Solver, solve_in_order, solver_by_levels
+from resgrid.solvers.reuse import Solver, solve_in_order, solver_by_levels
 from resgrid.solvers.symbolic import order_rows
 
 _SMALL = 1000
@@ -27,8 +28,7 @@ _MOST_CONTRAST = 1e3
 """Between the nominal chip's conductances, up to which its levels precondition others."""
 
 
-@dataclass(frozen=True, eq=False)
-class Batch:
+class Batch(NamedTuple):
     """What all chips of a kind share.
 
     `system`: the nominal chip's equations; rows and entries stay where they are; `contacts`: what drives its rows;
@@ -38,11 +38,6 @@ class Batch:
     system: Equations
     contacts: Contacts
     solver: Solver
-
-    def chip(self, conductance: NDArray[np.float64]) -> Chip:
-        """The equations of a chip of other conductances, shape (resistors,), in siemens."""
-        laplacian, feed = self.system.with_conductance(conductance, self.contacts)
-        return laplacian, feed + self.system.injected
 
 
 def solve_many(
@@ -125,26 +120,23 @@ def prepare_batch(netlist: Netlist) -> Batch | None:
 
 def solve_batch(batch: Batch, conductance: NDArray[np.float64], *, rtol: float = 1e-10) -> NDArray[np.float64]:
     """Voltages of some chips, shape (chips, nodes); NaN where a node floats."""
-    voltage = np.empty((len(conductance), batch.system.netlist.node_count))
-    solutions = batch.solver(map(batch.chip, conductance), rtol)
-    for volts, siemens, x in zip(voltage, conductance, solutions, strict=True):
-        volts[:] = _alone(batch.system.netlist, siemens) if x is None else batch.system.voltages(x)
+    system, contacts, solver = batch
+    voltage = np.empty((len(conductance), system.netlist.node_count))
+    laid_out = (system.with_conductance(siemens, contacts) for siemens in conductance)
+    chips = ((matrix, feed + system.injected) for matrix, feed in laid_out)
+    for volts, siemens, x in zip(voltage, conductance, solver(chips, rtol), strict=True):
+        if x is None:  # it has little to do with the nominal one
+            alone = system.netlist.replace(conductance=siemens)
+            volts[:] = solve_linear(alone, accuracy="direction", method="auto", rtol=1e-10).voltage
+        else:
+            volts[:] = system.voltages(x)
     return voltage
-
-
-def _alone(netlist: Netlist, conductance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The voltages of one chip that has little to do with the nominal one."""
-    chip = netlist.replace(conductance=conductance)
-    return solve_linear(chip, accuracy="direction", method="auto", rtol=1e-10).voltage
 
 
 def _checked(netlist: Netlist, conductances: ArrayLike) -> NDArray[np.float64]:
     if netlist.nonlinear_nodes.size:
         raise InputError("nonlinear resistors have no conductances to exchange; solve such chips one by one")
-    try:
-        wanted = np.ascontiguousarray(conductances, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError("conductances must be one number per chip and resistor") from error
+    wanted = np.ascontiguousarray(conductances, dtype=np.float64)
     if wanted.ndim != 2 or wanted.shape[1] != len(netlist.conductance):
         raise InputError(
             f"conductances have shape {wanted.shape}, but the netlist has {len(netlist.conductance)} resistors; "

@@ -51,11 +51,8 @@ def advance(
     """Make one step.  Shapes: `x` (n,); returns `after` (n,), `integral` (n,)."""
     rate = rate_of(method, h)
     half = solve(rate, dynamics.imbalance(x))
-    if method == "backward_euler":
-        after = x + half
-        return after, h * after
-    if method == "trapezoidal":
-        return x + 2.0 * half, h * (x + half)
+    if method != "tr-bdf2":
+        return x + (1.0 if method == "backward_euler" else 2.0) * half, h * (x + half)
     between, past = x + 2.0 * half, x + (_ROOT2 + 1.0) * half
     after = past + solve(rate, dynamics.imbalance(past))
     return after, h * (_ROOT2 / 4.0 * (x + between) + (1.0 - _ROOT2 / 2.0) * after)
