@@ -31,7 +31,7 @@ from resgrid.solvers.multigrid.red_black import Lattice
 from resgrid.solvers.supernodal import factor_in_order
 from resgrid.solvers.symbolic import Symbolic
 
-_FEW = 1000
+_FEW = 300
 """Resistors that tell in which unit a chip is solved."""
 
 _LEFT = 16 * ROUNDING
@@ -66,7 +66,7 @@ def solve_by_levels(
     assert hierarchy.grid is not None and grid is not None and listed is not None
     ordinary, slot = hierarchy.largest_degree / hierarchy.unit, hierarchy.slot
     node = np.ascontiguousarray(grid.vertex[hierarchy.box])
-    problem = None
+    problem, x = None, np.zeros((2, len(hierarchy.grid.degree)))
     few = slice(None, None, max(1, len(listed.conductance) // _FEW))
     for chip, drive in chips:
         assert chip.listed is not None
@@ -82,7 +82,7 @@ def solve_by_levels(
         for old, new in zip((*true, *single, compensated), (*fresh[0], *fresh[1], fresh[2]), strict=True):
             if isinstance(old, np.ndarray):  # written over, for the problem knows them by their addresses
                 old[:] = new
-        x = np.zeros_like(degree)
+        x[:] = 0.0
         scatter_rows(slot, start, 1.0, x.ravel())
         scatter_rows(slot, drive, 1.0 / unit, problem.currents.ravel())
         # A row whose own diagonal exceeds an ordinary one counts for so much less.
