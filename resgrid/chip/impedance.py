@@ -14,7 +14,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from resgrid.chip.modes import slowest_modes
-from resgrid.circuit.dynamics import Dynamics, charge_basis, factor_resolvent
+from resgrid.circuit.dynamics import Dynamics, factor_resolvent
 from resgrid.errors import AccuracyError
 from resgrid.solvers.columns import (
     estimate_diagonal,
@@ -188,7 +188,7 @@ def _quadrature(
 ) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
     """Weight of the resistance at 0 Hz (below its corner the density is a parabola), then frequencies and weights."""
     low, high = band
-    if not charge_basis(dynamics).charged.any():
+    if not dynamics.charged.any():
         return high - low, np.empty(0), np.empty(0)
     corner = _FLAT / (2.0 * np.pi * float(slowest_modes(dynamics, 1).tau[0]))
     flat, frequency, weight = 0.0, np.empty(0), np.empty(0)

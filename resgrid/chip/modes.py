@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from resgrid.circuit.dynamics import Dynamics, charge_basis, factor_resolvent
+from resgrid.circuit.dynamics import Dynamics, factor_resolvent
 from resgrid.errors import AccuracyError, InputError
 from resgrid.solvers.columns import symmetric_factors
 from resgrid.solvers.extended import BITS
@@ -173,7 +173,7 @@ def slowest_modes(dynamics: Dynamics, count: int, solve: Solver | None = None) -
 
 def require_charge(dynamics: Dynamics) -> int:
     """Refuse a circuit without modes; how many there are."""
-    live = int(charge_basis(dynamics).charged.sum())
+    live = int(dynamics.charged.sum())
     if not live:
         raise InputError(
             "the circuit has no capacitance that could charge, so it has no time constants; "
@@ -240,9 +240,9 @@ def fastest_time_constant(dynamics: Dynamics) -> float:
     require_charge(dynamics)
     if dynamics.size <= DENSE:
         return float(all_modes(dynamics).tau[-1])
-    basis, B = charge_basis(dynamics), laplacian_root(dynamics.conductance)
-    own, loose = B[:, basis.charged], B @ basis.spread
-    charge = symmetric_factors(dynamics.capacitance.matrix[basis.charged][:, basis.charged])
+    charged, B = dynamics.charged, laplacian_root(dynamics.conductance)
+    own, loose = B[:, charged], B @ dynamics.spread
+    charge = symmetric_factors(dynamics.capacitance.matrix[charged][:, charged])
     inner = symmetric_factors(loose.T @ loose) if loose.shape[1] else None
 
     def left(u: Floats) -> Floats:

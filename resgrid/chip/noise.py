@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.arguments import Natural, Positive
 from resgrid.chip.figures import Figure, Result, defined
 from resgrid.chip.impedance import estimate, find_exactly, inverse_columns, resistive_parts
-from resgrid.circuit.dynamics import Dynamics, charge_basis, dynamics_of, require_grounded
+from resgrid.circuit.dynamics import Dynamics, dynamics_of, require_grounded
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
 from resgrid.solvers.columns import positive_inverse_diagonal, random_signs
@@ -209,7 +209,7 @@ def noise_covariance(netlist: Netlist, nodes: ArrayLike, *, temperature: Positiv
 
 
 def _tied_by_capacitors(dynamics: Dynamics) -> NDArray[np.bool_]:
-    return np.asarray(np.diff(charge_basis(dynamics).spread.indptr) == 0)
+    return np.asarray(np.diff(dynamics.spread.indptr) == 0)
 
 
 def _elastance_factors(dynamics: Dynamics, tied: NDArray[np.bool_]) -> SupernodalFactors:

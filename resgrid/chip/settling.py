@@ -23,8 +23,6 @@ from resgrid.chip.modes import (
 from resgrid.chip.motion import SPAN, Motion, motions
 from resgrid.circuit.dynamics import (
     Dynamics,
-    charge_basis,
-    charges_of,
     dynamics_of,
     energy_delivered,
     factor_resolvent,
@@ -163,7 +161,7 @@ def analyse_settling(
     final = dynamics.state(solve_circuit(netlist, method=method).voltage)
     settled = dynamics.voltage(final)
     reach = _reach(settled) if span is None else float(span)
-    deviation = initial_state(charges_of(dynamics), initial_voltages(dynamics.netlist, initial)) - final
+    deviation = initial_state(dynamics, initial_voltages(dynamics.netlist, initial)) - final
     # In units of a power of two near the largest deviation no square runs out of range.
     unit = float(2.0 ** np.floor(np.log2(np.abs(deviation).max(initial=0.0) or 1.0)))
     band = reach / 2.0 ** (bits + 1) / unit
@@ -215,7 +213,7 @@ def settling_bound(dynamics: Dynamics, solve: Solver, deviation: Floats, tau: fl
 
     Shapes: `deviation` (n,).
     """
-    stiffness = dynamics.capacitance.ground[charge_basis(dynamics).charged]
+    stiffness = dynamics.capacitance.ground[dynamics.charged]
     if (stiffness > 0).all():
         norm, reach = dynamics.capacitance, 1.0 / np.sqrt(float(stiffness.min()))
     else:

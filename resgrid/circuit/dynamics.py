@@ -17,6 +17,7 @@ currents may be weighted by any voltages ``W`` that they allow, and the mean vol
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,8 +52,7 @@ class Dynamics:
     `row` (nodes,): row of every node, -1 for rails and floating nodes; nodes tied by floating sources share a row;
     `fixed` (nodes,): voltage of rails, and of other nodes above their row, in volts; NaN where a node floats;
     `conductance`: ``G``, in siemens; `capacitance`: ``C``, in farads; rows without capacitance are algebraic; `drive`
-    (n,): ``b``: current that sources feed into every row, in amperes; `floating`: nodes that no resistor, capacitor
-    or voltage source ties to ground; `branches`: of ``G``: (m, n) and (m,).
+    (n,): ``b``: current that sources feed into every row, in amperes; `branches`: of ``G``: (m, n) and (m,).
     """
 
     netlist: Netlist
@@ -61,7 +61,6 @@ class Dynamics:
     conductance: Laplacian
     capacitance: Laplacian
     drive: NDArray[np.float64]
-    floating: NDArray[np.int64]
     forest: SourceForest
     branches: tuple[sparse.csr_array, NDArray[np.float64]]
 
@@ -87,6 +86,40 @@ class Dynamics:
     def apart(self) -> bool:
         """Whether every capacitor goes to a rail."""
         return not len(self.capacitance.as_rows().indices)
+
+    @cached_property
+    def spread(self) -> sparse.csr_array:
+        """``N``, (n, loose): one column for every part of rows that capacitors join to no node of known voltage.
+
+        A row without capacitance is such a part of its own.
+        """
+        number, part = connected_components(self.capacitance.edges, directed=False)
+        loose = np.bincount(part, self.capacitance.ground > 0, number) == 0
+        rows = np.flatnonzero(loose[part])
+        entries = (np.ones(len(rows)), (rows, (np.cumsum(loose) - 1)[part[rows]]))
+        return sparse.coo_array(entries, shape=(self.size, int(loose.sum()))).tocsr()
+
+    @cached_property
+    def charged(self) -> NDArray[np.bool_]:
+        """Rows that keep their coordinate ``y``, (n,): all but one of every loose part; ``C_cc`` is definite."""
+        parts = sparse.csc_array(self.spread)
+        charged = np.ones(self.size, dtype=np.bool_)
+        charged[parts.indices[parts.indptr[:-1]]] = False
+        return charged
+
+    @cached_property
+    def held(self) -> Factor | None:
+        """Factors of ``C_cc``; None where there is no capacitor."""
+        return factor_laplacian(self.capacitance.within(self.charged), "auto") if self.charged.any() else None
+
+    @cached_property
+    def loose(self) -> Factor | None:
+        """Factors of ``N^T G N``; None where nothing is loose."""
+        return (
+            factor_laplacian(self.conductance.grouped(sparse.csr_array(self.spread.T)), "auto")
+            if self.spread.shape[1]
+            else None
+        )
 
     def voltage(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Node voltages of a state, in volts; shape (nodes,)."""
@@ -137,7 +170,6 @@ def dynamics_of(netlist: Netlist) -> Dynamics:
         conductance=conductance,
         capacitance=laplacian(capacitors, capacitance)[0],
         drive=feed + injected_into_rows(netlist, row, size),
-        floating=floating,
         forest=forest,
         branches=conductance.branches,
     )
@@ -184,169 +216,91 @@ def require_grounded(dynamics: Dynamics) -> None:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class ChargeBasis:
-    """Coordinates in which only those with charge move: ``x = E_c y + N z``, ``C N = 0``.
-
-    `charged` (n,): rows that keep their coordinate ``y``; the matrix ``C`` between them is positive definite;
-    `spread` (n, loose): ``N``: one column for every part of rows that capacitors join to each other, but to no node
-    of known voltage; a row without capacitance is such a part of its own.
-    """
-
-    charged: NDArray[np.bool_]
-    spread: sparse.csr_array
-
-
-def charge_basis(dynamics: Dynamics) -> ChargeBasis:
-    """Tell the coordinates that hold charge from those that follow at once."""
-    C, n = dynamics.capacitance, dynamics.size
-    number, part = connected_components(C.edges, directed=False)
-    loose = np.bincount(part, C.ground > 0, number) == 0
-    _, first = np.unique(part, return_index=True)
-    charged = np.ones(n, dtype=np.bool_)
-    charged[first[loose]] = False
-    rows = np.flatnonzero(loose[part])
-    column = (np.cumsum(loose) - 1)[part[rows]]
-    entries = (np.ones(len(rows)), (rows, column))
-    return ChargeBasis(charged, sparse.coo_array(entries, shape=(n, int(loose.sum()))).tocsr())
-
-
-@dataclass(frozen=True, eq=False)
-class Charges:
-    """A circuit's charges, and the voltages that belong to them.
-
-    `basis`: coordinates that hold charge, and those that follow; `held`: factors of ``C_cc``; None where every
-    capacitor goes to a rail, or there is none; `loose`: factors of ``N^T G N``; None where nothing is loose.
-    """
-
-    dynamics: Dynamics
-    basis: ChargeBasis
-    held: Factor | None
-    loose: Factor | None
-
-    def voltages(self, charge: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What charges make of a circuit at 0 V, in volts, shape (n,); 0 in coordinates that hold none."""
-        charged, x = self.basis.charged, np.zeros(self.dynamics.size)
-        if self.held is None:
-            x[charged] = charge[charged] / self.dynamics.capacitance.ground[charged]
-        elif charge[charged].any():
-            x[charged] = _entrywise(self.held, charge[charged], self._lift(self.held))
-        return x
-
-    def followed(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The state with the charges of ``x`` at which Kirchhoff's law holds for every loose part, in volts."""
-        if self.loose is None:
-            return x
-        groups, netlist = self.basis.spread, self.dynamics.netlist
-        drive = groups.T @ self.dynamics.imbalance(x)
-        nodes, amps = netlist.current_nodes.ravel().astype(np.int64), np.repeat(netlist.current_amps, 2)
-        into = sparse.csr_array(groups.T)
-        several = into @ self.dynamics.injection(nodes, np.ones(len(nodes))) > 1.0
-        summed = np.where(several, into @ self.dynamics.injection(nodes, np.abs(amps)), 0.0)
-        rounding = self._lift(self.loose) + _EPS * summed
-        return np.asarray(x + groups @ _entrywise(self.loose, drive, rounding))
-
-    def slope(self, current: NDArray[np.float64]) -> NDArray[np.float64]:
-        """How fast voltages rise when currents charge the rows, in V/s, shape (n,); to some 0.1 %."""
-        charged, groups, v = self.basis.charged, self.basis.spread, np.zeros(self.dynamics.size)
-        if self.held is None:
-            v[charged] = current[charged] / self.dynamics.capacitance.ground[charged]
-        else:
-            v[charged] = self.held.solve(current[charged], rtol=_ROUGH)
-        if self.loose is not None:
-            v += groups @ self.loose.solve(-(groups.T @ self.dynamics.conducted(v)), rtol=_ROUGH)
-        return v
-
-    def _lift(self, factors: Factor) -> NDArray[np.float64]:
-        """What floating sources may round off the drive of every row of a matrix, shape (n,)."""
-        return np.asarray(_EPS * self.dynamics.forest.lift * factors.laplacian.diagonal)
-
-
-def charges_of(dynamics: Dynamics) -> Charges:
-    """Factor what tells a circuit's voltages from its charges."""
-    basis = charge_basis(dynamics)
-    held = loose = None
-    if not dynamics.apart and basis.charged.any():
-        held = factor_laplacian(dynamics.capacitance.within(basis.charged), "auto")
-    if basis.spread.shape[1]:
-        loose = factor_laplacian(dynamics.conductance.grouped(sparse.csr_array(basis.spread.T)), "auto")
-    return Charges(dynamics, basis, held, loose)
-
-
-def _entrywise(factors: Factor, drive: NDArray[np.float64], rounding: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Solve for a right-hand side of both signs, each entry right beside the largest one.
-
-    Shapes: `drive` (n,); `rounding` (n,): what it may be off by; returns (n,).
-    """
-    watch, doubt = Watch(), 0.0
-    parts = [np.maximum(sign * drive, 0.0) for sign in (1.0, -1.0)]
-    rising, falling = (
-        factors.solve_nonnegative(part, watch=watch)[0] if part.any() else Scaled.of(part) for part in parts
-    )
-    x = minus(rising, falling)
-    if all(part.any() for part in parts) and watch.bound * quotient([rising, falling], x) > CERTAIN:
-        x, doubt = _refined(factors, drive, rounding, x)
-    if doubt > _DOUBT or not is_answer(watch.error, watch.bound):
-        raise AccuracyError(
-            "the voltages at 0+ cannot be told: currents of both signs nearly cancel, or conductances and capacitances "
-            f"span too many decades (voltages may be off by {max(doubt, watch.error):.1e} of the largest); check what "
-            "ties the circuit to its rails"
-        )
-    return x.plain
-
-
-def _refined(
-    factors: Factor, drive: NDArray[np.float64], rounding: NDArray[np.float64], x: Scaled
-) -> tuple[Scaled, float]:
-    """Make a difference better; returns what it may be off by at most, relative to its largest entry.
-
-    ``A^-1`` has no negative entry: the error is at most ``A^-1 |r|``, with the residual ``r``, and what ``A^-1`` makes
-    of both signs of it corrects the difference.
-    """
-    best, doubt = x, np.inf
-    for _ in range(_MOST_CORRECTIONS):
-        rise, fall = (factors.solve_nonnegative(part)[0] for part in _residual(factors.laplacian, drive, rounding, x))
-        found = 2.0 * quotient([rise, fall], x)
-        if not found < doubt:
-            break
-        best, doubt = x, found
-        if doubt <= CERTAIN:
-            break
-        x = minus(x, minus(fall, rise))
-    return best, float(doubt)
-
-
-def _residual(
-    laplacian: Laplacian, drive: NDArray[np.float64], rounding: NDArray[np.float64], x: Scaled
-) -> tuple[Scaled, Scaled]:
-    """The residual's positive part, and what is negative of it; both with what the drive's own rounding may hide."""
-    from resgrid.solvers.extended_kernels import correct
-    from resgrid.solvers.refine import imbalance, scaled_currents
-
-    r, e = np.empty(laplacian.size), np.empty(laplacian.size, dtype=np.int64)
-    imbalance(laplacian.conductances, scaled_currents(drive), x, (r, e), exact=True)
-    none = np.zeros_like(e)
-    parts = [Scaled(np.maximum(sign * r, 0.0), np.zeros_like(r), np.where(sign * r > 0.0, e, 0)) for sign in (1, -1)]
-    for part in parts:
-        correct(part, rounding, none, part)
-    return parts[0], parts[1]
-
-
-def initial_state(charges: Charges, before: NDArray[np.float64]) -> NDArray[np.float64]:
+def initial_state(dynamics: Dynamics, before: NDArray[np.float64]) -> NDArray[np.float64]:
     """State at time 0+, (n,), when the sources of the netlist act at once on node voltages ``before`` (nodes,).
 
     Finite currents move no charge in no time: at every node (or nodes joined by voltage sources) the charge on the
     capacitors is that of the voltages before.  Nodes without capacitance take the voltage at which Kirchhoff's current
     law holds.
     """
-    dynamics, netlist, basis = charges.dynamics, charges.dynamics.netlist, charges.basis
+    netlist, groups, charged = dynamics.netlist, dynamics.spread, dynamics.charged
     x = dynamics.state(before)
-    x = np.asarray(x - basis.spread @ (basis.spread.T @ np.where(basis.charged, 0.0, x)))  # loose parts from 0 V on
+    x = np.asarray(x - groups @ (groups.T @ np.where(charged, 0.0, x)))  # loose parts from 0 V on
     held, now = (volts[netlist.capacitor_nodes] for volts in (before, dynamics.voltage(x)))
     missing = netlist.capacitance * np.nan_to_num((held[:, 0] - held[:, 1]) - (now[:, 0] - now[:, 1]))
     first, second = netlist.capacitor_nodes.T
-    charge = dynamics.injection(first, missing) - dynamics.injection(second, missing)
-    return charges.followed(x + charges.voltages(charge))
+    charge = (dynamics.injection(first, missing) - dynamics.injection(second, missing))[charged]
+    if dynamics.held is not None:
+        x[charged] += _entrywise(dynamics.held, charge, _lift(dynamics, dynamics.held))
+    if dynamics.loose is None:
+        return x
+    nodes, amps = netlist.current_nodes.ravel().astype(np.int64), np.repeat(np.abs(netlist.current_amps), 2)
+    several, summed = (groups.T @ dynamics.injection(nodes, each) for each in (np.ones(len(nodes)), amps))
+    rounding = _lift(dynamics, dynamics.loose) + _EPS * np.where(several > 1.0, summed, 0.0)
+    return np.asarray(x + groups @ _entrywise(dynamics.loose, groups.T @ dynamics.imbalance(x), rounding))
+
+
+def slope(dynamics: Dynamics, current: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How fast voltages rise when currents charge the rows, in V/s, shape (n,); to some 0.1 %."""
+    charged, groups, v = dynamics.charged, dynamics.spread, np.zeros(dynamics.size)
+    if dynamics.held is not None:
+        v[charged] = dynamics.held.solve(current[charged], rtol=_ROUGH)
+    if dynamics.loose is not None:
+        v += groups @ dynamics.loose.solve(-(groups.T @ dynamics.conducted(v)), rtol=_ROUGH)
+    return v
+
+
+def _lift(dynamics: Dynamics, factors: Factor) -> NDArray[np.float64]:
+    """What floating sources may round off the drive of every row of a matrix, shape (n,)."""
+    return np.asarray(_EPS * dynamics.forest.lift * factors.laplacian.diagonal)
+
+
+def _entrywise(factors: Factor, drive: NDArray[np.float64], rounding: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Solve for a right-hand side of both signs, each entry right beside the largest one.
+
+    Where both solutions nearly cancel, their difference is corrected.  ``A^-1`` has no negative entry: the error is at
+    most ``A^-1 |r|``, with the residual ``r``, and what ``A^-1`` makes of both signs of it is the correction.
+
+    Shapes: `drive` (n,); `rounding` (n,): what it may be off by; returns (n,).
+    """
+    watch, x, doubt = Watch(), Scaled.of(np.zeros(len(drive))), 0.0
+    parts = _of_residual(factors, drive, np.zeros(len(drive)), x, watch)
+    x = best = minus(*parts)
+    cancelled = quotient(parts, x)
+    if cancelled > 1.0 and watch.bound * cancelled > CERTAIN:
+        doubt = np.inf
+        for _ in range(_MOST_CORRECTIONS):
+            parts = _of_residual(factors, drive, rounding, x, watch)
+            found = 2.0 * quotient(parts, x)
+            if not found < doubt:
+                break
+            best, doubt = x, found
+            if doubt <= CERTAIN:
+                break
+            x = minus(x, minus(*parts[::-1]))
+    if doubt > _DOUBT or not is_answer(watch.error, watch.bound):
+        raise AccuracyError(
+            "the voltages at 0+ cannot be told: currents of both signs nearly cancel, or conductances and capacitances "
+            f"span too many decades (voltages may be off by {max(doubt, watch.error):.1e} of the largest); check what "
+            "ties the circuit to its rails"
+        )
+    return best.plain
+
+
+def _of_residual(
+    factors: Factor, drive: NDArray[np.float64], rounding: NDArray[np.float64], x: Scaled, watch: Watch
+) -> list[Scaled]:
+    """Solutions for the residual's positive part, and for what is negative of it; both with what rounding may hide."""
+    from resgrid.solvers.extended_kernels import correct
+    from resgrid.solvers.refine import imbalance, scaled_currents
+
+    laplacian, r, e = factors.laplacian, np.empty(len(drive)), np.zeros(len(drive), dtype=np.int64)
+    none = e.copy()
+    imbalance(laplacian.conductances, scaled_currents(drive), x, (r, e), exact=True)
+    parts = [Scaled(np.maximum(sign * r, 0.0), np.zeros_like(r), np.where(sign * r > 0.0, e, 0)) for sign in (1, -1)]
+    for part in parts:
+        correct(part, rounding, none, part)
+    return [factors.solve_nonnegative(part, watch=watch)[0] if part.hi.any() else part for part in parts]
 
 
 def energy_delivered(

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from concurrent.futures import Executor
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,52 +18,26 @@ from resgrid.errors import InputError
 from resgrid.executors import Part, in_order
 from resgrid.netlist import Netlist
 from resgrid.solvers.factor import check_rtol
-from resgrid.solvers.laplacian import EdgeList, Laplacian
-from resgrid.solvers.reuse import Chip, FactoredBatch, GridBatch, grid_batch
+from resgrid.solvers.reuse import Solver, solve_in_order, solver_by_levels
 from resgrid.solvers.symbolic import order_rows
 
 _SMALL = 1000
 """Rows up to which factors are quicker than multigrid."""
 
-_FEW = 1000
-"""Resistors that tell in which unit a chip is solved."""
-
 _MOST_CONTRAST = 1e3
 """Between the nominal chip's conductances, up to which its levels precondition others."""
 
 
-@dataclass(frozen=True, eq=False)
-class Batch:
+class Batch(NamedTuple):
     """What all chips of a kind share.
 
-    `system`: the nominal chip's equations; rows and entries stay where they are; `source` (entries,): the resistor
-    behind every entry of its matrix's edges; None where resistors are in parallel; `contacts`: what drives its
-    rows; `solver`: solves for chips.
+    `system`: the nominal chip's equations; rows and entries stay where they are; `contacts`: what drives its rows;
+    `solver`: solves for chips.
     """
 
     system: Equations
-    source: NDArray[np.int64] | None
     contacts: Contacts
-    solver: GridBatch | FactoredBatch
-
-    @property
-    def name(self) -> str:
-        """The method."""
-        return self.solver.name
-
-    def chip(self, conductance: NDArray[np.float64]) -> Chip:
-        """The equations of a chip of other conductances, shape (resistors,), in siemens."""
-        system = self.system
-        matrix, feed = system.with_conductance(conductance, self.contacts)
-        entries = matrix.as_rows().data if self.source is None else conductance[self.source]
-        few = slice(None, None, max(1, len(conductance) // _FEW))
-        with np.errstate(over="ignore"):
-            times = np.median(conductance[few] / system.netlist.conductance[few])
-        return Chip(entries, matrix.ground, feed + system.injected, float(2.0 ** np.round(np.log2(times))))
-
-    def voltages(self, solution: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Voltages of all nodes, shape (chips, nodes), from those of the rows, (chips, n); NaN where a node floats."""
-        return np.stack([self.system.voltages(x) for x in solution])
+    solver: Solver
 
 
 def solve_many(
@@ -122,7 +98,7 @@ def solve_many(
     if batch is None:
         return np.tile(assemble(netlist).known_voltages(), (len(wanted), 1))
     voltage = np.empty((len(wanted), netlist.node_count))
-    with closing(in_order([Part(_solve_some, (batch, rtol), wanted, "chips")], executor)) as results:
+    with closing(in_order([Part(partial(solve_batch, rtol=rtol), batch, wanted, "chips")], executor)) as results:
         for row, volts in zip(voltage, results, strict=True):
             row[:] = volts
     return voltage
@@ -137,55 +113,30 @@ def prepare_batch(netlist: Netlist) -> Batch | None:
     diagonal, edges = matrix.diagonal, matrix.as_rows().data
     contrast = float(diagonal.max()) / min(float(diagonal.min()), float(edges.min(initial=np.inf)))
     system = replace(system, laplacian=matrix)
-    source = _sources_of_entries(system)
-    if system.size > _SMALL and contrast <= _MOST_CONTRAST:
-        solver = grid_batch(matrix, system.drive)
-        if solver is not None:
-            return Batch(system, source, system.found_contacts(), solver)
-    return Batch(system, source, system.found_contacts(), FactoredBatch(order_rows(matrix)))
-
-
-def _solve_some(shared: tuple[Batch, float], conductance: NDArray[np.float64]) -> NDArray[np.float64]:
-    batch, rtol = shared
-    return solve_batch(batch, conductance, rtol=rtol)
+    by_levels = system.size > _SMALL and contrast <= _MOST_CONTRAST
+    solver = solver_by_levels(matrix, system.drive) if by_levels else None
+    return Batch(system, system.found_contacts(), solver or partial(solve_in_order, order_rows(matrix)))
 
 
 def solve_batch(batch: Batch, conductance: NDArray[np.float64], *, rtol: float = 1e-10) -> NDArray[np.float64]:
-    """Voltages of some chips, shape (chips, nodes)."""
-    count = len(conductance)
-    solution, reached = np.zeros((count, batch.system.size)), np.zeros(count, dtype=np.bool_)
-    batch.solver.solve(map(batch.chip, conductance), rtol, solution, reached)
-    voltage = batch.voltages(solution)
-    for chip in np.flatnonzero(~reached):
-        voltage[chip] = _alone(batch.system.netlist, conductance[chip])
+    """Voltages of some chips, shape (chips, nodes); NaN where a node floats."""
+    system, contacts, solver = batch
+    voltage = np.empty((len(conductance), system.netlist.node_count))
+    laid_out = (system.with_conductance(siemens, contacts) for siemens in conductance)
+    chips = ((matrix, feed + system.injected) for matrix, feed in laid_out)
+    for volts, siemens, x in zip(voltage, conductance, solver(chips, rtol), strict=True):
+        if x is None:  # it has little to do with the nominal one
+            alone = system.netlist.replace(conductance=siemens)
+            volts[:] = solve_linear(alone, accuracy="direction", method="auto", rtol=1e-10).voltage
+        else:
+            volts[:] = system.voltages(x)
     return voltage
-
-
-def _sources_of_entries(system: Equations) -> NDArray[np.int64] | None:
-    """The resistor behind every entry of the edges, where each has one: conductances tell, if they are its number."""
-    ends, entries = system.netlist.resistor_nodes, len(system.laplacian.as_rows().indices)
-    number = np.arange(1.0, len(ends) + 1.0)
-    rows = system.unknown[ends]
-    inner = np.count_nonzero((rows >= 0).all(axis=1) & (rows[:, 0] != rows[:, 1]))
-    if entries != 2 * inner:
-        return None
-    numbered = Laplacian(system.laplacian.ground, EdgeList(ends, number, system.unknown))
-    return numbered.as_rows().data.astype(np.int64) - 1
-
-
-def _alone(netlist: Netlist, conductance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The voltages of one chip that has little to do with the nominal one."""
-    chip = netlist.replace(conductance=conductance)
-    return solve_linear(chip, accuracy="direction", method="auto", rtol=1e-10).voltage
 
 
 def _checked(netlist: Netlist, conductances: ArrayLike) -> NDArray[np.float64]:
     if netlist.nonlinear_nodes.size:
         raise InputError("nonlinear resistors have no conductances to exchange; solve such chips one by one")
-    try:
-        wanted = np.ascontiguousarray(conductances, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError("conductances must be one number per chip and resistor") from error
+    wanted = np.ascontiguousarray(conductances, dtype=np.float64)
     if wanted.ndim != 2 or wanted.shape[1] != len(netlist.conductance):
         raise InputError(
             f"conductances have shape {wanted.shape}, but the netlist has {len(netlist.conductance)} resistors; "

@@ -7,15 +7,20 @@ M-matrix, that of the circuit's differential conductances ``I0 / V0 sech^2(dV / 
 At its operating point a nonlinear resistor carries what a linear one of its *secant* conductance ``I / dV`` would.  So
 the answer is read off the linear circuit of those, with all that solving a linear circuit promises: it keeps its last
 digits, has no local minimum, and its field is direction-safe.
+
+A nonlinear resistor carries less than its ``I0``: there is an operating point if and only if no set of nodes is fed
+more than the resistors around it can carry (Ford & Fulkerson 1956).  Where one is, voltages rise without bound, and the
+nodes above one of these voltages, or below, are such a set: the co-content falls along the voltages, and it is an
+integral over those sets (coarea formula; Strang 1983).
 """
 
 from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +30,7 @@ from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.linear import solve_linear
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.readout import DIRECTION_RESIDUAL
-from resgrid.circuit.saturation import refuse_saturated_cut
-from resgrid.errors import AccuracyError
+from resgrid.errors import AccuracyError, CircuitError
 from resgrid.netlist import Netlist, add_elements, crossed_by, select_elements
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.monitor import Progress
@@ -51,6 +55,9 @@ _ROUNDING = 1e-12
 _SATURATED = 14.0
 """``dV / V0`` from which the current of a nonlinear resistor is hard to tell from its ``I0``: then 1 in 1e12."""
 
+_MARGIN = 1e-12
+"""Share of what a cut carries, below which doubles do not tell what is left of it."""
+
 _SHARE_NOISE = 1e-13
 """Relative error of nonlinear currents; near saturation it makes much of the drop uncertain."""
 
@@ -66,26 +73,18 @@ def solve_nonlinear(
     Newton's method gives voltages to the rounding of doubles; the linear circuit of the secant conductances at them
     gives the answer with its last digits, and better secants, until these rest.
     """
-    try:
-        return _settled(netlist, accuracy=accuracy, method=method, rtol=rtol, progress=progress)
-    except AccuracyError:
-        # Voltages without bound look like any other failure until the flow through the circuit is asked.
-        refuse_saturated_cut(netlist, assemble(linear_netlist(netlist, netlist.nonlinear_current)))
-        raise
-
-
-def _settled(netlist: Netlist, *, accuracy: str, method: str, rtol: float, progress: Progress | None) -> OperatingPoint:
     start = time.perf_counter()
     voltage = newton(netlist, method=method).voltage
     seconds = time.perf_counter() - start
-    secant = secant_conductance(netlist, _drops(netlist, voltage))
+    law = _Law.of(netlist)
+    secant = law.secant(_drops(netlist, voltage))
     best: OperatingPoint | None = None
     least = np.inf
     for _ in range(_MOST_PASSES):
         chords = linear_netlist(netlist, secant)
         point = solve_linear(chords, accuracy=accuracy, method=method, rtol=rtol, progress=progress)
         drop = point.resistor_current[len(netlist.conductance) :] / secant
-        better = secant_conductance(netlist, drop)
+        better = law.secant(drop)
         change = float(np.abs(better / secant - 1).max())
         if not change < least:
             break
@@ -128,7 +127,7 @@ def small_signal(op: OperatingPoint) -> Netlist:
     netlist = op.netlist
     if not netlist.nonlinear_nodes.size:
         return netlist
-    return linear_netlist(netlist, differential_conductance(netlist, nonlinear_drops(op)))
+    return linear_netlist(netlist, _Law.of(netlist).differential(nonlinear_drops(op)))
 
 
 def nonlinear_drops(point: OperatingPoint) -> NDArray[np.float64]:
@@ -165,8 +164,7 @@ def _in_place(netlist: Netlist, point: OperatingPoint, change: float, seconds: f
     )
 
 
-@dataclass(frozen=True, eq=False)
-class NewtonSolution:
+class NewtonSolution(NamedTuple):
     """Where Newton's method ended, and the way there.
 
     `voltage` (nodes,): node voltages above ground, in volts; NaN where a node floats; `residual`: largest violation
@@ -175,8 +173,8 @@ class NewtonSolution:
     """
 
     voltage: NDArray[np.float64]
-    residual: tuple[float, ...]
-    step: tuple[float, ...]
+    residual: list[float]
+    step: list[float]
 
 
 def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
@@ -187,28 +185,52 @@ def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
     touches it (as iteratively reweighted least squares do), so that the co-content falls as well.
     """
     circuit = _Circuit.of(netlist)
-    x = np.zeros(circuit.system.size)
+    x, at_rest = np.zeros(circuit.system.size), False
     residuals: list[float] = []
     steps: list[float] = []
-    while len(steps) < MOST_STEPS:
-        excess = circuit.excess(x)
+    while True:
+        drop = circuit.drops(x)
+        excess = circuit.excess(drop)
         residuals.append(float(np.abs(excess).max(initial=0.0)))
-        if residuals[-1] <= _NEGLIGIBLE * circuit.largest_current(x) and np.all(np.abs(excess) <= circuit.rounding(x)):
-            if np.abs(circuit.ratio(x)).max(initial=0.0) > _SATURATED:
-                refuse_saturated_cut(netlist, circuit.system)
-            return NewtonSolution(circuit.system.voltages(x), tuple(residuals), tuple(steps))
-        move, share = _step(circuit, x, excess, method)
+        done = at_rest or circuit.obeys_kcl(x, drop, excess)
+        saturated = np.abs(drop / circuit.law.volts).max(initial=0.0) > _SATURATED
+        if len(steps) in (_MANY_STEPS, MOST_STEPS) or (done and saturated):
+            _refuse_overloaded_cut(netlist, circuit.system, x)
+        if done:
+            return NewtonSolution(circuit.system.voltages(x), residuals, steps)
+        if len(steps) == MOST_STEPS:
+            raise AccuracyError(
+                f"Newton's method did not converge in {MOST_STEPS} steps: Kirchhoff's current law is still violated by "
+                f"{residuals[-1]:.1e} A",
+                NewtonSolution(circuit.system.voltages(x), residuals, steps),
+            )
+        try:
+            move, share = _step(circuit, x, drop, excess, method)
+        except AccuracyError:  # voltages without bound look like any other failure
+            _refuse_overloaded_cut(netlist, circuit.system, x)
+            raise
         x = x + move
         steps.append(share)
-        if len(steps) == _MANY_STEPS:
-            refuse_saturated_cut(netlist, circuit.system)
-        if share > 0.0 and np.abs(move).max() <= 4 * _EPS * share * np.abs(x).max():
-            return NewtonSolution(circuit.system.voltages(x), tuple(residuals), tuple(steps))
-    raise AccuracyError(
-        f"Newton's method did not converge in {MOST_STEPS} steps: Kirchhoff's current law is still violated by "
-        f"{residuals[-1]:.1e} A",
-        NewtonSolution(circuit.system.voltages(x), tuple(residuals), tuple(steps)),
-    )
+        at_rest = share > 0.0 and bool(np.abs(move).max() <= 4 * _EPS * share * np.abs(x).max())
+
+
+def _step(
+    circuit: _Circuit, x: NDArray[np.float64], drop: NDArray[np.float64], excess: NDArray[np.float64], method: str
+) -> tuple[NDArray[np.float64], float]:
+    """What to move by, and the share of a Newton step that it is: 0 for a step of the secants."""
+    here, size = circuit.content(x)
+    choices: list[tuple[NDArray[np.float64], float]] = []
+    with suppress(AccuracyError):  # differential conductances that vanish can leave the matrix singular
+        direction, share = circuit.move(excess, circuit.law.differential(drop), method), 1.0
+        # All of it unless the co-content, convex along it, rises before its end.
+        rise = 0.1 * abs(float(excess @ direction))
+        while circuit.excess(circuit.drops(x + share * direction)) @ direction > rise and share > _SHORTEST:
+            share *= _SHORTER
+        choices.append((share * direction, share))
+        if share >= _WORTHWHILE and circuit.content(x + share * direction)[0] <= here + _ROUNDING * size:
+            return choices[0]
+    choices.append((circuit.move(excess, circuit.law.secant(drop), method), 0.0))
+    return min(choices, key=lambda choice: circuit.content(x + choice[0])[0])
 
 
 def linear_netlist(netlist: Netlist, conductance: NDArray[np.float64]) -> Netlist:
@@ -218,32 +240,38 @@ def linear_netlist(netlist: Netlist, conductance: NDArray[np.float64]) -> Netlis
     return select_elements(joined, "nonlinear resistor", np.zeros(len(ends), dtype=np.bool_))
 
 
-def secant_conductance(netlist: Netlist, drop: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Conductance ``I0 tanh(dV / V0) / dV`` of every nonlinear resistor.
+class _Law(NamedTuple):
+    """Resistors that carry ``G V0 tanh(dV / V0)``.
 
-    Shapes: `drop` (nonlinear resistors,); returns (nonlinear resistors,).
+    `siemens` (m,): ``G``; `volts` (m,): ``V0``, infinite where one is linear.
     """
-    x = np.abs(drop / netlist.nonlinear_voltage)
-    small = x < 1e-4
-    ratio = np.where(small, 1 - x * x / 3, np.tanh(x) / np.where(small, 1.0, x))
-    return np.asarray(_slope_at_zero(netlist) * ratio)
 
+    siemens: NDArray[np.float64]
+    volts: NDArray[np.float64]
 
-def differential_conductance(netlist: Netlist, drop: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Conductance ``dI / dV = I0 / V0 sech^2(dV / V0)`` of every nonlinear resistor: what a small signal sees.
+    @classmethod
+    def of(cls, netlist: Netlist) -> _Law:
+        """The law of the nonlinear resistors."""
+        return cls(netlist.nonlinear_current / netlist.nonlinear_voltage, netlist.nonlinear_voltage)
 
-    Shapes: `drop` (nonlinear resistors,); returns (nonlinear resistors,).
-    """
-    decay = np.exp(-2 * np.abs(drop / netlist.nonlinear_voltage))
-    return np.asarray(_slope_at_zero(netlist) * np.maximum(4 * decay / (1 + decay) ** 2, _FLOOR))
+    def secant(self, drop: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Conductance ``I / dV`` of every resistor, shape (m,)."""
+        x = np.abs(drop / self.volts)
+        small = x < 1e-4
+        return np.asarray(self.siemens * np.where(small, 1 - x * x / 3, np.tanh(x) / np.where(small, 1.0, x)))
 
+    def differential(self, drop: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Conductance ``dI / dV = G sech^2(dV / V0)`` of every resistor, shape (m,): what a small signal sees."""
+        decay = np.exp(-2 * np.abs(drop / self.volts))
+        return np.asarray(self.siemens * np.maximum(4 * decay / (1 + decay) ** 2, _FLOOR))
 
-def _slope_at_zero(netlist: Netlist) -> NDArray[np.float64]:
-    return np.asarray(netlist.nonlinear_current / netlist.nonlinear_voltage)
-
-
-Law = Callable[[Netlist, NDArray[np.float64]], NDArray[np.float64]]
-"""Conductances of nonlinear resistors at the voltages across them."""
+    def content(self, drop: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The integral of ``I dV`` of every resistor, shape (m,), in watts."""
+        x, linear = np.abs(drop / self.volts), np.isinf(self.volts)
+        log_cosh = x + np.log1p(np.exp(-2 * x)) - np.log(2.0)
+        with np.errstate(over="ignore"):
+            square = np.where(linear, 0.5 * drop**2, np.where(linear, 0.0, self.volts) ** 2 * log_cosh)
+        return np.asarray(self.siemens * square)
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,98 +282,85 @@ class _Circuit:
     voltages where all rows are 0.
     """
 
-    netlist: Netlist
+    law: _Law
     system: Equations
     incidence: sparse.csr_array
     lift: NDArray[np.float64]
 
     @classmethod
     def of(cls, netlist: Netlist) -> _Circuit:
-        system = assemble(linear_netlist(netlist, _slope_at_zero(netlist)))
+        own, linear = _Law.of(netlist), netlist.conductance
+        law = _Law(np.append(linear, own.siemens), np.append(np.full(len(linear), np.inf), own.volts))
+        system = assemble(linear_netlist(netlist, own.siemens))
         heights = np.nan_to_num(system.heights(np.zeros(system.size)))
         ends = np.concatenate([netlist.resistor_nodes, netlist.nonlinear_nodes])
         element, end = np.nonzero(system.unknown[ends] >= 0)
         entries = (1.0 - 2.0 * end, (element, system.unknown[ends][element, end]))
         incidence = sparse.coo_array(entries, shape=(len(ends), system.size)).tocsr()
-        return cls(netlist, system, incidence, heights[ends[:, 0]] - heights[ends[:, 1]])
+        return cls(law, system, incidence, heights[ends[:, 0]] - heights[ends[:, 1]])
 
     def drops(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Voltage across every element."""
         return np.asarray(self.incidence @ x + self.lift)
 
-    def ratio(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """``dV / V0`` of every nonlinear resistor."""
-        return np.asarray(self.drops(x)[len(self.netlist.conductance) :] / self.netlist.nonlinear_voltage)
-
-    def amps(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Current through every element."""
-        g = self.netlist.conductance
-        return np.append(g * self.drops(x)[: len(g)], self.netlist.nonlinear_current * np.tanh(self.ratio(x)))
-
-    def siemens(self, x: NDArray[np.float64], law: Law) -> NDArray[np.float64]:
-        """Conductance of every element by a law of the nonlinear ones."""
-        g = self.netlist.conductance
-        return np.append(g, law(self.netlist, self.drops(x)[len(g) :]))
-
-    def excess(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def excess(self, drop: NDArray[np.float64]) -> NDArray[np.float64]:
         """Current that leaves every row beyond what is fed in."""
-        return np.asarray(self.incidence.T @ self.amps(x) - self.system.injected)
-
-    def rounding(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """How much of the excess may be rounding."""
-        touched = abs(self.incidence)
-        reach = touched @ np.abs(x) + np.abs(self.lift)
-        error = self.siemens(x, differential_conductance) * reach + np.abs(self.amps(x))
-        return np.asarray(4 * _EPS * (touched.T @ error + np.abs(self.system.injected)))
-
-    def largest_current(self, x: NDArray[np.float64]) -> float:
-        """Largest current that an element carries or a source feeds in."""
-        return float(max(np.abs(part).max(initial=0.0) for part in (self.amps(x), self.system.injected)))
+        return np.asarray(self.incidence.T @ (self.law.secant(drop) * drop) - self.system.injected)
 
     def content(self, x: NDArray[np.float64]) -> tuple[float, float]:
         """The co-content in watts, and the sum of its parts' magnitudes."""
-        netlist, ratio = self.netlist, np.abs(self.ratio(x))
-        log_cosh = ratio + np.log1p(np.exp(-2 * ratio)) - np.log(2.0)
-        with np.errstate(over="ignore"):
-            stored = float(0.5 * netlist.conductance @ self.drops(x)[: len(netlist.conductance)] ** 2)
-        stored += float((netlist.nonlinear_current * netlist.nonlinear_voltage) @ log_cosh)
-        fed = self.system.injected * x
+        fed, stored = self.system.injected * x, float(self.law.content(self.drops(x)).sum())
         return stored - float(fed.sum()), stored + float(np.abs(fed).sum())
 
-    def move(self, x: NDArray[np.float64], excess: NDArray[np.float64], law: Law, method: str) -> NDArray[np.float64]:
+    def obeys_kcl(self, x: NDArray[np.float64], drop: NDArray[np.float64], excess: NDArray[np.float64]) -> bool:
+        """Whether the excess is nothing beside the largest current, and everywhere what rounding may make of none."""
+        amps, fed = np.abs(self.law.secant(drop) * drop), np.abs(self.system.injected)
+        largest, touched = max(amps.max(initial=0.0), fed.max(initial=0.0)), abs(self.incidence)
+        error = self.law.differential(drop) * (touched @ np.abs(x) + np.abs(self.lift)) + amps
+        rounding = 4 * _EPS * (touched.T @ error + fed)
+        return bool(np.all(np.abs(excess) <= np.minimum(rounding, _NEGLIGIBLE * largest)))
+
+    def move(self, excess: NDArray[np.float64], conductance: NDArray[np.float64], method: str) -> NDArray[np.float64]:
         """What takes the excess away if conductances stay as they are."""
-        matrix, _ = self.system.with_conductance(self.siemens(x, law), self.system.found_contacts())
+        matrix, _ = self.system.with_conductance(conductance, self.system.found_contacts())
         return factor_laplacian(matrix, method).solve(-excess, rtol=1e-8)
 
 
-def _step(
-    circuit: _Circuit, x: NDArray[np.float64], excess: NDArray[np.float64], method: str
-) -> tuple[NDArray[np.float64], float]:
-    """What to move by, and the share of a Newton step that it is: 0 for a step of the secants."""
-    here, size = circuit.content(x)
-    choices: list[tuple[float, NDArray[np.float64], float]] = []
-    with suppress(AccuracyError):  # differential conductances that vanish can leave the matrix singular
-        direction = circuit.move(x, excess, differential_conductance, method)
-        share = _share(circuit, x, direction, excess)
-        there = circuit.content(x + share * direction)[0]
-        if share >= _WORTHWHILE and there <= here + _ROUNDING * size:
-            return share * direction, share
-        choices.append((there, share * direction, share))
-    move = circuit.move(x, excess, secant_conductance, method)
-    choices.append((circuit.content(x + move)[0], move, 0.0))
-    _, move, share = min(choices, key=lambda choice: choice[0])
-    return move, share
+def _refuse_overloaded_cut(netlist: Netlist, system: Equations, x: NDArray[np.float64]) -> None:
+    """Refuse a circuit whose current sources exceed what a cut through nonlinear resistors can carry.
 
+    Cuts between the rows above some voltage and all others are asked, and those below one.  Shapes: `x` (n,).
+    """
+    volts, rank = np.unique(np.append(x, 0.0), return_inverse=True)  # the last row is that of the rails
+    if len(volts) < 2:
+        return
+    ends = np.concatenate([netlist.resistor_nodes, netlist.nonlinear_nodes])
+    below, above = np.sort(rank[system.unknown[ends]], axis=1).T
+    m = len(netlist.resistor_nodes)
+    linear, limit = np.arange(len(ends)) < m, np.append(np.zeros(m), netlist.nonlinear_current)
 
-def _share(
-    circuit: _Circuit, x: NDArray[np.float64], direction: NDArray[np.float64], excess: NDArray[np.float64]
-) -> float:
-    """How much of a Newton step to take: all of it unless the co-content, convex along it, rises before its end."""
+    def crossing(weight: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Sum over the elements that join what lies up to each voltage, but the last, to what lies above."""
+        return np.cumsum(np.bincount(below, weight, len(volts)) - np.bincount(above, weight, len(volts)))[:-1]
 
-    def slope(share: float) -> float:
-        return float(circuit.excess(x + share * direction) @ direction)
-
-    first, share = abs(float(excess @ direction)), 1.0
-    while slope(share) > 0.1 * first and share > _SHORTEST:
-        share *= _SHORTER
-    return share
+    fed = np.cumsum(np.bincount(rank[:-1], system.injected, len(volts)))
+    surplus = np.where(np.arange(len(volts) - 1) < rank[-1], -fed[:-1], fed[-1] - fed[:-1])
+    surplus -= crossing(limit) * (1 - _MARGIN)
+    surplus[crossing(linear.astype(np.float64)) > 0] = -np.inf
+    cut = int(np.argmax(surplus))
+    inside = (rank[:-1] <= cut) == (cut < rank[-1])
+    within = np.append(inside, False)[system.unknown]
+    ends = within[netlist.nonlinear_nodes]
+    across = np.flatnonzero(ends[:, 0] != ends[:, 1])
+    amps, capacity = abs(float(system.injected[inside].sum())), float(netlist.nonlinear_current[across].sum())
+    if surplus[cut] == -np.inf or not across.size or amps < capacity * (1 - _MARGIN):
+        return
+    names = netlist.names_of(netlist.nonlinear_nodes[across[0]])
+    close = "" if amps >= capacity else "may be no operating point, so close are the resistors to I0"
+    raise CircuitError(
+        f"there {close or 'is no operating point'}: the current sources drive {amps:.6g} A through the {len(across)} "
+        f"nonlinear resistors around {np.count_nonzero(within)} nodes (such as "
+        f"{netlist.node_name(int(np.argmax(within)))}), but these (such as the one between {names[0]} and {names[1]}) "
+        f"carry less than {capacity:.6g} A, the sum of their "
+        "I0; feed less current, or raise I0"
+    )

@@ -18,19 +18,18 @@ and no mode is ever jumped over.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.dynamics import Charges, Dynamics, factor_resolvent
+from resgrid.circuit.dynamics import Dynamics, slope
 from resgrid.errors import AccuracyError, BudgetError
-from resgrid.solvers.factor import Factor
 
-METHODS = ("backward_euler", "trapezoidal", "tr-bdf2")
+Method = Literal["backward_euler", "trapezoidal", "tr-bdf2"]
 
 _ROOT2 = float(np.sqrt(2.0))
 _MOST_STEPS = 10_000_000
-_KEPT = 4
 RTOL = 1e-11
 """Normwise backward error of every solution within a step."""
 
@@ -41,63 +40,26 @@ State = tuple[NDArray[np.float64], NDArray[np.float64], int]
 """State, its integral since 0+, and the number of steps taken."""
 
 
-class Resolvents:
-    """Solves ``(G + rate C) x = rhs``; the factors of the last few rates are kept.
-
-    `made`: how many matrices were factored.
-    """
-
-    def __init__(self, dynamics: Dynamics, solver: str) -> None:
-        self._dynamics, self._solver = dynamics, solver
-        self._factors: dict[float, Factor] = {}
-        self.made = 0
-
-    def __call__(self, rate: float, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Solve for one right-hand side."""
-        if not len(rhs):
-            return rhs
-        factors = self._factors.pop(rate, None)
-        if factors is None:
-            factors = factor_resolvent(self._dynamics, rate, self._solver)
-            self.made += 1
-            while len(self._factors) >= _KEPT:
-                del self._factors[next(iter(self._factors))]
-        self._factors[rate] = factors
-        return factors.solve(rhs, rtol=RTOL)
-
-
-def rate_of(method: str, h: float) -> float:
+def rate_of(method: Method, h: float) -> float:
     """What capacitances count by in the matrix of a step, in 1/s; either stage of TR-BDF2 has the same."""
     return {"backward_euler": 1.0, "trapezoidal": 2.0, "tr-bdf2": 2.0 + _ROOT2}[method] / h
 
 
 def advance(
-    dynamics: Dynamics, method: str, x: NDArray[np.float64], h: float, solve: Solve
+    dynamics: Dynamics, method: Method, x: NDArray[np.float64], h: float, solve: Solve
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Make one step.  Shapes: `x` (n,); returns `after` (n,), `integral` (n,)."""
     rate = rate_of(method, h)
     half = solve(rate, dynamics.imbalance(x))
-    if method == "backward_euler":
-        after = x + half
-        return after, h * after
-    if method == "trapezoidal":
-        return x + 2.0 * half, h * (x + half)
+    if method != "tr-bdf2":
+        return x + (1.0 if method == "backward_euler" else 2.0) * half, h * (x + half)
     between, past = x + 2.0 * half, x + (_ROOT2 + 1.0) * half
     after = past + solve(rate, dynamics.imbalance(past))
     return after, h * (_ROOT2 / 4.0 * (x + between) + (1.0 - _ROOT2 / 2.0) * after)
 
 
-def advance_by_sums(dynamics: Dynamics, x: NDArray[np.float64], h: float, solve: Solve) -> NDArray[np.float64]:
-    """State after one step of backward Euler, where every capacitor goes to a rail: nothing is subtracted then.
-
-    Voltages of one sign that span many decades keep their relative accuracy then, each of them.  Nothing is lost by
-    rounding either, for ``rate C x`` holds nothing that would have to cancel.
-    """
-    return solve(1.0 / h, dynamics.capacitance.ground * x / h + dynamics.drive)
-
-
 def fixed_steps(
-    dynamics: Dynamics, method: str, x: NDArray[np.float64], times: NDArray[np.float64], step: float, solve: Solve
+    dynamics: Dynamics, method: Method, x: NDArray[np.float64], times: NDArray[np.float64], step: float, solve: Solve
 ) -> Iterator[State]:
     """States at times, every interval between them divided evenly into steps no longer than ``step``.
 
@@ -111,8 +73,8 @@ def fixed_steps(
         h = (time - now) / max(count, 1)
         for _ in range(count):
             damped = method == "trapezoidal" and taken < 2
+            rule: Method = "backward_euler" if damped else method
             for length in (h / 2, h / 2) if damped else (h,):
-                rule = "backward_euler" if damped else method
                 x, part = advance(dynamics, rule, x, length, solve)
                 integral = integral + part
             taken += 1
@@ -145,14 +107,19 @@ _FUTILE = 30
 
 
 def controlled_steps(
-    charges: Charges, method: str, x: NDArray[np.float64], times: NDArray[np.float64], tolerance: float, solve: Solve
+    dynamics: Dynamics,
+    method: Method,
+    x: NDArray[np.float64],
+    times: NDArray[np.float64],
+    tolerance: float,
+    solve: Solve,
 ) -> Iterator[State]:
     """States at times, by steps of ``2**k`` seconds; the halves are kept.  Shapes: `x` (n,), `times` (t,)."""
-    dynamics, order = charges.dynamics, _ORDER[method]
+    order = _ORDER[method]
     share = _share(method, tolerance)
     low, high = _range(dynamics, x)
     end = float(times[-1])
-    exponent = _first_exponent(charges, x, order, share, high - low, end)
+    exponent = _first_exponent(dynamics, x, order, share, high - low, end)
     integral = np.zeros_like(x)
     now, taken, halved = 0.0, 0, 0
     waiting = times.tolist()
@@ -214,21 +181,21 @@ def _range(dynamics: Dynamics, x: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def _first_exponent(
-    charges: Charges, x: NDArray[np.float64], order: int, share: float, span: float, longest: float
+    dynamics: Dynamics, x: NDArray[np.float64], order: int, share: float, span: float, longest: float
 ) -> int:
     """Power of two, in seconds, of a step with ``h**(p + 1) |x^(p + 1)|`` a share of the largest voltage difference.
 
     That is the error of a step of order ``p`` but for its constant (Hairer, Norsett & Wanner 1993, section II.4).  In a
     circuit at 0 V the first step itself makes the largest difference, ``h |x'|``.
     """
-    current, logs = charges.dynamics.imbalance(x), []
+    current, logs = dynamics.imbalance(x), []
     for _ in range(order + 1):
-        slope = charges.slope(current)
-        size = float(np.abs(slope).max(initial=0.0))
+        rise = slope(dynamics, current)
+        size = float(np.abs(rise).max(initial=0.0))
         if not 0.0 < size < np.inf:
             break
         logs.append(np.log(size))
-        current = -charges.dynamics.conducted(slope / size)
+        current = -dynamics.conducted(rise / size)
     steps = [np.log(max(longest, np.finfo(np.float64).tiny))]
     if len(logs) == order + 1:
         at_rest = (np.log(share) + logs[0] - sum(logs)) / order

@@ -19,12 +19,12 @@ from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.readout import read_normwise
 from resgrid.compiler import Kind, compile_space, contacts_of_box
 from resgrid.errors import AccuracyError, InputError
-from resgrid.grids import before_and_behind, box_around, label_regions
+from resgrid.grids import before_and_behind, label_regions
 from resgrid.netlist import Netlist
 from resgrid.solvers.factor import check_rtol
 from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian
 from resgrid.solvers.monitor import Progress, Watch
-from resgrid.solvers.reuse import WarmGrid, Window
+from resgrid.solvers.reuse import WarmGrid
 from resgrid.space import Cell, ConfigurationSpace
 from resgrid.wiring import Wiring, wiring_of
 
@@ -183,7 +183,7 @@ class WarmStart:
             circuit.first_iterations = watch.iterations
         self._last = circuit if watch.iterations <= circuit.first_iterations + _WORN else None
         share = circuit.first_rows / np.count_nonzero(circuit.row) if circuit.amps else 1.0
-        voltage = circuit.grid.values(circuit.space.shape)
+        voltage = circuit.grid.values
         voltage *= wiring.supply * share
         voltage += wiring.goal_voltage
         voltage[~circuit.row] = np.nan
@@ -232,7 +232,7 @@ class _Circuit:
             changed |= space.conductivity != old.conductivity
         self.row = row
         boxes = _boxes_around(changed)
-        if boxes is None or not row.any() or not all(self.grid.covers(box) for box in boxes):
+        if boxes is None or not row.any() or not all(self.grid.slot[box].all() for box in boxes):
             return False
         if any(changed[box].sum() > changed[box][_inside(space, box, _RIM + _NEAR)].sum() for box in boxes):
             return False
@@ -241,9 +241,7 @@ class _Circuit:
             around_goals = space.cell[box][_inside(space, box, _RIM + 1)] == Cell.GOAL
             alone = len(boxes) == 1 and np.count_nonzero(around_goals) == goals
             window = _window_of(space, wiring, box, row[box], self.amps)
-            if window is None:
-                return False
-            self.grid.change(window, solve=row.size >= _SMALL, follow=alone)
+            self.grid.change(box, _inside(space, box, _RIM), *window, solve=row.size >= _SMALL, follow=alone)
         return True
 
 
@@ -270,19 +268,19 @@ def _boxes_around(changed: NDArray[np.bool_]) -> list[tuple[slice, ...]] | None:
 
     Tiles have an even number of cells along every axis: colours in a box are those of the whole grid.
     """
+    from scipy import ndimage
+
     if np.count_nonzero(changed) > changed.size / _MOST:
         return None
     ndim, shape = changed.ndim, np.array(changed.shape)
     side = 2 * (_RIM if changed.size < _SMALL else max(round(_WINDOW ** (1 / ndim) / 7), _RIM))
-    tiles = np.zeros(-(-shape // side) + 2, dtype=np.bool_)
-    tile = np.stack(np.unravel_index(np.flatnonzero(changed), changed.shape), axis=1) // side
-    for step in np.ndindex((3,) * ndim):
-        tiles[tuple((tile + step).T)] = True
-    part = label_regions(tiles[(slice(1, -1),) * ndim], np.zeros(ndim, dtype=np.bool_), corners=True)
-    around = [box_around(part == k) for k in range(1, int(part.max()) + 1)]
+    tiles = np.zeros(-(-shape // side), dtype=np.bool_)
+    tiles[tuple(index // side for index in np.unravel_index(np.flatnonzero(changed), changed.shape))] = True
+    around = np.ones((3,) * ndim, dtype=np.bool_)
+    labels, _ = ndimage.label(ndimage.binary_dilation(tiles, around), around)
     boxes = [
         tuple(slice(ends.start * side, min(ends.stop * side, n)) for ends, n in zip(box, changed.shape, strict=True))
-        for box in around
+        for box in ndimage.find_objects(labels)
     ]
     volume = sum(np.prod([ends.stop - ends.start for ends in box]) for box in boxes)
     return boxes if volume <= max(changed.size / _MOST, _WINDOW) else None
@@ -301,10 +299,10 @@ def _inside(space: ConfigurationSpace, box: tuple[slice, ...], margin: int) -> t
 
 def _window_of(
     space: ConfigurationSpace, wiring: Wiring, box: tuple[slice, ...], row: NDArray[np.bool_], amps: float
-) -> Window | None:
+) -> tuple[Laplacian, NDArray[np.float64]]:
     """The equations of a box, with the high rail at 1 V, the low one at 0 V, and so many amperes into every row.
 
-    Shapes: `row`, of the box: which of its cells have rows.  None if no two of them are joined.
+    Shapes: `row`, of the box: which of its cells have rows.
     """
     contacts = contacts_of_box(space, wiring, [(ends.start, ends.stop) for ends in box], connected=False)
     size, vertex = int(np.count_nonzero(row)), np.full(row.shape, -1, dtype=np.int32)
@@ -322,9 +320,6 @@ def _window_of(
             ground += np.bincount(here[tied], siemens[tied], size)
             tied &= beside == Kind.HIGH
             drive += np.bincount(here[tied], siemens[tied], size)
-    if not any(map(len, pairs)):
-        return None
     listed = EdgeList(np.concatenate(pairs), np.concatenate(conductance), np.arange(size, dtype=np.int32))
     grid = Grid(vertex, (False,) * vertex.ndim)
-    laplacian = Laplacian(ground, listed, grid=grid, dimensions=grid.dimensions)
-    return Window(box, laplacian, drive, _inside(space, box, _RIM))
+    return Laplacian(ground, listed, grid=grid, dimensions=grid.dimensions), drive

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.circuit.dynamics import Dynamics, dynamics_of, factor_resolvent
-from resgrid.circuit.transient import transient_stepper
+from resgrid.circuit.transient import Solver, transient_stepper
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND, Netlist, add_elements
@@ -130,7 +130,8 @@ class _Part:
     ) -> None:
         self.wiring, self.netlist = wiring, _compiled(wiring, space)
         self._dynamics = dynamics_of(self.netlist)
-        drive, solver = self._dynamics.drive, "direct" if self._dynamics.size <= _DIRECT else "auto"
+        drive = self._dynamics.drive
+        solver: Solver = "direct" if self._dynamics.size <= _DIRECT else "auto"
         self._end = factor_resolvent(self._dynamics, 0.0, solver).solve(drive, rtol=1e-12) if len(drive) else drive
         self._step = _stepping(self._dynamics, relaxation, solver)
         self.settled = cells is None
@@ -166,7 +167,7 @@ class _Part:
         return True
 
 
-def _stepping(dynamics: Dynamics, relaxation: Relaxation, solver: str) -> Callable[[Vector, int], Vector]:
+def _stepping(dynamics: Dynamics, relaxation: Relaxation, solver: Solver) -> Callable[[Vector, int], Vector]:
     """Many sweeps, or the chip for many ticks, as a function from state to state."""
     if relaxation.method == "chip":
         stepper = transient_stepper(dynamics.netlist, relaxation.pace * TICK, method="backward_euler", solver=solver)

@@ -11,29 +11,28 @@ the window (the drop from the high rail; or 1, above the only rail), ``x + alpha
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
-from resgrid.jit import kernel
 from resgrid.solvers.factor import factor_multigrid
 from resgrid.solvers.laplacian import Grid, Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid.conjugate_gradients import ROUNDING, GridProblem, Stop, converge, iterate
-from resgrid.solvers.multigrid.grid_level import compensate, lay_out
+from resgrid.solvers.multigrid.grid_level import lay_out
 from resgrid.solvers.multigrid.hierarchy import Hierarchy, build_hierarchy, finest_stencils
 from resgrid.solvers.multigrid.krylov import gather_rows, norm, scatter_rows
 from resgrid.solvers.multigrid.levels import Finest
-from resgrid.solvers.multigrid.red_black import Floats, Indices, Integers, Lattice, Stencil
+from resgrid.solvers.multigrid.red_black import Lattice
 from resgrid.solvers.supernodal import factor_in_order
 from resgrid.solvers.symbolic import Symbolic
 
-_DEPTH = 12
-"""Steps that are kept before they are gone: a whole burst."""
+_FEW = 300
+"""Resistors that tell in which unit a chip is solved."""
 
 _LEFT = 16 * ROUNDING
 """Share of ``|A| |x|`` up to which a residual may be what rounding leaves."""
@@ -51,209 +50,105 @@ _WINDOW_RTOL = 1e-10
 """Residual of a window: the mode outside is found from small differences at its rim."""
 
 
-class Chip(NamedTuple):
-    """Equations of a chip whose nodes are joined as the nominal one's are.
-
-    `entries` (entries,): of the edges, row by row, in siemens; `ground` (n,): in siemens; `drive` (n,): in amperes;
-    `mostly`: by how much most of its conductances exceed the nominal ones, as a power of two.
-    """
-
-    entries: NDArray[np.float64]
-    ground: NDArray[np.float64]
-    drive: NDArray[np.float64]
-    mostly: float
+Chip = tuple[Laplacian, NDArray[np.float64]]
+"""Equations of a chip whose nodes are joined as the nominal one's are: its matrix, and what drives its rows."""
 
 
-@dataclass(frozen=True, eq=False)
-class GridBatch:
-    """A grid made ready for other conductances.
-
-    `hierarchy`: of the nominal chip; `face` (entries,): where the entries of red rows belong, as `_refill` takes it;
-    `start` (n,): where the iteration begins, in volts.
-    """
-
-    laplacian: Laplacian
-    hierarchy: Hierarchy
-    face: NDArray[np.int64]
-    start: NDArray[np.float64]
-    name = "multigrid"
-
-    def solve(
-        self, chips: Iterable[Chip], rtol: float, solution: NDArray[np.float64], reached: NDArray[np.bool_]
-    ) -> None:
-        """Solve for some chips, and tell which were.  Shapes: `solution` (chips, n), `reached` (chips,)."""
-        hierarchy, edges = self.hierarchy, self.laplacian.edges
-        ordinary, slot = hierarchy.largest_degree / hierarchy.unit, hierarchy.slot
-        problem = _own(hierarchy)
-        diagonal, leak, x = np.empty(len(slot)), np.zeros_like(problem.currents), np.empty_like(problem.currents)
-        for number, chip in enumerate(chips):
-            unit = hierarchy.unit * chip.mostly
-            first, (_, stencil, compensated, _) = problem.finest[:2], problem.finest
-            _refill(edges.indptr, chip.entries, chip.ground, self.face, slot, unit, first, leak.ravel(), diagonal)
-            compensate(stencil, leak, compensated, np.zeros(leak.shape[1]))
-            # A row whose own diagonal exceeds an ordinary one counts for so much less.
-            wanted = rtol * norm(chip.drive * np.minimum(1.0, ordinary / diagonal)) / unit
-            x[:] = 0.0
-            scatter_rows(slot, self.start, 1.0, x.ravel())
-            scatter_rows(slot, chip.drive, 1.0 / unit, problem.currents.ravel())
-            stop = Stop(wanted, ROUNDING * float(diagonal.max()), unit)
-            residual = converge(problem, x, stop, None)
-            solution[number] = gather_rows(slot, x.ravel())
-            reached[number] = residual <= max(wanted, _LEFT * ordinary * norm(solution[number]))
+Solver = Callable[[Iterable[Chip], float], Iterator[NDArray[np.float64] | None]]
+"""Solutions (n,) for some chips, to a tolerance; None for those that are none."""
 
 
-def grid_batch(laplacian: Laplacian, drive: NDArray[np.float64]) -> GridBatch | None:
+def solve_by_levels(
+    laplacian: Laplacian, hierarchy: Hierarchy, start: NDArray[np.float64], chips: Iterable[Chip], rtol: float
+) -> Iterator[NDArray[np.float64] | None]:
+    """As `Solver`; a chip has its own finest level and the coarse ones of the nominal chip.  Shapes: `start` (n,)."""
+    grid, listed = laplacian.grid, laplacian.listed
+    assert hierarchy.grid is not None and grid is not None and listed is not None
+    ordinary, slot = hierarchy.largest_degree / hierarchy.unit, hierarchy.slot
+    node = np.ascontiguousarray(grid.vertex[hierarchy.box])
+    problem, x = None, np.zeros((2, len(hierarchy.grid.degree)))
+    few = slice(None, None, max(1, len(listed.conductance) // _FEW))
+    for chip, drive in chips:
+        assert chip.listed is not None
+        # Most of its conductances are as large in this unit as the nominal ones are in theirs.
+        unit = hierarchy.unit * float(np.median(chip.listed.conductance[few] / listed.conductance[few]))
+        laid_out = lay_out(*chip.listed, node, chip.ground, unit)
+        assert laid_out is not None
+        degree, largest = np.maximum(laid_out[0].degree, ordinary), float(laid_out[0].degree.max())
+        fresh = finest_stencils(laid_out[0])
+        if problem is None:
+            problem = GridProblem(Finest(*fresh, hierarchy.grid.aggregate), hierarchy.levels, np.zeros_like(degree))
+        true, single, compensated, _ = problem.finest
+        for old, new in zip((*true, *single, compensated), (*fresh[0], *fresh[1], fresh[2]), strict=True):
+            if isinstance(old, np.ndarray):  # written over, for the problem knows them by their addresses
+                old[:] = new
+        x[:] = 0.0
+        scatter_rows(slot, start, 1.0, x.ravel())
+        scatter_rows(slot, drive, 1.0 / unit, problem.currents.ravel())
+        # A row whose own diagonal exceeds an ordinary one counts for so much less.
+        wanted = rtol * norm((problem.currents * (ordinary / degree)).ravel())
+        residual = converge(problem, x, Stop(wanted, ROUNDING * largest, unit), None)
+        solution = gather_rows(slot, x.ravel())
+        yield solution if residual <= max(wanted, _LEFT * ordinary * norm(solution)) else None
+
+
+def solver_by_levels(laplacian: Laplacian, drive: NDArray[np.float64]) -> Solver | None:
     """Lay a grid out by colour; None where it has no two colours.  Shapes: `drive` (n,)."""
     hierarchy = build_hierarchy(laplacian)
     if hierarchy.grid is None:
         return None
-    start, _ = iterate(laplacian, hierarchy, drive, 1e-12)
-    return GridBatch(laplacian, hierarchy, _faces(laplacian, hierarchy.slot, hierarchy.grid.true), start)
+    return partial(solve_by_levels, laplacian, hierarchy, iterate(laplacian, hierarchy, drive, 1e-12)[0])
 
 
-def _faces(laplacian: Laplacian, slot: NDArray[np.int32], true: Stencil) -> NDArray[np.int64]:
-    edges, slot, slots = laplacian.edges, slot.astype(np.int64), len(true.black_degree)
-    row = np.repeat(np.arange(len(slot)), np.diff(edges.indptr))
-    of_entry = np.zeros(len(row), dtype=np.int64)
-    entry = np.flatnonzero(slot[row] < slots)
-    here, there = slot[row[entry]], slot[edges.indices[entry]] - slots
-    away = there - here
-    face = np.full(len(entry), -1)
-    for q, distance in enumerate(true.distance.tolist()):
-        face[away == distance] = q
-    couplings = np.flatnonzero(face < 0)
-    face[couplings[np.lexsort((there[couplings], here[couplings]))]] = -1 - np.arange(len(couplings))
-    of_entry[entry] = face
-    return of_entry
+def solve_in_order(order: Symbolic, chips: Iterable[Chip], rtol: float) -> Iterator[NDArray[np.float64] | None]:
+    """As `Solver`, by elimination; ``rtol`` bounds the error of voltages, relative to the largest."""
+    for laplacian, drive in chips:
+        try:
+            factors = factor_in_order(order.of(laplacian.conductances))
+        except AccuracyError:
+            yield None
+            continue
+        solution = factors.solve(drive)
+        # Entries of a solution for currents of one sign are right to some roundings.
+        summed = factors.solve(np.abs(drive)) if drive.min() < 0.0 else solution
+        right = _ROUNDINGS * np.abs(summed).max() <= max(rtol, _FORBIDDEN) * np.abs(solution).max()
+        yield solution if right else None
 
 
-def _own(hierarchy: Hierarchy) -> GridProblem:
-    """A finest level and work space that nobody else writes to, without currents."""
-    assert hierarchy.grid is not None
-    true, stencil, degree, way = hierarchy.grid
-    finest = Finest(_copied(true), _copied(stencil), degree.copy(), way)
-    return GridProblem(finest, hierarchy.levels, np.zeros((2, len(degree))), _DEPTH)
-
-
-def _copied(stencil: Stencil) -> Stencil:
-    arrays = ("faces", "couplings", "red_inverse", "black_inverse", "black_degree")
-    return stencil._replace(**{name: getattr(stencil, name).copy() for name in arrays})
-
-
-@kernel
-def _refill(
-    indptr: Indices, conductance: Floats, ground: Floats, face: Integers, slot: Indices, unit: float,
-    first: tuple[Stencil, Stencil], leak: Floats, diagonal: Floats,
-) -> None:  # fmt: skip
-    """Write the conductances of a chip onto its finest level, and its ``diagonal`` (n,), all in units.
-
-    ``face`` says where an entry of a red row belongs: its face, or -1 less its coupling; ``leak`` (2 slots,)
-    receives what leads to the rails.
-    """
-    true, stencil = first
-    scale, slots = 1.0 / unit, len(true.black_degree)
-    for i in range(len(slot)):
-        here, degree = slot[i], ground[i] * scale
-        leak[here] = degree
-        for k in range(indptr[i], indptr[i + 1]):
-            g = conductance[k] * scale
-            degree += g
-            if here < slots:
-                if face[k] >= 0:
-                    true.faces[face[k], here] = g
-                    stencil.faces[face[k], here] = g
-                else:
-                    true.couplings[-1 - face[k]] = g
-                    stencil.couplings[-1 - face[k]] = g
-        diagonal[i] = degree
-        if here < slots:
-            true.red_inverse[here] = 1.0 / degree
-            stencil.red_inverse[here] = 1.0 / degree
-        else:
-            true.black_degree[here - slots] = degree
-            stencil.black_inverse[here - slots] = 1.0 / degree
+def _slots_of(lattice: Lattice) -> NDArray[np.int32]:
+    """Slot of every cell of a lattice, black ones counted behind all red ones."""
+    return lattice.slot(lattice.number(np.ix_(*map(np.arange, lattice.shape)))).astype(np.int32)
 
 
 @dataclass(frozen=True, eq=False)
-class FactoredBatch:
-    """An order of elimination for a circuit, whatever its conductances."""
-
-    order: Symbolic
-    name = "direct"
-
-    def solve(
-        self, chips: Iterable[Chip], rtol: float, solution: NDArray[np.float64], reached: NDArray[np.bool_]
-    ) -> None:
-        """As `GridBatch.solve`; ``rtol`` bounds the error of voltages, relative to the largest."""
-        for number, chip in enumerate(chips):
-            matrix = self.order.matrix._replace(edges=chip.entries, ground=chip.ground)
-            try:
-                factors = factor_in_order(self.order.of(matrix))
-            except AccuracyError:
-                continue
-            solution[number] = factors.solve(chip.drive)
-            # Entries of a solution for currents of one sign are right to some roundings.
-            summed = factors.solve(np.abs(chip.drive)) if chip.drive.min() < 0.0 else solution[number]
-            rounding = _ROUNDINGS * np.abs(summed).max()
-            reached[number] = rounding <= max(rtol, _FORBIDDEN) * np.abs(solution[number]).max()
-
-
-class Window(NamedTuple):
-    """The equations of a box of cells: right, but for rows on its rim.
-
-    `laplacian` (n, n): on the grid of the box; `drive` (n,): current into every row, in amperes; `core`: those cells
-    of the box whose equations are whole: what has changed lies among them.
-    """
-
-    box: tuple[slice, ...]
-    laplacian: Laplacian
-    drive: NDArray[np.float64]
-    core: tuple[slice, ...]
-
-    @property
-    def vertex(self) -> NDArray[np.int32]:
-        """Row of every cell of the box, -1 for none."""
-        assert self.laplacian.grid is not None
-        return self.laplacian.grid.vertex
-
-
 class WarmGrid:
     """The equations ``A x = b`` of a grid that change, and their latest solution.
 
-    Parameters
-    ----------
-    hierarchy : Hierarchy
-        Of a grid of two colours, all of whose rows are cells; what changes is written into it.
-    finest : Finest
-        Its finest level.
-    drive : ndarray of float64, shape (n,)
-        Right-hand side, in amperes.
-    flat : bool
-        Whether constants are the mode outside of windows: there is a single rail.  Otherwise it is ``1 - x``.
+    `hierarchy`: of a grid of two colours, all of whose rows are cells; `finest`: its finest level, into which changes
+    are written; `lattice`: of that level; `slot`, of the grid's shape: slot of every cell, 0 for none; `flat`: whether
+    constants are the mode outside of windows, for there is a single rail; otherwise it is ``1 - x``; `b, x` (2,
+    slots): in units of the hierarchy, and in volts.
     """
 
-    def __init__(self, hierarchy: Hierarchy, finest: Finest, drive: NDArray[np.float64], flat: bool) -> None:
-        lattice = Lattice(tuple(ends.stop - ends.start for ends in hierarchy.box))
-        self._hierarchy, self._finest, self._lattice, self._flat = hierarchy, finest, lattice, flat
-        self._first = np.array([ends.start for ends in hierarchy.box], dtype=np.int64)
-        self._b, self._x = np.zeros((2, 2, lattice.slots))
-        index = np.ix_(*(np.arange(n) for n in lattice.shape))
-        self._slots = lattice.slot(lattice.number(index)).ravel().astype(np.int32)
-        scatter_rows(hierarchy.slot, drive, 1.0 / hierarchy.unit, self._b.ravel())
+    hierarchy: Hierarchy
+    finest: Finest
+    lattice: Lattice
+    slot: NDArray[np.int32]
+    flat: bool
+    b: NDArray[np.float64]
+    x: NDArray[np.float64]
 
     @classmethod
     def of(cls, laplacian: Laplacian, drive: NDArray[np.float64], flat: bool) -> WarmGrid | None:
         """Levels of a grid, at rest; None where it is no grid of two colours that coarsens by blocks."""
-        hierarchy = build_hierarchy(laplacian)
-        return None if hierarchy.grid is None else cls(hierarchy, hierarchy.grid, drive, flat)
-
-    def covers(self, box: tuple[slice, ...]) -> bool:
-        """Whether the levels have a slot for every cell of a box."""
-        last = self._first + self._lattice.shape
-        return all(
-            a <= ends.start and ends.stop <= b
-            for ends, a, b in zip(box, self._first.tolist(), last.tolist(), strict=True)
-        )
+        hierarchy, grid = build_hierarchy(laplacian), laplacian.grid
+        if hierarchy.grid is None or grid is None:
+            return None
+        lattice = Lattice(tuple(ends.stop - ends.start for ends in hierarchy.box))
+        slot, (b, x) = np.zeros(grid.vertex.shape, dtype=np.int32), np.zeros((2, 2, lattice.slots))
+        slot[hierarchy.box] = _slots_of(lattice)
+        scatter_rows(hierarchy.slot, drive, 1.0 / hierarchy.unit, b.ravel())
+        return cls(hierarchy, hierarchy.grid, lattice, slot, flat, b, x)
 
     def solve(self, rtol: float, watch: Watch) -> None:
         """Iterate from the latest solution on.
@@ -263,97 +158,92 @@ class WarmGrid:
         AccuracyError
             If the iteration stagnates.
         """
-        begun, allowed = bool(self._x.any()), rtol * norm(self._b.ravel())
-        hierarchy, largest = self._hierarchy, self._hierarchy.largest_degree / self._hierarchy.unit
-        degree = self._finest.true.black_degree
+        begun, allowed = bool(self.x.any()), rtol * norm(self.b.ravel())
+        hierarchy, largest = self.hierarchy, self.hierarchy.largest_degree / self.hierarchy.unit
+        degree = self.finest.true.black_degree
         even = float(degree.max()) <= _EVEN * float(degree.min(where=degree > 0.0, initial=np.inf))
-        stop = Stop(allowed, ROUNDING * largest, hierarchy.unit, self._x if begun else None, rtol if even else 0.0)
-        problem = GridProblem(self._finest, hierarchy.levels, self._b)
-        size = converge(problem, self._x, stop, watch)
-        scale = 2.0 * largest * norm(self._x.ravel()) + norm(self._b.ravel())
+        stop = Stop(allowed, ROUNDING * largest, hierarchy.unit, self.x if begun else None, rtol if even else 0.0)
+        size = converge(GridProblem(self.finest, hierarchy.levels, self.b), self.x, stop, watch)
+        scale = 2.0 * largest * norm(self.x.ravel()) + norm(self.b.ravel())
         error = size / (scale or 1.0)
         if not error <= rtol:
             raise AccuracyError(f"a warm start stagnates at a backward error of {error:.1e}, above rtol = {rtol:.1e}")
         watch.done(error)
 
-    def values(self, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    @property
+    def values(self) -> NDArray[np.float64]:
         """The latest solution in every cell of the grid, of its shape; undefined where a cell has no row."""
-        there: NDArray[np.float64] = gather_rows(self._slots, self._x.ravel()).reshape(self._lattice.shape)
-        if shape == self._lattice.shape:
-            return there
-        values = np.zeros(shape)
-        values[self._hierarchy.box] = there
-        return values
+        values: NDArray[np.float64] = gather_rows(self.slot.ravel(), self.x.ravel())
+        return values.reshape(self.slot.shape)
 
-    def change(self, window: Window, *, solve: bool = True, follow: bool = False) -> None:
-        """Take over the equations of a window; solve them, and let the outside follow."""
-        vertex, x = window.vertex, self._x.ravel()
-        slot = self._lattice.slot(self._number(window.box))
-        self._write(window)
-        x[slot[vertex < 0]] = 0.0
-        slot = slot[vertex >= 0]
+    def change(
+        self,
+        box: tuple[slice, ...],
+        core: tuple[slice, ...],
+        laplacian: Laplacian,
+        drive: NDArray[np.float64],
+        *,
+        solve: bool,
+        follow: bool,
+    ) -> None:
+        """Take over the equations of a box of cells; solve them, and let the outside follow.
+
+        `core`: those cells of the box whose equations are whole; `laplacian` (n, n): on the grid of the box, its rows
+        in C order; `drive` (n,): current into every row, in amperes.
+        """
+        assert laplacian.grid is not None
+        vertex, x = laplacian.grid.vertex, self.x.ravel()
+        self._write(self.slot[box][core].ravel(), core, laplacian, drive)
+        x[self.slot[box][vertex < 0]] = 0.0
+        slot = self.slot[box][vertex >= 0]
         before = x[slot]
         if not solve:
-            laplacian, new = window.laplacian, before == 0.0
-            fed, degree = (window.drive + laplacian.edges @ before)[new], laplacian.diagonal[new]
+            new = before == 0.0
+            fed, degree = (drive + laplacian.edges @ before)[new], laplacian.diagonal[new]
             x[slot[new]] = np.divide(fed, degree, out=np.zeros_like(fed), where=degree > 0.0)
             return
-        core = np.full_like(vertex, -1)
-        core[window.core] = vertex[window.core]
-        own = np.zeros(len(before), dtype=np.bool_)
-        own[core[core >= 0]] = True
+        inner = np.full_like(vertex, -1)
+        inner[core] = vertex[core]
+        own = inner[vertex >= 0] >= 0
         if not own.any():
             return
-        core[core >= 0] = np.arange(np.count_nonzero(own), dtype=np.int32)
-        inner = replace(window.laplacian.within(own), grid=Grid(core, (False,) * core.ndim))
-        factor = factor_multigrid(inner)
-        from_rim = window.laplacian.edges[own][:, ~own]
-        after = factor.solve(window.drive[own] + from_rim @ before[~own], rtol=_WINDOW_RTOL)
+        inner[inner >= 0] = np.arange(np.count_nonzero(own), dtype=np.int32)
+        factor = factor_multigrid(replace(laplacian.within(own), grid=Grid(inner, (False,) * inner.ndim)))
+        from_rim = laplacian.edges[own][:, ~own]
+        after = factor.solve(drive[own] + from_rim @ before[~own], rtol=_WINDOW_RTOL)
         if follow and from_rim.nnz:
-            mode = np.ones_like(before) if self._flat else 1.0 - before
-            followed = factor.solve(from_rim @ mode[~own], rtol=_WINDOW_RTOL)
+            mode = np.ones_like(before) if self.flat else 1.0 - before
             at_rim = from_rim @ mode[~own]
+            followed = factor.solve(at_rim, rtol=_WINDOW_RTOL)
             energy = float(at_rim @ (mode[own] - followed))
             alpha = float(at_rim @ (after - before[own])) / energy if energy > 0.0 else 0.0
             after += alpha * followed
-            np.add(x, alpha if self._flat else alpha * (1.0 - x), out=x, where=x != 0.0)
+            np.add(x, alpha if self.flat else alpha * (1.0 - x), out=x, where=x != 0.0)
         x[slot[own]] = after
 
-    def _number(self, box: tuple[slice, ...]) -> NDArray[np.int64]:
-        """Numbers of the cells of a box, of its shape."""
-        first = self._first.tolist()
-        return self._lattice.number(
-            np.ix_(*(np.arange(ends.start - a, ends.stop - a) for ends, a in zip(box, first, strict=True)))
-        )
+    def _write(
+        self, there: NDArray[np.int32], core: tuple[slice, ...], laplacian: Laplacian, drive: NDArray[np.float64]
+    ) -> None:
+        """Write the equations of a window's core, whose cells stand at some slots (cells,), over those of the level."""
+        assert laplacian.listed is not None and laplacian.grid is not None
+        finest, vertex, unit = self.finest, laplacian.grid.vertex, self.hierarchy.unit
+        laid_out = lay_out(*laplacian.listed, vertex, laplacian.ground, unit)
+        assert laid_out is not None
+        small = laid_out[0].lattice
+        fresh, here = finest_stencils(laid_out[0]), _slots_of(small)[core].ravel()
+        self.b.ravel()[there] = np.append(drive, 0.0)[vertex[core]].ravel() / unit
+        red = there < self.lattice.slots
+        to, of = there[red], here[red]
+        for old, new in zip(finest[:2], fresh[:2], strict=True):
+            old.faces[:, to], old.red_inverse[to] = new.faces[:, of], new.red_inverse[of]
+        to, of = there[~red] - self.lattice.slots, here[~red] - small.slots
+        finest.true.black_degree[to], finest.degree[to] = fresh[0].black_degree[of], fresh[2][of]
+        finest.stencil.black_inverse[to] = fresh[1].black_inverse[of]
+        self._aggregate(to, fresh[1].black_inverse[of] > 0.0)
 
-    def _write(self, window: Window) -> None:
-        """Write the equations of a window's core over those of the finest level."""
-        true, finest, margin, unit = self._finest.true, self._finest, self._lattice.margin, self._hierarchy.unit
-        listed, drive = window.laplacian.listed, np.append(window.drive, 0.0)[window.vertex[window.core]].ravel()
-        assert listed is not None
-        found = lay_out(*listed, window.vertex, window.laplacian.ground, unit)
-        assert found is not None
-        small = found[0].lattice
-        new = finest_stencils(found[0])
-        here = small.number(np.ix_(*map(np.arange, small.shape)))[window.core].ravel()
-        there = self._number(window.box)[window.core].ravel()
-        for colour in range(2):
-            mine = (here & 1) == colour
-            source, target = small.margin + (here[mine] >> 1), margin + (there[mine] >> 1)
-            self._b[colour, target] = drive[mine] / unit
-            if colour == 0:
-                for old, fresh in zip((true, finest.stencil), new[:2], strict=True):
-                    old.faces[:, target] = fresh.faces[:, source]
-                    old.red_inverse[target] = fresh.red_inverse[source]
-            else:
-                true.black_degree[target] = new[0].black_degree[source]
-                finest.stencil.black_inverse[target] = new[1].black_inverse[source]
-                finest.degree[target] = new[2][source]
-                self._aggregate(target, new[1].black_inverse[source] > 0.0)
-
-    def _aggregate(self, slot: NDArray[np.int64], present: NDArray[np.bool_]) -> None:
+    def _aggregate(self, slot: NDArray[np.int32], present: NDArray[np.bool_]) -> None:
         """Black slots that are new join the aggregate of a black one behind the strongest red neighbour."""
-        target, faces, distance = self._finest.aggregate, self._finest.true.faces, self._lattice.distance
+        target, faces, distance = self.finest.aggregate, self.finest.true.faces, self.lattice.distance
         target[slot[~present]] = 0
         for k in slot[present & (target[slot] == 0)].tolist():
             red = k - distance
