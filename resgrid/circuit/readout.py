@@ -9,6 +9,7 @@ of their difference.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -73,7 +74,7 @@ class NodeValues:
     def height(self) -> NDArray[np.float64]:
         """Plain heights above the low rail, in units."""
         plain = self.value.plain
-        return np.where(self.down, 1.0 - plain, plain)
+        return np.where(self.down, 1.0 - plain, plain) if self.down.any() else plain
 
 
 def node_values(system: Equations, factors: Factor | None, watch: Watch, team: Team) -> NodeValues:
@@ -181,19 +182,19 @@ def _spread(system: Equations, rows: Scaled, known: NDArray[np.float64], team: T
 
 
 def read_normwise(system: Equations, x: NDArray[np.float64], **told: Any) -> OperatingPoint:
-    """Spread a normwise solution (n,) over the nodes, with what is ``told`` of it; currents wait until asked for."""
-    forest, height = system.forest, system.heights(x)
-    point = OperatingPoint(
-        netlist=system.netlist,
-        voltage=system.above_ground(height),
-        log_drop=None,
-        potential=_share_of_span(system, height, x),
-        ammeters=partial(_normwise_readings, system.netlist, forest, system.unknown, height),
-        floating=system.floating,
-        undriven=system.undriven,
-        **told,
-    )
-    if forest.loop.any():
+    """Spread a normwise solution (n,) over the nodes, with what is ``told`` of it; currents wait until asked for.
+
+    No difference of its values counts as noise.
+    """
+    rails, zero, volts = system.rails, system.reference, -1.0 if np.all(x <= 0.0) else 1.0
+    if rails is not None:
+        zero, volts = rails.low, rails.high - rails.low
+    heights = system.heights(x)
+    value = Scaled.of(np.nan_to_num((heights + (system.reference - zero)) / volts))
+    values = NodeValues(value._replace(noise=0.0), np.zeros(len(value.hi), np.bool_), zero, volts, 0.0)
+    readings = partial(_normwise_readings, system.netlist, system.forest, system.unknown, values)
+    point = _point(system, system.above_ground(heights), (None, _potential(system, values)), readings, told)
+    if system.forest.loop.any():
         _ = point.readings  # warns of currents that are undetermined
     return point
 
@@ -220,26 +221,24 @@ def read_entrywise(
     unknown = system.unknown if falls is None else np.where(falls.excused, -1, system.unknown)
     readings, residual = _read(netlist, system.forest, unknown, amps, exponent, heat, *falling, team)
     faint = faint and not exponent.size and _hides(values, netlist, amps)
-    point = OperatingPoint(
-        netlist=netlist,
-        voltage=voltage,
-        log_drop=log_drop,
-        potential=potential,
-        ammeters=readings,
-        floating=system.floating,
-        undriven=system.undriven,
-        **told,
+    return _point(system, voltage, (log_drop, potential), readings, told), residual, faint
+
+
+def _point(
+    system: Equations,
+    voltage: NDArray[np.float64],
+    stored: tuple[NDArray[np.float64] | None, NDArray[np.float64] | None],
+    ammeters: Readings | Callable[[], Readings],
+    told: dict[str, Any],
+) -> OperatingPoint:
+    return OperatingPoint(
+        system.netlist, voltage, *stored, ammeters, floating=system.floating, undriven=system.undriven, **told
     )
-    return point, residual, faint
 
 
 def _normwise_readings(
-    netlist: Netlist, forest: SourceForest, unknown: NDArray[np.int32], height: NDArray[np.float64]
+    netlist: Netlist, forest: SourceForest, unknown: NDArray[np.int32], values: NodeValues
 ) -> Readings:
-    """As the readings of values that are what they are: no difference counts as noise."""
-    values = NodeValues(
-        Scaled.of(np.nan_to_num(height))._replace(noise=0.0), np.zeros(len(height), np.bool_), 0.0, 1.0, 0.0
-    )
     amps, exponent, heat, _ = _differences(values, netlist, ALONE)
     return _read(netlist, forest, unknown, amps, exponent, heat, None, 0.0, ALONE)[0]
 
@@ -357,45 +356,29 @@ def _balance(
     return frame, net, through
 
 
-def _share_of_span(
-    system: Equations, height: NDArray[np.float64], x: NDArray[np.float64]
-) -> NDArray[np.float64] | None:
-    """Between two rails the share of their difference; above a single one the share of the highest node."""
-    if system.rails is not None:
-        shift, span = system.reference - system.rails.low, system.rails.high - system.rails.low
-    elif _single_signed(system) and x.size:
-        shift, span = 0.0, float(x.max() if np.all(system.injected >= 0) else x.min())
-    else:
-        return None
-    if span == 0.0:
-        return None
-    if shift != 0.0:
-        height = height + shift
-    return height if span == 1.0 else height / span
-
-
-def _single_signed(system: Equations) -> bool:
-    """Whether a single rail and currents of one sign are all that drives the circuit."""
-    return not system.feed.any() and bool(np.all(system.injected >= 0) or np.all(system.injected <= 0))
-
-
 def _stored(system: Equations, values: NodeValues) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
     """``log_drop`` and ``potential`` of every node, where they exist."""
-    height = values.height
-    if system.rails is None:
-        top = height[system.unknown >= 0].max(initial=0.0)
-        if not (_single_signed(system) and top > 0):
-            return None, None
+    potential = _potential(system, values)
+    if system.rails is None or potential is None:
+        return None, potential
+    log_drop, above = values.value.log, np.flatnonzero(~values.down)
+    log_drop[above] = np.log1p(-potential[above])
+    log_drop[np.isnan(potential)] = np.nan
+    return log_drop, potential
+
+
+def _potential(system: Equations, values: NodeValues) -> NDArray[np.float64] | None:
+    """The height above the low of two rails, or above the only one if currents of one sign are all that drives."""
+    height, solved = values.height, system.unknown >= 0
+    if system.rails is not None:
+        height[~solved & ((height < 0) | (height > 1))] = np.nan
+    else:
+        injected, top = system.injected, height.max(initial=0.0, where=solved)
+        if system.feed.any() or (np.any(injected < 0) and np.any(injected > 0)) or not top > 0:
+            return None
         height /= top
-        height[system.floating] = np.nan
-        return None, height
-    height[(height < 0) | (height > 1)] = np.nan
     height[system.floating] = np.nan
-    log_drop = values.value.log
-    above = np.flatnonzero(~values.down)
-    log_drop[above] = np.log1p(-height[above])
-    log_drop[np.isnan(height)] = np.nan
-    return log_drop, height
+    return height
 
 
 def _voltage(system: Equations, values: NodeValues) -> NDArray[np.float64]:

@@ -86,7 +86,7 @@ def tie_sources(netlist: Netlist) -> SourceForest:
         height=height[order],
         above=np.where(parent >= 0, tied[parent], -1)[order],
         source=source[order],
-        loop=_loops(ends, closing, parent, source),
+        loop=_loops(ends, closing, order, parent, source),
     )
 
 
@@ -170,20 +170,15 @@ def _check_loops(netlist: Netlist, left_over: NDArray[np.float64], closing: NDAr
 
 
 def _loops(
-    ends: NDArray[np.int64], closing: NDArray[np.bool_], parent: NDArray[np.int64], parent_source: NDArray[np.int64]
-) -> NDArray[np.bool_]:
-    loop = closing.copy()
-    for a, b in ends[closing].tolist():
-        way_a, way_b = _to_root(a, parent), _to_root(b, parent)
-        while way_a and way_b and way_a[-1] == way_b[-1]:
-            way_a.pop()
-            way_b.pop()
-        loop[parent_source[way_a + way_b]] = True
+    ends: NDArray[np.int64], closing: NDArray[np.bool_], order: NDArray[np.int64], parent: NDArray[np.int64],
+    source: NDArray[np.int64],
+) -> NDArray[np.bool_]:  # fmt: skip
+    """Sources that close loops, and those of the forest that have one end alone of some of them below: random bits."""
+    loop, below = closing.copy(), np.zeros(len(parent), dtype=np.int64)
+    bits = np.random.default_rng(0).integers(2**62, size=np.count_nonzero(closing))
+    for end in ends[closing].T:
+        np.bitwise_xor.at(below, end, bits)
+    for node in order[parent[order] >= 0][::-1].tolist() if closing.any() else ():
+        loop[source[node]] = below[node] != 0
+        below[parent[node]] ^= below[node]
     return loop
-
-
-def _to_root(node: int, parent: NDArray[np.int64]) -> list[int]:
-    way = [node]
-    while parent[way[-1]] >= 0:
-        way.append(int(parent[way[-1]]))
-    return way

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import platform
 import sys
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -36,8 +35,8 @@ _arrays: Any = arrayobj
 
 Integers = NDArray[np.int64]
 
-_FLUSH = np.uint32(1 << 15 | 1 << 6)
-"""Bits of the control and status register (MXCSR): results are flushed to zero, and operands are taken for zero."""
+_FLUSHED = np.uint32(0x1F80 | 1 << 15 | 1 << 6)
+"""The control and status register (MXCSR) as it begins, but results are flushed to zero, and so are operands."""
 
 _BITS, _ADDRESS = ir.IntType(32), ir.IntType(8).as_pointer()
 _IS_X86 = platform.machine().lower() in ("x86_64", "amd64")
@@ -80,36 +79,22 @@ def _prefetching(_typing: Any, _address: Any) -> Any:
     return types.void(types.int64), generate
 
 
-def _reading(_typing: Any) -> Any:
-    def generate(_context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
+def _controlling(_typing: Any, _value: Any) -> Any:
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         if not _IS_X86:
-            return ir.Constant(_BITS, 0)
-        slot = builder.alloca(_BITS)
-        _call(builder, "llvm.x86.sse.stmxcsr", slot)
-        return builder.load(slot)
+            return arguments[0]
+        before, after = builder.alloca(_BITS), builder.alloca(_BITS)
+        builder.store(arguments[0], after)
+        for name, slot in (("llvm.x86.sse.stmxcsr", before), ("llvm.x86.sse.ldmxcsr", after)):
+            function = builder.module.declare_intrinsic(name, (), ir.FunctionType(ir.VoidType(), [_ADDRESS]))
+            builder.call(function, [builder.bitcast(slot, _ADDRESS)])
+        return builder.load(before)
 
-    return types.uint32(), generate
-
-
-def _writing(_typing: Any, _value: Any) -> Any:
-    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        if _IS_X86:
-            slot = builder.alloca(_BITS)
-            builder.store(arguments[0], slot)
-            _call(builder, "llvm.x86.sse.ldmxcsr", slot)
-        return context.get_dummy_value()
-
-    return types.void(types.uint32), generate
-
-
-def _call(builder: Any, name: str, slot: Any) -> None:
-    function = builder.module.declare_intrinsic(name, (), ir.FunctionType(ir.VoidType(), [_ADDRESS]))
-    builder.call(function, [builder.bitcast(slot, _ADDRESS)])
+    return types.uint32(types.uint32), generate
 
 
 _prefetch: Any = intrinsic(_prefetching)
-_read: Any = intrinsic(_reading)
-_write: Any = intrinsic(_writing)
+_control: Any = intrinsic(_controlling)
 
 
 @inlined
@@ -124,27 +109,21 @@ def flush_subnormals() -> np.uint32:
 
     Does nothing on other processors, which work on subnormal numbers at full speed.
     """
-    before = _read()
-    _write(before | _FLUSH)
-    return np.uint32(before)
+    return np.uint32(_control(_FLUSHED))
 
 
 @inner
 def restore_subnormals(before: np.uint32) -> None:
     """Undo `flush_subnormals`."""
-    _write(before)
+    _control(before)
 
 
-_JOB, _DONE, KIND, LEVEL, VISIT, _OVER = 0, 8, 16, 17, 18, 24
-"""Where in the array stand the job (its number, parts, and the next part), its parts that are done, what and where it
-is to be done, and whether no other follows."""
+_LEFT, _DONE, KIND, LEVEL, VISIT, _OVER = 0, 8, 16, 17, 18, 24
+"""Where in the array stand how many parts of the job are left, and are done, what and where it is to be done, and
+whether no other follows."""
 
 PLACES = 32
 
-_PARTS, _NUMBER = 16, 32
-"""Bits from which on a job tells its parts and its number."""
-
-_ORDER = "seq_cst"
 _SPINS = 32
 """Looks at the array between two offers of the core to others."""
 
@@ -152,37 +131,18 @@ _PATIENCE = 50_000
 """Offers of its core after which a helper that finds nothing to do leaves, for its caller may have been interrupted."""
 
 
-def _on_place(result: Any, array: Any, values: int, operation: Callable[..., Any]) -> Any:
-    """How an atomic operation on a place of an array, with so many values, is typed and generated."""
+def _atomic(operation: str) -> Any:
+    """What changes a place of an array at once, whoever else does, and returns what stood there."""
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        kind, whole = signature.args[0], _arrays.make_array(signature.args[0])(context, builder, arguments[0])
-        place = _numba.get_item_pointer(context, builder, kind, whole, [arguments[1]])
-        found = operation(builder, place, *arguments[2:])
-        return context.get_dummy_value() if result is types.void else found
+    def changing(_typing: Any, array: Any, _place: Any, _value: Any) -> Any:
+        def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+            whole = _arrays.make_array(array)(context, builder, arguments[0])
+            place = _numba.get_item_pointer(context, builder, array, whole, [arguments[1]])
+            return builder.atomic_rmw(operation, place, arguments[2], "seq_cst")
 
-    return result(array, types.intp, *[types.int64] * values), generate
+        return types.int64(array, types.intp, types.int64), generate
 
-
-def _loading(_typing: Any, array: Any, _place: Any) -> Any:
-    return _on_place(types.int64, array, 0, lambda builder, place: builder.load_atomic(place, _ORDER, 8))
-
-
-def _storing(_typing: Any, array: Any, _place: Any, _value: Any) -> Any:
-    return _on_place(types.void, array, 1, lambda builder, place, value: builder.store_atomic(value, place, _ORDER, 8))
-
-
-def _adding(_typing: Any, array: Any, _place: Any, _value: Any) -> Any:
-    return _on_place(
-        types.int64, array, 1, lambda builder, place, value: builder.atomic_rmw("add", place, value, _ORDER)
-    )
-
-
-def _swapping(_typing: Any, array: Any, _place: Any, _old: Any, _new: Any) -> Any:
-    def swap(builder: Any, place: Any, old: Any, new: Any) -> Any:
-        return builder.extract_value(builder.cmpxchg(place, old, new, _ORDER, _ORDER), 1)
-
-    return _on_place(types.boolean, array, 2, swap)
+    return intrinsic(changing)
 
 
 def _yielding(_typing: Any) -> Any:
@@ -195,10 +155,7 @@ def _yielding(_typing: Any) -> Any:
     return types.void(), generate
 
 
-_load: Any = intrinsic(_loading)
-_store: Any = intrinsic(_storing)
-_add: Any = intrinsic(_adding)
-_swap: Any = intrinsic(_swapping)
+_add, _put = _atomic("add"), _atomic("xchg")
 _offer_core: Any = intrinsic(_yielding)
 
 
@@ -206,20 +163,14 @@ _offer_core: Any = intrinsic(_yielding)
 def announce(state: Integers, kind: int, level: int, visit: int, parts: int) -> None:
     """Begin a job; the one before has been waited for."""
     state[KIND], state[LEVEL], state[VISIT] = kind, level, visit
-    _store(state, _DONE, 0)
-    _store(state, _JOB, ((_load(state, _JOB) >> _NUMBER) + 1 << _NUMBER) | parts << _PARTS)
+    _put(state, _DONE, 0)
+    _put(state, _LEFT, parts)
 
 
 @inner
 def claim(state: Integers) -> int:
-    """A part of the job that nobody has claimed; -1 for none."""
-    while True:
-        job = _load(state, _JOB)
-        part = job & 0xFFFF
-        if part >= (job >> _PARTS) & 0xFFFF:
-            return -1
-        if _swap(state, _JOB, job, job + 1):
-            return int(part)
+    """A part of the job that nobody has claimed; negative for none."""
+    return int(_add(state, _LEFT, -1) - 1) if _add(state, _LEFT, 0) > 0 else -1
 
 
 @inner
@@ -232,7 +183,7 @@ def finish(state: Integers) -> None:
 def wait_for(state: Integers, parts: int) -> None:
     """Wait until so many parts are done."""
     spins = 0
-    while _load(state, _DONE) < parts:
+    while _add(state, _DONE, 0) < parts:
         spins += 1
         if spins % _SPINS == 0:
             _offer_core()
@@ -241,14 +192,14 @@ def wait_for(state: Integers, parts: int) -> None:
 @inner
 def end_jobs(state: Integers) -> None:
     """Tell the helpers that no other job follows."""
-    _store(state, _OVER, 1)
+    _put(state, _OVER, 1)
 
 
 @inner
 def await_part(state: Integers) -> int:
     """A part of this job or a later one, as soon as there is one; -1 if no other follows."""
     spins = 0
-    while _load(state, _OVER) == 0 and spins < _SPINS * _PATIENCE:
+    while _add(state, _OVER, 0) == 0 and spins < _SPINS * _PATIENCE:
         part = claim(state)
         if part >= 0:
             return part

@@ -18,6 +18,9 @@ def conductances_by_row(
 ) -> None:
     """Symmetric compressed rows of the conductances between rows, sorted, parallel resistors summed, and no diagonal.
 
+    Rows are filled with lower neighbours from the front and with upper ones from behind: where a grid's resistors come
+    axis by axis, they are sorted then.
+
     Shapes: `indptr` (n + 1,), comes as 0; `indices, data` (2 m,): room for all entries.
     """
     size, end = len(indptr) - 1, 0
@@ -28,28 +31,41 @@ def conductances_by_row(
             indptr[j + 1] += 1
     for i in range(size):
         indptr[i + 1] += indptr[i]
-    place, columns, values = indptr[:-1].copy(), np.empty_like(indices), np.empty_like(data)
+    front, back = indptr[:-1].copy(), indptr[1:].copy()
     for k in range(len(pairs)):
         i, j = row[pairs[k, 0]], row[pairs[k, 1]]
         if i >= 0 and j >= 0 and i != j:
-            columns[place[i]], values[place[i]] = j, conductance[k]
-            columns[place[j]], values[place[j]] = i, conductance[k]
-            place[i] += 1
-            place[j] += 1
-    place[:] = indptr[:-1]
-    for i in range(size):  # transposed, so that the entries of every row come in order
-        for k in range(indptr[i], indptr[i + 1]):
-            j, at = columns[k], place[columns[k]]
-            if at > indptr[j] and indices[at - 1] == i:
-                data[at - 1] += values[k]
-            else:
-                indices[at], data[at], place[j] = i, values[k], at + 1
-    for i in range(size):  # and the gaps that parallel resistors leave are closed
+            lower, upper = min(i, j), max(i, j)
+            back[lower] -= 1
+            indices[back[lower]], data[back[lower]] = upper, conductance[k]
+            indices[front[upper]], data[front[upper]] = lower, conductance[k]
+            front[upper] += 1
+    for i in range(size):
         begin, indptr[i] = indptr[i], end
-        for k in range(begin, place[i]):
-            indices[end], data[end] = indices[k], data[k]
-            end += 1
+        _sort(indices, data, begin, indptr[i + 1])
+        for k in range(begin, indptr[i + 1]):
+            if k > begin and indices[k] == indices[end - 1]:
+                data[end - 1] += data[k]
+            else:
+                indices[end], data[end] = indices[k], data[k]
+                end += 1
     indptr[size] = end
+
+
+@inner
+def _sort(keys: Indices, values: Floats, begin: int, end: int) -> None:
+    """Sort a part of an array, and what belongs to its entries (Shell 1959)."""
+    gap = 1
+    while 16 * gap < end - begin:
+        gap = 3 * gap + 1
+    while gap > 0:
+        for k in range(begin + gap, end):
+            key, value, at = keys[k], values[k], k
+            while at >= begin + gap and keys[at - gap] > key:
+                keys[at], values[at] = keys[at - gap], values[at - gap]
+                at -= gap
+            keys[at], values[at] = key, value
+        gap //= 3
 
 
 @inner
