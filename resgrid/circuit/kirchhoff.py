@@ -99,7 +99,7 @@ class _Differences:
     """
 
     columns: Columns
-    order: NDArray[np.int64]
+    order: NDArray[np.int32]
     ends: NDArray[np.int32]
 
     def solve(self, fed: NDArray[np.float64], volts: NDArray[np.float64]) -> Gaps:

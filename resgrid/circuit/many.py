@@ -142,7 +142,7 @@ def prepare_batch(netlist: Netlist) -> Batch | None:
         solver = grid_batch(matrix, system.drive)
         if solver is not None:
             return Batch(system, source, system.found_contacts(), solver)
-    return Batch(system, source, system.found_contacts(), FactoredBatch(order_rows(matrix)))
+    return Batch(system, source, system.found_contacts(), FactoredBatch(matrix.conductances, order_rows(matrix)))
 
 
 def _solve_some(shared: tuple[Batch, float], conductance: NDArray[np.float64]) -> NDArray[np.float64]:

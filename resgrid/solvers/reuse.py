@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from resgrid.errors import AccuracyError
 from resgrid.jit import kernel
 from resgrid.solvers.factor import factor_multigrid
-from resgrid.solvers.laplacian import Grid, Laplacian
+from resgrid.solvers.laplacian import Conductances, Grid, Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid.conjugate_gradients import ROUNDING, GridProblem, Stop, converge, iterate
 from resgrid.solvers.multigrid.grid_level import compensate, lay_out
@@ -176,8 +176,9 @@ def _refill(
 
 @dataclass(frozen=True, eq=False)
 class FactoredBatch:
-    """An order of elimination for a circuit, whatever its conductances."""
+    """An order of elimination for a circuit like this one, whatever its conductances."""
 
+    matrix: Conductances
     order: Symbolic
     name = "direct"
 
@@ -186,9 +187,9 @@ class FactoredBatch:
     ) -> None:
         """As `GridBatch.solve`; ``rtol`` bounds the error of voltages, relative to the largest."""
         for number, chip in enumerate(chips):
-            matrix = self.order.matrix._replace(edges=chip.entries, ground=chip.ground)
+            matrix = self.matrix._replace(edges=chip.entries, ground=chip.ground)
             try:
-                factors = factor_in_order(self.order.of(matrix))
+                factors = factor_in_order(matrix, self.order)
             except AccuracyError:
                 continue
             solution[number] = factors.solve(chip.drive)

@@ -17,7 +17,7 @@ from resgrid.netlist import Netlist
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.factor import DirectFactor, factor_direct
 from resgrid.solvers.laplacian import Laplacian, Rows
-from resgrid.solvers.ordering_kernels import minimum_degree, quotient_graph
+from resgrid.solvers.ordering_kernels import minimum_fill, quotient_graph
 from resgrid.solvers.supernodal import SupernodalFactors, factor_supernodes
 from resgrid.solvers.symbolic import Symbolic, order_by_degree, order_by_distance
 
@@ -250,12 +250,14 @@ def test_the_order_by_degree_fills_as_little_as_nested_dissection_would(shape: t
 
 @given(st.integers(3, 400), st.integers(0, 2**32 - 1))
 def test_rows_are_eliminated_in_steps_without_a_gap(size: int, seed: int) -> None:
-    symbolic = order_by_degree(wild_system(size, seed).laplacian)
+    laplacian = wild_system(size, seed).laplacian
+    symbolic = order_by_degree(laplacian)
     assert symbolic is not None
-    n, left = symbolic.kept, symbolic.left
+    rows, n, kept = laplacian.conductances, laplacian.size, symbolic.kept
     step = np.empty(n, dtype=np.int32)
-    assert minimum_degree(quotient_graph(left.indptr, left.indices), n, np.inf, 2**31 - 1, step)
+    assert minimum_fill(quotient_graph(rows.indptr, rows.indices), symbolic.place, kept, n, np.inf, 2**31 - 1, step)
     assert np.array_equal(np.unique(step), np.arange(len(np.unique(step))))
+    assert np.array_equal(np.sort(step[symbolic.order[kept:]]), np.arange(n - kept))
 
 
 def test_an_order_takes_as_much_room_as_its_elements_do() -> None:
