@@ -69,7 +69,8 @@ def factor_in_order(matrix: Conductances, symbolic: Symbolic) -> SupernodalFacto
     nodes, widths, size, order = symbolic.nodes, symbolic.widths, symbolic.kept, symbolic.order
     count, n = len(widths), len(order)
     entries = Entries(np.empty(symbolic.entries), np.empty(n), np.empty(size))
-    add_up(matrix, order, size, entries.pivot)
+    sums = np.add.reduceat(np.append(matrix.edges, 0.0), matrix.indptr[:-1])  # of rows that are joined to some
+    entries.pivot[size:] = (matrix.ground + sums)[order[size:]]
     work = Workspace(
         node_of=np.repeat(np.arange(count, dtype=np.int32), widths),
         waiting=np.full(count, -1, dtype=np.int32),
@@ -119,16 +120,6 @@ class Workspace(NamedTuple):
     at: Indices
     column: Floats
     weight: Floats
-
-
-@kernel
-def add_up(matrix: Conductances, order: Indices, kept: int, pivot: Floats) -> None:
-    """Pivots of the rows that are not kept, which are joined to none of each other.  Shapes: `order, pivot` (n,)."""
-    indptr, _, edges, ground = matrix
-    for k in range(kept, len(order)):
-        pivot[k] = ground[order[k]]
-        for entry in range(indptr[order[k]], indptr[order[k] + 1]):
-            pivot[k] += edges[entry]
 
 
 @kernel
@@ -208,15 +199,14 @@ def _update(nodes: Supernodes, entries: Entries, work: Workspace, other: int, no
     r = begin
     while r < end and rows[r] < nodes.first[node + 1]:
         here, left = source + r - begin, end - r - 1
-        there = nodes.offset[node] + at[rows[r]] * (length + 1)
+        there = nodes.offset[node] + at[rows[r]] * length
         _weigh(entries, first, columns, here, apart, rows[r], weight)
         if follow_on:
-            _add_columns(values, there + 1, values, here + 1, apart, weight, columns, left)
+            _add_columns(values, there + at[rows[r]] + 1, values, here + 1, apart, weight, columns, left)
         else:
             for i in range(left):
                 work.column[i] = 0.0
             _add_columns(work.column, ZERO, values, here + 1, apart, weight, columns, left)
-            there -= at[rows[r]]
             for i in range(left):
                 values[there + at[rows[r + 1 + i]]] += work.column[i]
         r += 1
@@ -340,7 +330,10 @@ def _forward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column: 
     common = _align(nodes.rows, begin, fed, length, m, e, column)
     for c in range(fed, columns):
         _add_times(column, values, base + c * length, c + 1, length, column[c])
-    if _smallest(column, fed, length) >= _LEAST:
+    plain = True
+    for r in range(fed, length):
+        plain = plain and abs(column[r]) >= _LEAST
+    if plain:
         for r in range(fed, length):
             row = nodes.rows[begin + r]
             m[row], e[row] = _canonical(column[r], common)
@@ -381,14 +374,6 @@ def _align(rows: Indices, begin: int, skipped: int, length: int, m: Floats, e: I
         row = rows[begin + r]
         column[r] = _shift(m[row], e[row] - common)
     return common
-
-
-@inner_fast
-def _smallest(column: Floats, begin: int, end: int) -> float:
-    least = np.inf
-    for i in range(begin, end):
-        least = min(least, abs(column[np.uint64(i)]))
-    return least
 
 
 @inner_fast

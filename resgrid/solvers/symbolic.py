@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import BudgetError
-from resgrid.jit import ZERO, inlined, inner, kernel, makes_arrays
+from resgrid.jit import ZERO, inlined, kernel, makes_arrays
 from resgrid.solvers.laplacian import MOST_NUMBERED, Laplacian
 from resgrid.solvers.ordering_kernels import minimum_fill, quotient_graph, with_room
 
@@ -144,20 +144,13 @@ def _order(laplacian: Laplacian, most: float, *, by_degree: bool) -> Symbolic | 
         pattern.order[:kept] = pattern.order[np.argsort(step[pattern.order[:kept]], kind="stable")]
         pattern.place[pattern.order] = np.arange(n, dtype=np.int32)
     postorder(pattern, pattern.order[:kept].copy(), *np.empty((3, kept + 1), dtype=np.int32))
-    nodes = _find_supernodes(pattern, kept, most)
-    return None if nodes is None else Symbolic(pattern.order, pattern.place, nodes)
-
-
-def _find_supernodes(pattern: Pattern, kept: int, most: float) -> Supernodes | None:
-    """List the supernodes of a postorder; None for more entries than ``most``."""
     first, start, seen, branch, sibling = np.full((5, kept + 1), -1, dtype=np.int32)
     count, rows = list_supernodes(pattern, kept, most, MOST_NUMBERED, first, start, seen, branch, sibling)
     if count < 0:
         return None
     first, start = first[: count + 1].copy(), start[: count + 1].copy()
-    offset = np.zeros(count + 1, dtype=np.int64)
-    np.cumsum(np.diff(first).astype(np.int64) * np.diff(start), out=offset[1:])
-    return Supernodes(first, start, rows[: start[-1]].copy(), offset)
+    offset = np.append(0, np.cumsum(np.diff(first) * np.diff(start).astype(np.int64)))
+    return Symbolic(pattern.order, pattern.place, Supernodes(first, start, rows[: start[-1]].copy(), offset))
 
 
 @kernel
@@ -202,28 +195,6 @@ def order_far_first(pattern: Pattern, root: int, nearest_first: Indices, depth: 
     return kept
 
 
-@kernel
-def postorder(pattern: Pattern, before: Indices, parent: Indices, last: Indices, branch: Indices) -> None:
-    """Renumber the rows kept so that every branch of the elimination tree stands together; it fills as before.
-
-    Shapes: `before` (kept,): their order so far; `parent, last, branch` (kept + 1,): rows below every row, itself
-    included, are its branch; ``last``: where the next one below it ends.
-    """
-    order, place, n = pattern.order, pattern.place, len(before)
-    _elimination_tree(pattern, n, parent, last)
-    for k in range(n + 1):
-        branch[k] = 1
-    for k in range(n):
-        branch[parent[k]] += branch[k]
-    last[n] = n
-    for k in range(n - 1, -1, -1):
-        above = parent[k]
-        last[k] = last[above] - 1
-        last[above] -= branch[k]
-        place[before[k]] = last[k]
-        order[last[k]] = before[k]
-
-
 @inlined
 def reached(pattern: Pattern, entry: int, kept: int) -> tuple[int, int]:
     """Which entries stand for one: those of its row if that is not kept, whose neighbours are joined; else itself."""
@@ -233,22 +204,39 @@ def reached(pattern: Pattern, entry: int, kept: int) -> tuple[int, int]:
     return pattern.indptr[j], pattern.indptr[j + 1]
 
 
-@inner
-def _elimination_tree(pattern: Pattern, kept: int, parent: Indices, ancestor: Indices) -> None:
-    """The first later row that every row is joined to once it is eliminated; ``kept`` for none (Liu 1990)."""
+@kernel
+def postorder(pattern: Pattern, before: Indices, parent: Indices, last: Indices, branch: Indices) -> None:
+    """Renumber the rows kept so that every branch of the elimination tree stands together; it fills as before.
+
+    A row's parent is the first later one that it is joined to once it is eliminated (Liu 1990); rows below every row,
+    itself included, are its branch.
+
+    Shapes: `before` (kept,): their order so far; `parent, last, branch` (kept + 1,): ``last``: on the way up the latest
+    ancestor known, then where the next row below one ends.
+    """
     indptr, indices, order, place = pattern
-    for k in range(kept):
-        parent[k], ancestor[k] = kept, kept
+    n = len(before)
+    for k in range(n):
+        parent[k], last[k], branch[k] = n, n, 1
         for entry in range(indptr[order[k]], indptr[order[k] + 1]):
-            first, last = reached(pattern, entry, kept)
-            for other in range(first, last):
+            first, end = reached(pattern, entry, n)
+            for other in range(first, end):
                 j = place[indices[other]]
                 while j < k:
-                    above = ancestor[j]
-                    ancestor[j] = k
-                    if above == kept:
+                    above = last[j]
+                    last[j] = k
+                    if above == n:
                         parent[j] = k
                     j = above
+    branch[n], last[n] = 1, n
+    for k in range(n):
+        branch[parent[k]] += branch[k]
+    for k in range(n - 1, -1, -1):
+        above = parent[k]
+        last[k] = last[above] - 1
+        last[above] -= branch[k]
+        place[before[k]] = last[k]
+        order[last[k]] = before[k]
 
 
 @kernel
