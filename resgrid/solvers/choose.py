@@ -28,7 +28,7 @@ class Seconds(NamedTuple):
 
     `corridor, across`: a direct solution along corridors, and for every square cell of their width (plane, volume);
     `row, exact_row`: of factors and substitution but for their entries, and where the answer is the nearest double;
-    `entry, product`: an entry of the factors, a product; `order`: an order of minimum degree; `levels`: levels,
+    `entry, product`: an entry of the factors, a product; `order`: an order of minimum fill; `levels`: levels,
     however few the rows, in all; `open, mazy`: directions by multigrid on a grid between rails; `decade, far_decade`:
     for every decade that the potential falls, where an h-transform reaches and where not; `fed, fed_mazy, fed_sparse,
     fed_netlist`: directions where one rail is driven; `netlist, netlist_decade`: between rails off grids; `normwise`:
@@ -214,7 +214,7 @@ def row_seconds(rows: int) -> float:
 
 
 def most_entries(laplacian: Laplacian, seconds: float) -> float:
-    """Entries of factors by minimum degree that can be had in some time; none if the order alone takes longer."""
+    """Entries of factors by minimum fill that can be had in some time; none if the order alone takes longer."""
     left = seconds - SECONDS.order * laplacian.size - row_seconds(laplacian.size)
     return max(left, 0.0) / SECONDS.entry
 
@@ -270,7 +270,7 @@ def _multigrid_memory(choice: Choice) -> float:
 
 
 def wide_memory(laplacian: Laplacian) -> float:
-    """Memory of factors by minimum degree: about ``n log n`` entries on planes, ``n**(4/3)`` in three dimensions.
+    """Memory of factors by minimum fill: about ``n log n`` entries on planes, ``n**(4/3)`` in three dimensions.
 
     ``n**(3/2)`` in four (George & Liu 1981); the constants were measured on open grids, which fill most.
     """

@@ -49,13 +49,13 @@ def renumber(indptr: Indices, indices: Indices, data: NDArray[Any]) -> tuple[spa
 
 
 class Quotient(NamedTuple):
-    """The quotient graph, and rows by their degree.
+    """The quotient graph, and rows by what their elimination would fill.
 
     `near` (entries,): from `start[i]` on what row ``i`` is joined to: elements, so many as `elements[i]`, then rows;
     `length[i]` in all; `first, last` (n,): where the members of an element begin and end in a list of all; `degree`
-    (n,): of elements how many members they had, of rows their place in `head`; `outside, stamp` (n,): of elements
-    how many lie outside the newest one, and of which element that was told last; `head, after, before` (n,): rows by
-    their degree, as linked lists.
+    (n,): of elements how many members they had, of rows twice the root of what they fill; `outside, stamp` (n,): of
+    elements how many lie outside the newest one, and of which element that was told last; `head, after, before` (n,):
+    rows by their `degree`, as linked lists.
     """
 
     start: Indices
@@ -85,7 +85,7 @@ def quotient_graph(indptr: Indices, indices: Indices) -> Quotient:
 def minimum_fill(
     q: Quotient, place: Indices, kept: int, dense: int, most: float, most_members: int, step: Indices
 ) -> bool:
-    """Eliminate all rows, those that are not kept first, then one of least degree after another.
+    """Eliminate all rows, those that are not kept first, then one that fills least after another.
 
     Rows of more than ``dense`` neighbours come last.
 
@@ -137,7 +137,7 @@ def minimum_fill(
 
 @inlined
 def _link(q: Quotient, i: int, degree: int) -> None:
-    """Put a row in front of those of its degree."""
+    """Put a row in front of those that fill as much."""
     other = q.head[degree]
     q.degree[i], q.after[i], q.before[i], q.head[degree] = degree, other, -1, i
     if other >= 0:
@@ -146,7 +146,7 @@ def _link(q: Quotient, i: int, degree: int) -> None:
 
 @inlined
 def _unlink(q: Quotient, i: int) -> None:
-    """Take a row from among those of its degree."""
+    """Take a row from among those that fill as much."""
     before, after = q.before[i], q.after[i]
     if after >= 0:
         q.before[after] = before

@@ -294,8 +294,7 @@ def substitute(
         m[k], e[k] = _canonical(m[k], e[k])
     for k in range(kept, n):
         for entry in range(indptr[order[k]], indptr[order[k] + 1]):
-            j, share = place[indices[entry]], edges[entry] / pivot[k]
-            m[j], e[j] = _add_product(m[j], e[j], share, m[k], e[k])
+            _add_share(m, e, place[indices[entry]], edges[entry] / pivot[k], k)
     for node in range(len(nodes.first) - 1):
         _forward(nodes, values, m, e, column, node)
     for k in range(n):
@@ -303,11 +302,8 @@ def substitute(
     for node in range(len(nodes.first) - 2, -1, -1):
         _backward(nodes, values, m, e, column, node)
     for k in range(kept, n):
-        value, scale = m[k], e[k]
         for entry in range(indptr[order[k]], indptr[order[k] + 1]):
-            j, share = place[indices[entry]], edges[entry] / pivot[k]
-            value, scale = _add_product(value, scale, share, m[j], e[j])
-        m[k], e[k] = _canonical(value, scale)
+            _add_share(m, e, k, edges[entry] / pivot[k], place[indices[entry]])
 
 
 @inlined

@@ -5,7 +5,7 @@ left have half of the entries, and take half of the products.  The others come i
 
 - *by distance* from the ground, far ends first: along the corridors of a maze a row is joined to those across the
   corridor alone, and fewer operations come of it than a general order takes to be found;
-- *by degree*, the least first, for all that is wide.
+- *by degree*, those first that fill least, for all that is wide.
 
 Numba takes seconds to import: only functions that are about to solve import this module.
 """
