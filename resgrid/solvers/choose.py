@@ -27,7 +27,7 @@ class Seconds(NamedTuple):
 
     `corridor, across`: a direct solution along corridors, and for every square cell of their width (plane, volume);
     `row, exact_row`: of factors and substitution but for their entries, and where the answer is the nearest double;
-    `entry, product`: an entry of the factors, a product; `order`: an order of minimum degree; `levels`: levels,
+    `entry, product`: an entry of the factors, a product; `order`: an order of minimum fill; `levels`: levels,
     however few the rows, in all; `open, mazy`: directions by multigrid on a grid between rails; `decade`: for every
     decade that the potential falls; `fed, fed_mazy, fed_sparse, fed_netlist`: directions where one rail is driven;
     `netlist, netlist_decade`: between rails off grids; `normwise`: voltages alone in narrow corridors.
@@ -106,12 +106,12 @@ def factor_laplacian(
     if choice.method == "multigrid":
         _require(_multigrid_memory(choice, accuracy), laplacian, "multigrid")
         return factor_multigrid(laplacian, entrywise=accuracy == "direction", team=team)
-    from resgrid.solvers.symbolic import order_by_degree, order_by_distance
+    from resgrid.solvers.symbolic import order_by_distance, order_by_fill
 
     laplacian = laplacian.with_rows()
     order = choice.order or order_by_distance(laplacian)
     _require(_direct_memory(laplacian, order), laplacian, "direct")
-    return factor_direct(laplacian, order or order_by_degree(laplacian), normwise=both or accuracy == "normwise")
+    return factor_direct(laplacian, order or order_by_fill(laplacian), normwise=both or accuracy == "normwise")
 
 
 def check_method(method: str) -> None:
@@ -158,7 +158,7 @@ def _in_less_time(laplacian: Laplacian, found: Connections, accuracy: str) -> Ch
     of the potential is not asked for where corridors are narrow enough for any.
     """
     from resgrid.solvers.decay import foresee_decades
-    from resgrid.solvers.symbolic import order_by_degree, order_by_distance
+    from resgrid.solvers.symbolic import order_by_distance, order_by_fill
 
     width, fall, foreseen = corridor_width(laplacian, found), None, None
     along = corridor_seconds(laplacian, width)
@@ -177,7 +177,7 @@ def _in_less_time(laplacian: Laplacian, found: Connections, accuracy: str) -> Ch
         fall = None if fall is None else foreseen or foresee_decades(laplacian, found)
         seconds = multigrid_seconds(laplacian, width, fall)
     most = 0.0 if fall is None else most_entries(laplacian, seconds)
-    wide = order_by_degree(laplacian, most) if most > 0.0 else None
+    wide = order_by_fill(laplacian, most) if most > 0.0 else None
     if wide is not None and direct_seconds(wide) + SECONDS.order * laplacian.size < seconds:
         return Choice(laplacian, found, "direct", wide)
     return Choice(laplacian, found, "multigrid")
@@ -207,7 +207,7 @@ def row_seconds(rows: int) -> float:
 
 
 def most_entries(laplacian: Laplacian, seconds: float) -> float:
-    """Entries of factors by minimum degree that can be had in some time; none if the order alone takes longer."""
+    """Entries of factors by minimum fill that can be had in some time; none if the order alone takes longer."""
     left = seconds - SECONDS.order * laplacian.size - row_seconds(laplacian.size)
     return max(left, 0.0) / SECONDS.entry
 
@@ -260,7 +260,7 @@ def _multigrid_memory(choice: Choice, accuracy: str) -> float:
 
 
 def wide_memory(laplacian: Laplacian) -> float:
-    """Memory of factors by minimum degree: about ``n log n`` entries on planes, ``n**(4/3)`` in three dimensions.
+    """Memory of factors by minimum fill: about ``n log n`` entries on planes, ``n**(4/3)`` in three dimensions.
 
     ``n**(3/2)`` in four (George & Liu 1981); the constants were measured on open grids, which fill most.
     """

@@ -84,9 +84,9 @@ def positive_inverse_diagonal(factors: SupernodalFactors) -> NDArray[np.float64]
     return _diagonal(order, starts, rows, -weight, pivot)
 
 
-def columns_of(factors: SupernodalFactors) -> tuple[Integers, Columns]:
+def columns_of(factors: SupernodalFactors) -> tuple[Indices, Columns]:
     """The columns of ``-L``, `order` (n,) first: the row that is eliminated at every place."""
-    symbolic, nodes, matrix = factors.symbolic, factors.symbolic.nodes, factors.symbolic.matrix
+    symbolic, nodes, matrix = factors.symbolic, factors.symbolic.nodes, factors.matrix
     size, gone = len(symbolic.order), len(symbolic.order) - symbolic.kept
     order, pivot = np.roll(symbolic.order, gone), np.roll(factors.pivot, gone)
     rows_gone = sparse.csr_array(matrix[2::-1], shape=(size, size))[order[:gone]]
@@ -122,7 +122,7 @@ def estimate_diagonal(
 
 
 def _diagonal(
-    order: Integers, starts: Integers, rows: Indices, lower: NDArray[Any], pivot: NDArray[Any]
+    order: NDArray[Any], starts: Integers, rows: Indices, lower: NDArray[Any], pivot: NDArray[Any]
 ) -> NDArray[Any]:
     """Diagonal of ``(L D L^T)^-1``, shape (n,), by the row that is eliminated at every place, `order` (n,)."""
     inverse, diagonal = np.empty_like(lower), np.empty_like(lower, shape=len(order))

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inlined, inner, kernel
+from resgrid.jit import inlined, kernel
 from resgrid.solvers.extended import BITS, Numbers, Scaled
 from resgrid.solvers.laplacian import Conductances
 
@@ -55,26 +55,25 @@ def _canonical(m: float, e: int) -> tuple[float, int]:
 
 
 @inlined
-def _add(m: float, e: int, t: float, te: int) -> tuple[float, int]:
-    """Sum of two scaled numbers; what lies 2**256 below the other is dropped."""
-    if t == 0.0:
-        return m, e
-    if m == 0.0 or te > e + 1:
-        return t, te
-    if te == e:
-        return m + t, e
-    if te == e + 1:
-        return m * _INVERSE + t, te
-    if te == e - 1:
-        return m + t * _INVERSE, e
-    return m, e
+def _shift(value: float, steps: int) -> float:
+    """``value * 2**(256 steps)``: 0 or infinity beyond the range of a double."""
+    if steps == 0 or value == 0.0:
+        return value
+    if steps == 1:
+        return value * _BASE
+    if steps == -1:
+        return value * _INVERSE
+    return 0.0 if steps < 0 else math.copysign(np.inf, value)
 
 
 @inlined
 def _add_product(m: float, e: int, factor: float, v: float, ve: int) -> tuple[float, int]:
-    """A scaled number and a double times another."""
+    """A scaled number and a double times another; of their terms what lies 2**256 below the other is dropped."""
     t, te = _canonical(factor * v, ve)
-    return _add(m, e, t, te)
+    if m == 0.0 or t == 0.0:
+        return (t, te) if m == 0.0 else (m, e)
+    top = max(e, te)
+    return _shift(m, e - top) + _shift(t, te - top), top
 
 
 @inlined
@@ -105,29 +104,6 @@ def _sum(a: float, a_low: float, b: float, b_low: float) -> tuple[float, float]:
     return _two_sum(s, t + v)
 
 
-@inlined
-def _shift(value: float, steps: int) -> float:
-    """``value * 2**(256 steps)``: 0 or infinity beyond the range of a double."""
-    if steps == 0 or value == 0.0:
-        return value
-    if steps == 1:
-        return value * _BASE
-    if steps == -1:
-        return value * _INVERSE
-    return 0.0 if steps < 0 else math.copysign(np.inf, value)
-
-
-@inlined
-def _canonical_pair(hi: float, lo: float, e: int) -> tuple[float, float, int]:
-    if hi == 0.0 or not math.isfinite(hi):
-        return hi, lo, e
-    while abs(hi) < _SMALL:
-        hi, lo, e = hi * _BASE, lo * _BASE, e - 1
-    while abs(hi) >= _LARGE:
-        hi, lo, e = hi * _INVERSE, lo * _INVERSE, e + 1
-    return hi, lo, e
-
-
 @kernel
 def correct(x: Scaled, m: Floats, me: Integers, out: Scaled) -> None:
     """Add the scaled numbers ``(m, me)`` to scaled double-doubles; ``out`` may be ``x``."""
@@ -135,17 +111,12 @@ def correct(x: Scaled, m: Floats, me: Integers, out: Scaled) -> None:
     new_hi, new_lo, new_e = out.hi, out.lo, out.exponent
     for i in range(len(hi)):
         a, a_low, exponent = hi[i], lo[i], e[i]
-        if m[i] == 0.0:
-            pass
-        elif a == 0.0 or me[i] > exponent + 1:
-            a, exponent = _canonical(m[i], me[i])
-            a_low = 0.0
-        else:
-            if me[i] == exponent + 1:
-                a, a_low, exponent = a * _INVERSE, a_low * _INVERSE, me[i]
-            a, rest = _two_sum(a, _shift(m[i], me[i] - exponent))
-            a, a_low = _two_sum(a, rest + a_low)
-            a, a_low, exponent = _canonical_pair(a, a_low, exponent)
+        if m[i] != 0.0:
+            top = me[i] if a == 0.0 else max(me[i], exponent)
+            a, rest = _two_sum(_shift(a, exponent - top), _shift(m[i], me[i] - top))
+            a, a_low = _two_sum(a, rest + _shift(a_low, exponent - top))
+            a, exponent = _canonical(a, top)
+            a_low = math.ldexp(a_low, BITS * (top - exponent)) if top != exponent else a_low
         new_hi[i], new_lo[i], new_e[i] = a, a_low, exponent
 
 
@@ -172,20 +143,17 @@ class Imbalance(NamedTuple):
         )  # fmt: skip
 
 
-@inner
-def _find_exponents(matrix: Conductances, current: Numbers, x: Scaled, begin: int, end: int, top: Integers) -> None:
-    """Exponents of the largest number in some rows of the equations."""
-    indptr, indices, _, _ = matrix
-    injected, injected_e = current
-    hi, e = x.hi, x.exponent
-    for i in range(begin, end):
-        most = injected_e[i] if injected[i] != 0.0 else _NO_EXPONENT
-        if hi[i] != 0.0:
-            most = max(most, e[i])
-        for k in range(indptr[i], indptr[i + 1]):
-            if hi[indices[k]] != 0.0:
-                most = max(most, e[indices[k]])
-        top[i] = most
+@inlined
+def _largest_exponent(matrix: Conductances, current: Numbers, x: Scaled, i: int) -> int:
+    """Exponent of the largest number in a row of the equations."""
+    top = current[1][i] if current[0][i] != 0.0 else _NO_EXPONENT
+    if x.hi[i] != 0.0:
+        top = max(top, x.exponent[i])
+    for k in range(matrix.indptr[i], matrix.indptr[i + 1]):
+        j = matrix.indices[k]
+        if x.hi[j] != 0.0:
+            top = max(top, x.exponent[j])
+    return int(top)
 
 
 @inlined
@@ -232,12 +200,10 @@ def residual(
     hi, lo, e = x.hi, x.lo, x.exponent
     r_out, r_e = out
     backward, left, right, share, largest, largest_e, top = 0.0, 0.0, 0.0, 1.0, 0.0, 0, 0
-    if not plain:
-        _find_exponents(matrix, current, x, begin, end, r_e)
     for i in range(begin, end):
         own, own_low, r, r_low = hi[i], lo[i], injected[i], 0.0
         if not plain:
-            top = r_e[i]
+            top = _largest_exponent(matrix, current, x, i)
             own, own_low = _shift(own, e[i] - top), _shift(own_low, e[i] - top)
             r = _shift(r, injected_e[i] - top)
         size = abs(r)

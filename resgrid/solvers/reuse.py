@@ -104,7 +104,7 @@ def solve_in_order(order: Symbolic, chips: Iterable[Chip], rtol: float) -> Itera
     """As `Solver`, by elimination; ``rtol`` bounds the error of voltages, relative to the largest."""
     for laplacian, drive in chips:
         try:
-            factors = factor_in_order(order.of(laplacian.conductances))
+            factors = factor_in_order(laplacian.conductances, order)
         except AccuracyError:
             yield None
             continue

@@ -20,7 +20,7 @@ from resgrid.jit import ZERO, inlined, inner_fast, kernel
 from resgrid.solvers.extended import Numbers, unscaled
 from resgrid.solvers.extended_kernels import _add_product, _canonical, _shift
 from resgrid.solvers.laplacian import Conductances, Laplacian
-from resgrid.solvers.symbolic import Pattern, Supernodes, Symbolic, order_rows
+from resgrid.solvers.symbolic import Supernodes, Symbolic, order_rows
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -37,11 +37,12 @@ _LEAST, _MOST = 2.0**-700, 2.0**700
 class SupernodalFactors:
     """Factors ``L D L^T`` in such an order.
 
-    `values`: the entries of ``-L`` below the diagonal, supernode by supernode; `pivot` (n,): ``D`` in siemens, in the
-    order of ``symbolic``.
+    `matrix`: what was factored; `values`: the entries of ``-L`` below the diagonal, supernode by supernode; `pivot`
+    (n,): ``D`` in siemens, in the order of ``symbolic``.
     """
 
     symbolic: Symbolic
+    matrix: Conductances
     values: Floats
     pivot: Floats
 
@@ -49,7 +50,7 @@ class SupernodalFactors:
         """Both substitutions, in scaled numbers; ``m`` and ``e``, shape (n,), stay as they are."""
         by = self.symbolic
         x, exponent, column = m.take(by.order), e.take(by.order), np.empty(by.lengths.max(initial=0))
-        substitute(by.matrix, by.order, by.place, by.nodes, self.values, self.pivot, x, exponent, column)
+        substitute(self.matrix, by.order, by.place, by.nodes, self.values, self.pivot, x, exponent, column)
         return x.take(by.place), exponent.take(by.place)
 
     def solve(self, rhs: Floats) -> Floats:
@@ -60,14 +61,16 @@ class SupernodalFactors:
 
 def factor_supernodes(laplacian: Laplacian, symbolic: Symbolic | None = None) -> SupernodalFactors:
     """Factor a matrix, in an order that is there, or the one that suits it."""
-    return factor_in_order(symbolic or order_rows(laplacian))
+    return factor_in_order(laplacian.conductances, symbolic or order_rows(laplacian))
 
 
-def factor_in_order(symbolic: Symbolic) -> SupernodalFactors:
-    """Factor a matrix in an order."""
-    nodes, widths, size = symbolic.nodes, symbolic.widths, symbolic.kept
-    count, left, pattern = len(widths), symbolic.left, symbolic.pattern
-    entries = Entries(np.empty(symbolic.entries), np.empty(size), np.empty(size))
+def factor_in_order(matrix: Conductances, symbolic: Symbolic) -> SupernodalFactors:
+    """Factor a matrix in an order of its rows, or of those of another one with the same entries."""
+    nodes, widths, size, order = symbolic.nodes, symbolic.widths, symbolic.kept, symbolic.order
+    count, n = len(widths), len(order)
+    entries = Entries(np.empty(symbolic.entries), np.empty(n), np.empty(size))
+    sums = np.add.reduceat(np.append(matrix.edges, 0.0), matrix.indptr[:-1])  # of rows that are joined to some
+    entries.pivot[size:] = (matrix.ground + sums)[order[size:]]
     work = Workspace(
         node_of=np.repeat(np.arange(count, dtype=np.int32), widths),
         waiting=np.full(count, -1, dtype=np.int32),
@@ -77,24 +80,23 @@ def factor_in_order(symbolic: Symbolic) -> SupernodalFactors:
         column=np.empty(symbolic.lengths.max(initial=0)),
         weight=np.empty(widths.max(initial=0)),
     )
-    in_range = bool(np.all(np.isfinite(symbolic.pivot)))
+    in_range = bool(np.all(np.isfinite(entries.pivot[size:])))
     # In stretches, so that it can be interrupted.
     for begin in range(0, count, _STRETCH):
         end = min(begin + _STRETCH, count)
-        in_range = in_range and eliminate(left, pattern, nodes, entries, work, begin, end)
+        in_range = in_range and eliminate(matrix, order, symbolic.place, nodes, entries, work, begin, end)
     if not in_range:
         raise AccuracyError(
             "a pivot left the range of doubles: the conductances span too many decades for a direct solution"
         )
-    pivot = np.append(entries.pivot, symbolic.pivot[symbolic.order[size:]])
-    return SupernodalFactors(symbolic, entries.values, pivot)
+    return SupernodalFactors(symbolic, matrix, entries.values, entries.pivot)
 
 
 class Entries(NamedTuple):
     """The entries of the factors; a share is that of a conductance in its pivot.
 
     `values`: the entries of ``-L`` below the diagonal, supernode by supernode: shares that go to later rows. What
-    stands above the diagonal is 0; `pivot, grounded` (kept,): ``D`` in siemens, and the shares that go to the ground.
+    stands above the diagonal is 0; `pivot` (n,): ``D`` in siemens; `grounded` (kept,): shares that go to the ground.
     """
 
     values: Floats
@@ -122,8 +124,9 @@ class Workspace(NamedTuple):
 
 @kernel
 def eliminate(
-    matrix: Conductances, pattern: Pattern, nodes: Supernodes, entries: Entries, work: Workspace, begin: int, end: int
-) -> bool:
+    matrix: Conductances, order: Indices, place: Indices, nodes: Supernodes, entries: Entries, work: Workspace,
+    begin: int, end: int,
+) -> bool:  # fmt: skip
     """Factor some supernodes in order, in sums, products and quotients of positive numbers alone.
 
     A row that is eliminated joins those it was joined to, and the ground, by ``c_i c_j / d``; its pivot ``d`` is the
@@ -131,7 +134,7 @@ def eliminate(
     every entry is right to some roundings, whatever the conductances.
     """
     for node in range(begin, end):
-        _load(matrix, pattern, nodes, entries, work, node)
+        _load(matrix, order, place, nodes, entries, work, node)
         other = work.waiting[node]
         while other >= 0:
             following = work.following[other]
@@ -157,24 +160,30 @@ def _wait(nodes: Supernodes, work: Workspace, node: int) -> None:
 
 @inlined
 def _load(
-    matrix: Conductances, pattern: Pattern, nodes: Supernodes, entries: Entries, work: Workspace, node: int
-) -> None:
-    """Fill a supernode with the conductances of the matrix."""
-    indptr, indices, data, ground = matrix
-    order, rank = pattern.order, pattern.rank
-    values, at = entries.values, work.at
-    first, base = nodes.first[node], nodes.offset[node]
+    matrix: Conductances, order: Indices, place: Indices, nodes: Supernodes, entries: Entries, work: Workspace,
+    node: int,
+) -> None:  # fmt: skip
+    """Fill a supernode with the conductances that odd-even reduction leaves, ``g_ij + sum_k g_ik g_kj / d_k``."""
+    indptr, indices, edges, ground = matrix
+    values, pivot, grounded = entries
+    at, kept = work.at, len(grounded)
     length = nodes.start[node + 1] - nodes.start[node]
-    for i in range(base, nodes.offset[node + 1]):
+    for i in range(nodes.offset[node], nodes.offset[node + 1]):
         values[np.uint64(i)] = 0.0
     for r in range(length):
         at[nodes.rows[nodes.start[node] + r]] = r
-    for k in range(first, nodes.first[node + 1]):
-        entries.grounded[k] = ground[order[k]]
+    for k in range(nodes.first[node], nodes.first[node + 1]):
+        base, total = nodes.offset[node] + (k - nodes.first[node]) * length, ground[order[k]]
         for entry in range(indptr[order[k]], indptr[order[k] + 1]):
-            row = rank[indices[entry]]
-            if row > k:
-                values[base + (k - first) * length + at[row]] = data[entry]
+            j, first, last, share = indices[entry], entry, entry + 1, 1.0
+            if place[j] >= kept:
+                first, last, share = indptr[j], indptr[j + 1], edges[entry] / pivot[place[j]]
+                total += share * ground[j]
+            for other in range(first, last):
+                row = place[indices[other]]
+                if row > k:
+                    values[base + at[row]] += share * edges[other]
+        grounded[k] = total
 
 
 @inlined
@@ -190,15 +199,14 @@ def _update(nodes: Supernodes, entries: Entries, work: Workspace, other: int, no
     r = begin
     while r < end and rows[r] < nodes.first[node + 1]:
         here, left = source + r - begin, end - r - 1
-        there = nodes.offset[node] + at[rows[r]] * (length + 1)
+        there = nodes.offset[node] + at[rows[r]] * length
         _weigh(entries, first, columns, here, apart, rows[r], weight)
         if follow_on:
-            _add_columns(values, there + 1, values, here + 1, apart, weight, columns, left)
+            _add_columns(values, there + at[rows[r]] + 1, values, here + 1, apart, weight, columns, left)
         else:
             for i in range(left):
                 work.column[i] = 0.0
             _add_columns(work.column, ZERO, values, here + 1, apart, weight, columns, left)
-            there -= at[rows[r]]
             for i in range(left):
                 values[there + at[rows[r + 1 + i]]] += work.column[i]
         r += 1
@@ -270,7 +278,7 @@ def _add_columns(
 
 @kernel
 def substitute(
-    matrix: Conductances, order: Integers, place: Integers, nodes: Supernodes, values: Floats, pivot: Floats, m: Floats,
+    matrix: Conductances, order: Indices, place: Indices, nodes: Supernodes, values: Floats, pivot: Floats, m: Floats,
     e: Integers, column: Floats,
 ) -> None:  # fmt: skip
     """Solve in place, in scaled numbers: reduce, ``L D L^T x = b`` for the rows kept, put the others back.
@@ -286,8 +294,7 @@ def substitute(
         m[k], e[k] = _canonical(m[k], e[k])
     for k in range(kept, n):
         for entry in range(indptr[order[k]], indptr[order[k] + 1]):
-            j, share = place[indices[entry]], edges[entry] / pivot[k]
-            m[j], e[j] = _add_product(m[j], e[j], share, m[k], e[k])
+            _add_share(m, e, place[indices[entry]], edges[entry] / pivot[k], k)
     for node in range(len(nodes.first) - 1):
         _forward(nodes, values, m, e, column, node)
     for k in range(n):
@@ -295,11 +302,8 @@ def substitute(
     for node in range(len(nodes.first) - 2, -1, -1):
         _backward(nodes, values, m, e, column, node)
     for k in range(kept, n):
-        value, scale = m[k], e[k]
         for entry in range(indptr[order[k]], indptr[order[k] + 1]):
-            j, share = place[indices[entry]], edges[entry] / pivot[k]
-            value, scale = _add_product(value, scale, share, m[j], e[j])
-        m[k], e[k] = _canonical(value, scale)
+            _add_share(m, e, k, edges[entry] / pivot[k], place[indices[entry]])
 
 
 @inlined
@@ -322,7 +326,10 @@ def _forward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column: 
     common = _align(nodes.rows, begin, fed, length, m, e, column)
     for c in range(fed, columns):
         _add_times(column, values, base + c * length, c + 1, length, column[c])
-    if _smallest(column, fed, length) >= _LEAST:
+    plain = True
+    for r in range(fed, length):
+        plain = plain and abs(column[r]) >= _LEAST
+    if plain:
         for r in range(fed, length):
             row = nodes.rows[begin + r]
             m[row], e[row] = _canonical(column[r], common)
@@ -363,14 +370,6 @@ def _align(rows: Indices, begin: int, skipped: int, length: int, m: Floats, e: I
         row = rows[begin + r]
         column[r] = _shift(m[row], e[row] - common)
     return common
-
-
-@inner_fast
-def _smallest(column: Floats, begin: int, end: int) -> float:
-    least = np.inf
-    for i in range(begin, end):
-        least = min(least, abs(column[np.uint64(i)]))
-    return least
 
 
 @inner_fast

@@ -17,11 +17,11 @@ from resgrid.netlist import Netlist
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.factor import DirectFactor, factor_direct
 from resgrid.solvers.laplacian import Laplacian, Rows
-from resgrid.solvers.ordering_kernels import minimum_degree, quotient_graph
+from resgrid.solvers.ordering_kernels import minimum_fill, quotient_graph
 from resgrid.solvers.supernodal import SupernodalFactors, factor_supernodes
-from resgrid.solvers.symbolic import Symbolic, order_by_degree, order_by_distance
+from resgrid.solvers.symbolic import Symbolic, order_by_distance, order_by_fill
 
-ORDERS = pytest.mark.parametrize("order", [order_by_distance, order_by_degree])
+ORDERS = pytest.mark.parametrize("order", [order_by_distance, order_by_fill])
 
 
 Order = Callable[[Laplacian], Symbolic | None]
@@ -229,33 +229,35 @@ def test_a_large_maze_has_one_answer_whatever_the_order(boundary: str) -> None:
         DirectFactor(system.laplacian, factor_supernodes(system.laplacian, order(system.laplacian)))
         .solve_nonnegative(rhs)[0]
         .log
-        for order in (order_by_distance, order_by_degree)
+        for order in (order_by_distance, order_by_fill)
     ]
     np.testing.assert_allclose(*logs, atol=1e-9)
 
 
 @pytest.mark.parametrize("shape", [(150, 160), (20, 20, 20)])
-def test_the_order_by_degree_fills_as_little_as_nested_dissection_would(shape: tuple[int, ...]) -> None:
+def test_the_order_by_fill_fills_as_little_as_nested_dissection_would(shape: tuple[int, ...]) -> None:
     """George & Liu (1981): ``n log n`` entries of planes, ``n^(4/3)`` of volumes, a few times."""
     cell = np.zeros(shape, dtype=np.uint8)
     cell[(0,) * len(shape)] = 2
     laplacian = assemble(compile_space(space_of(cell))).laplacian
     n = laplacian.size
     allowed = 2.0 * n * np.log2(n) if len(shape) == 2 else 6.0 * n ** (4 / 3)
-    symbolic = order_by_degree(laplacian)
+    symbolic = order_by_fill(laplacian)
     assert symbolic is not None
     assert symbolic.entries < allowed
-    assert order_by_degree(laplacian, 0.5 * symbolic.entries) is None
+    assert order_by_fill(laplacian, 0.5 * symbolic.entries) is None
 
 
 @given(st.integers(3, 400), st.integers(0, 2**32 - 1))
 def test_rows_are_eliminated_in_steps_without_a_gap(size: int, seed: int) -> None:
-    symbolic = order_by_degree(wild_system(size, seed).laplacian)
+    laplacian = wild_system(size, seed).laplacian
+    symbolic = order_by_fill(laplacian)
     assert symbolic is not None
-    n, left = symbolic.kept, symbolic.left
+    rows, n, kept = laplacian.conductances, laplacian.size, symbolic.kept
     step = np.empty(n, dtype=np.int32)
-    assert minimum_degree(quotient_graph(left.indptr, left.indices), n, np.inf, 2**31 - 1, step)
+    assert minimum_fill(quotient_graph(rows.indptr, rows.indices), symbolic.place, kept, n, np.inf, 2**31 - 1, step)
     assert np.array_equal(np.unique(step), np.arange(len(np.unique(step))))
+    assert np.array_equal(np.sort(step[symbolic.order[kept:]]), np.arange(n - kept))
 
 
 def test_an_order_takes_as_much_room_as_its_elements_do() -> None:
@@ -264,7 +266,7 @@ def test_an_order_takes_as_much_room_as_its_elements_do() -> None:
     ends = np.random.default_rng(5).integers(1, size + 1, (3 * size, 2))
     pairs = np.concatenate([ends[ends[:, 0] != ends[:, 1]], [[0, 1]]])
     system = assemble(Netlist(size + 1, pairs, np.ones(len(pairs)), current_nodes=[[0, 2]], current_amps=[1.0]))
-    factors = factor_supernodes(system.laplacian, order_by_degree(system.laplacian))
+    factors = factor_supernodes(system.laplacian, order_by_fill(system.laplacian))
     x = factors.solve(system.drive)
     residual = system.drive - (system.laplacian.diagonal * x - system.laplacian.edges @ x)
     assert np.abs(residual).max() < 1e-12 * np.abs(x).max()

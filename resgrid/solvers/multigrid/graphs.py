@@ -40,6 +40,9 @@ _BESIDE_STRONGEST = 0.7
 _FAR = 0.5
 """Share of neighbours numbered far apart above which a graph is renumbered before anything else."""
 
+_AHEAD = 16
+"""Rows by which what they hold is asked for ahead, where they are not taken in their order."""
+
 _WINDOW = 4096
 _LARGEST_INVERSE = 2000
 
@@ -224,13 +227,11 @@ def pack_netlist(rows: Rows, ground: Floats, unit: float) -> tuple[Graphs, NDArr
 
     Where neighbours are numbered far apart, rows are renumbered breadth first.  One that does not shrink stands twice.
     """
-    leak = ground / unit
-    if ordering.far_share(rows.indptr, rows.indices) <= _FAR:
-        conductance = np.divide(rows.data, unit, out=np.empty(len(rows.data), np.float32), casting="same_kind")
-        graph, number = Graph(rows.indptr, rows.indices, conductance, leak), None
-    else:
-        renumbered, number = ordering.renumber(rows.indptr, rows.indices, rows.data, leak, unit)
-        graph = Graph(*renumbered)
+    conductance = np.divide(rows.data, unit, out=np.empty(len(rows.data), np.float32), casting="same_kind")
+    graph, number = Graph(rows.indptr, rows.indices, conductance, ground / unit), None
+    if ordering.far_share(rows.indptr, rows.indices) > _FAR:
+        moved, order = ordering.renumber(graph.indptr, graph.indices, conductance)
+        graph, number = Graph(moved.indptr, moved.indices, moved.data, graph.leak[order]), inverse_of(order)
     graphs, targets = coarsen_down(graph)
     if not targets:
         graphs, targets = [graph, graph], [np.arange(graph.size, dtype=np.int32)]
@@ -369,7 +370,7 @@ def lay_rows(
     indptr, indices, conductance, leak = rows
     begin = entry
     for slot in range(len(order)):
-        i, ahead = order[slot], indptr[order[min(slot + ordering.AHEAD, len(order) - 1)]]
+        i, ahead = order[slot], indptr[order[min(slot + _AHEAD, len(order) - 1)]]
         prefetch(indices, ahead)
         prefetch(conductance, ahead)
         end = begin + indptr[i + 1] - indptr[i]
