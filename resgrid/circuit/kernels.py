@@ -111,7 +111,7 @@ def currents(
             fall = _fall(hi[a], lo[a], down[a], hi[b], lo[b], down[b], noise, noise_down) * volts
             amps[k] = conductance[k] * fall
             power += amps[k] * fall
-            faint |= 0.0 < abs(fall) <= FAINT * abs(volts * hi[a])
+            faint |= abs(fall) <= FAINT * abs(volts * hi[a]) and (hi[a] != hi[b] or lo[a] != lo[b])
             continue
         top = _pair_exponent(hi[a], e[a], hi[b], e[b]) if down[a] == down[b] else 0
         near, near_low = _shift(hi[a], e[a] - top), _shift(lo[a], e[a] - top)
@@ -119,7 +119,7 @@ def currents(
         fall = _fall(near, near_low, down[a], far, far_low, down[b], noise, noise_down) * volts
         amps[k], exponent[k] = _canonical(conductance[k] * fall, top)
         power += _shift(_shift(conductance[k] * fall * fall, top), top)
-        faint |= 0.0 < abs(fall) <= FAINT * abs(volts * near)
+        faint |= abs(fall) <= FAINT * abs(volts * near) and (near != far or near_low != far_low)
     return power, faint
 
 

@@ -46,6 +46,9 @@ HARMLESS = 1e-7
 _LEAST_REST = 1e-3
 """Smallest height above the low rail, as a share of both rails' distance, that is read off the drop."""
 
+_NONE_LEFT = 1e-30
+"""Difference of two values, relative to them, below which it counts as none."""
+
 _NONE = -(2**62)
 _LEAST_EXPONENT = -2
 _ORDINARY = 1e-60
@@ -220,7 +223,7 @@ def read_entrywise(
         heat = float(amps @ falls.falls)
     unknown = system.unknown if falls is None else np.where(falls.excused, -1, system.unknown)
     readings, residual = _read(netlist, system.forest, unknown, amps, exponent, heat, *falling, team)
-    faint = faint and not exponent.size and _hides(values, netlist, amps)
+    faint = faint and not exponent.size and _hides(values, netlist)
     return _point(system, voltage, (log_drop, potential), readings, told), residual, faint
 
 
@@ -263,18 +266,20 @@ def _differences(
     return amps, exponent, sum(power for power, _ in found), any(faint for _, faint in found)
 
 
-def _hides(values: NodeValues, netlist: Netlist, amps: NDArray[np.float64]) -> bool:
-    """Whether differences of values have few digits left at currents that matter to either end's.
+def _hides(values: NodeValues, netlist: Netlist) -> bool:
+    """Whether differences of values have few digits left where they tell currents that matter to either end's.
 
-    Shapes: `amps` (resistors,).  Between cells that mirror each other such a difference is rounding, beside others.
+    Between cells that mirror each other such a difference is rounding, beside others.
     """
     from resgrid.circuit.kernels import FAINT
 
-    ends, size = netlist.resistor_nodes, np.abs(amps)
-    from_values = np.abs(values.volts * values.value.plain)[ends[:, 0]] * netlist.conductance
-    faint = (size > 0.0) & (size <= FAINT * from_values)
-    through = 0.5 * np.bincount(ends.ravel(), np.repeat(size, 2), netlist.node_count)
-    return bool(np.any(size[faint] > HARMLESS * through[ends[faint]].min(axis=1)))
+    ends, (hi, lo, _, _) = netlist.resistor_nodes, _plain_where_possible(values, netlist)[0]
+    same, g = values.down[ends[:, 0]] == values.down[ends[:, 1]], netlist.conductance
+    apart = np.where(same, g * np.abs((hi[ends[:, 0]] - hi[ends[:, 1]]) + (lo[ends[:, 0]] - lo[ends[:, 1]])), 0.0)
+    size = np.abs(hi)[ends].max(axis=1) * g
+    faint = (apart > _NONE_LEFT * size) & (apart <= max(FAINT, values.noise) * size)
+    through = 0.5 * np.bincount(ends.ravel(), np.repeat(apart, 2), netlist.node_count)
+    return bool(np.any(apart[faint] > HARMLESS * through[ends[faint]].min(axis=1)))
 
 
 def _read(
