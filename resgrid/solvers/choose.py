@@ -81,6 +81,9 @@ _SMALL = 2000
 _ROUGH, _ROUGH_VOLUME = 0.25, 0.5
 """Share of weak conductances above which cycles are too many; in a volume direct factors cost so much more."""
 
+_EVEN, _PATCHED = 3.0, 0.4
+"""Decades by which conductances of a plane may differ; those of the time that each one more takes."""
+
 _LEAST_DECADES, _MOST_DECADES = 30.0, 250.0
 """By how many decades any maze's potential falls, and from how many on refinement takes too long."""
 
@@ -154,29 +157,32 @@ def _choose(laplacian: Laplacian, found: Connections, method: str, accuracy: str
 def _in_less_time(laplacian: Laplacian, found: Connections, accuracy: str) -> Choice:
     """The direct method in either order, if it takes less time than multigrid would.
 
-    For voltages alone it may do so in the order by distance, along the narrowest corridors, chains and trees.  The fall
-    of the potential is not asked for where corridors are narrow enough for any.
+    For voltages alone it may do so in the order by distance, along the narrowest corridors, chains and trees, and where
+    planes are patched of conductances that differ by many decades.  The fall of the potential is not asked for where
+    corridors are narrow enough for any.
     """
     from resgrid.solvers.decay import foresee_decades
     from resgrid.solvers.symbolic import order_by_distance, order_by_fill
 
     width, fall, foreseen = corridor_width(laplacian, found), None, None
+    plane = laplacian.grid is not None and laplacian.dimensions == 2
+    patched = 10.0 ** max(_PATCHED * (found.decades - _EVEN), 0.0) if plane else 1.0
     along = corridor_seconds(laplacian, width)
     if accuracy == "direction":
         laplacian, fall = laplacian.with_rows(), _LEAST_DECADES
-        if along >= multigrid_seconds(laplacian, width, fall):
+        if along >= patched * multigrid_seconds(laplacian, width, fall):
             fall = foreseen = foresee_decades(laplacian, found)
             if fall > _MOST_DECADES:
                 return Choice(laplacian, found, "direct")
-    seconds = multigrid_seconds(laplacian, width, fall)
+    seconds = patched * multigrid_seconds(laplacian, width, fall)
     if width < SPARSE if fall is None else along < seconds:
         laplacian = laplacian.with_rows()
         narrow = order_by_distance(laplacian)
         if narrow is not None and direct_seconds(narrow) < seconds:
             return Choice(laplacian, found, "direct", narrow)
         fall = None if fall is None else foreseen or foresee_decades(laplacian, found)
-        seconds = multigrid_seconds(laplacian, width, fall)
-    most = 0.0 if fall is None else most_entries(laplacian, seconds)
+        seconds = patched * multigrid_seconds(laplacian, width, fall)
+    most = 0.0 if fall is None and patched == 1.0 else most_entries(laplacian, seconds)
     wide = order_by_fill(laplacian, most) if most > 0.0 else None
     if wide is not None and direct_seconds(wide) + SECONDS.order * laplacian.size < seconds:
         return Choice(laplacian, found, "direct", wide)

@@ -5,6 +5,7 @@ Beside it the few numbers that a method is chosen by.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -137,13 +138,14 @@ class Connections:
     """Counts over the conductances between rows.
 
     `entries`: twice their number: the entries of the `coupling`; `weak`: share of conductances that are weak beside the
-    strongest one at either of their ends; `mean`: mean conductance, in siemens; 0 where there is none; `smallest,
-    largest`: the range of the conductances, those to rails included, in siemens.
+    strongest one at either of their ends; `mean`: mean conductance, in siemens; 0 where there is none; `decades`: by
+    which they differ; `smallest, largest`: the range of all conductances, those to rails included, in siemens.
     """
 
     entries: int
     weak: float
     mean: float
+    decades: float
     smallest: float
     largest: float
 
@@ -295,6 +297,7 @@ def count_connections(laplacian: Laplacian) -> Connections:
         entries=2 * inner,
         weak=weak / inner if inner else 0.0,
         mean=total / inner if inner else 0.0,
+        decades=math.log10(largest / smallest) if inner else 0.0,
         smallest=float(min(smallest, present.min(initial=np.inf))),
         largest=float(max(largest, present.max(initial=0.0))),
     )

@@ -156,6 +156,40 @@ def test_a_corridor_whose_halves_mirror_each_other(width: int, length: int, wall
         np.testing.assert_allclose(-np.diff(log), np.arccosh(2.0 - np.cos(np.pi / (width + 1))), rtol=1e-8)
 
 
+@pytest.mark.parametrize("rungs", [60, 91, 125, 129, 400])
+@pytest.mark.parametrize("method", ["direct", "multigrid"])
+def test_loops_whose_currents_die_out(rungs: int, method: str) -> None:
+    """A ladder whose ends shunt a resistor each: in its middle next to nothing flows, down to 1e-114 of the largest current."""
+    upper, lower = np.arange(2, 2 + rungs), np.arange(2 + rungs, 2 + 2 * rungs)
+    pairs = np.concatenate(
+        [np.stack(ends, axis=1) for ends in ((upper[:-1], upper[1:]), (lower[:-1], lower[1:]), (upper, lower))]
+    )
+    ties = [[1, upper[0]], [lower[0], 0], [upper[0], upper[-1]], [lower[0], lower[-1]]]
+    pairs = np.concatenate([pairs, ties])
+    netlist = rg.Netlist(2 + 2 * rungs, pairs, np.ones(len(pairs)), source_nodes=[[1, 0]], source_volts=[1.0])
+    point = rg.solve(netlist, method=method)
+    assert point.kcl_residual < 1e-6
+    across = np.abs(point.resistor_current[2 * rungs - 2 : 3 * rungs - 2])
+    told = across > 1e-25 * across.max()
+    quarter = np.diff(np.log(across[: rungs // 2 - 6][told[: rungs // 2 - 6]]))
+    np.testing.assert_allclose(quarter, -np.arccosh(2.0), rtol=1e-4)  # f(x-1) - 4 f(x) + f(x+1) = 0
+
+
+def test_a_loop_whose_mouths_are_nearly_at_one_potential_leads_to_the_goal() -> None:
+    """All through it flows some 1e-19 of the largest current, which values tell in none of their digits."""
+    cell = np.ones((8, 64), dtype=np.uint8)
+    cell[3:5, :61] = 0
+    cell[0, 30:], cell[7, 30:], cell[:, 63] = 0, 0, 0
+    cell[0:3, 30] = cell[5:8, 30] = 0
+    cell[3, 59] = 2
+    space = space_of(cell)
+    point = rg.solve(rg.compile_space(space, boundary="neumann", drive="start", start=(3, 0)))
+    assert "balance" in point.seconds and point.kcl_residual < 1e-9
+    starts = np.argwhere(space.goal_connected & (cell == 0))
+    found = rg.streamlines(rg.field(point), space.centre(starts))
+    assert set(np.asarray(found.outcome).tolist()) == {"reached"}
+
+
 def test_potentials_are_as_right_where_currents_have_been_balanced() -> None:
     """A stiff resistor asks for it; thirty decades further down the potential is that of the corridor without it."""
     cell = np.zeros((12, 400), dtype=np.uint8)

@@ -1,0 +1,35 @@
+"""What the automatic method takes, where that decides whether there is an answer, or takes many times as long."""
+
+import numpy as np
+import pytest
+from support.spaces import space_of
+
+import resgrid as rg
+from resgrid.circuit.equations import assemble
+from resgrid.solvers.choose import choose_method
+
+
+def patched(size: int, block: int, decades: float) -> rg.ConfigurationSpace:
+    """A checkerboard of blocks of cells, whose conductivities differ by some decades; the goal in a corner."""
+    odd = (np.indices((size, size)) // block).sum(axis=0) % 2
+    cell = np.zeros((size, size), dtype=np.uint8)
+    cell[0, 0] = 2
+    return space_of(cell, conductivity=10.0 ** (decades * (odd - 0.5)))
+
+
+@pytest.mark.parametrize(("size", "block", "decades"), [(257, 16, 8.0), (256, 32, 10.0), (64, 16, 4.0)])
+@pytest.mark.parametrize("accuracy", ["direction", "normwise"])
+def test_planes_patched_of_costs_that_differ_by_decades_are_solved_directly(
+    size: int, block: int, decades: float, accuracy: str
+) -> None:
+    for boundary in ("dirichlet", "neumann"):
+        netlist = rg.compile_space(patched(size, block, decades), boundary=boundary)
+        point = rg.solve(netlist, accuracy=accuracy)
+        assert point.method == "direct"
+        assert point.backward_error < 1e-10
+
+
+def test_planes_of_ordinary_costs_are_not() -> None:
+    for block, decades in ((16, 2.0), (1, 1.0)):
+        system = assemble(rg.compile_space(patched(300, block, decades)))
+        assert choose_method(system.laplacian) == choose_method(system.laplacian, "normwise") == "multigrid"
