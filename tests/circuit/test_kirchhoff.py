@@ -159,7 +159,7 @@ def test_a_corridor_whose_halves_mirror_each_other(width: int, length: int, wall
 @pytest.mark.parametrize("rungs", [60, 91, 125, 129, 400])
 @pytest.mark.parametrize("method", ["direct", "multigrid"])
 def test_loops_whose_currents_die_out(rungs: int, method: str) -> None:
-    """A ladder whose ends shunt a resistor each: in its middle next to nothing flows, down to 1e-114 of the largest current."""
+    """A ladder whose ends shunt a resistor each: in its middle next to nothing flows, down to 1e-114 of all."""
     upper, lower = np.arange(2, 2 + rungs), np.arange(2 + rungs, 2 + 2 * rungs)
     pairs = np.concatenate(
         [np.stack(ends, axis=1) for ends in ((upper[:-1], upper[1:]), (lower[:-1], lower[1:]), (upper, lower))]
