@@ -65,14 +65,14 @@ def solve_by_levels(
     grid, listed = laplacian.grid, laplacian.listed
     assert hierarchy.grid is not None and grid is not None and listed is not None
     ordinary, slot = hierarchy.largest_degree / hierarchy.unit, hierarchy.slot
-    node = np.ascontiguousarray(grid.vertex[hierarchy.box])
+    cells = grid.of_rows(listed.row).vertex[hierarchy.box]
     problem, x = None, np.zeros((2, len(hierarchy.grid.degree)))
     few = slice(None, None, max(1, len(listed.conductance) // _FEW))
     for chip, drive in chips:
         assert chip.listed is not None
         # Most of its conductances are as large in this unit as the nominal ones are in theirs.
         unit = hierarchy.unit * float(np.median(chip.listed.conductance[few] / listed.conductance[few]))
-        laid_out = lay_out(*chip.listed, node, chip.ground, unit)
+        laid_out = lay_out(*chip.listed, cells, chip.ground, unit)
         assert laid_out is not None
         degree, largest = np.maximum(laid_out[0].degree, ordinary), float(laid_out[0].degree.max())
         fresh = finest_stencils(laid_out[0])
@@ -115,11 +115,6 @@ def solve_in_order(order: Symbolic, chips: Iterable[Chip], rtol: float) -> Itera
         yield solution if right else None
 
 
-def _slots_of(lattice: Lattice) -> NDArray[np.int32]:
-    """Slot of every cell of a lattice, black ones counted behind all red ones."""
-    return lattice.slot(lattice.number(np.ix_(*map(np.arange, lattice.shape)))).astype(np.int32)
-
-
 @dataclass(frozen=True, eq=False)
 class WarmGrid:
     """The equations ``A x = b`` of a grid that change, and their latest solution.
@@ -146,7 +141,7 @@ class WarmGrid:
             return None
         lattice = Lattice(tuple(ends.stop - ends.start for ends in hierarchy.box))
         slot, (b, x) = np.zeros(grid.vertex.shape, dtype=np.int32), np.zeros((2, 2, lattice.slots))
-        slot[hierarchy.box] = _slots_of(lattice)
+        slot[hierarchy.box] = lattice.cells
         scatter_rows(hierarchy.slot, drive, 1.0 / hierarchy.unit, b.ravel())
         return cls(hierarchy, hierarchy.grid, lattice, slot, flat, b, x)
 
@@ -227,10 +222,11 @@ class WarmGrid:
         """Write the equations of a window's core, whose cells stand at some slots (cells,), over those of the level."""
         assert laplacian.listed is not None and laplacian.grid is not None
         finest, vertex, unit = self.finest, laplacian.grid.vertex, self.hierarchy.unit
-        laid_out = lay_out(*laplacian.listed, vertex, laplacian.ground, unit)
+        cells = laplacian.grid.of_rows(laplacian.listed.row).vertex
+        laid_out = lay_out(*laplacian.listed, cells, laplacian.ground, unit)
         assert laid_out is not None
         small = laid_out[0].lattice
-        fresh, here = finest_stencils(laid_out[0]), _slots_of(small)[core].ravel()
+        fresh, here = finest_stencils(laid_out[0]), small.cells[core].ravel()
         self.b.ravel()[there] = np.append(drive, 0.0)[vertex[core]].ravel() / unit
         red = there < self.lattice.slots
         to, of = there[red], here[red]

@@ -16,6 +16,7 @@ from resgrid.circuit.equations import Equations, assemble
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
 from resgrid.jit import ZERO
+from resgrid.solvers.laplacian import Grid
 from resgrid.solvers.multigrid import cycle
 from resgrid.solvers.multigrid.blocks import coarsen
 from resgrid.solvers.multigrid.graphs import Graph, pack_graphs
@@ -40,7 +41,7 @@ def laid_out(space: ConfigurationSpace, boundary: str, spread: float, seed: int)
         system.netlist.resistor_nodes,
         system.netlist.conductance,
         system.unknown,
-        system.netlist.cells.node,
+        Grid(system.netlist.cells.node, ()).of_rows(system.unknown).vertex,
         system.laplacian.ground,
         1.0,
     )

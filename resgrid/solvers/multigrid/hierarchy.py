@@ -67,11 +67,11 @@ class Hierarchy:
 
 def build_hierarchy(laplacian: Laplacian, team: Team = ALONE) -> Hierarchy:
     """Coarsen a nodal system until it is small, and invert what is left."""
-    found = lay_out_grid(laplacian, team)
+    found = lay_out_grid(laplacian)
     if found is not None:
         level, slot, unit, box = found
         # Side by side: of degrees, coarsening asks only which are positive.
-        coarse, first = team.together([partial(coarsen_grid, level, team), partial(finest_stencils, level)])
+        coarse, first = team.together([partial(coarsen_grid, level), partial(finest_stencils, level)])
         made = _grid_levels(coarse[0], coarse[1], first)
         if made is not None:
             finest, levels = made
@@ -84,11 +84,11 @@ def build_hierarchy(laplacian: Laplacian, team: Team = ALONE) -> Hierarchy:
     return Hierarchy(Levels((), graphs), slot, unit, largest)
 
 
-def coarsen_grid(level: Level, team: Team = ALONE) -> tuple[list[Level], list[NDArray[np.int32]]]:
+def coarsen_grid(level: Level) -> tuple[list[Level], list[NDArray[np.int32]]]:
     """Coarsen a grid by blocks until it falls apart or is small; the levels, and where black slots lead, (slots,)."""
     levels, targets = [level], list[NDArray[np.int32]]()
     while True:
-        made = coarsen(levels[-1], split=level.uneven, team=team)
+        made = coarsen(levels[-1], split=level.uneven)
         if made is None or made[0].size > _SHRINKAGE * levels[-1].size:
             break
         coarse, target = made
@@ -136,43 +136,24 @@ def largest_degree(true: Stencil) -> float:
     return max(float(true.black_degree.max()), 1.0 / red)
 
 
-def lay_out_grid(
-    laplacian: Laplacian, team: Team = ALONE
-) -> tuple[Level, NDArray[np.int32], float, tuple[slice, ...]] | None:
-    """Lay a system out by colour; the level, slots, unit and box, or None where it is no grid of two colours."""
+def lay_out_grid(laplacian: Laplacian) -> tuple[Level, NDArray[np.int32], float, tuple[slice, ...]] | None:
+    """Lay a system out by colour; the level, slots, unit and box, or None where it is no grid of two colours.
+
+    Outside the box no cell has a row; it begins with whole blocks of several levels.
+    """
     if laplacian.grid is None:
         return None
-    node = laplacian.grid.vertex
     pairs, conductance, row = laplacian.listed or laplacian.as_rows().listed
-    if not conductance.size:
+    cells = laplacian.grid.of_rows(row).vertex
+    used = cells >= 0
+    if not conductance.size or not used.any():
         return None
-    unit = float(conductance.mean())
-    box = _box_around_rows(row, node)
-    laid_out = lay_out(pairs, conductance, row, np.ascontiguousarray(node[box]), laplacian.ground, unit, team)
-    return None if laid_out is None else (*laid_out, unit, box)
-
-
-def _box_around_rows(row: NDArray[np.int32], node: NDArray[np.int32]) -> tuple[slice, ...]:
-    """The range of cells along every axis outside which no cell has a row, from whole blocks of several levels on."""
-    box: tuple[slice, ...] = ()
-    for axis in range(node.ndim):
-        lines = np.moveaxis(node[box], axis, 0)
-        first = _leading_without_rows(row, lines) // _WHOLE * _WHOLE
-        box = (*box, slice(first, len(lines) - _leading_without_rows(row, lines[:first:-1])))
-    return box
-
-
-def _leading_without_rows(row: NDArray[np.int32], lines: NDArray[np.int32]) -> int:
-    """How many lines from the first one on have no row in any cell; searched in steps that double and halve."""
-    count, step = 0, 1
-    while count < len(lines) and step:
-        some = lines[count : count + step]
-        if np.any(row[some[some >= 0]] >= 0):
-            step //= 2
-        else:
-            count += len(some)
-            step *= 2
-    return count
+    unit, box = float(conductance.mean()), list[slice]()
+    for axis in range(cells.ndim):
+        lines = np.flatnonzero(used.any(axis=tuple(other for other in range(cells.ndim) if other != axis)))
+        box.append(slice(int(lines[0]) // _WHOLE * _WHOLE, int(lines[-1]) + 1))
+    laid_out = lay_out(pairs, conductance, row, cells[*box], laplacian.ground, unit)
+    return None if laid_out is None else (*laid_out, unit, tuple(box))
 
 
 class GridPreconditioner:
