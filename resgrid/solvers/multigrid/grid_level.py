@@ -26,8 +26,8 @@ _TINY = 1e-300
 BLOCK = 2048
 """Slots a pass takes at a time: what it touches stays in the first caches."""
 
-_STRETCH = 2**14
-"""The same of passes of several loops, in the second one."""
+_STRETCH = 2**13
+"""The same where passes allocate."""
 
 WEAK = 0.1
 """Share of a conductance below which another one is weak beside it."""
@@ -103,21 +103,20 @@ def level_of(
     lattice: Lattice, edges: Edges, leak: NDArray[np.float64], extra_cell: tuple[NDArray[np.int64], NDArray[np.int64]]
 ) -> Level:
     """A level with its degrees summed."""
-    degree, total, least, greatest = leak.copy(), np.zeros((2, len(lattice.shape))), np.inf, 0.0
-    for here in _blocks(lattice.slots, edges.margin):
-        for q, (face, away) in enumerate(zip(edges.faces[:, here], edges.distance.tolist(), strict=True)):
+    faces, degree = edges.faces, leak.copy()
+    for here in _stretches(lattice.slots, edges.margin):
+        for face, away in zip(faces[:, here], edges.distance.tolist(), strict=True):
             degree[0, here] += face
             degree[1, here.start + away : here.stop + away] += face
-            some = face[face > 0.0]
-            total[:, q >> 1] += some.sum(), len(some)
-            least, greatest = min(least, some.min(initial=np.inf)), max(greatest, some.max(initial=0.0))
     for colour, slot in enumerate((edges.off_red, edges.off_black)):
         np.add.at(degree[colour], slot, edges.couplings)
-    mean, uneven = total[0] / np.maximum(total[1], 1.0), bool(least < WEAK * greatest)
+    number = np.array([np.count_nonzero(face) for face in faces])
+    mean = faces.sum(axis=1).reshape(-1, 2).sum(axis=1) / np.maximum(number.reshape(-1, 2).sum(axis=1), 1)
+    uneven = bool(np.count_nonzero(faces < WEAK * faces.max()) > faces.size - number.sum())
     return Level(lattice, edges, leak, degree, mean, uneven, extra_cell, int(np.count_nonzero(degree)))
 
 
-def _blocks(slots: int, margin: int) -> list[slice]:
+def _stretches(slots: int, margin: int) -> list[slice]:
     """Slots that are worked on at a time."""
     return [slice(k, min(k + _STRETCH, slots - margin)) for k in range(margin, slots - margin, _STRETCH)]
 
@@ -166,7 +165,7 @@ def compensated(level: Level, single: Stencil) -> NDArray[np.float64]:
     """
     leak, degree, share = level.leak[0], level.leak[1].copy(), np.zeros(level.lattice.slots)
     np.add.at(share, single.off_red, single.couplings)
-    for here in _blocks(len(degree), single.margin):
+    for here in _stretches(len(degree), single.margin):
         some, faces = share[here], single.faces[:, here]
         for face in faces:
             some += face

@@ -78,7 +78,7 @@ class Lattice:
     @property
     def cells(self) -> NDArray[np.int32]:
         """Slots of all cells, as `slot`, of the grid's shape."""
-        return self.slot(self.number(np.ix_(*map(np.arange, self.shape)))).astype(np.int32)
+        return self._by_cell(np.arange(2 * self.slots, dtype=np.int32).reshape(2, -1).T.ravel())
 
     def number(self, index: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
         """Numbers of cells, from their indices along every axis."""
@@ -90,10 +90,13 @@ class Lattice:
 
     def at_slots(self, values: NDArray[np.int32]) -> NDArray[np.int32]:
         """Values of all cells, of the grid's shape, at the cells' slots: shape (2, slots), 0 elsewhere."""
-        by_number = np.zeros((self.slots, 2), dtype=values.dtype)
-        strides = [s * values.itemsize for s in self.strides]
-        as_strided(by_number.ravel()[2 * self.margin :], self.shape, strides)[...] = values
-        return np.ascontiguousarray(by_number.T)
+        by_number = np.zeros(2 * self.slots, dtype=np.int32)
+        self._by_cell(by_number)[...] = values
+        return np.ascontiguousarray(by_number.reshape(-1, 2).T)
+
+    def _by_cell(self, by_number: NDArray[np.int32]) -> NDArray[np.int32]:
+        """What stands at the cells' numbers, red and black slots in turn (2 slots,), as a view of the grid's shape."""
+        return as_strided(by_number[2 * self.margin :], self.shape, [4 * s for s in self.strides])
 
     def cells_at(self, colour: int, slot: NDArray[np.integer]) -> tuple[NDArray[np.int64], ...]:
         """Indices of the cells at some slots of a colour, one array for each axis."""
