@@ -125,14 +125,16 @@ def sum_up(
     sides = len(level.edges.faces)
     room = len(level.edges.couplings) + extras * sides * 2 ** (sides // 2)
     inner = np.zeros((sides // 2, 2 * lattice.slots), dtype=np.float32)
-    faces, off, couplings = np.zeros((sides, lattice.slots)), np.empty((3, room), dtype=np.int32), np.empty(room)
-    coarse = Edges(faces, lattice.distance, lattice.margin, *off, couplings)
+    red, black, axis = np.empty((3, room), dtype=np.int32)
+    faces, distance, margin = np.zeros((sides, lattice.slots)), lattice.distance, lattice.margin
+    coarse = Edges(faces, distance, margin, red, black, axis, np.empty(room))
     count = sum_blocks(level.edges, target, lattice.first_extra, coarse, inner)
     if count < 0:
         return None
-    leaks = np.flatnonzero(level.leak)
-    leak = np.bincount(target.ravel()[leaks], level.leak.ravel()[leaks], 2 * lattice.slots).reshape(2, lattice.slots)
-    return Edges(*coarse[:3], *_united(*off[:, :count], couplings[:count])), leak, inner
+    at, leak = np.flatnonzero(level.leak), np.zeros((2, lattice.slots))
+    np.add.at(leak.ravel(), target.ravel()[at], level.leak.ravel()[at])
+    united = _united(red[:count], black[:count], axis[:count], coarse.couplings[:count])
+    return Edges(faces, distance, margin, *united), leak, inner
 
 
 def _united(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,6 @@ from resgrid.solvers.multigrid.red_black import (
     Indices,
     Integers,
     Lattice,
-    Reals,
     Stencil,
 )
 
@@ -121,38 +121,22 @@ def _stretches(slots: int, margin: int) -> list[slice]:
     return [slice(k, min(k + _STRETCH, slots - margin)) for k in range(margin, slots - margin, _STRETCH)]
 
 
-def in_double(level: Level) -> Stencil:
-    """A level for the compiled passes, in double precision; takes over its degrees, and inverts the red ones."""
-    red, black = level.degree
-    np.divide(1.0, red, out=red, where=red > 0.0)
-    return stencil_of(level, level.edges.faces, level.edges.couplings, red, np.empty(0), black)
-
-
-def in_single(level: Level) -> Stencil:
-    """A level for the compiled passes, in single precision, without its black diagonal; see `compensated`."""
-    single, degree = np.float32, level.degree
-    inverse = np.divide(1.0, degree, np.zeros(degree.shape, single), where=degree > 0.0, casting="same_kind")
-    faces, couplings = level.edges.faces.astype(single), level.edges.couplings.astype(single)
-    return stencil_of(level, faces, couplings, inverse[0], inverse[1], np.empty(0, dtype=single))
-
-
-def stencil_of(
-    level: Level, faces: Reals, couplings: Reals, red_inverse: Reals, black_inverse: Reals, black_degree: Reals
-) -> Stencil:
-    """A level for the compiled passes."""
+def stencil_of(level: Level, dtype: type[np.floating[Any]]) -> Stencil:
+    """A level for the compiled passes, conductances and reciprocals in single or double precision."""
     edges = level.edges
+    red, black = (np.divide(1.0, d, np.zeros(len(d), dtype), where=d > 0.0, casting="same_kind") for d in level.degree)
     return Stencil(
-        faces=faces,
+        faces=edges.faces.astype(dtype, copy=False),
         distance=edges.distance,
         margin=edges.margin,
         first_extra=level.lattice.first_extra,
         block=min(BLOCK, level.lattice.slots),
         off_red=edges.off_red,
         off_black=edges.off_black,
-        couplings=couplings,
-        red_inverse=red_inverse,
-        black_inverse=black_inverse,
-        black_degree=black_degree,
+        couplings=edges.couplings.astype(dtype, copy=False),
+        red_inverse=red,
+        black_inverse=black,
+        black_degree=level.degree[1].copy(),
     )
 
 
@@ -163,7 +147,8 @@ def compensated(level: Level, single: Stencil) -> NDArray[np.float64]:
     those of the leaks, for red ones in the share ``leak / degree`` of the currents that pass them.  Products are right
     to a few roundings of every conductance then, however smooth the vector.  Returns shape (slots,).
     """
-    leak, degree, share = level.leak[0], level.leak[1].copy(), np.zeros(level.lattice.slots)
+    leak, share = level.leak[0], np.zeros(level.lattice.slots)
+    degree: NDArray[np.float64] = level.leak[1].copy()
     np.add.at(share, single.off_red, single.couplings)
     for here in _stretches(len(degree), single.margin):
         some, faces = share[here], single.faces[:, here]

@@ -18,7 +18,7 @@ from resgrid.solvers.multigrid.blocks import coarsen
 from resgrid.solvers.multigrid.cycle import ENOUGH, help_sweep, precondition_grid
 from resgrid.solvers.multigrid.graph_sweeps import work_space
 from resgrid.solvers.multigrid.graphs import coarsen_down, pack_graphs, pack_netlist
-from resgrid.solvers.multigrid.grid_level import Level, compensated, in_double, in_single, lay_out, to_graph
+from resgrid.solvers.multigrid.grid_level import Level, compensated, lay_out, stencil_of, to_graph
 from resgrid.solvers.multigrid.krylov import black_residual
 from resgrid.solvers.multigrid.levels import (
     CHUNK,
@@ -42,9 +42,6 @@ _SHRINKAGE = 0.6
 
 _MOST_EXTRAS = 0.1
 """Share of nodes beside the lattice above which a graph serves better than a grid."""
-
-FirstLevel = tuple[Stencil, Stencil, NDArray[np.float64]]
-"""The finest level in double precision and in single, and the black diagonal that makes up for that, (slots,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +67,6 @@ def build_hierarchy(laplacian: Laplacian, team: Team = ALONE) -> Hierarchy:
     found = lay_out_grid(laplacian)
     if found is not None:
         level, slot, unit, box = found
-        # Side by side: of degrees, coarsening asks only which are positive.
         coarse, first = team.together([partial(coarsen_grid, level), partial(finest_stencils, level)])
         made = _grid_levels(coarse[0], coarse[1], first)
         if made is not None:
@@ -101,7 +97,7 @@ def coarsen_grid(level: Level) -> tuple[list[Level], list[NDArray[np.int32]]]:
 
 
 def _grid_levels(
-    levels: list[Level], targets: list[NDArray[np.int32]], first: FirstLevel
+    levels: list[Level], targets: list[NDArray[np.int32]], first: tuple[Stencil, Stencil]
 ) -> tuple[Finest, Levels] | None:
     """Lay grids out for the compiled passes, and coarsen the last one as a graph; None where it does not shrink."""
     level = levels[0]
@@ -117,17 +113,16 @@ def _grid_levels(
     node = number[targets[-1]]
     targets[-1] = np.where(node >= 0, rank[node] + 1, 0).astype(np.int32)  # none at slot 0
     grids = tuple(
-        GridLevel(in_single(coarse), coarse.degree[1].copy(), target)
+        GridLevel(stencil_of(coarse, np.float32), target)
         for coarse, target in zip(levels[1:-1], targets[1:], strict=True)
     )
     return Finest(*first, targets[0]), Levels(grids, packed)
 
 
-def finest_stencils(level: Level) -> FirstLevel:
-    """The finest level; takes over its degrees."""
-    stencil = in_single(level)
-    degree = compensated(level, stencil)
-    return in_double(level), stencil, degree
+def finest_stencils(level: Level) -> tuple[Stencil, Stencil]:
+    """The finest level in double precision and in single, whose black diagonal makes up for that."""
+    single, double = stencil_of(level, np.float32), stencil_of(level, np.float64)
+    return double._replace(black_inverse=np.empty(0)), single._replace(black_degree=compensated(level, single))
 
 
 def largest_degree(true: Stencil) -> float:
@@ -165,8 +160,8 @@ class GridPreconditioner:
     def __init__(self, finest: Finest, levels: Levels, team: Team = ALONE) -> None:
         self._team, self._true, self._graphs, self._work = team, finest.true, levels.graphs, work_space(levels.graphs)
         self.state = np.zeros(machine.PLACES, dtype=np.int64)
-        grids = (GridLevel(finest.stencil, finest.degree, finest.aggregate), *levels.grids)
-        slots = [len(of.degree) for of in grids]
+        grids = (GridLevel(finest.stencil, finest.aggregate), *levels.grids)
+        slots = [len(of.aggregate) for of in grids]
         cuts = [slabs_of(of.stencil, team.size) for of in grids[:-1]]
         cuts.append(slabs_of(grids[-1].stencil, 1))  # nodes of a graph may have parts in several slabs
         self._parts = cuts[0]
@@ -203,7 +198,7 @@ class GridPreconditioner:
             row[name] = count
         names = ("faces", "distance", "off_red", "off_black", "couplings", "red_inverse", "black_inverse")
         self._note(row, **{name: getattr(stencil, name) for name in names})
-        self._note(row, degree=of.degree, aggregate=of.aggregate)
+        self._note(row, degree=stencil.black_degree, aggregate=of.aggregate)
         self._note(row, below_fed=below[0], below=below[1])
 
     def _note(self, row: np.void, **arrays: NDArray[np.generic]) -> None:
