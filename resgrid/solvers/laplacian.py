@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 MOST_NUMBERED = 2**31 - 1
 """Rows, entries of rows, and slots are numbered with 32 bits."""
 
+VOLUME = 4.2
+"""Neighbours a node above which corridors have two dimensions across."""
+
 WEAK = 0.1
 """A conductance is weak below this share of the strongest one at either of its ends."""
 
@@ -193,13 +196,7 @@ class Laplacian:
     @property
     def diagonal(self) -> NDArray[np.float64]:
         """Diagonal of the matrix, in siemens, shape (n,): all conductances at a row, summed."""
-        if self.listed is None:
-            return np.asarray(self.edges.sum(axis=1) + self.ground, dtype=np.float64)
-        from resgrid.solvers.row_kernels import add_conductances
-
-        diagonal = self.ground.copy()
-        add_conductances(*self.listed, diagonal)
-        return diagonal
+        return np.asarray(self.edges.sum(axis=1) + self.ground, dtype=np.float64)
 
     @property
     def matrix(self) -> sparse.csr_array:
@@ -278,17 +275,14 @@ def _compress(listed: EdgeList | None, size: int) -> Rows:
 def count_connections(laplacian: Laplacian) -> Connections:
     """Count and compare the conductances between rows.
 
-    Resistors are counted one by one, unless some are parallel; on a grid, where only the two across a ring of two cells
-    are, no compressed rows are needed.
+    Parallel resistors count as one; no compressed rows are needed on a grid, where only the two across a ring of two
+    cells are parallel.
     """
     from resgrid.solvers.row_kernels import compare_edges
 
-    def compared(edges: EdgeList) -> tuple[int, float, float, float, int]:
-        return compare_edges(*edges, np.zeros(laplacian.size), WEAK)
-
-    found, grid = compared(laplacian.listed or laplacian.as_rows().listed), laplacian.grid
-    if (grid is None or not grid.simple) and 2 * found[0] > len((rows := laplacian.as_rows()).data):
-        found = compared(rows.listed)
+    grid = laplacian.grid
+    listed = laplacian.listed if grid is not None and grid.simple else None
+    found = compare_edges(*(listed or laplacian.as_rows().listed), np.zeros(laplacian.size), WEAK)
     inner, smallest, largest, total, weak = found
     present = laplacian.ground[laplacian.ground > 0]
     return Connections(
