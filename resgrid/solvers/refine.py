@@ -194,10 +194,8 @@ def _corrected(x: Scaled, m: NDArray[np.float64], e: NDArray[np.int64]) -> Scale
 
 def scaled_currents(rhs: NDArray[np.float64] | Scaled) -> Numbers:
     """Currents as canonical scaled numbers of their own; ``lo`` is left out."""
-    if isinstance(rhs, Scaled):
-        current, scale = rhs.hi.copy(), rhs.exponent.copy()
-    else:
-        current, scale = np.array(rhs, dtype=np.float64), np.zeros(len(rhs), dtype=np.int64)
+    given = rhs if isinstance(rhs, Scaled) else Scaled.of(np.asarray(rhs, dtype=np.float64))
+    current, scale = given.hi.copy(), given.exponent.copy()
     canonical(current, scale)
     return current, scale
 
@@ -213,13 +211,9 @@ def minus(a: Scaled, b: Scaled) -> Scaled:
 
 def quotient(parts: list[Scaled], x: Scaled) -> float:
     """The largest value of any part relative to that of ``x``; 0 where all parts vanish."""
-    largest, most = _largest_log(x), max(_largest_log(part) for part in parts)
+    largest, *logs = (logarithm(np.abs(each.hi), each.exponent).max(initial=-np.inf) for each in (x, *parts))
     with np.errstate(over="ignore"):
-        return 0.0 if most == -np.inf else float(np.exp(most - largest))
-
-
-def _largest_log(values: Scaled) -> float:
-    return float(logarithm(np.abs(values.hi), values.exponent).max(initial=-np.inf))
+        return 0.0 if max(logs) == -np.inf else float(np.exp(max(logs) - largest))
 
 
 def few_rows(laplacian: Laplacian, left: NDArray[np.float64], x: Scaled, current: Numbers) -> Scaled | None:

@@ -71,15 +71,10 @@ def factor_in_order(matrix: Conductances, symbolic: Symbolic) -> SupernodalFacto
     entries = Entries(np.empty(symbolic.entries), np.empty(n), np.empty(size))
     sums = np.add.reduceat(np.append(matrix.edges, 0.0), matrix.indptr[:-1])  # of rows that are joined to some
     entries.pivot[size:] = (matrix.ground + sums)[order[size:]]
-    work = Workspace(
-        node_of=np.repeat(np.arange(count, dtype=np.int32), widths),
-        waiting=np.full(count, -1, dtype=np.int32),
-        following=np.empty(count, dtype=np.int32),
-        after=np.empty(count, dtype=np.int32),
-        at=np.empty(size, dtype=np.int32),
-        column=np.empty(symbolic.lengths.max(initial=0)),
-        weight=np.empty(widths.max(initial=0)),
-    )
+    node_of, at = np.repeat(np.arange(count, dtype=np.int32), widths), np.empty(size, dtype=np.int32)
+    column, weight = np.empty(symbolic.lengths.max(initial=0)), np.empty(widths.max(initial=0))
+    waiting, following, after = np.full((3, count), -1, dtype=np.int32)
+    work = Workspace(node_of, waiting, following, after, at, column, weight)
     in_range = bool(np.all(np.isfinite(entries.pivot[size:])))
     # In stretches, so that it can be interrupted.
     for begin in range(0, count, _STRETCH):
@@ -256,6 +251,14 @@ def _sum(values: Floats, begin: int, end: int) -> float:
 
 
 @inner_fast
+def _add_times(target: Floats, there: int, values: Floats, here: int, count: int, weight: float) -> None:
+    t, s = np.uint64(there), np.uint64(here)
+    for each in range(count):
+        i = np.uint64(each)
+        target[t + i] += weight * values[s + i]
+
+
+@inner_fast
 def _add_columns(
     target: Floats, there: int, values: Floats, here: int, apart: int, weight: Floats, columns: int, count: int
 ) -> None:
@@ -270,9 +273,7 @@ def _add_columns(
             target[t + i] += (w0 * values[s0 + i] + w1 * values[s1 + i]) + (w2 * values[s2 + i] + w3 * values[s3 + i])
         k += 4
     while k < columns:
-        w, s = weight[k], np.uint64(here + k * apart)
-        for each in range(count):
-            target[t + np.uint64(each)] += w * values[s + np.uint64(each)]
+        _add_times(target, there, values, here + k * apart, count, weight[k])
         k += 1
 
 
@@ -325,7 +326,7 @@ def _forward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column: 
         return
     common = _align(nodes.rows, begin, fed, length, m, e, column)
     for c in range(fed, columns):
-        _add_times(column, values, base + c * length, c + 1, length, column[c])
+        _add_times(column, c + 1, values, base + c * length + c + 1, length - c - 1, column[c])
     plain = True
     for r in range(fed, length):
         plain = plain and abs(column[r]) >= _LEAST
@@ -370,14 +371,6 @@ def _align(rows: Indices, begin: int, skipped: int, length: int, m: Floats, e: I
         row = rows[begin + r]
         column[r] = _shift(m[row], e[row] - common)
     return common
-
-
-@inner_fast
-def _add_times(column: Floats, values: Floats, base: int, begin: int, end: int, value: float) -> None:
-    b = np.uint64(base)
-    for each in range(begin, end):
-        i = np.uint64(each)
-        column[i] += value * values[b + i]
 
 
 @inner_fast
