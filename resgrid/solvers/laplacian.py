@@ -275,14 +275,15 @@ def _compress(listed: EdgeList | None, size: int) -> Rows:
 def count_connections(laplacian: Laplacian) -> Connections:
     """Count and compare the conductances between rows.
 
-    Parallel resistors count as one; no compressed rows are needed on a grid, where only the two across a ring of two
-    cells are parallel.
+    Resistors are counted one by one, unless some are parallel; on a grid, where only the two across a ring of two cells
+    are, no compressed rows are needed.
     """
     from resgrid.solvers.row_kernels import compare_edges
 
-    grid = laplacian.grid
-    listed = laplacian.listed if grid is not None and grid.simple else None
-    found = compare_edges(*(listed or laplacian.as_rows().listed), np.zeros(laplacian.size), WEAK)
+    grid, room = laplacian.grid, np.zeros(laplacian.size)
+    found = compare_edges(*(laplacian.listed or laplacian.as_rows().listed), room, WEAK)
+    if (grid is None or not grid.simple) and 2 * found[0] > len((rows := laplacian.as_rows()).data):
+        found = compare_edges(*rows.listed, np.zeros_like(room), WEAK)
     inner, smallest, largest, total, weak = found
     present = laplacian.ground[laplacian.ground > 0]
     return Connections(
