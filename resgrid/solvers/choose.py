@@ -154,8 +154,10 @@ def _in_less_time(laplacian: Laplacian, found: Connections, accuracy: str) -> Ch
     from resgrid.solvers.decay import foresee_decades
     from resgrid.solvers.symbolic import order_by_distance, order_by_fill
 
-    width, fall, foreseen = corridor_width(laplacian, found), None, None
-    n, volume = laplacian.size, laplacian.dimensions > 2
+    n, dimensions, fall, foreseen = laplacian.size, laplacian.dimensions, None, None
+    volume, missing = dimensions > 2, 2.0 * dimensions - found.entries / n
+    # Cells across corridors, by the neighbours that nodes lack.
+    width = 2.0 * (dimensions - 1) / missing if missing > 0.0 else np.inf
     along = (SECONDS.corridor[volume] + SECONDS.across[volume] * width**2) * n
     if accuracy == "direction":
         laplacian, fall = laplacian.with_rows(), _LEAST_DECADES
@@ -176,13 +178,6 @@ def _in_less_time(laplacian: Laplacian, found: Connections, accuracy: str) -> Ch
     if wide is not None and direct_seconds(wide) + SECONDS.order * n < seconds:
         return Choice(laplacian, found, "direct", wide)
     return Choice(laplacian, found, "multigrid")
-
-
-def corridor_width(laplacian: Laplacian, found: Connections) -> float:
-    """Cells across the corridors of a maze whose nodes have as many neighbours on average; infinite in the open."""
-    dimensions = laplacian.dimensions
-    missing = 2.0 * dimensions - found.entries / laplacian.size
-    return 2.0 * (dimensions - 1) / missing if missing > 0.0 else np.inf
 
 
 def direct_seconds(order: Symbolic) -> float:

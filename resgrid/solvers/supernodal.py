@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from resgrid.errors import AccuracyError
 from resgrid.jit import ZERO, inlined, inner_fast, kernel
 from resgrid.solvers.extended import Numbers, unscaled
-from resgrid.solvers.extended_kernels import _add_product, _canonical, _shift
+from resgrid.solvers.extended_kernels import NO_EXPONENT, _add_product, _canonical, _shift
 from resgrid.solvers.laplacian import Conductances, Laplacian
 from resgrid.solvers.symbolic import Supernodes, Symbolic, order_rows
 
@@ -273,7 +273,9 @@ def _add_columns(
             target[t + i] += (w0 * values[s0 + i] + w1 * values[s1 + i]) + (w2 * values[s2 + i] + w3 * values[s3 + i])
         k += 4
     while k < columns:
-        _add_times(target, there, values, here + k * apart, count, weight[k])
+        w, s = weight[k], np.uint64(here + k * apart)
+        for each in range(count):
+            target[t + np.uint64(each)] += w * values[s + np.uint64(each)]
         k += 1
 
 
@@ -362,11 +364,11 @@ def _backward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column:
 @inlined
 def _align(rows: Indices, begin: int, skipped: int, length: int, m: Floats, e: Integers, column: Floats) -> int:
     """Write some rows as doubles; returns the largest of their exponents, which is common to all then."""
-    common, found = int(e[rows[begin + skipped]]), m[rows[begin + skipped]] != 0.0
-    for r in range(skipped + 1, length):
+    common = NO_EXPONENT
+    for r in range(skipped, length):
         row = rows[begin + r]
-        if m[row] != 0.0 and (not found or e[row] > common):
-            common, found = int(e[row]), True
+        if m[row] != 0.0 and e[row] > common:
+            common = int(e[row])
     for r in range(skipped, length):
         row = rows[begin + r]
         column[r] = _shift(m[row], e[row] - common)
