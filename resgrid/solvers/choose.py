@@ -13,7 +13,7 @@ import numpy as np
 from resgrid.budget import require_memory
 from resgrid.errors import InputError
 from resgrid.solvers.factor import EXACT_ROWS, Factor, factor_direct, factor_multigrid
-from resgrid.solvers.laplacian import Connections, Laplacian, count_connections
+from resgrid.solvers.laplacian import VOLUME, Connections, Laplacian, count_connections
 from resgrid.solvers.team import ALONE, Team
 
 if TYPE_CHECKING:
@@ -87,8 +87,8 @@ _EVEN, _PATCHED = 3.0, 0.4
 _LEAST_DECADES, _MOST_DECADES = 30.0, 250.0
 """By how many decades any maze's potential falls, and from how many on refinement takes too long."""
 
-_ON_WINDOWS = 0.5e6
-"""Bytes that a grid's sweeps take for their windows, whatever its size."""
+_ON_LEVELS = 0.5e6
+"""Bytes that multigrid takes, whatever the size."""
 
 _ON_ROWS = 500.0
 """Peak memory of a direct solution besides its factors, in bytes a row."""
@@ -101,34 +101,27 @@ def factor_laplacian(
 
     With an ``accuracy`` of ``"direction"`` it is made ready for answers that are right entry by entry, or for ``both``.
     """
+    from resgrid.solvers.symbolic import order_by_fill
+
     check_method(method)
     if laplacian.grid is None or not laplacian.grid.simple:
         laplacian = laplacian.with_rows()
-    choice = _choose(laplacian, count_connections(laplacian), method, accuracy)
-    laplacian = choice.laplacian
+    choice = _choose(laplacian, method, accuracy)
+    require_memory(
+        _memory(choice, accuracy),
+        f"solving for {laplacian.size:,} unknowns by method = {choice.method!r}",
+        "use a coarser grid, or a machine with more memory",
+    )
     if choice.method == "multigrid":
-        _require(_multigrid_memory(choice, accuracy), laplacian, "multigrid")
-        return factor_multigrid(laplacian, entrywise=accuracy == "direction", team=team)
-    from resgrid.solvers.symbolic import order_by_distance, order_by_fill
-
-    laplacian = laplacian.with_rows()
-    order = choice.order or order_by_distance(laplacian)
-    _require(_direct_memory(laplacian, order), laplacian, "direct")
-    return factor_direct(laplacian, order or order_by_fill(laplacian), normwise=both or accuracy == "normwise")
+        return factor_multigrid(choice.laplacian, entrywise=accuracy == "direction", team=team)
+    order = choice.order or order_by_fill(choice.laplacian)
+    return factor_direct(choice.laplacian, order, normwise=both or accuracy == "normwise")
 
 
 def check_method(method: str) -> None:
     """Refuse a method that is none."""
     if method != "auto" and method not in METHODS:
         raise InputError(f"method = {method!r} is unknown; it may be one of auto, {', '.join(METHODS)}")
-
-
-def _require(needed: float, laplacian: Laplacian, name: str) -> None:
-    require_memory(
-        needed,
-        f"solving for {laplacian.size:,} unknowns by method = {name!r}",
-        "use a coarser grid, or a machine with more memory",
-    )
 
 
 def choose_method(laplacian: Laplacian, accuracy: str = "direction") -> str:
@@ -138,24 +131,25 @@ def choose_method(laplacian: Laplacian, accuracy: str = "direction") -> str:
     grid stands for them; and between two rails where the potential falls by more decades than refinement wins back in
     that time, some twelve a pass.
     """
-    return _choose(laplacian, count_connections(laplacian), "auto", accuracy).method
+    return _choose(laplacian, "auto", accuracy).method
 
 
-def _choose(laplacian: Laplacian, found: Connections, method: str, accuracy: str) -> Choice:
+def _choose(laplacian: Laplacian, method: str, accuracy: str) -> Choice:
     """As `choose_method`, with what was found on the way."""
-    if method == "direct" or (method == "auto" and (laplacian.size < _SMALL or not found.entries)):
-        return Choice(laplacian, found, "direct")
-    if method == "auto":
-        from resgrid.solvers.decay import VOLUME
+    from resgrid.solvers.symbolic import order_by_distance
 
-        if found.weak > (_ROUGH_VOLUME if found.entries > VOLUME * laplacian.size else _ROUGH):
-            return Choice(laplacian, found, "direct")
-        return _in_less_time(laplacian, found, accuracy)
-    return Choice(laplacian, found, "multigrid")
+    found, choice = count_connections(laplacian), None
+    rough = found.weak > (_ROUGH_VOLUME if found.entries > VOLUME * laplacian.size else _ROUGH)
+    if method == "auto" and laplacian.size >= _SMALL and found.entries and not rough:
+        choice = _in_less_time(laplacian, found, accuracy)
+    elif method == "multigrid":
+        choice = Choice(laplacian, found, "multigrid")
+    laplacian = laplacian if choice else laplacian.with_rows()
+    return choice or Choice(laplacian, found, "direct", order_by_distance(laplacian))
 
 
-def _in_less_time(laplacian: Laplacian, found: Connections, accuracy: str) -> Choice:
-    """The direct method in either order, if it takes less time than multigrid would.
+def _in_less_time(laplacian: Laplacian, found: Connections, accuracy: str) -> Choice | None:
+    """The direct method in either order, if it takes less time than multigrid would; None where it must be taken.
 
     For voltages alone it may do so in the order by distance, along the narrowest corridors, chains and trees, and where
     planes are patched of conductances that differ by many decades.  The fall of the potential is not asked for where
@@ -164,16 +158,19 @@ def _in_less_time(laplacian: Laplacian, found: Connections, accuracy: str) -> Ch
     from resgrid.solvers.decay import foresee_decades
     from resgrid.solvers.symbolic import order_by_distance, order_by_fill
 
-    width, fall, foreseen = corridor_width(laplacian, found), None, None
-    plane = laplacian.grid is not None and laplacian.dimensions == 2
+    n, dimensions, fall, foreseen = laplacian.size, laplacian.dimensions, None, None
+    volume, missing = dimensions > 2, 2.0 * dimensions - found.entries / n
+    # Cells across corridors, by the neighbours that nodes lack.
+    width = 2.0 * (dimensions - 1) / missing if missing > 0.0 else np.inf
+    along = (SECONDS.corridor[volume] + SECONDS.across[volume] * width**2) * n
+    plane = laplacian.grid is not None and dimensions == 2
     patched = 10.0 ** max(_PATCHED * (found.decades - _EVEN), 0.0) if plane else 1.0
-    along = corridor_seconds(laplacian, width)
     if accuracy == "direction":
         laplacian, fall = laplacian.with_rows(), _LEAST_DECADES
         if along >= patched * multigrid_seconds(laplacian, width, fall):
             fall = foreseen = foresee_decades(laplacian, found)
             if fall > _MOST_DECADES:
-                return Choice(laplacian, found, "direct")
+                return None
     seconds = patched * multigrid_seconds(laplacian, width, fall)
     if width < SPARSE if fall is None else along < seconds:
         laplacian = laplacian.with_rows()
@@ -182,24 +179,12 @@ def _in_less_time(laplacian: Laplacian, found: Connections, accuracy: str) -> Ch
             return Choice(laplacian, found, "direct", narrow)
         fall = None if fall is None else foreseen or foresee_decades(laplacian, found)
         seconds = patched * multigrid_seconds(laplacian, width, fall)
-    most = 0.0 if fall is None and patched == 1.0 else most_entries(laplacian, seconds)
-    wide = order_by_fill(laplacian, most) if most > 0.0 else None
-    if wide is not None and direct_seconds(wide) + SECONDS.order * laplacian.size < seconds:
+    left = seconds - SECONDS.order * n - row_seconds(n)
+    asked = left > 0.0 and (fall is not None or patched > 1.0)
+    wide = order_by_fill(laplacian, left / SECONDS.entry) if asked else None
+    if wide is not None and direct_seconds(wide) + SECONDS.order * n < seconds:
         return Choice(laplacian, found, "direct", wide)
     return Choice(laplacian, found, "multigrid")
-
-
-def corridor_width(laplacian: Laplacian, found: Connections) -> float:
-    """Cells across the corridors of a maze whose nodes have as many neighbours on average; infinite in the open."""
-    dimensions = laplacian.dimensions
-    missing = 2.0 * dimensions - found.entries / laplacian.size
-    return 2.0 * (dimensions - 1) / missing if missing > 0.0 else np.inf
-
-
-def corridor_seconds(laplacian: Laplacian, width: float) -> float:
-    """Time of a direct solution along corridors of one width, before an order is found."""
-    volume = laplacian.dimensions > 2
-    return (SECONDS.corridor[volume] + SECONDS.across[volume] * width**2) * laplacian.size
 
 
 def direct_seconds(order: Symbolic) -> float:
@@ -210,12 +195,6 @@ def direct_seconds(order: Symbolic) -> float:
 def row_seconds(rows: int) -> float:
     """The part of it that goes by the rows."""
     return (SECONDS.row if rows > EXACT_ROWS else SECONDS.exact_row) * rows
-
-
-def most_entries(laplacian: Laplacian, seconds: float) -> float:
-    """Entries of factors by minimum fill that can be had in some time; none if the order alone takes longer."""
-    left = seconds - SECONDS.order * laplacian.size - row_seconds(laplacian.size)
-    return max(left, 0.0) / SECONDS.entry
 
 
 def multigrid_seconds(laplacian: Laplacian, width: float, fall: float | None) -> float:
@@ -237,40 +216,24 @@ def multigrid_seconds(laplacian: Laplacian, width: float, fall: float | None) ->
 def estimate_memory(laplacian: Laplacian, method: str = "auto", accuracy: str = "direction") -> float:
     """Estimate the peak memory of a method above the netlist, in bytes.
 
-    Entries of narrow circuits' factors are counted (`resgrid.solvers.symbolic`).  Those of multigrid are a tenth
-    above what was measured on grids, which do without compressed rows, and on other netlists; directions take rows and
-    scaled numbers besides.
+    Entries of narrow circuits' factors are counted (`resgrid.solvers.symbolic`); in the open there are about ``n log
+    n`` of them on planes, ``n**(4/3)`` in three dimensions, ``n**(3/2)`` in four (George & Liu 1981), with constants
+    measured on open grids, which fill most.  Those of multigrid are a tenth above what was measured on grids, which do
+    without compressed rows, and on other netlists; directions take rows and scaled numbers besides.
     """
-    from resgrid.solvers.symbolic import order_by_distance
+    return _memory(_choose(laplacian, method, accuracy), accuracy)
 
-    choice = _choose(laplacian, count_connections(laplacian), method, accuracy)
+
+def _memory(choice: Choice, accuracy: str) -> float:
+    """The same of a choice."""
+    laplacian, order, n = choice.laplacian, choice.order, choice.laplacian.size
     if choice.method == "multigrid":
-        return _multigrid_memory(choice, accuracy)
-    return _direct_memory(laplacian, order_by_distance(choice.laplacian))
-
-
-def _direct_memory(laplacian: Laplacian, order: Symbolic | None) -> float:
-    """The same of a direct method, in an order if it has been found."""
-    if order is None:
-        return wide_memory(laplacian)
-    return 8.0 * (order.entries + len(order.nodes.rows)) + _ON_ROWS * len(order.order)
-
-
-def _multigrid_memory(choice: Choice, accuracy: str) -> float:
-    """The same of multigrid."""
-    laplacian = choice.laplacian
-    on_nodes, on_entries = (100.0, 12.0) if laplacian.grid is not None else (230.0, 22.0)
-    if accuracy == "direction":
-        on_nodes, on_entries = on_nodes + 60.0, on_entries + 18.0
-    return on_nodes * laplacian.size + on_entries * choice.found.entries + _ON_WINDOWS
-
-
-def wide_memory(laplacian: Laplacian) -> float:
-    """Memory of factors by minimum fill: about ``n log n`` entries on planes, ``n**(4/3)`` in three dimensions.
-
-    ``n**(3/2)`` in four (George & Liu 1981); the constants were measured on open grids, which fill most.
-    """
-    n = laplacian.size
+        on_nodes, on_entries = (100.0, 12.0) if laplacian.grid is not None else (230.0, 22.0)
+        if accuracy == "direction":
+            on_nodes, on_entries = on_nodes + 60.0, on_entries + 18.0
+        return on_nodes * n + on_entries * choice.found.entries + _ON_LEVELS
+    if order is not None:
+        return 8.0 * (order.entries + len(order.nodes.rows)) + _ON_ROWS * n
     fill = {2: 2.6 * n * np.log2(n + 2), 3: 10.0 * n ** (4 / 3), 4: 4.5 * n ** (3 / 2)}.get(
         laplacian.dimensions, 3.0 * n
     )

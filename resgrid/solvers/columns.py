@@ -11,7 +11,7 @@ alone (`resgrid.solvers.supernodal`).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,18 +30,6 @@ _PANEL, _RELAXED = 3, 1
 Columns of a grid's factors are short, and few have the same rows: with SuperLU's own 20 and 10, planes and mazes take
 1.7 times as long, and volumes no less.
 """
-
-
-class Columns(NamedTuple):
-    """A unit lower triangle by columns: `starts` (n + 1,), `rows`, `weight` (entries,): ``-L``; `pivot` (n,): ``D``.
-
-    Every column begins with its diagonal entry, of weight -1; the others are sorted by row.
-    """
-
-    starts: Integers
-    rows: Indices
-    weight: Floats
-    pivot: Floats
 
 
 def symmetric_factors(matrix: Any) -> Any:
@@ -72,23 +60,14 @@ def inverse_diagonal(matrix: Any) -> NDArray[Any]:
     Shapes: `matrix` (n, n); returns (n,).
     """
     factors = symmetric_factors(matrix)
-    lower = factors.L
-    lower.sort_indices()
-    starts = lower.indptr.astype(np.int64)
-    return _diagonal(np.argsort(factors.perm_c), starts, lower.indices, lower.data, factors.U.diagonal())
+    return _diagonal(np.argsort(factors.perm_c), factors.L, factors.U.diagonal())
 
 
 def positive_inverse_diagonal(factors: SupernodalFactors) -> NDArray[np.float64]:
     """All diagonal entries of the inverse of an M-matrix, right entry by entry; shape (n,)."""
-    order, (starts, rows, weight, pivot) = columns_of(factors)
-    return _diagonal(order, starts, rows, -weight, pivot)
-
-
-def columns_of(factors: SupernodalFactors) -> tuple[Indices, Columns]:
-    """The columns of ``-L``, `order` (n,) first: the row that is eliminated at every place."""
     symbolic, nodes, matrix = factors.symbolic, factors.symbolic.nodes, factors.matrix
     size, gone = len(symbolic.order), len(symbolic.order) - symbolic.kept
-    order, pivot = np.roll(symbolic.order, gone), np.roll(factors.pivot, gone)
+    order, pivot = np.roll(symbolic.order, gone), np.roll(factors.pivot, gone)  # as they are eliminated
     rows_gone = sparse.csr_array(matrix[2::-1], shape=(size, size))[order[:gone]]
     degree = np.diff(rows_gone.indptr)
     length = np.repeat(symbolic.lengths, symbolic.widths)
@@ -98,9 +77,8 @@ def columns_of(factors: SupernodalFactors) -> tuple[Indices, Columns]:
     column = np.repeat(np.arange(size), np.append(degree, length))
     weight = np.append(rows_gone.data / np.repeat(pivot[:gone], degree), factors.values)
     below, each = row > column, np.arange(size)
-    entries = np.append(-np.ones(size), weight[below]), (np.append(each, row[below]), np.append(each, column[below]))
-    lower = sparse.csc_array(entries, shape=(size, size))
-    return order, Columns(lower.indptr.astype(np.int64), lower.indices, lower.data, pivot)
+    entries = np.append(np.ones(size), -weight[below]), (np.append(each, row[below]), np.append(each, column[below]))
+    return _diagonal(order, sparse.csc_array(entries, shape=(size, size)), pivot)
 
 
 def random_signs(size: int, samples: int, seed: int) -> NDArray[np.float64]:
@@ -121,12 +99,12 @@ def estimate_diagonal(
     return mean, error
 
 
-def _diagonal(
-    order: NDArray[Any], starts: Integers, rows: Indices, lower: NDArray[Any], pivot: NDArray[Any]
-) -> NDArray[Any]:
+def _diagonal(order: NDArray[Any], lower: sparse.csc_array, pivot: NDArray[Any]) -> NDArray[Any]:
     """Diagonal of ``(L D L^T)^-1``, shape (n,), by the row that is eliminated at every place, `order` (n,)."""
-    inverse, diagonal = np.empty_like(lower), np.empty_like(lower, shape=len(order))
-    selected_inverse(starts, rows, lower, pivot, inverse)
+    lower.sort_indices()
+    starts = lower.indptr.astype(np.int64)
+    inverse, diagonal = np.empty_like(lower.data), np.empty_like(lower.data, shape=len(order))
+    selected_inverse(starts, lower.indices, lower.data, pivot, inverse)
     diagonal[order] = inverse[starts[:-1]]
     return diagonal
 
@@ -141,7 +119,8 @@ def selected_inverse(
     ``Z_ij = -sum_k Z_ik L_kj`` for ``i > j`` and ``Z_jj = 1 / D_j - sum_k Z_kj L_kj``, column by column from the last
     one back.  All entries needed lie on the pattern, for it is closed under elimination.
 
-    Shapes: `pivot` (n,), `inverse` of ``lower``.
+    Shapes: `starts` (n + 1,), `rows, lower` (entries,): ``L`` by columns, sorted, its diagonal included; `pivot` (n,),
+    `inverse` of ``lower``.
     """
     n = len(pivot)
     place = np.full(n, -1, dtype=np.int64)

@@ -10,11 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inner, kernel
-from resgrid.solvers.laplacian import Connections, Laplacian, Rows
-
-VOLUME = 4.2
-"""Neighbours a node above which corridors have two dimensions across."""
+from resgrid.jit import kernel
+from resgrid.solvers.laplacian import VOLUME, Connections, Laplacian, Rows
 
 WHOLE_STEPS = 0.7
 """Potentials fall over straight distances, ways on a grid are longer."""
@@ -24,9 +21,6 @@ _MOST_REST, _SHARE_OF_REST = 5_000, 50
 
 _PARTS = 64.0
 """Parts of a factor of e in which steps are counted."""
-
-_ROUNDS = 30
-"""Rounds in which depths are found where rows are numbered as it happens, at most."""
 
 _SEEN = -1
 """End of a list of nodes; whatever is less stands for the cost of a step to a node that has not been reached."""
@@ -45,23 +39,16 @@ def foresee_decades(laplacian: Laplacian, found: Connections) -> float:
     if rails is None or not found.entries:
         return 0.0
     cross = 2.0 if found.entries > VOLUME * laplacian.size else 1.0
-    rounds = 1 if laplacian.grid is not None else _ROUNDS
     to_low, to_high = rails.to_low, rails.to_high
-    wall = _wall(found.mean, to_high[to_high > 0])
+    tied = to_high[to_high > 0]
+    wall = max(found.mean / float(tied.mean()) - 1.0, 0.0) if tied.size else 0.0  # beyond what is between nodes
     rest = min(_MOST_REST, laplacian.size // _SHARE_OF_REST)
     ends, rate = (to_low > 0, to_high > 0), np.pi * np.sqrt(cross)
-    factors = decay(laplacian.as_rows(), ends, rate, wall / (2.0 * cross), rounds, rest)
+    factors = decay(laplacian.as_rows(), ends, rate, wall / (2.0 * cross), rest)
     return float(WHOLE_STEPS * factors / np.log(10.0))
 
 
-def decay(
-    rows: Rows,
-    ends: tuple[NDArray[np.bool_], NDArray[np.bool_]],
-    rate: float,
-    wall: float,
-    rounds: int,
-    rest: int,
-) -> float:
+def decay(rows: Rows, ends: tuple[NDArray[np.bool_], NDArray[np.bool_]], rate: float, wall: float, rest: int) -> float:
     """Factors of e by which a potential falls, about, but at the ``rest`` lowest nodes.
 
     ``ends``: the nodes that touch the low rail and the high rail.  Where the nearest contact with the high rail lies
@@ -70,10 +57,12 @@ def decay(
     it where that is large.
     """
     (low, high), n = ends, len(ends[0])
-    after, head = np.full(n, n, dtype=np.int32), np.full(int(_PARTS * rate) + 2, -1, dtype=np.int32)
-    costs = costs_by_depth(n, rate, wall)
     indptr, indices = rows.indptr.view(np.uint32), rows.indices.view(np.uint32)  # need no sign
-    return fall(indptr, indices, low, high, costs, rounds, n - rest, after, head) / _PARTS
+    depth, buckets = np.full(n, _SEEN - 2, dtype=np.int32), np.full(int(_PARTS * rate) + 2, _SEEN, dtype=np.int32)
+    walk(indptr, indices, high, depth, n, buckets[:2])
+    costs = costs_by_depth(n, rate, wall)[np.where(depth < 0, n, depth)]
+    buckets[:] = _SEEN
+    return walk(indptr, indices, low, _SEEN - 1 - costs, n - rest, buckets) / _PARTS
 
 
 def costs_by_depth(deepest: int, rate: float, wall: float) -> NDArray[np.int32]:
@@ -85,77 +74,23 @@ def costs_by_depth(deepest: int, rate: float, wall: float) -> NDArray[np.int32]:
     return costs
 
 
-def _wall(mean: float, tied: NDArray[np.float64]) -> float:
-    """Mean resistance before the high rail beyond that between nodes, and as a multiple of that.
-
-    Shapes: `tied` (rows there,): conductances to the rail.
-    """
-    return max(mean / float(tied.mean()) - 1.0, 0.0) if tied.size else 0.0
-
-
-@inner
-def _find_depths(
-    indptr: NDArray[np.uint32],
-    indices: NDArray[np.uint32],
-    high: NDArray[np.bool_],
-    rounds: int,
-    steps: NDArray[np.int32],
-) -> None:
-    """Steps from the nearest node at the high rail, by sweeps up and down; left alone where none comes.
-
-    Where nodes are numbered as the cells of a grid, one round does: a shortest way runs up or down the rows.
-    """
-    n = len(high)
-    for _ in range(rounds):
-        moved = _shorten(indptr, indices, high, steps, range(n))
-        if not moved:
-            break
-        _shorten(indptr, indices, high, steps, range(n - 1, -1, -1))
-
-
-@inner
-def _shorten(
-    indptr: NDArray[np.uint32], indices: NDArray[np.uint32], high: NDArray[np.bool_], steps: NDArray[np.int32],
-    nodes: range,
-) -> bool:  # fmt: skip
-    """Steps by way of the neighbours, node by node; whether any became fewer."""
-    moved = False
-    for node in nodes:
-        least = 0 if high[node] else steps[node]
-        for k in range(indptr[node], indptr[node + 1]):
-            here = steps[indices[k]] + 1
-            least = here if here < least else least
-        moved |= least < steps[node]
-        steps[node] = least
-    return moved
-
-
 @kernel
-def fall(
-    indptr: NDArray[np.uint32],
-    indices: NDArray[np.uint32],
-    low: NDArray[np.bool_],
-    high: NDArray[np.bool_],
-    costs: NDArray[np.int32],
-    rounds: int,
-    kept: int,
-    after: NDArray[np.int32],
-    head: NDArray[np.int32],
-) -> int:
-    """What the way costs on which a potential falls least, over the ``kept`` nearest nodes.
+def walk(
+    indptr: NDArray[np.uint32], indices: NDArray[np.uint32], begin: NDArray[np.bool_], cost: NDArray[np.int32],
+    kept: int, head: NDArray[np.int32],
+) -> int:  # fmt: skip
+    """What the cheapest ways to the ``kept`` nearest nodes cost, at most.
 
-    ``costs`` (n + 1,): of a step to a node by its depth, as `_find_depths` finds it in some rounds; ``after`` (n,)
-    comes as ``n``, and ``head`` (buckets,) as -1.  By buckets (Dial 1969): since a step costs what the node it leads to
-    does, the first way found to a node is the best.
+    By buckets (Dial 1969): since a step costs what the node it leads to does, the first way found to a node is the
+    best.
+
+    Shapes: `begin` (n,): where ways begin; `cost` (n,): of a step to a node, less than there are buckets, comes as
+    ``_SEEN - 1 - cost``, and becomes the cost of the way to it, if there is one; `head` (buckets,): comes as -1.
     """
-    n = len(low)
-    # Lists of nodes in the buckets: their heads, and the one after every node; until then, a node's depth or cost.
-    _find_depths(indptr, indices, high, rounds, after)
-    for node in range(n):
-        after[node] = _SEEN - 1 - costs[after[node]]
-    buckets, waiting, seen = len(head), 0, 0
-    for node in range(n):
-        if low[node]:
+    # Lists of nodes in the buckets: their heads, and the one after every node, until it is passed.
+    after, buckets, waiting, seen = cost, len(head), 0, 0
+    for node in range(len(begin)):
+        if begin[node]:
             after[node], head[0] = head[0], node
             waiting += 1
     now, bucket = 0, 0
@@ -165,7 +100,7 @@ def fall(
             now += 1
             bucket = bucket + 1 if bucket + 1 < buckets else 0
             continue
-        head[bucket] = after[node]
+        head[bucket], after[node] = after[node], now
         waiting, seen = waiting - 1, seen + 1
         for k in range(indptr[node], indptr[node + 1]):
             other = indices[k]

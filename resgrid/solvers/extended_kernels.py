@@ -34,7 +34,7 @@ _UNIT = 2.0**-53
 _NOTHING = 1e-290
 """Residual below which a row is right: what the lower parts of values that are gone leave."""
 
-_NO_EXPONENT = -(2**62)
+NO_EXPONENT = -(2**62)
 _LOG_BASE = BITS * math.log(2.0)
 
 _ROW_ROUNDING = 12.0
@@ -146,7 +146,7 @@ class Imbalance(NamedTuple):
 @inlined
 def _largest_exponent(matrix: Conductances, current: Numbers, x: Scaled, i: int) -> int:
     """Exponent of the largest number in a row of the equations."""
-    top = current[1][i] if current[0][i] != 0.0 else _NO_EXPONENT
+    top = current[1][i] if current[0][i] != 0.0 else NO_EXPONENT
     if x.hi[i] != 0.0:
         top = max(top, x.exponent[i])
     for k in range(matrix.indptr[i], matrix.indptr[i + 1]):

@@ -14,7 +14,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +24,7 @@ from resgrid.errors import AccuracyError, InputError
 from resgrid.solvers.extended import Scaled
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.refine import FewRows, refine
+from resgrid.solvers.refine import Refined, refine
 from resgrid.solvers.team import ALONE, Team
 
 if TYPE_CHECKING:
@@ -60,10 +60,8 @@ class Factor(ABC):
 
     laplacian: Laplacian
 
-    @property
-    @abstractmethod
-    def name(self) -> str:
-        """The method."""
+    name: ClassVar[str]
+    """The method."""
 
     def solve(
         self,
@@ -90,7 +88,10 @@ class Factor(ABC):
                 f"rhs[{row}] is negative, and only currents of one sign are solved for entry by entry; solve for both "
                 "signs apart, or use Factor.solve"
             )
-        return self._solve_nonnegative(rhs if isinstance(rhs, Scaled) else currents, watch)
+        found = self._refined(rhs if isinstance(rhs, Scaled) else currents, watch)
+        if watch is not None:
+            watch.done(found.error, found.bound)
+        return found.solution, found.error
 
     def _judged(self, x: NDArray[np.float64], error: float, rtol: float, watch: Watch | None) -> NDArray[np.float64]:
         """The solution, if its backward error is small enough."""
@@ -111,7 +112,7 @@ class Factor(ABC):
         """As `solve`, for contiguous arrays of the right shape."""
 
     @abstractmethod
-    def _solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> tuple[Scaled, float]:
+    def _refined(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> Refined:
         """As `solve_nonnegative`, for contiguous arrays of the right shape."""
 
     def _one_per_row(self, name: str, values: ArrayLike) -> NDArray[np.float64]:
@@ -146,7 +147,7 @@ class DirectFactor(Factor):
 
     factors: SupernodalFactors
     plain: tuple[NDArray[np.float64], sparse.csr_array] | None = None
-    name = "direct"
+    name: ClassVar[str] = "direct"
 
     def _solve(
         self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
@@ -166,9 +167,11 @@ class DirectFactor(Factor):
                 break
         return self._judged(x, error, rtol, watch)
 
-    def _solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> tuple[Scaled, float]:
+    def _refined(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> Refined:
+        """As every `Factor` does."""
+        del watch
         exact = self.laplacian.size <= EXACT_ROWS
-        found = refine(
+        return refine(
             self.laplacian,
             rhs,
             lambda m, e, _: self.factors.substitute(m, e),
@@ -176,9 +179,6 @@ class DirectFactor(Factor):
             exact=exact,
             sure=self._certainty() if exact else np.inf,
         )
-        if watch is not None:
-            watch.done(found.error, found.bound)
-        return found.solution, found.error
 
     def _certainty(self) -> float:
         """Share of itself by which substitution puts an entry off, at most; infinite where shares may underflow."""
@@ -205,7 +205,7 @@ class MultigridFactor(Factor):
 
     hierarchy: Hierarchy
     team: Team = ALONE
-    name = "multigrid"
+    name: ClassVar[str] = "multigrid"
 
     def _solve(
         self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
@@ -224,15 +224,12 @@ class MultigridFactor(Factor):
         error = residual / (scale or 1.0)
         return self._judged(x, error, rtol, watch)
 
-    def _solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> tuple[Scaled, float]:
+    def _refined(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> Refined:
         """As every `Factor` does."""
         from resgrid.solvers.multigrid.conjugate_gradients import approximate
 
         passes = partial(approximate, self.laplacian, self.hierarchy, watch, team=self.team)
-        found = refine(self.laplacian, rhs, passes, _REFINED, anew=FewRows(self.laplacian), team=self.team)
-        if watch is not None:
-            watch.done(found.error, found.bound)
-        return found.solution, found.error
+        return refine(self.laplacian, rhs, passes, _REFINED, anew=True, team=self.team)
 
 
 def factor_multigrid(laplacian: Laplacian, *, entrywise: bool = False, team: Team = ALONE) -> MultigridFactor:

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 MOST_NUMBERED = 2**31 - 1
 """Rows, entries of rows, and slots are numbered with 32 bits."""
 
+VOLUME = 4.2
+"""Neighbours a node above which corridors have two dimensions across."""
+
 WEAK = 0.1
 """A conductance is weak below this share of the strongest one at either of its ends."""
 
@@ -194,13 +197,7 @@ class Laplacian:
     @property
     def diagonal(self) -> NDArray[np.float64]:
         """Diagonal of the matrix, in siemens, shape (n,): all conductances at a row, summed."""
-        if self.listed is None:
-            return np.asarray(self.edges.sum(axis=1) + self.ground, dtype=np.float64)
-        from resgrid.solvers.row_kernels import add_conductances
-
-        diagonal = self.ground.copy()
-        add_conductances(*self.listed, diagonal)
-        return diagonal
+        return np.asarray(self.edges.sum(axis=1) + self.ground, dtype=np.float64)
 
     @property
     def matrix(self) -> sparse.csr_array:
@@ -284,12 +281,10 @@ def count_connections(laplacian: Laplacian) -> Connections:
     """
     from resgrid.solvers.row_kernels import compare_edges
 
-    def compared(edges: EdgeList) -> tuple[int, float, float, float, int]:
-        return compare_edges(*edges, np.zeros(laplacian.size), WEAK)
-
-    found, grid = compared(laplacian.listed or laplacian.as_rows().listed), laplacian.grid
+    grid, room = laplacian.grid, np.zeros(laplacian.size)
+    found = compare_edges(*(laplacian.listed or laplacian.as_rows().listed), room, WEAK)
     if (grid is None or not grid.simple) and 2 * found[0] > len((rows := laplacian.as_rows()).data):
-        found = compared(rows.listed)
+        found = compare_edges(*rows.listed, np.zeros_like(room), WEAK)
     inner, smallest, largest, total, weak = found
     present = laplacian.ground[laplacian.ground > 0]
     return Connections(

@@ -2,8 +2,6 @@
 
 Arrays that stand at an address: whoever made a table of addresses keeps the arrays.
 
-Elements that are asked for ahead of their turn.
-
 Jobs that threads share in compiled code: parts are claimed by whoever is free, with atomic operations on an array.
 
 A thread that gets no core claims nothing, and is not waited for; who waits for a part in another's hands gives up its
@@ -28,7 +26,7 @@ from numba.extending import intrinsic
 from numba.np import arrayobj
 from numpy.typing import NDArray
 
-from resgrid.jit import inlined, inner
+from resgrid.jit import inner
 
 _numba: Any = cgutils
 _arrays: Any = arrayobj
@@ -69,16 +67,6 @@ singles, doubles, indices, integers = (_view(n) for n in (types.float32, types.f
 singles_by_side: Any = intrinsic(_viewing_sides)
 
 
-def _prefetching(_typing: Any, _address: Any) -> Any:
-    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        of = ir.FunctionType(ir.VoidType(), [_ADDRESS, _BITS, _BITS, _BITS])
-        fetch = builder.module.declare_intrinsic("llvm.prefetch", (_ADDRESS,), of)
-        builder.call(fetch, [builder.inttoptr(arguments[0], _ADDRESS), _BITS(0), _BITS(3), _BITS(1)])
-        return context.get_dummy_value()
-
-    return types.void(types.int64), generate
-
-
 def _controlling(_typing: Any, _value: Any) -> Any:
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         if not _IS_X86:
@@ -93,14 +81,7 @@ def _controlling(_typing: Any, _value: Any) -> Any:
     return types.uint32(types.uint32), generate
 
 
-_prefetch: Any = intrinsic(_prefetching)
 _control: Any = intrinsic(_controlling)
-
-
-@inlined
-def prefetch(array: Any, place: int) -> None:
-    """Have an element and those beside it brought into the cache, for a loop that does not run along the array."""
-    _prefetch(array.ctypes.data + place * array.itemsize)
 
 
 @inner

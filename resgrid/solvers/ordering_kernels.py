@@ -38,14 +38,16 @@ def far_share(indptr: Indices, indices: Indices) -> float:
 
 
 def renumber(indptr: Indices, indices: Indices, data: NDArray[Any]) -> tuple[sparse.csr_array, Indices]:
-    """The same rows with neighbours together, breadth first, and their order (n,) (Cuthill & McKee 1969)."""
+    """The same rows, unsorted, with neighbours together, and their order (n,) (Cuthill & McKee 1969)."""
     from scipy import sparse
     from scipy.sparse.csgraph import reverse_cuthill_mckee
 
     n = len(indptr) - 1
     array = sparse.csr_array((data, indices, indptr), shape=(n, n))
     order = reverse_cuthill_mckee(array, symmetric_mode=True)
-    return array[order][:, order], order
+    moved, place = array[order], np.empty(n, dtype=np.int32)
+    place[order] = np.arange(n, dtype=np.int32)
+    return sparse.csr_array((moved.data, place[moved.indices], moved.indptr), shape=(n, n)), order
 
 
 class Quotient(NamedTuple):

@@ -67,14 +67,8 @@ _MOST, _SHARE = 20_000, 16
 _LEAST = 8
 """One of so many of these are solved at least: along a slit all that lies below changes with what lies above."""
 
-_GAIN = 0.5
-"""Share of the rows left before that may be left after a direct solution, for another one to follow."""
-
 Approximation = Callable[[NDArray[np.float64], NDArray[np.int64], float], Numbers]
 """About ``A^-1`` times scaled numbers, right to a share (the third argument) of the largest; may be better."""
-
-Resolution = Callable[[NDArray[np.float64], Numbers, Numbers], tuple[NDArray[np.int64], Numbers] | None]
-"""From mantissas of the residual, all voltages and all currents: some rows and their voltages, found anew; or None."""
 
 
 class Refined(NamedTuple):
@@ -112,22 +106,23 @@ def refine(
     *,
     exact: bool = False,
     sure: float = np.inf,
-    anew: Resolution | None = None,
+    anew: bool = False,
     team: Team = ALONE,
 ) -> Refined:
     """Solve for a right-hand side without negative entries.  Shapes: `rhs` (n,).
 
     With ``exact``, or where hardly any current flows, the residual is formed in double-double: answers are then the
     nearest doubles.  An entry of the first approximation is off by a share of at most ``sure``: a correction by more is
-    what rounding leaves where conductances differ by more decades than double-doubles hold.
+    what rounding leaves where conductances differ by more decades than double-doubles hold.  Rows without a digit are
+    found ``anew`` where they are few.
     """
     matrix, current = laplacian.conductances, scaled_currents(rhs)
     residual = current[0].copy(), current[1].copy()
     x, best, left = Scaled.of(np.zeros(laplacian.size)), None, np.inf
     for step in range(1, _MOST_STEPS + 1):
         hopeless = best is not None and not exact and best.backward > _HOPELESS
-        some = anew(residual[0], (x.hi, x.exponent), current) if anew is not None and hopeless else None
-        new = _corrected(x, *approximate(*residual, _MARGIN / left)) if some is None else _replaced(x, *some)
+        some = few_rows(laplacian, residual[0], x, current) if anew and hopeless else None
+        new = some or _corrected(x, *approximate(*residual, _MARGIN / left))
         if step > 1 and np.isfinite(sure) and _moves(x, new, sure):
             break
         if not exact:
@@ -145,7 +140,7 @@ def refine(
             if some is None:
                 x = new if step == 1 else x  # beyond the range of doubles, which is told where it is read
                 break
-            anew = None
+            anew = False
         x, best, left = new, found, now
         if left <= 1.0:
             break
@@ -197,21 +192,10 @@ def _corrected(x: Scaled, m: NDArray[np.float64], e: NDArray[np.int64]) -> Scale
     return new
 
 
-def _replaced(x: Scaled, rows: NDArray[np.int64], values: Numbers) -> Scaled:
-    """Values of which some have been found anew."""
-    new = Scaled(x.hi.copy(), x.lo.copy(), x.exponent.copy())
-    canonical(*values)
-    new.hi[rows], new.exponent[rows] = values
-    new.lo[rows] = 0.0
-    return new
-
-
 def scaled_currents(rhs: NDArray[np.float64] | Scaled) -> Numbers:
     """Currents as canonical scaled numbers of their own; ``lo`` is left out."""
-    if isinstance(rhs, Scaled):
-        current, scale = rhs.hi.copy(), rhs.exponent.copy()
-    else:
-        current, scale = np.array(rhs, dtype=np.float64), np.zeros(len(rhs), dtype=np.int64)
+    given = rhs if isinstance(rhs, Scaled) else Scaled.of(np.asarray(rhs, dtype=np.float64))
+    current, scale = given.hi.copy(), given.exponent.copy()
     canonical(current, scale)
     return current, scale
 
@@ -227,57 +211,37 @@ def minus(a: Scaled, b: Scaled) -> Scaled:
 
 def quotient(parts: list[Scaled], x: Scaled) -> float:
     """The largest value of any part relative to that of ``x``; 0 where all parts vanish."""
-    largest, most = _largest_log(x), max(_largest_log(part) for part in parts)
+    largest, *logs = (logarithm(np.abs(each.hi), each.exponent).max(initial=-np.inf) for each in (x, *parts))
     with np.errstate(over="ignore"):
-        return 0.0 if most == -np.inf else float(np.exp(most - largest))
+        return 0.0 if max(logs) == -np.inf else float(np.exp(max(logs) - largest))
 
 
-def _largest_log(values: Scaled) -> float:
-    return float(logarithm(np.abs(values.hi), values.exponent).max(initial=-np.inf))
+def few_rows(laplacian: Laplacian, left: NDArray[np.float64], x: Scaled, current: Numbers) -> Scaled | None:
+    """Values of which those of the rows left, and of some around, are found from all others; None for too many rows.
 
+    What the others feed into them is the residual where their own voltages are 0.
 
-class FewRows:
-    """Solves for the rows that are left, once these are few, from what flows into them.
-
-    Where it leaves many of them, it is not asked again: in the open what surrounds them would have to change as well.
+    Shapes: `left` (n,): 0 in rows that are right.
     """
+    from resgrid.solvers.supernodal import factor_supernodes
 
-    def __init__(self, laplacian: Laplacian) -> None:
-        self._laplacian, self._most = laplacian, float(_MOST)
-
-    def __call__(
-        self, left: NDArray[np.float64], voltage: Numbers, current: Numbers
-    ) -> tuple[NDArray[np.int64], Numbers] | None:
-        """Voltages of the rows left and those around, from all others; as `refine` takes it.
-
-        What the others feed into them is the residual where their own voltages are 0.
-        """
-        from resgrid.solvers.supernodal import factor_supernodes
-
-        count = np.count_nonzero(left)
-        rows = _around(self._laplacian, np.flatnonzero(left)) if 0 < count <= self._most else None
-        if rows is None:
-            return None
-        self._most = _GAIN * count
-        (x, e), kept = voltage, np.zeros(len(left), dtype=np.bool_)
-        others, (m, exponent) = Scaled(x.copy(), np.zeros_like(x), e), (np.zeros_like(x), np.zeros_like(e))
-        others.hi[rows], kept[rows] = 0.0, True
-        imbalance(self._laplacian.conductances, current, others, (m, exponent))
-        return rows, factor_supernodes(self._laplacian.within(kept)).substitute(m[rows], exponent[rows])
+    around = _around(laplacian, left != 0.0)
+    if around is None:
+        return None
+    fed = np.zeros_like(x.hi), np.zeros_like(x.exponent)
+    imbalance(laplacian.conductances, current, Scaled(np.where(around, 0.0, x.hi), fed[0].copy(), x.exponent), fed)
+    new, within = Scaled(x.hi.copy(), np.where(around, 0.0, x.lo), x.exponent.copy()), laplacian.within(around)
+    new.hi[around], new.exponent[around] = factor_supernodes(within).substitute(fed[0][around], fed[1][around])
+    return new
 
 
-def _around(laplacian: Laplacian, rows: NDArray[np.int64]) -> NDArray[np.int64] | None:
-    """Some rows, and all that are few steps away; None for too many."""
-    most = min(_MOST, laplacian.size // _SHARE)
-    seen, edge, count, steps = np.zeros(laplacian.size, dtype=np.bool_), rows, len(rows), 0
-    seen[rows] = True
-    while len(edge) and (steps < _STEPS or count < most // _LEAST):
-        steps += 1
-        if count > most:
-            return None
+def _around(laplacian: Laplacian, rows: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
+    """Some rows, and all that are few steps away; None for too many.  Shapes: `rows` (n,); returns (n,)."""
+    most, edge = min(_MOST, laplacian.size // _SHARE), np.flatnonzero(rows)
+    seen, count, steps = rows.copy(), len(edge), 0
+    while len(edge) and count <= most and (steps < _STEPS or count < most // _LEAST):
         around = laplacian.edges[edge].indices
-        around = around[~seen[around]]
-        seen[around] = True
-        edge = np.unique(around)
-        count += len(edge)
-    return np.flatnonzero(seen) if count <= most else None
+        edge = np.unique(around[~seen[around]])
+        seen[edge] = True
+        count, steps = count + len(edge), steps + 1
+    return seen if 0 < count <= most else None

@@ -89,16 +89,6 @@ def join(parent: Indices, a: int, b: int) -> None:
 
 
 @kernel
-def add_conductances(pairs: Indices, conductance: Floats, row: Indices, degree: Floats) -> None:
-    """Add the conductances between different rows to both rows' degree."""
-    for k in range(len(pairs)):
-        i, j = row[pairs[k, 0]], row[pairs[k, 1]]
-        if i >= 0 and j >= 0 and i != j:
-            degree[i] += conductance[k]
-            degree[j] += conductance[k]
-
-
-@kernel
 def compare_edges(
     pairs: Indices, conductance: Floats, row: Indices, strongest: Floats, weak: float
 ) -> tuple[int, float, float, float, int]:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from resgrid.errors import AccuracyError
 from resgrid.jit import ZERO, inlined, inner_fast, kernel
 from resgrid.solvers.extended import Numbers, unscaled
-from resgrid.solvers.extended_kernels import _add_product, _canonical, _shift
+from resgrid.solvers.extended_kernels import NO_EXPONENT, _add_product, _canonical, _shift
 from resgrid.solvers.laplacian import Conductances, Laplacian
 from resgrid.solvers.symbolic import Supernodes, Symbolic, order_rows
 
@@ -71,15 +71,10 @@ def factor_in_order(matrix: Conductances, symbolic: Symbolic) -> SupernodalFacto
     entries = Entries(np.empty(symbolic.entries), np.empty(n), np.empty(size))
     sums = np.add.reduceat(np.append(matrix.edges, 0.0), matrix.indptr[:-1])  # of rows that are joined to some
     entries.pivot[size:] = (matrix.ground + sums)[order[size:]]
-    work = Workspace(
-        node_of=np.repeat(np.arange(count, dtype=np.int32), widths),
-        waiting=np.full(count, -1, dtype=np.int32),
-        following=np.empty(count, dtype=np.int32),
-        after=np.empty(count, dtype=np.int32),
-        at=np.empty(size, dtype=np.int32),
-        column=np.empty(symbolic.lengths.max(initial=0)),
-        weight=np.empty(widths.max(initial=0)),
-    )
+    node_of, at = np.repeat(np.arange(count, dtype=np.int32), widths), np.empty(size, dtype=np.int32)
+    column, weight = np.empty(symbolic.lengths.max(initial=0)), np.empty(widths.max(initial=0))
+    waiting, following, after = np.full((3, count), -1, dtype=np.int32)
+    work = Workspace(node_of, waiting, following, after, at, column, weight)
     in_range = bool(np.all(np.isfinite(entries.pivot[size:])))
     # In stretches, so that it can be interrupted.
     for begin in range(0, count, _STRETCH):
@@ -256,6 +251,14 @@ def _sum(values: Floats, begin: int, end: int) -> float:
 
 
 @inner_fast
+def _add_times(target: Floats, there: int, values: Floats, here: int, count: int, weight: float) -> None:
+    t, s = np.uint64(there), np.uint64(here)
+    for each in range(count):
+        i = np.uint64(each)
+        target[t + i] += weight * values[s + i]
+
+
+@inner_fast
 def _add_columns(
     target: Floats, there: int, values: Floats, here: int, apart: int, weight: Floats, columns: int, count: int
 ) -> None:
@@ -325,7 +328,7 @@ def _forward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column: 
         return
     common = _align(nodes.rows, begin, fed, length, m, e, column)
     for c in range(fed, columns):
-        _add_times(column, values, base + c * length, c + 1, length, column[c])
+        _add_times(column, c + 1, values, base + c * length + c + 1, length - c - 1, column[c])
     plain = True
     for r in range(fed, length):
         plain = plain and abs(column[r]) >= _LEAST
@@ -361,23 +364,15 @@ def _backward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column:
 @inlined
 def _align(rows: Indices, begin: int, skipped: int, length: int, m: Floats, e: Integers, column: Floats) -> int:
     """Write some rows as doubles; returns the largest of their exponents, which is common to all then."""
-    common, found = int(e[rows[begin + skipped]]), m[rows[begin + skipped]] != 0.0
-    for r in range(skipped + 1, length):
+    common = NO_EXPONENT
+    for r in range(skipped, length):
         row = rows[begin + r]
-        if m[row] != 0.0 and (not found or e[row] > common):
-            common, found = int(e[row]), True
+        if m[row] != 0.0 and e[row] > common:
+            common = int(e[row])
     for r in range(skipped, length):
         row = rows[begin + r]
         column[r] = _shift(m[row], e[row] - common)
     return common
-
-
-@inner_fast
-def _add_times(column: Floats, values: Floats, base: int, begin: int, end: int, value: float) -> None:
-    b = np.uint64(base)
-    for each in range(begin, end):
-        i = np.uint64(each)
-        column[i] += value * values[b + i]
 
 
 @inner_fast

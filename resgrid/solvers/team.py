@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import partial
@@ -45,21 +44,18 @@ class Team:
             for number in range(parts):
                 part(number)
             return
-        left = deque(range(parts))
+        numbers = list(range(parts))
+        left = iter(numbers)  # everybody's
 
         def work() -> None:
-            while left:
-                try:
-                    number = left.popleft()
-                except IndexError:  # another thread has taken the last one
-                    return
+            for number in left:
                 part(number)
 
         helpers = [self._pool.submit(work) for _ in range(min(self.size, parts) - 1)]
         try:
             work()
         except BaseException:
-            left.clear()
+            numbers.clear()
             raise
         finally:
             wait([helper for helper in helpers if not helper.cancel()])

@@ -8,6 +8,7 @@ import mpmath
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from scipy import sparse
 from support.spaces import serpentine, space_of
 
 from resgrid.circuit.equations import Equations, assemble
@@ -86,6 +87,20 @@ def test_currents_may_differ_by_thousands_of_decades_from_row_to_row(order: Orde
         with mpmath.workdps(80):
             error = abs(mpmath.ldexp(mpmath.mpf(float(value)), 256 * int(exponent)) / expected - 1)
         assert error < 1e-15 * (20 + 5 * size)
+
+
+@ORDERS
+@pytest.mark.parametrize("alone", [[], [3], [7, 8], [0, 4, 8]])
+def test_rows_may_be_tied_to_the_ground_and_joined_to_no_other(order: Order, alone: list[int]) -> None:
+    rng = np.random.default_rng(5)
+    coupling = np.triu(rng.random((9, 9)), 1)
+    coupling[alone] = coupling[:, alone] = 0.0
+    coupling[rng.random((9, 9)) < 0.5] = 0.0
+    coupling += coupling.T
+    ground, rhs = rng.uniform(0.5, 2.0, 9), rng.random(9)
+    laplacian = Laplacian(ground, compressed=Rows.of(sparse.csr_array(coupling)))
+    expected = np.linalg.solve(np.diag(coupling.sum(axis=1) + ground) - coupling, rhs)
+    np.testing.assert_allclose(factor_supernodes(laplacian, order(laplacian)).solve(rhs), expected, rtol=1e-13)
 
 
 def test_a_potential_may_fall_by_hundreds_of_decades_from_column_to_column_of_a_supernode() -> None:

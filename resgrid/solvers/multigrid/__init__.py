@@ -34,7 +34,7 @@
 7. *Refinement* (`resgrid.solvers.refine`) makes a normwise answer right entry by entry: voltages in double-double,
    with exponents where doubles run out, every pass a solution to many digits of what is largest, until what all rows
    violate KCL by proves that no entry is off by more than 4e-9 of itself and the rounding of the sums. Rows without a
-   digit, along slits, are solved directly (`resgrid.solvers.refine.FewRows`).
+   digit, along slits, are solved directly (`resgrid.solvers.refine.few_rows`).
 
 References
 ----------

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from resgrid.jit import inner, kernel, makes_arrays
 from resgrid.solvers import ordering_kernels as ordering
 from resgrid.solvers.laplacian import Rows
-from resgrid.solvers.machine import prefetch
 from resgrid.solvers.multigrid.graph_sweeps import Graphs
 
 Floats = NDArray[np.float64]
@@ -39,9 +38,6 @@ _BESIDE_STRONGEST = 0.7
 
 _FAR = 0.5
 """Share of neighbours numbered far apart above which a graph is renumbered before anything else."""
-
-_AHEAD = 16
-"""Rows by which what they hold is asked for ahead, where they are not taken in their order."""
 
 _WINDOW = 4096
 _LARGEST_INVERSE = 2000
@@ -344,9 +340,7 @@ def lay_rows(
     indptr, indices, conductance, leak = rows
     begin = entry
     for slot in range(len(order)):
-        i, ahead = order[slot], indptr[order[min(slot + _AHEAD, len(order) - 1)]]
-        prefetch(indices, ahead)
-        prefetch(conductance, ahead)
+        i = order[slot]
         end = begin + indptr[i + 1] - indptr[i]
         packed.indptr[first + slot] = begin
         front, back, degree = begin, end - 1, leak[i]
