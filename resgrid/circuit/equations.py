@@ -207,7 +207,7 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
     CircuitError
         If a current source feeds a part that nothing ties to ground.
     """
-    from resgrid.circuit.kernels import join_parts, known_range, number_parts
+    from resgrid.circuit.kernels import join_parts, number_parts
 
     part = np.arange(netlist.node_count, dtype=np.int32)
     part[forest.order[forest.base == GROUND]] = -1
@@ -216,7 +216,11 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
     join_parts(netlist.source_nodes, part, room)
     number = number_parts(part)
     lowest, highest = np.full(number, np.inf), np.full(number, -np.inf)
-    known_range(np.take(elements, contacts, axis=0), forest.offset, part, lowest, highest)
+    ends = np.take(elements, contacts, axis=0)
+    here = part[ends]
+    volts, held = forest.offset[ends[here < 0]], here.max(axis=1)
+    np.minimum.at(lowest, held, volts)
+    np.maximum.at(highest, held, volts)
     fed = np.zeros(number + 1, dtype=np.bool_)  # the last one for what is tied to ground
     for end in netlist.current_nodes.T:
         fed[np.take(part, end)[netlist.current_amps != 0]] = True

@@ -47,9 +47,8 @@ _LEAST_REST = 1e-3
 """Smallest height above the low rail, as a share of both rails' distance, that is read off the drop."""
 
 _NONE = -(2**62)
-_LEAST_EXPONENT = -2
-_ORDINARY = 1e-60
-"""Smallest current of a unit, in amperes, that leaves products of plain values in range; its inverse is the largest."""
+_ORDINARY = 2
+"""Largest exponent of currents, and the negative of the smallest, that leaves their sums in the range of doubles."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,20 +206,13 @@ def read_entrywise(
     `told`: what the point is to say of how it was solved.  Returns `residual` (nodes,), and whether currents that
     matter have few digits left.
     """
-    netlist, faint = system.netlist, False
     voltage, (log_drop, potential) = team.together(
         [partial(_voltage, system, values), partial(_stored, system, values)]
     )
-    sign = float(np.sign(values.volts))
-    falling = (potential, sign) if log_drop is None else (log_drop, -sign)
-    if falls is None:
-        amps, exponent, heat, faint = _differences(values, netlist, team)
-    else:
-        amps, exponent = netlist.conductance * falls.falls, np.zeros(0, dtype=np.int64)
-        heat = float(amps @ falls.falls)
+    upwards = np.sign(values.volts)
+    falling = None if potential is None else upwards * potential if log_drop is None else -upwards * log_drop
     unknown = system.unknown if falls is None else np.where(falls.excused, -1, system.unknown)
-    readings, residual = _read(netlist, system.forest, unknown, amps, exponent, heat, *falling, team)
-    faint = faint and not exponent.size and _hides(values, netlist, amps)
+    readings, residual, faint = _read(system.netlist, system.forest, unknown, values, team, falling, falls)
     return _point(system, voltage, (log_drop, potential), readings, told), residual, faint
 
 
@@ -236,62 +228,34 @@ def _point(
     )
 
 
-def _normwise_readings(
-    netlist: Netlist, forest: SourceForest, unknown: NDArray[np.int32], values: NodeValues
-) -> Readings:
-    amps, exponent, heat, _ = _differences(values, netlist, ALONE)
-    return _read(netlist, forest, unknown, amps, exponent, heat, None, 0.0, ALONE)[0]
-
-
-def _differences(
-    values: NodeValues, netlist: Netlist, team: Team
-) -> tuple[NDArray[np.float64], NDArray[np.int64], float, bool]:
-    """Currents ``amps, exponent`` (resistors,), the latter (0,) where all are 0; the power; whether one is faint."""
-    from resgrid.circuit.kernels import currents
-
-    value, plain = _plain_where_possible(values, netlist)
-    ends, amps = netlist.resistor_nodes, np.empty(len(netlist.conductance))
-    exponent = np.zeros(0 if plain else len(amps), dtype=np.int64)
-
-    def through(piece: slice) -> tuple[float, bool]:
-        return currents(
-            ends[piece], netlist.conductance[piece], value, values.down, values.volts, values.noise, amps[piece],
-            exponent[piece],
-        )  # fmt: skip
-
-    found = team.over(len(amps), through)
-    return amps, exponent, sum(power for power, _ in found), any(faint for _, faint in found)
-
-
-def _hides(values: NodeValues, netlist: Netlist, amps: NDArray[np.float64]) -> bool:
-    """Whether differences of values have few digits left at currents that matter to either end's.
-
-    Shapes: `amps` (resistors,).  Between cells that mirror each other such a difference is rounding, beside others.
-    """
-    from resgrid.circuit.kernels import FAINT
-
-    ends, size = netlist.resistor_nodes, np.abs(amps)
-    from_values = np.abs(values.volts * values.value.plain)[ends[:, 0]] * netlist.conductance
-    faint = (size > 0.0) & (size <= FAINT * from_values)
-    through = 0.5 * np.bincount(ends.ravel(), np.repeat(size, 2), netlist.node_count)
-    return bool(np.any(size[faint] > HARMLESS * through[ends[faint]].min(axis=1)))
+def _normwise_readings(*circuit: Any) -> Readings:
+    return _read(*circuit)[0]
 
 
 def _read(
-    netlist: Netlist, forest: SourceForest, unknown: NDArray[np.int32], amps: NDArray[np.float64],
-    exponent: NDArray[np.int64], heat: float, stored: NDArray[np.float64] | None, sign: float, team: Team,
-) -> tuple[Readings, NDArray[np.float64]]:  # fmt: skip
-    """Sum up the currents at every node; nodes that floating sources join count as one.
+    netlist: Netlist, forest: SourceForest, unknown: NDArray[np.int32], values: NodeValues, team: Team = ALONE,
+    falling: NDArray[np.float64] | None = None, falls: Falls | None = None,
+) -> tuple[Readings, NDArray[np.float64], bool]:  # fmt: skip
+    """Take currents from falls, or from differences of values, and sum them up at every node.
 
-    What is ``stored``, times ``sign``, falls along currents up to rounding, and along every one that matters after
-    this: others are set to 0.  Shapes: `amps, exponent` (resistors,), `stored` (nodes,); returns `residual` (nodes,).
+    What is ``falling`` (nodes,) falls along currents up to rounding, and along every one that matters after this:
+    others are set to 0.  Nodes that floating sources join count as one.  Returns `residual` (nodes,), and whether
+    differences have few digits left at currents that matter to either end's: between cells that mirror each other such
+    a difference is rounding, beside others.
     """
     from resgrid.circuit.kernels import drop_unresolved
 
-    ends, plain = netlist.resistor_nodes, not exponent.size
-    frame, net, through = _balance(netlist, amps, exponent)
-    if stored is not None:
-        drop_unresolved(ends, amps, exponent, frame, net, through, stored, sign, HARMLESS)
+    ends, faint = netlist.resistor_nodes, np.zeros(0, dtype=np.int64)
+    if falls is None:
+        amps, exponent, heat, faint = _differences(values, netlist, team)
+    else:
+        amps, exponent = netlist.conductance * falls.falls, np.zeros(len(ends), dtype=np.int64)
+        heat = float(amps @ falls.falls)
+    plain = not exponent.any()
+    frame, net, through = _sums(netlist, amps, exponent)
+    if falling is not None:
+        drop_unresolved(ends, amps, exponent, frame, net, through, falling, HARMLESS)
+    matters = np.abs(amps[faint]) > HARMLESS * through[ends[faint]].min(axis=1)
     residual, direction = np.zeros(len(unknown)), np.empty(len(amps), dtype=np.int8)
     net_amps, through_amps = (net, through) if plain else (net * power(frame), through * power(frame))
     if np.any(forest.base != GROUND):
@@ -314,24 +278,32 @@ def _read(
         power=heat,
         kcl_residual=float(residual.max(initial=0.0)),
     )
-    return readings, residual
+    return readings, residual, plain and bool(matters.any())
 
 
-def _plain_where_possible(values: NodeValues, netlist: Netlist) -> tuple[Scaled, bool]:
-    """The values as doubles, if their currents stay far from the ends of the range; and whether they do."""
-    value, g = values.value, netlist.conductance
-    unit = abs(values.volts)
-    if value.exponent.min(initial=0) < _LEAST_EXPONENT or value.exponent.max(initial=0) > 0:
-        return value, False
-    if not (unit * g.min(initial=1.0) > _ORDINARY and unit * g.max(initial=1.0) < 1.0 / _ORDINARY):
-        return value, False
-    if not value.exponent.any():
-        return value, True
-    scale = power(value.exponent)
-    return Scaled(value.hi * scale, value.lo * scale, np.zeros_like(value.exponent), value.noise), True
+def _differences(
+    values: NodeValues, netlist: Netlist, team: Team
+) -> tuple[NDArray[np.float64], NDArray[np.int64], float, NDArray[np.int64]]:
+    """Currents ``amps, exponent`` (resistors,), the latter 0 where doubles hold all; the power; which are faint."""
+    from resgrid.circuit.kernels import currents
+
+    ends, amps = netlist.resistor_nodes, np.empty(len(netlist.conductance))
+    exponent, faint = np.empty(len(amps), dtype=np.int64), np.zeros(len(amps), dtype=np.bool_)
+
+    def through(piece: slice) -> float:
+        return currents(
+            ends[piece], netlist.conductance[piece], values.value, values.down, values.volts, values.noise,
+            amps[piece], exponent[piece], faint[piece],
+        )  # fmt: skip
+
+    heat = sum(team.over(len(amps), through))
+    if exponent.any() and np.abs(exponent).max() <= _ORDINARY:
+        amps *= power(exponent)
+        exponent[:] = 0
+    return amps, exponent, heat, np.flatnonzero(faint)
 
 
-def _balance(
+def _sums(
     netlist: Netlist, amps: NDArray[np.float64], exponent: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
     """Kirchhoff's current law at every node, in units of ``2**(256 frame)`` amperes, about the largest current there.
@@ -339,19 +311,20 @@ def _balance(
     Shapes: `amps, exponent` (resistors,); returns `frame`, `net` into the node, and `through`, half the sum of all
     magnitudes, (nodes,).
     """
-    from resgrid.circuit.kernels import add_currents, frames
+    from resgrid.circuit.kernels import add_currents
 
-    net = injected_currents(netlist)
+    net, ends = injected_currents(netlist), netlist.resistor_nodes
     frame = np.zeros(len(net), dtype=np.int64)
-    if exponent.size:
-        own = frame.copy()
+    if exponent.any():
+        own, flows = frame.copy(), amps != 0.0
         canonical(net, own)
         frame[:] = np.where(net != 0, own, _NONE)
-        frames(netlist.resistor_nodes, amps, exponent, frame)
+        for end in ends.T:
+            np.maximum.at(frame, end[flows], exponent[flows])
         frame[frame == _NONE] = 0
         net *= power(np.where(net != 0, own - frame, 0))
     through = np.abs(net)
-    add_currents(netlist.resistor_nodes, amps, exponent, frame, net, through)
+    add_currents(ends, amps, exponent, frame, net, through)
     through *= 0.5
     return frame, net, through
 
