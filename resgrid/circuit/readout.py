@@ -91,10 +91,13 @@ def node_values(system: Equations, factors: Factor | None, watch: Watch, team: T
     return replace(_above(system, difference, 1.0, team), doubt=doubt)
 
 
-def values_above(system: Equations, heights: NDArray[np.float64], team: Team) -> NodeValues:
-    """Values of all nodes from heights of the rows above the reference, in volts, (n,); no two rails alone."""
-    sign = -1.0 if np.all(heights <= 0.0) else 1.0
-    return _above(system, Scaled.of(sign * heights), sign, team)
+def values_above(system: Equations, x: NDArray[np.float64]) -> NodeValues:
+    """Values of all nodes from heights of the rows above the reference, in volts, (n,); no difference is noise."""
+    zero, volts = system.reference, -1.0 if np.all(x <= 0.0) else 1.0
+    if system.rails is not None:
+        zero, volts = system.rails.low, system.rails.high - system.rails.low
+    value = Scaled.of(np.nan_to_num((system.heights(x) + (system.reference - zero)) / volts))
+    return NodeValues(value._replace(noise=0.0), np.zeros(len(value.hi), np.bool_), zero, volts, 0.0)
 
 
 def _drop_and_height(rails: Rails, factors: Factor | None, watch: Watch, team: Team) -> tuple[Scaled, Scaled | None]:
@@ -181,18 +184,12 @@ def _spread(system: Equations, rows: Scaled, known: NDArray[np.float64], team: T
 
 
 def read_normwise(system: Equations, x: NDArray[np.float64], **told: Any) -> OperatingPoint:
-    """Spread a normwise solution (n,) over the nodes, with what is ``told`` of it; currents wait until asked for.
-
-    No difference of its values counts as noise.
-    """
-    rails, zero, volts = system.rails, system.reference, -1.0 if np.all(x <= 0.0) else 1.0
-    if rails is not None:
-        zero, volts = rails.low, rails.high - rails.low
-    heights = system.heights(x)
-    value = Scaled.of(np.nan_to_num((heights + (system.reference - zero)) / volts))
-    values = NodeValues(value._replace(noise=0.0), np.zeros(len(value.hi), np.bool_), zero, volts, 0.0)
+    """Spread a normwise solution (n,) over the nodes, with what is ``told`` of it; currents wait until asked for."""
+    if not np.isfinite(x).all():
+        raise CircuitError(OUT_OF_RANGE)
+    values = values_above(system, x)
     readings = partial(_normwise_readings, system.netlist, system.forest, system.unknown, values)
-    point = _point(system, system.above_ground(heights), (None, _potential(system, values)), readings, told)
+    point = _point(system, system.voltages(x), (None, _potential(system, values)), readings, told)
     if system.forest.loop.any():
         _ = point.readings  # warns of currents that are undetermined
     return point
