@@ -45,6 +45,9 @@ _FLOOR = 1e-15
 _NEGLIGIBLE = 1e-9
 """Largest violation of Kirchhoff's current law at the end, as a share of the largest current."""
 
+_WORTHWHILE = 0.05
+"""Share of a Newton step below which steps of the secants take turns with such steps."""
+
 _SHORTER, _SHORTEST = 0.7, 1e-30
 
 _SATURATED = 14.0
@@ -175,9 +178,9 @@ class NewtonSolution(NamedTuple):
 def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
     """Find the node voltages of a circuit with nonlinear resistors.
 
-    Damped: a step is shortened until the co-content falls along all of it.  Where the differential conductances tell no
-    way, deep in saturation, the secant ones do: their step minimises a quadratic above the co-content that touches it
-    (as iteratively reweighted least squares do), so that the co-content falls as well.
+    Damped: a step is shortened until the co-content falls along all of it.  Where little of it is left, deep in
+    saturation, steps with the secant conductances take turns with such steps: they minimise a quadratic above the
+    co-content that touches it (as iteratively reweighted least squares do), so that the co-content falls as well.
     """
     circuit = _Circuit.of(netlist)
     x, at_rest = np.zeros(circuit.system.size), False
@@ -200,7 +203,8 @@ def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
                 NewtonSolution(circuit.system.voltages(x), residuals, steps),
             )
         try:
-            move, share = _step(circuit, x, drop, excess, method)
+            least = _SHORTEST if 0.0 in steps[-1:] else _WORTHWHILE
+            move, share = _step(circuit, x, drop, excess, method, least)
         except AccuracyError:  # voltages without bound look like any other failure
             _refuse_overloaded_cut(netlist, circuit.system, x)
             raise
@@ -210,16 +214,17 @@ def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
 
 
 def _step(
-    circuit: _Circuit, x: NDArray[np.float64], drop: NDArray[np.float64], excess: NDArray[np.float64], method: str
-) -> tuple[NDArray[np.float64], float]:
-    """What to move by, and the share of a Newton step that it is: 0 for a step of the secants."""
+    circuit: _Circuit, x: NDArray[np.float64], drop: NDArray[np.float64], excess: NDArray[np.float64], method: str,
+    least: float,
+) -> tuple[NDArray[np.float64], float]:  # fmt: skip
+    """What to move by, and the share of a Newton step that it is, the least or more, or 0 for a step of the secants."""
     with suppress(AccuracyError):  # differential conductances that vanish can leave the matrix singular
         direction, share = circuit.move(excess, circuit.law.differential(drop), method), 1.0
         # All of it unless the co-content, convex along it, rises before its end.
         rise = 0.1 * abs(float(excess @ direction))
-        while circuit.excess(circuit.drops(x + share * direction)) @ direction > rise and share > _SHORTEST:
+        while circuit.excess(circuit.drops(x + share * direction)) @ direction > rise and share >= least:
             share *= _SHORTER
-        if share > _SHORTEST:
+        if share >= least:
             return share * direction, share
     return circuit.move(excess, circuit.law.secant(drop), method), 0.0
 
