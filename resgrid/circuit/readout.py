@@ -9,7 +9,6 @@ of their difference.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -79,16 +78,16 @@ class NodeValues:
 def node_values(system: Equations, factors: Factor | None, watch: Watch, team: Team) -> NodeValues:
     """Solve for all that the currents of a circuit are read off."""
     if system.rails is not None:
-        return _between(system, system.rails, *_drop_and_height(system.rails, factors, watch, team), team)
+        return _between(system, system.rails, *_drop_and_height(system.rails, factors, watch, team))
     drive = system.drive
     if not (np.any(drive < 0.0) and np.any(drive > 0.0)):
         sign = -1.0 if np.any(drive < 0.0) else 1.0
         (height,) = _solved(factors, [drive if sign > 0.0 else -drive], watch, team)
-        return _above(system, height, sign, team)
+        return _above(system, height, sign)
     rising, falling = _solved(factors, [np.maximum(drive, 0.0), np.maximum(-drive, 0.0)], watch, team)
     difference = minus(rising, falling)
     doubt = watch.bound * quotient([rising, falling], difference)
-    return replace(_above(system, difference, 1.0, team), doubt=doubt)
+    return replace(_above(system, difference, 1.0), doubt=doubt)
 
 
 def values_above(system: Equations, x: NDArray[np.float64]) -> NodeValues:
@@ -134,7 +133,7 @@ def _solved(factors: Factor | None, currents: list[NDArray[np.float64]], watch: 
     return team.together([partial(one, rhs) for rhs in currents])
 
 
-def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | None, team: Team) -> NodeValues:
+def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | None) -> NodeValues:
     """Spread drops, and heights where they were solved for, over the nodes: whichever of both is smaller."""
     far = np.flatnonzero((drop.exponent >= 0) & (drop.hi > 0.5))
     there = drop if height is None else height
@@ -150,15 +149,15 @@ def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | Non
     with np.errstate(invalid="ignore"):
         down = np.abs(below) < np.abs(above)
     np.copyto(down, near[system.unknown], where=system.unknown >= 0)
-    value = _spread(system, rows, np.where(down, below, above), team)
+    value = _spread(system, rows, np.where(down, below, above))
     noise = height.noise if height is not None else drop.noise / _LEAST_REST
     return NodeValues(value._replace(noise=drop.noise), down, rails.low, span, noise)
 
 
-def _above(system: Equations, rows: Scaled, volts: float, team: Team) -> NodeValues:
+def _above(system: Equations, rows: Scaled, volts: float) -> NodeValues:
     """Spread heights above the reference over the nodes."""
     forest = system.forest
-    out = _spread(system, rows, (system.known_voltages() - system.reference) / volts, team)
+    out = _spread(system, rows, (system.known_voltages() - system.reference) / volts)
     lifted = (forest.height != 0) & (system.unknown[forest.order] >= 0)
     if lifted.any():
         # Floating sources occur only in circuits without two rails, whose values do not leave the range of a double.
@@ -169,17 +168,12 @@ def _above(system: Equations, rows: Scaled, volts: float, team: Team) -> NodeVal
     return NodeValues(out._replace(noise=rows.noise), down, system.reference, volts, rows.noise)
 
 
-def _spread(system: Equations, rows: Scaled, known: NDArray[np.float64], team: Team) -> Scaled:
+def _spread(system: Equations, rows: Scaled, known: NDArray[np.float64]) -> Scaled:
     """Values of all nodes: of their rows, or those that are ``known`` (nodes,), where NaN counts as 0."""
-    solved = system.unknown >= 0
-    out = Scaled.of(np.nan_to_num(known))
-
-    def fill(piece: slice) -> None:
-        row = system.unknown[piece][solved[piece]]
-        for part, of_rows in zip(out.at(piece)[:3], rows[:3], strict=True):
-            part[solved[piece]] = of_rows[row]
-
-    team.over(len(known), fill)
+    solved, out = system.unknown >= 0, Scaled.of(np.nan_to_num(known))
+    row = system.unknown[solved]
+    for part, of_rows in zip(out[:3], rows[:3], strict=True):
+        part[solved] = of_rows[row]
     return out
 
 
@@ -189,7 +183,10 @@ def read_normwise(system: Equations, x: NDArray[np.float64], **told: Any) -> Ope
         raise CircuitError(OUT_OF_RANGE)
     values = values_above(system, x)
     readings = partial(_normwise_readings, system.netlist, system.forest, system.unknown, values)
-    point = _point(system, system.voltages(x), (None, _potential(system, values)), readings, told)
+    point = OperatingPoint(
+        system.netlist, system.voltages(x), None, _potential(system, values), readings, system.floating,
+        system.undriven, **told,
+    )  # fmt: skip
     if system.forest.loop.any():
         _ = point.readings  # warns of currents that are undetermined
     return point
@@ -210,19 +207,10 @@ def read_entrywise(
     falling = None if potential is None else upwards * potential if log_drop is None else -upwards * log_drop
     unknown = system.unknown if falls is None else np.where(falls.excused, -1, system.unknown)
     readings, residual, faint = _read(system.netlist, system.forest, unknown, values, team, falling, falls)
-    return _point(system, voltage, (log_drop, potential), readings, told), residual, faint
-
-
-def _point(
-    system: Equations,
-    voltage: NDArray[np.float64],
-    stored: tuple[NDArray[np.float64] | None, NDArray[np.float64] | None],
-    ammeters: Readings | Callable[[], Readings],
-    told: dict[str, Any],
-) -> OperatingPoint:
-    return OperatingPoint(
-        system.netlist, voltage, *stored, ammeters, floating=system.floating, undriven=system.undriven, **told
+    point = OperatingPoint(
+        system.netlist, voltage, log_drop, potential, readings, system.floating, system.undriven, **told
     )
+    return point, residual, faint
 
 
 def _normwise_readings(*circuit: Any) -> Readings:
@@ -253,7 +241,7 @@ def _read(
     if falling is not None:
         drop_unresolved(ends, amps, exponent, frame, net, through, falling, HARMLESS)
     matters = np.abs(amps[faint]) > HARMLESS * through[ends[faint]].min(axis=1)
-    residual, direction = np.zeros(len(unknown)), np.empty(len(amps), dtype=np.int8)
+    residual = np.zeros(len(unknown))
     net_amps, through_amps = (net, through) if plain else (net * power(frame), through * power(frame))
     if np.any(forest.base != GROUND):
         root = forest.root
@@ -261,16 +249,11 @@ def _read(
             np.asarray(np.bincount(root, part)[root], dtype=np.float64) for part in (net_amps, through_amps)
         )
 
-    def violated(some: slice) -> None:
-        held = (unknown[some] >= 0) & (through[some] > 0)
-        np.divide(np.abs(net[some]), through[some], out=residual[some], where=held)
-
-    team.over(len(unknown), violated)
-    team.over(len(amps), lambda some: np.copyto(direction[some], np.sign(amps[some]), casting="unsafe"))
+    np.divide(np.abs(net), through, out=residual, where=(unknown >= 0) & (through > 0))
     readings = Readings(
         resistor_current=amps if plain else amps * power(exponent),
         scaled=None if plain else (amps, exponent),
-        resistor_direction=direction,
+        resistor_direction=np.sign(amps).astype(np.int8),
         source_current=source_currents(netlist, forest, -net_amps, through_amps),
         power=heat,
         kcl_residual=float(residual.max(initial=0.0)),
