@@ -105,6 +105,19 @@ def check_whole(name: str, value: Any, least: int) -> None:
         raise InputError(f"{name} = {value!r} must be a whole number, at least {least}")
 
 
+def real_numbers(name: str, value: ArrayLike) -> NDArray[Any]:
+    """Real numbers; no complex ones, whose imaginary parts would be lost, none that are masked, no text or dates."""
+    try:
+        array = np.asarray(value)
+        if array.size and array.dtype.kind not in "biuf":
+            array = array.astype(np.float64, casting="unsafe" if array.dtype.kind == "O" else "same_kind")
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{name} must be an array of real numbers") from None
+    if value is None or np.ma.is_masked(value):
+        raise InputError(f"{name} must be an array of real numbers, {'not None' if value is None else 'none masked'}")
+    return array
+
+
 def per_axis(
     name: str, value: ArrayLike, ndim: int, words: str, *, least: float = -_HUGE, above: float = -math.inf,
     most: float = _HUGE,

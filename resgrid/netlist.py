@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.arguments import real_numbers
 from resgrid.errors import InputError
 from resgrid.frozen import frozen
 from resgrid.graphs import ARRAYS, fields_of, graph_of
@@ -354,21 +355,8 @@ def _all_within(value: NDArray[np.float64], low: float, high: float) -> bool:
     return not value.size or bool(low < value.min() and value.max() < high)
 
 
-def _array(name: str, value: ArrayLike) -> NDArray[Any]:
-    """Real numbers; no complex ones, whose imaginary parts would be lost, and no text or dates."""
-    try:
-        array = np.asarray(value)
-        if array.size and array.dtype.kind not in "biuf":
-            array = array.astype(np.float64, casting="unsafe" if array.dtype.kind == "O" else "same_kind")
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{name} must be an array of real numbers") from None
-    if value is None:
-        raise InputError(f"{name} must be an array of real numbers, not None")
-    return array
-
-
 def _numbers(name: str, value: ArrayLike, node_count: int) -> NDArray[np.int32]:
-    array = _array(name, value)
+    array = real_numbers(name, value)
     if array.size and array.dtype.kind not in "iu":
         raise InputError(f"{name} must hold node numbers, got {array.dtype}")
     bits = np.ascontiguousarray(array).view(f"u{array.itemsize}")  # where negative numbers are huge
@@ -378,7 +366,7 @@ def _numbers(name: str, value: ArrayLike, node_count: int) -> NDArray[np.int32]:
 
 
 def _column(name: str, value: ArrayLike, width: int, dtype: Any) -> NDArray[Any]:
-    array = _array(name, value)
+    array = real_numbers(name, value)
     shape_ok = array.ndim == 2 and array.shape[1] == 2 if width else array.ndim == 1
     if not shape_ok and array.size:
         raise InputError(f"{name} has shape {array.shape}, expected {'(n, 2)' if width else '(n,)'}")

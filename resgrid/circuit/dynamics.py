@@ -69,18 +69,10 @@ class Dynamics:
         """Number of rows."""
         return len(self.drive)
 
-    def imbalance(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """``b - G x``: the current that charges every row, in amperes, shape (n,); formed from differences."""
-        return np.asarray((self.drive - self.conductance.ground * x) - self.leaving(x))
-
-    def conducted(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """``G x``: the current that leaves every row, in amperes, shape (n,); formed from differences."""
-        return np.asarray(self.conductance.ground * x + self.leaving(x))
-
-    def leaving(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What of it goes to other rows."""
+    def imbalance(self, x: NDArray[np.float64], drive: NDArray[np.float64] | float) -> NDArray[np.float64]:
+        """``drive - G x``: the current that charges every row, in amperes, shape (n,); formed from differences."""
         incidence, value = self.branches
-        return np.asarray(incidence.T @ (value * (incidence @ x)))
+        return np.asarray((drive - self.conductance.ground * x) - incidence.T @ (value * (incidence @ x)))
 
     @property
     def apart(self) -> bool:
@@ -237,7 +229,8 @@ def initial_state(dynamics: Dynamics, before: NDArray[np.float64]) -> NDArray[np
     nodes, amps = netlist.current_nodes.ravel().astype(np.int64), np.repeat(np.abs(netlist.current_amps), 2)
     several, summed = (groups.T @ dynamics.injection(nodes, each) for each in (np.ones(len(nodes)), amps))
     rounding = _lift(dynamics, dynamics.loose) + _EPS * np.where(several > 1.0, summed, 0.0)
-    return np.asarray(x + groups @ _entrywise(dynamics.loose, groups.T @ dynamics.imbalance(x), rounding))
+    current = groups.T @ dynamics.imbalance(x, dynamics.drive)
+    return np.asarray(x + groups @ _entrywise(dynamics.loose, current, rounding))
 
 
 def slope(dynamics: Dynamics, current: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -246,7 +239,7 @@ def slope(dynamics: Dynamics, current: NDArray[np.float64]) -> NDArray[np.float6
     if dynamics.held is not None:
         v[charged] = dynamics.held.solve(current[charged], rtol=_ROUGH)
     if dynamics.loose is not None:
-        v += groups @ dynamics.loose.solve(-(groups.T @ dynamics.conducted(v)), rtol=_ROUGH)
+        v += groups @ dynamics.loose.solve(groups.T @ dynamics.imbalance(v, 0.0), rtol=_ROUGH)
     return v
 
 

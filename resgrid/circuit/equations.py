@@ -98,11 +98,11 @@ class Equations:
         return heights
 
     def voltages(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Voltages of all nodes above ground, (nodes,), from the heights of the rows; NaN where one floats."""
-        return self.above_ground(self.heights(x))
+        """Voltages of all nodes above ground, (nodes,), from the heights of the rows: known ones as they were given.
 
-    def above_ground(self, heights: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Voltages of all nodes above ground, (nodes,), from their heights: the known ones as they were given."""
+        NaN where one floats.
+        """
+        heights = self.heights(x)
         if self.reference == 0.0:
             return heights
         return np.where(self.unknown >= 0, self.reference + heights, self.known_voltages())
@@ -207,7 +207,7 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
     CircuitError
         If a current source feeds a part that nothing ties to ground.
     """
-    from resgrid.circuit.kernels import join_parts, known_range, number_parts
+    from resgrid.circuit.kernels import join_parts, number_parts
 
     part = np.arange(netlist.node_count, dtype=np.int32)
     part[forest.order[forest.base == GROUND]] = -1
@@ -216,7 +216,11 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
     join_parts(netlist.source_nodes, part, room)
     number = number_parts(part)
     lowest, highest = np.full(number, np.inf), np.full(number, -np.inf)
-    known_range(np.take(elements, contacts, axis=0), forest.offset, part, lowest, highest)
+    ends = np.take(elements, contacts, axis=0)
+    here = part[ends]
+    volts, held = forest.offset[ends[here < 0]], here.max(axis=1)
+    np.minimum.at(lowest, held, volts)
+    np.maximum.at(highest, held, volts)
     fed = np.zeros(number + 1, dtype=np.bool_)  # the last one for what is tied to ground
     for end in netlist.current_nodes.T:
         fed[np.take(part, end)[netlist.current_amps != 0]] = True

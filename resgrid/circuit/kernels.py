@@ -1,12 +1,6 @@
-"""Compiled loops over a netlist: connected parts, then currents and their balance.
-
-Of the read-off: where exponents of currents are an empty array, all exponents are 0, and those of nodes are not looked
-at.
-"""
+"""Compiled loops over a netlist: connected parts, then currents and their balance."""
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +21,8 @@ from resgrid.solvers.row_kernels import find
 
 Bools = NDArray[np.bool_]
 
-FAINT = 1e-20
-"""Difference of two double-doubles, relative to them, that has half of its digits left."""
+_NOTHING = 1e-30
+"""Difference of two double-doubles, relative to them, that is rounding."""
 
 
 @kernel
@@ -68,17 +62,6 @@ def number_parts(part: Indices) -> int:
     return number
 
 
-@kernel
-def known_range(contacts: Indices, known: Floats, part: Indices, lowest: Floats, highest: Floats) -> None:
-    """Widen every part's range of known voltages that its contacts (c, 2) reach, in place."""
-    for k in range(len(contacts)):
-        a, b = contacts[k, 0], contacts[k, 1]
-        if part[b] >= 0:
-            a, b = b, a
-        lowest[part[a]] = min(lowest[part[a]], known[b])
-        highest[part[a]] = max(highest[part[a]], known[b])
-
-
 @inlined
 def _fall(
     a: float, a_low: float, a_down: bool, b: float, b_low: float, b_down: bool, noise: float, noise_down: float
@@ -100,27 +83,25 @@ def _fall(
 @kernel
 def currents(
     pairs: Indices, conductance: Floats, value: Scaled, down: Bools, volts: float, noise: float, amps: Floats,
-    exponent: Integers,
-) -> tuple[float, bool]:  # fmt: skip
-    """Currents of resistors, scaled; returns the power in doubles, and whether any difference has few digits left."""
+    exponent: Integers, few: float, faint: Bools,
+) -> float:  # fmt: skip
+    """Currents of resistors, scaled; returns the power in doubles.
+
+    ``faint``: whether a difference is at most a share ``few`` of the values, or noise, but not nothing.
+    """
     hi, lo, e, noise_down = value.hi, value.lo, value.exponent, value.noise
-    power, plain, faint = 0.0, len(exponent) == 0, False
+    power = 0.0
     for k in range(len(pairs)):
         a, b = pairs[k, 0], pairs[k, 1]
-        if plain:
-            fall = _fall(hi[a], lo[a], down[a], hi[b], lo[b], down[b], noise, noise_down) * volts
-            amps[k] = conductance[k] * fall
-            power += amps[k] * fall
-            faint |= abs(fall) <= FAINT * abs(volts * hi[a]) and (hi[a] != hi[b] or lo[a] != lo[b])
-            continue
         top = _pair_exponent(hi[a], e[a], hi[b], e[b]) if down[a] == down[b] else 0
         near, near_low = _shift(hi[a], e[a] - top), _shift(lo[a], e[a] - top)
         far, far_low = _shift(hi[b], e[b] - top), _shift(lo[b], e[b] - top)
         fall = _fall(near, near_low, down[a], far, far_low, down[b], noise, noise_down) * volts
-        amps[k], exponent[k] = _canonical(conductance[k] * fall, top)
+        amps[k], exponent[k] = _canonical(conductance[k] * fall, top if fall != 0.0 else 0)
         power += _shift(_shift(conductance[k] * fall * fall, top), top)
-        faint |= abs(fall) <= FAINT * abs(volts * near) and (near != far or near_low != far_low)
-    return power, faint
+        apart = abs((near - far) + (near_low - far_low))
+        faint[k] = down[a] == down[b] and _NOTHING * abs(near) < apart <= max(few, noise) * abs(near)
+    return power
 
 
 @inlined
@@ -131,23 +112,11 @@ def _pair_exponent(a: float, a_e: int, b: float, b_e: int) -> int:
 
 
 @kernel
-def frames(pairs: Indices, amps: Floats, exponent: Integers, frame: Integers) -> None:
-    """Raise every node's exponent to that of the largest current there, in place."""
-    for k in range(len(pairs)):
-        if amps[k] != 0.0:
-            for end in range(2):
-                node = pairs[k, end]
-                frame[node] = max(frame[node], exponent[k])
-
-
-@kernel
 def add_currents(pairs: Indices, amps: Floats, exponent: Integers, frame: Integers, net: Floats, total: Floats) -> None:
     """Add resistors' currents to the net current into every node, and their magnitudes to the total, in place."""
-    plain = len(exponent) == 0
     for k in range(len(pairs)):
         a, b = pairs[k, 0], pairs[k, 1]
-        out = amps[k] if plain else _shift(amps[k], exponent[k] - frame[a])
-        into = amps[k] if plain else _shift(amps[k], exponent[k] - frame[b])
+        out, into = _shift(amps[k], exponent[k] - frame[a]), _shift(amps[k], exponent[k] - frame[b])
         net[a] -= out
         net[b] += into
         total[a] += abs(out)
@@ -157,22 +126,19 @@ def add_currents(pairs: Indices, amps: Floats, exponent: Integers, frame: Intege
 @kernel
 def drop_unresolved(
     pairs: Indices, amps: Floats, exponent: Integers, frame: Integers, net: Floats, through: Floats,
-    stored: Floats, sign: float, harmless: float,
+    falling: Floats, harmless: float,
 ) -> None:  # fmt: skip
-    """Set currents to 0 along which ``sign * stored`` does not fall, and that are small at both ends, in place.
+    """Set currents to 0 along which nothing falls, and that are small at both ends, in place.
 
-    Where nothing is stored, as beyond both rails, nothing is said of currents.
+    Where what is ``falling`` is NaN, as beyond both rails, nothing is said of currents.
 
     ``through`` is half the sum of magnitudes at a node, of which ``harmless`` is small.
     """
-    plain = len(exponent) == 0
     for k in range(len(pairs)):
         a, b = pairs[k, 0], pairs[k, 1]
-        falls = sign * (stored[a] - stored[b])
-        if amps[k] == 0.0 or math.isnan(falls) or (amps[k] > 0.0 and falls > 0.0) or (amps[k] < 0.0 and falls < 0.0):
+        if not np.sign(amps[k]) * (falling[a] - falling[b]) <= 0.0:
             continue
-        out = amps[k] if plain else _shift(amps[k], exponent[k] - frame[a])
-        into = amps[k] if plain else _shift(amps[k], exponent[k] - frame[b])
+        out, into = _shift(amps[k], exponent[k] - frame[a]), _shift(amps[k], exponent[k] - frame[b])
         if abs(out) <= harmless * through[a] and abs(into) <= harmless * through[b]:
             net[a] += out
             net[b] -= into

@@ -18,13 +18,12 @@ from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.readout import (
     DIRECTION_RESIDUAL,
-    OUT_OF_RANGE,
     node_values,
     read_entrywise,
     read_normwise,
     values_above,
 )
-from resgrid.errors import AccuracyError, CircuitError
+from resgrid.errors import AccuracyError
 from resgrid.netlist import Netlist
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.extended import Scaled
@@ -56,8 +55,6 @@ def _solved(netlist: Netlist, accuracy: str, method: str, rtol: float, team: Tea
     if accuracy == "normwise":
 
         def read(x: NDArray[np.float64]) -> OperatingPoint:
-            if not np.isfinite(x).all():
-                raise CircuitError(OUT_OF_RANGE)
             return read_normwise(system, x, iterations=watch.iterations, backward_error=watch.error, **told)
 
         with _timed(seconds, "substitute"):
@@ -82,7 +79,7 @@ def _solved(netlist: Netlist, accuracy: str, method: str, rtol: float, team: Tea
             if found is not None:
                 proved = system.rails is not None and is_answer(watch.error, watch.bound)
                 if system.rails is None:
-                    values = values_above(system, found.heights, team)
+                    values = values_above(system, found.heights)
                 elif not watch.bound <= CERTAIN:
                     values = node_values(system, found.factors, Watch(), team)
                 again = read_entrywise(system, values, team, found, **told)

@@ -46,11 +46,9 @@ _NEGLIGIBLE = 1e-9
 """Largest violation of Kirchhoff's current law at the end, as a share of the largest current."""
 
 _WORTHWHILE = 0.05
-"""Share of a Newton step from which nothing else is tried."""
+"""Share of a Newton step below which steps of the secants take turns with such steps."""
 
 _SHORTER, _SHORTEST = 0.7, 1e-30
-_ROUNDING = 1e-12
-"""Rise of the co-content, as a share of the sum of its parts, that may be rounding."""
 
 _SATURATED = 14.0
 """``dV / V0`` from which the current of a nonlinear resistor is hard to tell from its ``I0``: then 1 in 1e12."""
@@ -180,9 +178,9 @@ class NewtonSolution(NamedTuple):
 def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
     """Find the node voltages of a circuit with nonlinear resistors.
 
-    Damped: a step is shortened until the co-content falls along all of it.  Where little of it would be left, deep in
-    saturation, a step with the secant conductances may be better: it minimises a quadratic above the co-content that
-    touches it (as iteratively reweighted least squares do), so that the co-content falls as well.
+    Damped: a step is shortened until the co-content falls along all of it.  Where little of it is left, deep in
+    saturation, steps with the secant conductances take turns with such steps: they minimise a quadratic above the
+    co-content that touches it (as iteratively reweighted least squares do), so that the co-content falls as well.
     """
     circuit = _Circuit.of(netlist)
     x, at_rest = np.zeros(circuit.system.size), False
@@ -205,7 +203,8 @@ def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
                 NewtonSolution(circuit.system.voltages(x), residuals, steps),
             )
         try:
-            move, share = _step(circuit, x, drop, excess, method)
+            least = _SHORTEST if 0.0 in steps[-1:] else _WORTHWHILE
+            move, share = _step(circuit, x, drop, excess, method, least)
         except AccuracyError:  # voltages without bound look like any other failure
             _refuse_overloaded_cut(netlist, circuit.system, x)
             raise
@@ -215,22 +214,19 @@ def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
 
 
 def _step(
-    circuit: _Circuit, x: NDArray[np.float64], drop: NDArray[np.float64], excess: NDArray[np.float64], method: str
-) -> tuple[NDArray[np.float64], float]:
-    """What to move by, and the share of a Newton step that it is: 0 for a step of the secants."""
-    here, size = circuit.content(x)
-    choices: list[tuple[NDArray[np.float64], float]] = []
+    circuit: _Circuit, x: NDArray[np.float64], drop: NDArray[np.float64], excess: NDArray[np.float64], method: str,
+    least: float,
+) -> tuple[NDArray[np.float64], float]:  # fmt: skip
+    """What to move by, and the share of a Newton step that it is, the least or more, or 0 for a step of the secants."""
     with suppress(AccuracyError):  # differential conductances that vanish can leave the matrix singular
         direction, share = circuit.move(excess, circuit.law.differential(drop), method), 1.0
         # All of it unless the co-content, convex along it, rises before its end.
         rise = 0.1 * abs(float(excess @ direction))
-        while circuit.excess(circuit.drops(x + share * direction)) @ direction > rise and share > _SHORTEST:
+        while circuit.excess(circuit.drops(x + share * direction)) @ direction > rise and share >= least:
             share *= _SHORTER
-        choices.append((share * direction, share))
-        if share >= _WORTHWHILE and circuit.content(x + share * direction)[0] <= here + _ROUNDING * size:
-            return choices[0]
-    choices.append((circuit.move(excess, circuit.law.secant(drop), method), 0.0))
-    return min(choices, key=lambda choice: circuit.content(x + choice[0])[0])
+        if share >= least:
+            return share * direction, share
+    return circuit.move(excess, circuit.law.secant(drop), method), 0.0
 
 
 def linear_netlist(netlist: Netlist, conductance: NDArray[np.float64]) -> Netlist:
@@ -265,14 +261,6 @@ class _Law(NamedTuple):
         decay = np.exp(-2 * np.abs(drop / self.volts))
         return np.asarray(self.siemens * np.maximum(4 * decay / (1 + decay) ** 2, _FLOOR))
 
-    def content(self, drop: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The integral of ``I dV`` of every resistor, shape (m,), in watts."""
-        x, linear = np.abs(drop / self.volts), np.isinf(self.volts)
-        log_cosh = x + np.log1p(np.exp(-2 * x)) - np.log(2.0)
-        with np.errstate(over="ignore"):
-            square = np.where(linear, 0.5 * drop**2, np.where(linear, 0.0, self.volts) ** 2 * log_cosh)
-        return np.asarray(self.siemens * square)
-
 
 @dataclass(frozen=True, eq=False)
 class _Circuit:
@@ -306,11 +294,6 @@ class _Circuit:
     def excess(self, drop: NDArray[np.float64]) -> NDArray[np.float64]:
         """Current that leaves every row beyond what is fed in."""
         return np.asarray(self.incidence.T @ (self.law.secant(drop) * drop) - self.system.injected)
-
-    def content(self, x: NDArray[np.float64]) -> tuple[float, float]:
-        """The co-content in watts, and the sum of its parts' magnitudes."""
-        fed, stored = self.system.injected * x, float(self.law.content(self.drops(x)).sum())
-        return stored - float(fed.sum()), stored + float(np.abs(fed).sum())
 
     def obeys_kcl(self, x: NDArray[np.float64], drop: NDArray[np.float64], excess: NDArray[np.float64]) -> bool:
         """Whether the excess is nothing beside the largest current, and everywhere what rounding may make of none."""

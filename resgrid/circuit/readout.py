@@ -9,7 +9,6 @@ of their difference.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -23,7 +22,7 @@ from resgrid.circuit.sources import SourceForest, source_currents
 from resgrid.errors import CircuitError
 from resgrid.netlist import GROUND, Netlist
 from resgrid.solvers.extended import Scaled, canonical, power
-from resgrid.solvers.factor import Factor
+from resgrid.solvers.factor import EXACT_ROWS, Factor
 from resgrid.solvers.laplacian import Rails
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.refine import minus, quotient
@@ -46,13 +45,13 @@ HARMLESS = 1e-7
 _LEAST_REST = 1e-3
 """Smallest height above the low rail, as a share of both rails' distance, that is read off the drop."""
 
-_NONE_LEFT = 1e-30
-"""Difference of two values, relative to them, below which it counts as none."""
+_FAINT, _FAINT_IN_FEW = 1e-20, 1e-10
+"""Differences of values, relative to them, that have few digits left: half of a double-double's; in small circuits,
+where it costs little, those that the rounding of summed contacts may change."""
 
 _NONE = -(2**62)
-_LEAST_EXPONENT = -2
-_ORDINARY = 1e-60
-"""Smallest current of a unit, in amperes, that leaves products of plain values in range; its inverse is the largest."""
+_ORDINARY = 2
+"""Largest exponent of currents, and the negative of the smallest, that leaves their sums in the range of doubles."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,22 +82,25 @@ class NodeValues:
 def node_values(system: Equations, factors: Factor | None, watch: Watch, team: Team) -> NodeValues:
     """Solve for all that the currents of a circuit are read off."""
     if system.rails is not None:
-        return _between(system, system.rails, *_drop_and_height(system.rails, factors, watch, team), team)
+        return _between(system, system.rails, *_drop_and_height(system.rails, factors, watch, team))
     drive = system.drive
     if not (np.any(drive < 0.0) and np.any(drive > 0.0)):
         sign = -1.0 if np.any(drive < 0.0) else 1.0
         (height,) = _solved(factors, [drive if sign > 0.0 else -drive], watch, team)
-        return _above(system, height, sign, team)
+        return _above(system, height, sign)
     rising, falling = _solved(factors, [np.maximum(drive, 0.0), np.maximum(-drive, 0.0)], watch, team)
     difference = minus(rising, falling)
     doubt = watch.bound * quotient([rising, falling], difference)
-    return replace(_above(system, difference, 1.0, team), doubt=doubt)
+    return replace(_above(system, difference, 1.0), doubt=doubt)
 
 
-def values_above(system: Equations, heights: NDArray[np.float64], team: Team) -> NodeValues:
-    """Values of all nodes from heights of the rows above the reference, in volts, (n,); no two rails alone."""
-    sign = -1.0 if np.all(heights <= 0.0) else 1.0
-    return _above(system, Scaled.of(sign * heights), sign, team)
+def values_above(system: Equations, x: NDArray[np.float64]) -> NodeValues:
+    """Values of all nodes from heights of the rows above the reference, in volts, (n,); no difference is noise."""
+    zero, volts = system.reference, -1.0 if np.all(x <= 0.0) else 1.0
+    if system.rails is not None:
+        zero, volts = system.rails.low, system.rails.high - system.rails.low
+    value = Scaled.of(np.nan_to_num((system.heights(x) + (system.reference - zero)) / volts))
+    return NodeValues(value._replace(noise=0.0), np.zeros(len(value.hi), np.bool_), zero, volts, 0.0)
 
 
 def _drop_and_height(rails: Rails, factors: Factor | None, watch: Watch, team: Team) -> tuple[Scaled, Scaled | None]:
@@ -135,7 +137,7 @@ def _solved(factors: Factor | None, currents: list[NDArray[np.float64]], watch: 
     return team.together([partial(one, rhs) for rhs in currents])
 
 
-def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | None, team: Team) -> NodeValues:
+def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | None) -> NodeValues:
     """Spread drops, and heights where they were solved for, over the nodes: whichever of both is smaller."""
     far = np.flatnonzero((drop.exponent >= 0) & (drop.hi > 0.5))
     there = drop if height is None else height
@@ -151,15 +153,15 @@ def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | Non
     with np.errstate(invalid="ignore"):
         down = np.abs(below) < np.abs(above)
     np.copyto(down, near[system.unknown], where=system.unknown >= 0)
-    value = _spread(system, rows, np.where(down, below, above), team)
+    value = _spread(system, rows, np.where(down, below, above))
     noise = height.noise if height is not None else drop.noise / _LEAST_REST
     return NodeValues(value._replace(noise=drop.noise), down, rails.low, span, noise)
 
 
-def _above(system: Equations, rows: Scaled, volts: float, team: Team) -> NodeValues:
+def _above(system: Equations, rows: Scaled, volts: float) -> NodeValues:
     """Spread heights above the reference over the nodes."""
     forest = system.forest
-    out = _spread(system, rows, (system.known_voltages() - system.reference) / volts, team)
+    out = _spread(system, rows, (system.known_voltages() - system.reference) / volts)
     lifted = (forest.height != 0) & (system.unknown[forest.order] >= 0)
     if lifted.any():
         # Floating sources occur only in circuits without two rails, whose values do not leave the range of a double.
@@ -170,33 +172,25 @@ def _above(system: Equations, rows: Scaled, volts: float, team: Team) -> NodeVal
     return NodeValues(out._replace(noise=rows.noise), down, system.reference, volts, rows.noise)
 
 
-def _spread(system: Equations, rows: Scaled, known: NDArray[np.float64], team: Team) -> Scaled:
+def _spread(system: Equations, rows: Scaled, known: NDArray[np.float64]) -> Scaled:
     """Values of all nodes: of their rows, or those that are ``known`` (nodes,), where NaN counts as 0."""
-    solved = system.unknown >= 0
-    out = Scaled.of(np.nan_to_num(known))
-
-    def fill(piece: slice) -> None:
-        row = system.unknown[piece][solved[piece]]
-        for part, of_rows in zip(out.at(piece)[:3], rows[:3], strict=True):
-            part[solved[piece]] = of_rows[row]
-
-    team.over(len(known), fill)
+    solved, out = system.unknown >= 0, Scaled.of(np.nan_to_num(known))
+    row = system.unknown[solved]
+    for part, of_rows in zip(out[:3], rows[:3], strict=True):
+        part[solved] = of_rows[row]
     return out
 
 
 def read_normwise(system: Equations, x: NDArray[np.float64], **told: Any) -> OperatingPoint:
-    """Spread a normwise solution (n,) over the nodes, with what is ``told`` of it; currents wait until asked for.
-
-    No difference of its values counts as noise.
-    """
-    rails, zero, volts = system.rails, system.reference, -1.0 if np.all(x <= 0.0) else 1.0
-    if rails is not None:
-        zero, volts = rails.low, rails.high - rails.low
-    heights = system.heights(x)
-    value = Scaled.of(np.nan_to_num((heights + (system.reference - zero)) / volts))
-    values = NodeValues(value._replace(noise=0.0), np.zeros(len(value.hi), np.bool_), zero, volts, 0.0)
+    """Spread a normwise solution (n,) over the nodes, with what is ``told`` of it; currents wait until asked for."""
+    if not np.isfinite(x).all():
+        raise CircuitError(OUT_OF_RANGE)
+    values = values_above(system, x)
     readings = partial(_normwise_readings, system.netlist, system.forest, system.unknown, values)
-    point = _point(system, system.above_ground(heights), (None, _potential(system, values)), readings, told)
+    point = OperatingPoint(
+        system.netlist, system.voltages(x), None, _potential(system, values), readings, system.floating,
+        system.undriven, **told,
+    )  # fmt: skip
     if system.forest.loop.any():
         _ = point.readings  # warns of currents that are undetermined
     return point
@@ -210,94 +204,51 @@ def read_entrywise(
     `told`: what the point is to say of how it was solved.  Returns `residual` (nodes,), and whether currents that
     matter have few digits left.
     """
-    netlist, faint = system.netlist, False
     voltage, (log_drop, potential) = team.together(
         [partial(_voltage, system, values), partial(_stored, system, values)]
     )
-    sign = float(np.sign(values.volts))
-    falling = (potential, sign) if log_drop is None else (log_drop, -sign)
-    if falls is None:
-        amps, exponent, heat, faint = _differences(values, netlist, team)
-    else:
-        amps, exponent = netlist.conductance * falls.falls, np.zeros(0, dtype=np.int64)
-        heat = float(amps @ falls.falls)
+    upwards = np.sign(values.volts)
+    falling = None if potential is None else upwards * potential if log_drop is None else -upwards * log_drop
     unknown = system.unknown if falls is None else np.where(falls.excused, -1, system.unknown)
-    readings, residual = _read(netlist, system.forest, unknown, amps, exponent, heat, *falling, team)
-    faint = faint and not exponent.size and _hides(values, netlist)
-    return _point(system, voltage, (log_drop, potential), readings, told), residual, faint
-
-
-def _point(
-    system: Equations,
-    voltage: NDArray[np.float64],
-    stored: tuple[NDArray[np.float64] | None, NDArray[np.float64] | None],
-    ammeters: Readings | Callable[[], Readings],
-    told: dict[str, Any],
-) -> OperatingPoint:
-    return OperatingPoint(
-        system.netlist, voltage, *stored, ammeters, floating=system.floating, undriven=system.undriven, **told
+    readings, residual, faint = _read(system.netlist, system.forest, unknown, values, team, falling, falls)
+    point = OperatingPoint(
+        system.netlist, voltage, log_drop, potential, readings, system.floating, system.undriven, **told
     )
+    return point, residual, faint
 
 
-def _normwise_readings(
-    netlist: Netlist, forest: SourceForest, unknown: NDArray[np.int32], values: NodeValues
-) -> Readings:
-    amps, exponent, heat, _ = _differences(values, netlist, ALONE)
-    return _read(netlist, forest, unknown, amps, exponent, heat, None, 0.0, ALONE)[0]
-
-
-def _differences(
-    values: NodeValues, netlist: Netlist, team: Team
-) -> tuple[NDArray[np.float64], NDArray[np.int64], float, bool]:
-    """Currents ``amps, exponent`` (resistors,), the latter (0,) where all are 0; the power; whether one is faint."""
-    from resgrid.circuit.kernels import currents
-
-    value, plain = _plain_where_possible(values, netlist)
-    ends, amps = netlist.resistor_nodes, np.empty(len(netlist.conductance))
-    exponent = np.zeros(0 if plain else len(amps), dtype=np.int64)
-
-    def through(piece: slice) -> tuple[float, bool]:
-        return currents(
-            ends[piece], netlist.conductance[piece], value, values.down, values.volts, values.noise, amps[piece],
-            exponent[piece],
-        )  # fmt: skip
-
-    found = team.over(len(amps), through)
-    return amps, exponent, sum(power for power, _ in found), any(faint for _, faint in found)
-
-
-def _hides(values: NodeValues, netlist: Netlist) -> bool:
-    """Whether differences of values have few digits left where they tell currents that matter to either end's.
-
-    Between cells that mirror each other such a difference is rounding, beside others.
-    """
-    from resgrid.circuit.kernels import FAINT
-
-    ends, (hi, lo, _, _) = netlist.resistor_nodes, _plain_where_possible(values, netlist)[0]
-    same, g = values.down[ends[:, 0]] == values.down[ends[:, 1]], netlist.conductance
-    apart = np.where(same, g * np.abs((hi[ends[:, 0]] - hi[ends[:, 1]]) + (lo[ends[:, 0]] - lo[ends[:, 1]])), 0.0)
-    size = np.abs(hi)[ends].max(axis=1) * g
-    faint = (apart > _NONE_LEFT * size) & (apart <= max(FAINT, values.noise) * size)
-    through = 0.5 * np.bincount(ends.ravel(), np.repeat(apart, 2), netlist.node_count)
-    return bool(np.any(apart[faint] > HARMLESS * through[ends[faint]].min(axis=1)))
+def _normwise_readings(*circuit: Any) -> Readings:
+    return _read(*circuit)[0]
 
 
 def _read(
-    netlist: Netlist, forest: SourceForest, unknown: NDArray[np.int32], amps: NDArray[np.float64],
-    exponent: NDArray[np.int64], heat: float, stored: NDArray[np.float64] | None, sign: float, team: Team,
-) -> tuple[Readings, NDArray[np.float64]]:  # fmt: skip
-    """Sum up the currents at every node; nodes that floating sources join count as one.
+    netlist: Netlist, forest: SourceForest, unknown: NDArray[np.int32], values: NodeValues, team: Team = ALONE,
+    falling: NDArray[np.float64] | None = None, falls: Falls | None = None,
+) -> tuple[Readings, NDArray[np.float64], bool]:  # fmt: skip
+    """Take currents from falls, or from differences of values, and sum them up at every node.
 
-    What is ``stored``, times ``sign``, falls along currents up to rounding, and along every one that matters after
-    this: others are set to 0.  Shapes: `amps, exponent` (resistors,), `stored` (nodes,); returns `residual` (nodes,).
+    What is ``falling`` (nodes,) falls along currents up to rounding, and along every one that matters after this:
+    others are set to 0.  Nodes that floating sources join count as one.  Returns `residual` (nodes,), and whether
+    differences have few digits left at currents that matter to either end's: between cells that mirror each other such
+    a difference is rounding, beside others.
     """
     from resgrid.circuit.kernels import drop_unresolved
 
-    ends, plain = netlist.resistor_nodes, not exponent.size
-    frame, net, through = _balance(netlist, amps, exponent)
-    if stored is not None:
-        drop_unresolved(ends, amps, exponent, frame, net, through, stored, sign, HARMLESS)
-    residual, direction = np.zeros(len(unknown)), np.empty(len(amps), dtype=np.int8)
+    ends, faint = netlist.resistor_nodes, np.zeros(0, dtype=np.int64)
+    if falls is None:
+        amps, exponent, heat, faint = _differences(values, netlist, team)
+    else:
+        amps, exponent = netlist.conductance * falls.falls, np.zeros(len(ends), dtype=np.int64)
+        heat = float(amps @ falls.falls)
+    plain = not exponent.any()
+    frame, net, through = _sums(netlist, amps, exponent)
+    if falling is not None:
+        drop_unresolved(ends, amps, exponent, frame, net, through, falling, HARMLESS)
+    value = values.value
+    high, low = (part[ends[faint]] * power(value.exponent[ends[faint]]) for part in (value.hi, value.lo))
+    apart = netlist.conductance[faint] * np.abs(values.volts * (np.diff(high)[:, 0] + np.diff(low)[:, 0]))
+    matters = apart > HARMLESS * through[ends[faint]].min(axis=1)
+    residual = np.zeros(len(unknown))
     net_amps, through_amps = (net, through) if plain else (net * power(frame), through * power(frame))
     if np.any(forest.base != GROUND):
         root = forest.root
@@ -305,38 +256,42 @@ def _read(
             np.asarray(np.bincount(root, part)[root], dtype=np.float64) for part in (net_amps, through_amps)
         )
 
-    def violated(some: slice) -> None:
-        held = (unknown[some] >= 0) & (through[some] > 0)
-        np.divide(np.abs(net[some]), through[some], out=residual[some], where=held)
-
-    team.over(len(unknown), violated)
-    team.over(len(amps), lambda some: np.copyto(direction[some], np.sign(amps[some]), casting="unsafe"))
+    np.divide(np.abs(net), through, out=residual, where=(unknown >= 0) & (through > 0))
     readings = Readings(
         resistor_current=amps if plain else amps * power(exponent),
         scaled=None if plain else (amps, exponent),
-        resistor_direction=direction,
+        resistor_direction=np.sign(amps).astype(np.int8),
         source_current=source_currents(netlist, forest, -net_amps, through_amps),
         power=heat,
         kcl_residual=float(residual.max(initial=0.0)),
     )
-    return readings, residual
+    return readings, residual, plain and bool(matters.any())
 
 
-def _plain_where_possible(values: NodeValues, netlist: Netlist) -> tuple[Scaled, bool]:
-    """The values as doubles, if their currents stay far from the ends of the range; and whether they do."""
-    value, g = values.value, netlist.conductance
-    unit = abs(values.volts)
-    if value.exponent.min(initial=0) < _LEAST_EXPONENT or value.exponent.max(initial=0) > 0:
-        return value, False
-    if not (unit * g.min(initial=1.0) > _ORDINARY and unit * g.max(initial=1.0) < 1.0 / _ORDINARY):
-        return value, False
-    if not value.exponent.any():
-        return value, True
-    scale = power(value.exponent)
-    return Scaled(value.hi * scale, value.lo * scale, np.zeros_like(value.exponent), value.noise), True
+def _differences(
+    values: NodeValues, netlist: Netlist, team: Team
+) -> tuple[NDArray[np.float64], NDArray[np.int64], float, NDArray[np.int64]]:
+    """Currents ``amps, exponent`` (resistors,), the latter 0 where doubles hold all; the power; which are faint."""
+    from resgrid.circuit.kernels import currents
+
+    ends, amps = netlist.resistor_nodes, np.empty(len(netlist.conductance))
+    exponent, faint = np.empty(len(amps), dtype=np.int64), np.zeros(len(amps), dtype=np.bool_)
+    few = _FAINT if netlist.node_count > EXACT_ROWS else _FAINT_IN_FEW
+
+    def through(piece: slice) -> float:
+        return currents(
+            ends[piece], netlist.conductance[piece], values.value, values.down, values.volts, values.noise,
+            amps[piece], exponent[piece], few, faint[piece],
+        )  # fmt: skip
+
+    heat = sum(team.over(len(amps), through))
+    if exponent.any() and np.abs(exponent).max() <= _ORDINARY:
+        amps *= power(exponent)
+        exponent[:] = 0
+    return amps, exponent, heat, np.flatnonzero(faint)
 
 
-def _balance(
+def _sums(
     netlist: Netlist, amps: NDArray[np.float64], exponent: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
     """Kirchhoff's current law at every node, in units of ``2**(256 frame)`` amperes, about the largest current there.
@@ -344,19 +299,20 @@ def _balance(
     Shapes: `amps, exponent` (resistors,); returns `frame`, `net` into the node, and `through`, half the sum of all
     magnitudes, (nodes,).
     """
-    from resgrid.circuit.kernels import add_currents, frames
+    from resgrid.circuit.kernels import add_currents
 
-    net = injected_currents(netlist)
+    net, ends = injected_currents(netlist), netlist.resistor_nodes
     frame = np.zeros(len(net), dtype=np.int64)
-    if exponent.size:
-        own = frame.copy()
+    if exponent.any():
+        own, flows = frame.copy(), amps != 0.0
         canonical(net, own)
         frame[:] = np.where(net != 0, own, _NONE)
-        frames(netlist.resistor_nodes, amps, exponent, frame)
+        for end in ends.T:
+            np.maximum.at(frame, end[flows], exponent[flows])
         frame[frame == _NONE] = 0
         net *= power(np.where(net != 0, own - frame, 0))
     through = np.abs(net)
-    add_currents(netlist.resistor_nodes, amps, exponent, frame, net, through)
+    add_currents(ends, amps, exponent, frame, net, through)
     through *= 0.5
     return frame, net, through
 

@@ -43,6 +43,11 @@ class SourceForest:
     loop: NDArray[np.bool_]
 
     @property
+    def ties(self) -> list[tuple[int, int, int]]:
+        """Every tied node, its parent and the source between; -1 for roots."""
+        return list(zip(*(part.tolist() for part in (self.order, self.above, self.source)), strict=True))
+
+    @property
     def lift(self) -> float:
         """The most by which a floating source holds a node above its tree's first one, in volts."""
         return float(np.abs(self.height[self.base != GROUND]).max(initial=0.0))
@@ -64,30 +69,33 @@ class SourceForest:
 
 def tie_sources(netlist: Netlist) -> SourceForest:
     """Build the spanning forest of the voltage sources."""
-    tied = np.unique(np.append(netlist.source_nodes, GROUND))
-    ends, volts = np.searchsorted(tied, netlist.source_nodes), netlist.source_volts
-    order, parent = _walk(ends, len(tied))
-    source = _tree_sources(ends, parent)
-    base, height = np.arange(len(tied)), np.zeros(len(tied))
-    exact: list[float | Fraction] = [0.0] * len(tied)  # sums of volts that cancel do so to the last digit
-    for node in order[parent[order] >= 0].tolist():
-        up, tie = int(parent[node]), int(source[node])
-        base[node] = base[up]
-        step = float(volts[tie] if ends[tie, 0] == node else -volts[tie])
-        exact[node] = Fraction(exact[up]) + Fraction(step) if exact[up] else step
-        height[node] = float(exact[node])
-    closing = np.ones(len(volts), dtype=np.bool_)
+    beside: dict[int, list[int]] = {GROUND: []}  # sources at every node
+    ends, volts = netlist.source_nodes.tolist(), netlist.source_volts.tolist()
+    for number, (plus, minus) in enumerate(ends):
+        beside.setdefault(plus, []).append(number)
+        beside.setdefault(minus, []).append(number)
+    exact: dict[int, float | Fraction] = {}  # sums of volts that cancel do so to the last digit
+    ties: list[tuple[int, int, int, int]] = []
+    for first in sorted(beside):
+        if first in exact:
+            continue
+        exact[first], tree = 0.0, [(first, first, -1, -1)]
+        for node, *_ in tree:  # which grows
+            for number in beside[node]:
+                plus, minus = ends[number]
+                other, step = (plus, volts[number]) if minus == node else (minus, -volts[number])
+                if other not in exact:
+                    exact[other] = Fraction(exact[node]) + Fraction(step) if exact[node] else step
+                    tree.append((other, first, node, number))
+        ties += tree
+    order, base, above, source = np.array(ties, dtype=np.int64).T
+    height, closing = np.array([float(exact[node]) for node, *_ in ties]), np.ones(len(volts), np.bool_)
     closing[source[source >= 0]] = False
-    _check_loops(netlist, height[ends[:, 0]] - height[ends[:, 1]] - volts, closing)
-    return SourceForest(
-        count=netlist.node_count,
-        order=tied[order],
-        base=tied[base[order]],
-        height=height[order],
-        above=np.where(parent >= 0, tied[parent], -1)[order],
-        source=source[order],
-        loop=_loops(ends, closing, order, parent, source),
-    )
+    forest = SourceForest(netlist.node_count, order, base, height, above, source, loop=closing)
+    if closing.any():
+        _check_loops(netlist, forest)
+        _mark_loops(netlist, forest)
+    return forest
 
 
 def source_currents(
@@ -100,7 +108,7 @@ def source_currents(
     Shapes: `outflow, through` (nodes,), the net current and half the sum of all magnitudes; returns (sources,).
     """
     current = np.full(len(netlist.source_volts), np.nan)
-    ties = list(zip(*(part.tolist() for part in (forest.order, forest.above, forest.source)), strict=True))
+    ties = forest.ties
     remaining, flow = ({node: float(values[node]) for node, *_ in ties} for values in (outflow, through))
     for node, above, source in reversed(ties):
         if source >= 0:
@@ -127,58 +135,26 @@ def source_currents(
     return current
 
 
-def _walk(ends: NDArray[np.int64], size: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Tied nodes, parents before children, and the parent of each; ground, which is node 0, is the first root."""
-    if not ends.min(axis=1).any():  # every source stands on ground
-        return np.arange(size), np.append(-1, np.zeros(size - 1, dtype=np.int64))
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import breadth_first_order, connected_components
-
-    graph = coo_array((np.ones(len(ends)), tuple(ends.T)), shape=(size, size))
-    _, tree = connected_components(graph, directed=False)
-    _, roots = np.unique(tree, return_index=True)
-    # A virtual node above all roots turns the forest into one tree, walked at once.
-    rows = np.append(ends[:, 0], np.full(len(roots), size))
-    columns = np.append(ends[:, 1], roots)
-    whole = coo_array((np.ones(len(rows)), (rows, columns)), shape=(size + 1, size + 1)).tocsr()
-    order, above = breadth_first_order(whole, size, directed=False)
-    parent = above[:size].astype(np.int64)
-    return order[1:].astype(np.int64), np.where(parent == size, -1, parent)
-
-
-def _tree_sources(ends: NDArray[np.int64], parent: NDArray[np.int64]) -> NDArray[np.int64]:
-    """For every node with a parent, the first source that joins the two; -1 for the others."""
-    found = np.full(len(parent), -1, dtype=np.int64)
-    number = np.arange(len(ends))[::-1]
-    for child, up in ((0, 1), (1, 0)):
-        nodes = ends[number, child]
-        fits = parent[nodes] == ends[number, up]
-        found[nodes[fits]] = number[fits]
-    return found
-
-
-def _check_loops(netlist: Netlist, left_over: NDArray[np.float64], closing: NDArray[np.bool_]) -> None:
-    scale = np.max(np.abs(netlist.source_volts), initial=0.0)
-    bad = np.flatnonzero(closing & (np.abs(left_over) > LOOP_TOLERANCE * scale))
+def _check_loops(netlist: Netlist, forest: SourceForest) -> None:
+    plus, minus = forest.offset[netlist.source_nodes.T]
+    left_over, scale = np.abs(plus - minus - netlist.source_volts), np.abs(netlist.source_volts).max()
+    bad = np.flatnonzero(forest.loop & (left_over > LOOP_TOLERANCE * scale))
     if bad.size:
         source = int(bad[0])
         names = netlist.names_of(netlist.source_nodes[source])
         raise CircuitError(
             f"voltage source {source} between nodes {names[0]} and {names[1]} contradicts the other sources by "
-            f"{abs(left_over[source]):g} V: remove it, or put a resistor into the loop"
+            f"{left_over[source]:g} V: remove it, or put a resistor into the loop"
         )
 
 
-def _loops(
-    ends: NDArray[np.int64], closing: NDArray[np.bool_], order: NDArray[np.int64], parent: NDArray[np.int64],
-    source: NDArray[np.int64],
-) -> NDArray[np.bool_]:  # fmt: skip
-    """Sources that close loops, and those of the forest that have one end alone of some of them below: random bits."""
-    loop, below = closing.copy(), np.zeros(len(parent), dtype=np.int64)
-    bits = np.random.default_rng(0).integers(2**62, size=np.count_nonzero(closing))
-    for end in ends[closing].T:
+def _mark_loops(netlist: Netlist, forest: SourceForest) -> None:
+    """Beside sources that close loops, mark those that have one end alone of some of them below: random bits."""
+    below, closing = np.zeros(forest.count, dtype=np.int64), netlist.source_nodes[forest.loop]
+    bits = np.random.default_rng(0).integers(2**62, size=len(closing))
+    for end in closing.T:
         np.bitwise_xor.at(below, end, bits)
-    for node in order[parent[order] >= 0][::-1].tolist() if closing.any() else ():
-        loop[source[node]] = below[node] != 0
-        below[parent[node]] ^= below[node]
-    return loop
+    for node, above, source in reversed(forest.ties):
+        if source >= 0:
+            forest.loop[source] = below[node] != 0
+            below[above] ^= below[node]

@@ -50,11 +50,11 @@ def advance(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Make one step.  Shapes: `x` (n,); returns `after` (n,), `integral` (n,)."""
     rate = rate_of(method, h)
-    half = solve(rate, dynamics.imbalance(x))
+    half = solve(rate, dynamics.imbalance(x, dynamics.drive))
     if method != "tr-bdf2":
         return x + (1.0 if method == "backward_euler" else 2.0) * half, h * (x + half)
     between, past = x + 2.0 * half, x + (_ROOT2 + 1.0) * half
-    after = past + solve(rate, dynamics.imbalance(past))
+    after = past + solve(rate, dynamics.imbalance(past, dynamics.drive))
     return after, h * (_ROOT2 / 4.0 * (x + between) + (1.0 - _ROOT2 / 2.0) * after)
 
 
@@ -188,14 +188,14 @@ def _first_exponent(
     That is the error of a step of order ``p`` but for its constant (Hairer, Norsett & Wanner 1993, section II.4).  In a
     circuit at 0 V the first step itself makes the largest difference, ``h |x'|``.
     """
-    current, logs = dynamics.imbalance(x), []
+    current, logs = dynamics.imbalance(x, dynamics.drive), []
     for _ in range(order + 1):
         rise = slope(dynamics, current)
         size = float(np.abs(rise).max(initial=0.0))
         if not 0.0 < size < np.inf:
             break
         logs.append(np.log(size))
-        current = -dynamics.conducted(rise / size)
+        current = dynamics.imbalance(rise / size, 0.0)
     steps = [np.log(max(longest, np.finfo(np.float64).tiny))]
     if len(logs) == order + 1:
         at_rest = (np.log(share) + logs[0] - sum(logs)) / order

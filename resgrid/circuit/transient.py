@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Lt
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import Positive
+from resgrid.arguments import Positive, real_numbers
 from resgrid.circuit.dynamics import (
     Dynamics,
     dynamics_of,
@@ -248,7 +248,7 @@ def transient_stepper(
 
 
 def _checked_times(times: ArrayLike) -> NDArray[np.float64]:
-    when = _real_numbers(times, "times must be real numbers, in seconds")
+    when = np.array(real_numbers("times", times), dtype=np.float64)
     if when.ndim != 1 or not len(when):
         raise InputError(f"times has shape {when.shape}; give at least one time, in a row")
     if not (np.isfinite(when).all() and (when >= 0).all() and (np.diff(when) >= 0).all()):
@@ -269,8 +269,7 @@ def initial_voltages(netlist: Netlist, initial: OperatingPoint | ArrayLike | Non
 
 
 def _checked_voltages(netlist: Netlist, name: str, values: ArrayLike, needed: NDArray[np.bool_]) -> NDArray[np.float64]:
-    other = "an operating point, or " if name == "initial" else ""
-    volts = _real_numbers(values, f"{name} must be {other}one real number per node, in volts")
+    volts = np.array(real_numbers(name, values), dtype=np.float64)
     if volts.shape != needed.shape:
         raise InputError(f"{name} has shape {volts.shape}, but the netlist has {netlist.node_count} nodes")
     bad = needed & ~np.isfinite(volts)
@@ -296,14 +295,3 @@ def _carried_over(point: OperatingPoint, old: CellMap, netlist: Netlist, new: Ce
         if here >= 0 and there >= 0:
             before[here] = point.voltage[there]
     return before
-
-
-def _real_numbers(values: ArrayLike, message: str) -> NDArray[np.float64]:
-    """A new array of real numbers."""
-    try:
-        given: np.ndarray[Any, Any] = np.ma.asanyarray(values)
-    except (TypeError, ValueError) as error:
-        raise InputError(message) from error
-    if given.dtype.kind not in "biuf" or np.ma.is_masked(given):
-        raise InputError(message)
-    return np.array(given, dtype=np.float64)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import check_number
+from resgrid.arguments import check_number, real_numbers
 from resgrid.errors import AccuracyError, InputError
 from resgrid.solvers.extended import Scaled
 from resgrid.solvers.laplacian import Laplacian
@@ -116,13 +116,7 @@ class Factor(ABC):
         """As `solve_nonnegative`, for contiguous arrays of the right shape."""
 
     def _one_per_row(self, name: str, values: ArrayLike) -> NDArray[np.float64]:
-        no_numbers = f"{name} must be real numbers, one per row of the matrix"
-        try:
-            array = np.ascontiguousarray(values, dtype=None if np.iscomplexobj(values) else np.float64)
-        except (TypeError, ValueError):
-            raise InputError(no_numbers) from None
-        if array.dtype.kind == "c":
-            raise InputError(no_numbers)
+        array = np.ascontiguousarray(real_numbers(name, values), dtype=np.float64)
         if array.shape != (self.laplacian.size,):
             raise InputError(
                 f"{name} has shape {array.shape}, but there are {self.laplacian.size} rows; give one number per row"
