@@ -98,8 +98,7 @@ class Grid:
 
     def of_rows(self, row: NDArray[np.int32]) -> Grid:
         """The same grid with rows for vertices.  Shapes: `row` (vertices,)."""
-        rows = np.where(self.vertex >= 0, np.append(row, -1)[self.vertex], -1).astype(np.int32)
-        return Grid(rows, self.periodic)
+        return Grid(np.append(row, np.int32(-1))[self.vertex], self.periodic)
 
 
 @dataclass(frozen=True, eq=False)

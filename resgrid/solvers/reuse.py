@@ -25,7 +25,7 @@ from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid.conjugate_gradients import ROUNDING, GridProblem, Stop, converge, iterate
 from resgrid.solvers.multigrid.grid_level import lay_out
 from resgrid.solvers.multigrid.hierarchy import Hierarchy, build_hierarchy, finest_stencils
-from resgrid.solvers.multigrid.krylov import gather_rows, norm, scatter_rows
+from resgrid.solvers.multigrid.krylov import norm
 from resgrid.solvers.multigrid.levels import Finest
 from resgrid.solvers.multigrid.red_black import Lattice
 from resgrid.solvers.supernodal import factor_in_order
@@ -65,30 +65,29 @@ def solve_by_levels(
     grid, listed = laplacian.grid, laplacian.listed
     assert hierarchy.grid is not None and grid is not None and listed is not None
     ordinary, slot = hierarchy.largest_degree / hierarchy.unit, hierarchy.slot
-    node = np.ascontiguousarray(grid.vertex[hierarchy.box])
-    problem, x = None, np.zeros((2, len(hierarchy.grid.degree)))
+    cells = grid.of_rows(listed.row).vertex[hierarchy.box]
+    problem, x = None, np.zeros((2, len(hierarchy.grid.aggregate)))
     few = slice(None, None, max(1, len(listed.conductance) // _FEW))
     for chip, drive in chips:
         assert chip.listed is not None
         # Most of its conductances are as large in this unit as the nominal ones are in theirs.
         unit = hierarchy.unit * float(np.median(chip.listed.conductance[few] / listed.conductance[few]))
-        laid_out = lay_out(*chip.listed, node, chip.ground, unit)
+        laid_out = lay_out(*chip.listed, cells, chip.ground, unit)
         assert laid_out is not None
         degree, largest = np.maximum(laid_out[0].degree, ordinary), float(laid_out[0].degree.max())
         fresh = finest_stencils(laid_out[0])
         if problem is None:
             problem = GridProblem(Finest(*fresh, hierarchy.grid.aggregate), hierarchy.levels, np.zeros_like(degree))
-        true, single, compensated, _ = problem.finest
-        for old, new in zip((*true, *single, compensated), (*fresh[0], *fresh[1], fresh[2]), strict=True):
+        for old, new in zip((*problem.finest.true, *problem.finest.stencil), (*fresh[0], *fresh[1]), strict=True):
             if isinstance(old, np.ndarray):  # written over, for the problem knows them by their addresses
                 old[:] = new
         x[:] = 0.0
-        scatter_rows(slot, start, 1.0, x.ravel())
-        scatter_rows(slot, drive, 1.0 / unit, problem.currents.ravel())
+        x.ravel()[slot] = start
+        problem.currents.ravel()[slot] = drive / unit
         # A row whose own diagonal exceeds an ordinary one counts for so much less.
         wanted = rtol * norm((problem.currents * (ordinary / degree)).ravel())
         residual = converge(problem, x, Stop(wanted, ROUNDING * largest, unit), None)
-        solution = gather_rows(slot, x.ravel())
+        solution = x.ravel()[slot]
         yield solution if residual <= max(wanted, _LEFT * ordinary * norm(solution)) else None
 
 
@@ -113,11 +112,6 @@ def solve_in_order(order: Symbolic, chips: Iterable[Chip], rtol: float) -> Itera
         summed = factors.solve(np.abs(drive)) if drive.min() < 0.0 else solution
         right = _ROUNDINGS * np.abs(summed).max() <= max(rtol, _FORBIDDEN) * np.abs(solution).max()
         yield solution if right else None
-
-
-def _slots_of(lattice: Lattice) -> NDArray[np.int32]:
-    """Slot of every cell of a lattice, black ones counted behind all red ones."""
-    return lattice.slot(lattice.number(np.ix_(*map(np.arange, lattice.shape)))).astype(np.int32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,8 +140,8 @@ class WarmGrid:
             return None
         lattice = Lattice(tuple(ends.stop - ends.start for ends in hierarchy.box))
         slot, (b, x) = np.zeros(grid.vertex.shape, dtype=np.int32), np.zeros((2, 2, lattice.slots))
-        slot[hierarchy.box] = _slots_of(lattice)
-        scatter_rows(hierarchy.slot, drive, 1.0 / hierarchy.unit, b.ravel())
+        slot[hierarchy.box] = lattice.cells
+        b.ravel()[hierarchy.slot] = drive / hierarchy.unit
         return cls(hierarchy, hierarchy.grid, lattice, slot, flat, b, x)
 
     def solve(self, rtol: float, watch: Watch) -> None:
@@ -173,8 +167,7 @@ class WarmGrid:
     @property
     def values(self) -> NDArray[np.float64]:
         """The latest solution in every cell of the grid, of its shape; undefined where a cell has no row."""
-        values: NDArray[np.float64] = gather_rows(self.slot.ravel(), self.x.ravel())
-        return values.reshape(self.slot.shape)
+        return self.x.ravel()[self.slot]
 
     def change(
         self,
@@ -227,17 +220,19 @@ class WarmGrid:
         """Write the equations of a window's core, whose cells stand at some slots (cells,), over those of the level."""
         assert laplacian.listed is not None and laplacian.grid is not None
         finest, vertex, unit = self.finest, laplacian.grid.vertex, self.hierarchy.unit
-        laid_out = lay_out(*laplacian.listed, vertex, laplacian.ground, unit)
+        cells = laplacian.grid.of_rows(laplacian.listed.row).vertex
+        laid_out = lay_out(*laplacian.listed, cells, laplacian.ground, unit)
         assert laid_out is not None
         small = laid_out[0].lattice
-        fresh, here = finest_stencils(laid_out[0]), _slots_of(small)[core].ravel()
+        fresh, here = finest_stencils(laid_out[0]), small.cells[core].ravel()
         self.b.ravel()[there] = np.append(drive, 0.0)[vertex[core]].ravel() / unit
         red = there < self.lattice.slots
         to, of = there[red], here[red]
-        for old, new in zip(finest[:2], fresh[:2], strict=True):
+        for old, new in zip(finest[:2], fresh, strict=True):
             old.faces[:, to], old.red_inverse[to] = new.faces[:, of], new.red_inverse[of]
         to, of = there[~red] - self.lattice.slots, here[~red] - small.slots
-        finest.true.black_degree[to], finest.degree[to] = fresh[0].black_degree[of], fresh[2][of]
+        for old, new in zip(finest[:2], fresh, strict=True):
+            old.black_degree[to] = new.black_degree[of]
         finest.stencil.black_inverse[to] = fresh[1].black_inverse[of]
         self._aggregate(to, fresh[1].black_inverse[of] > 0.0)
 

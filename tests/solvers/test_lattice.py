@@ -39,6 +39,8 @@ def test_no_face_leads_out_of_the_array(lattice: Lattice) -> None:
 
 
 @given(LATTICES)
-def test_rows_begin_where_their_first_cells_lie(lattice: Lattice) -> None:
-    first = np.indices((*lattice.shape[:-1], 1)).reshape(len(lattice.shape), -1)
-    np.testing.assert_array_equal(lattice.rows, lattice.number(list(first)))
+def test_values_of_cells_stand_at_their_slots_and_nowhere_else(lattice: Lattice) -> None:
+    values = np.arange(1, 1 + np.prod(lattice.shape), dtype=np.int32).reshape(lattice.shape)
+    at_slots = lattice.at_slots(values)
+    np.testing.assert_array_equal(at_slots.ravel()[lattice.cells], values)
+    assert np.count_nonzero(at_slots) == values.size

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,32 +59,14 @@ _PASS, _LEAST_PASS = 1e-12, 1e-2
 """By how much a pass of refinement lessens the residual: at most, and at least."""
 
 
-class Problem(Protocol):
-    """Equations in units of the hierarchy's conductance, over vectors of slots.
-
-    `vectors`: of the iteration; `before` (slots,): where the residual is relaxed from zero, to begin with; `nearly`:
-    share of the goal to which steps bring the residual, a relaxation does the rest; `team`: whose threads take its
-    steps.
-    """
-
-    vectors: krylov.Vectors
-    before: NDArray[np.float32]
-    nearly: float
-    team: Team
-
-    def residual(self, x: NDArray[np.float64], r: NDArray[np.float64]) -> float:
-        """``r = b - A x``, and its norm.  Shapes: `x` (colours, slots), `r` (slots,)."""
-
-    def precondition(self, z: NDArray[np.float32]) -> tuple[float, float, float]:
-        """Precondition ``r`` into ``z``, and multiply into ``w``; returns ``z.r, z.w, z.s``."""
-
-
 @dataclass(eq=False)
 class GridProblem:
-    """The equations of a grid's black cells: ``S = D - G^T R G``, the red ones eliminated.
+    """The equations of a grid's black cells: ``S = D - G^T R G``, the red ones eliminated; in the hierarchy's units.
 
     `finest, levels`: of the hierarchy; `currents` (2, slots): into both colours; `depth`: steps that are kept before
-    they are gone.
+    they are gone; `team`: whose threads take steps; `vectors`: of the iteration; `before` (slots,): where the residual
+    is relaxed from zero, to begin with; `nearly`: share of the goal to which steps bring the residual, a relaxation
+    does the rest.
     """
 
     finest: Finest
@@ -100,18 +82,18 @@ class GridProblem:
         self.before = self._preconditioner.before
 
     def residual(self, x: NDArray[np.float64], r: NDArray[np.float64]) -> float:
-        """As of `Problem`; relaxes the red cells."""
+        """``r = b - A x``, and its norm; relaxes the red cells.  Shapes: `x` (colours, slots), `r` (slots,)."""
         return self._preconditioner.residual(self.currents, x, r)
 
     def precondition(self, z: NDArray[np.float32]) -> tuple[float, float, float]:
-        """As of `Problem`."""
+        """Precondition ``r`` into ``z``, and multiply into ``w``; returns ``z.r, z.w, z.s``."""
         v = self.vectors
         return self._preconditioner(v.r, v.s, z, v.w)
 
 
 @dataclass(eq=False)
 class _GraphProblem:
-    """The equations of a netlist's rows, in the order of the finest level: `b` (n,) in amperes."""
+    """As `GridProblem`, of a netlist's rows, in the order of the finest level: `b` (n,) in amperes."""
 
     laplacian: Laplacian
     hierarchy: Hierarchy
@@ -125,20 +107,22 @@ class _GraphProblem:
         self.before = np.empty_like(self.vectors.r)
 
     def residual(self, x: NDArray[np.float64], r: NDArray[np.float64]) -> float:
-        """As of `Problem`."""
+        """As of `GridProblem`."""
         slot, unit = self.hierarchy.slot, self.hierarchy.unit
         if x.any():
-            krylov.row_residual(*matrix_rows(self.laplacian), slot, self.b, krylov.gather_rows(slot, x[0]), r)
+            krylov.row_residual(*matrix_rows(self.laplacian), slot, self.b, x[0, slot], r)
             r *= 1.0 / unit
         else:
-            krylov.scatter_rows(slot, self.b, 1.0 / unit, r)
+            r[slot] = self.b / unit
         return krylov.norm(r)
 
     def precondition(self, z: NDArray[np.float32]) -> tuple[float, float, float]:
-        """As of `Problem`."""
+        """As of `GridProblem`."""
         v, of = self.vectors, self.hierarchy
         return precondition_graph(of.levels.graphs, self._work, v.r, v.s, z, v.w)
 
+
+_Problem = GridProblem | _GraphProblem
 
 _RANGE = 400
 """Powers of two between currents and conductances from which squares of voltages may be no doubles."""
@@ -168,26 +152,19 @@ def iterate(
         x, size = iterate(laplacian, hierarchy, small[0], rtol, small[1], watch, team)
         with np.errstate(over="ignore"):
             return np.ldexp(x, binades), float(np.ldexp(size, binades))
-    problem: Problem
+    problem: _Problem
     if hierarchy.grid is None:
         problem, x = _GraphProblem(laplacian, hierarchy, b, team), np.zeros((1, len(b)))
     else:
-        x, currents = np.zeros((2, 2, len(hierarchy.grid.degree)))
-        at_slots = currents.ravel()
-        team.over(len(slot), lambda some: krylov.scatter_rows(slot[some], b[some], 1.0 / unit, at_slots))
+        x, currents = np.zeros((2, 2, len(hierarchy.grid.aggregate)))
+        currents.ravel()[slot] = b / unit
         problem = GridProblem(hierarchy.grid, hierarchy.levels, currents, team=team)
     if guess is not None:
-        krylov.scatter_rows(slot, guess, 1.0, x.ravel())
+        x.ravel()[slot] = guess
     fed = krylov.norm(b / unit if hierarchy.grid is None else currents.ravel(), team)
     stop = Stop(rtol * fed, ROUNDING * hierarchy.largest_degree / unit, unit, guess, rtol)
     size = converge(problem, x, stop, Watch() if watch is None else watch)
-    found = np.empty(len(slot))
-
-    def gather(some: slice) -> None:
-        found[some] = krylov.gather_rows(slot[some], x.ravel())
-
-    team.over(len(slot), gather)
-    return found, size * unit
+    return x.ravel()[slot], size * unit
 
 
 def approximate(
@@ -256,7 +233,7 @@ class Stop:
             self.small = self._far * ahead <= self._near
 
 
-def converge(problem: Problem, x: NDArray[np.float64], stop: Stop, watch: Watch | None) -> float:
+def converge(problem: _Problem, x: NDArray[np.float64], stop: Stop, watch: Watch | None) -> float:
     """Improve ``x`` (colours, slots) in place until the residual is small enough, or rounding forbids more.
 
     Returns the norm, in units.
@@ -292,7 +269,7 @@ class _Burst:
     of it; their shares in the answer and in the direction are `on_x, on_p` (depth + 1,), last those of ``p``.
     """
 
-    def __init__(self, problem: Problem, stop: Stop, watch: Watch | None) -> None:
+    def __init__(self, problem: _Problem, stop: Stop, watch: Watch | None) -> None:
         self._problem, self._stop, self._watch = problem, stop, watch
         self._v = problem.vectors
         # Between bursts, the true residual stands where the last steps will be kept.
@@ -309,7 +286,8 @@ class _Burst:
     def run(self, x: NDArray[np.float64], size: float, gain: float, most: int) -> int:
         """Reduce the residual, of norm ``size``, by a factor ``gain``; returns the steps taken."""
         v, steps = self._v, 0
-        self._each(partial(krylov.begin_burst, v.inverse, v.r, self._problem.before, size, self.residual))
+        np.divide(self.residual, size, out=v.r, casting="same_kind")
+        np.multiply(v.inverse, v.r, out=self._problem.before)
         self.left = largest = 1.0
         while steps < most and not self._stop.small and self.left > max(gain, _BURST * largest):
             if not self._step(x, size):

@@ -49,7 +49,6 @@ _LARGEST_INVERSE = 2000
 _LONG = 31
 """Longer rows count as one length."""
 
-_COLOURS = 64
 _ONE = np.uint64(1)
 
 _TAKEN, _NONE = np.float32(-1.0), np.float32(0.0)
@@ -293,42 +292,29 @@ def inverse_of(order: NDArray[np.int32]) -> NDArray[np.int32]:
     return rank
 
 
-@kernel
-@makes_arrays
 def order_by_colour(indptr: Indices, indices: Indices, window: int) -> Indices:
     """The nodes by colour; in windows of each colour by the length of their rows, then by how many come before.
 
     Colours are given greedily in the order of the nodes: each takes the first that its neighbours do not have.  From
     the 64th on neighbours may share one.
     """
-    n = len(indptr) - 1
-    colour, of_colour = _colours(indptr, indices)
-    key, start = np.empty(n, np.int32), np.zeros((_LONG + 1) ** 2 + 1, np.int32)
-    for i in range(n):
-        earlier = 0
-        for k in range(indptr[i], indptr[i + 1]):
-            earlier += colour[indices[k]] < colour[i]
-        key[i] = min(indptr[i + 1] - indptr[i], _LONG) * (_LONG + 1) + min(earlier, _LONG)
-        start[key[i] + 1] += 1
-    by_length = _sorted(np.arange(n).astype(np.int32), key, start)
-    base = np.zeros(_COLOURS + 1, np.int64)
-    for c in range(_COLOURS):
-        base[c + 1] = base[c] + (of_colour[c] + window - 1) // window
-    start, met = np.zeros(base[_COLOURS] + 1, np.int32), np.zeros(_COLOURS, np.int64)
-    for i in range(n):
-        key[i] = base[colour[i]] + met[colour[i]] // window
-        met[colour[i]] += 1
-        start[key[i] + 1] += 1
-    return _sorted(by_length, key, start)
+    colour, earlier = _colours(indptr, indices)
+    key = np.minimum(np.diff(indptr), _LONG) * (_LONG + 1) + np.minimum(earlier, _LONG)
+    # Whole numbers of 16 bits are sorted in linear time.
+    colour, key = colour.astype(np.uint16), key.astype(np.uint16)
+    nodes, order = np.argsort(colour, kind="stable").astype(np.int32), list[Indices]()
+    for of_colour in np.split(nodes, np.cumsum(np.bincount(colour))):
+        windows = (of_colour[begin : begin + window] for begin in range(0, len(of_colour), window))
+        order.extend(some[np.argsort(key[some], kind="stable")] for some in windows)
+    return np.concatenate(order)
 
 
 @kernel
 @makes_arrays
-def _colours(indptr: Indices, indices: Indices) -> tuple[Indices, NDArray[np.int64]]:
-    """Greedy colours, and how many nodes have each."""
+def _colours(indptr: Indices, indices: Indices) -> tuple[Indices, Indices]:
+    """Greedy colours, and how many neighbours of every node have an earlier one."""
     n = len(indptr) - 1
-    bit = np.zeros(n, np.uint64)
-    colour, count = np.empty(n, np.int32), np.zeros(_COLOURS, np.int64)
+    bit, colour, earlier = np.zeros(n, np.uint64), np.empty(n, np.int32), np.zeros(n, np.int32)
     for i in range(n):
         taken = np.uint64(0)
         for k in range(indptr[i], indptr[i + 1]):
@@ -339,22 +325,10 @@ def _colours(indptr: Indices, indices: Indices) -> tuple[Indices, NDArray[np.int
             rest >>= _ONE
             c += 1
         colour[i] = c
-        count[c] += 1
-    return colour, count
-
-
-@inner
-@makes_arrays
-def _sorted(nodes: Indices, key: Indices, start: Indices) -> Indices:
-    """Nodes by key, those of one key in their order; ``start[k + 1]`` says how many there are of key ``k``."""
-    for k in range(len(start) - 1):
-        start[k + 1] += start[k]
-    out = np.empty(len(nodes), np.int32)
-    for slot in range(len(nodes)):
-        i = nodes[slot]
-        out[start[key[i]]] = i
-        start[key[i]] += 1
-    return out
+    for i in range(n):
+        for k in range(indptr[i], indptr[i + 1]):
+            earlier[i] += colour[indices[k]] < colour[i]
+    return colour, earlier
 
 
 @kernel

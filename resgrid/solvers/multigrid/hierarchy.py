@@ -18,7 +18,7 @@ from resgrid.solvers.multigrid.blocks import coarsen
 from resgrid.solvers.multigrid.cycle import ENOUGH, help_sweep, precondition_grid
 from resgrid.solvers.multigrid.graph_sweeps import work_space
 from resgrid.solvers.multigrid.graphs import coarsen_down, pack_graphs, pack_netlist
-from resgrid.solvers.multigrid.grid_level import Level, compensated, in_double, in_single, lay_out, to_graph
+from resgrid.solvers.multigrid.grid_level import Level, compensated, lay_out, stencil_of, to_graph
 from resgrid.solvers.multigrid.krylov import black_residual
 from resgrid.solvers.multigrid.levels import (
     CHUNK,
@@ -43,9 +43,6 @@ _SHRINKAGE = 0.6
 _MOST_EXTRAS = 0.1
 """Share of nodes beside the lattice above which a graph serves better than a grid."""
 
-FirstLevel = tuple[Stencil, Stencil, NDArray[np.float64]]
-"""The finest level in double precision and in single, and the black diagonal that makes up for that, (slots,)."""
-
 
 @dataclass(frozen=True, eq=False)
 class Hierarchy:
@@ -67,11 +64,10 @@ class Hierarchy:
 
 def build_hierarchy(laplacian: Laplacian, team: Team = ALONE) -> Hierarchy:
     """Coarsen a nodal system until it is small, and invert what is left."""
-    found = lay_out_grid(laplacian, team)
+    found = lay_out_grid(laplacian)
     if found is not None:
         level, slot, unit, box = found
-        # Side by side: of degrees, coarsening asks only which are positive.
-        coarse, first = team.together([partial(coarsen_grid, level, team), partial(finest_stencils, level)])
+        coarse, first = team.together([partial(coarsen_grid, level), partial(finest_stencils, level)])
         made = _grid_levels(coarse[0], coarse[1], first)
         if made is not None:
             finest, levels = made
@@ -84,11 +80,11 @@ def build_hierarchy(laplacian: Laplacian, team: Team = ALONE) -> Hierarchy:
     return Hierarchy(Levels((), graphs), slot, unit, largest)
 
 
-def coarsen_grid(level: Level, team: Team = ALONE) -> tuple[list[Level], list[NDArray[np.int32]]]:
+def coarsen_grid(level: Level) -> tuple[list[Level], list[NDArray[np.int32]]]:
     """Coarsen a grid by blocks until it falls apart or is small; the levels, and where black slots lead, (slots,)."""
     levels, targets = [level], list[NDArray[np.int32]]()
     while True:
-        made = coarsen(levels[-1], split=level.uneven, team=team)
+        made = coarsen(levels[-1], split=level.uneven)
         if made is None or made[0].size > _SHRINKAGE * levels[-1].size:
             break
         coarse, target = made
@@ -101,7 +97,7 @@ def coarsen_grid(level: Level, team: Team = ALONE) -> tuple[list[Level], list[ND
 
 
 def _grid_levels(
-    levels: list[Level], targets: list[NDArray[np.int32]], first: FirstLevel
+    levels: list[Level], targets: list[NDArray[np.int32]], first: tuple[Stencil, Stencil]
 ) -> tuple[Finest, Levels] | None:
     """Lay grids out for the compiled passes, and coarsen the last one as a graph; None where it does not shrink."""
     level = levels[0]
@@ -117,17 +113,16 @@ def _grid_levels(
     node = number[targets[-1]]
     targets[-1] = np.where(node >= 0, rank[node] + 1, 0).astype(np.int32)  # none at slot 0
     grids = tuple(
-        GridLevel(in_single(coarse), coarse.degree[1].copy(), target)
+        GridLevel(stencil_of(coarse, np.float32), target)
         for coarse, target in zip(levels[1:-1], targets[1:], strict=True)
     )
     return Finest(*first, targets[0]), Levels(grids, packed)
 
 
-def finest_stencils(level: Level) -> FirstLevel:
-    """The finest level; takes over its degrees."""
-    stencil = in_single(level)
-    degree = compensated(level, stencil)
-    return in_double(level), stencil, degree
+def finest_stencils(level: Level) -> tuple[Stencil, Stencil]:
+    """The finest level in double precision and in single, whose black diagonal makes up for that."""
+    single, double = stencil_of(level, np.float32), stencil_of(level, np.float64)
+    return double._replace(black_inverse=np.empty(0)), single._replace(black_degree=compensated(level, single))
 
 
 def largest_degree(true: Stencil) -> float:
@@ -136,43 +131,24 @@ def largest_degree(true: Stencil) -> float:
     return max(float(true.black_degree.max()), 1.0 / red)
 
 
-def lay_out_grid(
-    laplacian: Laplacian, team: Team = ALONE
-) -> tuple[Level, NDArray[np.int32], float, tuple[slice, ...]] | None:
-    """Lay a system out by colour; the level, slots, unit and box, or None where it is no grid of two colours."""
+def lay_out_grid(laplacian: Laplacian) -> tuple[Level, NDArray[np.int32], float, tuple[slice, ...]] | None:
+    """Lay a system out by colour; the level, slots, unit and box, or None where it is no grid of two colours.
+
+    Outside the box no cell has a row; it begins with whole blocks of several levels.
+    """
     if laplacian.grid is None:
         return None
-    node = laplacian.grid.vertex
     pairs, conductance, row = laplacian.listed or laplacian.as_rows().listed
-    if not conductance.size:
+    cells = laplacian.grid.of_rows(row).vertex
+    used = cells >= 0
+    if not conductance.size or not used.any():
         return None
-    unit = float(conductance.mean())
-    box = _box_around_rows(row, node)
-    laid_out = lay_out(pairs, conductance, row, np.ascontiguousarray(node[box]), laplacian.ground, unit, team)
-    return None if laid_out is None else (*laid_out, unit, box)
-
-
-def _box_around_rows(row: NDArray[np.int32], node: NDArray[np.int32]) -> tuple[slice, ...]:
-    """The range of cells along every axis outside which no cell has a row, from whole blocks of several levels on."""
-    box: tuple[slice, ...] = ()
-    for axis in range(node.ndim):
-        lines = np.moveaxis(node[box], axis, 0)
-        first = _leading_without_rows(row, lines) // _WHOLE * _WHOLE
-        box = (*box, slice(first, len(lines) - _leading_without_rows(row, lines[:first:-1])))
-    return box
-
-
-def _leading_without_rows(row: NDArray[np.int32], lines: NDArray[np.int32]) -> int:
-    """How many lines from the first one on have no row in any cell; searched in steps that double and halve."""
-    count, step = 0, 1
-    while count < len(lines) and step:
-        some = lines[count : count + step]
-        if np.any(row[some[some >= 0]] >= 0):
-            step //= 2
-        else:
-            count += len(some)
-            step *= 2
-    return count
+    unit, box = float(conductance.mean()), list[slice]()
+    for axis in range(cells.ndim):
+        lines = np.flatnonzero(used.any(axis=tuple(other for other in range(cells.ndim) if other != axis)))
+        box.append(slice(int(lines[0]) // _WHOLE * _WHOLE, int(lines[-1]) + 1))
+    laid_out = lay_out(pairs, conductance, row, cells[*box], laplacian.ground, unit)
+    return None if laid_out is None else (*laid_out, unit, tuple(box))
 
 
 class GridPreconditioner:
@@ -184,8 +160,8 @@ class GridPreconditioner:
     def __init__(self, finest: Finest, levels: Levels, team: Team = ALONE) -> None:
         self._team, self._true, self._graphs, self._work = team, finest.true, levels.graphs, work_space(levels.graphs)
         self.state = np.zeros(machine.PLACES, dtype=np.int64)
-        grids = (GridLevel(finest.stencil, finest.degree, finest.aggregate), *levels.grids)
-        slots = [len(of.degree) for of in grids]
+        grids = (GridLevel(finest.stencil, finest.aggregate), *levels.grids)
+        slots = [len(of.aggregate) for of in grids]
         cuts = [slabs_of(of.stencil, team.size) for of in grids[:-1]]
         cuts.append(slabs_of(grids[-1].stencil, 1))  # nodes of a graph may have parts in several slabs
         self._parts = cuts[0]
@@ -222,7 +198,7 @@ class GridPreconditioner:
             row[name] = count
         names = ("faces", "distance", "off_red", "off_black", "couplings", "red_inverse", "black_inverse")
         self._note(row, **{name: getattr(stencil, name) for name in names})
-        self._note(row, degree=of.degree, aggregate=of.aggregate)
+        self._note(row, degree=stencil.black_degree, aggregate=of.aggregate)
         self._note(row, below_fed=below[0], below=below[1])
 
     def _note(self, row: np.void, **arrays: NDArray[np.generic]) -> None:

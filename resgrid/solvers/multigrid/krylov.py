@@ -1,4 +1,4 @@
-"""The compiled steps of conjugate gradients, residuals, and what leads from rows to their slots and back.
+"""The compiled steps of conjugate gradients, and residuals.
 
 Indices without a sign need not be asked whether they count from the end.
 """
@@ -41,26 +41,6 @@ def vectors_over(inverse: Singles, depth: int) -> Vectors:
     return Vectors(inverse, r, s, w, np.empty((depth, slots), dtype=np.float32), np.zeros(slots))
 
 
-@kernel
-def scatter_rows(slot: Indices, values: Floats, factor: float, at_slots: Floats) -> None:
-    """Write ``factor`` times the values of all rows to their slots."""
-    for k in range(len(values)):
-        at_slots[np.uint32(slot[k])] = factor * values[k]
-
-
-def gather_rows(slot: Indices, at_slots: Floats) -> Floats:
-    """The values of all rows."""
-    values = np.empty(len(slot))
-    _gather(slot, at_slots, values)
-    return values
-
-
-@kernel
-def _gather(slot: Indices, at_slots: Floats, values: Floats) -> None:
-    for k in range(len(values)):
-        values[k] = at_slots[np.uint32(slot[k])]
-
-
 def norm(x: Floats, team: Team = ALONE) -> float:
     """Euclidean norm, the same for any number of threads."""
     return math.sqrt(sum(team.over(len(x), lambda some: squares(x[some]))))
@@ -89,14 +69,6 @@ def row_residual(
         r[slot[i]] = v
         total += v * v
     return math.sqrt(total)
-
-
-@kernel
-def begin_burst(inverse: Singles, r: Singles, z: Singles, one: float, residual: Floats, begin: int, end: int) -> None:
-    """``r = residual / one``, and ``z = inverse r``, on some slots."""
-    for k in range(begin, end):
-        r[k] = residual[k] / one
-        z[k] = inverse[k] * r[k]
 
 
 @kernel
@@ -142,16 +114,12 @@ def add_steps(z: Singles, on_x: Floats, on_p: Floats, p: Floats, one: float, x: 
         x[k] += one * far
 
 
-@kernel
 def largest_step(z: Singles, on_p: Floats, p: Floats) -> float:
     """Largest entry of the last direction; ``z`` (steps, n)."""
-    most = 0.0
-    for k in range(len(p)):
-        ahead = on_p[-1] * p[k]
-        for j in range(len(z)):
-            ahead += on_p[j] * z[j, k]
-        most = max(most, abs(ahead))
-    return most
+    ahead = on_p[-1] * p
+    for share, one in zip(on_p.tolist(), z, strict=False):
+        ahead += share * one
+    return float(np.abs(ahead, out=ahead).max())
 
 
 def black_residual(

@@ -16,7 +16,7 @@ import numpy as np
 from resgrid.jit import ZERO, inlined, inner, inner_fast
 from resgrid.solvers.machine import indices, integers, singles, singles_by_side
 from resgrid.solvers.multigrid.graph_sweeps import Graphs
-from resgrid.solvers.multigrid.red_black import RED, Floats, Indices, Reals, Singles, Stencil, products
+from resgrid.solvers.multigrid.red_black import RED, Indices, Reals, Singles, Stencil, products
 
 CHUNK = 2048
 """Slots over which sums are taken before they are added to others: the same whoever takes them."""
@@ -42,7 +42,7 @@ GRID = np.dtype([
 `slots, sides, margin, block`: of its stencil; `blocks`: how many; `joined`: couplings; `below_slots`: of the next
 level's right-hand side.
 
-From `faces` to `aggregate`: as of `GridLevel`, in single precision, but for `degree`; `below_fed, below`: the next
+From `faces` to `aggregate`: as of `GridLevel`, `degree` the black diagonal; `below_fed, below`: the next
 level's right-hand side and answer.
 
 `red_fed, black_fed` (slots,): right-hand side; `red` (slots,): answer at red nodes.  Over black slots: `before`: the
@@ -62,25 +62,19 @@ Row = Any
 class GridLevel(NamedTuple):
     """A grid of a hierarchy.
 
-    `stencil`: in single precision; `degree` (slots,): its black diagonal; `aggregate` (slots,): node of the next level
-    that a black slot belongs to: its slot there, red ones first; of a graph, counted from 1; 0 for none.
+    `stencil`: in single precision, but for its black diagonal; `aggregate` (slots,): node of the next level that a
+    black slot belongs to: its slot there, red ones first; of a graph, counted from 1; 0 for none.
     """
 
     stencil: Stencil
-    degree: Floats
     aggregate: Indices
 
 
 class Finest(NamedTuple):
-    """The finest grid: in double precision too, and with a black diagonal that makes up for single precision.
-
-    `true`: in double precision; `stencil, degree, aggregate`: as of `GridLevel`, the diagonal
-    `grid_level.compensated`.
-    """
+    """The finest grid: as `GridLevel`, its diagonal `grid_level.compensated`; and `true`, in double precision."""
 
     true: Stencil
     stencil: Stencil
-    degree: Floats
     aggregate: Indices
 
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
 import numpy as np
+from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
 from resgrid.jit import inner, inner_fast
@@ -75,10 +76,9 @@ class Lattice:
         return np.array([d for s in self.strides for d in (-(s + 1) // 2, (s - 1) // 2)], dtype=np.int64)
 
     @property
-    def rows(self) -> NDArray[np.int64]:
-        """Numbers of the first cells of all rows along the last axis, in C order."""
-        first = np.ix_(*(np.arange(cells) for cells in (*self.shape[:-1], 1)))
-        return self.number(first).ravel()
+    def cells(self) -> NDArray[np.int32]:
+        """Slots of all cells, as `slot`, of the grid's shape."""
+        return self._by_cell(np.arange(2 * self.slots, dtype=np.int32).reshape(2, -1).T.ravel())
 
     def number(self, index: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
         """Numbers of cells, from their indices along every axis."""
@@ -87,6 +87,16 @@ class Lattice:
     def slot(self, number: NDArray[np.int64]) -> NDArray[np.int64]:
         """Slots of numbered cells, black ones counted behind all slots of red ones."""
         return (number & 1) * self.slots + self.margin + (number >> 1)
+
+    def at_slots(self, values: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Values of all cells, of the grid's shape, at the cells' slots: shape (2, slots), 0 elsewhere."""
+        by_number = np.zeros(2 * self.slots, dtype=np.int32)
+        self._by_cell(by_number)[...] = values
+        return np.ascontiguousarray(by_number.reshape(-1, 2).T)
+
+    def _by_cell(self, by_number: NDArray[np.int32]) -> NDArray[np.int32]:
+        """What stands at the cells' numbers, red and black slots in turn (2 slots,), as a view of the grid's shape."""
+        return as_strided(by_number[2 * self.margin :], self.shape, [4 * s for s in self.strides])
 
     def cells_at(self, colour: int, slot: NDArray[np.integer]) -> tuple[NDArray[np.int64], ...]:
         """Indices of the cells at some slots of a colour, one array for each axis."""
@@ -175,24 +185,9 @@ def products(faces: Reals, away: Integers, cells: tuple[int, int, int], x: Reals
 
 
 @inner_fast
-def spread(g: Reals, q: int, begin: int, away: int, count: int, x: Reals, total: Reals) -> None:
-    """Add ``g x`` across a face to the black neighbours of some red cells."""
-    face, red, black = np.uint64(q), np.uint64(begin), np.uint64(begin + away)
-    for i in range(count):
-        k = np.uint64(i)
-        total[black + k] += g[face, red + k] * x[red + k]
-
-
-@inner_fast
 def relax(inverse: Reals, fed: Reals, begin: int, count: int, total: Reals, value: Reals) -> None:
     """``value = inverse (fed + total)`` on a block."""
     at = np.uint64(begin)
     for i in range(count):
         k = np.uint64(i)
         value[at + k] = inverse[at + k] * (fed[at + k] + total[k])
-
-
-@inner
-def slot_of(number: int, margin: int, slots: int) -> int:
-    """Slot of a numbered cell, as `resgrid.solvers.multigrid.red_black.Lattice.slot`."""
-    return (number & 1) * slots + margin + (number >> 1)
