@@ -20,7 +20,7 @@ from resgrid.solvers.laplacian import Grid
 from resgrid.solvers.multigrid import cycle
 from resgrid.solvers.multigrid.blocks import coarsen
 from resgrid.solvers.multigrid.graphs import Graph, pack_graphs
-from resgrid.solvers.multigrid.grid_level import Level, compensated, lay_out, stencil_of, to_graph
+from resgrid.solvers.multigrid.grid_level import Level, compensated, in_single, lay_out, stencil_of, to_graph
 from resgrid.solvers.multigrid.hierarchy import GridPreconditioner, build_hierarchy
 from resgrid.solvers.multigrid.krylov import black_residual
 from resgrid.solvers.multigrid.levels import Finest, Levels
@@ -95,12 +95,12 @@ def test_the_schur_complement_is_that_of_dense_elimination(
         here = used[black] - slots
         z[here], r[here], s[here] = rng.normal(size=(3, len(here)))
         w = np.zeros(slots, dtype=np.float32)
-        stencil = stencil_of(level, np.float32)._replace(block=block)
+        stencil = in_single(stencil_of(level))._replace(block=block)
         stencil = stencil._replace(black_degree=compensated(level, stencil))
         relaxed = z[here] + 1.0
         to_one = np.zeros(slots, dtype=np.int32)
         to_one[here] = 1
-        finest = Finest(stencil_of(level, np.float64), stencil, to_one)
+        finest = Finest(stencil_of(level), stencil, to_one)
         preconditioner = above_one_node(finest)
         preconditioner.before[:] = z
         preconditioner.use(r, s, z, w)
@@ -129,7 +129,7 @@ def test_rounded_products_of_a_constant_are_what_leaks(space: ConfigurationSpace
         schur = matrix[np.ix_(black, black)] - matrix[np.ix_(black, ~black)] @ np.linalg.solve(
             matrix[np.ix_(~black, ~black)], matrix[np.ix_(~black, black)]
         )
-        stencil = stencil_of(level, np.float32)
+        stencil = in_single(stencil_of(level))
         red, far = np.nonzero(stencil.faces)[::-1], level.lattice.distance
         there = np.concatenate([red[0] + far[red[1]], ends[1]])
         here, g = (
@@ -158,7 +158,7 @@ def test_the_residual_is_that_of_the_netlist(space: ConfigurationSpace, boundary
         x[used], b[used] = rng.normal(size=(2, len(used)))
         r = np.ones(slots)
         x = x.reshape(2, slots)
-        norm = black_residual(stencil_of(level, np.float64)._replace(block=block), b.reshape(2, slots), x, r)
+        norm = black_residual(stencil_of(level)._replace(block=block), b.reshape(2, slots), x, r)
         assert not r[: level.lattice.margin].any()
         assert not r[-level.lattice.margin :].any()
         residual = b[used] - matrix @ x.ravel()[used]

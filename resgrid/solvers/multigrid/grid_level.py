@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,10 +70,10 @@ def lay_out(
     lattice = Lattice(cells.shape)
     if 2 * lattice.slots > MOST_NUMBERED:
         return None
-    used = cells >= 0
-    slot = np.full(len(excess), -1, dtype=np.int32)
-    slot[cells[used]] = lattice.cells[used]
-    if np.count_nonzero(used) != len(slot) or slot.min(initial=0) < 0:
+    rows, slot = lattice.at_slots(cells + 1).ravel(), np.full(len(excess), -1, dtype=np.int32)
+    used = np.flatnonzero(rows)
+    slot[rows[used] - 1] = used
+    if len(used) != len(slot) or slot.min(initial=0) < 0:
         return None
     faces, leak = np.zeros((2 * cells.ndim, lattice.slots)), np.zeros((2, lattice.slots))
     rings = np.empty(min(len(pairs), sum(cells.size // length for length in cells.shape)), dtype=np.int64)
@@ -121,23 +120,29 @@ def _stretches(slots: int, margin: int) -> list[slice]:
     return [slice(k, min(k + _STRETCH, slots - margin)) for k in range(margin, slots - margin, _STRETCH)]
 
 
-def stencil_of(level: Level, dtype: type[np.floating[Any]]) -> Stencil:
-    """A level for the compiled passes, conductances and reciprocals in single or double precision."""
+def stencil_of(level: Level) -> Stencil:
+    """A level for the compiled passes, in double precision."""
     edges = level.edges
-    red, black = (np.divide(1.0, d, np.zeros(len(d), dtype), where=d > 0.0, casting="same_kind") for d in level.degree)
+    red, black = (1.0 / np.where(degree > 0.0, degree, np.inf) for degree in level.degree)
     return Stencil(
-        faces=edges.faces.astype(dtype, copy=False),
+        faces=edges.faces,
         distance=edges.distance,
         margin=edges.margin,
         first_extra=level.lattice.first_extra,
         block=min(BLOCK, level.lattice.slots),
         off_red=edges.off_red,
         off_black=edges.off_black,
-        couplings=edges.couplings.astype(dtype, copy=False),
+        couplings=edges.couplings,
         red_inverse=red,
         black_inverse=black,
         black_degree=level.degree[1].copy(),
     )
+
+
+def in_single(stencil: Stencil) -> Stencil:
+    """The same in single precision, but for its black diagonal; see `compensated`."""
+    names = ("faces", "couplings", "red_inverse", "black_inverse")
+    return stencil._replace(**{name: getattr(stencil, name).astype(np.float32) for name in names})
 
 
 def compensated(level: Level, single: Stencil) -> NDArray[np.float64]:
@@ -151,7 +156,7 @@ def compensated(level: Level, single: Stencil) -> NDArray[np.float64]:
     degree: NDArray[np.float64] = level.leak[1].copy()
     np.add.at(share, single.off_red, single.couplings)
     for here in _stretches(len(degree), single.margin):
-        some, faces = share[here], single.faces[:, here]
+        some, faces = share[here], single.faces[:, here].astype(np.float64)
         for face in faces:
             some += face
         # 1 but for the rounding of the reciprocal: what comes out of red cells, and leaks, of the current towards them.

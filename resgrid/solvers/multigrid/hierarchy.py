@@ -18,7 +18,7 @@ from resgrid.solvers.multigrid.blocks import coarsen
 from resgrid.solvers.multigrid.cycle import ENOUGH, help_sweep, precondition_grid
 from resgrid.solvers.multigrid.graph_sweeps import work_space
 from resgrid.solvers.multigrid.graphs import coarsen_down, pack_graphs, pack_netlist
-from resgrid.solvers.multigrid.grid_level import Level, compensated, lay_out, stencil_of, to_graph
+from resgrid.solvers.multigrid.grid_level import Level, compensated, in_single, lay_out, stencil_of, to_graph
 from resgrid.solvers.multigrid.krylov import black_residual
 from resgrid.solvers.multigrid.levels import (
     CHUNK,
@@ -113,7 +113,7 @@ def _grid_levels(
     node = number[targets[-1]]
     targets[-1] = np.where(node >= 0, rank[node] + 1, 0).astype(np.int32)  # none at slot 0
     grids = tuple(
-        GridLevel(stencil_of(coarse, np.float32), target)
+        GridLevel(in_single(stencil_of(coarse)), target)
         for coarse, target in zip(levels[1:-1], targets[1:], strict=True)
     )
     return Finest(*first, targets[0]), Levels(grids, packed)
@@ -121,7 +121,8 @@ def _grid_levels(
 
 def finest_stencils(level: Level) -> tuple[Stencil, Stencil]:
     """The finest level in double precision and in single, whose black diagonal makes up for that."""
-    single, double = stencil_of(level, np.float32), stencil_of(level, np.float64)
+    double = stencil_of(level)
+    single = in_single(double)
     return double._replace(black_inverse=np.empty(0)), single._replace(black_degree=compensated(level, single))
 
 
