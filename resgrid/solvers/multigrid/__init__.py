@@ -28,7 +28,7 @@
    their arrays (`levels.GRID`). Subnormal numbers count as zero meanwhile (`resgrid.solvers.machine`).
 6. *Sweeps* (`sweeps`). The time is that of reading conductances from memory. Red cells go ahead of black ones by as far
    as neighbours reach, so that a sweep reads faces once. The product takes conductances in single precision and makes
-   up for their rounding on the diagonal (`grid_level.compensate`): rows sum to what leaks. Large levels are cut into
+   up for their rounding on the diagonal (`grid_level.compensated`): rows sum to what leaks. Large levels are cut into
    slabs, which leave the same digits however they are cut; several threads take them, one of which leads in compiled
    code from sweep to sweep (`cycle`, `resgrid.solvers.machine`).
 7. *Refinement* (`resgrid.solvers.refine`) makes a normwise answer right entry by entry: voltages in double-double,
