@@ -11,7 +11,7 @@ LATTICES = st.builds(Lattice, st.lists(st.integers(1, 6), min_size=2, max_size=4
 @given(LATTICES)
 def test_every_cell_has_a_place_of_its_own_in_the_array_of_its_colour(lattice: Lattice) -> None:
     index = np.indices(lattice.shape).reshape(len(lattice.shape), -1)
-    slot = lattice.slot(lattice.number(list(index)))
+    slot = lattice.cells.ravel()
     black = index.sum(axis=0) % 2 == 1
     np.testing.assert_array_equal(slot >= lattice.slots, black)
     assert len(np.unique(slot)) == index.shape[1]
@@ -24,7 +24,7 @@ def test_every_cell_has_a_place_of_its_own_in_the_array_of_its_colour(lattice: L
 @given(LATTICES)
 def test_cells_lie_at_a_face_s_distance_if_they_share_that_face_and_only_then(lattice: Lattice) -> None:
     index = np.indices(lattice.shape).reshape(len(lattice.shape), -1)
-    slot, red = lattice.slot(lattice.number(list(index))), index.sum(axis=0) % 2 == 0
+    slot, red = lattice.cells.ravel(), index.sum(axis=0) % 2 == 0
     away = (slot[~red] - lattice.slots)[np.newaxis, :] - slot[red][:, np.newaxis]
     step = index[:, ~red][:, np.newaxis, :] - index[:, red][:, :, np.newaxis]
     for side, distance in enumerate(lattice.distance.tolist()):

@@ -46,11 +46,10 @@ def coarsen(level: Level, *, split: bool) -> tuple[Level, NDArray[np.int32]] | N
 def _blocks(level: Level, lattice: Lattice, shift: NDArray[np.int64]) -> NDArray[np.int32]:
     """The slot on the next lattice, red ones first, that every slot's block takes."""
     fine = level.lattice
-    blocks = np.ix_(*(np.arange(n) >> s for n, s in zip(fine.shape, shift.tolist(), strict=True)))
-    target = np.where(level.degree > 0.0, fine.at_slots(lattice.cells[blocks]), 0)
+    blocks = lattice.cells[np.ix_(*(np.arange(n) >> s for n, s in zip(fine.shape, shift.tolist(), strict=True)))]
+    target = np.where(level.degree > 0.0, fine.at_slots(blocks), 0)
     for colour, cell in enumerate(level.extra_cell):
-        block = [index >> s for index, s in zip(np.unravel_index(cell, fine.shape), shift.tolist(), strict=True)]
-        target[colour, fine.first_extra : fine.first_extra + len(cell)] = lattice.slot(lattice.number(block))
+        target[colour, fine.first_extra : fine.first_extra + len(cell)] = blocks.ravel()[cell]
     return target
 
 

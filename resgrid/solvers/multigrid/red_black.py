@@ -10,7 +10,6 @@ beside the grid, is a coupling.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
@@ -77,16 +76,8 @@ class Lattice:
 
     @property
     def cells(self) -> NDArray[np.int32]:
-        """Slots of all cells, as `slot`, of the grid's shape."""
+        """Slots of all cells, of the grid's shape; black ones are counted behind all slots of red ones."""
         return self._by_cell(np.arange(2 * self.slots, dtype=np.int32).reshape(2, -1).T.ravel())
-
-    def number(self, index: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
-        """Numbers of cells, from their indices along every axis."""
-        return np.asarray(sum(i * s for i, s in zip(index, self.strides, strict=True)), dtype=np.int64)
-
-    def slot(self, number: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Slots of numbered cells, black ones counted behind all slots of red ones."""
-        return (number & 1) * self.slots + self.margin + (number >> 1)
 
     def at_slots(self, values: NDArray[np.int32]) -> NDArray[np.int32]:
         """Values of all cells, of the grid's shape, at the cells' slots: shape (2, slots), 0 elsewhere."""
