@@ -124,3 +124,8 @@ def test_a_netlist_is_not_changed_through_the_arrays_that_it_was_made_from() -> 
     assert netlist.conductance.tolist() == [1.0, 2.0] and netlist.source_volts.tolist() == [3.0]
     shared = netlist.replace(source_volts=[4.0])
     assert np.shares_memory(shared.conductance, netlist.conductance)  # nobody can write there
+
+
+def test_masked_numbers_are_refused() -> None:
+    with pytest.raises(InputError, match="none masked"):
+        Netlist(3, [[1, 2], [2, 0]], np.ma.masked_equal([1e-3, -1.0], -1.0))

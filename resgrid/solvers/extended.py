@@ -40,10 +40,6 @@ class Scaled(NamedTuple):
         """Plain doubles as scaled numbers."""
         return Scaled(values, np.zeros(len(values)), np.zeros(len(values), dtype=np.int64))
 
-    def at(self, piece: slice) -> Scaled:
-        """Some of the numbers, in the same memory."""
-        return Scaled(self.hi[piece], self.lo[piece], self.exponent[piece], self.noise)
-
     @property
     def plain(self) -> NDArray[np.float64]:
         """The values as doubles; 0 where they underflow."""
