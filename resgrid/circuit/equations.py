@@ -98,11 +98,11 @@ class Equations:
         return heights
 
     def voltages(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Voltages of all nodes above ground, (nodes,), from the heights of the rows: known ones as they were given.
+        """As `above_ground`, from the heights of the rows, (n,)."""
+        return self.above_ground(self.heights(x))
 
-        NaN where one floats.
-        """
-        heights = self.heights(x)
+    def above_ground(self, heights: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Voltages of all nodes above ground from their heights, (nodes,): known ones as given; NaN where one floats."""
         if self.reference == 0.0:
             return heights
         return np.where(self.unknown >= 0, self.reference + heights, self.known_voltages())

@@ -79,7 +79,7 @@ def _solved(netlist: Netlist, accuracy: str, method: str, rtol: float, team: Tea
             if found is not None:
                 proved = system.rails is not None and is_answer(watch.error, watch.bound)
                 if system.rails is None:
-                    values = values_above(system, found.heights)
+                    values = values_above(system, system.heights(found.heights))
                 elif not watch.bound <= CERTAIN:
                     values = node_values(system, found.factors, Watch(), team)
                 again = read_entrywise(system, values, team, found, **told)

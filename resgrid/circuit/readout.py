@@ -94,12 +94,12 @@ def node_values(system: Equations, factors: Factor | None, watch: Watch, team: T
     return replace(_above(system, difference, 1.0), doubt=doubt)
 
 
-def values_above(system: Equations, x: NDArray[np.float64]) -> NodeValues:
-    """Values of all nodes from heights of the rows above the reference, in volts, (n,); no difference is noise."""
-    zero, volts = system.reference, -1.0 if np.all(x <= 0.0) else 1.0
+def values_above(system: Equations, heights: NDArray[np.float64]) -> NodeValues:
+    """Values of all nodes from their heights above the reference, in volts, (nodes,); no difference is noise."""
+    zero, volts = system.reference, 1.0 if np.any(heights > 0.0) else -1.0
     if system.rails is not None:
         zero, volts = system.rails.low, system.rails.high - system.rails.low
-    value = Scaled.of(np.nan_to_num((system.heights(x) + (system.reference - zero)) / volts))
+    value = Scaled.of(np.nan_to_num((heights + (system.reference - zero)) / volts))
     return NodeValues(value._replace(noise=0.0), np.zeros(len(value.hi), np.bool_), zero, volts, 0.0)
 
 
@@ -185,10 +185,11 @@ def read_normwise(system: Equations, x: NDArray[np.float64], **told: Any) -> Ope
     """Spread a normwise solution (n,) over the nodes, with what is ``told`` of it; currents wait until asked for."""
     if not np.isfinite(x).all():
         raise CircuitError(OUT_OF_RANGE)
-    values = values_above(system, x)
+    heights = system.heights(x)
+    values = values_above(system, heights)
     readings = partial(_normwise_readings, system.netlist, system.forest, system.unknown, values)
     point = OperatingPoint(
-        system.netlist, system.voltages(x), None, _potential(system, values), readings, system.floating,
+        system.netlist, system.above_ground(heights), None, _potential(system, values), readings, system.floating,
         system.undriven, **told,
     )  # fmt: skip
     if system.forest.loop.any():

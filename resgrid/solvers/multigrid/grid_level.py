@@ -25,8 +25,6 @@ _TINY = 1e-300
 BLOCK = 2048
 """Slots a pass takes at a time: what it touches stays in the first caches."""
 
-_STRETCH = 2**13
-"""The same where passes allocate."""
 
 WEAK = 0.1
 """Share of a conductance below which another one is weak beside it."""
@@ -70,10 +68,8 @@ def lay_out(
     lattice = Lattice(cells.shape)
     if 2 * lattice.slots > MOST_NUMBERED:
         return None
-    rows, slot = lattice.at_slots(cells + 1).ravel(), np.full(len(excess), -1, dtype=np.int32)
-    used = np.flatnonzero(rows)
-    slot[rows[used] - 1] = used
-    if len(used) != len(slot) or slot.min(initial=0) < 0:
+    slot = np.full(len(excess), -1, dtype=np.int32)
+    if place_rows(cells.ravel(), lattice.cells.ravel(), slot) != len(slot):
         return None
     faces, leak = np.zeros((2 * cells.ndim, lattice.slots)), np.zeros((2, lattice.slots))
     rings = np.empty(min(len(pairs), sum(cells.size // length for length in cells.shape)), dtype=np.int64)
@@ -102,22 +98,15 @@ def level_of(
     lattice: Lattice, edges: Edges, leak: NDArray[np.float64], extra_cell: tuple[NDArray[np.int64], NDArray[np.int64]]
 ) -> Level:
     """A level with its degrees summed."""
-    faces, degree = edges.faces, leak.copy()
-    for here in _stretches(lattice.slots, edges.margin):
-        for face, away in zip(faces[:, here], edges.distance.tolist(), strict=True):
-            degree[0, here] += face
-            degree[1, here.start + away : here.stop + away] += face
+    degree, found = leak.copy(), np.zeros((len(edges.faces), 4))
+    sum_degrees(edges.faces, edges.distance, edges.margin, degree, found)
     for colour, slot in enumerate((edges.off_red, edges.off_black)):
         np.add.at(degree[colour], slot, edges.couplings)
-    number = np.array([np.count_nonzero(face) for face in faces])
-    mean = faces.sum(axis=1).reshape(-1, 2).sum(axis=1) / np.maximum(number.reshape(-1, 2).sum(axis=1), 1)
-    uneven = bool(np.count_nonzero(faces < WEAK * faces.max()) > faces.size - number.sum())
-    return Level(lattice, edges, leak, degree, mean, uneven, extra_cell, int(np.count_nonzero(degree)))
-
-
-def _stretches(slots: int, margin: int) -> list[slice]:
-    """Slots that are worked on at a time."""
-    return [slice(k, min(k + _STRETCH, slots - margin)) for k in range(margin, slots - margin, _STRETCH)]
+    total, number = found[:, :2].reshape(-1, 2, 2).sum(axis=1).T
+    uneven = bool(found[:, 2].min() < WEAK * found[:, 3].max())
+    return Level(
+        lattice, edges, leak, degree, total / np.maximum(number, 1.0), uneven, extra_cell, int(np.count_nonzero(degree))
+    )
 
 
 def stencil_of(level: Level) -> Stencil:
@@ -152,17 +141,9 @@ def compensated(level: Level, single: Stencil) -> NDArray[np.float64]:
     those of the leaks, for red ones in the share ``leak / degree`` of the currents that pass them.  Products are right
     to a few roundings of every conductance then, however smooth the vector.  Returns shape (slots,).
     """
-    leak, share = level.leak[0], np.zeros(level.lattice.slots)
-    degree: NDArray[np.float64] = level.leak[1].copy()
+    share, degree = np.zeros(level.lattice.slots), np.array(level.leak[1])
     np.add.at(share, single.off_red, single.couplings)
-    for here in _stretches(len(degree), single.margin):
-        some, faces = share[here], single.faces[:, here].astype(np.float64)
-        for face in faces:
-            some += face
-        # 1 but for the rounding of the reciprocal: what comes out of red cells, and leaks, of the current towards them.
-        some[:] = single.red_inverse[here] * some + leak[here] / (some + leak[here] + _TINY)
-        for face, away in zip(faces, single.distance.tolist(), strict=True):
-            degree[here.start + away : here.stop + away] += face * some
+    compensate(single, level.leak[0], share, degree)
     np.add.at(degree, single.off_black, single.couplings * share[single.off_red])
     return degree
 
@@ -234,3 +215,54 @@ def _face_at(distance: Integers, away: int) -> int:
         if distance[q] == away:
             return q
     return -1
+
+
+@kernel
+def place_rows(cells: Indices, slot_of_cell: Indices, slot: Indices) -> int:
+    """Slot of every row, from the rows of cells; returns how many there are, -1 if a row has two cells.
+
+    ``slot`` comes -1, and stays so where a row has no cell.
+    """
+    count = 0
+    for cell in range(len(cells)):
+        row = cells[cell]
+        if row >= 0:
+            if slot[row] >= 0:
+                return -1
+            slot[row] = slot_of_cell[cell]
+            count += 1
+    return count
+
+
+@kernel
+def sum_degrees(faces: Floats, distance: Integers, margin: int, degree: Floats, found: Floats) -> None:
+    """Add the conductances of faces to the degrees (2, slots) at both of their ends.
+
+    ``found`` (faces, 4) receives the sum, the number, the least and the greatest of those that conduct.
+    """
+    for q in range(len(distance)):
+        total, number, least, greatest = 0.0, 0, np.inf, 0.0
+        for k in range(margin, faces.shape[1] - margin):
+            g = faces[q, k]
+            if g > 0.0:
+                degree[0, k] += g
+                degree[1, k + distance[q]] += g
+                total, number = total + g, number + 1
+                least, greatest = min(least, g), max(greatest, g)
+        found[q, 0], found[q, 1], found[q, 2], found[q, 3] = total, number, least, greatest
+
+
+@kernel
+def compensate(stencil: Stencil, leak: Floats, share: Floats, degree: Floats) -> None:
+    """As `compensated`, but for couplings: share of the current towards red cells that comes out of them, and leaks.
+
+    It is 1 but for the rounding of the reciprocal.  ``share`` comes as the conductances of couplings.
+    """
+    faces, distance = stencil.faces, stencil.distance
+    for k in range(stencil.margin, len(share) - stencil.margin):
+        total = share[k]
+        for q in range(len(distance)):
+            total += np.float64(faces[q, k])
+        share[k] = stencil.red_inverse[k] * total + leak[k] / (total + leak[k] + _TINY)
+        for q in range(len(distance)):
+            degree[k + distance[q]] += faces[q, k] * share[k]
