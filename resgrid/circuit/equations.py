@@ -102,7 +102,7 @@ class Equations:
         return self.above_ground(self.heights(x))
 
     def above_ground(self, heights: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Voltages of all nodes above ground from their heights, (nodes,): known ones as given; NaN where one floats."""
+        """Voltages of all nodes above ground from their heights, (nodes,): known ones as given; NaN if one floats."""
         if self.reference == 0.0:
             return heights
         return np.where(self.unknown >= 0, self.reference + heights, self.known_voltages())

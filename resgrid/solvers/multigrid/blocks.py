@@ -45,9 +45,13 @@ def coarsen(level: Level, *, split: bool) -> tuple[Level, NDArray[np.int32]] | N
 
 def _blocks(level: Level, lattice: Lattice, shift: NDArray[np.int64]) -> NDArray[np.int32]:
     """The slot on the next lattice, red ones first, that every slot's block takes."""
-    fine = level.lattice
-    blocks = lattice.cells[np.ix_(*(np.arange(n) >> s for n, s in zip(fine.shape, shift.tolist(), strict=True)))]
-    target = np.where(level.degree > 0.0, fine.at_slots(blocks), 0)
+    fine, blocks = level.lattice, lattice.cells
+    for axis, halved in enumerate(shift.tolist()):
+        if halved:
+            doubled = np.repeat(blocks, 2, axis=axis)
+            blocks = doubled[(slice(None),) * axis + (slice(fine.shape[axis]),)]
+    target = fine.at_slots(blocks)
+    np.copyto(target, 0, where=level.degree == 0.0)
     for colour, cell in enumerate(level.extra_cell):
         target[colour, fine.first_extra : fine.first_extra + len(cell)] = blocks.ravel()[cell]
     return target

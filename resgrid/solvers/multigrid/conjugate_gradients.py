@@ -164,7 +164,7 @@ def iterate(
     fed = krylov.norm(b / unit if hierarchy.grid is None else currents.ravel(), team)
     stop = Stop(rtol * fed, ROUNDING * hierarchy.largest_degree / unit, unit, guess, rtol)
     size = converge(problem, x, stop, Watch() if watch is None else watch)
-    return x.ravel()[slot], size * unit
+    return np.take(x.ravel(), slot), size * unit
 
 
 def approximate(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inner, kernel
+from resgrid.jit import inner, inner_fast, kernel
 from resgrid.solvers.laplacian import MOST_NUMBERED
 from resgrid.solvers.multigrid.graphs import Graph
 from resgrid.solvers.multigrid.red_black import (
@@ -16,6 +16,7 @@ from resgrid.solvers.multigrid.red_black import (
     Indices,
     Integers,
     Lattice,
+    Reals,
     Stencil,
 )
 
@@ -98,7 +99,7 @@ def level_of(
     lattice: Lattice, edges: Edges, leak: NDArray[np.float64], extra_cell: tuple[NDArray[np.int64], NDArray[np.int64]]
 ) -> Level:
     """A level with its degrees summed."""
-    degree, found = leak.copy(), np.zeros((len(edges.faces), 4))
+    degree, found = leak.copy(), np.full((len(edges.faces), 4), [0.0, 0.0, np.inf, 0.0])
     sum_degrees(edges.faces, edges.distance, edges.margin, degree, found)
     for colour, slot in enumerate((edges.off_red, edges.off_black)):
         np.add.at(degree[colour], slot, edges.couplings)
@@ -112,7 +113,9 @@ def level_of(
 def stencil_of(level: Level) -> Stencil:
     """A level for the compiled passes, in double precision."""
     edges = level.edges
-    red, black = (1.0 / np.where(degree > 0.0, degree, np.inf) for degree in level.degree)
+    red, black = (np.empty_like(degree) for degree in level.degree)  # apart, for only one may stay
+    for degree, inverse in zip(level.degree, (red, black), strict=True):
+        invert(degree, inverse)
     return Stencil(
         faces=edges.faces,
         distance=edges.distance,
@@ -240,16 +243,38 @@ def sum_degrees(faces: Floats, distance: Integers, margin: int, degree: Floats, 
 
     ``found`` (faces, 4) receives the sum, the number, the least and the greatest of those that conduct.
     """
-    for q in range(len(distance)):
-        total, number, least, greatest = 0.0, 0, np.inf, 0.0
-        for k in range(margin, faces.shape[1] - margin):
-            g = faces[q, k]
-            if g > 0.0:
-                degree[0, k] += g
-                degree[1, k + distance[q]] += g
-                total, number = total + g, number + 1
-                least, greatest = min(least, g), max(greatest, g)
-        found[q, 0], found[q, 1], found[q, 2], found[q, 3] = total, number, least, greatest
+    end = faces.shape[1] - margin
+    for begin in range(margin, end, BLOCK):
+        count = min(BLOCK, end - begin)
+        for q in range(len(distance)):
+            add(faces, q, begin, count, degree[0], begin)
+            add(faces, q, begin, count, degree[1], begin + distance[q])
+            _compare(faces[q, begin : begin + count], found[q])
+
+
+@inner_fast
+def _compare(conductance: Floats, found: Floats) -> None:
+    """Sum, number, least and greatest of the conductances that are not 0, besides those found before.
+
+    What is positive compares as its bits do, in whole numbers, of which several at a time are compared.
+    """
+    bits, extreme, one = conductance.view(np.uint64), found.view(np.uint64), np.uint64(1)
+    total, count, least, greatest = 0.0, 0.0, extreme[2] - one, extreme[3]
+    for i in range(len(conductance)):
+        total += conductance[i]
+        count += conductance[i] > 0.0
+        least, greatest = min(least, bits[i] - one), max(greatest, bits[i])  # 0 becomes the largest one
+    found[0], found[1] = found[0] + total, found[1] + count
+    extreme[2], extreme[3] = least + one, greatest
+
+
+@inner_fast
+def add(faces: Reals, q: int, begin: int, count: int, total: Floats, to: int) -> None:
+    """Add the conductances across a face of some red slots to as many slots of either colour."""
+    face, at, t_at = np.uint64(q), np.uint64(begin), np.uint64(to)
+    for i in range(count):
+        k = np.uint64(i)
+        total[t_at + k] += faces[face, at + k]
 
 
 @kernel
@@ -258,11 +283,35 @@ def compensate(stencil: Stencil, leak: Floats, share: Floats, degree: Floats) ->
 
     It is 1 but for the rounding of the reciprocal.  ``share`` comes as the conductances of couplings.
     """
-    faces, distance = stencil.faces, stencil.distance
-    for k in range(stencil.margin, len(share) - stencil.margin):
-        total = share[k]
+    faces, distance, end = stencil.faces, stencil.distance, len(share) - stencil.margin
+    for begin in range(stencil.margin, end, BLOCK):
+        count = min(BLOCK, end - begin)
         for q in range(len(distance)):
-            total += np.float64(faces[q, k])
-        share[k] = stencil.red_inverse[k] * total + leak[k] / (total + leak[k] + _TINY)
+            add(faces, q, begin, count, share, begin)
+        _turn_into_shares(share, leak, stencil.red_inverse, begin, count)
         for q in range(len(distance)):
-            degree[k + distance[q]] += faces[q, k] * share[k]
+            _feed(faces, q, begin, count, share, degree, begin + distance[q])
+
+
+@inner_fast
+def _turn_into_shares(conductance: Floats, leak: Floats, inverse: Reals, begin: int, count: int) -> None:
+    at = np.uint64(begin)
+    for i in range(count):
+        k = at + np.uint64(i)
+        conductance[k] = inverse[k] * conductance[k] + leak[k] / (conductance[k] + leak[k] + _TINY)
+
+
+@inner_fast
+def _feed(faces: Reals, q: int, begin: int, count: int, share: Floats, total: Floats, to: int) -> None:
+    """Add ``g share`` across a face to the black neighbours of some red cells."""
+    face, at, t_at = np.uint64(q), np.uint64(begin), np.uint64(to)
+    for i in range(count):
+        k = np.uint64(i)
+        total[t_at + k] += faces[face, at + k] * share[at + k]
+
+
+@kernel
+def invert(degree: Floats, inverse: Floats) -> None:
+    """Reciprocals; 0 where there is no unknown."""
+    for k in range(len(degree)):
+        inverse[k] = 1.0 / degree[k] if degree[k] > 0.0 else 0.0
