@@ -60,10 +60,9 @@ def solve(
         Backward error for ``"normwise"``.
     threads : int
         How many threads share the solve; the digits are the same for any number.  ``"multigrid"`` on grids of more than
-        some 120,000 cells shares the making of levels, the sweeps over the finest, and loops over rows, nodes and
-        resistors; two right-hand sides are solved at the same time: where ties to the high rail are weak (the drop from
-        that rail, and the height above the other), and where current sources have both signs.  Circuits with nonlinear
-        resistors take one.
+        some 120,000 cells shares the sweeps over the finest levels, and loops over rows and resistors; two right-hand
+        sides are solved at the same time: where ties to the high rail are weak (the drop from that rail, and the height
+        above the other), and where current sources have both signs.  Circuits with nonlinear resistors take one.
     progress : callable, optional
         Called after every step of an iterative method with the steps so far, the residual relative to where the
         present pass began, and about how many seconds that pass still takes (None where nothing is gained).  With
