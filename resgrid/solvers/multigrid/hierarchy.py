@@ -174,8 +174,7 @@ class GridPreconditioner:
         below = [*zip(fed, answers, strict=True), (self._work.b[: 1 + self._graphs.first[1]], self._work.x)]
         for number, (row, of, cut) in enumerate(zip(self.table, grids, cuts, strict=True)):
             self._fill(row, of, cut, below[number])
-            led, led_double = np.zeros(slots[number], dtype=np.float32), np.zeros(slots[number])
-            self._note(row, led=led, led_double=led_double, sums=sums, shares=shares)
+            self._note(row, led=np.zeros(slots[number]), sums=sums, shares=shares)
             if number:
                 (red_fed, black_fed), (red, before) = fed[number - 1], answers[number - 1]
                 r, s, z, w, c = np.zeros((5, slots[number]), dtype=np.float32)

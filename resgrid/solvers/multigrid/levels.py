@@ -34,7 +34,7 @@ GRID = np.dtype([
         *("faces", "distance", "off_red", "off_black", "couplings", "red_inverse", "black_inverse", "degree"),
         *("aggregate", "below_fed", "below"),
         *("red_fed", "black_fed", "red", "before", "r", "s", "z", "w", "c"),
-        *("led", "led_double", "parts", "slabs", "sums", "shares"),
+        *("led", "parts", "slabs", "sums", "shares"),
     )
 ])  # fmt: skip
 """A grid of a hierarchy, for the compiled cycle: counts, then addresses of arrays.
@@ -50,9 +50,9 @@ residual, relaxed from zero, for slabs read what others had before they write, a
 residual; `s`: what ``z`` is multiplied by too, and the first product; `z`: the answer; `w`: its product; `c`: the first
 direction.
 
-`led, led_double` (slots,): red values that follow black ones, in both precisions; `parts`: slabs; `slabs` (parts, 5):
-as of `Slab`; `sums` (3 blocks,): of products, or of squares, of every block or chunk of slots; `shares` (2,): what both
-directions of a K-cycle have in its answer, or the first step's length.
+`led` (slots,): red values that follow the answer, in double precision; other ones are kept where the product will be;
+`parts`: slabs; `slabs` (parts, 5): as of `Slab`; `sums` (3 blocks,): of products, or of squares, of every block or
+chunk of slots; `shares` (2,): what both directions of a K-cycle have in its answer, or the first step's length.
 """
 
 Row = Any

@@ -52,7 +52,7 @@ def feed_black(level: Row, kind: int, slab: Slab) -> None:
     inverse, fed = singles(level.black_inverse, slots), singles(level.black_fed, slots)
     red_inverse, red_fed = singles(level.red_inverse, slots), singles(level.red_fed, slots)
     aggregate, coarse = indices(level.aggregate, slots), singles(level.below_fed, level.below_slots)
-    red, total, begin, last = singles(level.led, slots), singles(slab.room, level.block), slab.first - ahead, slab.last
+    red, total, begin, last = singles(level.w, slots), singles(slab.room, level.block), slab.first - ahead, slab.last
     if kind == RESTRICT:
         last = -(-(slab.end - level.margin) // level.block)
     coupling = first_coupling(level, max(begin, 0))
@@ -102,7 +102,7 @@ def multiply(level: Row, slab: Slab, product: Singles) -> None:
     """`MULTIPLY` on a slab, but for couplings; ``sums`` receives ``z.r``, ``z.w`` and ``z.s``, ``w`` the product."""
     slots, ahead, inverse = level.slots, blocks_ahead(level), singles(level.red_inverse, level.slots)
     r, s, z = singles(level.r, slots), singles(level.s, slots), singles(level.z, slots)
-    degree, red, total = doubles(level.degree, slots), doubles(level.led_double, slots), doubles(slab.room, level.block)
+    degree, red, total = doubles(level.degree, slots), doubles(level.led, slots), doubles(slab.room, level.block)
     sums, begin = doubles(level.sums, 3 * level.blocks), max(slab.first - ahead, 0)
     coupling = first_coupling(level, begin)
     for step in range(begin, slab.last + ahead):
@@ -141,7 +141,7 @@ def follow_couplings(level: Row, kind: int, product: Singles) -> float:
     """What couplings carry in a sweep that feeds black cells, behind all slabs; by how much ``z.w`` becomes less."""
     slots, joined, less = level.slots, level.joined, 0.0
     off_red, off_black = indices(level.off_red, joined), indices(level.off_black, joined)
-    g, red, exact = singles(level.couplings, joined), singles(level.led, slots), doubles(level.led_double, slots)
+    g, red, exact = singles(level.couplings, joined), singles(level.w, slots), doubles(level.led, slots)
     before, r, z = singles(level.before, slots), singles(level.r, slots), singles(level.z, slots)
     inverse, aggregate = singles(level.black_inverse, slots), indices(level.aggregate, slots)
     coarse = singles(level.below_fed, level.below_slots)
