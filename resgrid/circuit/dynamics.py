@@ -107,11 +107,9 @@ class Dynamics:
     @cached_property
     def loose(self) -> Factor | None:
         """Factors of ``N^T G N``; None where nothing is loose."""
-        return (
-            factor_laplacian(self.conductance.grouped(sparse.csr_array(self.spread.T)), "auto")
-            if self.spread.shape[1]
-            else None
-        )
+        if not self.spread.shape[1]:
+            return None
+        return factor_laplacian(self.conductance.grouped(sparse.csr_array(self.spread.T)), "auto")
 
     def voltage(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Node voltages of a state, in volts; shape (nodes,)."""

@@ -4,9 +4,8 @@
 `estimate_diagonal` needs only products with the inverse and tells how far it may be off.
 
 `symmetric_factors` are made by differences (SuperLU; Li 2005), for what is not positive throughout, or needs a few
-digits alone: admittances and quadratic forms are complex, or have entries of both signs; levels scaled by a potential
-have ground conductances of both signs; preconditioners need few digits.  All other factors are made in positive numbers
-alone (`resgrid.solvers.supernodal`).
+digits alone: admittances and quadratic forms are complex, or have entries of both signs; preconditioners need few
+digits.  All other factors are made in positive numbers alone (`resgrid.solvers.supernodal`).
 """
 
 from __future__ import annotations

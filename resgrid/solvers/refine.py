@@ -82,11 +82,6 @@ class Refined(NamedTuple):
     error: float
     bound: float
 
-    @property
-    def converged(self) -> bool:
-        """Whether it is an answer at all."""
-        return is_answer(self.error, self.bound)
-
 
 def entry_bound(violation: float) -> float:
     """Share of itself by which an entry is off, at most, from the sum of all rows' violations of KCL."""

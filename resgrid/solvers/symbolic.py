@@ -5,7 +5,7 @@ left have half of the entries, and take half of the products.  The others come i
 
 - *by distance* from the ground, far ends first: along the corridors of a maze a row is joined to those across the
   corridor alone, and fewer operations come of it than a general order takes to be found;
-- *by degree*, those first that fill least, for all that is wide.
+- *by fill*, those first that fill least, for all that is wide.
 
 Numba takes seconds to import: only functions that are about to solve import this module.
 """
@@ -27,7 +27,7 @@ Integers = NDArray[np.int64]
 Indices = NDArray[np.int32]
 
 _MOST_FILL, _MOST_FILL_OF_VOLUMES = 60, 600
-"""Entries a row above which a circuit is not narrow, and factors in the order by degree are sooner made."""
+"""Entries a row above which a circuit is not narrow, and factors in the order by fill are sooner made."""
 
 _DENSE = 10.0
 """A row of more than so many times the square root of all is eliminated last."""

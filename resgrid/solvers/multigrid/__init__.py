@@ -13,7 +13,7 @@
    resistance in series with what lies between (plain aggregation makes long ways too easy: Braess 1995).
 3. *Graphs* (`graphs.grow_aggregates, sum_up`). Netlists from the first level on, and grids that have fallen apart,
    have aggregates grown node by node along the strongest conductances. A netlist numbered at random is renumbered
-   breadth first before (`ordering_kernels.renumber`; Cuthill & McKee 1969). The rows are laid out by colour and length
+   before (`ordering_kernels.renumber`; Cuthill & McKee 1969). The rows are laid out by colour and length
    (`graphs.order_by_colour, lay_rows`); the last matrix is inverted (`inverse_matrix`). The product behind a backward
    sweep follows from its changes (`graph_sweeps.ascend_graph`; Eisenstat 1981).
 4. *Steps* (`conjugate_gradients.converge`, `krylov.advance`). Flexible conjugate gradients (Notay 2000) for the black

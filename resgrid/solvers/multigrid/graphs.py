@@ -220,7 +220,7 @@ def sum_up(
 def pack_netlist(rows: Rows, ground: Floats, unit: float) -> tuple[Graphs, NDArray[np.int32]]:
     """Coarsen what is no grid, in units, and lay out its levels; returns where every row stands, shape (n,).
 
-    Where neighbours are numbered far apart, rows are renumbered breadth first.  One that does not shrink stands twice.
+    Where neighbours are numbered far apart, rows are renumbered.  One that does not shrink stands twice.
     """
     conductance = np.divide(rows.data, unit, out=np.empty(len(rows.data), np.float32), casting="same_kind")
     graph, number = Graph(rows.indptr, rows.indices, conductance, ground / unit), None
