@@ -96,11 +96,16 @@ def node_values(system: Equations, factors: Factor | None, watch: Watch, team: T
 
 def values_above(system: Equations, heights: NDArray[np.float64]) -> NodeValues:
     """Values of all nodes from their heights above the reference, in volts, (nodes,); no difference is noise."""
-    zero, volts = system.reference, 1.0 if np.any(heights > 0.0) else -1.0
-    if system.rails is not None:
-        zero, volts = system.rails.low, system.rails.high - system.rails.low
+    zero, volts = _unit(system, heights)
     value = Scaled.of(np.nan_to_num((heights + (system.reference - zero)) / volts))
     return NodeValues(value._replace(noise=0.0), np.zeros(len(value.hi), np.bool_), zero, volts, 0.0)
+
+
+def _unit(system: Equations, heights: NDArray[np.float64]) -> tuple[float, float]:
+    """From where values are counted that are heights of nodes, and how many volts are one of them."""
+    if system.rails is None:
+        return system.reference, 1.0 if np.any(heights > 0.0) else -1.0
+    return system.rails.low, system.rails.high - system.rails.low
 
 
 def _drop_and_height(rails: Rails, factors: Factor | None, watch: Watch, team: Team) -> tuple[Scaled, Scaled | None]:
@@ -186,11 +191,11 @@ def read_normwise(system: Equations, x: NDArray[np.float64], **told: Any) -> Ope
     if not np.isfinite(x).all():
         raise CircuitError(OUT_OF_RANGE)
     heights = system.heights(x)
-    values = values_above(system, heights)
-    readings = partial(_normwise_readings, system.netlist, system.forest, system.unknown, values)
+    zero, volts = _unit(system, heights)
+    potential = _potential(system, (heights + (system.reference - zero)) / volts)
     point = OperatingPoint(
-        system.netlist, system.above_ground(heights), None, _potential(system, values), readings, system.floating,
-        system.undriven, **told,
+        system.netlist, system.above_ground(heights), None, potential, partial(_normwise_readings, system, heights),
+        system.floating, system.undriven, **told,
     )  # fmt: skip
     if system.forest.loop.any():
         _ = point.readings  # warns of currents that are undetermined
@@ -218,8 +223,8 @@ def read_entrywise(
     return point, residual, faint
 
 
-def _normwise_readings(*circuit: Any) -> Readings:
-    return _read(*circuit)[0]
+def _normwise_readings(system: Equations, heights: NDArray[np.float64]) -> Readings:
+    return _read(system.netlist, system.forest, system.unknown, values_above(system, heights))[0]
 
 
 def _read(
@@ -320,7 +325,7 @@ def _sums(
 
 def _stored(system: Equations, values: NodeValues) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
     """``log_drop`` and ``potential`` of every node, where they exist."""
-    potential = _potential(system, values)
+    potential = _potential(system, values.height)
     if system.rails is None or potential is None:
         return None, potential
     log_drop, above = values.value.log, np.flatnonzero(~values.down)
@@ -329,9 +334,12 @@ def _stored(system: Equations, values: NodeValues) -> tuple[NDArray[np.float64] 
     return log_drop, potential
 
 
-def _potential(system: Equations, values: NodeValues) -> NDArray[np.float64] | None:
-    """The height above the low of two rails, or above the only one if currents of one sign are all that drives."""
-    height, solved = values.height, system.unknown >= 0
+def _potential(system: Equations, height: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """The ``height`` above the low of two rails, or above the only one if currents of one sign are all that drives.
+
+    A new array (nodes,), which is made use of; None where there is no such potential.
+    """
+    solved = system.unknown >= 0
     if system.rails is not None:
         height[~solved & ((height < 0) | (height > 1))] = np.nan
     else:

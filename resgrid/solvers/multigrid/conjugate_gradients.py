@@ -55,7 +55,7 @@ _FASTEST, _SLOWEST = 0.3, 0.95
 _DOUBT = 10.0
 """By how much a step may go less far than its power lets expect."""
 
-_PASS, _LEAST_PASS = 1e-12, 1e-2
+_PASS, _LEAST_PASS = 1e-15, 1e-2
 """By how much a pass of refinement lessens the residual: at most, and at least."""
 
 
@@ -176,7 +176,7 @@ def approximate(
     accuracy: float,
     team: Team = ALONE,
 ) -> Numbers:
-    """Up to twelve digits of ``A^-1`` times scaled numbers, relative to the largest: an inverse for refinement."""
+    """Up to fifteen digits of ``A^-1`` times scaled numbers, relative to the largest: an inverse for refinement."""
     top = 0
     if e.any() and m.any():
         top = int(e[m != 0].max())

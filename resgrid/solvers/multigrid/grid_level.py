@@ -70,16 +70,16 @@ def lay_out(
     if 2 * lattice.slots > MOST_NUMBERED:
         return None
     slot = np.full(len(excess), -1, dtype=np.int32)
-    if place_rows(cells.ravel(), lattice.cells.ravel(), slot) != len(slot):
+    if place_rows(cells.reshape(-1, cells.shape[-1]), lattice.lines, lattice.slots, slot) != len(slot):
         return None
     faces, leak = np.zeros((2 * cells.ndim, lattice.slots)), np.zeros((2, lattice.slots))
     rings = np.empty(min(len(pairs), sum(cells.size // length for length in cells.shape)), dtype=np.int64)
-    at_node = np.append(slot, np.int32(-1))[row]
-    count = fill_faces(pairs, conductance, at_node, lattice.distance, 1.0 / unit, faces, rings)
+    count = fill_faces(pairs, conductance, row, slot, lattice.distance, 1.0 / unit, faces, rings)
     if count < 0:
         return None
-    leak.ravel()[slot] = excess / unit
-    off = _rings(at_node[pairs[rings[:count]]], conductance[rings[:count]] / unit, lattice)
+    tied = np.flatnonzero(excess)
+    leak.ravel()[slot[tied]] = excess[tied] / unit
+    off = _rings(slot[row[pairs[rings[:count]]]], conductance[rings[:count]] / unit, lattice)
     empty = np.empty(0, dtype=np.int64)
     return level_of(lattice, Edges(faces, lattice.distance, lattice.margin, *off), leak, (empty, empty)), slot
 
@@ -176,7 +176,7 @@ def to_graph(level: Level) -> tuple[Graph, NDArray[np.int32]]:
 
 @kernel
 def fill_faces(
-    pairs: Indices, conductance: Floats, at_node: Indices, distance: Integers, scale: float, faces: Floats,
+    pairs: Indices, conductance: Floats, row: Indices, slot: Indices, distance: Integers, scale: float, faces: Floats,
     couplings: Integers,
 ) -> int:  # fmt: skip
     """Add every resistor between two unknowns to its red cell's face, and note those that lead elsewhere as couplings.
@@ -187,9 +187,10 @@ def fill_faces(
     """
     slots, count, face = faces.shape[1], 0, 0
     for k in range(len(pairs)):
-        red, black = at_node[pairs[k, 0]], at_node[pairs[k, 1]]
-        if red < 0 or black < 0 or red == black:
+        here, there = row[pairs[k, 0]], row[pairs[k, 1]]
+        if here < 0 or there < 0 or here == there:
             continue
+        red, black = slot[here], slot[there]
         if red >= slots:
             red, black = black, red
         black -= slots
@@ -221,19 +222,20 @@ def _face_at(distance: Integers, away: int) -> int:
 
 
 @kernel
-def place_rows(cells: Indices, slot_of_cell: Indices, slot: Indices) -> int:
-    """Slot of every row, from the rows of cells; returns how many there are, -1 if a row has two cells.
+def place_rows(cells: Indices, lines: Integers, slots: int, slot: Indices) -> int:
+    """Slot of every row, from the rows of cells, line by line; returns how many there are, -1 if a row has two cells.
 
-    ``slot`` comes -1, and stays so where a row has no cell.
+    ``lines``: as `Lattice.lines`; ``slot`` comes -1, and stays so where a row has no cell.
     """
     count = 0
-    for cell in range(len(cells)):
-        row = cells[cell]
-        if row >= 0:
-            if slot[row] >= 0:
-                return -1
-            slot[row] = slot_of_cell[cell]
-            count += 1
+    for line in range(len(lines)):
+        for k in range(cells.shape[1]):
+            row, number = cells[line, k], lines[line] + k
+            if row >= 0:
+                if slot[row] >= 0:
+                    return -1
+                slot[row] = (number >> 1) + (number & 1) * slots
+                count += 1
     return count
 
 

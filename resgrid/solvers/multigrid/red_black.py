@@ -75,6 +75,12 @@ class Lattice:
         return np.array([d for s in self.strides for d in (-(s + 1) // 2, (s - 1) // 2)], dtype=np.int64)
 
     @property
+    def lines(self) -> NDArray[np.int64]:
+        """Number of the first cell of every line along the last axis, red and black slots counted in turn."""
+        first = np.ix_(*(stride * np.arange(cells) for stride, cells in zip(self.strides, self.shape[:-1], strict=False)))
+        return np.ravel(2 * self.margin + sum(first))
+
+    @property
     def cells(self) -> NDArray[np.int32]:
         """Slots of all cells, of the grid's shape; black ones are counted behind all slots of red ones."""
         return self._by_cell(np.arange(2 * self.slots, dtype=np.int32).reshape(2, -1).T.ravel())
