@@ -129,7 +129,7 @@ def choose_method(laplacian: Laplacian, accuracy: str = "direction") -> str:
 
     Direct where the laplacian is small, or narrow; where conductances differ so wildly from node to node that no coarse
     grid stands for them; and between two rails where the potential falls by more decades than refinement wins back in
-    that time, some twelve a pass.
+    that time, some fifteen a pass.
     """
     return _choose(laplacian, "auto", accuracy).method
 

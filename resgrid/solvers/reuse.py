@@ -22,9 +22,9 @@ from resgrid.errors import AccuracyError
 from resgrid.solvers.factor import factor_multigrid
 from resgrid.solvers.laplacian import Grid, Laplacian
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.multigrid.conjugate_gradients import ROUNDING, GridProblem, Stop, converge, iterate
+from resgrid.solvers.multigrid.conjugate_gradients import ROUNDING, Stop, converge, iterate
 from resgrid.solvers.multigrid.grid_level import lay_out
-from resgrid.solvers.multigrid.hierarchy import Hierarchy, build_hierarchy, finest_stencils
+from resgrid.solvers.multigrid.hierarchy import GridProblem, Hierarchy, build_hierarchy, finest_stencils
 from resgrid.solvers.multigrid.krylov import norm
 from resgrid.solvers.multigrid.levels import Finest
 from resgrid.solvers.multigrid.red_black import Lattice
@@ -77,7 +77,8 @@ def solve_by_levels(
         degree, largest = np.maximum(laid_out[0].degree, ordinary), float(laid_out[0].degree.max())
         fresh = finest_stencils(laid_out[0])
         if problem is None:
-            problem = GridProblem(Finest(*fresh, hierarchy.grid.aggregate), hierarchy.levels, np.zeros_like(degree))
+            finest = Finest(*fresh, hierarchy.grid.aggregate)
+            problem = GridProblem(finest, hierarchy.levels, np.zeros_like(degree), x)
         for old, new in zip((*problem.finest.true, *problem.finest.stencil), (*fresh[0], *fresh[1]), strict=True):
             if isinstance(old, np.ndarray):  # written over, for the problem knows them by their addresses
                 old[:] = new
@@ -86,7 +87,7 @@ def solve_by_levels(
         problem.currents.ravel()[slot] = drive / unit
         # A row whose own diagonal exceeds an ordinary one counts for so much less.
         wanted = rtol * norm((problem.currents * (ordinary / degree)).ravel())
-        residual = converge(problem, x, Stop(wanted, ROUNDING * largest, unit), None)
+        residual = converge(problem, Stop(wanted, ROUNDING * largest, unit), None)
         solution = x.ravel()[slot]
         yield solution if residual <= max(wanted, _LEFT * ordinary * norm(solution)) else None
 
@@ -157,7 +158,7 @@ class WarmGrid:
         degree = self.finest.true.black_degree
         even = float(degree.max()) <= _EVEN * float(degree.min(where=degree > 0.0, initial=np.inf))
         stop = Stop(allowed, ROUNDING * largest, hierarchy.unit, self.x if begun else None, rtol if even else 0.0)
-        size = converge(GridProblem(self.finest, hierarchy.levels, self.b), self.x, stop, watch)
+        size = converge(GridProblem(self.finest, hierarchy.levels, self.b, self.x), stop, watch)
         scale = 2.0 * largest * norm(self.x.ravel()) + norm(self.b.ravel())
         error = size / (scale or 1.0)
         if not error <= rtol:

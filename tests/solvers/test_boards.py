@@ -21,7 +21,7 @@ from resgrid.solvers.multigrid import cycle
 from resgrid.solvers.multigrid.blocks import coarsen
 from resgrid.solvers.multigrid.graphs import Graph, pack_graphs
 from resgrid.solvers.multigrid.grid_level import Level, compensated, in_single, lay_out, stencil_of, to_graph
-from resgrid.solvers.multigrid.hierarchy import GridPreconditioner, build_hierarchy
+from resgrid.solvers.multigrid.hierarchy import GridProblem, build_hierarchy
 from resgrid.solvers.multigrid.krylov import black_residual
 from resgrid.solvers.multigrid.levels import Finest, Levels
 from resgrid.space import ConfigurationSpace
@@ -59,12 +59,13 @@ def down(level: Level, split: bool) -> list[Level]:
     return levels
 
 
-def above_one_node(finest: Finest) -> GridPreconditioner:
+def above_one_node(finest: Finest) -> GridProblem:
     """A finest level above a single node, whose voltage is 1."""
     alone = Graph(np.zeros(2, np.int32), np.empty(0, np.int32), np.empty(0), np.ones(1))
-    preconditioner = GridPreconditioner(finest, Levels((), pack_graphs([alone], [])[0]))
-    preconditioner._work.x[:] = [0.0, 1.0]
-    return preconditioner
+    room = np.zeros((2, 2, len(finest.aggregate)))
+    problem = GridProblem(finest, Levels((), pack_graphs([alone], [])[0]), *room)
+    problem.work.x[:] = [0.0, 1.0]
+    return problem
 
 
 @njit
@@ -94,17 +95,17 @@ def test_the_schur_complement_is_that_of_dense_elimination(
         z, r, s = np.zeros((3, slots), dtype=np.float32)
         here = used[black] - slots
         z[here], r[here], s[here] = rng.normal(size=(3, len(here)))
-        w = np.zeros(slots, dtype=np.float32)
         stencil = in_single(stencil_of(level))._replace(block=block)
         stencil = stencil._replace(black_degree=compensated(level, stencil))
         relaxed = z[here] + 1.0
         to_one = np.zeros(slots, dtype=np.int32)
         to_one[here] = 1
         finest = Finest(stencil_of(level), stencil, to_one)
-        preconditioner = above_one_node(finest)
-        preconditioner.before[:] = z
-        preconditioner.use(r, s, z, w)
-        zr, zw, zs = finished(preconditioner.table, preconditioner.state)
+        problem = above_one_node(finest)
+        v, w = problem.vectors, problem.vectors.w
+        v.before[:], v.r[:], v.s[:] = z, r, s
+        problem.write_into(z)
+        zr, zw, zs = finished(problem.table, problem.state)
         size = np.abs(schur).sum(axis=1).max() * np.abs(z).max()
         degree = matrix.diagonal()[black]
         relaxed += (r[here] - schur @ relaxed) / degree
@@ -261,7 +262,8 @@ def test_work_space_is_not_shared_but_conductances_are() -> None:
     cell[0, 0] = 2
     hierarchy = build_hierarchy(assemble(compile_space(space_of(cell), boundary="neumann")).laplacian)
     assert hierarchy.grid is not None
-    both = [GridPreconditioner(hierarchy.grid, hierarchy.levels) for _ in range(2)]
-    one, other = (preconditioner.table for preconditioner in both)
+    rooms = np.zeros((2, 2, 2, len(hierarchy.grid.aggregate)))
+    both = [GridProblem(hierarchy.grid, hierarchy.levels, *room) for room in rooms]
+    one, other = (problem.table for problem in both)
     assert not np.any(one["red_fed"][1:] == other["red_fed"][1:])
     assert np.array_equal(one["faces"], other["faces"])

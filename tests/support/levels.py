@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.solvers.multigrid.grid_level import Level, to_graph
-from resgrid.solvers.multigrid.hierarchy import GridPreconditioner, Hierarchy
+from resgrid.solvers.multigrid.hierarchy import GridProblem, Hierarchy
 
 
 def matrix_of(level: Level) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -36,7 +36,7 @@ def cells_of(level: Level) -> NDArray[np.int64]:
 def preconditioned(hierarchy: Hierarchy, r: NDArray[np.float32]) -> NDArray[np.float64]:
     """A residual of the finest level, preconditioned by a cycle that is linear: without the steps of the K-cycle."""
     assert hierarchy.grid is not None
-    precondition = GridPreconditioner(hierarchy.grid, hierarchy.levels)
-    z = hierarchy.grid.stencil.black_inverse * r
-    precondition(r, np.zeros_like(r), z, np.zeros_like(r), np.inf)
+    problem, z = GridProblem(hierarchy.grid, hierarchy.levels, *np.zeros((2, 2, len(r)))), np.empty_like(r)
+    problem.vectors.r[:], problem.vectors.before[:] = r, hierarchy.grid.stencil.black_inverse * r
+    problem.precondition(z, np.inf)
     return z.astype(np.float64)

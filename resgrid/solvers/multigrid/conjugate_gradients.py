@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -19,10 +18,7 @@ from resgrid.solvers.extended import Numbers, power
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid import krylov
-from resgrid.solvers.multigrid.cycle import precondition_graph
-from resgrid.solvers.multigrid.graph_sweeps import work_space
-from resgrid.solvers.multigrid.hierarchy import GridPreconditioner, Hierarchy
-from resgrid.solvers.multigrid.levels import Finest, Levels
+from resgrid.solvers.multigrid.hierarchy import GraphProblem, GridProblem, Hierarchy, Problem
 from resgrid.solvers.team import ALONE, Team
 
 MOST_ITERATIONS = 200
@@ -32,9 +28,6 @@ LEAST_GAIN = 0.5
 ROUNDING = 2.0**-52
 _TOLD = 5e-7
 """Gain below which the residual that recursion leaves is rounding of single precision."""
-
-_DEPTH = 3
-"""Steps that are kept before they are gone."""
 
 _BURST = 1e-5
 """Gain of a burst from its largest residual on: vectors in single precision allow no more."""
@@ -58,71 +51,6 @@ _DOUBT = 10.0
 _PASS, _LEAST_PASS = 1e-15, 1e-2
 """By how much a pass of refinement lessens the residual: at most, and at least."""
 
-
-@dataclass(eq=False)
-class GridProblem:
-    """The equations of a grid's black cells: ``S = D - G^T R G``, the red ones eliminated; in the hierarchy's units.
-
-    `finest, levels`: of the hierarchy; `currents` (2, slots): into both colours; `depth`: steps that are kept before
-    they are gone; `team`: whose threads take steps; `vectors`: of the iteration; `before` (slots,): where the residual
-    is relaxed from zero, to begin with; `nearly`: share of the goal to which steps bring the residual, a relaxation
-    does the rest.
-    """
-
-    finest: Finest
-    levels: Levels
-    currents: NDArray[np.float64]
-    depth: int = _DEPTH
-    team: Team = ALONE
-    nearly = _NEARLY
-
-    def __post_init__(self) -> None:
-        self.vectors = krylov.vectors_over(self.finest.stencil.black_inverse, self.depth)
-        self._preconditioner = GridPreconditioner(self.finest, self.levels, self.team)
-        self.before = self._preconditioner.before
-
-    def residual(self, x: NDArray[np.float64], r: NDArray[np.float64]) -> float:
-        """``r = b - A x``, and its norm; relaxes the red cells.  Shapes: `x` (colours, slots), `r` (slots,)."""
-        return self._preconditioner.residual(self.currents, x, r)
-
-    def precondition(self, z: NDArray[np.float32]) -> tuple[float, float, float]:
-        """Precondition ``r`` into ``z``, and multiply into ``w``; returns ``z.r, z.w, z.s``."""
-        v = self.vectors
-        return self._preconditioner(v.r, v.s, z, v.w)
-
-
-@dataclass(eq=False)
-class _GraphProblem:
-    """As `GridProblem`, of a netlist's rows, in the order of the finest level: `b` (n,) in amperes."""
-
-    laplacian: Laplacian
-    hierarchy: Hierarchy
-    b: NDArray[np.float64]
-    team: Team
-    nearly = _SAFETY
-
-    def __post_init__(self) -> None:
-        graphs = self.hierarchy.levels.graphs
-        self.vectors, self._work = krylov.vectors_over(graphs.inverse[: len(self.b)], _DEPTH), work_space(graphs)
-        self.before = np.empty_like(self.vectors.r)
-
-    def residual(self, x: NDArray[np.float64], r: NDArray[np.float64]) -> float:
-        """As of `GridProblem`."""
-        slot, unit = self.hierarchy.slot, self.hierarchy.unit
-        if x.any():
-            krylov.row_residual(*matrix_rows(self.laplacian), slot, self.b, x[0, slot], r)
-            r *= 1.0 / unit
-        else:
-            r[slot] = self.b / unit
-        return krylov.norm(r)
-
-    def precondition(self, z: NDArray[np.float32]) -> tuple[float, float, float]:
-        """As of `GridProblem`."""
-        v, of = self.vectors, self.hierarchy
-        return precondition_graph(of.levels.graphs, self._work, v.r, v.s, z, v.w)
-
-
-_Problem = GridProblem | _GraphProblem
 
 _RANGE = 400
 """Powers of two between currents and conductances from which squares of voltages may be no doubles."""
@@ -152,19 +80,19 @@ def iterate(
         x, size = iterate(laplacian, hierarchy, small[0], rtol, small[1], watch, team)
         with np.errstate(over="ignore"):
             return np.ldexp(x, binades), float(np.ldexp(size, binades))
-    problem: _Problem
+    problem: Problem
     if hierarchy.grid is None:
-        problem, x = _GraphProblem(laplacian, hierarchy, b, team), np.zeros((1, len(b)))
+        problem = GraphProblem(laplacian, hierarchy, b, np.zeros((1, len(b))), team)
     else:
-        x, currents = np.zeros((2, 2, len(hierarchy.grid.aggregate)))
+        currents, x = np.zeros((2, 2, len(hierarchy.grid.aggregate)))
         currents.ravel()[slot] = b / unit
-        problem = GridProblem(hierarchy.grid, hierarchy.levels, currents, team=team)
+        problem = GridProblem(hierarchy.grid, hierarchy.levels, currents, x, team)
     if guess is not None:
-        x.ravel()[slot] = guess
-    fed = krylov.norm(b / unit if hierarchy.grid is None else currents.ravel(), team)
-    stop = Stop(rtol * fed, ROUNDING * hierarchy.largest_degree / unit, unit, guess, rtol)
-    size = converge(problem, x, stop, Watch() if watch is None else watch)
-    return np.take(x.ravel(), slot), size * unit
+        problem.x.ravel()[slot] = guess
+    wanted = rtol * krylov.norm(b / unit, team)
+    stop = Stop(wanted, ROUNDING * hierarchy.largest_degree / unit, unit, guess, rtol)
+    size = converge(problem, stop, Watch() if watch is None else watch)
+    return np.take(problem.x.ravel(), slot), size * unit
 
 
 def approximate(
@@ -233,23 +161,20 @@ class Stop:
             self.small = self._far * ahead <= self._near
 
 
-def converge(problem: _Problem, x: NDArray[np.float64], stop: Stop, watch: Watch | None) -> float:
-    """Improve ``x`` (colours, slots) in place until the residual is small enough, or rounding forbids more.
-
-    Returns the norm, in units.
-    """
-    burst = _Burst(problem, stop, watch)
-    last, left = np.inf, MOST_ITERATIONS
+def converge(problem: Problem, stop: Stop, watch: Watch | None) -> float:
+    """Improve the solution until the residual is small enough, or rounding forbids more; returns its norm, in units."""
+    burst, x = _Burst(problem, stop, watch), problem.x
+    last, left, nearly = np.inf, MOST_ITERATIONS, _NEARLY if problem.relaxes else _SAFETY
     while True:
         first = not math.isfinite(last)
-        size = problem.residual(x, burst.residual)
+        size = problem.residual(burst.residual)
         goal = stop.goal(None, first=first)
         if size > goal:
             goal = stop.goal(x, first=first)
-        if not first and goal < size <= problem.nearly * goal:
+        if not first and goal < size <= nearly * goal:
             x[-1] += problem.vectors.inverse * burst.residual
             burst.forget()
-            size = problem.residual(x, burst.residual)
+            size = problem.residual(burst.residual)
         stop.small &= size <= max(_DRIFT * burst.left * last, goal)
         if stop.small or not (size > goal and size < LEAST_GAIN * last and left > 0):
             return size
@@ -257,7 +182,7 @@ def converge(problem: _Problem, x: NDArray[np.float64], stop: Stop, watch: Watch
             watch.begin(size * stop.unit, goal * stop.unit)
         if size > _DRIFT * burst.left * last or burst.left < _TOLD:
             burst.forget()
-        left -= burst.run(x[-1], size, min(problem.nearly * goal / size, _SAFETY), left)
+        left -= burst.run(size, min(nearly * goal / size, _SAFETY), left)
         last = size
 
 
@@ -269,7 +194,7 @@ class _Burst:
     of it; their shares in the answer and in the direction are `on_x, on_p` (depth + 1,), last those of ``p``.
     """
 
-    def __init__(self, problem: _Problem, stop: Stop, watch: Watch | None) -> None:
+    def __init__(self, problem: Problem, stop: Stop, watch: Watch | None) -> None:
         self._problem, self._stop, self._watch = problem, stop, watch
         self._v = problem.vectors
         # Between bursts, the true residual stands where the last steps will be kept.
@@ -283,35 +208,35 @@ class _Burst:
         """Drop the last direction: a residual that is not what recursion left is not orthogonal to it."""
         self._energy = 0.0
 
-    def run(self, x: NDArray[np.float64], size: float, gain: float, most: int) -> int:
+    def run(self, size: float, gain: float, most: int) -> int:
         """Reduce the residual, of norm ``size``, by a factor ``gain``; returns the steps taken."""
         v, steps = self._v, 0
         np.divide(self.residual, size, out=v.r, casting="same_kind")
-        np.multiply(v.inverse, v.r, out=self._problem.before)
+        np.multiply(v.inverse, v.r, out=v.before)
         self.left = largest = 1.0
         while steps < most and not self._stop.small and self.left > max(gain, _BURST * largest):
-            if not self._step(x, size):
+            if not self._step(size):
                 break
             largest = max(largest, self.left)
             steps += 1
             if self._watch is not None:
                 self._watch.step(self.left * size * self._stop.unit)
-        self._gather(x, size)
+        self._gather(size)
         return steps
 
     def _each(self, loop: Callable[[int, int], Any]) -> list[Any]:
         """Call a loop for all slots, piece by piece."""
         return self._problem.team.over(len(self._v.r), lambda some: loop(some.start, some.stop))
 
-    def _gather(self, x: NDArray[np.float64], unit: float) -> None:
-        """Go the steps kept: they become part of ``x``, in units of ``unit``."""
-        v = self._v
+    def _gather(self, unit: float) -> None:
+        """Go the steps kept: they become part of the solution, in units of ``unit``."""
+        v, x = self._v, self._problem.x[-1]
         self._each(partial(krylov.add_steps, v.z[: self._kept], self._on_x, self._on_p, v.p, unit, x))
         self._on_x[:], self._on_p[:] = 0.0, 0.0
         self._on_p[-1] = 1.0
         self._kept = 0
 
-    def _step(self, x: NDArray[np.float64], unit: float) -> bool:
+    def _step(self, unit: float) -> bool:
         """``p = z + beta p``, ``x += alpha p``, ``r -= alpha A p``, ``z`` about ``A^-1 r``; whether there was one.
 
         There is none where the direction has no energy ``p.A p``.
@@ -334,18 +259,10 @@ class _Burst:
 
         self._stop.moved(alpha * zr * unit * unit, move)
         if self._kept == len(v.z):
-            self._gather(x, unit)
-        squares = self._each(partial(krylov.advance, v.inverse, v.w, v.s, v.r, problem.before, beta, alpha))
+            self._gather(unit)
+        squares = self._each(partial(krylov.advance, v.inverse, v.w, v.s, v.r, v.before, beta, alpha))
         self.left = math.sqrt(sum(squares))
         return True
-
-
-def matrix_rows(
-    laplacian: Laplacian,
-) -> tuple[NDArray[np.uint32], NDArray[np.uint32], NDArray[np.float64], NDArray[np.float64]]:
-    """The nodal matrix in compressed rows, with indices that need no sign."""
-    rows = laplacian.as_rows()
-    return rows.indptr.view(np.uint32), rows.indices.view(np.uint32), rows.data, laplacian.ground
 
 
 def _largest(values: NDArray[np.float64]) -> float:

@@ -1,4 +1,6 @@
-"""The hierarchy that preconditions the multigrid solver: red-black grids and graphs for grids, graphs for netlists.
+"""The hierarchy that preconditions the multigrid solver, and the equations as it preconditions them.
+
+Red-black grids and graphs for grids, graphs for netlists.
 
 A grid is preconditioned on one thread or several, with the same digits, whatever their number: the finest grids are cut
 into slabs (`resgrid.solvers.multigrid.sweeps`); levels below are too small to be worth a wait.
@@ -14,12 +16,12 @@ from numpy.typing import NDArray
 
 from resgrid.solvers import machine
 from resgrid.solvers.laplacian import Laplacian
+from resgrid.solvers.multigrid import krylov
 from resgrid.solvers.multigrid.blocks import coarsen
-from resgrid.solvers.multigrid.cycle import ENOUGH, help_sweep, precondition_grid
+from resgrid.solvers.multigrid.cycle import ENOUGH, help_sweep, precondition_graph, precondition_grid
 from resgrid.solvers.multigrid.graph_sweeps import work_space
 from resgrid.solvers.multigrid.graphs import coarsen_down, pack_graphs, pack_netlist
 from resgrid.solvers.multigrid.grid_level import Level, compensated, in_single, lay_out, stencil_of, to_graph
-from resgrid.solvers.multigrid.krylov import black_residual
 from resgrid.solvers.multigrid.levels import (
     CHUNK,
     GRID,
@@ -152,14 +154,21 @@ def lay_out_grid(laplacian: Laplacian) -> tuple[Level, NDArray[np.int32], float,
     return None if laid_out is None else (*laid_out, unit, tuple(box))
 
 
-class GridPreconditioner:
-    """What preconditions the black cells of a grid on the slabs of its levels, for one solve.
+class GridProblem:
+    """The equations of a grid's black cells, ``S = D - G^T R G``, the red ones eliminated, in the hierarchy's units.
 
-    `before` (slots,): where the residual is relaxed to begin with.
+    Its levels are cut into slabs for the threads of a team.
+
+    `finest`: of the levels; `currents` (2, slots): into both colours; `x` (2, slots): the solution, which is improved;
+    `vectors`: of the iteration; `relaxes`: whether what they lack can be made up for by relaxing all cells.
     """
 
-    def __init__(self, finest: Finest, levels: Levels, team: Team = ALONE) -> None:
-        self._team, self._true, self._graphs, self._work = team, finest.true, levels.graphs, work_space(levels.graphs)
+    relaxes = True
+
+    def __init__(self, finest: Finest, levels: Levels, currents: Floats, x: Floats, team: Team = ALONE) -> None:
+        self.finest, self.currents, self.x, self.team = finest, currents, x, team
+        self.vectors = v = krylov.vectors_over(finest.stencil.black_inverse)
+        self._graphs, self.work = levels.graphs, work_space(levels.graphs)
         self.state = np.zeros(machine.PLACES, dtype=np.int64)
         grids = (GridLevel(finest.stencil, finest.aggregate), *levels.grids)
         slots = [len(of.aggregate) for of in grids]
@@ -171,19 +180,21 @@ class GridPreconditioner:
         self.table = np.zeros(len(grids), dtype=GRID)
         fed = [np.zeros((2, count), dtype=np.float32) for count in slots[1:]]
         answers = [np.zeros((2, count), dtype=np.float32) for count in slots[1:]]
-        below = [*zip(fed, answers, strict=True), (self._work.b[: 1 + self._graphs.first[1]], self._work.x)]
+        below = [*zip(fed, answers, strict=True), (self.work.b[: 1 + self._graphs.first[1]], self.work.x)]
         for number, (row, of, cut) in enumerate(zip(self.table, grids, cuts, strict=True)):
             self._fill(row, of, cut, below[number])
-            self._note(row, led=np.zeros(slots[number]), sums=sums, shares=shares)
+            self._note(row, sums=sums, shares=shares)
             if number:
                 (red_fed, black_fed), (red, before) = fed[number - 1], answers[number - 1]
                 r, s, z, w, c = np.zeros((5, slots[number]), dtype=np.float32)
                 self._note(row, red_fed=red_fed, black_fed=black_fed, red=red, before=before, r=r, s=s, z=z, w=w, c=c)
+                self._note(row, led=np.zeros(slots[number]))
+        # The red cells of the solution follow its black ones whenever there is a residual.
+        self._note(self.table[0], before=v.before, r=v.r, s=v.s, w=v.w, led=x[0])
         self._rooms = np.zeros((max(len(cut) for cut in cuts), int(self.table["block"].max())))
         for row, cut in zip(self.table, cuts, strict=True):
             slabs = [(*slab[:-1], room.ctypes.data) for slab, room in zip(cut, self._rooms, strict=False)]
             self._note(row, slabs=np.array(slabs))
-        self.before = np.zeros(slots[0], dtype=np.float32)
 
     def _fill(self, row: np.void, of: GridLevel, cut: list[Slab], below: tuple[Singles, Singles]) -> None:
         """Describe a grid by its row of the table."""
@@ -208,11 +219,13 @@ class GridPreconditioner:
             row[name] = array.ctypes.data
             self._kept.append(array)
 
-    def __call__(
-        self, r: Singles, s: Singles, z: Singles, w: Singles, stop: float = ENOUGH
-    ) -> tuple[float, float, float]:
-        """Precondition ``r`` into ``z``, and multiply into ``w``; `cycle.precondition_grid` says the rest."""
-        self.use(r, s, z, w)
+    def residual(self, r: Floats) -> float:
+        """``r = b - A x`` (slots,), and its norm; relaxes the red cells."""
+        return krylov.black_residual(self.finest.true, self.currents, self.x, r, self._parts, self.team)
+
+    def precondition(self, z: Singles, stop: float = ENOUGH) -> tuple[float, float, float]:
+        """Precondition ``r`` into ``z``, and multiply into ``w``; returns ``z.r, z.w, z.s``; `run_cycle` says more."""
+        self.write_into(z)
         if len(self._parts) == 1:
             return self._lead(stop)
         made = list[float]()
@@ -224,21 +237,45 @@ class GridPreconditioner:
             else:
                 made.extend(self._lead(stop))
 
-        self._team.share(part, self._team.size)
+        self.team.share(part, self.team.size)
         rest, product, gamma = made
         return rest, product, gamma
 
-    def _lead(self, stop: float) -> tuple[float, float, float]:
-        return precondition_grid(self.table, self.state, self._graphs, self._work, stop)
-
-    def use(self, r: Singles, s: Singles, z: Singles, w: Singles) -> None:
-        """Let the finest level have these vectors."""
-        self._vectors = {"before": self.before, "r": r, "s": s, "z": z, "w": w}
-        for name, vector in self._vectors.items():
-            self.table[name][0] = vector.ctypes.data
-        margin = int(self.table["margin"][0])
+    def write_into(self, z: Singles) -> None:
+        """Let the finest level have its answer there."""
+        self._answer, self.table["z"][0] = z, z.ctypes.data
+        margin = self.finest.stencil.margin
         z[:margin], z[len(z) - margin :] = 0.0, 0.0
 
-    def residual(self, b: Floats, x: Floats, r: Floats) -> float:
-        """As `black_residual`, on the team's threads."""
-        return black_residual(self._true, b, x, r, self._parts, self._team)
+    def _lead(self, stop: float) -> tuple[float, float, float]:
+        return precondition_grid(self.table, self.state, self._graphs, self.work, stop)
+
+
+class GraphProblem:
+    """As `GridProblem`, of a netlist's rows: `x` (1, n), in the order of the finest level.  Shapes: `b` (n,)."""
+
+    relaxes = False
+
+    def __init__(self, laplacian: Laplacian, hierarchy: Hierarchy, b: Floats, x: Floats, team: Team) -> None:
+        self.x, self.team, self._graphs = x, team, hierarchy.levels.graphs
+        self.vectors = krylov.vectors_over(self._graphs.inverse[: len(b)])
+        rows, self._b = laplacian.as_rows(), b
+        # Indices without a sign need not be asked whether they count from the end.
+        self._matrix = rows.indptr.view(np.uint32), rows.indices.view(np.uint32), rows.data, laplacian.ground
+        self._slot, self._unit, self._work = hierarchy.slot, hierarchy.unit, work_space(self._graphs)
+
+    def residual(self, r: Floats) -> float:
+        """As of `GridProblem`."""
+        if self.x.any():
+            krylov.row_residual(*self._matrix, self._slot, self._b, self.x[0, self._slot], r)
+            r *= 1.0 / self._unit
+        else:
+            r[self._slot] = self._b / self._unit
+        return krylov.norm(r)
+
+    def precondition(self, z: Singles) -> tuple[float, float, float]:
+        """As of `GridProblem`."""
+        return precondition_graph(self._graphs, self._work, self.vectors.r, self.vectors.s, z, self.vectors.w)
+
+
+Problem = GridProblem | GraphProblem

@@ -18,27 +18,32 @@ from resgrid.solvers.team import ALONE, Team
 
 Unsigned = NDArray[np.uint32]
 
+_DEPTH = 3
+"""Steps that are kept before they are gone."""
+
 
 class Vectors(NamedTuple):
     """The vectors of the iteration.
 
-    `inverse` (slots,): of the diagonal; `r, s, w` (slots,): residual, ``A p`` and ``A z``; `z` (depth, slots):
-    preconditioned residuals that are not yet part of the answer; `p` (slots,): direction before them.
+    `inverse` (slots,): of the diagonal; `r, s, w` (slots,): residual, ``A p`` and ``A z``; `before` (slots,): the
+    residual, relaxed from zero; `z` (depth, slots): preconditioned residuals that are not yet part of the answer; `p`
+    (slots,): direction before them.
     """
 
     inverse: Singles
     r: Singles
     s: Singles
     w: Singles
+    before: Singles
     z: Singles
     p: Floats
 
 
-def vectors_over(inverse: Singles, depth: int) -> Vectors:
+def vectors_over(inverse: Singles) -> Vectors:
     """Vectors at rest."""
     slots = len(inverse)
-    r, s, w = np.zeros((3, slots), dtype=np.float32)
-    return Vectors(inverse, r, s, w, np.empty((depth, slots), dtype=np.float32), np.zeros(slots))
+    r, s, w, before = np.zeros((4, slots), dtype=np.float32)
+    return Vectors(inverse, r, s, w, before, np.empty((_DEPTH, slots), dtype=np.float32), np.zeros(slots))
 
 
 def norm(x: Floats, team: Team = ALONE) -> float:

@@ -77,7 +77,9 @@ class Lattice:
     @property
     def lines(self) -> NDArray[np.int64]:
         """Number of the first cell of every line along the last axis, red and black slots counted in turn."""
-        first = np.ix_(*(stride * np.arange(cells) for stride, cells in zip(self.strides, self.shape[:-1], strict=False)))
+        first = np.ix_(
+            *(stride * np.arange(cells) for stride, cells in zip(self.strides, self.shape[:-1], strict=False))
+        )
         return np.ravel(2 * self.margin + sum(first))
 
     @property
