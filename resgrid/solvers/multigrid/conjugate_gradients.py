@@ -80,19 +80,22 @@ def iterate(
         x, size = iterate(laplacian, hierarchy, small[0], rtol, small[1], watch, team)
         with np.errstate(over="ignore"):
             return np.ldexp(x, binades), float(np.ldexp(size, binades))
+    share = b / unit
+    wanted, x = rtol * krylov.norm(share, team), np.zeros((1, len(b)))
     problem: Problem
     if hierarchy.grid is None:
-        problem = GraphProblem(laplacian, hierarchy, b, np.zeros((1, len(b))), team)
+        problem = GraphProblem(laplacian, hierarchy, b, x, team)
     else:
         currents, x = np.zeros((2, 2, len(hierarchy.grid.aggregate)))
-        currents.ravel()[slot] = b / unit
+        currents.ravel()[slot] = share
+        del share
         problem = GridProblem(hierarchy.grid, hierarchy.levels, currents, x, team)
     if guess is not None:
-        problem.x.ravel()[slot] = guess
-    wanted = rtol * krylov.norm(b / unit, team)
+        x.ravel()[slot] = guess
     stop = Stop(wanted, ROUNDING * hierarchy.largest_degree / unit, unit, guess, rtol)
     size = converge(problem, stop, Watch() if watch is None else watch)
-    return np.take(problem.x.ravel(), slot), size * unit
+    del problem
+    return np.take(x.ravel(), slot), size * unit
 
 
 def approximate(
