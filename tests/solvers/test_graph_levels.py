@@ -35,12 +35,8 @@ def random_graph(nodes: int, per_node: float, seed: int, decades: float = 2.0) -
     return Graph(rows.indptr.astype(np.int32), rows.indices.astype(np.int32), rows.data, leak)
 
 
-def rows_of(graph: Graph) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
-    return graph.indptr, graph.indices, graph.conductance, graph.leak
-
-
 def packed_netlist(graph: Graph) -> tuple[Graphs, NDArray[np.int32]]:
-    return graphs.pack_netlist(Rows(*rows_of(graph)[:3]), graph.leak, 1.0)
+    return graphs.pack_netlist(Rows(*graph[:3]), graph.leak, 1.0)
 
 
 def dense(graph: Graph) -> NDArray[np.float64]:
@@ -76,9 +72,9 @@ def test_aggregates_are_connected_and_their_sums_conserve_conductance(
     nodes: int, per_node: float, seed: int, strict: bool
 ) -> None:
     graph = random_graph(nodes, per_node, seed)
-    aggregate, count = graphs.grow_aggregates(*rows_of(graph), 4, strict)
+    aggregate, count = graphs.grow_aggregates(graph, 4, strict)
     assert np.array_equal(np.unique(aggregate), np.arange(count))
-    summed = dense(Graph(*graphs.sum_up(*rows_of(graph), aggregate, count)))
+    summed = dense(Graph(*graphs.sum_up(graph, aggregate, count)))
     spread = np.eye(count)[aggregate]
     assert np.allclose(summed, spread.T @ dense(graph) @ spread, rtol=1e-12, atol=1e-12)
     coupled = dense(graph) < 0

@@ -110,9 +110,8 @@ def test_aggregates_never_join_across_a_wall() -> None:
     wall[:-1, 1] = 1
     wall[0, 0] = 2
     system = assemble(compile_space(space_of(np.repeat(wall, 3, axis=0)), boundary="neumann"))
-    coupling = system.laplacian.edges
     group_of, count = graphs.grow_aggregates(
-        coupling.indptr, coupling.indices, coupling.data, system.laplacian.ground, 4, True
+        graphs.Graph(*system.laplacian.as_rows(), system.laplacian.ground), 4, True
     )
     assert count == group_of.max() + 1 < system.size / 2
     for group in range(count):

@@ -26,7 +26,7 @@ from resgrid.solvers.multigrid.graph_sweeps import (
     descend_graph,
     solve_coarsest,
 )
-from resgrid.solvers.multigrid.levels import CHUNK, Row, chunks_of, combine, copy, slab_of, take_step
+from resgrid.solvers.multigrid.levels import Row, combine, copy, slab_of, take_step
 from resgrid.solvers.multigrid.red_black import Floats, Integers, Singles
 from resgrid.solvers.multigrid.sweeps import (
     CLEAR,
@@ -141,12 +141,8 @@ def _visit_graph(
         products = ascend_graph(graphs, level, b, x, product, change, product if visit[0] == 1 else w[a:e])
         going_on, (on_c, on_z) = _step(visit, products, stop)
         if going_on:
-            before, after, step = 0.0, 0.0, np.float32(on_c)
-            for begin in range(0, len(r), CHUNK):
-                end = min(begin + CHUNK, len(r))
-                old, new = take_step(r, product, step, begin, end)
-                copy(z, begin, end - begin, first)
-                before, after = before + old, after + new
+            before, after = take_step(r, product, np.float32(on_c), ZERO, len(r))
+            copy(z, ZERO, len(z), first)
             going_on = after > stop * stop * before
         if not going_on:
             combine(z, first, np.float32(on_c), np.float32(on_z), ZERO, len(z), z)
@@ -195,9 +191,8 @@ def _sweep(table: Table, state: Integers, kind: int, number: int, visit: int) ->
         machine.wait_for(state, level.parts)
     first, second, third = 0.0, 0.0, 0.0
     if kind >= TAKE:
-        count = 3 * (chunks_of(level) if kind == TAKE else level.blocks)
-        sums = doubles(level.sums, count)
-        for k in range(0, count, 3):
+        sums = doubles(level.sums, 3 * level.blocks)
+        for k in range(0, len(sums), 3):
             first, second, third = first + sums[k], second + sums[k + 1], third + sums[k + 2]
     if ELIMINATE <= kind <= RELAX or kind == MULTIPLY:
         second -= sweeps.follow_couplings(level, kind, singles(_product(level, visit), level.slots))
@@ -238,7 +233,7 @@ def _sweep_slab(level: Row, kind: int, visit: int, part: int) -> None:
     elif kind == PUT_BACK:
         sweeps.put_back(level, slab)
     elif kind > CLEAR:
-        sweeps.pass_over(level, kind, part)
+        sweeps.pass_over(level, kind, slab)
 
 
 @inner

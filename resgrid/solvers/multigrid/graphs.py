@@ -7,7 +7,7 @@ windows: the ends of its loops can then be foreseen, which is half of the time.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from resgrid.solvers.multigrid.graph_sweeps import Graphs
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
 Singles = NDArray[np.float32]
+Reals = NDArray[np.floating[Any]]
 
 _COARSEST = 250
 _MOST_LEVELS = 40
@@ -50,19 +51,13 @@ _ONE = np.uint64(1)
 _TAKEN, _NONE = np.float32(-1.0), np.float32(0.0)
 
 
-@dataclass(frozen=True, eq=False)
-class Graph:
-    """One level: conductances by rows, in any order, and leaks to the rails."""
+class Graph(NamedTuple):
+    """One level: conductances by rows, in any order, and leaks to the rails; loops take single precision."""
 
-    indptr: NDArray[np.int32]
-    indices: NDArray[np.int32]
-    conductance: NDArray[np.floating]
-    leak: NDArray[np.float64]
-
-    @property
-    def rows(self) -> tuple[Indices, Indices, Singles, Floats]:
-        """As loops take it, conductances in single precision."""
-        return self.indptr, self.indices, self.conductance.astype(np.float32, copy=False), self.leak
+    indptr: Indices
+    indices: Indices
+    conductance: Reals
+    leak: Floats
 
     @property
     def size(self) -> int:
@@ -75,16 +70,15 @@ def coarsen_down(graph: Graph) -> tuple[list[Graph], list[NDArray[np.int32]]]:
 
     Returns all graphs, and the node of the next one that every node belongs to, shape (n,) each.
     """
-    graphs: list[Graph] = [graph]
-    targets: list[NDArray[np.int32]] = []
+    graph = graph._replace(conductance=graph.conductance.astype(np.float32, copy=False))
+    graphs, targets = [graph], list[Indices]()
     while graph.size > _COARSEST and len(graphs) < _MOST_LEVELS:
-        rows = graph.rows
-        aggregate, count = grow_aggregates(*rows, _MEMBERS, True)
+        aggregate, count = grow_aggregates(graph, _MEMBERS, True)
         if count > _CLUSTERS_SHRINK * graph.size:
-            aggregate, count = grow_aggregates(*rows, _MEMBERS, False)
+            aggregate, count = grow_aggregates(graph, _MEMBERS, False)
         if count > _LEAST_SHRINKAGE * graph.size:
             break
-        graph = Graph(*sum_up(*rows, aggregate, count))
+        graph = Graph(*sum_up(graph, aggregate, count))
         graphs.append(graph)
         targets.append(aggregate)
     return graphs, targets
@@ -92,9 +86,7 @@ def coarsen_down(graph: Graph) -> tuple[list[Graph], list[NDArray[np.int32]]]:
 
 @kernel
 @makes_arrays
-def grow_aggregates(
-    indptr: Indices, indices: Indices, conductance: Singles, leak: Floats, most: int, strict: bool
-) -> tuple[Indices, int]:
+def grow_aggregates(graph: Graph, most: int, strict: bool) -> tuple[Indices, int]:
     """Aggregates of up to ``most`` nodes, grown one by one.
 
     From the first node that is still alone an aggregate takes in, again and again, the neighbour that hangs on it most:
@@ -102,7 +94,7 @@ def grow_aggregates(
     neighbour joins the aggregate at the other end of its strongest conductance.  Unless ``strict``, weak conductances
     count, too, and an aggregate is never full, so that only nodes without neighbours stay alone.
     """
-    n = len(indptr) - 1
+    (indptr, indices, conductance, leak), n = graph, len(graph.leak)
     degree, scale, strongest = _degrees(indptr, conductance, leak)
     aggregate = np.full(n, -1, np.int32)
     members = np.zeros(n, np.int32)
@@ -180,11 +172,9 @@ def _host(indptr: Indices, indices: Indices, conductance: Singles, aggregate: In
 
 @kernel
 @makes_arrays
-def sum_up(
-    indptr: Indices, indices: Indices, conductance: Singles, leak: Floats, aggregate: Indices, count: int
-) -> tuple[Indices, Indices, Singles, Floats]:
+def sum_up(graph: Graph, aggregate: Indices, count: int) -> tuple[Indices, Indices, Singles, Floats]:
     """Sum conductances between aggregates, and leaks within them; rows come out unsorted."""
-    n = len(leak)
+    (indptr, indices, conductance, leak), n = graph, len(graph.leak)
     start = np.zeros(count + 1, np.int32)
     for node in range(n):
         start[aggregate[node] + 1] += 1
@@ -258,7 +248,7 @@ def pack_graphs(graphs: list[Graph], targets: list[NDArray[np.int32]]) -> tuple[
         coarsest=inverse_matrix(graphs[-1]),
     )
     for level, graph in enumerate(graphs):
-        lay_rows(graph.rows, order[level], rank[level], first[level], entry[level], packed)
+        lay_rows(graph, order[level], rank[level], first[level], entry[level], packed)
     for level, target in enumerate(targets):
         own = rank[level + 1][target[order[level]]]
         np.add(own, first[level + 1], out=packed.aggregate[first[level] : first[level + 1]], casting="unsafe")
@@ -328,16 +318,9 @@ def _colours(indptr: Indices, indices: Indices) -> tuple[Indices, Indices]:
 
 
 @kernel
-def lay_rows(
-    rows: tuple[Indices, Indices, Singles, Floats],
-    order: Indices,
-    rank: Indices,
-    first: int,
-    entry: int,
-    packed: Graphs,
-) -> None:
+def lay_rows(graph: Graph, order: Indices, rank: Indices, first: int, entry: int, packed: Graphs) -> None:
     """Write the rows of a level behind those before it: earlier neighbours first, the others from ``middle`` on."""
-    indptr, indices, conductance, leak = rows
+    indptr, indices, conductance, leak = graph
     begin = entry
     for slot in range(len(order)):
         i = order[slot]

@@ -23,7 +23,6 @@ from resgrid.solvers.multigrid.graph_sweeps import work_space
 from resgrid.solvers.multigrid.graphs import coarsen_down, pack_graphs, pack_netlist
 from resgrid.solvers.multigrid.grid_level import Level, compensated, in_single, lay_out, stencil_of, to_graph
 from resgrid.solvers.multigrid.levels import (
-    CHUNK,
     GRID,
     Finest,
     GridLevel,
@@ -175,7 +174,7 @@ class GridProblem:
         cuts = [slabs_of(of.stencil, team.size) for of in grids[:-1]]
         cuts.append(slabs_of(grids[-1].stencil, 1))  # nodes of a graph may have parts in several slabs
         self._parts = cuts[0]
-        sums, shares = np.empty((-(-slots[0] // min(finest.stencil.block, CHUNK)), 3)), np.empty(2)
+        sums, shares = np.empty((blocks_of(finest.stencil), 3)), np.empty(2)
         self._kept: list[NDArray[np.generic]] = []
         self.table = np.zeros(len(grids), dtype=GRID)
         fed = [np.zeros((2, count), dtype=np.float32) for count in slots[1:]]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.jit import inner_fast, kernel, kernel_fast
-from resgrid.solvers.multigrid.levels import CHUNK, Slab, blocks_of, slabs_of
+from resgrid.solvers.multigrid.levels import Slab, blocks_of, slabs_of
 from resgrid.solvers.multigrid.red_black import BLACK, RED, Floats, Indices, Reals, Singles, Stencil, products, relax
 from resgrid.solvers.team import ALONE, Team
 
@@ -76,30 +76,20 @@ def row_residual(
     return math.sqrt(total)
 
 
-@kernel
+@kernel_fast
 def advance(
     inverse: Singles, w: Singles, s: Singles, r: Singles, z: Singles, beta: float, alpha: float, begin: int, end: int
 ) -> float:
     """``s = w + beta s``, ``r -= alpha s``, ``z = inverse r`` on some slots; returns the squares of ``r``, summed."""
     squares = 0.0
-    for first in range(begin, end, CHUNK):
-        squares += _advance(inverse, w, s, r, z, beta, alpha, first, min(first + CHUNK, end))
-    return squares
-
-
-@inner_fast
-def _advance(
-    inverse: Singles, w: Singles, s: Singles, r: Singles, z: Singles, beta: float, alpha: float, begin: int, end: int
-) -> float:
-    total = 0.0
     for k in range(begin, end):
         product = w[k] + beta * s[k]
         s[k] = product
         new = np.float32(r[k] - alpha * product)
         r[k] = new
         z[k] = inverse[k] * new
-        total += np.float64(new) * np.float64(new)
-    return total
+        squares += np.float64(new) * np.float64(new)
+    return squares
 
 
 @kernel_fast

@@ -18,9 +18,6 @@ from resgrid.solvers.machine import indices, integers, singles, singles_by_side
 from resgrid.solvers.multigrid.graph_sweeps import Graphs
 from resgrid.solvers.multigrid.red_black import RED, Indices, Reals, Singles, Stencil, products
 
-CHUNK = 2048
-"""Slots over which sums are taken before they are added to others: the same whoever takes them."""
-
 _LEAST = 60_000
 """Slots of a colour from which a grid is cut."""
 
@@ -51,8 +48,8 @@ residual; `s`: what ``z`` is multiplied by too, and the first product; `z`: the 
 direction.
 
 `led` (slots,): red values that follow the answer, in double precision; other ones are kept where the product will be;
-`parts`: slabs; `slabs` (parts, 5): as of `Slab`; `sums` (3 blocks,): of products, or of squares, of every block or
-chunk of slots; `shares` (2,): what both directions of a K-cycle have in its answer, or the first step's length.
+`parts`: slabs; `slabs` (parts, 5): as of `Slab`; `sums` (3 blocks,): of products, or of squares, of every block;
+`shares` (2,): what both directions of a K-cycle have in its answer, or the first step's length.
 """
 
 Row = Any
@@ -85,12 +82,6 @@ class Levels(NamedTuple):
     graphs: Graphs
 
 
-@inlined
-def chunks_of(level: Row) -> int:
-    """How many chunks of slots a grid has."""
-    return int(-(-level.slots // CHUNK))
-
-
 @inner
 def draw_into(level: Row, colour: int, x: Reals, block: int, total: Reals) -> None:
     """``total = sum_j g_ij x_j`` across the faces of a block's cells of one colour."""
@@ -107,10 +98,10 @@ def extent(level: Row, block: int) -> tuple[int, int]:
 
 
 @inner_fast
-def take_step(r: Singles, v: Singles, step: np.float32, begin: int, end: int) -> tuple[float, float]:
+def take_step(r: Singles, v: Singles, step: np.float32, begin: int, count: int) -> tuple[float, float]:
     """``r -= step v`` on some slots; returns the squares before and after, summed."""
     before, after, at = 0.0, 0.0, np.uint64(begin)
-    for i in range(end - begin):
+    for i in range(count):
         k = at + np.uint64(i)
         old = r[k]
         new = old - step * v[k]
@@ -130,10 +121,10 @@ def copy(values: Singles, begin: int, count: int, there: Singles) -> None:
 
 
 @inner_fast
-def combine(z: Singles, c: Singles, on_c: np.float32, on_z: np.float32, begin: int, end: int, both: Singles) -> None:
+def combine(z: Singles, c: Singles, on_c: np.float32, on_z: np.float32, begin: int, count: int, both: Singles) -> None:
     """``both = on_c c + on_z z`` on some slots."""
     at = np.uint64(begin)
-    for i in range(end - begin):
+    for i in range(count):
         k = at + np.uint64(i)
         both[k] = on_c * c[k] + on_z * z[k]
 

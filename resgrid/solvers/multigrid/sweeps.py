@@ -14,11 +14,9 @@ import numpy as np
 from resgrid.jit import ZERO, inner, inner_fast
 from resgrid.solvers.machine import doubles, indices, singles
 from resgrid.solvers.multigrid.levels import (
-    CHUNK,
     Row,
     Slab,
     blocks_ahead,
-    chunks_of,
     combine,
     copy,
     draw_into,
@@ -174,31 +172,30 @@ def put_back(level: Row, slab: Slab) -> None:
 
 
 @inner
-def pass_over(level: Row, kind: int, part: int) -> None:
-    """`RAISE`, `COMBINE` or `TAKE` on one of the level's parts, chunk by chunk; ``sums`` receives squares."""
-    slots, chunks, shares = level.slots, chunks_of(level), doubles(level.shares, 2)
+def pass_over(level: Row, kind: int, slab: Slab) -> None:
+    """`RAISE`, `COMBINE` or `TAKE` on a slab, block by block; ``sums`` receives squares."""
+    slots, shares, sums = level.slots, doubles(level.shares, 2), doubles(level.sums, 3 * level.blocks)
     r, s, z, c = singles(level.r, slots), singles(level.s, slots), singles(level.z, slots), singles(level.c, slots)
     inverse, before = singles(level.black_inverse, slots), singles(level.before, slots)
     aggregate, coarse = indices(level.aggregate, slots), singles(level.below, level.below_slots)
-    sums = doubles(level.sums, 3 * chunks)
     on_c, on_z = np.float32(shares[0]), np.float32(shares[1])
-    for chunk in range(part * chunks // level.parts, (part + 1) * chunks // level.parts):
-        begin, end = chunk * CHUNK, min(chunk * CHUNK + CHUNK, slots)
+    for block in range(slab.first, slab.last):
+        begin, count = extent(level, block)
         if kind == RAISE:
-            _add_from_nodes(aggregate, begin, end, coarse, before)
+            _add_from_nodes(aggregate, begin, count, coarse, before)
         elif kind == COMBINE:
-            combine(z, c, on_c, on_z, begin, end, before)
+            combine(z, c, on_c, on_z, begin, count, before)
         else:
-            sums[3 * chunk], sums[3 * chunk + 1] = take_step(r, s, on_c, begin, end)
-            sums[3 * chunk + 2] = 0.0
-            copy(z, begin, end - begin, c)
-            scale(inverse, r, begin, begin, end - begin, before)
+            sums[3 * block], sums[3 * block + 1] = take_step(r, s, on_c, begin, count)
+            sums[3 * block + 2] = 0.0
+            copy(z, begin, count, c)
+            scale(inverse, r, begin, begin, count, before)
 
 
 @inner
-def _add_from_nodes(aggregate: Indices, begin: int, end: int, coarse: Singles, total: Singles) -> None:
+def _add_from_nodes(aggregate: Indices, begin: int, count: int, coarse: Singles, total: Singles) -> None:
     """Add what some slots take from their nodes."""
     at = np.uint64(begin)
-    for i in range(end - begin):
+    for i in range(count):
         k = at + np.uint64(i)
         total[k] += coarse[np.uint32(aggregate[k])]
