@@ -116,7 +116,7 @@ def test_aggregates_never_join_across_a_wall() -> None:
     assert count == group_of.max() + 1 < system.size / 2
     for group in range(count):
         members = np.flatnonzero(group_of == group)
-        inner = coupling[members][:, members]
+        inner = system.laplacian.edges[members][:, members]
         reach = np.linalg.matrix_power((inner.toarray() > 0) + np.eye(len(members)), len(members))
         assert np.all(reach > 0)
 
