@@ -71,7 +71,7 @@ def _solved(netlist: Netlist, accuracy: str, method: str, rtol: float, team: Tea
     with _timed(seconds, "read"):
         point, residual, faint = read_entrywise(system, values, team, **told)
     doubt, balanced = values.doubt, False
-    if point.readings.scaled is None and (faint or doubt > CERTAIN or _asks_for_balance(system, point)):
+    if not point.readings.scaled[1].any() and (faint or doubt > CERTAIN or _asks_for_balance(system, point)):
         from resgrid.circuit.kirchhoff import balance
 
         with _timed(seconds, "balance"):

@@ -148,14 +148,18 @@ def _drops(netlist: Netlist, voltage: NDArray[np.float64]) -> NDArray[np.float64
 
 def _in_place(netlist: Netlist, point: OperatingPoint, change: float, seconds: float) -> OperatingPoint:
     """The operating point of the linear circuit as that of the nonlinear one."""
-    m, log = len(netlist.conductance), point.resistor_log_current
+    m, read, (amps, exponent) = len(netlist.conductance), point.readings, point.readings.scaled
     return dataclasses.replace(
         point,
         netlist=netlist,
         entry_error=np.inf,
-        ammeters=point.readings.of_first(m, max(point.kcl_residual, change)),
-        nonlinear_amps=point.resistor_current[m:],
-        nonlinear_log_amps=log[m:],
+        ammeters=read._replace(
+            resistor_current=read.resistor_current[:m],
+            scaled=(amps[:m], exponent[:m]),
+            kcl_residual=max(read.kcl_residual, change),
+        ),
+        nonlinear_amps=read.resistor_current[m:],
+        nonlinear_log_amps=point.resistor_log_current[m:],
         nonlinear_direction=point.resistor_direction[m:],
         method=f"newton, {point.method}",
         seconds={"newton": seconds, **point.seconds},

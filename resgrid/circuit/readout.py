@@ -260,8 +260,7 @@ def _read(
     np.divide(np.abs(net), through, out=residual, where=(unknown >= 0) & (through > 0))
     readings = Readings(
         resistor_current=amps if plain else amps * power(exponent),
-        scaled=None if plain else (amps, exponent),
-        resistor_direction=np.sign(amps).astype(np.int8),
+        scaled=(amps, np.broadcast_to(np.int64(0), len(amps)) if plain else exponent),
         source_current=source_currents(netlist, forest, -net_amps, through_amps),
         power=heat,
         kcl_residual=float(residual.max(initial=0.0)),
