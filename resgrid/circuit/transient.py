@@ -20,14 +20,7 @@ from resgrid.circuit.dynamics import (
     initial_state,
 )
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.circuit.stepping import (
-    RTOL,
-    Method,
-    advance,
-    controlled_steps,
-    fixed_steps,
-    rate_of,
-)
+from resgrid.circuit.stepping import RTOL, Method, advance, controlled_steps, fixed_steps, rate_of
 from resgrid.errors import InputError
 from resgrid.frozen import frozen
 from resgrid.netlist import CellMap, Netlist
@@ -119,7 +112,7 @@ class TransientStepper:
         if self.method == "backward_euler" and dynamics.apart:
             after = self._solve(0.0, dynamics.capacitance.ground * x / self.step + dynamics.drive)
         else:
-            after, _ = advance(dynamics, self.method, x, self.step, self._solve)
+            after, _ = advance(dynamics, self.method, np.stack([x, np.zeros_like(x)]), self.step, self._solve)
         return dynamics.voltage(after)
 
     def _solve(self, _: float, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -191,17 +184,17 @@ def transient(
     def solve(rate: float, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
         return factors(rate).solve(rhs, rtol=RTOL) if len(rhs) else rhs
 
-    x = initial_state(dynamics, initial_voltages(netlist, initial))
+    start = np.zeros((2, dynamics.size))
+    start[0] = initial_state(dynamics, initial_voltages(netlist, initial))
     voltage = np.empty((len(when), netlist.node_count))
     energy, stored = np.empty(len(when)), np.empty(len(when))
     if step is not None:
-        states = fixed_steps(dynamics, method, x, when, step, solve)
+        states = fixed_steps(dynamics, method, start, when, step, solve)
     else:
-        states = controlled_steps(dynamics, method, x, when, tolerance, solve)
-    steps = 0
-    for number, (state, integral, taken) in enumerate(states):
-        voltage[number] = dynamics.voltage(state)
-        energy[number] = energy_delivered(dynamics, when[number], state - x, integral)
+        states = controlled_steps(dynamics, method, start, when, tolerance, solve)
+    for number, ((x, integral), taken) in enumerate(states):
+        voltage[number] = dynamics.voltage(x)
+        energy[number] = energy_delivered(dynamics, when[number], x - start[0], integral)
         stored[number] = energy_stored(netlist, voltage[number])
         steps = taken
     return Transient(netlist, when, voltage, energy, stored, steps, factors.cache_info().misses, method)

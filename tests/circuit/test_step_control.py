@@ -139,6 +139,6 @@ def test_steps_that_no_longer_gain_are_refused(method: str) -> None:
     def noisy(rate: float, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
         return factor_resolvent(dynamics, rate).solve(rhs) + rng.uniform(-1e-4, 1e-4, len(rhs))
 
-    states = controlled_steps(dynamics, method, np.zeros(1), np.array([1e-6]), 1e-6, noisy)
+    states = controlled_steps(dynamics, method, np.zeros((2, 1)), np.array([1e-6]), 1e-6, noisy)
     with pytest.raises(rg.AccuracyError, match="rounding"):
         list(states)
