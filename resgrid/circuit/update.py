@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.equations import Equations, assemble
+from resgrid.circuit.equations import Equations, assemble, sum_by_row
 from resgrid.circuit.linear import factor_circuit, solve_linear
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.readout import read_normwise
@@ -307,19 +307,19 @@ def _window_of(
     contacts = contacts_of_box(space, wiring, [(ends.start, ends.stop) for ends in box], connected=False)
     size, vertex = int(np.count_nonzero(row)), np.full(row.shape, -1, dtype=np.int32)
     vertex[row] = np.arange(size, dtype=np.int32)
-    wide = np.pad(vertex, 1, constant_values=-1)
-    ground, drive = np.zeros(size), np.full(size, amps)
+    # Rows are followed by the high rail and the low one.
+    node = np.array([-1, size, size + 1, -1], dtype=np.int32)[contacts.kind]
+    np.copyto(node[(slice(1, -1),) * row.ndim], vertex, where=row)
     pairs, conductance = [], []
     for axis, siemens in enumerate(contacts.conductance):
-        rows, kinds = before_and_behind(wide, axis), before_and_behind(contacts.kind, axis)
-        inner = (rows[0] >= 0) & (rows[1] >= 0) & (siemens > 0.0)
-        pairs.append(np.stack([end[inner] for end in rows], axis=1))
-        conductance.append(siemens[inner])
-        for here, beside in zip(rows, kinds[::-1], strict=True):
-            tied = (here >= 0) & (beside != Kind.NODE)
-            ground += np.bincount(here[tied], siemens[tied], size)
-            tied &= beside == Kind.HIGH
-            drive += np.bincount(here[tied], siemens[tied], size)
-    listed = EdgeList(np.concatenate(pairs), np.concatenate(conductance), np.arange(size, dtype=np.int32))
+        ends = np.sort(np.stack(before_and_behind(node, axis), axis=-1))
+        kept = (ends[..., 0] >= 0) & (ends[..., 0] < size) & (siemens > 0.0)
+        pairs.append(ends[kept])
+        conductance.append(siemens[kept])
+    listed = EdgeList(np.concatenate(pairs), np.concatenate(conductance), np.append(vertex[row], np.int32([-1, -1])))
+    here, beside = listed.ends.T
+    tied, fed = beside >= size, beside == size
+    ground = sum_by_row(here[tied], listed.conductance[tied], size)
+    drive = amps + sum_by_row(here[fed], listed.conductance[fed], size)
     grid = Grid(vertex, (False,) * vertex.ndim)
     return Laplacian(ground, listed, grid=grid, dimensions=grid.dimensions), drive
