@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from resgrid.circuit.equations import contacts_of, grid_of, injected_into_rows, number_rows, parts_of, sum_by_row
+from resgrid.circuit.equations import contacts_of, injected_into_rows, laplacian_of, number_rows, parts_of, sum_by_row
 from resgrid.circuit.sources import SourceForest, tie_sources
 from resgrid.errors import AccuracyError, CircuitError, InputError
 from resgrid.netlist import Netlist
@@ -142,14 +142,12 @@ def dynamics_of(netlist: Netlist) -> Dynamics:
     elements = np.concatenate([netlist.resistor_nodes, capacitors])
     elements.flags.writeable = False
     parts = parts_of(netlist, elements, forest)
-    size, row, _, _, floating = number_rows(parts, ~parts.floating, forest)
-    fixed, grid = forest.offset, grid_of(netlist)
-    fixed[floating] = np.nan
+    size, row = number_rows(parts, ~parts.floating, forest)
+    fixed = np.where((row < 0) & (parts.of_node >= 0), np.nan, forest.offset)
 
     def laplacian(ends: NDArray[np.int32], value: NDArray[np.float64]) -> tuple[Laplacian, NDArray[np.float64]]:
         contacts = contacts_of(ends, np.arange(len(ends), dtype=np.int32), row, forest)
-        ground, dimensions = contacts.ground(value, size), 2 if grid is None else grid.dimensions
-        made = Laplacian(ground, EdgeList(ends, value, row), grid=grid, dimensions=dimensions)
+        made = laplacian_of(netlist, EdgeList(ends, value, row), contacts.ground(value, size))
         return made.with_rows(), contacts.feed(value, size)
 
     conductance, feed = laplacian(netlist.resistor_nodes, netlist.conductance)

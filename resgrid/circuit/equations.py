@@ -90,12 +90,8 @@ class Equations:
 
     def heights(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Heights of all nodes above `reference`, in volts, (nodes,), from those of the rows; NaN where one floats."""
-        forest, heights, solved = self.forest, self.known_voltages(), self.unknown >= 0
-        heights -= self.reference
-        heights[solved] = x[self.unknown[solved]]
-        lifted = (self.unknown[forest.order] >= 0) & (forest.height != 0)
-        heights[forest.order[lifted]] += forest.height[lifted]
-        return heights
+        own = np.where(self.unknown >= 0, self.forest.offset, self.known_voltages() - self.reference)
+        return np.asarray(own + np.append(x, 0.0)[self.unknown])
 
     def voltages(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """As `above_ground`, from the heights of the rows, (n,)."""
@@ -115,9 +111,8 @@ class Equations:
         self, conductance: NDArray[np.float64], contacts: Contacts
     ) -> tuple[Laplacian, NDArray[np.float64]]:
         """The matrix of the same circuit with other conductances, and their `feed`.  Shapes: (resistors,)."""
-        listed = EdgeList(self.netlist.resistor_nodes, conductance, self.unknown)
-        ground = contacts.ground(conductance, self.size)
-        laplacian = Laplacian(ground, listed, grid=self.laplacian.grid, dimensions=self.laplacian.dimensions)
+        ends, ground = self.netlist.resistor_nodes, contacts.ground(conductance, self.size)
+        laplacian = laplacian_of(self.netlist, EdgeList(ends, conductance, self.unknown), ground)
         return laplacian, contacts.feed(conductance, self.size, self.reference)
 
     @property
@@ -161,42 +156,46 @@ def assemble(netlist: Netlist) -> Equations:
     Sources are merged first; parts that nothing ties to ground, and parts that a single rail holds at its own voltage,
     are set apart: only what is driven is left to be solved.
     """
-    forest = tie_sources(netlist)
-    parts = parts_of(netlist, netlist.resistor_nodes, forest)
-    driven = parts.driven
-    alone = None if driven.any() else _between_rails(netlist, forest.offset, parts)
-    low, high = parts.lowest[driven].min(initial=np.inf), parts.highest[driven].max(initial=-np.inf)
-    size, unknown, undriven, volts, floating = number_rows(parts, driven, forest)
+    forest, ends = tie_sources(netlist), netlist.resistor_nodes
+    parts = parts_of(netlist, ends, forest)
+    size, unknown = number_rows(parts, parts.driven, forest)
     lifted = bool(np.any((unknown[forest.order] >= 0) & (forest.height != 0)))
-    some = np.arange(len(netlist.conductance), dtype=np.int32) if lifted else parts.contacts
-    ends, reference = netlist.resistor_nodes, float(low) if size else 0.0
+    some = np.arange(len(ends), dtype=np.int32) if lifted else parts.contacts
     contacts = contacts_of(ends, some, unknown, forest)
-    injected = injected_into_rows(netlist, unknown, size)
-    volts_behind = contacts.volts[: contacts.ties]
-    two = bool(np.all((volts_behind == low) | (volts_behind == high)))
-    if alone is not None:
-        low, high, two = alone
-    plain = two and low < high and not lifted and not injected.any()
-    grid = grid_of(netlist)
+    reference = float(parts.lowest[parts.driven].min()) if size else 0.0
+    feed, injected = contacts.feed(netlist.conductance, size, reference), injected_into_rows(netlist, unknown, size)
+    volts = contacts.volts[: contacts.ties] if size else _between_rails(netlist, forest.offset, parts)
+    low, high = float(volts.min(initial=np.inf)), float(volts.max(initial=-np.inf))
+    plain = low < high and np.all((volts == low) | (volts == high)) and not lifted and not injected.any()
+    rails = _rails(netlist, size, contacts, low, high) if plain else None
+    listed = EdgeList(ends, netlist.conductance, unknown)
+    other = np.flatnonzero((unknown < 0) & (parts.of_node >= 0))
+    at_rest = parts.lowest[parts.of_node[other]]
+    floats = np.isinf(at_rest)
     return Equations(
         netlist=netlist,
         forest=forest,
         unknown=unknown,
-        laplacian=Laplacian(
-            contacts.ground(netlist.conductance, size),
-            listed=EdgeList(ends, netlist.conductance, unknown),
-            grid=grid,
-            dimensions=2 if grid is None else grid.dimensions,
-            rails=_rails(netlist, size, contacts, float(low), float(high)) if plain else None,
-        ),
+        laplacian=laplacian_of(netlist, listed, contacts.ground(netlist.conductance, size), rails),
         contacts=some,
-        feed=_without_memory(contacts.feed(netlist.conductance, size, reference), size),
+        feed=_without_memory(feed, size),
         injected=_without_memory(injected, size),
         reference=reference,
-        undriven=undriven,
-        undriven_volts=volts,
-        floating=floating,
+        undriven=other[~floats],
+        undriven_volts=at_rest[~floats],
+        floating=other[floats],
     )
+
+
+def laplacian_of(
+    netlist: Netlist, listed: EdgeList, ground: NDArray[np.float64], rails: Rails | None = None
+) -> Laplacian:
+    """A matrix for elements between a netlist's nodes, on the grid whose cells these are, if there is one."""
+    if netlist.cell_map is None:
+        return Laplacian(ground, listed, rails=rails)
+    periodic = tuple(axis.periodic for axis in netlist.cell_map.space.axes)
+    grid = Grid(netlist.cell_map.node, periodic)
+    return Laplacian(ground, listed, grid=grid, dimensions=grid.dimensions, rails=rails)
 
 
 def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest) -> Parts:
@@ -222,8 +221,7 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
     np.minimum.at(lowest, held, volts)
     np.maximum.at(highest, held, volts)
     fed = np.zeros(number + 1, dtype=np.bool_)  # the last one for what is tied to ground
-    for end in netlist.current_nodes.T:
-        fed[np.take(part, end)[netlist.current_amps != 0]] = True
+    fed[np.take(part, netlist.current_nodes[netlist.current_amps != 0])] = True
     fed[part[forest.order[(forest.base != GROUND) & (forest.height != 0)]]] = True
     fed = fed[:number]
     parts = Parts(part, lowest, highest, fed, contacts)
@@ -242,25 +240,18 @@ def _refuse_fed(netlist: Netlist, parts: Parts) -> None:
         )
 
 
-def number_rows(
-    parts: Parts, solved: NDArray[np.bool_], forest: SourceForest
-) -> tuple[int, NDArray[np.int32], NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
-    """Give the nodes of the parts that are to be solved their rows; those that sources tie share one.
+def number_rows(parts: Parts, solved: NDArray[np.bool_], forest: SourceForest) -> tuple[int, NDArray[np.int32]]:
+    """Give the nodes of some parts (parts,) their rows; those that sources tie share one.
 
-    Shapes: `solved` (parts,).  Returns how many rows there are, `unknown` (nodes,), the nodes of the other parts and
-    their voltages, and the nodes that float.
+    Returns how many rows there are, and `unknown` (nodes,).
     """
     part = parts.of_node
     solved_for = part >= 0 if solved.all() else np.append(solved, False)[part]
-    other = np.flatnonzero(~solved_for & (part >= 0))
-    volts = parts.lowest[part[other]]
-    loose = np.isinf(volts)
     tied = bool(np.any(forest.base != GROUND))
     row = np.cumsum(solved_for & (forest.root == np.arange(forest.count)) if tied else solved_for, dtype=np.int32)
     size = int(row[-1])
     row -= 1
-    unknown = np.where(solved_for, row[forest.root] if tied else row, np.int32(-1))
-    return size, unknown, other[~loose], volts[~loose], other[loose]
+    return size, np.where(solved_for, row[forest.root] if tied else row, np.int32(-1))
 
 
 def contacts_of(
@@ -281,9 +272,8 @@ def contacts_of(
 
 def injected_into_rows(netlist: Netlist, unknown: NDArray[np.int32], size: int) -> NDArray[np.float64]:
     """What current sources drive into every row, in amperes, shape (n,); rounded once: several may nearly cancel."""
-    taken, fed = (np.take(unknown, end) for end in netlist.current_nodes.T)
-    row = np.concatenate([taken[taken >= 0], fed[fed >= 0]])
-    amps = np.concatenate([-netlist.current_amps[taken >= 0], netlist.current_amps[fed >= 0]])
+    rows = np.take(unknown, netlist.current_nodes.T)
+    row, amps = rows[rows >= 0], np.stack([-netlist.current_amps, netlist.current_amps])[rows >= 0]
     injected, count = sum_by_row(row, amps, size), np.bincount(row, minlength=size)
     if count.max(initial=0) > 2:
         several = np.flatnonzero(count[row] > 2)
@@ -300,38 +290,27 @@ def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
     return injected_into_rows(netlist, unknown, netlist.node_count)
 
 
-def grid_of(netlist: Netlist) -> Grid | None:
-    """The grid that a netlist's nodes are cells of."""
-    if netlist.cell_map is None:
-        return None
-    axes = netlist.cell_map.space.axes
-    return Grid(netlist.cell_map.node, tuple(axis.periodic for axis in axes))
-
-
 def _without_memory(currents: NDArray[np.float64], size: int) -> NDArray[np.float64]:
     """The same currents; one zero for all rows where nothing flows."""
     return currents if currents.any() else np.broadcast_to(0.0, size)
 
 
-def _between_rails(netlist: Netlist, volts: NDArray[np.float64], parts: Parts) -> tuple[float, float, bool]:
-    """The lowest and the highest known voltage that resistors join to others, and whether there are just two.
+def _between_rails(netlist: Netlist, volts: NDArray[np.float64], parts: Parts) -> NDArray[np.float64]:
+    """The known voltages that resistors join to others.
 
     Where there is none, nothing flows: of the chip of a space that is an error, any other circuit is at rest.
     """
     ends = np.where(parts.of_node < 0, volts, np.nan)[netlist.resistor_nodes]
     ends = ends[np.abs(ends[:, 0] - ends[:, 1]) > 0]
-    if ends.size:
-        low, high = float(ends.min()), float(ends.max())
-        return low, high, bool(np.all((ends == low) | (ends == high)))
-    if netlist.cell_map is not None:
+    if not ends.size and netlist.cell_map is not None:
         raise CircuitError(
             "nothing is driven: no part of the circuit touches two rails or is fed a current, so that nothing flows; "
             "add a second rail (an obstacle, an edge that counts as one), open a way to the goal, or feed every free "
             "cell the same current (boundary = 'neumann')"
         )
-    if parts.floating.all() and np.count_nonzero(parts.of_node < 0) == 1:
+    if not ends.size and parts.floating.all() and np.count_nonzero(parts.of_node < 0) == 1:
         raise CircuitError("no element touches ground, node 0, so that no voltage is known; tie the circuit to it")
-    return 0.0, 0.0, False
+    return ends
 
 
 def _rails(netlist: Netlist, size: int, contacts: Contacts, lowest: float, highest: float) -> Rails:
