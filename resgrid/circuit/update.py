@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.equations import Equations, assemble, sum_by_row
-from resgrid.circuit.linear import factor_circuit, solve_linear
+from resgrid.circuit.linear import solve_linear
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.readout import read_normwise
 from resgrid.compiler import Kind, compile_space, contacts_of_box
 from resgrid.errors import AccuracyError, InputError
 from resgrid.grids import before_and_behind, label_regions
 from resgrid.netlist import Netlist
+from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.factor import check_rtol
 from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian
 from resgrid.solvers.monitor import Progress, Watch
@@ -171,7 +172,10 @@ class WarmStart:
         watch, circuit = Watch(progress), _Circuit.of(system, space, wiring)
         if circuit is not None:
             return self._solved(circuit, wiring, watch, fresh=True)
-        x = factor_circuit(system).solve(system.drive, rtol=self.rtol, watch=watch) if system.size else np.zeros(0)
+        x = np.zeros(0)
+        if system.size:
+            factors = factor_laplacian(system.laplacian, "auto", accuracy="normwise")
+            x = factors.solve(system.drive, rtol=self.rtol, watch=watch)
         height = np.append(x, np.nan)[_row_of_cells(system)]
         return WarmPoint(
             space, wiring, wiring.goal_voltage + wiring.supply * height, True, watch.iterations, watch.error
@@ -316,7 +320,8 @@ def _window_of(
         kept = (ends[..., 0] >= 0) & (ends[..., 0] < size) & (siemens > 0.0)
         pairs.append(ends[kept])
         conductance.append(siemens[kept])
-    listed = EdgeList(np.concatenate(pairs), np.concatenate(conductance), np.append(vertex[row], np.int32([-1, -1])))
+    row_of = np.append(vertex[row], np.full(2, -1, dtype=np.int32))
+    listed = EdgeList(np.concatenate(pairs), np.concatenate(conductance), row_of)
     here, beside = listed.ends.T
     tied, fed = beside >= size, beside == size
     ground = sum_by_row(here[tied], listed.conductance[tied], size)
