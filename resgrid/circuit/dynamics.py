@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from resgrid.circuit.equations import contacts_of, injected_into_rows, laplacian_of, number_rows, parts_of, sum_by_row
+from resgrid.circuit.equations import across, contacts_of, injected_into_rows, laplacian_of, parts_of, sum_by_row
 from resgrid.circuit.sources import SourceForest, tie_sources
 from resgrid.errors import AccuracyError, CircuitError, InputError
 from resgrid.netlist import Netlist
@@ -142,7 +142,7 @@ def dynamics_of(netlist: Netlist) -> Dynamics:
     elements = np.concatenate([netlist.resistor_nodes, capacitors])
     elements.flags.writeable = False
     parts = parts_of(netlist, elements, forest)
-    size, row = number_rows(parts, ~parts.floating, forest)
+    size, row = parts.rows(~parts.floating, forest)
     fixed = np.where((row < 0) & (parts.of_node >= 0), np.nan, forest.offset)
 
     def laplacian(ends: NDArray[np.int32], value: NDArray[np.float64]) -> tuple[Laplacian, NDArray[np.float64]]:
@@ -302,17 +302,11 @@ def energy_delivered(
     if not time > 0.0:
         return 0.0
     netlist, mean = dynamics.netlist, dynamics.voltage(integral / time)
-    heat = netlist.conductance * _across(mean, netlist.resistor_nodes) ** 2
-    moved = netlist.capacitance * _across(dynamics.at_nodes(change), netlist.capacitor_nodes)
-    return float(time * heat.sum() + moved @ _across(mean, netlist.capacitor_nodes))
+    heat = netlist.conductance * across(mean, netlist.resistor_nodes) ** 2
+    moved = netlist.capacitance * across(dynamics.at_nodes(change), netlist.capacitor_nodes)
+    return float(time * heat.sum() + moved @ across(mean, netlist.capacitor_nodes))
 
 
 def energy_stored(netlist: Netlist, voltage: NDArray[np.float64]) -> float:
     """Energy in the capacitors at node voltages, in joules."""
-    return float(0.5 * np.sum(netlist.capacitance * _across(voltage, netlist.capacitor_nodes) ** 2))
-
-
-def _across(voltage: NDArray[np.float64], nodes: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Voltage across elements, 0 where it floats."""
-    first, second = voltage[nodes.T]
-    return np.asarray(np.nan_to_num(first - second))
+    return float(0.5 * np.sum(netlist.capacitance * across(voltage, netlist.capacitor_nodes) ** 2))

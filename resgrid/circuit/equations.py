@@ -20,6 +20,12 @@ def sum_by_row(row: NDArray[np.int32], values: NDArray[np.float64], size: int) -
     return np.asarray(np.bincount(row, values, size), dtype=np.float64)
 
 
+def across(voltage: NDArray[np.float64], ends: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Voltages of elements' first ends above their second ones, (m,); 0 where one floats.  Shapes: `ends` (m, 2)."""
+    first, second = voltage[ends.T]
+    return np.asarray(np.nan_to_num(first - second))
+
+
 class Contacts(NamedTuple):
     """Through which elements known voltages drive the rows, and where floating sources lift one end over the other.
 
@@ -149,6 +155,19 @@ class Parts:
         """Whether anything flows in a part, shape (parts,)."""
         return ~self.floating & (self.fed | (self.highest > self.lowest))
 
+    def rows(self, solved: NDArray[np.bool_], forest: SourceForest) -> tuple[int, NDArray[np.int32]]:
+        """Number the rows of some parts (parts,): one for every node, or for all that sources tie together.
+
+        Returns how many there are, and `unknown` (nodes,).
+        """
+        part = self.of_node
+        solved_for = part >= 0 if solved.all() else np.append(solved, False)[part]
+        tied = bool(np.any(forest.base != GROUND))
+        row = np.cumsum(solved_for & (forest.root == np.arange(forest.count)) if tied else solved_for, dtype=np.int32)
+        size = int(row[-1])
+        row -= 1
+        return size, np.where(solved_for, row[forest.root] if tied else row, np.int32(-1))
+
 
 def assemble(netlist: Netlist) -> Equations:
     """Set up the nodal equations of an operating point.
@@ -158,7 +177,7 @@ def assemble(netlist: Netlist) -> Equations:
     """
     forest, ends = tie_sources(netlist), netlist.resistor_nodes
     parts = parts_of(netlist, ends, forest)
-    size, unknown = number_rows(parts, parts.driven, forest)
+    size, unknown = parts.rows(parts.driven, forest)
     lifted = bool(np.any((unknown[forest.order] >= 0) & (forest.height != 0)))
     some = np.arange(len(ends), dtype=np.int32) if lifted else parts.contacts
     contacts = contacts_of(ends, some, unknown, forest)
@@ -240,20 +259,6 @@ def _refuse_fed(netlist: Netlist, parts: Parts) -> None:
         )
 
 
-def number_rows(parts: Parts, solved: NDArray[np.bool_], forest: SourceForest) -> tuple[int, NDArray[np.int32]]:
-    """Give the nodes of some parts (parts,) their rows; those that sources tie share one.
-
-    Returns how many rows there are, and `unknown` (nodes,).
-    """
-    part = parts.of_node
-    solved_for = part >= 0 if solved.all() else np.append(solved, False)[part]
-    tied = bool(np.any(forest.base != GROUND))
-    row = np.cumsum(solved_for & (forest.root == np.arange(forest.count)) if tied else solved_for, dtype=np.int32)
-    size = int(row[-1])
-    row -= 1
-    return size, np.where(solved_for, row[forest.root] if tied else row, np.int32(-1))
-
-
 def contacts_of(
     ends: NDArray[np.int32], some: NDArray[np.int32], unknown: NDArray[np.int32], forest: SourceForest
 ) -> Contacts:
@@ -310,7 +315,7 @@ def _between_rails(netlist: Netlist, volts: NDArray[np.float64], parts: Parts) -
         )
     if not ends.size and parts.floating.all() and np.count_nonzero(parts.of_node < 0) == 1:
         raise CircuitError("no element touches ground, node 0, so that no voltage is known; tie the circuit to it")
-    return ends
+    return np.asarray(ends)
 
 
 def _rails(netlist: Netlist, size: int, contacts: Contacts, lowest: float, highest: float) -> Rails:

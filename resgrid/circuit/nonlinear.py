@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from resgrid.circuit.equations import Equations, assemble
+from resgrid.circuit.equations import Equations, across, assemble
 from resgrid.circuit.linear import solve_linear
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.readout import DIRECTION_RESIDUAL
@@ -75,7 +75,7 @@ def solve_nonlinear(
     voltage = newton(netlist, method=method).voltage
     seconds = time.perf_counter() - start
     law = _Law.of(netlist)
-    secant = law.secant(_drops(netlist, voltage))
+    secant = law.secant(across(voltage, netlist.nonlinear_nodes))
     best: OperatingPoint | None = None
     least = np.inf
     for _ in range(_MOST_PASSES):
@@ -138,12 +138,7 @@ def nonlinear_drops(point: OperatingPoint) -> NDArray[np.float64]:
     largest = np.abs(np.nan_to_num(point.voltage)[netlist.nonlinear_nodes]).max(axis=1, initial=0.0)
     saturated = (share > 0.5) & (_SHARE_NOISE * scale > np.finfo(np.float64).eps * largest * (1.0 - share))
     told = np.sign(point.nonlinear_amps) * scale * np.arctanh(np.where(saturated, 0.0, share))
-    return np.where(saturated, _drops(netlist, point.voltage), told)
-
-
-def _drops(netlist: Netlist, voltage: NDArray[np.float64]) -> NDArray[np.float64]:
-    first, second = voltage[netlist.nonlinear_nodes].T
-    return np.asarray(np.nan_to_num(first - second))
+    return np.where(saturated, across(point.voltage, netlist.nonlinear_nodes), told)
 
 
 def _in_place(netlist: Netlist, point: OperatingPoint, change: float, seconds: float) -> OperatingPoint:
@@ -281,15 +276,15 @@ class _Circuit:
 
     @classmethod
     def of(cls, netlist: Netlist) -> _Circuit:
-        own, linear = _Law.of(netlist), netlist.conductance
-        law = _Law(np.append(linear, own.siemens), np.append(np.full(len(linear), np.inf), own.volts))
+        own = _Law.of(netlist)
         system = assemble(linear_netlist(netlist, own.siemens))
-        heights = np.nan_to_num(system.heights(np.zeros(system.size)))
-        ends = np.concatenate([netlist.resistor_nodes, netlist.nonlinear_nodes])
-        element, end = np.nonzero(system.unknown[ends] >= 0)
-        entries = (1.0 - 2.0 * end, (element, system.unknown[ends][element, end]))
+        siemens, ends = system.netlist.conductance, system.netlist.resistor_nodes
+        law = _Law(siemens, np.append(np.full(len(netlist.conductance), np.inf), own.volts))
+        rows = system.unknown[ends]
+        element, end = np.nonzero(rows >= 0)
+        entries = (1.0 - 2.0 * end, (element, rows[element, end]))
         incidence = sparse.coo_array(entries, shape=(len(ends), system.size)).tocsr()
-        return cls(law, system, incidence, heights[ends[:, 0]] - heights[ends[:, 1]])
+        return cls(law, system, incidence, across(system.heights(np.zeros(system.size)), ends))
 
     def drops(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Voltage across every element."""
