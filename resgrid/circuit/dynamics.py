@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from resgrid.circuit.equations import across, contacts_of, injected_into_rows, laplacian_of, parts_of, sum_by_row
+from resgrid.circuit.equations import across, contacts_of, injected_into_rows, matrix_of, parts_of, sum_by_row
 from resgrid.circuit.sources import SourceForest, tie_sources
 from resgrid.errors import AccuracyError, CircuitError, InputError
 from resgrid.netlist import Netlist
@@ -135,7 +135,13 @@ class Dynamics:
 
 def dynamics_of(netlist: Netlist) -> Dynamics:
     """Set up the equations of a netlist with capacitors."""
-    require_linear(netlist)
+    if not isinstance(netlist, Netlist):
+        raise InputError(f"the netlist is {type(netlist).__name__}, not resgrid.Netlist")
+    if netlist.nonlinear_current.size:
+        raise InputError(
+            f"the netlist holds {len(netlist.nonlinear_current)} nonlinear resistors, and this analysis is of linear "
+            "circuits; give it resgrid.small_signal(operating_point)"
+        )
     forest = tie_sources(netlist)
     charged = netlist.capacitance > 0
     capacitors, capacitance = netlist.capacitor_nodes[charged], netlist.capacitance[charged]
@@ -147,8 +153,8 @@ def dynamics_of(netlist: Netlist) -> Dynamics:
 
     def laplacian(ends: NDArray[np.int32], value: NDArray[np.float64]) -> tuple[Laplacian, NDArray[np.float64]]:
         contacts = contacts_of(ends, np.arange(len(ends), dtype=np.int32), row, forest)
-        made = laplacian_of(netlist, EdgeList(ends, value, row), contacts.ground(value, size))
-        return made.with_rows(), contacts.feed(value, size)
+        made, feed = matrix_of(netlist, EdgeList(ends, value, row), contacts, size)
+        return made.with_rows(), feed
 
     conductance, feed = laplacian(netlist.resistor_nodes, netlist.conductance)
     return Dynamics(
@@ -178,18 +184,6 @@ def factor_resolvent(dynamics: Dynamics, rate: float, method: str = "auto") -> F
     return factor_laplacian(whole, method, both=True)
 
 
-def require_linear(netlist: Netlist) -> None:
-    """Refuse a netlist with nonlinear elements, and what is no netlist."""
-    if not isinstance(netlist, Netlist):
-        raise InputError(f"the netlist is {type(netlist).__name__}, not resgrid.Netlist")
-    count = len(netlist.nonlinear_current)
-    if count:
-        raise InputError(
-            f"the netlist holds {count} nonlinear resistors, and this analysis is of linear circuits; "
-            "give it resgrid.small_signal(operating_point)"
-        )
-
-
 def require_grounded(dynamics: Dynamics) -> None:
     """Refuse a circuit of which a part is tied to no rail by resistors."""
     G = dynamics.conductance
@@ -214,9 +208,8 @@ def initial_state(dynamics: Dynamics, before: NDArray[np.float64]) -> NDArray[np
     netlist, groups, charged = dynamics.netlist, dynamics.spread, dynamics.charged
     x = dynamics.state(before)
     x = np.asarray(x - groups @ (groups.T @ np.where(charged, 0.0, x)))  # loose parts from 0 V on
-    held, now = (volts[netlist.capacitor_nodes] for volts in (before, dynamics.voltage(x)))
-    missing = netlist.capacitance * np.nan_to_num((held[:, 0] - held[:, 1]) - (now[:, 0] - now[:, 1]))
-    first, second = netlist.capacitor_nodes.T
+    held, now = (across(volts, netlist.capacitor_nodes) for volts in (before, dynamics.voltage(x)))
+    missing, (first, second) = netlist.capacitance * (held - now), netlist.capacitor_nodes.T
     charge = (dynamics.injection(first, missing) - dynamics.injection(second, missing))[charged]
     if dynamics.held is not None:
         x[charged] += _entrywise(dynamics.held, charge, _lift(dynamics, dynamics.held))

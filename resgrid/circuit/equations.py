@@ -38,16 +38,6 @@ class Contacts(NamedTuple):
     volts: NDArray[np.float64]
     ties: int
 
-    def ground(self, conductance: NDArray[np.float64], size: int) -> NDArray[np.float64]:
-        """What ties every row to known voltages, in siemens, (n,).  Shapes: `conductance` (elements,)."""
-        return sum_by_row(self.row[: self.ties], conductance[self.element[: self.ties]], size)
-
-    def feed(self, conductance: NDArray[np.float64], size: int, low: float = 0.0) -> NDArray[np.float64]:
-        """What is driven into every row, measured from ``low``, in amperes, (n,)."""
-        volts = self.volts.copy()
-        volts[: self.ties] -= low
-        return sum_by_row(self.row, conductance[self.element] * volts, size)
-
 
 @dataclass(frozen=True, eq=False)
 class Equations:
@@ -117,9 +107,8 @@ class Equations:
         self, conductance: NDArray[np.float64], contacts: Contacts
     ) -> tuple[Laplacian, NDArray[np.float64]]:
         """The matrix of the same circuit with other conductances, and their `feed`.  Shapes: (resistors,)."""
-        ends, ground = self.netlist.resistor_nodes, contacts.ground(conductance, self.size)
-        laplacian = laplacian_of(self.netlist, EdgeList(ends, conductance, self.unknown), ground)
-        return laplacian, contacts.feed(conductance, self.size, self.reference)
+        listed = EdgeList(self.netlist.resistor_nodes, conductance, self.unknown)
+        return matrix_of(self.netlist, listed, contacts, self.size, self.reference)
 
     @property
     def drive(self) -> NDArray[np.float64]:
@@ -182,12 +171,13 @@ def assemble(netlist: Netlist) -> Equations:
     some = np.arange(len(ends), dtype=np.int32) if lifted else parts.contacts
     contacts = contacts_of(ends, some, unknown, forest)
     reference = float(parts.lowest[parts.driven].min()) if size else 0.0
-    feed, injected = contacts.feed(netlist.conductance, size, reference), injected_into_rows(netlist, unknown, size)
+    injected = injected_into_rows(netlist, unknown, size)
     volts = contacts.volts[: contacts.ties] if size else _between_rails(netlist, forest.offset, parts)
     low, high = float(volts.min(initial=np.inf)), float(volts.max(initial=-np.inf))
     plain = low < high and np.all((volts == low) | (volts == high)) and not lifted and not injected.any()
     rails = _rails(netlist, size, contacts, low, high) if plain else None
     listed = EdgeList(ends, netlist.conductance, unknown)
+    laplacian, feed = matrix_of(netlist, listed, contacts, size, reference, rails)
     other = np.flatnonzero((unknown < 0) & (parts.of_node >= 0))
     at_rest = parts.lowest[parts.of_node[other]]
     floats = np.isinf(at_rest)
@@ -195,7 +185,7 @@ def assemble(netlist: Netlist) -> Equations:
         netlist=netlist,
         forest=forest,
         unknown=unknown,
-        laplacian=laplacian_of(netlist, listed, contacts.ground(netlist.conductance, size), rails),
+        laplacian=laplacian,
         contacts=some,
         feed=_without_memory(feed, size),
         injected=_without_memory(injected, size),
@@ -206,15 +196,20 @@ def assemble(netlist: Netlist) -> Equations:
     )
 
 
-def laplacian_of(
-    netlist: Netlist, listed: EdgeList, ground: NDArray[np.float64], rails: Rails | None = None
-) -> Laplacian:
-    """A matrix for elements between a netlist's nodes, on the grid whose cells these are, if there is one."""
+def matrix_of(
+    netlist: Netlist, listed: EdgeList, contacts: Contacts, size: int, low: float = 0.0, rails: Rails | None = None
+) -> tuple[Laplacian, NDArray[np.float64]]:
+    """The matrix for elements between a netlist's nodes, on the grid whose cells these are, if there is one.
+
+    Returns `feed` (n,), too: what known voltages, measured from ``low``, drive into every row, in amperes.
+    """
+    siemens, volts, ties = listed.conductance[contacts.element], contacts.volts.copy(), slice(contacts.ties)
+    volts[ties] -= low
+    ground, feed = sum_by_row(contacts.row[ties], siemens[ties], size), sum_by_row(contacts.row, siemens * volts, size)
     if netlist.cell_map is None:
-        return Laplacian(ground, listed, rails=rails)
-    periodic = tuple(axis.periodic for axis in netlist.cell_map.space.axes)
-    grid = Grid(netlist.cell_map.node, periodic)
-    return Laplacian(ground, listed, grid=grid, dimensions=grid.dimensions, rails=rails)
+        return Laplacian(ground, listed, rails=rails), feed
+    grid = Grid(netlist.cell_map.node, tuple(axis.periodic for axis in netlist.cell_map.space.axes))
+    return Laplacian(ground, listed, grid=grid, dimensions=grid.dimensions, rails=rails), feed
 
 
 def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest) -> Parts:
@@ -245,18 +240,14 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
     fed = fed[:number]
     parts = Parts(part, lowest, highest, fed, contacts)
     if np.any(fed & parts.floating):
-        _refuse_fed(netlist, parts)
+        into = netlist.current_nodes[netlist.current_amps != 0].ravel()
+        stuck = into[(part[into] >= 0) & parts.floating[part[into]]]
+        if stuck.size:
+            raise CircuitError(
+                f"a current source feeds node {netlist.node_name(int(stuck.min()))}, which nothing ties to ground: "
+                "its voltage has no bound, or none that is known; add a resistor to a rail or remove the source"
+            )
     return parts
-
-
-def _refuse_fed(netlist: Netlist, parts: Parts) -> None:
-    fed = netlist.current_nodes[netlist.current_amps != 0].ravel()
-    stuck = fed[(parts.of_node[fed] >= 0) & parts.floating[parts.of_node[fed]]]
-    if stuck.size:
-        raise CircuitError(
-            f"a current source feeds node {netlist.node_name(int(stuck.min()))}, which nothing ties to ground: "
-            "its voltage has no bound, or none that is known; add a resistor to a rail or remove the source"
-        )
 
 
 def contacts_of(

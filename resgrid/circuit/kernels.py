@@ -93,7 +93,9 @@ def currents(
     power = 0.0
     for k in range(len(pairs)):
         a, b = pairs[k, 0], pairs[k, 1]
-        top = _pair_exponent(hi[a], e[a], hi[b], e[b]) if down[a] == down[b] else 0
+        top = 0
+        if down[a] == down[b]:
+            top = max(e[a] if hi[a] != 0.0 else e[b], e[b] if hi[b] != 0.0 else e[a])
         near, near_low = _shift(hi[a], e[a] - top), _shift(lo[a], e[a] - top)
         far, far_low = _shift(hi[b], e[b] - top), _shift(lo[b], e[b] - top)
         fall = _fall(near, near_low, down[a], far, far_low, down[b], noise, noise_down) * volts
@@ -102,13 +104,6 @@ def currents(
         apart = abs((near - far) + (near_low - far_low))
         faint[k] = down[a] == down[b] and _NOTHING * abs(near) < apart <= max(few, noise) * abs(near)
     return power
-
-
-@inlined
-def _pair_exponent(a: float, a_e: int, b: float, b_e: int) -> int:
-    if a == 0.0:
-        return b_e
-    return a_e if b == 0.0 else max(a_e, b_e)
 
 
 @kernel

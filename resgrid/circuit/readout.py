@@ -109,17 +109,12 @@ def _drop_and_height(rails: Rails, factors: Factor | None, watch: Watch, team: T
     All that flows into the low rail comes from the high one: ``to_low * height`` is at most the sum of ``to_high``.
     Where that says that both are needed, they are solved at once.
     """
-    to_low = rails.to_low
-    if team.size > 1 and (to_high := rails.to_high).sum() < _LEAST_REST * to_low.max(initial=0.0):
-        drop, height = _solved(factors, [to_low, to_high], watch, team)
-        return drop, None if _leaves_rest(drop) else height
-    (drop,) = _solved(factors, [to_low], watch, team)
-    return drop, None if _leaves_rest(drop) else _solved(factors, [rails.to_high], watch, team)[0]
-
-
-def _leaves_rest(drop: Scaled) -> bool:
-    """Whether the height ``1 - drop`` is nowhere a small difference."""
-    return bool(drop.plain.max(initial=0.0) < 1.0 - _LEAST_REST)
+    to_low, to_high = rails.to_low, rails.to_high
+    both = team.size > 1 and to_high.sum() < _LEAST_REST * to_low.max(initial=0.0)
+    drop, *height = _solved(factors, [to_low, to_high] if both else [to_low], watch, team)
+    if drop.plain.max(initial=0.0) < 1.0 - _LEAST_REST:  # the height ``1 - drop`` is nowhere a small difference
+        return drop, None
+    return drop, (height or _solved(factors, [to_high], watch, team))[0]
 
 
 def _solved(factors: Factor | None, currents: list[NDArray[np.float64]], watch: Watch, team: Team) -> list[Scaled]:

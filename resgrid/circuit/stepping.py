@@ -93,7 +93,7 @@ _EPS = float(np.finfo(np.float64).eps)
 _SHARE = 0.5
 """Largest share of the tolerance that one step may use up by its own estimate."""
 
-_REACH = {"backward_euler": 2.0, "trapezoidal": 4.0}
+_REACH = {"backward_euler": 2.0, "trapezoidal": 4.0, "tr-bdf2": np.inf}
 """Tolerances whose power ``(p + 1) / p`` one step of order ``p`` may use up: the errors of ``N`` steps add, and ``N``
 grows as their ``-1 / (p + 1)``-th power.  The factor is what a decay leaves of them.  Errors of TR-BDF2 are
 extrapolated away to leading order (which the trapezoidal rule, not being L-stable, would not survive)."""
@@ -143,10 +143,7 @@ def controlled_steps(
 
 def _share(method: str, tolerance: float) -> float:
     """Share of the largest voltage difference that one step may be off by, by its own estimate."""
-    share = _SHARE * tolerance
-    if method in _REACH:
-        order = _ORDER[method]
-        share = min(share, (_REACH[method] * tolerance) ** ((order + 1) / order))
+    share = min(_SHARE * tolerance, float((_REACH[method] * tolerance) ** (1.0 + 1.0 / _ORDER[method])))
     if share < _LEAST_SHARE:
         raise AccuracyError(
             f"rounding does not allow tolerance = {tolerance:g} by method = {method!r}, which takes too many steps for "

@@ -94,7 +94,7 @@ class WarmPoint:
         if accuracy != "normwise":
             return solve_linear(netlist, accuracy=accuracy, method="auto", rtol=1e-10)
         system = assemble(netlist)
-        row = _row_of_cells(system)
+        row = np.append(system.unknown, -1)[netlist.cells.node]
         x = np.empty(system.size)
         x[row[row >= 0]] = self.voltage[row >= 0] - system.reference
         told = {"iterations": self.iterations, "backward_error": self.backward_error}
@@ -176,7 +176,8 @@ class WarmStart:
         if system.size:
             factors = factor_laplacian(system.laplacian, "auto", accuracy="normwise")
             x = factors.solve(system.drive, rtol=self.rtol, watch=watch)
-        height = np.append(x, np.nan)[_row_of_cells(system)]
+        row = np.append(system.unknown, -1)[system.netlist.cells.node]
+        height = np.append(x, np.nan)[row]
         return WarmPoint(
             space, wiring, wiring.goal_voltage + wiring.supply * height, True, watch.iterations, watch.error
         )
@@ -192,13 +193,6 @@ class WarmStart:
         voltage += wiring.goal_voltage
         voltage[~circuit.row] = np.nan
         return WarmPoint(circuit.space, wiring, voltage, fresh, watch.iterations, watch.error)
-
-
-def _row_of_cells(system: Equations) -> NDArray[np.int32]:
-    """Row of every cell, of the space's shape; -1 where its voltage is not solved for."""
-    grid = system.laplacian.grid
-    assert grid is not None
-    return grid.of_rows(system.unknown).vertex
 
 
 @dataclass(eq=False)
