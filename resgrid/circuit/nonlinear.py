@@ -90,7 +90,22 @@ def solve_nonlinear(
         if change <= _SETTLED:
             break
     assert best is not None
-    answer = _in_place(netlist, best, least, seconds)
+    m, read, (amps, exponent) = len(netlist.conductance), best.readings, best.readings.scaled
+    answer = dataclasses.replace(
+        best,
+        netlist=netlist,
+        entry_error=np.inf,
+        ammeters=read._replace(
+            resistor_current=read.resistor_current[:m],
+            scaled=(amps[:m], exponent[:m]),
+            kcl_residual=max(read.kcl_residual, least),
+        ),
+        nonlinear_amps=read.resistor_current[m:],
+        nonlinear_log_amps=best.resistor_log_current[m:],
+        nonlinear_direction=best.resistor_direction[m:],
+        method=f"newton, {best.method}",
+        seconds={"newton": seconds, **best.seconds},
+    )
     if least > DIRECTION_RESIDUAL:
         raise AccuracyError(
             f"the currents of nonlinear resistors are settled to {least:.1e} only: V0 is too small beside the "
@@ -141,26 +156,6 @@ def nonlinear_drops(point: OperatingPoint) -> NDArray[np.float64]:
     return np.where(saturated, across(point.voltage, netlist.nonlinear_nodes), told)
 
 
-def _in_place(netlist: Netlist, point: OperatingPoint, change: float, seconds: float) -> OperatingPoint:
-    """The operating point of the linear circuit as that of the nonlinear one."""
-    m, read, (amps, exponent) = len(netlist.conductance), point.readings, point.readings.scaled
-    return dataclasses.replace(
-        point,
-        netlist=netlist,
-        entry_error=np.inf,
-        ammeters=read._replace(
-            resistor_current=read.resistor_current[:m],
-            scaled=(amps[:m], exponent[:m]),
-            kcl_residual=max(read.kcl_residual, change),
-        ),
-        nonlinear_amps=read.resistor_current[m:],
-        nonlinear_log_amps=point.resistor_log_current[m:],
-        nonlinear_direction=point.resistor_direction[m:],
-        method=f"newton, {point.method}",
-        seconds={"newton": seconds, **point.seconds},
-    )
-
-
 class NewtonSolution(NamedTuple):
     """Where Newton's method ended, and the way there.
 
@@ -181,7 +176,7 @@ def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
     saturation, steps with the secant conductances take turns with such steps: they minimise a quadratic above the
     co-content that touches it (as iteratively reweighted least squares do), so that the co-content falls as well.
     """
-    circuit = _Circuit.of(netlist)
+    circuit = _Circuit.of(netlist, method)
     x, at_rest = np.zeros(circuit.system.size), False
     residuals: list[float] = []
     steps: list[float] = []
@@ -192,40 +187,24 @@ def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
         done = at_rest or circuit.obeys_kcl(x, drop, excess)
         saturated = np.abs(drop / circuit.law.volts).max(initial=0.0) > _SATURATED
         if len(steps) in (_MANY_STEPS, MOST_STEPS) or (done and saturated):
-            _refuse_overloaded_cut(netlist, circuit.system, x)
-        if done:
-            return NewtonSolution(circuit.system.voltages(x), residuals, steps)
-        if len(steps) == MOST_STEPS:
+            circuit.refuse_overloaded_cut(netlist, x)
+        if done or len(steps) == MOST_STEPS:
+            found = NewtonSolution(circuit.system.voltages(x), residuals, steps)
+            if done:
+                return found
             raise AccuracyError(
                 f"Newton's method did not converge in {MOST_STEPS} steps: Kirchhoff's current law is still violated by "
                 f"{residuals[-1]:.1e} A",
-                NewtonSolution(circuit.system.voltages(x), residuals, steps),
+                found,
             )
         try:
-            least = _SHORTEST if 0.0 in steps[-1:] else _WORTHWHILE
-            move, share = _step(circuit, x, drop, excess, method, least)
+            move, share = circuit.step(x, drop, excess, _SHORTEST if 0.0 in steps[-1:] else _WORTHWHILE)
         except AccuracyError:  # voltages without bound look like any other failure
-            _refuse_overloaded_cut(netlist, circuit.system, x)
+            circuit.refuse_overloaded_cut(netlist, x)
             raise
         x = x + move
         steps.append(share)
         at_rest = share > 0.0 and bool(np.abs(move).max() <= 4 * _EPS * share * np.abs(x).max())
-
-
-def _step(
-    circuit: _Circuit, x: NDArray[np.float64], drop: NDArray[np.float64], excess: NDArray[np.float64], method: str,
-    least: float,
-) -> tuple[NDArray[np.float64], float]:  # fmt: skip
-    """What to move by, and the share of a Newton step that it is, the least or more, or 0 for a step of the secants."""
-    with suppress(AccuracyError):  # differential conductances that vanish can leave the matrix singular
-        direction, share = circuit.move(excess, circuit.law.differential(drop), method), 1.0
-        # All of it unless the co-content, convex along it, rises before its end.
-        rise = 0.1 * abs(float(excess @ direction))
-        while circuit.excess(circuit.drops(x + share * direction)) @ direction > rise and share >= least:
-            share *= _SHORTER
-        if share >= least:
-            return share * direction, share
-    return circuit.move(excess, circuit.law.secant(drop), method), 0.0
 
 
 def linear_netlist(netlist: Netlist, conductance: NDArray[np.float64]) -> Netlist:
@@ -265,17 +244,18 @@ class _Law(NamedTuple):
 class _Circuit:
     """Kirchhoff's current law for the rows of a nodal system, each element with its own law; linear resistors first.
 
-    `incidence` (elements, n): from rows to what they add to the voltages across elements; `lift` (elements,): these
-    voltages where all rows are 0.
+    `method`: how linear systems are solved; `incidence` (elements, n): from rows to what they add to the voltages
+    across elements; `lift` (elements,): these voltages where all rows are 0.
     """
 
     law: _Law
     system: Equations
+    method: str
     incidence: sparse.csr_array
     lift: NDArray[np.float64]
 
     @classmethod
-    def of(cls, netlist: Netlist) -> _Circuit:
+    def of(cls, netlist: Netlist, method: str) -> _Circuit:
         own = _Law.of(netlist)
         system = assemble(linear_netlist(netlist, own.siemens))
         siemens, ends = system.netlist.conductance, system.netlist.resistor_nodes
@@ -284,7 +264,7 @@ class _Circuit:
         element, end = np.nonzero(rows >= 0)
         entries = (1.0 - 2.0 * end, (element, rows[element, end]))
         incidence = sparse.coo_array(entries, shape=(len(ends), system.size)).tocsr()
-        return cls(law, system, incidence, across(system.heights(np.zeros(system.size)), ends))
+        return cls(law, system, method, incidence, across(system.heights(np.zeros(system.size)), ends))
 
     def drops(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Voltage across every element."""
@@ -302,47 +282,57 @@ class _Circuit:
         rounding = 4 * _EPS * (touched.T @ error + fed)
         return bool(np.all(np.abs(excess) <= np.minimum(rounding, _NEGLIGIBLE * largest)))
 
-    def move(self, excess: NDArray[np.float64], conductance: NDArray[np.float64], method: str) -> NDArray[np.float64]:
+    def step(
+        self, x: NDArray[np.float64], drop: NDArray[np.float64], excess: NDArray[np.float64], least: float
+    ) -> tuple[NDArray[np.float64], float]:
+        """What to move by, and which share of a Newton step it is: the least or more; 0 for a step of the secants."""
+        with suppress(AccuracyError):  # differential conductances that vanish can leave the matrix singular
+            direction, share = self.move(excess, self.law.differential(drop)), 1.0
+            # All of it unless the co-content, convex along it, rises before its end.
+            rise = 0.1 * abs(float(excess @ direction))
+            while self.excess(self.drops(x + share * direction)) @ direction > rise and share >= least:
+                share *= _SHORTER
+            if share >= least:
+                return share * direction, share
+        return self.move(excess, self.law.secant(drop)), 0.0
+
+    def move(self, excess: NDArray[np.float64], conductance: NDArray[np.float64]) -> NDArray[np.float64]:
         """What takes the excess away if conductances stay as they are."""
         matrix, _ = self.system.with_conductance(conductance, self.system.found_contacts())
-        return factor_laplacian(matrix, method).solve(-excess, rtol=1e-8)
+        return factor_laplacian(matrix, self.method).solve(-excess, rtol=1e-8)
 
+    def refuse_overloaded_cut(self, netlist: Netlist, x: NDArray[np.float64]) -> None:
+        """Refuse a circuit whose current sources exceed what a cut through nonlinear resistors can carry.
 
-def _refuse_overloaded_cut(netlist: Netlist, system: Equations, x: NDArray[np.float64]) -> None:
-    """Refuse a circuit whose current sources exceed what a cut through nonlinear resistors can carry.
+        Cuts between the rows above some voltage and all others are asked, and those below one.  Shapes: `x` (n,).
+        """
+        volts, rank = np.unique(np.append(x, 0.0), return_inverse=True)  # the last row is that of the rails
+        count, rows = len(volts), self.system.unknown[self.system.netlist.resistor_nodes]
+        below, above = np.sort(rank[rows], axis=1).T
+        limit = np.append(np.zeros(len(netlist.conductance)), netlist.nonlinear_current)
 
-    Cuts between the rows above some voltage and all others are asked, and those below one.  Shapes: `x` (n,).
-    """
-    volts, rank = np.unique(np.append(x, 0.0), return_inverse=True)  # the last row is that of the rails
-    if len(volts) < 2:
-        return
-    ends = np.concatenate([netlist.resistor_nodes, netlist.nonlinear_nodes])
-    below, above = np.sort(rank[system.unknown[ends]], axis=1).T
-    m = len(netlist.resistor_nodes)
-    linear, limit = np.arange(len(ends)) < m, np.append(np.zeros(m), netlist.nonlinear_current)
+        def crossing(weight: NDArray[np.float64]) -> NDArray[np.float64]:
+            """Sum over the elements that join what lies up to each voltage, but the last, to what lies above."""
+            return np.cumsum(np.bincount(below, weight, count) - np.bincount(above, weight, count))[:-1]
 
-    def crossing(weight: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Sum over the elements that join what lies up to each voltage, but the last, to what lies above."""
-        return np.cumsum(np.bincount(below, weight, len(volts)) - np.bincount(above, weight, len(volts)))[:-1]
-
-    fed = np.cumsum(np.bincount(rank[:-1], system.injected, len(volts)))
-    surplus = np.where(np.arange(len(volts) - 1) < rank[-1], -fed[:-1], fed[-1] - fed[:-1])
-    surplus -= crossing(limit) * (1 - _MARGIN)
-    surplus[crossing(linear.astype(np.float64)) > 0] = -np.inf
-    cut = int(np.argmax(surplus))
-    inside = (rank[:-1] <= cut) == (cut < rank[-1])
-    within = np.append(inside, False)[system.unknown]
-    ends = within[netlist.nonlinear_nodes]
-    across = np.flatnonzero(ends[:, 0] != ends[:, 1])
-    amps, capacity = abs(float(system.injected[inside].sum())), float(netlist.nonlinear_current[across].sum())
-    if surplus[cut] == -np.inf or not across.size or amps < capacity * (1 - _MARGIN):
-        return
-    names = netlist.names_of(netlist.nonlinear_nodes[across[0]])
-    close = "" if amps >= capacity else "may be no operating point, so close are the resistors to I0"
-    raise CircuitError(
-        f"there {close or 'is no operating point'}: the current sources drive {amps:.6g} A through the {len(across)} "
-        f"nonlinear resistors around {np.count_nonzero(within)} nodes (such as "
-        f"{netlist.node_name(int(np.argmax(within)))}), but these (such as the one between {names[0]} and {names[1]}) "
-        f"carry less than {capacity:.6g} A, the sum of their "
-        "I0; feed less current, or raise I0"
-    )
+        fed = np.cumsum(np.bincount(rank[:-1], self.system.injected, count))
+        surplus = np.where(np.arange(count - 1) < rank[-1], -fed[:-1], fed[-1] - fed[:-1])
+        surplus -= crossing(limit) * (1 - _MARGIN)
+        surplus[crossing((limit == 0).astype(np.float64)) > 0] = -np.inf
+        if surplus.max(initial=-np.inf) == -np.inf:
+            return
+        cut = int(np.argmax(surplus))
+        inside = (rank <= cut) == (cut < rank[-1])
+        across = np.flatnonzero(np.not_equal(*inside[rows.T]))
+        amps, capacity = abs(float(self.system.injected[inside[:-1]].sum())), float(limit[across].sum())
+        if not across.size or amps < capacity * (1 - _MARGIN):
+            return
+        names = netlist.names_of(self.system.netlist.resistor_nodes[across[0]])
+        within = inside[self.system.unknown]
+        close = "" if amps >= capacity else "may be no operating point, so close are the resistors to I0"
+        raise CircuitError(
+            f"there {close or 'is no operating point'}: the current sources drive {amps:.6g} A through the "
+            f"{len(across)} nonlinear resistors around {np.count_nonzero(within)} nodes (such as "
+            f"{netlist.node_name(int(np.argmax(within)))}), but these (such as the one between {names[0]} and "
+            f"{names[1]}) carry less than {capacity:.6g} A, the sum of their I0; feed less current, or raise I0"
+        )
