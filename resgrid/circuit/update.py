@@ -187,9 +187,9 @@ class WarmStart:
         if fresh:
             circuit.first_iterations = watch.iterations
         self._last = circuit if watch.iterations <= circuit.first_iterations + _WORN else None
-        share = circuit.first_rows / np.count_nonzero(circuit.row) if circuit.amps else 1.0
+        fed = wiring.drive == "uniform"
         voltage = circuit.grid.values
-        voltage *= wiring.supply * share
+        voltage *= wiring.supply / (wiring.resistance * np.count_nonzero(circuit.row) if fed else 1.0)
         voltage += wiring.goal_voltage
         voltage[~circuit.row] = np.nan
         return WarmPoint(circuit.space, wiring, voltage, fresh, watch.iterations, watch.error)
@@ -197,17 +197,14 @@ class WarmStart:
 
 @dataclass(eq=False)
 class _Circuit:
-    """A circuit with its rails at 0 and 1 V, and the space it was compiled from.
+    """A circuit with its rails at 0 and 1 V, or 1 A into every row, and the space it was compiled from.
 
-    `row`: cells with rows, of the space's shape; `amps`: into every row at first, where all are fed the same;
-    `first_rows, first_iterations`: how many rows there were then, and steps that their solution took.
+    `row`: cells with rows, of the space's shape; `first_iterations`: steps that its first solution took.
     """
 
     space: ConfigurationSpace
     row: NDArray[np.bool_]
     grid: WarmGrid
-    amps: float
-    first_rows: int
     first_iterations: int = 0
 
     @classmethod
@@ -216,8 +213,8 @@ class _Circuit:
         row, fed = _rows_of(space, wiring), wiring.drive == "uniform"
         if not system.size == np.count_nonzero(row) > 0:
             return None
-        grid = WarmGrid.of(system.laplacian, system.drive, flat=fed)
-        return None if grid is None else cls(space, row, grid, float(system.drive[0]) if fed else 0.0, system.size)
+        grid = WarmGrid.of(system.laplacian, np.ones(system.size) if fed else system.drive, flat=fed)
+        return None if grid is None else cls(space, row, grid)
 
     def change(self, space: ConfigurationSpace, wiring: Wiring) -> bool:
         """Take over what has changed since; False, of no use any more, where that is no gain."""
@@ -238,7 +235,7 @@ class _Circuit:
         for box in boxes:
             around_goals = space.cell[box][_inside(space, box, _RIM + 1)] == Cell.GOAL
             alone = len(boxes) == 1 and np.count_nonzero(around_goals) == goals
-            window = _window_of(space, wiring, box, row[box], self.amps)
+            window = _window_of(space, wiring, box, row[box])
             self.grid.change(box, _inside(space, box, _RIM), *window, solve=row.size >= _SMALL, follow=alone)
         return True
 
@@ -296,9 +293,9 @@ def _inside(space: ConfigurationSpace, box: tuple[slice, ...], margin: int) -> t
 
 
 def _window_of(
-    space: ConfigurationSpace, wiring: Wiring, box: tuple[slice, ...], row: NDArray[np.bool_], amps: float
+    space: ConfigurationSpace, wiring: Wiring, box: tuple[slice, ...], row: NDArray[np.bool_]
 ) -> tuple[Laplacian, NDArray[np.float64]]:
-    """The equations of a box, with the high rail at 1 V, the low one at 0 V, and so many amperes into every row.
+    """The equations of a box, with the high rail at 1 V and the low one at 0 V, or with 1 A into every row.
 
     Shapes: `row`, of the box: which of its cells have rows.
     """
@@ -319,6 +316,6 @@ def _window_of(
     here, beside = listed.ends.T
     tied, fed = beside >= size, beside == size
     ground = sum_by_row(here[tied], listed.conductance[tied], size)
-    drive = amps + sum_by_row(here[fed], listed.conductance[fed], size)
+    drive = sum_by_row(here[fed], listed.conductance[fed], size) + (wiring.drive == "uniform")
     grid = Grid(vertex, (False,) * vertex.ndim)
     return Laplacian(ground, listed, grid=grid, dimensions=grid.dimensions), drive
