@@ -298,8 +298,3 @@ def energy_delivered(
     heat = netlist.conductance * across(mean, netlist.resistor_nodes) ** 2
     moved = netlist.capacitance * across(dynamics.at_nodes(change), netlist.capacitor_nodes)
     return float(time * heat.sum() + moved @ across(mean, netlist.capacitor_nodes))
-
-
-def energy_stored(netlist: Netlist, voltage: NDArray[np.float64]) -> float:
-    """Energy in the capacitors at node voltages, in joules."""
-    return float(0.5 * np.sum(netlist.capacitance * across(voltage, netlist.capacitor_nodes) ** 2))

@@ -11,14 +11,8 @@ from annotated_types import Ge, Lt
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import Positive, real_numbers
-from resgrid.circuit.dynamics import (
-    Dynamics,
-    dynamics_of,
-    energy_delivered,
-    energy_stored,
-    factor_resolvent,
-    initial_state,
-)
+from resgrid.circuit.dynamics import Dynamics, dynamics_of, energy_delivered, factor_resolvent, initial_state
+from resgrid.circuit.equations import across
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.stepping import RTOL, Method, advance, controlled_steps, fixed_steps, rate_of
 from resgrid.errors import InputError
@@ -195,7 +189,7 @@ def transient(
     for number, ((x, integral), taken) in enumerate(states):
         voltage[number] = dynamics.voltage(x)
         energy[number] = energy_delivered(dynamics, when[number], x - start[0], integral)
-        stored[number] = energy_stored(netlist, voltage[number])
+        stored[number] = 0.5 * np.sum(netlist.capacitance * across(voltage[number], netlist.capacitor_nodes) ** 2)
         steps = taken
     return Transient(netlist, when, voltage, energy, stored, steps, factors.cache_info().misses, method)
 
