@@ -46,7 +46,7 @@ class Equations:
     `forest`: how the voltage sources tie the nodes; `unknown` (nodes,): row of every node that is solved for, -1
     elsewhere; nodes tied by floating sources share a row; `laplacian` (n, n): conductances between the rows, and from
     them to nodes of known voltage; it tells the two rails apart, if the known voltages take just two values and
-    nothing else drives the circuit; `contacts` (c,): the resistors of which `feed` and ground conductances are made;
+    nothing else drives the circuit; `contacts`: the resistors of which `feed` and ground conductances are made;
     `feed` (n,): current that the known voltages drive into every row, measured from `reference`, in amperes; read-only
     where there is none; `injected` (n,): current that current sources drive into every row, in amperes, likewise;
     `reference`: the lowest known voltage in contact with the rows, in volts; `undriven`: nodes of parts that a single
@@ -57,7 +57,7 @@ class Equations:
     forest: SourceForest
     unknown: NDArray[np.int32]
     laplacian: Laplacian
-    contacts: NDArray[np.int32]
+    contacts: Contacts
     feed: NDArray[np.float64]
     injected: NDArray[np.float64]
     reference: float
@@ -99,16 +99,10 @@ class Equations:
             return heights
         return np.where(self.unknown >= 0, self.reference + heights, self.known_voltages())
 
-    def found_contacts(self) -> Contacts:
-        """What drives the rows, found anew."""
-        return contacts_of(self.netlist.resistor_nodes, self.contacts, self.unknown, self.forest)
-
-    def with_conductance(
-        self, conductance: NDArray[np.float64], contacts: Contacts
-    ) -> tuple[Laplacian, NDArray[np.float64]]:
+    def with_conductance(self, conductance: NDArray[np.float64]) -> tuple[Laplacian, NDArray[np.float64]]:
         """The matrix of the same circuit with other conductances, and their `feed`.  Shapes: (resistors,)."""
         listed = EdgeList(self.netlist.resistor_nodes, conductance, self.unknown)
-        return matrix_of(self.netlist, listed, contacts, self.size, self.reference)
+        return matrix_of(self.netlist, listed, self.contacts, self.size, self.reference)
 
     @property
     def drive(self) -> NDArray[np.float64]:
@@ -186,7 +180,7 @@ def assemble(netlist: Netlist) -> Equations:
         forest=forest,
         unknown=unknown,
         laplacian=laplacian,
-        contacts=some,
+        contacts=contacts,
         feed=_without_memory(feed, size),
         injected=_without_memory(injected, size),
         reference=reference,
@@ -256,8 +250,8 @@ def contacts_of(
     """Look at some of the elements.  Shapes: `ends` (m, 2), `some` (k,): their numbers."""
     first, second = np.take(ends, some, axis=0).T
     i, j = np.take(unknown, first), np.take(unknown, second)
-    tied, joined = (i < 0) != (j < 0), np.flatnonzero((i >= 0) & (j >= 0) & (i != j))
     volts = np.take(forest.offset, second) - np.take(forest.offset, first)
+    tied, joined = (i < 0) != (j < 0), np.flatnonzero((i >= 0) & (j >= 0) & (i != j) & (volts != 0))
     return Contacts(
         element=np.concatenate([some[tied], some[joined], some[joined]]),
         row=np.concatenate([np.maximum(i, j)[tied], i[joined], j[joined]]),

@@ -298,7 +298,7 @@ class _Circuit:
 
     def move(self, excess: NDArray[np.float64], conductance: NDArray[np.float64]) -> NDArray[np.float64]:
         """What takes the excess away if conductances stay as they are."""
-        matrix, _ = self.system.with_conductance(conductance, self.system.found_contacts())
+        matrix, _ = self.system.with_conductance(conductance)
         return factor_laplacian(matrix, self.method).solve(-excess, rtol=1e-8)
 
     def refuse_overloaded_cut(self, netlist: Netlist, x: NDArray[np.float64]) -> None:
