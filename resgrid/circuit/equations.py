@@ -29,8 +29,8 @@ def across(voltage: NDArray[np.float64], ends: NDArray[np.int32]) -> NDArray[np.
 class Contacts(NamedTuple):
     """Through which elements known voltages drive the rows, and where floating sources lift one end over the other.
 
-    `element, row` (c,); `volts` (c,): what the row sees behind the element, in volts; the first `ties` lead to nodes of
-    known voltage, the others from row to row.
+    `element, row` (c,); `volts` (c,): what the row sees behind the element, in volts, above the reference of equations
+    that have one; the first `ties` lead to nodes of known voltage, the others from row to row.
     """
 
     element: NDArray[np.int32]
@@ -102,7 +102,7 @@ class Equations:
     def with_conductance(self, conductance: NDArray[np.float64]) -> tuple[Laplacian, NDArray[np.float64]]:
         """The matrix of the same circuit with other conductances, and their `feed`.  Shapes: (resistors,)."""
         listed = EdgeList(self.netlist.resistor_nodes, conductance, self.unknown)
-        return matrix_of(self.netlist, listed, self.contacts, self.size, self.reference)
+        return matrix_of(self.netlist, listed, self.contacts, self.size)
 
     @property
     def drive(self) -> NDArray[np.float64]:
@@ -171,7 +171,8 @@ def assemble(netlist: Netlist) -> Equations:
     plain = low < high and np.all((volts == low) | (volts == high)) and not lifted and not injected.any()
     rails = _rails(netlist, size, contacts, low, high) if plain else None
     listed = EdgeList(ends, netlist.conductance, unknown)
-    laplacian, feed = matrix_of(netlist, listed, contacts, size, reference, rails)
+    contacts.volts[: contacts.ties] -= reference
+    laplacian, feed = matrix_of(netlist, listed, contacts, size, rails)
     other = np.flatnonzero((unknown < 0) & (parts.of_node >= 0))
     at_rest = parts.lowest[parts.of_node[other]]
     floats = np.isinf(at_rest)
@@ -191,15 +192,15 @@ def assemble(netlist: Netlist) -> Equations:
 
 
 def matrix_of(
-    netlist: Netlist, listed: EdgeList, contacts: Contacts, size: int, low: float = 0.0, rails: Rails | None = None
+    netlist: Netlist, listed: EdgeList, contacts: Contacts, size: int, rails: Rails | None = None
 ) -> tuple[Laplacian, NDArray[np.float64]]:
     """The matrix for elements between a netlist's nodes, on the grid whose cells these are, if there is one.
 
-    Returns `feed` (n,), too: what known voltages, measured from ``low``, drive into every row, in amperes.
+    Returns `feed` (n,), too: what contacts drive into every row, in amperes.
     """
-    siemens, volts, ties = listed.conductance[contacts.element], contacts.volts.copy(), slice(contacts.ties)
-    volts[ties] -= low
-    ground, feed = sum_by_row(contacts.row[ties], siemens[ties], size), sum_by_row(contacts.row, siemens * volts, size)
+    siemens, ties = listed.conductance[contacts.element], slice(contacts.ties)
+    ground = sum_by_row(contacts.row[ties], siemens[ties], size)
+    feed = sum_by_row(contacts.row, siemens * contacts.volts, size)
     if netlist.cell_map is None:
         return Laplacian(ground, listed, rails=rails), feed
     grid = Grid(netlist.cell_map.node, tuple(axis.periodic for axis in netlist.cell_map.space.axes))

@@ -81,8 +81,7 @@ def solve_nonlinear(
     for _ in range(_MOST_PASSES):
         chords = linear_netlist(netlist, secant)
         point = solve_linear(chords, accuracy=accuracy, method=method, rtol=rtol, progress=progress)
-        drop = point.resistor_current[len(netlist.conductance) :] / secant
-        better = law.secant(drop)
+        better = law.secant(point.resistor_current[len(netlist.conductance) :] / secant)
         change = float(np.abs(better / secant - 1).max())
         if not change < least:
             break

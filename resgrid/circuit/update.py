@@ -14,14 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.equations import Equations, assemble, sum_by_row
-from resgrid.circuit.linear import solve_linear
+from resgrid.circuit.linear import factor_circuit, solve_linear
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.readout import read_normwise
 from resgrid.compiler import Kind, compile_space, contacts_of_box
 from resgrid.errors import AccuracyError, InputError
 from resgrid.grids import before_and_behind, label_regions
 from resgrid.netlist import Netlist
-from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.factor import check_rtol
 from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian
 from resgrid.solvers.monitor import Progress, Watch
@@ -174,13 +173,10 @@ class WarmStart:
             return self._solved(circuit, wiring, watch, fresh=True)
         x = np.zeros(0)
         if system.size:
-            factors = factor_laplacian(system.laplacian, "auto", accuracy="normwise")
-            x = factors.solve(system.drive, rtol=self.rtol, watch=watch)
-        row = np.append(system.unknown, -1)[system.netlist.cells.node]
-        height = np.append(x, np.nan)[row]
-        return WarmPoint(
-            space, wiring, wiring.goal_voltage + wiring.supply * height, True, watch.iterations, watch.error
-        )
+            x = factor_circuit(system).factors.solve(system.drive, rtol=self.rtol, watch=watch)
+        height = np.append(x, np.nan)[np.append(system.unknown, -1)[system.netlist.cells.node]]
+        voltage = wiring.goal_voltage + wiring.supply * height
+        return WarmPoint(space, wiring, voltage, True, watch.iterations, watch.error)
 
     def _solved(self, circuit: _Circuit, wiring: Wiring, watch: Watch, *, fresh: bool) -> WarmPoint:
         circuit.grid.solve(self.rtol, watch)
