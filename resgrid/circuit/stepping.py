@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from resgrid.circuit.dynamics import Dynamics, slope
 from resgrid.errors import AccuracyError, BudgetError
+from resgrid.solvers.factor import Factor
 
 Method = Literal["backward_euler", "trapezoidal", "tr-bdf2"]
 
@@ -33,8 +34,8 @@ _MOST_STEPS = 10_000_000
 RTOL = 1e-11
 """Normwise backward error of every solution within a step."""
 
-Solve = Callable[[float, NDArray[np.float64]], NDArray[np.float64]]
-"""Solves ``(G + rate C) x = rhs``; the rate comes first."""
+Factors = Callable[[float], Factor]
+"""Factors of ``G + rate C``, by the rate."""
 
 State = NDArray[np.float64]
 """Voltages of the rows, and their integrals since 0+; shape (2, n)."""
@@ -45,19 +46,21 @@ def rate_of(method: Method, h: float) -> float:
     return {"backward_euler": 1.0, "trapezoidal": 2.0, "tr-bdf2": 2.0 + _ROOT2}[method] / h
 
 
-def advance(dynamics: Dynamics, method: Method, state: State, h: float, solve: Solve) -> State:
+def advance(dynamics: Dynamics, method: Method, state: State, h: float, factors: Factors) -> State:
     """Make one step."""
-    (x, integral), rate = state, rate_of(method, h)
-    half = solve(rate, dynamics.imbalance(x, dynamics.drive))
+    if not dynamics.size:
+        return state
+    (x, integral), factor = state, factors(rate_of(method, h))
+    half = factor.solve(dynamics.imbalance(x, dynamics.drive), rtol=RTOL)
     if method != "tr-bdf2":
         return np.stack([x + (1.0 if method == "backward_euler" else 2.0) * half, integral + h * (x + half)])
     between, past = x + 2.0 * half, x + (_ROOT2 + 1.0) * half
-    after = past + solve(rate, dynamics.imbalance(past, dynamics.drive))
+    after = past + factor.solve(dynamics.imbalance(past, dynamics.drive), rtol=RTOL)
     return np.stack([after, integral + h * (_ROOT2 / 4.0 * (x + between) + (1.0 - _ROOT2 / 2.0) * after)])
 
 
 def fixed_steps(
-    dynamics: Dynamics, method: Method, state: State, times: NDArray[np.float64], step: float, solve: Solve
+    dynamics: Dynamics, method: Method, state: State, times: NDArray[np.float64], step: float, factors: Factors
 ) -> Iterator[tuple[State, int]]:
     """States at times, and steps until then; intervals are divided evenly into steps no longer than ``step``.
 
@@ -70,10 +73,10 @@ def fixed_steps(
         h = (time - now) / max(count, 1)
         for _ in range(count):
             if method == "trapezoidal" and taken < 2:
-                middle = advance(dynamics, "backward_euler", state, h / 2, solve)
-                state = advance(dynamics, "backward_euler", middle, h / 2, solve)
+                middle = advance(dynamics, "backward_euler", state, h / 2, factors)
+                state = advance(dynamics, "backward_euler", middle, h / 2, factors)
             else:
-                state = advance(dynamics, method, state, h, solve)
+                state = advance(dynamics, method, state, h, factors)
             taken += 1
         now = time
         yield state, taken
@@ -104,7 +107,7 @@ _FUTILE = 30
 
 
 def controlled_steps(
-    dynamics: Dynamics, method: Method, state: State, times: NDArray[np.float64], tolerance: float, solve: Solve
+    dynamics: Dynamics, method: Method, state: State, times: NDArray[np.float64], tolerance: float, factors: Factors
 ) -> Iterator[tuple[State, int]]:
     """States at times, and steps until then, each of ``2**k`` seconds; the halves are kept.  Shapes: `times` (t,)."""
     order, share, end = _ORDER[method], _share(method, tolerance), float(times[-1])
@@ -115,9 +118,9 @@ def controlled_steps(
     for time in times.tolist():
         while now < time:
             h = 2.0**exponent
-            whole = advance(dynamics, method, state, h, solve)
-            half = advance(dynamics, method, state, h / 2, solve)
-            after = advance(dynamics, method, half, h / 2, solve)
+            whole = advance(dynamics, method, state, h, factors)
+            half = advance(dynamics, method, state, h / 2, factors)
+            after = advance(dynamics, method, half, h / 2, factors)
             reached = _range(dynamics, half) if now + h / 2 <= end else (low, high)
             lowest, highest = min(low, reached[0]), max(high, reached[1])
             target = share * (highest - lowest)

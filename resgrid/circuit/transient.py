@@ -103,14 +103,12 @@ class TransientStepper:
         """
         dynamics = self.dynamics
         x = dynamics.state(_checked_voltages(dynamics.netlist, "voltage", voltage, dynamics.row >= 0))
-        if self.method == "backward_euler" and dynamics.apart:
-            after = self._solve(0.0, dynamics.capacitance.ground * x / self.step + dynamics.drive)
-        else:
-            after, _ = advance(dynamics, self.method, np.stack([x, np.zeros_like(x)]), self.step, self._solve)
-        return dynamics.voltage(after)
-
-    def _solve(self, _: float, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
-        return rhs if self.factors is None else self.factors.solve(rhs, rtol=RTOL)
+        factors = self.factors
+        if factors is not None and self.method == "backward_euler" and dynamics.apart:
+            x = factors.solve(dynamics.capacitance.ground * x / self.step + dynamics.drive, rtol=RTOL)
+        elif factors is not None:
+            x, _ = advance(dynamics, self.method, np.stack([x, np.zeros_like(x)]), self.step, lambda _: factors)
+        return dynamics.voltage(x)
 
 
 def transient(
@@ -174,18 +172,14 @@ def transient(
     when = _checked_times(times)
     dynamics = dynamics_of(netlist)
     factors = lru_cache(_KEPT)(lambda rate: factor_resolvent(dynamics, rate, solver))
-
-    def solve(rate: float, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
-        return factors(rate).solve(rhs, rtol=RTOL) if len(rhs) else rhs
-
     start = np.zeros((2, dynamics.size))
     start[0] = initial_state(dynamics, initial_voltages(netlist, initial))
     voltage = np.empty((len(when), netlist.node_count))
     energy, stored = np.empty(len(when)), np.empty(len(when))
     if step is not None:
-        states = fixed_steps(dynamics, method, start, when, step, solve)
+        states = fixed_steps(dynamics, method, start, when, step, factors)
     else:
-        states = controlled_steps(dynamics, method, start, when, tolerance, solve)
+        states = controlled_steps(dynamics, method, start, when, tolerance, factors)
     for number, ((x, integral), taken) in enumerate(states):
         voltage[number] = dynamics.voltage(x)
         energy[number] = energy_delivered(dynamics, when[number], x - start[0], integral)
@@ -249,9 +243,7 @@ def initial_voltages(netlist: Netlist, initial: OperatingPoint | ArrayLike | Non
         return np.zeros(netlist.node_count)
     if isinstance(initial, OperatingPoint):
         old, new = initial.netlist.cell_map, netlist.cell_map
-        if old is not None and new is not None:
-            return np.nan_to_num(_carried_over(initial, old, netlist, new), nan=0.0)
-        initial = np.nan_to_num(initial.voltage, nan=0.0)
+        initial = np.nan_to_num(_carried_over(initial, old, netlist, new) if old and new else initial.voltage)
     return _checked_voltages(netlist, "initial", initial, np.ones(netlist.node_count, dtype=np.bool_))
 
 
