@@ -169,7 +169,10 @@ def assemble(netlist: Netlist) -> Equations:
     volts = contacts.volts[: contacts.ties] if size else _between_rails(netlist, forest.offset, parts)
     low, high = float(volts.min(initial=np.inf)), float(volts.max(initial=-np.inf))
     plain = low < high and np.all((volts == low) | (volts == high)) and not lifted and not injected.any()
-    rails = _rails(netlist, size, contacts, low, high) if plain else None
+    if netlist.cell_map is not None and netlist.cell_map.wiring.supply < 0:  # the obstacles are on the lower one
+        low, high = high, low
+    siemens, at_high = netlist.conductance[contacts.element], contacts.volts == high
+    rails = Rails(high, low, size, contacts.row, siemens, at_high) if plain else None
     listed = EdgeList(ends, netlist.conductance, unknown)
     contacts.volts[: contacts.ties] -= reference
     laplacian, feed = matrix_of(netlist, listed, contacts, size, rails)
@@ -302,11 +305,3 @@ def _between_rails(netlist: Netlist, volts: NDArray[np.float64], parts: Parts) -
     if not ends.size and parts.floating.all() and np.count_nonzero(parts.of_node < 0) == 1:
         raise CircuitError("no element touches ground, node 0, so that no voltage is known; tie the circuit to it")
     return np.asarray(ends)
-
-
-def _rails(netlist: Netlist, size: int, contacts: Contacts, lowest: float, highest: float) -> Rails:
-    """Both rails; a map of cells says which of them the obstacles are on."""
-    upside_down = netlist.cell_map is not None and netlist.cell_map.wiring.supply < 0
-    high, low = (lowest, highest) if upside_down else (highest, lowest)
-    siemens = netlist.conductance[contacts.element]
-    return Rails(high, low, size, contacts.row, siemens, contacts.volts == high)
