@@ -117,10 +117,9 @@ class Dynamics:
 
     def state(self, voltage: NDArray[np.float64]) -> NDArray[np.float64]:
         """State of node voltages, in volts, shape (n,); of nodes that share a row, the first one's."""
-        nodes = np.flatnonzero(self.row >= 0)
-        rows, first = np.unique(self.row[nodes], return_index=True)
+        nodes = np.flatnonzero(self.row >= 0)[::-1]  # of several, the last one written counts
         x = np.empty(self.size)
-        x[rows] = voltage[nodes[first]] - self.fixed[nodes[first]]
+        x[self.row[nodes]] = voltage[nodes] - self.fixed[nodes]
         return x
 
     def at_nodes(self, value: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -126,9 +126,8 @@ def drop_unresolved(
 ) -> None:  # fmt: skip
     """Set currents to 0 along which nothing falls, and that are small at both ends, in place.
 
-    Where what is ``falling`` is NaN, as beyond both rails, nothing is said of currents.
-
-    ``through`` is half the sum of magnitudes at a node, of which ``harmless`` is small.
+    Where what is ``falling`` is NaN, as beyond both rails, nothing is said of currents.  ``through`` is half the sum of
+    magnitudes at a node, of which ``harmless`` is small.
     """
     for k in range(len(pairs)):
         a, b = pairs[k, 0], pairs[k, 1]
