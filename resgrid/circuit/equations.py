@@ -233,7 +233,8 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
     np.minimum.at(lowest, held, volts)
     np.maximum.at(highest, held, volts)
     fed = np.zeros(number + 1, dtype=np.bool_)  # the last one for what is tied to ground
-    fed[np.take(part, netlist.current_nodes[netlist.current_amps != 0])] = True
+    for end in netlist.current_nodes.T:
+        fed[np.take(part, end)[netlist.current_amps != 0]] = True
     fed[part[forest.order[(forest.base != GROUND) & (forest.height != 0)]]] = True
     fed = fed[:number]
     parts = Parts(part, lowest, highest, fed, contacts)
@@ -266,8 +267,9 @@ def contacts_of(
 
 def injected_into_rows(netlist: Netlist, unknown: NDArray[np.int32], size: int) -> NDArray[np.float64]:
     """What current sources drive into every row, in amperes, shape (n,); rounded once: several may nearly cancel."""
-    rows = np.take(unknown, netlist.current_nodes.T)
-    row, amps = rows[rows >= 0], np.stack([-netlist.current_amps, netlist.current_amps])[rows >= 0]
+    taken, fed = (np.take(unknown, end) for end in netlist.current_nodes.T)
+    row = np.concatenate([taken[taken >= 0], fed[fed >= 0]])
+    amps = np.concatenate([-netlist.current_amps[taken >= 0], netlist.current_amps[fed >= 0]])
     injected, count = sum_by_row(row, amps, size), np.bincount(row, minlength=size)
     if count.max(initial=0) > 2:
         several = np.flatnonzero(count[row] > 2)
