@@ -169,7 +169,11 @@ def transient(
     >>> rg.transient(rc, [0.0, 1e-6, 5e-6]).voltage[:, 2].round(3)
     array([0.   , 0.632, 0.993])
     """
-    when = _checked_times(times)
+    when = np.array(real_numbers("times", times), dtype=np.float64)
+    if when.ndim != 1 or not len(when):
+        raise InputError(f"times has shape {when.shape}; give at least one time, in a row")
+    if not (np.isfinite(when).all() and (when >= 0).all() and (np.diff(when) >= 0).all()):
+        raise InputError("times must be finite, at least 0 and ascending, in seconds")
     dynamics = dynamics_of(netlist)
     factors = lru_cache(_KEPT)(lambda rate: factor_resolvent(dynamics, rate, solver))
     start = np.zeros((2, dynamics.size))
@@ -226,15 +230,6 @@ def transient_stepper(
     dynamics = dynamics_of(netlist)
     factors = factor_resolvent(dynamics, rate_of(method, float(step)), solver) if dynamics.size else None
     return TransientStepper(dynamics, float(step), method, factors)
-
-
-def _checked_times(times: ArrayLike) -> NDArray[np.float64]:
-    when = np.array(real_numbers("times", times), dtype=np.float64)
-    if when.ndim != 1 or not len(when):
-        raise InputError(f"times has shape {when.shape}; give at least one time, in a row")
-    if not (np.isfinite(when).all() and (when >= 0).all() and (np.diff(when) >= 0).all()):
-        raise InputError("times must be finite, at least 0 and ascending, in seconds")
-    return when
 
 
 def initial_voltages(netlist: Netlist, initial: OperatingPoint | ArrayLike | None) -> NDArray[np.float64]:
