@@ -245,7 +245,7 @@ class Adjoint:
         bound = 0.0
         for part in (np.maximum(rhs, 0.0), np.maximum(-rhs, 0.0)):
             watch = Watch()
-            x, error = factors.solve_nonnegative(part, watch=watch) if part.any() else (Scaled.of(part), 0.0)
+            x, error = factors.factors.solve_nonnegative(part, watch=watch) if part.any() else (Scaled.of(part), 0.0)
             parts.append(x)
             residual += error * (diagonal * x.plain + edges @ x.plain + part)
             bound = max(bound, watch.bound)

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from resgrid.circuit.equations import contacts_of, grid_of, injected_into_rows, number_rows, parts_of, sum_by_row
+from resgrid.circuit.equations import across, contacts_of, injected_into_rows, matrix_of, parts_of, sum_by_row
 from resgrid.circuit.sources import SourceForest, tie_sources
 from resgrid.errors import AccuracyError, CircuitError, InputError
 from resgrid.netlist import Netlist
@@ -117,10 +117,9 @@ class Dynamics:
 
     def state(self, voltage: NDArray[np.float64]) -> NDArray[np.float64]:
         """State of node voltages, in volts, shape (n,); of nodes that share a row, the first one's."""
-        nodes = np.flatnonzero(self.row >= 0)
-        rows, first = np.unique(self.row[nodes], return_index=True)
+        nodes = np.flatnonzero(self.row >= 0)[::-1]  # of several, the last one written counts
         x = np.empty(self.size)
-        x[rows] = voltage[nodes[first]] - self.fixed[nodes[first]]
+        x[self.row[nodes]] = voltage[nodes] - self.fixed[nodes]
         return x
 
     def at_nodes(self, value: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -135,22 +134,26 @@ class Dynamics:
 
 def dynamics_of(netlist: Netlist) -> Dynamics:
     """Set up the equations of a netlist with capacitors."""
-    require_linear(netlist)
+    if not isinstance(netlist, Netlist):
+        raise InputError(f"the netlist is {type(netlist).__name__}, not resgrid.Netlist")
+    if netlist.nonlinear_current.size:
+        raise InputError(
+            f"the netlist holds {len(netlist.nonlinear_current)} nonlinear resistors, and this analysis is of linear "
+            "circuits; give it resgrid.small_signal(operating_point)"
+        )
     forest = tie_sources(netlist)
     charged = netlist.capacitance > 0
     capacitors, capacitance = netlist.capacitor_nodes[charged], netlist.capacitance[charged]
     elements = np.concatenate([netlist.resistor_nodes, capacitors])
     elements.flags.writeable = False
     parts = parts_of(netlist, elements, forest)
-    size, row, _, _, floating = number_rows(parts, ~parts.floating, forest)
-    fixed, grid = forest.offset, grid_of(netlist)
-    fixed[floating] = np.nan
+    size, row = parts.rows(~parts.floating, forest)
+    fixed = np.where((row < 0) & (parts.of_node >= 0), np.nan, forest.offset)
 
     def laplacian(ends: NDArray[np.int32], value: NDArray[np.float64]) -> tuple[Laplacian, NDArray[np.float64]]:
         contacts = contacts_of(ends, np.arange(len(ends), dtype=np.int32), row, forest)
-        ground, dimensions = contacts.ground(value, size), 2 if grid is None else grid.dimensions
-        made = Laplacian(ground, EdgeList(ends, value, row), grid=grid, dimensions=dimensions)
-        return made.with_rows(), contacts.feed(value, size)
+        made, feed = matrix_of(netlist, EdgeList(ends, value, row), contacts, size)
+        return made.with_rows(), feed
 
     conductance, feed = laplacian(netlist.resistor_nodes, netlist.conductance)
     return Dynamics(
@@ -180,18 +183,6 @@ def factor_resolvent(dynamics: Dynamics, rate: float, method: str = "auto") -> F
     return factor_laplacian(whole, method, both=True)
 
 
-def require_linear(netlist: Netlist) -> None:
-    """Refuse a netlist with nonlinear elements, and what is no netlist."""
-    if not isinstance(netlist, Netlist):
-        raise InputError(f"the netlist is {type(netlist).__name__}, not resgrid.Netlist")
-    count = len(netlist.nonlinear_current)
-    if count:
-        raise InputError(
-            f"the netlist holds {count} nonlinear resistors, and this analysis is of linear circuits; "
-            "give it resgrid.small_signal(operating_point)"
-        )
-
-
 def require_grounded(dynamics: Dynamics) -> None:
     """Refuse a circuit of which a part is tied to no rail by resistors."""
     G = dynamics.conductance
@@ -216,9 +207,8 @@ def initial_state(dynamics: Dynamics, before: NDArray[np.float64]) -> NDArray[np
     netlist, groups, charged = dynamics.netlist, dynamics.spread, dynamics.charged
     x = dynamics.state(before)
     x = np.asarray(x - groups @ (groups.T @ np.where(charged, 0.0, x)))  # loose parts from 0 V on
-    held, now = (volts[netlist.capacitor_nodes] for volts in (before, dynamics.voltage(x)))
-    missing = netlist.capacitance * np.nan_to_num((held[:, 0] - held[:, 1]) - (now[:, 0] - now[:, 1]))
-    first, second = netlist.capacitor_nodes.T
+    held, now = (across(volts, netlist.capacitor_nodes) for volts in (before, dynamics.voltage(x)))
+    missing, (first, second) = netlist.capacitance * (held - now), netlist.capacitor_nodes.T
     charge = (dynamics.injection(first, missing) - dynamics.injection(second, missing))[charged]
     if dynamics.held is not None:
         x[charged] += _entrywise(dynamics.held, charge, _lift(dynamics, dynamics.held))
@@ -304,17 +294,6 @@ def energy_delivered(
     if not time > 0.0:
         return 0.0
     netlist, mean = dynamics.netlist, dynamics.voltage(integral / time)
-    heat = netlist.conductance * _across(mean, netlist.resistor_nodes) ** 2
-    moved = netlist.capacitance * _across(dynamics.at_nodes(change), netlist.capacitor_nodes)
-    return float(time * heat.sum() + moved @ _across(mean, netlist.capacitor_nodes))
-
-
-def energy_stored(netlist: Netlist, voltage: NDArray[np.float64]) -> float:
-    """Energy in the capacitors at node voltages, in joules."""
-    return float(0.5 * np.sum(netlist.capacitance * _across(voltage, netlist.capacitor_nodes) ** 2))
-
-
-def _across(voltage: NDArray[np.float64], nodes: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Voltage across elements, 0 where it floats."""
-    first, second = voltage[nodes.T]
-    return np.asarray(np.nan_to_num(first - second))
+    heat = netlist.conductance * across(mean, netlist.resistor_nodes) ** 2
+    moved = netlist.capacitance * across(dynamics.at_nodes(change), netlist.capacitor_nodes)
+    return float(time * heat.sum() + moved @ across(mean, netlist.capacitor_nodes))

@@ -20,27 +20,23 @@ def sum_by_row(row: NDArray[np.int32], values: NDArray[np.float64], size: int) -
     return np.asarray(np.bincount(row, values, size), dtype=np.float64)
 
 
+def across(voltage: NDArray[np.float64], ends: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Voltages of elements' first ends above their second ones, (m,); 0 where one floats.  Shapes: `ends` (m, 2)."""
+    first, second = voltage[ends.T]
+    return np.asarray(np.nan_to_num(first - second))
+
+
 class Contacts(NamedTuple):
     """Through which elements known voltages drive the rows, and where floating sources lift one end over the other.
 
-    `element, row` (c,); `volts` (c,): what the row sees behind the element, in volts; the first `ties` lead to nodes of
-    known voltage, the others from row to row.
+    `element, row` (c,); `volts` (c,): what the row sees behind the element, in volts, above the reference of equations
+    that have one; the first `ties` lead to nodes of known voltage, the others from row to row.
     """
 
     element: NDArray[np.int32]
     row: NDArray[np.int32]
     volts: NDArray[np.float64]
     ties: int
-
-    def ground(self, conductance: NDArray[np.float64], size: int) -> NDArray[np.float64]:
-        """What ties every row to known voltages, in siemens, (n,).  Shapes: `conductance` (elements,)."""
-        return sum_by_row(self.row[: self.ties], conductance[self.element[: self.ties]], size)
-
-    def feed(self, conductance: NDArray[np.float64], size: int, low: float = 0.0) -> NDArray[np.float64]:
-        """What is driven into every row, measured from ``low``, in amperes, (n,)."""
-        volts = self.volts.copy()
-        volts[: self.ties] -= low
-        return sum_by_row(self.row, conductance[self.element] * volts, size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +46,7 @@ class Equations:
     `forest`: how the voltage sources tie the nodes; `unknown` (nodes,): row of every node that is solved for, -1
     elsewhere; nodes tied by floating sources share a row; `laplacian` (n, n): conductances between the rows, and from
     them to nodes of known voltage; it tells the two rails apart, if the known voltages take just two values and
-    nothing else drives the circuit; `contacts` (c,): the resistors of which `feed` and ground conductances are made;
+    nothing else drives the circuit; `contacts`: the resistors of which `feed` and ground conductances are made;
     `feed` (n,): current that the known voltages drive into every row, measured from `reference`, in amperes; read-only
     where there is none; `injected` (n,): current that current sources drive into every row, in amperes, likewise;
     `reference`: the lowest known voltage in contact with the rows, in volts; `undriven`: nodes of parts that a single
@@ -61,7 +57,7 @@ class Equations:
     forest: SourceForest
     unknown: NDArray[np.int32]
     laplacian: Laplacian
-    contacts: NDArray[np.int32]
+    contacts: Contacts
     feed: NDArray[np.float64]
     injected: NDArray[np.float64]
     reference: float
@@ -90,12 +86,8 @@ class Equations:
 
     def heights(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Heights of all nodes above `reference`, in volts, (nodes,), from those of the rows; NaN where one floats."""
-        forest, heights, solved = self.forest, self.known_voltages(), self.unknown >= 0
-        heights -= self.reference
-        heights[solved] = x[self.unknown[solved]]
-        lifted = (self.unknown[forest.order] >= 0) & (forest.height != 0)
-        heights[forest.order[lifted]] += forest.height[lifted]
-        return heights
+        own = np.where(self.unknown >= 0, self.forest.offset, self.known_voltages() - self.reference)
+        return np.asarray(own + np.append(x, 0.0)[self.unknown])
 
     def voltages(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """As `above_ground`, from the heights of the rows, (n,)."""
@@ -107,18 +99,10 @@ class Equations:
             return heights
         return np.where(self.unknown >= 0, self.reference + heights, self.known_voltages())
 
-    def found_contacts(self) -> Contacts:
-        """What drives the rows, found anew."""
-        return contacts_of(self.netlist.resistor_nodes, self.contacts, self.unknown, self.forest)
-
-    def with_conductance(
-        self, conductance: NDArray[np.float64], contacts: Contacts
-    ) -> tuple[Laplacian, NDArray[np.float64]]:
+    def with_conductance(self, conductance: NDArray[np.float64]) -> tuple[Laplacian, NDArray[np.float64]]:
         """The matrix of the same circuit with other conductances, and their `feed`.  Shapes: (resistors,)."""
         listed = EdgeList(self.netlist.resistor_nodes, conductance, self.unknown)
-        ground = contacts.ground(conductance, self.size)
-        laplacian = Laplacian(ground, listed, grid=self.laplacian.grid, dimensions=self.laplacian.dimensions)
-        return laplacian, contacts.feed(conductance, self.size, self.reference)
+        return matrix_of(self.netlist, listed, self.contacts, self.size)
 
     @property
     def drive(self) -> NDArray[np.float64]:
@@ -154,6 +138,19 @@ class Parts:
         """Whether anything flows in a part, shape (parts,)."""
         return ~self.floating & (self.fed | (self.highest > self.lowest))
 
+    def rows(self, solved: NDArray[np.bool_], forest: SourceForest) -> tuple[int, NDArray[np.int32]]:
+        """Number the rows of some parts (parts,): one for every node, or for all that sources tie together.
+
+        Returns how many there are, and `unknown` (nodes,).
+        """
+        part = self.of_node
+        solved_for = part >= 0 if solved.all() else np.append(solved, False)[part]
+        tied = bool(np.any(forest.base != GROUND))
+        row = np.cumsum(solved_for & (forest.root == np.arange(forest.count)) if tied else solved_for, dtype=np.int32)
+        size = int(row[-1])
+        row -= 1
+        return size, np.where(solved_for, row[forest.root] if tied else row, np.int32(-1))
+
 
 def assemble(netlist: Netlist) -> Equations:
     """Set up the nodal equations of an operating point.
@@ -161,42 +158,56 @@ def assemble(netlist: Netlist) -> Equations:
     Sources are merged first; parts that nothing ties to ground, and parts that a single rail holds at its own voltage,
     are set apart: only what is driven is left to be solved.
     """
-    forest = tie_sources(netlist)
-    parts = parts_of(netlist, netlist.resistor_nodes, forest)
-    driven = parts.driven
-    alone = None if driven.any() else _between_rails(netlist, forest.offset, parts)
-    low, high = parts.lowest[driven].min(initial=np.inf), parts.highest[driven].max(initial=-np.inf)
-    size, unknown, undriven, volts, floating = number_rows(parts, driven, forest)
+    forest, ends = tie_sources(netlist), netlist.resistor_nodes
+    parts = parts_of(netlist, ends, forest)
+    size, unknown = parts.rows(parts.driven, forest)
     lifted = bool(np.any((unknown[forest.order] >= 0) & (forest.height != 0)))
-    some = np.arange(len(netlist.conductance), dtype=np.int32) if lifted else parts.contacts
-    ends, reference = netlist.resistor_nodes, float(low) if size else 0.0
+    some = np.arange(len(ends), dtype=np.int32) if lifted else parts.contacts
     contacts = contacts_of(ends, some, unknown, forest)
+    reference = float(parts.lowest[parts.driven].min()) if size else 0.0
     injected = injected_into_rows(netlist, unknown, size)
-    volts_behind = contacts.volts[: contacts.ties]
-    two = bool(np.all((volts_behind == low) | (volts_behind == high)))
-    if alone is not None:
-        low, high, two = alone
-    plain = two and low < high and not lifted and not injected.any()
-    grid = grid_of(netlist)
+    volts = contacts.volts[: contacts.ties] if size else _between_rails(netlist, forest.offset, parts)
+    low, high = float(volts.min(initial=np.inf)), float(volts.max(initial=-np.inf))
+    plain = low < high and np.all((volts == low) | (volts == high)) and not lifted and not injected.any()
+    if netlist.cell_map is not None and netlist.cell_map.wiring.supply < 0:  # the obstacles are on the lower one
+        low, high = high, low
+    siemens, at_high = netlist.conductance[contacts.element], contacts.volts == high
+    rails = Rails(high, low, size, contacts.row, siemens, at_high) if plain else None
+    listed = EdgeList(ends, netlist.conductance, unknown)
+    contacts.volts[: contacts.ties] -= reference
+    laplacian, feed = matrix_of(netlist, listed, contacts, size, rails)
+    other = np.flatnonzero((unknown < 0) & (parts.of_node >= 0))
+    at_rest = parts.lowest[parts.of_node[other]]
+    floats = np.isinf(at_rest)
     return Equations(
         netlist=netlist,
         forest=forest,
         unknown=unknown,
-        laplacian=Laplacian(
-            contacts.ground(netlist.conductance, size),
-            listed=EdgeList(ends, netlist.conductance, unknown),
-            grid=grid,
-            dimensions=2 if grid is None else grid.dimensions,
-            rails=_rails(netlist, size, contacts, float(low), float(high)) if plain else None,
-        ),
-        contacts=some,
-        feed=_without_memory(contacts.feed(netlist.conductance, size, reference), size),
+        laplacian=laplacian,
+        contacts=contacts,
+        feed=_without_memory(feed, size),
         injected=_without_memory(injected, size),
         reference=reference,
-        undriven=undriven,
-        undriven_volts=volts,
-        floating=floating,
+        undriven=other[~floats],
+        undriven_volts=at_rest[~floats],
+        floating=other[floats],
     )
+
+
+def matrix_of(
+    netlist: Netlist, listed: EdgeList, contacts: Contacts, size: int, rails: Rails | None = None
+) -> tuple[Laplacian, NDArray[np.float64]]:
+    """The matrix for elements between a netlist's nodes, on the grid whose cells these are, if there is one.
+
+    Returns `feed` (n,), too: what contacts drive into every row, in amperes.
+    """
+    siemens, ties = listed.conductance[contacts.element], slice(contacts.ties)
+    ground = sum_by_row(contacts.row[ties], siemens[ties], size)
+    feed = sum_by_row(contacts.row, siemens * contacts.volts, size)
+    if netlist.cell_map is None:
+        return Laplacian(ground, listed, rails=rails), feed
+    grid = Grid(netlist.cell_map.node, tuple(axis.periodic for axis in netlist.cell_map.space.axes))
+    return Laplacian(ground, listed, grid=grid, dimensions=grid.dimensions, rails=rails), feed
 
 
 def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest) -> Parts:
@@ -228,39 +239,14 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
     fed = fed[:number]
     parts = Parts(part, lowest, highest, fed, contacts)
     if np.any(fed & parts.floating):
-        _refuse_fed(netlist, parts)
+        into = netlist.current_nodes[netlist.current_amps != 0].ravel()
+        stuck = into[(part[into] >= 0) & parts.floating[part[into]]]
+        if stuck.size:
+            raise CircuitError(
+                f"a current source feeds node {netlist.node_name(int(stuck.min()))}, which nothing ties to ground: "
+                "its voltage has no bound, or none that is known; add a resistor to a rail or remove the source"
+            )
     return parts
-
-
-def _refuse_fed(netlist: Netlist, parts: Parts) -> None:
-    fed = netlist.current_nodes[netlist.current_amps != 0].ravel()
-    stuck = fed[(parts.of_node[fed] >= 0) & parts.floating[parts.of_node[fed]]]
-    if stuck.size:
-        raise CircuitError(
-            f"a current source feeds node {netlist.node_name(int(stuck.min()))}, which nothing ties to ground: "
-            "its voltage has no bound, or none that is known; add a resistor to a rail or remove the source"
-        )
-
-
-def number_rows(
-    parts: Parts, solved: NDArray[np.bool_], forest: SourceForest
-) -> tuple[int, NDArray[np.int32], NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
-    """Give the nodes of the parts that are to be solved their rows; those that sources tie share one.
-
-    Shapes: `solved` (parts,).  Returns how many rows there are, `unknown` (nodes,), the nodes of the other parts and
-    their voltages, and the nodes that float.
-    """
-    part = parts.of_node
-    solved_for = part >= 0 if solved.all() else np.append(solved, False)[part]
-    other = np.flatnonzero(~solved_for & (part >= 0))
-    volts = parts.lowest[part[other]]
-    loose = np.isinf(volts)
-    tied = bool(np.any(forest.base != GROUND))
-    row = np.cumsum(solved_for & (forest.root == np.arange(forest.count)) if tied else solved_for, dtype=np.int32)
-    size = int(row[-1])
-    row -= 1
-    unknown = np.where(solved_for, row[forest.root] if tied else row, np.int32(-1))
-    return size, unknown, other[~loose], volts[~loose], other[loose]
 
 
 def contacts_of(
@@ -269,8 +255,8 @@ def contacts_of(
     """Look at some of the elements.  Shapes: `ends` (m, 2), `some` (k,): their numbers."""
     first, second = np.take(ends, some, axis=0).T
     i, j = np.take(unknown, first), np.take(unknown, second)
-    tied, joined = (i < 0) != (j < 0), np.flatnonzero((i >= 0) & (j >= 0) & (i != j))
     volts = np.take(forest.offset, second) - np.take(forest.offset, first)
+    tied, joined = (i < 0) != (j < 0), np.flatnonzero((i >= 0) & (j >= 0) & (i != j) & (volts != 0))
     return Contacts(
         element=np.concatenate([some[tied], some[joined], some[joined]]),
         row=np.concatenate([np.maximum(i, j)[tied], i[joined], j[joined]]),
@@ -300,43 +286,24 @@ def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
     return injected_into_rows(netlist, unknown, netlist.node_count)
 
 
-def grid_of(netlist: Netlist) -> Grid | None:
-    """The grid that a netlist's nodes are cells of."""
-    if netlist.cell_map is None:
-        return None
-    axes = netlist.cell_map.space.axes
-    return Grid(netlist.cell_map.node, tuple(axis.periodic for axis in axes))
-
-
 def _without_memory(currents: NDArray[np.float64], size: int) -> NDArray[np.float64]:
     """The same currents; one zero for all rows where nothing flows."""
     return currents if currents.any() else np.broadcast_to(0.0, size)
 
 
-def _between_rails(netlist: Netlist, volts: NDArray[np.float64], parts: Parts) -> tuple[float, float, bool]:
-    """The lowest and the highest known voltage that resistors join to others, and whether there are just two.
+def _between_rails(netlist: Netlist, volts: NDArray[np.float64], parts: Parts) -> NDArray[np.float64]:
+    """The known voltages that resistors join to others.
 
     Where there is none, nothing flows: of the chip of a space that is an error, any other circuit is at rest.
     """
     ends = np.where(parts.of_node < 0, volts, np.nan)[netlist.resistor_nodes]
     ends = ends[np.abs(ends[:, 0] - ends[:, 1]) > 0]
-    if ends.size:
-        low, high = float(ends.min()), float(ends.max())
-        return low, high, bool(np.all((ends == low) | (ends == high)))
-    if netlist.cell_map is not None:
+    if not ends.size and netlist.cell_map is not None:
         raise CircuitError(
             "nothing is driven: no part of the circuit touches two rails or is fed a current, so that nothing flows; "
             "add a second rail (an obstacle, an edge that counts as one), open a way to the goal, or feed every free "
             "cell the same current (boundary = 'neumann')"
         )
-    if parts.floating.all() and np.count_nonzero(parts.of_node < 0) == 1:
+    if not ends.size and parts.floating.all() and np.count_nonzero(parts.of_node < 0) == 1:
         raise CircuitError("no element touches ground, node 0, so that no voltage is known; tie the circuit to it")
-    return 0.0, 0.0, False
-
-
-def _rails(netlist: Netlist, size: int, contacts: Contacts, lowest: float, highest: float) -> Rails:
-    """Both rails; a map of cells says which of them the obstacles are on."""
-    upside_down = netlist.cell_map is not None and netlist.cell_map.wiring.supply < 0
-    high, low = (lowest, highest) if upside_down else (highest, lowest)
-    siemens = netlist.conductance[contacts.element]
-    return Rails(high, low, size, contacts.row, siemens, contacts.volts == high)
+    return np.asarray(ends)

@@ -83,32 +83,28 @@ def _fall(
 @kernel
 def currents(
     pairs: Indices, conductance: Floats, value: Scaled, down: Bools, volts: float, noise: float, amps: Floats,
-    exponent: Integers, few: float, faint: Bools,
+    exponent: Integers, few: float, faint: Floats,
 ) -> float:  # fmt: skip
     """Currents of resistors, scaled; returns the power in doubles.
 
-    ``faint``: whether a difference is at most a share ``few`` of the values, or noise, but not nothing.
+    ``faint``: amperes of differences that are at most a share ``few`` of the values, or noise, but not nothing; else 0.
     """
     hi, lo, e, noise_down = value.hi, value.lo, value.exponent, value.noise
     power = 0.0
     for k in range(len(pairs)):
         a, b = pairs[k, 0], pairs[k, 1]
-        top = _pair_exponent(hi[a], e[a], hi[b], e[b]) if down[a] == down[b] else 0
+        top = 0
+        if down[a] == down[b]:
+            top = max(e[a] if hi[a] != 0.0 else e[b], e[b] if hi[b] != 0.0 else e[a])
         near, near_low = _shift(hi[a], e[a] - top), _shift(lo[a], e[a] - top)
         far, far_low = _shift(hi[b], e[b] - top), _shift(lo[b], e[b] - top)
         fall = _fall(near, near_low, down[a], far, far_low, down[b], noise, noise_down) * volts
         amps[k], exponent[k] = _canonical(conductance[k] * fall, top if fall != 0.0 else 0)
         power += _shift(_shift(conductance[k] * fall * fall, top), top)
-        apart = abs((near - far) + (near_low - far_low))
-        faint[k] = down[a] == down[b] and _NOTHING * abs(near) < apart <= max(few, noise) * abs(near)
+        apart, few_digits = abs((near - far) + (near_low - far_low)), max(few, noise) * abs(near)
+        is_faint = down[a] == down[b] and _NOTHING * abs(near) < apart <= few_digits
+        faint[k] = _shift(conductance[k] * apart * abs(volts), top) if is_faint else 0.0
     return power
-
-
-@inlined
-def _pair_exponent(a: float, a_e: int, b: float, b_e: int) -> int:
-    if a == 0.0:
-        return b_e
-    return a_e if b == 0.0 else max(a_e, b_e)
 
 
 @kernel
@@ -130,9 +126,8 @@ def drop_unresolved(
 ) -> None:  # fmt: skip
     """Set currents to 0 along which nothing falls, and that are small at both ends, in place.
 
-    Where what is ``falling`` is NaN, as beyond both rails, nothing is said of currents.
-
-    ``through`` is half the sum of magnitudes at a node, of which ``harmless`` is small.
+    Where what is ``falling`` is NaN, as beyond both rails, nothing is said of currents.  ``through`` is half the sum of
+    magnitudes at a node, of which ``harmless`` is small.
     """
     for k in range(len(pairs)):
         a, b = pairs[k, 0], pairs[k, 1]

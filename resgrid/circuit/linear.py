@@ -16,17 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.circuit.readout import (
-    DIRECTION_RESIDUAL,
-    node_values,
-    read_entrywise,
-    read_normwise,
-    values_above,
-)
+from resgrid.circuit.readout import DIRECTION_RESIDUAL, node_values, read_entrywise, read_normwise, values_above
 from resgrid.errors import AccuracyError
 from resgrid.netlist import Netlist
 from resgrid.solvers.choose import factor_laplacian
-from resgrid.solvers.extended import Scaled
 from resgrid.solvers.factor import EXACT_ROWS, Factor
 from resgrid.solvers.laplacian import count_connections
 from resgrid.solvers.monitor import Progress, Watch
@@ -71,7 +64,7 @@ def _solved(netlist: Netlist, accuracy: str, method: str, rtol: float, team: Tea
     with _timed(seconds, "read"):
         point, residual, faint = read_entrywise(system, values, team, **told)
     doubt, balanced = values.doubt, False
-    if point.readings.scaled is None and (faint or doubt > CERTAIN or _asks_for_balance(system, point)):
+    if not point.readings.scaled[1].any() and (faint or doubt > CERTAIN or _asks_for_balance(system, point)):
         from resgrid.circuit.kirchhoff import balance
 
         with _timed(seconds, "balance"):
@@ -151,22 +144,11 @@ class CircuitFactor:
     factors: Factor
 
     def __repr__(self) -> str:
-        return f"<CircuitFactor of {self.system.netlist!r}: {self.system.size} rows, {self.name}>"
+        return f"<CircuitFactor of {self.system.netlist!r}: {self.system.size} rows, {self.factors.name}>"
 
-    @property
-    def name(self) -> str:
-        """The method."""
-        return self.factors.name
-
-    def solve(
-        self, rhs: ArrayLike, *, rtol: float = 1e-10, guess: ArrayLike | None = None, watch: Watch | None = None
-    ) -> NDArray[np.float64]:
+    def solve(self, rhs: ArrayLike, *, rtol: float = 1e-10, guess: ArrayLike | None = None) -> NDArray[np.float64]:
         """Solve to a normwise backward error.  Shapes: `rhs` (n,), `guess` (n,); returns (n,)."""
-        return self.factors.solve(rhs, rtol=rtol, guess=guess, watch=watch)
-
-    def solve_nonnegative(self, rhs: ArrayLike | Scaled, *, watch: Watch | None = None) -> tuple[Scaled, float]:
-        """Solve for a right-hand side without negative entries, entry by entry.  Shapes: `rhs` (n,)."""
-        return self.factors.solve_nonnegative(rhs, watch=watch)
+        return self.factors.solve(rhs, rtol=rtol, guess=guess)
 
 
 def factor_circuit(system: Equations, method: str = "auto") -> CircuitFactor:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.budget import require_memory
-from resgrid.circuit.equations import Contacts, Equations, assemble
+from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.linear import solve_linear
 from resgrid.errors import InputError
 from resgrid.executors import Part, in_order
@@ -31,12 +31,10 @@ _MOST_CONTRAST = 1e3
 class Batch(NamedTuple):
     """What all chips of a kind share.
 
-    `system`: the nominal chip's equations; rows and entries stay where they are; `contacts`: what drives its rows;
-    `solver`: solves for chips.
+    `system`: the nominal chip's equations; rows and entries stay where they are; `solver`: solves for chips.
     """
 
     system: Equations
-    contacts: Contacts
     solver: Solver
 
 
@@ -115,15 +113,14 @@ def prepare_batch(netlist: Netlist) -> Batch | None:
     system = replace(system, laplacian=matrix)
     by_levels = system.size > _SMALL and contrast <= _MOST_CONTRAST
     solver = solver_by_levels(matrix, system.drive) if by_levels else None
-    return Batch(system, system.found_contacts(), solver or partial(solve_in_order, order_rows(matrix)))
+    return Batch(system, solver or partial(solve_in_order, order_rows(matrix)))
 
 
 def solve_batch(batch: Batch, conductance: NDArray[np.float64], *, rtol: float = 1e-10) -> NDArray[np.float64]:
     """Voltages of some chips, shape (chips, nodes); NaN where a node floats."""
-    system, contacts, solver = batch
+    system, solver = batch
     voltage = np.empty((len(conductance), system.netlist.node_count))
-    laid_out = (system.with_conductance(siemens, contacts) for siemens in conductance)
-    chips = ((matrix, feed + system.injected) for matrix, feed in laid_out)
+    chips = ((matrix, feed + system.injected) for matrix, feed in map(system.with_conductance, conductance))
     for volts, siemens, x in zip(voltage, conductance, solver(chips, rtol), strict=True):
         if x is None:  # it has little to do with the nominal one
             alone = system.netlist.replace(conductance=siemens)

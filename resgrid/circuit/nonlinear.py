@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from resgrid.circuit.equations import Equations, assemble
+from resgrid.circuit.equations import Equations, across, assemble
 from resgrid.circuit.linear import solve_linear
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.readout import DIRECTION_RESIDUAL
@@ -75,14 +75,13 @@ def solve_nonlinear(
     voltage = newton(netlist, method=method).voltage
     seconds = time.perf_counter() - start
     law = _Law.of(netlist)
-    secant = law.secant(_drops(netlist, voltage))
+    secant = law.secant(across(voltage, netlist.nonlinear_nodes))
     best: OperatingPoint | None = None
     least = np.inf
     for _ in range(_MOST_PASSES):
         chords = linear_netlist(netlist, secant)
         point = solve_linear(chords, accuracy=accuracy, method=method, rtol=rtol, progress=progress)
-        drop = point.resistor_current[len(netlist.conductance) :] / secant
-        better = law.secant(drop)
+        better = law.secant(point.resistor_current[len(netlist.conductance) :] / secant)
         change = float(np.abs(better / secant - 1).max())
         if not change < least:
             break
@@ -90,7 +89,22 @@ def solve_nonlinear(
         if change <= _SETTLED:
             break
     assert best is not None
-    answer = _in_place(netlist, best, least, seconds)
+    m, read, (amps, exponent) = len(netlist.conductance), best.readings, best.readings.scaled
+    answer = dataclasses.replace(
+        best,
+        netlist=netlist,
+        entry_error=np.inf,
+        ammeters=read._replace(
+            resistor_current=read.resistor_current[:m],
+            scaled=(amps[:m], exponent[:m]),
+            kcl_residual=max(read.kcl_residual, least),
+        ),
+        nonlinear_amps=read.resistor_current[m:],
+        nonlinear_log_amps=best.resistor_log_current[m:],
+        nonlinear_direction=best.resistor_direction[m:],
+        method=f"newton, {best.method}",
+        seconds={"newton": seconds, **best.seconds},
+    )
     if least > DIRECTION_RESIDUAL:
         raise AccuracyError(
             f"the currents of nonlinear resistors are settled to {least:.1e} only: V0 is too small beside the "
@@ -138,28 +152,7 @@ def nonlinear_drops(point: OperatingPoint) -> NDArray[np.float64]:
     largest = np.abs(np.nan_to_num(point.voltage)[netlist.nonlinear_nodes]).max(axis=1, initial=0.0)
     saturated = (share > 0.5) & (_SHARE_NOISE * scale > np.finfo(np.float64).eps * largest * (1.0 - share))
     told = np.sign(point.nonlinear_amps) * scale * np.arctanh(np.where(saturated, 0.0, share))
-    return np.where(saturated, _drops(netlist, point.voltage), told)
-
-
-def _drops(netlist: Netlist, voltage: NDArray[np.float64]) -> NDArray[np.float64]:
-    first, second = voltage[netlist.nonlinear_nodes].T
-    return np.asarray(np.nan_to_num(first - second))
-
-
-def _in_place(netlist: Netlist, point: OperatingPoint, change: float, seconds: float) -> OperatingPoint:
-    """The operating point of the linear circuit as that of the nonlinear one."""
-    m, log = len(netlist.conductance), point.resistor_log_current
-    return dataclasses.replace(
-        point,
-        netlist=netlist,
-        entry_error=np.inf,
-        ammeters=point.readings.of_first(m, max(point.kcl_residual, change)),
-        nonlinear_amps=point.resistor_current[m:],
-        nonlinear_log_amps=log[m:],
-        nonlinear_direction=point.resistor_direction[m:],
-        method=f"newton, {point.method}",
-        seconds={"newton": seconds, **point.seconds},
-    )
+    return np.where(saturated, across(point.voltage, netlist.nonlinear_nodes), told)
 
 
 class NewtonSolution(NamedTuple):
@@ -182,7 +175,7 @@ def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
     saturation, steps with the secant conductances take turns with such steps: they minimise a quadratic above the
     co-content that touches it (as iteratively reweighted least squares do), so that the co-content falls as well.
     """
-    circuit = _Circuit.of(netlist)
+    circuit = _Circuit.of(netlist, method)
     x, at_rest = np.zeros(circuit.system.size), False
     residuals: list[float] = []
     steps: list[float] = []
@@ -193,40 +186,24 @@ def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
         done = at_rest or circuit.obeys_kcl(x, drop, excess)
         saturated = np.abs(drop / circuit.law.volts).max(initial=0.0) > _SATURATED
         if len(steps) in (_MANY_STEPS, MOST_STEPS) or (done and saturated):
-            _refuse_overloaded_cut(netlist, circuit.system, x)
-        if done:
-            return NewtonSolution(circuit.system.voltages(x), residuals, steps)
-        if len(steps) == MOST_STEPS:
+            circuit.refuse_overloaded_cut(netlist, x)
+        if done or len(steps) == MOST_STEPS:
+            found = NewtonSolution(circuit.system.voltages(x), residuals, steps)
+            if done:
+                return found
             raise AccuracyError(
                 f"Newton's method did not converge in {MOST_STEPS} steps: Kirchhoff's current law is still violated by "
                 f"{residuals[-1]:.1e} A",
-                NewtonSolution(circuit.system.voltages(x), residuals, steps),
+                found,
             )
         try:
-            least = _SHORTEST if 0.0 in steps[-1:] else _WORTHWHILE
-            move, share = _step(circuit, x, drop, excess, method, least)
+            move, share = circuit.step(x, drop, excess, _SHORTEST if 0.0 in steps[-1:] else _WORTHWHILE)
         except AccuracyError:  # voltages without bound look like any other failure
-            _refuse_overloaded_cut(netlist, circuit.system, x)
+            circuit.refuse_overloaded_cut(netlist, x)
             raise
         x = x + move
         steps.append(share)
         at_rest = share > 0.0 and bool(np.abs(move).max() <= 4 * _EPS * share * np.abs(x).max())
-
-
-def _step(
-    circuit: _Circuit, x: NDArray[np.float64], drop: NDArray[np.float64], excess: NDArray[np.float64], method: str,
-    least: float,
-) -> tuple[NDArray[np.float64], float]:  # fmt: skip
-    """What to move by, and the share of a Newton step that it is, the least or more, or 0 for a step of the secants."""
-    with suppress(AccuracyError):  # differential conductances that vanish can leave the matrix singular
-        direction, share = circuit.move(excess, circuit.law.differential(drop), method), 1.0
-        # All of it unless the co-content, convex along it, rises before its end.
-        rise = 0.1 * abs(float(excess @ direction))
-        while circuit.excess(circuit.drops(x + share * direction)) @ direction > rise and share >= least:
-            share *= _SHORTER
-        if share >= least:
-            return share * direction, share
-    return circuit.move(excess, circuit.law.secant(drop), method), 0.0
 
 
 def linear_netlist(netlist: Netlist, conductance: NDArray[np.float64]) -> Netlist:
@@ -266,26 +243,27 @@ class _Law(NamedTuple):
 class _Circuit:
     """Kirchhoff's current law for the rows of a nodal system, each element with its own law; linear resistors first.
 
-    `incidence` (elements, n): from rows to what they add to the voltages across elements; `lift` (elements,): these
-    voltages where all rows are 0.
+    `method`: how linear systems are solved; `incidence` (elements, n): from rows to what they add to the voltages
+    across elements; `lift` (elements,): these voltages where all rows are 0.
     """
 
     law: _Law
     system: Equations
+    method: str
     incidence: sparse.csr_array
     lift: NDArray[np.float64]
 
     @classmethod
-    def of(cls, netlist: Netlist) -> _Circuit:
-        own, linear = _Law.of(netlist), netlist.conductance
-        law = _Law(np.append(linear, own.siemens), np.append(np.full(len(linear), np.inf), own.volts))
+    def of(cls, netlist: Netlist, method: str) -> _Circuit:
+        own = _Law.of(netlist)
         system = assemble(linear_netlist(netlist, own.siemens))
-        heights = np.nan_to_num(system.heights(np.zeros(system.size)))
-        ends = np.concatenate([netlist.resistor_nodes, netlist.nonlinear_nodes])
-        element, end = np.nonzero(system.unknown[ends] >= 0)
-        entries = (1.0 - 2.0 * end, (element, system.unknown[ends][element, end]))
+        siemens, ends = system.netlist.conductance, system.netlist.resistor_nodes
+        law = _Law(siemens, np.append(np.full(len(netlist.conductance), np.inf), own.volts))
+        rows = system.unknown[ends]
+        element, end = np.nonzero(rows >= 0)
+        entries = (1.0 - 2.0 * end, (element, rows[element, end]))
         incidence = sparse.coo_array(entries, shape=(len(ends), system.size)).tocsr()
-        return cls(law, system, incidence, heights[ends[:, 0]] - heights[ends[:, 1]])
+        return cls(law, system, method, incidence, across(system.heights(np.zeros(system.size)), ends))
 
     def drops(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Voltage across every element."""
@@ -303,47 +281,57 @@ class _Circuit:
         rounding = 4 * _EPS * (touched.T @ error + fed)
         return bool(np.all(np.abs(excess) <= np.minimum(rounding, _NEGLIGIBLE * largest)))
 
-    def move(self, excess: NDArray[np.float64], conductance: NDArray[np.float64], method: str) -> NDArray[np.float64]:
+    def step(
+        self, x: NDArray[np.float64], drop: NDArray[np.float64], excess: NDArray[np.float64], least: float
+    ) -> tuple[NDArray[np.float64], float]:
+        """What to move by, and which share of a Newton step it is: the least or more; 0 for a step of the secants."""
+        with suppress(AccuracyError):  # differential conductances that vanish can leave the matrix singular
+            direction, share = self.move(excess, self.law.differential(drop)), 1.0
+            # All of it unless the co-content, convex along it, rises before its end.
+            rise = 0.1 * abs(float(excess @ direction))
+            while self.excess(self.drops(x + share * direction)) @ direction > rise and share >= least:
+                share *= _SHORTER
+            if share >= least:
+                return share * direction, share
+        return self.move(excess, self.law.secant(drop)), 0.0
+
+    def move(self, excess: NDArray[np.float64], conductance: NDArray[np.float64]) -> NDArray[np.float64]:
         """What takes the excess away if conductances stay as they are."""
-        matrix, _ = self.system.with_conductance(conductance, self.system.found_contacts())
-        return factor_laplacian(matrix, method).solve(-excess, rtol=1e-8)
+        matrix, _ = self.system.with_conductance(conductance)
+        return factor_laplacian(matrix, self.method).solve(-excess, rtol=1e-8)
 
+    def refuse_overloaded_cut(self, netlist: Netlist, x: NDArray[np.float64]) -> None:
+        """Refuse a circuit whose current sources exceed what a cut through nonlinear resistors can carry.
 
-def _refuse_overloaded_cut(netlist: Netlist, system: Equations, x: NDArray[np.float64]) -> None:
-    """Refuse a circuit whose current sources exceed what a cut through nonlinear resistors can carry.
+        Cuts between the rows above some voltage and all others are asked, and those below one.  Shapes: `x` (n,).
+        """
+        volts, rank = np.unique(np.append(x, 0.0), return_inverse=True)  # the last row is that of the rails
+        count, rows = len(volts), self.system.unknown[self.system.netlist.resistor_nodes]
+        below, above = np.sort(rank[rows], axis=1).T
+        limit = np.append(np.zeros(len(netlist.conductance)), netlist.nonlinear_current)
 
-    Cuts between the rows above some voltage and all others are asked, and those below one.  Shapes: `x` (n,).
-    """
-    volts, rank = np.unique(np.append(x, 0.0), return_inverse=True)  # the last row is that of the rails
-    if len(volts) < 2:
-        return
-    ends = np.concatenate([netlist.resistor_nodes, netlist.nonlinear_nodes])
-    below, above = np.sort(rank[system.unknown[ends]], axis=1).T
-    m = len(netlist.resistor_nodes)
-    linear, limit = np.arange(len(ends)) < m, np.append(np.zeros(m), netlist.nonlinear_current)
+        def crossing(weight: NDArray[np.float64]) -> NDArray[np.float64]:
+            """Sum over the elements that join what lies up to each voltage, but the last, to what lies above."""
+            return np.cumsum(np.bincount(below, weight, count) - np.bincount(above, weight, count))[:-1]
 
-    def crossing(weight: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Sum over the elements that join what lies up to each voltage, but the last, to what lies above."""
-        return np.cumsum(np.bincount(below, weight, len(volts)) - np.bincount(above, weight, len(volts)))[:-1]
-
-    fed = np.cumsum(np.bincount(rank[:-1], system.injected, len(volts)))
-    surplus = np.where(np.arange(len(volts) - 1) < rank[-1], -fed[:-1], fed[-1] - fed[:-1])
-    surplus -= crossing(limit) * (1 - _MARGIN)
-    surplus[crossing(linear.astype(np.float64)) > 0] = -np.inf
-    cut = int(np.argmax(surplus))
-    inside = (rank[:-1] <= cut) == (cut < rank[-1])
-    within = np.append(inside, False)[system.unknown]
-    ends = within[netlist.nonlinear_nodes]
-    across = np.flatnonzero(ends[:, 0] != ends[:, 1])
-    amps, capacity = abs(float(system.injected[inside].sum())), float(netlist.nonlinear_current[across].sum())
-    if surplus[cut] == -np.inf or not across.size or amps < capacity * (1 - _MARGIN):
-        return
-    names = netlist.names_of(netlist.nonlinear_nodes[across[0]])
-    close = "" if amps >= capacity else "may be no operating point, so close are the resistors to I0"
-    raise CircuitError(
-        f"there {close or 'is no operating point'}: the current sources drive {amps:.6g} A through the {len(across)} "
-        f"nonlinear resistors around {np.count_nonzero(within)} nodes (such as "
-        f"{netlist.node_name(int(np.argmax(within)))}), but these (such as the one between {names[0]} and {names[1]}) "
-        f"carry less than {capacity:.6g} A, the sum of their "
-        "I0; feed less current, or raise I0"
-    )
+        fed = np.cumsum(np.bincount(rank[:-1], self.system.injected, count))
+        surplus = np.where(np.arange(count - 1) < rank[-1], -fed[:-1], fed[-1] - fed[:-1])
+        surplus -= crossing(limit) * (1 - _MARGIN)
+        surplus[crossing((limit == 0).astype(np.float64)) > 0] = -np.inf
+        if surplus.max(initial=-np.inf) == -np.inf:
+            return
+        cut = int(np.argmax(surplus))
+        inside = (rank <= cut) == (cut < rank[-1])
+        across = np.flatnonzero(np.not_equal(*inside[rows.T]))
+        amps, capacity = abs(float(self.system.injected[inside[:-1]].sum())), float(limit[across].sum())
+        if not across.size or amps < capacity * (1 - _MARGIN):
+            return
+        names = netlist.names_of(self.system.netlist.resistor_nodes[across[0]])
+        within = inside[self.system.unknown]
+        close = "" if amps >= capacity else "may be no operating point, so close are the resistors to I0"
+        raise CircuitError(
+            f"there {close or 'is no operating point'}: the current sources drive {amps:.6g} A through the "
+            f"{len(across)} nonlinear resistors around {np.count_nonzero(within)} nodes (such as "
+            f"{netlist.node_name(int(np.argmax(within)))}), but these (such as the one between {names[0]} and "
+            f"{names[1]}) carry less than {capacity:.6g} A, the sum of their I0; feed less current, or raise I0"
+        )

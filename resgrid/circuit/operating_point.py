@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.frozen import frozen, picture_html
+from resgrid.frozen import frozen, lock, picture_html
 from resgrid.netlist import Netlist
-from resgrid.solvers.extended import logarithm
+from resgrid.solvers.extended import Numbers, logarithm
 
 _DIRECT_CURRENT = (
     "node_count", "resistor_nodes", "conductance", "source_nodes", "source_volts", "current_nodes", "current_amps",
@@ -20,42 +21,18 @@ _DIRECT_CURRENT = (
 """Parts of a netlist that direct currents depend on."""
 
 
-@dataclass(frozen=True, eq=False)
-class Readings:
+class Readings(NamedTuple):
     """What the ammeters read, and whether it adds up.
 
-    `resistor_current, resistor_direction, source_current, power, kcl_residual`: as the attributes of
-    `OperatingPoint`; `scaled`: mantissas and exponents of the currents, in factors of 2**256, where some underflow.
+    `resistor_current, source_current, power, kcl_residual`: as the attributes of `OperatingPoint`; `scaled`: mantissas
+    and exponents of the resistors' currents, in factors of 2**256: some may underflow.
     """
 
     resistor_current: NDArray[np.float64]
-    resistor_direction: NDArray[np.int8]
+    scaled: Numbers
     source_current: NDArray[np.float64]
     power: float
     kcl_residual: float
-    scaled: tuple[NDArray[np.float64], NDArray[np.int64]] | None = None
-
-    def __post_init__(self) -> None:
-        for array in (self.resistor_current, self.resistor_direction, self.source_current):
-            array.flags.writeable = False
-
-    @property
-    def resistor_log_current(self) -> NDArray[np.float64]:
-        """As the attribute of `OperatingPoint`; computed anew."""
-        if self.scaled is not None:
-            return logarithm(np.abs(self.scaled[0]), self.scaled[1])
-        with np.errstate(divide="ignore"):
-            return np.log(np.abs(self.resistor_current))
-
-    def of_first(self, count: int, kcl_residual: float) -> Readings:
-        """Those of the first resistors alone, and what is said of KCL then."""
-        return replace(
-            self,
-            resistor_current=self.resistor_current[:count],
-            resistor_direction=self.resistor_direction[:count],
-            kcl_residual=kcl_residual,
-            scaled=None if self.scaled is None else (self.scaled[0][:count], self.scaled[1][:count]),
-        )
 
 
 @frozen
@@ -148,7 +125,9 @@ class OperatingPoint:
     @cached_property
     def readings(self) -> Readings:
         """What the ammeters read; two threads that ask at once may both take it, and find the same."""
-        return self.ammeters if isinstance(self.ammeters, Readings) else self.ammeters()
+        taken = self.ammeters if isinstance(self.ammeters, Readings) else self.ammeters()
+        lock(taken)
+        return taken
 
     @property
     def resistor_current(self) -> NDArray[np.float64]:
@@ -158,12 +137,13 @@ class OperatingPoint:
     @property
     def resistor_log_current(self) -> NDArray[np.float64]:
         """Natural logarithm of its magnitude, shape (resistors,); -inf where no current flows."""
-        return self.readings.resistor_log_current
+        amps, exponent = self.readings.scaled
+        return logarithm(np.abs(amps), exponent)
 
     @property
     def resistor_direction(self) -> NDArray[np.int8]:
         """Its sign, shape (resistors,): 1 from the first node to the second, -1 back, 0 none."""
-        return self.readings.resistor_direction
+        return np.sign(self.readings.scaled[0]).astype(np.int8)
 
     @property
     def source_current(self) -> NDArray[np.float64]:

@@ -114,17 +114,12 @@ def _drop_and_height(rails: Rails, factors: Factor | None, watch: Watch, team: T
     All that flows into the low rail comes from the high one: ``to_low * height`` is at most the sum of ``to_high``.
     Where that says that both are needed, they are solved at once.
     """
-    to_low = rails.to_low
-    if team.size > 1 and (to_high := rails.to_high).sum() < _LEAST_REST * to_low.max(initial=0.0):
-        drop, height = _solved(factors, [to_low, to_high], watch, team)
-        return drop, None if _leaves_rest(drop) else height
-    (drop,) = _solved(factors, [to_low], watch, team)
-    return drop, None if _leaves_rest(drop) else _solved(factors, [rails.to_high], watch, team)[0]
-
-
-def _leaves_rest(drop: Scaled) -> bool:
-    """Whether the height ``1 - drop`` is nowhere a small difference."""
-    return bool(drop.plain.max(initial=0.0) < 1.0 - _LEAST_REST)
+    to_low, to_high = rails.to_low, rails.to_high
+    both = team.size > 1 and to_high.sum() < _LEAST_REST * to_low.max(initial=0.0)
+    drop, *height = _solved(factors, [to_low, to_high] if both else [to_low], watch, team)
+    if drop.plain.max(initial=0.0) < 1.0 - _LEAST_REST:  # the height ``1 - drop`` is nowhere a small difference
+        return drop, None
+    return drop, (height or _solved(factors, [to_high], watch, team))[0]
 
 
 def _solved(factors: Factor | None, currents: list[NDArray[np.float64]], watch: Watch, team: Team) -> list[Scaled]:
@@ -240,7 +235,7 @@ def _read(
     """
     from resgrid.circuit.kernels import drop_unresolved
 
-    ends, faint = netlist.resistor_nodes, np.zeros(0, dtype=np.int64)
+    ends, faint = netlist.resistor_nodes, np.zeros(0)
     if falls is None:
         amps, exponent, heat, faint = _differences(values, netlist, team)
     else:
@@ -250,10 +245,8 @@ def _read(
     frame, net, through = _sums(netlist, amps, exponent)
     if falling is not None:
         drop_unresolved(ends, amps, exponent, frame, net, through, falling, HARMLESS)
-    value = values.value
-    high, low = (part[ends[faint]] * power(value.exponent[ends[faint]]) for part in (value.hi, value.lo))
-    apart = netlist.conductance[faint] * np.abs(values.volts * (np.diff(high)[:, 0] + np.diff(low)[:, 0]))
-    matters = apart > HARMLESS * through[ends[faint]].min(axis=1)
+    few = np.flatnonzero(faint)
+    matters = faint[few] > HARMLESS * through[ends[few]].min(axis=1)
     residual = np.zeros(len(unknown))
     net_amps, through_amps = (net, through) if plain else (net * power(frame), through * power(frame))
     if np.any(forest.base != GROUND):
@@ -265,8 +258,7 @@ def _read(
     np.divide(np.abs(net), through, out=residual, where=(unknown >= 0) & (through > 0))
     readings = Readings(
         resistor_current=amps if plain else amps * power(exponent),
-        scaled=None if plain else (amps, exponent),
-        resistor_direction=np.sign(amps).astype(np.int8),
+        scaled=(amps, np.broadcast_to(np.int64(0), len(amps)) if plain else exponent),
         source_current=source_currents(netlist, forest, -net_amps, through_amps),
         power=heat,
         kcl_residual=float(residual.max(initial=0.0)),
@@ -276,12 +268,12 @@ def _read(
 
 def _differences(
     values: NodeValues, netlist: Netlist, team: Team
-) -> tuple[NDArray[np.float64], NDArray[np.int64], float, NDArray[np.int64]]:
-    """Currents ``amps, exponent`` (resistors,), the latter 0 where doubles hold all; the power; which are faint."""
+) -> tuple[NDArray[np.float64], NDArray[np.int64], float, NDArray[np.float64]]:
+    """Currents ``amps, exponent`` (resistors,), the latter 0 where doubles hold all; the power; faint currents."""
     from resgrid.circuit.kernels import currents
 
     ends, amps = netlist.resistor_nodes, np.empty(len(netlist.conductance))
-    exponent, faint = np.empty(len(amps), dtype=np.int64), np.zeros(len(amps), dtype=np.bool_)
+    exponent, faint = np.empty(len(amps), dtype=np.int64), np.empty(len(amps))
     few = _FAINT if netlist.node_count > EXACT_ROWS else _FAINT_IN_FEW
 
     def through(piece: slice) -> float:
@@ -294,7 +286,7 @@ def _differences(
     if exponent.any() and np.abs(exponent).max() <= _ORDINARY:
         amps *= power(exponent)
         exponent[:] = 0
-    return amps, exponent, heat, np.flatnonzero(faint)
+    return amps, exponent, heat, faint
 
 
 def _sums(

@@ -191,10 +191,8 @@ def scale_drive(netlist: Netlist, op: OperatingPoint) -> Netlist:
 
 
 def _netlist_of(circuit: Netlist | Deck) -> Netlist:
-    if isinstance(circuit, Netlist):
-        return circuit
     make = getattr(circuit, "netlist", None)
-    netlist = make() if callable(make) else None
+    netlist = make() if callable(make) else circuit
     if not isinstance(netlist, Netlist):
         raise InputError(
             f"this is no circuit but a {type(circuit).__name__}: give a Netlist (compile_space makes one of a space) "

@@ -9,7 +9,6 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,9 +42,11 @@ class SourceForest:
     loop: NDArray[np.bool_]
 
     @property
-    def ties(self) -> list[tuple[int, int, int]]:
-        """Every tied node, its parent and the source between; -1 for roots."""
-        return list(zip(*(part.tolist() for part in (self.order, self.above, self.source)), strict=True))
+    def ties(self) -> list[tuple[int, int, int, int]]:
+        """Every node that a source ties to its parent, the parent, the source, and the node it is counted from."""
+        tied = self.source >= 0
+        parts = (self.order, self.above, self.source, self.base)
+        return list(zip(*(part[tied].tolist() for part in parts), strict=True))
 
     @property
     def lift(self) -> float:
@@ -107,26 +108,20 @@ def source_currents(
     leaves of its tree and from its root towards the node around which most flows.
     Shapes: `outflow, through` (nodes,), the net current and half the sum of all magnitudes; returns (sources,).
     """
-    current = np.full(len(netlist.source_volts), np.nan)
-    ties = forest.ties
-    remaining, flow = ({node: float(values[node]) for node, *_ in ties} for values in (outflow, through))
-    for node, above, source in reversed(ties):
-        if source >= 0:
-            flow[above] += flow[node]
-    floating = forest.base != GROUND
-    heavy = [
-        tie
-        for tie, base in zip(compress(ties, floating), forest.base[floating].tolist(), strict=True)
-        if flow[tie[0]] > _MOST_OF_FLOW * flow[base] and tie[2] >= 0
+    current, ties = np.full(len(netlist.source_volts), np.nan), forest.ties
+    remaining, flow = ({node: float(values[node]) for node in forest.order.tolist()} for values in (outflow, through))
+    for node, above, _, _ in reversed(ties):
+        flow[above] += flow[node]
+    inwards = [
+        (above, node, source)
+        for node, above, source, base in ties
+        if base != GROUND and flow[node] > _MOST_OF_FLOW * flow[base]
     ]
-    inwards = set(heavy)
-    for node, above, source in [tie for tie in reversed(ties) if tie not in inwards]:
-        if source >= 0:
-            current[source] = remaining[node] * (-1.0 if netlist.source_nodes[source, 0] == node else 1.0)
-            remaining[above] += remaining[node]
-    for node, above, source in heavy:
-        current[source] = remaining[above] * (-1.0 if netlist.source_nodes[source, 0] == above else 1.0)
-        remaining[node] += remaining[above]
+    turned = {source for _, _, source in inwards}
+    outwards = [(node, above, source) for node, above, source, _ in reversed(ties) if source not in turned]
+    for node, other, source in outwards + inwards:
+        current[source] = remaining[node] * (-1.0 if netlist.source_nodes[source, 0] == node else 1.0)
+        remaining[other] += remaining[node]
     if forest.loop.any():
         current[forest.loop] = np.nan
         warnings.warn(
@@ -154,7 +149,6 @@ def _mark_loops(netlist: Netlist, forest: SourceForest) -> None:
     bits = np.random.default_rng(0).integers(2**62, size=len(closing))
     for end in closing.T:
         np.bitwise_xor.at(below, end, bits)
-    for node, above, source in reversed(forest.ties):
-        if source >= 0:
-            forest.loop[source] = below[node] != 0
-            below[above] ^= below[node]
+    for node, above, source, _ in reversed(forest.ties):
+        forest.loop[source] = below[node] != 0
+        below[above] ^= below[node]

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from resgrid.circuit.dynamics import Dynamics, slope
 from resgrid.errors import AccuracyError, BudgetError
+from resgrid.solvers.factor import Factor
 
 Method = Literal["backward_euler", "trapezoidal", "tr-bdf2"]
 
@@ -33,11 +34,11 @@ _MOST_STEPS = 10_000_000
 RTOL = 1e-11
 """Normwise backward error of every solution within a step."""
 
-Solve = Callable[[float, NDArray[np.float64]], NDArray[np.float64]]
-"""Solves ``(G + rate C) x = rhs``; the rate comes first."""
+Factors = Callable[[float], Factor]
+"""Factors of ``G + rate C``, by the rate."""
 
-State = tuple[NDArray[np.float64], NDArray[np.float64], int]
-"""State, its integral since 0+, and the number of steps taken."""
+State = NDArray[np.float64]
+"""Voltages of the rows, and their integrals since 0+; shape (2, n)."""
 
 
 def rate_of(method: Method, h: float) -> float:
@@ -45,41 +46,40 @@ def rate_of(method: Method, h: float) -> float:
     return {"backward_euler": 1.0, "trapezoidal": 2.0, "tr-bdf2": 2.0 + _ROOT2}[method] / h
 
 
-def advance(
-    dynamics: Dynamics, method: Method, x: NDArray[np.float64], h: float, solve: Solve
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Make one step.  Shapes: `x` (n,); returns `after` (n,), `integral` (n,)."""
-    rate = rate_of(method, h)
-    half = solve(rate, dynamics.imbalance(x, dynamics.drive))
+def advance(dynamics: Dynamics, method: Method, state: State, h: float, factors: Factors) -> State:
+    """Make one step."""
+    if not dynamics.size:
+        return state
+    (x, integral), factor = state, factors(rate_of(method, h))
+    half = factor.solve(dynamics.imbalance(x, dynamics.drive), rtol=RTOL)
     if method != "tr-bdf2":
-        return x + (1.0 if method == "backward_euler" else 2.0) * half, h * (x + half)
+        return np.stack([x + (1.0 if method == "backward_euler" else 2.0) * half, integral + h * (x + half)])
     between, past = x + 2.0 * half, x + (_ROOT2 + 1.0) * half
-    after = past + solve(rate, dynamics.imbalance(past, dynamics.drive))
-    return after, h * (_ROOT2 / 4.0 * (x + between) + (1.0 - _ROOT2 / 2.0) * after)
+    after = past + factor.solve(dynamics.imbalance(past, dynamics.drive), rtol=RTOL)
+    return np.stack([after, integral + h * (_ROOT2 / 4.0 * (x + between) + (1.0 - _ROOT2 / 2.0) * after)])
 
 
 def fixed_steps(
-    dynamics: Dynamics, method: Method, x: NDArray[np.float64], times: NDArray[np.float64], step: float, solve: Solve
-) -> Iterator[State]:
-    """States at times, every interval between them divided evenly into steps no longer than ``step``.
+    dynamics: Dynamics, method: Method, state: State, times: NDArray[np.float64], step: float, factors: Factors
+) -> Iterator[tuple[State, int]]:
+    """States at times, and steps until then; intervals are divided evenly into steps no longer than ``step``.
 
     The trapezoidal rule begins with four backward Euler steps of half the length (Rannacher 1984).
     """
-    integral = np.zeros_like(x)
     taken, now = 0, 0.0
     for time in times.tolist():
         check_steps(taken + (time - now) / step)
         count = int(np.ceil((time - now) / step * (1.0 - 1e-12)))
         h = (time - now) / max(count, 1)
         for _ in range(count):
-            damped = method == "trapezoidal" and taken < 2
-            rule: Method = "backward_euler" if damped else method
-            for length in (h / 2, h / 2) if damped else (h,):
-                x, part = advance(dynamics, rule, x, length, solve)
-                integral = integral + part
+            if method == "trapezoidal" and taken < 2:
+                middle = advance(dynamics, "backward_euler", state, h / 2, factors)
+                state = advance(dynamics, "backward_euler", middle, h / 2, factors)
+            else:
+                state = advance(dynamics, method, state, h, factors)
             taken += 1
         now = time
-        yield x, integral, taken
+        yield state, taken
 
 
 def check_steps(count: float) -> None:
@@ -96,7 +96,7 @@ _EPS = float(np.finfo(np.float64).eps)
 _SHARE = 0.5
 """Largest share of the tolerance that one step may use up by its own estimate."""
 
-_REACH = {"backward_euler": 2.0, "trapezoidal": 4.0}
+_REACH = {"backward_euler": 2.0, "trapezoidal": 4.0, "tr-bdf2": np.inf}
 """Tolerances whose power ``(p + 1) / p`` one step of order ``p`` may use up: the errors of ``N`` steps add, and ``N``
 grows as their ``-1 / (p + 1)``-th power.  The factor is what a decay leaves of them.  Errors of TR-BDF2 are
 extrapolated away to leading order (which the trapezoidal rule, not being L-stable, would not survive)."""
@@ -107,65 +107,46 @@ _FUTILE = 30
 
 
 def controlled_steps(
-    dynamics: Dynamics,
-    method: Method,
-    x: NDArray[np.float64],
-    times: NDArray[np.float64],
-    tolerance: float,
-    solve: Solve,
-) -> Iterator[State]:
-    """States at times, by steps of ``2**k`` seconds; the halves are kept.  Shapes: `x` (n,), `times` (t,)."""
-    order = _ORDER[method]
-    share = _share(method, tolerance)
-    low, high = _range(dynamics, x)
-    end = float(times[-1])
-    exponent = _first_exponent(dynamics, x, order, share, high - low, end)
-    integral = np.zeros_like(x)
-    now, taken, halved = 0.0, 0, 0
-    waiting = times.tolist()
-    while waiting:
-        while waiting and waiting[0] <= now:
-            yield x, integral, taken
-            waiting.pop(0)
-        if not waiting:
-            return
-        h = 2.0**exponent
-        whole, at_once = advance(dynamics, method, x, h, solve)
-        half, first = advance(dynamics, method, x, h / 2, solve)
-        after, second = advance(dynamics, method, half, h / 2, solve)
-        increment = first + second
-        reached = _range(dynamics, half) if now + h / 2 <= end else (low, high)
-        lowest, highest = min(low, reached[0]), max(high, reached[1])
-        target = share * (highest - lowest)
-        error = float(np.abs(whole - after).max(initial=0.0)) / (2**order - 1)
-        if error > target:
-            if halved >= _FUTILE or now + h / 4 == now:
-                raise AccuracyError(
-                    f"the voltages cannot be followed from {now:.3g} s on to tolerance = {tolerance:g}: rounding "
-                    f"leaves {error:.1e} V of every step, however short; give a larger tolerance, or a step"
-                )
-            exponent, halved = exponent - 1, halved + 1
-            continue
-        low, high, halved = lowest, highest, 0
-        if method == "tr-bdf2":
-            after = after + (after - whole) / (2**order - 1)
-            increment = increment + (increment - at_once) / (2**order - 1)
-        taken += 2
-        check_steps(taken)
-        while waiting and waiting[0] < now + h:
-            part = (waiting.pop(0) - now) / h
-            yield *_between(x, half, after, integral, part, h), taken
-        x, integral, now = after, integral + increment, now + h
-        if error * 2.0 ** (order + 1) * 1.5 <= target and h <= end - now:
-            exponent += 1
+    dynamics: Dynamics, method: Method, state: State, times: NDArray[np.float64], tolerance: float, factors: Factors
+) -> Iterator[tuple[State, int]]:
+    """States at times, and steps until then, each of ``2**k`` seconds; the halves are kept.  Shapes: `times` (t,)."""
+    order, share, end = _ORDER[method], _share(method, tolerance), float(times[-1])
+    low, high = _range(dynamics, state)
+    exponent = _first_exponent(dynamics, state[0], order, share, high - low, end)
+    since = now = 0.0
+    taken = halved = 0
+    for time in times.tolist():
+        while now < time:
+            h = 2.0**exponent
+            whole = advance(dynamics, method, state, h, factors)
+            half = advance(dynamics, method, state, h / 2, factors)
+            after = advance(dynamics, method, half, h / 2, factors)
+            reached = _range(dynamics, half) if now + h / 2 <= end else (low, high)
+            lowest, highest = min(low, reached[0]), max(high, reached[1])
+            target = share * (highest - lowest)
+            change = (after - whole) / (2**order - 1)
+            error = float(np.abs(change[0]).max(initial=0.0))
+            if error > target:
+                if halved >= _FUTILE or now + h / 4 == now:
+                    raise AccuracyError(
+                        f"the voltages cannot be followed from {now:.3g} s on to tolerance = {tolerance:g}: rounding "
+                        f"leaves {error:.1e} V of every step, however short; give a larger tolerance, or a step"
+                    )
+                exponent, halved = exponent - 1, halved + 1
+                continue
+            low, high, halved = lowest, highest, 0
+            before, state = state, after + change if method == "tr-bdf2" else after
+            taken += 2
+            check_steps(taken)
+            since, now = now, now + h
+            if error * 2.0 ** (order + 1) * 1.5 <= target and h <= end - now:
+                exponent += 1
+        yield state if time == now else _between(before, half, state, (time - since) / h, h), taken
 
 
 def _share(method: str, tolerance: float) -> float:
     """Share of the largest voltage difference that one step may be off by, by its own estimate."""
-    share = _SHARE * tolerance
-    if method in _REACH:
-        order = _ORDER[method]
-        share = min(share, (_REACH[method] * tolerance) ** ((order + 1) / order))
+    share = min(_SHARE * tolerance, float((_REACH[method] * tolerance) ** (1.0 + 1.0 / _ORDER[method])))
     if share < _LEAST_SHARE:
         raise AccuracyError(
             f"rounding does not allow tolerance = {tolerance:g} by method = {method!r}, which takes too many steps for "
@@ -174,9 +155,9 @@ def _share(method: str, tolerance: float) -> float:
     return share
 
 
-def _range(dynamics: Dynamics, x: NDArray[np.float64]) -> tuple[float, float]:
+def _range(dynamics: Dynamics, state: State) -> tuple[float, float]:
     """Lowest and highest node voltage, rails included."""
-    volts = dynamics.voltage(x)
+    volts = dynamics.voltage(state[0])
     return float(np.nanmin(volts)), float(np.nanmax(volts))
 
 
@@ -203,15 +184,9 @@ def _first_exponent(
     return int(np.floor(min(steps) / np.log(2.0)))
 
 
-def _between(
-    x: NDArray[np.float64],
-    half: NDArray[np.float64],
-    after: NDArray[np.float64],
-    integral: NDArray[np.float64],
-    part: float,
-    h: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """State and integral within a step, on the parabola through its beginning, middle and end."""
-    slope, bend = 4.0 * half - 3.0 * x - after, 2.0 * (x - 2.0 * half + after)
-    state = x + part * (slope + part * bend)
-    return state, integral + h * part * (x + part * (slope / 2.0 + part * bend / 3.0))
+def _between(before: State, half: State, after: State, part: float, h: float) -> State:
+    """The state within a step, on the parabola through its beginning, middle and end."""
+    x, integral = before
+    slope, bend = 4.0 * half[0] - 3.0 * x - after[0], 2.0 * (x - 2.0 * half[0] + after[0])
+    moved = part * (slope / 2.0 + part * bend / 3.0)
+    return np.stack([x + part * (slope + part * bend), integral + h * part * (x + moved)])

@@ -11,23 +11,10 @@ from annotated_types import Ge, Lt
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import Positive, real_numbers
-from resgrid.circuit.dynamics import (
-    Dynamics,
-    dynamics_of,
-    energy_delivered,
-    energy_stored,
-    factor_resolvent,
-    initial_state,
-)
+from resgrid.circuit.dynamics import Dynamics, dynamics_of, energy_delivered, factor_resolvent, initial_state
+from resgrid.circuit.equations import across
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.circuit.stepping import (
-    RTOL,
-    Method,
-    advance,
-    controlled_steps,
-    fixed_steps,
-    rate_of,
-)
+from resgrid.circuit.stepping import RTOL, Method, advance, controlled_steps, fixed_steps, rate_of
 from resgrid.errors import InputError
 from resgrid.frozen import frozen
 from resgrid.netlist import CellMap, Netlist
@@ -116,14 +103,12 @@ class TransientStepper:
         """
         dynamics = self.dynamics
         x = dynamics.state(_checked_voltages(dynamics.netlist, "voltage", voltage, dynamics.row >= 0))
-        if self.method == "backward_euler" and dynamics.apart:
-            after = self._solve(0.0, dynamics.capacitance.ground * x / self.step + dynamics.drive)
-        else:
-            after, _ = advance(dynamics, self.method, x, self.step, self._solve)
-        return dynamics.voltage(after)
-
-    def _solve(self, _: float, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
-        return rhs if self.factors is None else self.factors.solve(rhs, rtol=RTOL)
+        factors = self.factors
+        if factors is not None and self.method == "backward_euler" and dynamics.apart:
+            x = factors.solve(dynamics.capacitance.ground * x / self.step + dynamics.drive, rtol=RTOL)
+        elif factors is not None:
+            x, _ = advance(dynamics, self.method, np.stack([x, np.zeros_like(x)]), self.step, lambda _: factors)
+        return dynamics.voltage(x)
 
 
 def transient(
@@ -184,25 +169,25 @@ def transient(
     >>> rg.transient(rc, [0.0, 1e-6, 5e-6]).voltage[:, 2].round(3)
     array([0.   , 0.632, 0.993])
     """
-    when = _checked_times(times)
+    when = np.array(real_numbers("times", times), dtype=np.float64)
+    if when.ndim != 1 or not len(when):
+        raise InputError(f"times has shape {when.shape}; give at least one time, in a row")
+    if not (np.isfinite(when).all() and (when >= 0).all() and (np.diff(when) >= 0).all()):
+        raise InputError("times must be finite, at least 0 and ascending, in seconds")
     dynamics = dynamics_of(netlist)
     factors = lru_cache(_KEPT)(lambda rate: factor_resolvent(dynamics, rate, solver))
-
-    def solve(rate: float, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
-        return factors(rate).solve(rhs, rtol=RTOL) if len(rhs) else rhs
-
-    x = initial_state(dynamics, initial_voltages(netlist, initial))
+    start = np.zeros((2, dynamics.size))
+    start[0] = initial_state(dynamics, initial_voltages(netlist, initial))
     voltage = np.empty((len(when), netlist.node_count))
     energy, stored = np.empty(len(when)), np.empty(len(when))
     if step is not None:
-        states = fixed_steps(dynamics, method, x, when, step, solve)
+        states = fixed_steps(dynamics, method, start, when, step, factors)
     else:
-        states = controlled_steps(dynamics, method, x, when, tolerance, solve)
-    steps = 0
-    for number, (state, integral, taken) in enumerate(states):
-        voltage[number] = dynamics.voltage(state)
-        energy[number] = energy_delivered(dynamics, when[number], state - x, integral)
-        stored[number] = energy_stored(netlist, voltage[number])
+        states = controlled_steps(dynamics, method, start, when, tolerance, factors)
+    for number, ((x, integral), taken) in enumerate(states):
+        voltage[number] = dynamics.voltage(x)
+        energy[number] = energy_delivered(dynamics, when[number], x - start[0], integral)
+        stored[number] = 0.5 * np.sum(netlist.capacitance * across(voltage[number], netlist.capacitor_nodes) ** 2)
         steps = taken
     return Transient(netlist, when, voltage, energy, stored, steps, factors.cache_info().misses, method)
 
@@ -247,24 +232,13 @@ def transient_stepper(
     return TransientStepper(dynamics, float(step), method, factors)
 
 
-def _checked_times(times: ArrayLike) -> NDArray[np.float64]:
-    when = np.array(real_numbers("times", times), dtype=np.float64)
-    if when.ndim != 1 or not len(when):
-        raise InputError(f"times has shape {when.shape}; give at least one time, in a row")
-    if not (np.isfinite(when).all() and (when >= 0).all() and (np.diff(when) >= 0).all()):
-        raise InputError("times must be finite, at least 0 and ascending, in seconds")
-    return when
-
-
 def initial_voltages(netlist: Netlist, initial: OperatingPoint | ArrayLike | None) -> NDArray[np.float64]:
     """Node voltages before time 0, in volts, (nodes,), as `transient` takes them."""
     if initial is None:
         return np.zeros(netlist.node_count)
     if isinstance(initial, OperatingPoint):
         old, new = initial.netlist.cell_map, netlist.cell_map
-        if old is not None and new is not None:
-            return np.nan_to_num(_carried_over(initial, old, netlist, new), nan=0.0)
-        initial = np.nan_to_num(initial.voltage, nan=0.0)
+        initial = np.nan_to_num(_carried_over(initial, old, netlist, new) if old and new else initial.voltage)
     return _checked_voltages(netlist, "initial", initial, np.ones(netlist.node_count, dtype=np.bool_))
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.equations import Equations, assemble
+from resgrid.circuit.equations import Equations, assemble, sum_by_row
 from resgrid.circuit.linear import factor_circuit, solve_linear
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.readout import read_normwise
@@ -93,7 +93,7 @@ class WarmPoint:
         if accuracy != "normwise":
             return solve_linear(netlist, accuracy=accuracy, method="auto", rtol=1e-10)
         system = assemble(netlist)
-        row = _row_of_cells(system)
+        row = np.append(system.unknown, -1)[netlist.cells.node]
         x = np.empty(system.size)
         x[row[row >= 0]] = self.voltage[row >= 0] - system.reference
         told = {"iterations": self.iterations, "backward_error": self.backward_error}
@@ -171,45 +171,36 @@ class WarmStart:
         watch, circuit = Watch(progress), _Circuit.of(system, space, wiring)
         if circuit is not None:
             return self._solved(circuit, wiring, watch, fresh=True)
-        x = factor_circuit(system).solve(system.drive, rtol=self.rtol, watch=watch) if system.size else np.zeros(0)
-        height = np.append(x, np.nan)[_row_of_cells(system)]
-        return WarmPoint(
-            space, wiring, wiring.goal_voltage + wiring.supply * height, True, watch.iterations, watch.error
-        )
+        x = np.zeros(0)
+        if system.size:
+            x = factor_circuit(system).factors.solve(system.drive, rtol=self.rtol, watch=watch)
+        height = np.append(x, np.nan)[np.append(system.unknown, -1)[system.netlist.cells.node]]
+        voltage = wiring.goal_voltage + wiring.supply * height
+        return WarmPoint(space, wiring, voltage, True, watch.iterations, watch.error)
 
     def _solved(self, circuit: _Circuit, wiring: Wiring, watch: Watch, *, fresh: bool) -> WarmPoint:
         circuit.grid.solve(self.rtol, watch)
         if fresh:
             circuit.first_iterations = watch.iterations
         self._last = circuit if watch.iterations <= circuit.first_iterations + _WORN else None
-        share = circuit.first_rows / np.count_nonzero(circuit.row) if circuit.amps else 1.0
+        fed = wiring.drive == "uniform"
         voltage = circuit.grid.values
-        voltage *= wiring.supply * share
+        voltage *= wiring.supply / (wiring.resistance * np.count_nonzero(circuit.row) if fed else 1.0)
         voltage += wiring.goal_voltage
         voltage[~circuit.row] = np.nan
         return WarmPoint(circuit.space, wiring, voltage, fresh, watch.iterations, watch.error)
 
 
-def _row_of_cells(system: Equations) -> NDArray[np.int32]:
-    """Row of every cell, of the space's shape; -1 where its voltage is not solved for."""
-    grid = system.laplacian.grid
-    assert grid is not None
-    return grid.of_rows(system.unknown).vertex
-
-
 @dataclass(eq=False)
 class _Circuit:
-    """A circuit with its rails at 0 and 1 V, and the space it was compiled from.
+    """A circuit with its rails at 0 and 1 V, or 1 A into every row, and the space it was compiled from.
 
-    `row`: cells with rows, of the space's shape; `amps`: into every row at first, where all are fed the same;
-    `first_rows, first_iterations`: how many rows there were then, and steps that their solution took.
+    `row`: cells with rows, of the space's shape; `first_iterations`: steps that its first solution took.
     """
 
     space: ConfigurationSpace
     row: NDArray[np.bool_]
     grid: WarmGrid
-    amps: float
-    first_rows: int
     first_iterations: int = 0
 
     @classmethod
@@ -218,8 +209,8 @@ class _Circuit:
         row, fed = _rows_of(space, wiring), wiring.drive == "uniform"
         if not system.size == np.count_nonzero(row) > 0:
             return None
-        grid = WarmGrid.of(system.laplacian, system.drive, flat=fed)
-        return None if grid is None else cls(space, row, grid, float(system.drive[0]) if fed else 0.0, system.size)
+        grid = WarmGrid.of(system.laplacian, np.ones(system.size) if fed else system.drive, flat=fed)
+        return None if grid is None else cls(space, row, grid)
 
     def change(self, space: ConfigurationSpace, wiring: Wiring) -> bool:
         """Take over what has changed since; False, of no use any more, where that is no gain."""
@@ -240,7 +231,7 @@ class _Circuit:
         for box in boxes:
             around_goals = space.cell[box][_inside(space, box, _RIM + 1)] == Cell.GOAL
             alone = len(boxes) == 1 and np.count_nonzero(around_goals) == goals
-            window = _window_of(space, wiring, box, row[box], self.amps)
+            window = _window_of(space, wiring, box, row[box])
             self.grid.change(box, _inside(space, box, _RIM), *window, solve=row.size >= _SMALL, follow=alone)
         return True
 
@@ -298,28 +289,29 @@ def _inside(space: ConfigurationSpace, box: tuple[slice, ...], margin: int) -> t
 
 
 def _window_of(
-    space: ConfigurationSpace, wiring: Wiring, box: tuple[slice, ...], row: NDArray[np.bool_], amps: float
+    space: ConfigurationSpace, wiring: Wiring, box: tuple[slice, ...], row: NDArray[np.bool_]
 ) -> tuple[Laplacian, NDArray[np.float64]]:
-    """The equations of a box, with the high rail at 1 V, the low one at 0 V, and so many amperes into every row.
+    """The equations of a box, with the high rail at 1 V and the low one at 0 V, or with 1 A into every row.
 
     Shapes: `row`, of the box: which of its cells have rows.
     """
     contacts = contacts_of_box(space, wiring, [(ends.start, ends.stop) for ends in box], connected=False)
     size, vertex = int(np.count_nonzero(row)), np.full(row.shape, -1, dtype=np.int32)
     vertex[row] = np.arange(size, dtype=np.int32)
-    wide = np.pad(vertex, 1, constant_values=-1)
-    ground, drive = np.zeros(size), np.full(size, amps)
+    # Rows are followed by the high rail and the low one.
+    node = np.array([-1, size, size + 1, -1], dtype=np.int32)[contacts.kind]
+    np.copyto(node[(slice(1, -1),) * row.ndim], vertex, where=row)
     pairs, conductance = [], []
     for axis, siemens in enumerate(contacts.conductance):
-        rows, kinds = before_and_behind(wide, axis), before_and_behind(contacts.kind, axis)
-        inner = (rows[0] >= 0) & (rows[1] >= 0) & (siemens > 0.0)
-        pairs.append(np.stack([end[inner] for end in rows], axis=1))
-        conductance.append(siemens[inner])
-        for here, beside in zip(rows, kinds[::-1], strict=True):
-            tied = (here >= 0) & (beside != Kind.NODE)
-            ground += np.bincount(here[tied], siemens[tied], size)
-            tied &= beside == Kind.HIGH
-            drive += np.bincount(here[tied], siemens[tied], size)
-    listed = EdgeList(np.concatenate(pairs), np.concatenate(conductance), np.arange(size, dtype=np.int32))
+        ends = np.sort(np.stack(before_and_behind(node, axis), axis=-1))
+        kept = (ends[..., 0] >= 0) & (ends[..., 0] < size) & (siemens > 0.0)
+        pairs.append(ends[kept])
+        conductance.append(siemens[kept])
+    row_of = np.append(vertex[row], np.full(2, -1, dtype=np.int32))
+    listed = EdgeList(np.concatenate(pairs), np.concatenate(conductance), row_of)
+    here, beside = listed.ends.T
+    tied, fed = beside >= size, beside == size
+    ground = sum_by_row(here[tied], listed.conductance[tied], size)
+    drive = sum_by_row(here[fed], listed.conductance[fed], size) + (wiring.drive == "uniform")
     grid = Grid(vertex, (False,) * vertex.ndim)
     return Laplacian(ground, listed, grid=grid, dimensions=grid.dimensions), drive

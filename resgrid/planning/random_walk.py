@@ -43,7 +43,7 @@ class RandomWalk:
     def solve(self, rhs: NDArray[np.float64] | Scaled) -> Scaled:
         """Solve ``G x = rhs >= 0`` entry by entry as accurately as can be.  Shapes: `rhs` (rows,); returns (rows,)."""
         watch = Watch()
-        answer, error = self.factors.solve_nonnegative(rhs, watch=watch)
+        answer, error = self.factors.factors.solve_nonnegative(rhs, watch=watch)
         if not is_answer(error, watch.bound):
             raise AccuracyError(
                 f"the direct solver reached a componentwise backward error of {error:.1e} only: the conductances "

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import get_args
 
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from numpy.typing import NDArray
 
 import resgrid as rg
 from resgrid.circuit.dynamics import dynamics_of, factor_resolvent
@@ -136,9 +136,10 @@ def test_steps_that_no_longer_gain_are_refused(method: str) -> None:
     dynamics = dynamics_of(one_pole())
     rng = np.random.default_rng(0)
 
-    def noisy(rate: float, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
-        return factor_resolvent(dynamics, rate).solve(rhs) + rng.uniform(-1e-4, 1e-4, len(rhs))
+    def noisy(rate: float) -> SimpleNamespace:
+        exact = factor_resolvent(dynamics, rate).solve
+        return SimpleNamespace(solve=lambda rhs, rtol: exact(rhs, rtol=rtol) + rng.uniform(-1e-4, 1e-4, len(rhs)))
 
-    states = controlled_steps(dynamics, method, np.zeros(1), np.array([1e-6]), 1e-6, noisy)
+    states = controlled_steps(dynamics, method, np.zeros((2, 1)), np.array([1e-6]), 1e-6, noisy)
     with pytest.raises(rg.AccuracyError, match="rounding"):
         list(states)

@@ -42,7 +42,7 @@ def test_right_hand_sides_and_guesses_of_a_wrong_shape_are_refused(factors: Fact
     with pytest.raises(rg.InputError, match=rf"guess has shape .*, but there are {n} rows"):
         factors.solve(np.ones(n), guess=wrong)
     with pytest.raises(rg.InputError, match=rf"rhs has shape .*, but there are {n} rows"):
-        factors.solve_nonnegative(wrong)
+        factors.factors.solve_nonnegative(wrong)
 
 
 def test_what_is_no_current_is_refused(factors: Factor) -> None:
@@ -64,7 +64,7 @@ def test_what_is_no_current_is_refused(factors: Factor) -> None:
     negative[5] = -1e-300
     for rhs in (negative, Scaled.of(negative)):
         with pytest.raises(rg.InputError, match=r"rhs\[5\] is negative"):
-            factors.solve_nonnegative(rhs)
+            factors.factors.solve_nonnegative(rhs)
 
 
 def test_any_array_of_numbers_will_do(factors: Factor) -> None:
@@ -73,7 +73,7 @@ def test_any_array_of_numbers_will_do(factors: Factor) -> None:
     x = factors.solve(np.ascontiguousarray(amps))
     for same in (amps, amps.tolist(), amps.astype(np.int64)):
         np.testing.assert_array_equal(factors.solve(same), x)
-    entrywise, _ = factors.solve_nonnegative(amps)
+    entrywise, _ = factors.factors.solve_nonnegative(amps)
     np.testing.assert_allclose(entrywise.plain, x, rtol=1e-8, atol=1e-8 * x.max())
 
 
@@ -100,7 +100,7 @@ def test_factors_go_to_other_processes(method: str, density: float) -> None:
     cell[20:22, 20:22] = 2, 0
     factors = rg.factor(rg.compile_space(space_of(cell)), method=method)
     rhs = factors.system.drive
-    if factors.name == "direct":
+    if factors.factors.name == "direct":
         np.testing.assert_array_equal(pickle.loads(pickle.dumps(factors)).solve(rhs), factors.solve(rhs))
     else:
         np.testing.assert_allclose(pickle.loads(pickle.dumps(factors)).solve(rhs), factors.solve(rhs), atol=1e-8)
@@ -123,7 +123,7 @@ def test_an_answer_does_not_depend_on_what_was_asked_before(method: str) -> None
     factors = rg.factor(wild_network(600, 1), method=method)
     rhs = np.ones(factors.system.size)
     first = factors.solve(rhs)
-    factors.solve_nonnegative(rhs)
+    factors.factors.solve_nonnegative(rhs)
     np.testing.assert_array_equal(factors.solve(rhs), first)
 
 
@@ -136,7 +136,7 @@ def test_values_hold_their_fields_alone(method: str) -> None:
         factors = rg.factor(netlist, method=method)
         rhs = np.ones(factors.system.size)
         factors.solve(rhs)
-        factors.solve_nonnegative(rhs)
+        factors.factors.solve_nonnegative(rhs)
         rails = [factors.system.rails] if factors.system.rails is not None else []
         for value in (factors, factors.factors, factors.system, factors.system.laplacian, *rails):
             assert set(vars(value)) == {field.name for field in fields(value)}

@@ -72,7 +72,7 @@ def dense_solution(netlist: Netlist) -> OperatingPoint:
         potential=None,
         ammeters=Readings(
             resistor_current=through,
-            resistor_direction=np.sign(through).astype(np.int8),
+            scaled=(through, np.zeros(len(through), dtype=np.int64)),
             source_current=current,
             power=float(np.sum(through * (first - second))),
             kcl_residual=0.0,
