@@ -28,7 +28,7 @@ from resgrid.solvers.multigrid.hierarchy import Hierarchy, build_hierarchy, fine
 from resgrid.solvers.multigrid.krylov import norm
 from resgrid.solvers.multigrid.levels import Finest
 from resgrid.solvers.multigrid.red_black import Lattice
-from resgrid.solvers.supernodal import factor_in_order
+from resgrid.solvers.supernodal import factor_supernodes
 from resgrid.solvers.symbolic import Symbolic
 
 _FEW = 300
@@ -103,7 +103,7 @@ def solve_in_order(order: Symbolic, chips: Iterable[Chip], rtol: float) -> Itera
     """As `Solver`, by elimination; ``rtol`` bounds the error of voltages, relative to the largest."""
     for laplacian, drive in chips:
         try:
-            factors = factor_in_order(laplacian.conductances, order)
+            factors = factor_supernodes(laplacian, order)
         except AccuracyError:
             yield None
             continue

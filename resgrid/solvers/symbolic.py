@@ -12,7 +12,6 @@ Numba takes seconds to import: only functions that are about to solve import thi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -66,8 +65,7 @@ class Supernodes(NamedTuple):
     offset: Integers
 
 
-@dataclass(frozen=True, eq=False)
-class Symbolic:
+class Symbolic(NamedTuple):
     """An order of elimination, and where the factors have entries.
 
     `order` (n,): the rows that odd-even reduction keeps as they are eliminated, and all others behind them; `place`
