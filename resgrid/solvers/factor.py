@@ -28,8 +28,6 @@ from resgrid.solvers.refine import Refined, refine
 from resgrid.solvers.team import ALONE, Team
 
 if TYPE_CHECKING:
-    from scipy import sparse
-
     from resgrid.solvers.multigrid.hierarchy import Hierarchy
     from resgrid.solvers.supernodal import SupernodalFactors
     from resgrid.solvers.symbolic import Symbolic
@@ -134,13 +132,9 @@ def check_rtol(rtol: float) -> None:
 
 @dataclass(frozen=True, eq=False)
 class DirectFactor(Factor):
-    """A matrix and its factors ``L D L^T``.
-
-    `laplacian`: as of every `Factor`; `plain`: its diagonal and edges, where many normwise answers will be asked for.
-    """
+    """A matrix and its factors ``L D L^T``."""
 
     factors: SupernodalFactors
-    plain: tuple[NDArray[np.float64], sparse.csr_array] | None = None
     name: ClassVar[str] = "direct"
 
     def _solve(
@@ -148,13 +142,13 @@ class DirectFactor(Factor):
     ) -> NDArray[np.float64]:
         """As every `Factor` does, corrected until it is right enough, or a few times (Higham 2002, section 12.1)."""
         del guess
-        degree, edges = self.plain or (self.laplacian.diagonal, self.laplacian.edges)
-        norm, drive = 2.0 * float(degree.max(initial=0.0)), float(np.abs(rhs).max(initial=0.0))
-        x, residual = np.zeros_like(rhs), rhs
+        from resgrid.solvers.row_kernels import row_residual
+
+        matrix, drive = self.factors.matrix, float(np.abs(rhs).max(initial=0.0))
+        norm, x, residual = 2.0 * self.factors.largest, np.zeros_like(rhs), rhs.copy()
         for _ in range(_MOST_PASSES):
-            x = x + self.factors.solve(residual)
-            with np.errstate(over="ignore", invalid="ignore"):
-                residual = rhs - (degree * x - edges @ x)
+            x += self.factors.solve(residual)
+            row_residual(matrix, np.arange(len(x), dtype=np.int32), rhs, x, residual)
             scale = norm * float(np.abs(x).max(initial=0.0)) + drive
             error = float(np.abs(residual).max(initial=0.0)) / scale if scale else 0.0
             if error <= rtol or not np.isfinite(error):
@@ -181,13 +175,12 @@ class DirectFactor(Factor):
         return _ROUNDINGS * self.laplacian.size if least > _LEAST_SHARE else np.inf
 
 
-def factor_direct(laplacian: Laplacian, order: Symbolic | None = None, *, normwise: bool = False) -> DirectFactor:
-    """Factor a matrix, in an order that has been found or in the one that suits it; for ``normwise`` answers, too."""
+def factor_direct(laplacian: Laplacian, order: Symbolic | None = None) -> DirectFactor:
+    """Factor a matrix, in an order that has been found or in the one that suits it."""
     from resgrid.solvers.supernodal import factor_supernodes
 
     laplacian = laplacian.with_rows()
-    plain = (laplacian.diagonal, laplacian.edges) if normwise else None  # scipy takes long to import
-    return DirectFactor(laplacian, factor_supernodes(laplacian, order), plain)
+    return DirectFactor(laplacian, factor_supernodes(laplacian, order))
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,11 +219,9 @@ class MultigridFactor(Factor):
         return refine(self.laplacian, rhs, passes, _REFINED, anew=True, team=self.team)
 
 
-def factor_multigrid(laplacian: Laplacian, *, entrywise: bool = False, team: Team = ALONE) -> MultigridFactor:
-    """Coarsen a matrix; for answers that are right ``entrywise`` it keeps its rows, by which these are refined."""
+def factor_multigrid(laplacian: Laplacian, *, team: Team = ALONE) -> MultigridFactor:
+    """Coarsen a matrix; it keeps its rows if it is no grid of two colours."""
     from resgrid.solvers.multigrid.hierarchy import build_hierarchy
 
-    if laplacian.grid is None:
-        laplacian = laplacian.with_rows()
     hierarchy = build_hierarchy(laplacian, team)
-    return MultigridFactor(laplacian.with_rows() if entrywise else laplacian, hierarchy, team)
+    return MultigridFactor(laplacian if hierarchy.grid else laplacian.with_rows(), hierarchy, team)

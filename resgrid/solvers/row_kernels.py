@@ -1,11 +1,14 @@
-"""Compiled loops that bring a netlist's conductances into compressed rows."""
+"""Compiled loops that bring a netlist's conductances into compressed rows, and multiply by them."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.jit import inner, kernel, makes_arrays
+from resgrid.solvers.laplacian import Conductances
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
@@ -112,3 +115,17 @@ def compare_edges(
             if i >= 0 and j >= 0 and i != j and conductance[k] < weak * max(strongest[i], strongest[j]):
                 feeble += 1
     return count, smallest, largest, total, feeble
+
+
+@kernel
+def row_residual(matrix: Conductances, slot: Indices, b: Floats, x: Floats, r: Floats) -> float:
+    """``r = b - A x``, differences first, every row put at its slot; ``b, x`` (n,) by rows; returns ``|r|``."""
+    indptr, indices, conductance, ground = matrix
+    total = 0.0
+    for i in range(len(slot)):
+        v = b[i] - ground[i] * x[i]
+        for k in range(indptr[i], indptr[i + 1]):
+            v += conductance[k] * (x[np.uint32(indices[k])] - x[i])
+        r[slot[i]] = v
+        total += v * v
+    return math.sqrt(total)

@@ -37,13 +37,14 @@ class SupernodalFactors(NamedTuple):
 
     `matrix`: what was factored; `values`: the entries of ``-L`` below the diagonal, supernode by supernode: which share
     of a pivot goes to a later row; what stands above the diagonal is 0; `pivot` (n,): ``D`` in siemens, in the order of
-    ``symbolic``.
+    ``symbolic``; `largest`: the largest diagonal entry of the matrix.
     """
 
     symbolic: Symbolic
     matrix: Conductances
     values: Floats
     pivot: Floats
+    largest: float
 
     def substitute(self, m: Floats, e: Integers) -> Numbers:
         """Both substitutions, in scaled numbers; ``m`` and ``e``, shape (n,), stay as they are."""
@@ -61,17 +62,18 @@ class SupernodalFactors(NamedTuple):
 def factor_supernodes(laplacian: Laplacian, symbolic: Symbolic | None = None) -> SupernodalFactors:
     """Factor a matrix, in an order of its rows or of those of another one with the same entries, or one that suits."""
     matrix, symbolic = laplacian.conductances, symbolic or order_rows(laplacian)
-    widths, size, n = symbolic.widths, symbolic.kept, len(symbolic.order)
+    widths, size = symbolic.widths, symbolic.kept
     count = len(widths)
-    factors = SupernodalFactors(symbolic, matrix, np.empty(symbolic.entries), np.empty(n))
-    sums = np.add.reduceat(np.append(matrix.edges, 0.0), matrix.indptr[:-1])  # of rows that are joined to some
-    factors.pivot[size:] = (matrix.ground + sums)[symbolic.order[size:]]
+    sums = np.add.reduceat(np.append(matrix.edges, 0.0), matrix.indptr[:-1])
+    diagonal = matrix.ground + np.where(np.diff(matrix.indptr) > 0, sums, 0.0)
+    pivot, largest = np.append(np.empty(size), diagonal[symbolic.order[size:]]), float(diagonal.max(initial=0.0))
+    factors = SupernodalFactors(symbolic, matrix, np.empty(symbolic.entries), pivot, largest)
     waiting, following, after = np.full((3, count), -1, dtype=np.int32)
     work = Workspace(
         np.repeat(np.arange(count, dtype=np.int32), widths), waiting, following, after, np.empty(size, dtype=np.int32),
         np.empty(size), np.empty(symbolic.lengths.max(initial=0)), np.empty(widths.max(initial=0)),
     )  # fmt: skip
-    in_range = bool(np.all(np.isfinite(factors.pivot[size:])))
+    in_range = bool(np.isfinite(pivot[size:]).all())
     # In stretches, so that it can be interrupted.
     for begin in range(0, count, _STRETCH):
         in_range = in_range and eliminate(factors, work, begin, min(begin + _STRETCH, count))
@@ -139,7 +141,7 @@ def _wait(nodes: Supernodes, work: Workspace, node: int) -> None:
 @inlined
 def _load(factors: SupernodalFactors, work: Workspace, node: int) -> None:
     """Fill a supernode with the conductances that odd-even reduction leaves, ``g_ij + sum_k g_ik g_kj / d_k``."""
-    (order, place, nodes), (indptr, indices, edges, ground), values, pivot = factors
+    (order, place, nodes), (indptr, indices, edges, ground), values, pivot, _ = factors
     at, kept = work.at, len(work.at)
     length = nodes.start[node + 1] - nodes.start[node]
     for i in range(nodes.offset[node], nodes.offset[node + 1]):
@@ -269,7 +271,7 @@ def substitute(factors: SupernodalFactors, m: Floats, e: Integers, column: Float
 
     Shapes: `m, e` (n,), in the order of elimination; `column` (longest supernode,): room.
     """
-    (order, place, nodes), (indptr, indices, edges, _), values, pivot = factors
+    (order, place, nodes), (indptr, indices, edges, _), values, pivot, _ = factors
     n, kept = len(order), nodes.first[-1]
     for k in range(n):
         m[k], e[k] = _canonical(m[k], e[k])

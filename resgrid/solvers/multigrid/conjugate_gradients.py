@@ -23,6 +23,7 @@ from resgrid.solvers.multigrid.cycle import precondition_graph
 from resgrid.solvers.multigrid.graph_sweeps import work_space
 from resgrid.solvers.multigrid.hierarchy import GridPreconditioner, Hierarchy
 from resgrid.solvers.multigrid.levels import Finest, Levels
+from resgrid.solvers.row_kernels import row_residual
 from resgrid.solvers.team import ALONE, Team
 
 MOST_ITERATIONS = 200
@@ -110,7 +111,7 @@ class _GraphProblem:
         """As of `GridProblem`."""
         slot, unit = self.hierarchy.slot, self.hierarchy.unit
         if x.any():
-            krylov.row_residual(*matrix_rows(self.laplacian), slot, self.b, x[0, slot], r)
+            row_residual(self.laplacian.conductances, slot, self.b, x[0, slot], r)
             r *= 1.0 / unit
         else:
             r[slot] = self.b / unit
@@ -338,14 +339,6 @@ class _Burst:
         squares = self._each(partial(krylov.advance, v.inverse, v.w, v.s, v.r, problem.before, beta, alpha))
         self.left = math.sqrt(sum(squares))
         return True
-
-
-def matrix_rows(
-    laplacian: Laplacian,
-) -> tuple[NDArray[np.uint32], NDArray[np.uint32], NDArray[np.float64], NDArray[np.float64]]:
-    """The nodal matrix in compressed rows, with indices that need no sign."""
-    rows = laplacian.as_rows()
-    return rows.indptr.view(np.uint32), rows.indices.view(np.uint32), rows.data, laplacian.ground
 
 
 def _largest(values: NDArray[np.float64]) -> float:
