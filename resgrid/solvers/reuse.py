@@ -11,7 +11,7 @@ the window (the drop from the high rail; or 1, above the only rail), ``x + alpha
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -50,45 +50,32 @@ _WINDOW_RTOL = 1e-10
 """Residual of a window: the mode outside is found from small differences at its rim."""
 
 
-Chip = tuple[Laplacian, NDArray[np.float64]]
-"""Equations of a chip whose nodes are joined as the nominal one's are: its matrix, and what drives its rows."""
-
-
-Solver = Callable[[Iterable[Chip], float], Iterator[NDArray[np.float64] | None]]
-"""Solutions (n,) for some chips, to a tolerance; None for those that are none."""
+Solver = Callable[[Laplacian, NDArray[np.float64], float], NDArray[np.float64] | None]
+"""Solution (n,) for a chip whose nodes are joined as the nominal one's, by its matrix, what drives its rows, and a
+tolerance; None for one that is none."""
 
 
 def solve_by_levels(
-    laplacian: Laplacian, hierarchy: Hierarchy, start: NDArray[np.float64], chips: Iterable[Chip], rtol: float
-) -> Iterator[NDArray[np.float64] | None]:
+    nominal: Laplacian, hierarchy: Hierarchy, start: NDArray[np.float64], chip: Laplacian, drive: NDArray[np.float64],
+    rtol: float,
+) -> NDArray[np.float64] | None:  # fmt: skip
     """As `Solver`; a chip has its own finest level and the coarse ones of the nominal chip.  Shapes: `start` (n,)."""
-    grid, listed = laplacian.grid, laplacian.listed
-    assert hierarchy.grid is not None and grid is not None and listed is not None
-    ordinary, slot = hierarchy.largest_degree / hierarchy.unit, hierarchy.slot
-    cells = grid.of_rows(listed.row).vertex[hierarchy.box]
-    problem, x = None, np.zeros((2, len(hierarchy.grid.aggregate)))
+    grid, listed, ordinary = nominal.grid, nominal.listed, hierarchy.largest_degree / hierarchy.unit
+    assert hierarchy.grid is not None and grid is not None and listed is not None and chip.listed is not None
     few = slice(None, None, max(1, len(listed.conductance) // _FEW))
-    for chip, drive in chips:
-        assert chip.listed is not None
-        # Most of its conductances are as large in this unit as the nominal ones are in theirs.
-        unit = hierarchy.unit * float(np.median(chip.listed.conductance[few] / listed.conductance[few]))
-        laid_out = lay_out(*chip.listed, cells, chip.ground, unit)
-        assert laid_out is not None
-        degree, largest = np.maximum(laid_out[0].degree, ordinary), float(laid_out[0].degree.max())
-        fresh = finest_stencils(laid_out[0])
-        if problem is None:
-            problem = GridProblem(Finest(*fresh, hierarchy.grid.aggregate), hierarchy.levels, np.zeros_like(degree))
-        for old, new in zip((*problem.finest.true, *problem.finest.stencil), (*fresh[0], *fresh[1]), strict=True):
-            if isinstance(old, np.ndarray):  # written over, for the problem knows them by their addresses
-                old[:] = new
-        x[:] = 0.0
-        x.ravel()[slot] = start
-        problem.currents.ravel()[slot] = drive / unit
-        # A row whose own diagonal exceeds an ordinary one counts for so much less.
-        wanted = rtol * norm((problem.currents * (ordinary / degree)).ravel())
-        residual = converge(problem, x, Stop(wanted, ROUNDING * largest, unit), None)
-        solution = x.ravel()[slot]
-        yield solution if residual <= max(wanted, _LEFT * ordinary * norm(solution)) else None
+    # Most of its conductances are as large in this unit as the nominal ones are in theirs.
+    unit = hierarchy.unit * float(np.median(chip.listed.conductance[few] / listed.conductance[few]))
+    laid_out = lay_out(*chip.listed, grid.of_rows(listed.row).vertex[hierarchy.box], chip.ground, unit)
+    assert laid_out is not None
+    level, slot = laid_out
+    x, currents = np.zeros((2, *level.degree.shape))
+    x.ravel()[slot], currents.ravel()[slot] = start, drive / unit
+    problem = GridProblem(Finest(*finest_stencils(level), hierarchy.grid.aggregate), hierarchy.levels, currents)
+    # A row whose own diagonal exceeds an ordinary one counts for so much less.
+    wanted = rtol * norm((currents * (ordinary / np.maximum(level.degree, ordinary))).ravel())
+    residual = converge(problem, x, Stop(wanted, ROUNDING * float(level.degree.max()), unit), None)
+    solution = x.ravel()[slot]
+    return solution if residual <= max(wanted, _LEFT * ordinary * norm(solution)) else None
 
 
 def solver_by_levels(laplacian: Laplacian, drive: NDArray[np.float64]) -> Solver | None:
@@ -99,19 +86,19 @@ def solver_by_levels(laplacian: Laplacian, drive: NDArray[np.float64]) -> Solver
     return partial(solve_by_levels, laplacian, hierarchy, iterate(laplacian, hierarchy, drive, 1e-12)[0])
 
 
-def solve_in_order(order: Symbolic, chips: Iterable[Chip], rtol: float) -> Iterator[NDArray[np.float64] | None]:
+def solve_in_order(
+    order: Symbolic, chip: Laplacian, drive: NDArray[np.float64], rtol: float
+) -> NDArray[np.float64] | None:
     """As `Solver`, by elimination; ``rtol`` bounds the error of voltages, relative to the largest."""
-    for laplacian, drive in chips:
-        try:
-            factors = factor_supernodes(laplacian, order)
-        except AccuracyError:
-            yield None
-            continue
-        solution = factors.solve(drive)
-        # Entries of a solution for currents of one sign are right to some roundings.
-        summed = factors.solve(np.abs(drive)) if drive.min() < 0.0 else solution
-        right = _ROUNDINGS * np.abs(summed).max() <= max(rtol, _FORBIDDEN) * np.abs(solution).max()
-        yield solution if right else None
+    try:
+        factors = factor_supernodes(chip, order)
+    except AccuracyError:
+        return None
+    solution = factors.solve(drive)
+    # Entries of a solution for currents of one sign are right to some roundings.
+    summed = factors.solve(np.abs(drive)) if drive.min() < 0.0 else solution
+    right = _ROUNDINGS * np.abs(summed).max() <= max(rtol, _FORBIDDEN) * np.abs(solution).max()
+    return solution if right else None
 
 
 @dataclass(frozen=True, eq=False)
