@@ -214,11 +214,9 @@ class WarmGrid:
         fresh, here = finest_stencils(laid_out[0]), small.cells[core].ravel()
         self.b.ravel()[there] = np.append(drive, 0.0)[vertex[core]].ravel() / unit
         red = there < self.lattice.slots
-        to, of = there[red], here[red]
+        to_red, of_red, to, of = there[red], here[red], there[~red] - self.lattice.slots, here[~red] - small.slots
         for old, new in zip(finest[:2], fresh, strict=True):
-            old.faces[:, to], old.red_inverse[to] = new.faces[:, of], new.red_inverse[of]
-        to, of = there[~red] - self.lattice.slots, here[~red] - small.slots
-        for old, new in zip(finest[:2], fresh, strict=True):
+            old.faces[:, to_red], old.red_inverse[to_red] = new.faces[:, of_red], new.red_inverse[of_red]
             old.black_degree[to] = new.black_degree[of]
         finest.stencil.black_inverse[to] = fresh[1].black_inverse[of]
         self._aggregate(to, fresh[1].black_inverse[of] > 0.0)

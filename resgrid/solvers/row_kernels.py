@@ -45,7 +45,7 @@ def conductances_by_row(
             front[upper] += 1
     for i in range(size):
         begin, indptr[i] = indptr[i], end
-        _sort(indices, data, begin, indptr[i + 1])
+        sort(indices, data, begin, indptr[i + 1])
         for k in range(begin, indptr[i + 1]):
             if k > begin and indices[k] == indices[end - 1]:
                 data[end - 1] += data[k]
@@ -56,8 +56,8 @@ def conductances_by_row(
 
 
 @inner
-def _sort(keys: Indices, values: Floats, begin: int, end: int) -> None:
-    """Sort a part of an array, and what belongs to its entries (Shell 1959)."""
+def sort(keys: Indices, values: Floats, begin: int, end: int) -> None:
+    """Sort a part of an array, and what belongs to its entries, or itself once more (Shell 1959)."""
     gap = 1
     while 16 * gap < end - begin:
         gap = 3 * gap + 1

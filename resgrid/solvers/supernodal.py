@@ -234,14 +234,6 @@ def _sum(values: Floats, begin: int, end: int) -> float:
 
 
 @inner_fast
-def _add_times(target: Floats, there: int, values: Floats, here: int, count: int, weight: float) -> None:
-    t, s = np.uint64(there), np.uint64(here)
-    for each in range(count):
-        i = np.uint64(each)
-        target[t + i] += weight * values[s + i]
-
-
-@inner_fast
 def _add_columns(
     target: Floats, there: int, values: Floats, here: int, apart: int, weight: Floats, columns: int, count: int
 ) -> None:
@@ -308,7 +300,8 @@ def _forward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column: 
         return
     common = _align(nodes.rows, begin, fed, length, m, e, column)
     for c in range(fed, columns):
-        _add_times(column, c + 1, values, base + c * length + c + 1, length - c - 1, column[c])
+        below = base + c * length + c + 1
+        _add_columns(column, c + 1, values, below, length, column[c:], 1, length - c - 1)
     plain = True
     for r in range(fed, length):
         plain = plain and abs(column[r]) >= _LEAST
