@@ -13,10 +13,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from resgrid.jit import inlined, kernel
-from resgrid.solvers.extended import BITS, Numbers, Scaled
+from resgrid.solvers.extended import BITS, Floats, Integers, Numbers, Scaled
 from resgrid.solvers.laplacian import Conductances
 
 _BASE = 2.0**BITS
@@ -25,9 +24,6 @@ _LARGE = 2.0 ** (BITS // 2)
 _SMALL = 2.0 ** -(BITS // 2)
 _SPLITTER = 2.0**27 + 1.0
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Indices = NDArray[np.int32]
 
 _SETTLED = 1e-29
 _UNIT = 2.0**-53

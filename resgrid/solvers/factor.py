@@ -17,11 +17,11 @@ from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from resgrid.arguments import check_number, real_numbers
 from resgrid.errors import AccuracyError, InputError
-from resgrid.solvers.extended import Scaled
+from resgrid.solvers.extended import Floats, Scaled
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.refine import Refined, refine
@@ -68,7 +68,7 @@ class Factor(ABC):
         rtol: float = 1e-10,
         guess: ArrayLike | None = None,
         watch: Watch | None = None,
-    ) -> NDArray[np.float64]:
+    ) -> Floats:
         """Solve to a normwise backward error.  Shapes: `rhs` (n,), `guess` (n,); returns (n,)."""
         check_rtol(rtol)
         begin = None if guess is None else self._one_per_row("guess", guess)
@@ -91,7 +91,7 @@ class Factor(ABC):
             watch.done(found.error, found.bound)
         return found.solution, found.error
 
-    def _judged(self, x: NDArray[np.float64], error: float, rtol: float, watch: Watch | None) -> NDArray[np.float64]:
+    def _judged(self, x: Floats, error: float, rtol: float, watch: Watch | None) -> Floats:
         """The solution, if its backward error is small enough."""
         if not error <= rtol:
             raise AccuracyError(
@@ -104,16 +104,14 @@ class Factor(ABC):
         return x
 
     @abstractmethod
-    def _solve(
-        self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
-    ) -> NDArray[np.float64]:
+    def _solve(self, rhs: Floats, rtol: float, guess: Floats | None, watch: Watch | None) -> Floats:
         """As `solve`, for contiguous arrays of the right shape."""
 
     @abstractmethod
-    def _refined(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> Refined:
+    def _refined(self, rhs: Floats | Scaled, watch: Watch | None) -> Refined:
         """As `solve_nonnegative`, for contiguous arrays of the right shape."""
 
-    def _one_per_row(self, name: str, values: ArrayLike) -> NDArray[np.float64]:
+    def _one_per_row(self, name: str, values: ArrayLike) -> Floats:
         array = np.ascontiguousarray(real_numbers(name, values), dtype=np.float64)
         if array.shape != (self.laplacian.size,):
             raise InputError(
@@ -137,9 +135,7 @@ class DirectFactor(Factor):
     factors: SupernodalFactors
     name: ClassVar[str] = "direct"
 
-    def _solve(
-        self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
-    ) -> NDArray[np.float64]:
+    def _solve(self, rhs: Floats, rtol: float, guess: Floats | None, watch: Watch | None) -> Floats:
         """As every `Factor` does, corrected until it is right enough, or a few times (Higham 2002, section 12.1)."""
         del guess
         from resgrid.solvers.row_kernels import row_residual
@@ -155,7 +151,7 @@ class DirectFactor(Factor):
                 break
         return self._judged(x, error, rtol, watch)
 
-    def _refined(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> Refined:
+    def _refined(self, rhs: Floats | Scaled, watch: Watch | None) -> Refined:
         """As every `Factor` does."""
         del watch
         exact = self.laplacian.size <= EXACT_ROWS
@@ -194,9 +190,7 @@ class MultigridFactor(Factor):
     team: Team = ALONE
     name: ClassVar[str] = "multigrid"
 
-    def _solve(
-        self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
-    ) -> NDArray[np.float64]:
+    def _solve(self, rhs: Floats, rtol: float, guess: Floats | None, watch: Watch | None) -> Floats:
         """As every `Factor` does; the residual norm is brought to ``rtol |b|`` where rounding allows.
 
         From a guess on, the iteration also ends where it estimates the error of every voltage to be at most ``rtol``
@@ -211,7 +205,7 @@ class MultigridFactor(Factor):
         error = residual / (scale or 1.0)
         return self._judged(x, error, rtol, watch)
 
-    def _refined(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> Refined:
+    def _refined(self, rhs: Floats | Scaled, watch: Watch | None) -> Refined:
         """As every `Factor` does."""
         from resgrid.solvers.multigrid.conjugate_gradients import approximate
 

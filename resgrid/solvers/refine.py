@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.solvers.extended import NOISE, Numbers, Scaled, canonical, logarithm, power
+from resgrid.solvers.extended import NOISE, Floats, Integers, Numbers, Scaled, canonical, logarithm, power
 from resgrid.solvers.laplacian import Conductances, Laplacian
 from resgrid.solvers.team import ALONE, Team
 
@@ -67,7 +67,7 @@ _MOST, _SHARE = 20_000, 16
 _LEAST = 8
 """One of so many of these are solved at least: along a slit all that lies below changes with what lies above."""
 
-Approximation = Callable[[NDArray[np.float64], NDArray[np.int64], float], Numbers]
+Approximation = Callable[[Floats, Integers, float], Numbers]
 """About ``A^-1`` times scaled numbers, right to a share (the third argument) of the largest; may be better."""
 
 
@@ -95,7 +95,7 @@ def is_answer(error: float, bound: float) -> bool:
 
 def refine(
     laplacian: Laplacian,
-    rhs: NDArray[np.float64] | Scaled,
+    rhs: Floats | Scaled,
     approximate: Approximation,
     floor: float,
     *,
@@ -178,7 +178,7 @@ def _moves(x: Scaled, new: Scaled, share: float) -> bool:
     return not np.all(np.abs(moved) <= share * np.abs(x.hi))
 
 
-def _corrected(x: Scaled, m: NDArray[np.float64], e: NDArray[np.int64]) -> Scaled:
+def _corrected(x: Scaled, m: Floats, e: Integers) -> Scaled:
     """Values with a correction.  Shapes: `m, e` (n,)."""
     from resgrid.solvers.extended_kernels import correct
 
@@ -187,7 +187,7 @@ def _corrected(x: Scaled, m: NDArray[np.float64], e: NDArray[np.int64]) -> Scale
     return new
 
 
-def scaled_currents(rhs: NDArray[np.float64] | Scaled) -> Numbers:
+def scaled_currents(rhs: Floats | Scaled) -> Numbers:
     """Currents as canonical scaled numbers of their own; ``lo`` is left out."""
     given = rhs if isinstance(rhs, Scaled) else Scaled.of(np.asarray(rhs, dtype=np.float64))
     current, scale = given.hi.copy(), given.exponent.copy()
@@ -211,7 +211,7 @@ def quotient(parts: list[Scaled], x: Scaled) -> float:
         return 0.0 if max(logs) == -np.inf else float(np.exp(max(logs) - largest))
 
 
-def few_rows(laplacian: Laplacian, left: NDArray[np.float64], x: Scaled, current: Numbers) -> Scaled | None:
+def few_rows(laplacian: Laplacian, left: Floats, x: Scaled, current: Numbers) -> Scaled | None:
     """Values of which those of the rows left, and of some around, are found from all others; None for too many rows.
 
     What the others feed into them is the residual where their own voltages are 0.

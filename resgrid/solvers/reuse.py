@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
+from resgrid.solvers.extended import Floats, Indices
 from resgrid.solvers.factor import factor_multigrid
 from resgrid.solvers.laplacian import Grid, Laplacian
 from resgrid.solvers.monitor import Watch
@@ -50,15 +51,14 @@ _WINDOW_RTOL = 1e-10
 """Residual of a window: the mode outside is found from small differences at its rim."""
 
 
-Solver = Callable[[Laplacian, NDArray[np.float64], float], NDArray[np.float64] | None]
+Solver = Callable[[Laplacian, Floats, float], Floats | None]
 """Solution (n,) for a chip whose nodes are joined as the nominal one's, by its matrix, what drives its rows, and a
 tolerance; None for one that is none."""
 
 
 def solve_by_levels(
-    nominal: Laplacian, hierarchy: Hierarchy, start: NDArray[np.float64], chip: Laplacian, drive: NDArray[np.float64],
-    rtol: float,
-) -> NDArray[np.float64] | None:  # fmt: skip
+    nominal: Laplacian, hierarchy: Hierarchy, start: Floats, chip: Laplacian, drive: Floats, rtol: float
+) -> Floats | None:
     """As `Solver`; a chip has its own finest level and the coarse ones of the nominal chip.  Shapes: `start` (n,)."""
     grid, listed, ordinary = nominal.grid, nominal.listed, hierarchy.largest_degree / hierarchy.unit
     assert hierarchy.grid is not None and grid is not None and listed is not None and chip.listed is not None
@@ -78,7 +78,7 @@ def solve_by_levels(
     return solution if residual <= max(wanted, _LEFT * ordinary * norm(solution)) else None
 
 
-def solver_by_levels(laplacian: Laplacian, drive: NDArray[np.float64]) -> Solver | None:
+def solver_by_levels(laplacian: Laplacian, drive: Floats) -> Solver | None:
     """Lay a grid out by colour; None where it has no two colours.  Shapes: `drive` (n,)."""
     hierarchy = build_hierarchy(laplacian)
     if hierarchy.grid is None:
@@ -86,9 +86,7 @@ def solver_by_levels(laplacian: Laplacian, drive: NDArray[np.float64]) -> Solver
     return partial(solve_by_levels, laplacian, hierarchy, iterate(laplacian, hierarchy, drive, 1e-12)[0])
 
 
-def solve_in_order(
-    order: Symbolic, chip: Laplacian, drive: NDArray[np.float64], rtol: float
-) -> NDArray[np.float64] | None:
+def solve_in_order(order: Symbolic, chip: Laplacian, drive: Floats, rtol: float) -> Floats | None:
     """As `Solver`, by elimination; ``rtol`` bounds the error of voltages, relative to the largest."""
     try:
         factors = factor_supernodes(chip, order)
@@ -114,13 +112,13 @@ class WarmGrid:
     hierarchy: Hierarchy
     finest: Finest
     lattice: Lattice
-    slot: NDArray[np.int32]
+    slot: Indices
     flat: bool
-    b: NDArray[np.float64]
-    x: NDArray[np.float64]
+    b: Floats
+    x: Floats
 
     @classmethod
-    def of(cls, laplacian: Laplacian, drive: NDArray[np.float64], flat: bool) -> WarmGrid | None:
+    def of(cls, laplacian: Laplacian, drive: Floats, flat: bool) -> WarmGrid | None:
         """Levels of a grid, at rest; None where it is no grid of two colours that coarsens by blocks."""
         hierarchy, grid = build_hierarchy(laplacian), laplacian.grid
         if hierarchy.grid is None or grid is None:
@@ -152,7 +150,7 @@ class WarmGrid:
         watch.done(error)
 
     @property
-    def values(self) -> NDArray[np.float64]:
+    def values(self) -> Floats:
         """The latest solution in every cell of the grid, of its shape; undefined where a cell has no row."""
         return self.x.ravel()[self.slot]
 
@@ -161,7 +159,7 @@ class WarmGrid:
         box: tuple[slice, ...],
         core: tuple[slice, ...],
         laplacian: Laplacian,
-        drive: NDArray[np.float64],
+        drive: Floats,
         *,
         solve: bool,
         follow: bool,
@@ -201,9 +199,7 @@ class WarmGrid:
             np.add(x, alpha if self.flat else alpha * (1.0 - x), out=x, where=x != 0.0)
         x[slot[own]] = after
 
-    def _write(
-        self, there: NDArray[np.int32], core: tuple[slice, ...], laplacian: Laplacian, drive: NDArray[np.float64]
-    ) -> None:
+    def _write(self, there: Indices, core: tuple[slice, ...], laplacian: Laplacian, drive: Floats) -> None:
         """Write the equations of a window's core, whose cells stand at some slots (cells,), over those of the level."""
         assert laplacian.listed is not None and laplacian.grid is not None
         finest, vertex, unit = self.finest, laplacian.grid.vertex, self.hierarchy.unit
@@ -221,7 +217,7 @@ class WarmGrid:
         finest.stencil.black_inverse[to] = fresh[1].black_inverse[of]
         self._aggregate(to, fresh[1].black_inverse[of] > 0.0)
 
-    def _aggregate(self, slot: NDArray[np.int32], present: NDArray[np.bool_]) -> None:
+    def _aggregate(self, slot: Indices, present: NDArray[np.bool_]) -> None:
         """Black slots that are new join the aggregate of a black one behind the strongest red neighbour."""
         target, faces, distance = self.finest.aggregate, self.finest.true.faces, self.lattice.distance
         target[slot[~present]] = 0

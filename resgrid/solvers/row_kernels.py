@@ -5,13 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from resgrid.jit import inner, kernel, makes_arrays
-from resgrid.solvers.laplacian import Conductances
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int32]
+from resgrid.solvers.extended import Floats, Indices
 
 
 @kernel
@@ -56,7 +52,7 @@ def conductances_by_row(
 
 
 @inner
-def sort(keys: Indices, values: Floats, begin: int, end: int) -> None:
+def sort(keys: Indices, values: Floats | Indices, begin: int, end: int) -> None:
     """Sort a part of an array, and what belongs to its entries, or itself once more (Shell 1959)."""
     gap = 1
     while 16 * gap < end - begin:
@@ -118,7 +114,9 @@ def compare_edges(
 
 
 @kernel
-def row_residual(matrix: Conductances, slot: Indices, b: Floats, x: Floats, r: Floats) -> float:
+def row_residual(
+    matrix: tuple[Indices, Indices, Floats, Floats], slot: Indices, b: Floats, x: Floats, r: Floats
+) -> float:
     """``r = b - A x``, differences first, every row put at its slot; ``b, x`` (n,) by rows; returns ``|r|``."""
     indptr, indices, conductance, ground = matrix
     total = 0.0

@@ -12,18 +12,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
 from resgrid.jit import ZERO, inlined, inner_fast, kernel
-from resgrid.solvers.extended import Numbers, unscaled
+from resgrid.solvers.extended import Floats, Indices, Integers, Numbers, unscaled
 from resgrid.solvers.extended_kernels import NO_EXPONENT, _add_product, _canonical, _shift
 from resgrid.solvers.laplacian import Conductances, Laplacian
 from resgrid.solvers.symbolic import Supernodes, Symbolic, order_rows
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Indices = NDArray[np.int32]
 
 _STRETCH = 2_000
 """Supernodes eliminated at a time."""

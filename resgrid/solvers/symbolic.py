@@ -15,16 +15,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from resgrid.errors import BudgetError
 from resgrid.jit import ZERO, inlined, kernel, makes_arrays
+from resgrid.solvers.extended import Indices, Integers
 from resgrid.solvers.laplacian import MOST_NUMBERED, Laplacian
 from resgrid.solvers.ordering_kernels import minimum_fill, quotient_graph, with_room
 from resgrid.solvers.row_kernels import sort
-
-Integers = NDArray[np.int64]
-Indices = NDArray[np.int32]
 
 _MOST_FILL, _MOST_FILL_OF_VOLUMES = 60, 600
 """Entries a row above which a circuit is not narrow, and factors in the order by fill are sooner made."""
