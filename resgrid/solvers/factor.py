@@ -62,12 +62,7 @@ class Factor(ABC):
     """The method."""
 
     def solve(
-        self,
-        rhs: ArrayLike,
-        *,
-        rtol: float = 1e-10,
-        guess: ArrayLike | None = None,
-        watch: Watch | None = None,
+        self, rhs: ArrayLike, *, rtol: float = 1e-10, guess: ArrayLike | None = None, watch: Watch | None = None
     ) -> Floats:
         """Solve to a normwise backward error.  Shapes: `rhs` (n,), `guess` (n,); returns (n,)."""
         check_rtol(rtol)
@@ -154,14 +149,15 @@ class DirectFactor(Factor):
     def _refined(self, rhs: Floats | Scaled, watch: Watch | None) -> Refined:
         """As every `Factor` does."""
         del watch
-        exact = self.laplacian.size <= EXACT_ROWS
+        factors, exact = self.factors, self.laplacian.size <= EXACT_ROWS
+        sure = self._certainty() if exact else np.inf
         return refine(
             self.laplacian,
             rhs,
-            lambda m, e, _: self.factors.substitute(m, e),
+            lambda m, e, _: factors.substitute(m, e),
             _REFINED_DIRECTLY,
             exact=exact,
-            sure=self._certainty() if exact else np.inf,
+            sure=sure,
         )
 
     def _certainty(self) -> float:

@@ -111,11 +111,14 @@ def refine(
     what rounding leaves where conductances differ by more decades than double-doubles hold.  Rows without a digit are
     found ``anew`` where they are few.
     """
+    from resgrid.solvers.extended_kernels import Imbalance
+
     matrix, current = laplacian.conductances, scaled_currents(rhs)
     residual = current[0].copy(), current[1].copy()
-    x, best, left = Scaled.of(np.zeros(laplacian.size)), None, np.inf
+    nothing = Imbalance(backward=np.inf, left=np.inf, right=np.inf, share=0.0, log_size=np.inf)
+    x, best, left = Scaled.of(np.zeros(laplacian.size)), nothing, np.inf
     for step in range(1, _MOST_STEPS + 1):
-        hopeless = best is not None and not exact and best.backward > _HOPELESS
+        hopeless = not exact and _HOPELESS < best.backward < np.inf
         some = few_rows(laplacian, residual[0], x, current) if anew and hopeless else None
         new = some or _corrected(x, *approximate(*residual, _MARGIN / left))
         if step > 1 and np.isfinite(sure) and _moves(x, new, sure):
@@ -127,11 +130,11 @@ def refine(
             found = imbalance(matrix, current, new, residual, floor=floor, kept=kept, team=team)
             now = found.left / _ALLOWED
             if now <= 1.0 and found.share <= _FLAT:
-                exact, best = True, None
+                exact, best = True, nothing
         if exact:
             found = imbalance(matrix, current, new, residual, exact=True, team=team)
             now = found.backward / floor
-        if not _gains(found, best):
+        if found.backward >= _LEAST_GAIN * best.backward and found.log_size >= best.log_size + np.log(_LEAST_GAIN):
             if some is None:
                 x = new if step == 1 else x  # beyond the range of doubles, which is told where it is read
                 break
@@ -139,14 +142,8 @@ def refine(
         x, best, left = new, found, now
         if left <= 1.0:
             break
-    error, bound = (np.inf, np.inf) if best is None else (best.backward, entry_bound(best.left + best.right))
-    return Refined(x._replace(noise=max(NOISE, _DIFFERENCE * floor)), float(error), bound)
-
-
-def _gains(found: Imbalance, best: Imbalance | None) -> bool:
-    """Whether an answer is so much better than the best one before, if any, by its error or by its residual."""
-    error, log_size = (np.inf, np.inf) if best is None else (best.backward, best.log_size)
-    return bool(found.backward < _LEAST_GAIN * error or found.log_size < log_size + np.log(_LEAST_GAIN))
+    noise = max(NOISE, _DIFFERENCE * floor)
+    return Refined(x._replace(noise=noise), float(best.backward), entry_bound(best.left + best.right))
 
 
 def imbalance(

@@ -50,6 +50,8 @@ _EVEN = 1e4
 _WINDOW_RTOL = 1e-10
 """Residual of a window: the mode outside is found from small differences at its rim."""
 
+Box = tuple[slice, ...]
+"""Some cells of a grid, axis by axis."""
 
 Solver = Callable[[Laplacian, Floats, float], Floats | None]
 """Solution (n,) for a chip whose nodes are joined as the nominal one's, by its matrix, what drives its rows, and a
@@ -154,16 +156,7 @@ class WarmGrid:
         """The latest solution in every cell of the grid, of its shape; undefined where a cell has no row."""
         return self.x.ravel()[self.slot]
 
-    def change(
-        self,
-        box: tuple[slice, ...],
-        core: tuple[slice, ...],
-        laplacian: Laplacian,
-        drive: Floats,
-        *,
-        solve: bool,
-        follow: bool,
-    ) -> None:
+    def change(self, box: Box, core: Box, laplacian: Laplacian, drive: Floats, *, solve: bool, follow: bool) -> None:
         """Take over the equations of a box of cells; solve them, and let the outside follow.
 
         `core`: those cells of the box whose equations are whole; `laplacian` (n, n): on the grid of the box, its rows
@@ -199,7 +192,7 @@ class WarmGrid:
             np.add(x, alpha if self.flat else alpha * (1.0 - x), out=x, where=x != 0.0)
         x[slot[own]] = after
 
-    def _write(self, there: Indices, core: tuple[slice, ...], laplacian: Laplacian, drive: Floats) -> None:
+    def _write(self, there: Indices, core: Box, laplacian: Laplacian, drive: Floats) -> None:
         """Write the equations of a window's core, whose cells stand at some slots (cells,), over those of the level."""
         assert laplacian.listed is not None and laplacian.grid is not None
         finest, vertex, unit = self.finest, laplacian.grid.vertex, self.hierarchy.unit
