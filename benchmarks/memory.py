@@ -88,7 +88,7 @@ def _method(problem: Problem) -> str:
     from resgrid.circuit.equations import assemble
     from resgrid.solvers.choose import choose_method
 
-    return choose_method(assemble(problem.netlist()).laplacian)
+    return choose_method(assemble(problem.netlist()).laplacian).method
 
 
 def _status(key: str) -> int:

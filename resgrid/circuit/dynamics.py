@@ -173,14 +173,14 @@ def factor_resolvent(dynamics: Dynamics, rate: float, method: str = "auto") -> F
     G, C = dynamics.conductance, dynamics.capacitance
     if rate == 0.0:
         require_grounded(dynamics)
-        return factor_laplacian(G, method, both=True)
+        return factor_laplacian(G, method)
     ground = G.ground + rate * C.ground
     if dynamics.apart:
-        return factor_laplacian(replace(G, ground=ground), method, both=True)
+        return factor_laplacian(replace(G, ground=ground), method)
     grid = None if G.grid is None else G.grid.of_rows(dynamics.row)
     edges = sparse.csr_array(G.edges + rate * C.edges)
     whole = Laplacian(ground, compressed=Rows.of(edges), grid=grid, dimensions=G.dimensions)
-    return factor_laplacian(whole, method, both=True)
+    return factor_laplacian(whole, method)
 
 
 def require_grounded(dynamics: Dynamics) -> None:

@@ -6,17 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.jit import inlined, kernel
-from resgrid.solvers.extended import Scaled
-from resgrid.solvers.extended_kernels import (
-    Floats,
-    Indices,
-    Integers,
-    _canonical,
-    _shift,
-    _sum,
-    _two_product,
-    _two_sum,
-)
+from resgrid.solvers.extended import Floats, Indices, Integers, Scaled
+from resgrid.solvers.extended_kernels import _canonical, _shift, _sum, _two_product, _two_sum
 from resgrid.solvers.row_kernels import find
 
 Bools = NDArray[np.bool_]

@@ -153,5 +153,5 @@ class CircuitFactor:
 
 def factor_circuit(system: Equations, method: str = "auto") -> CircuitFactor:
     """Factor the matrix of a circuit's equations, for answers of either accuracy."""
-    factors = factor_laplacian(system.laplacian, method, both=True)
+    factors = factor_laplacian(system.laplacian, method)
     return CircuitFactor(replace(system, laplacian=factors.laplacian), factors)

@@ -112,14 +112,14 @@ def _sketch(space: rg.ConfigurationSpace, starts: Sequence[Sequence[float]]) -> 
 def _cost(job: Job) -> dict[str, Any]:
     """Size of the circuit and memory of its solution; nothing where the scene has no circuit yet."""
     from resgrid.circuit.equations import assemble
-    from resgrid.solvers.choose import estimate_memory
+    from resgrid.solvers.choose import choose_method
 
     if not job.space.goal_count:
         return {"nodes": None, "resistors": None, "memory_bytes": None, "no_circuit": "no goal yet: say --goal X,Y"}
     try:
         netlist = job.compile(job.problem.only_wiring()[1], ideal=True, scaled=False)
         system = assemble(netlist)
-        memory = estimate_memory(system.laplacian)
+        memory = choose_method(system.laplacian).memory
     except (CircuitError, InputError) as error:
         return {"nodes": None, "resistors": None, "memory_bytes": None, "no_circuit": str(error)}
     return {"nodes": netlist.node_count, "resistors": len(netlist.conductance), "memory_bytes": memory}

@@ -65,14 +65,35 @@ SPARSE = 2.5
 class Choice(NamedTuple):
     """A method for a laplacian, and what was found out on the way to it.
 
-    `laplacian`: with its rows, where they had to be made; `found`: counts over it; `method`; `order`: of a direct
-    method; None where the first that suits is to be taken.
+    `laplacian`: with its rows, where they had to be made; `accuracy`: of the answers it was chosen for; `found`: counts
+    over it; `method`; `order`: of a direct method; None where the order by fill is to be taken.
     """
 
     laplacian: Laplacian
+    accuracy: str
     found: Connections
     method: str
     order: Symbolic | None = None
+
+    @property
+    def memory(self) -> float:
+        """Estimate of its peak memory above the netlist, in bytes.
+
+        Entries of narrow circuits' factors are counted (`resgrid.solvers.symbolic`); in the open there are about ``n
+        log n`` of them on planes, ``n**(4/3)`` in three dimensions, ``n**(3/2)`` in four (George & Liu 1981), with
+        constants measured on open grids, which fill most.  Those of multigrid are a tenth above what was measured on
+        grids, which do without compressed rows, and on other netlists; directions take rows and scaled numbers besides.
+        """
+        laplacian, order, n = self.laplacian, self.order, self.laplacian.size
+        if self.method == "multigrid":
+            on_nodes, on_entries = (100.0, 12.0) if laplacian.grid is not None else (230.0, 22.0)
+            if self.accuracy == "direction":
+                on_nodes, on_entries = on_nodes + 60.0, on_entries + 18.0
+            return on_nodes * n + on_entries * self.found.entries + _ON_LEVELS
+        if order is not None:
+            return 8.0 * (order.entries + len(order.nodes.rows)) + _ON_ROWS * n
+        fill = {2: 2.6 * n * np.log2(n + 2), 3: 10.0 * n ** (4 / 3), 4: 4.5 * n ** (3 / 2)}
+        return float(9.0 * fill.get(laplacian.dimensions, 3.0 * n) + _ON_ROWS * n)
 
 
 _SMALL = 2000
@@ -94,28 +115,23 @@ _ON_ROWS = 500.0
 """Peak memory of a direct solution besides its factors, in bytes a row."""
 
 
-def factor_laplacian(
-    laplacian: Laplacian, method: str, *, accuracy: str = "direction", both: bool = False, team: Team = ALONE
-) -> Factor:
+def factor_laplacian(laplacian: Laplacian, method: str, *, accuracy: str = "direction", team: Team = ALONE) -> Factor:
     """Make a system ready to be solved, on a team's threads, unless it would not fit in memory.
 
-    With an ``accuracy`` of ``"direction"`` it is made ready for answers that are right entry by entry, or for ``both``.
+    An ``accuracy`` of ``"normwise"`` tells that no answer needs to be right entry by entry.
     """
     from resgrid.solvers.symbolic import order_by_fill
 
     check_method(method)
-    if laplacian.grid is None or not laplacian.grid.simple:
-        laplacian = laplacian.with_rows()
-    choice = _choose(laplacian, method, accuracy)
+    choice = choose_method(laplacian, method, accuracy)
     require_memory(
-        _memory(choice, accuracy),
+        choice.memory,
         f"solving for {laplacian.size:,} unknowns by method = {choice.method!r}",
         "use a coarser grid, or a machine with more memory",
     )
     if choice.method == "multigrid":
-        return factor_multigrid(choice.laplacian, entrywise=accuracy == "direction", team=team)
-    order = choice.order or order_by_fill(choice.laplacian)
-    return factor_direct(choice.laplacian, order, normwise=both or accuracy == "normwise")
+        return factor_multigrid(choice.laplacian, team=team)
+    return factor_direct(choice.laplacian, choice.order or order_by_fill(choice.laplacian))
 
 
 def check_method(method: str) -> None:
@@ -124,28 +140,27 @@ def check_method(method: str) -> None:
         raise InputError(f"method = {method!r} is unknown; it may be one of auto, {', '.join(METHODS)}")
 
 
-def choose_method(laplacian: Laplacian, accuracy: str = "direction") -> str:
-    """Choose a method beforehand: the one that would take less time.
+def choose_method(laplacian: Laplacian, method: str = "auto", accuracy: str = "direction") -> Choice:
+    """Choose a method beforehand, where none is given: the one that would take less time.
 
     Direct where the laplacian is small, or narrow; where conductances differ so wildly from node to node that no coarse
     grid stands for them; and between two rails where the potential falls by more decades than refinement wins back in
     that time, some fifteen a pass.
     """
-    return _choose(laplacian, "auto", accuracy).method
-
-
-def _choose(laplacian: Laplacian, method: str, accuracy: str) -> Choice:
-    """As `choose_method`, with what was found on the way."""
     from resgrid.solvers.symbolic import order_by_distance
 
-    found, choice = count_connections(laplacian), None
+    if accuracy == "direction" or laplacian.grid is None or not laplacian.grid.simple:
+        laplacian = laplacian.with_rows()
+    found = count_connections(laplacian)
     rough = found.weak > (_ROUGH_VOLUME if found.entries > VOLUME * laplacian.size else _ROUGH)
+    if method == "multigrid":
+        return Choice(laplacian, accuracy, found, method)
     if method == "auto" and laplacian.size >= _SMALL and found.entries and not rough:
         choice = _in_less_time(laplacian, found, accuracy)
-    elif method == "multigrid":
-        choice = Choice(laplacian, found, "multigrid")
-    laplacian = laplacian if choice else laplacian.with_rows()
-    return choice or Choice(laplacian, found, "direct", order_by_distance(laplacian))
+        if choice is not None:
+            return choice
+    laplacian = laplacian.with_rows()
+    return Choice(laplacian, accuracy, found, "direct", order_by_distance(laplacian))
 
 
 def _in_less_time(laplacian: Laplacian, found: Connections, accuracy: str) -> Choice | None:
@@ -165,36 +180,34 @@ def _in_less_time(laplacian: Laplacian, found: Connections, accuracy: str) -> Ch
     along = (SECONDS.corridor[volume] + SECONDS.across[volume] * width**2) * n
     plane = laplacian.grid is not None and dimensions == 2
     patched = 10.0 ** max(_PATCHED * (found.decades - _EVEN), 0.0) if plane else 1.0
+    if width < SPARSE or patched > 1.0:
+        laplacian = laplacian.with_rows()
     if accuracy == "direction":
-        laplacian, fall = laplacian.with_rows(), _LEAST_DECADES
+        fall = _LEAST_DECADES
         if along >= patched * multigrid_seconds(laplacian, width, fall):
             fall = foreseen = foresee_decades(laplacian, found)
             if fall > _MOST_DECADES:
                 return None
     seconds = patched * multigrid_seconds(laplacian, width, fall)
     if width < SPARSE if fall is None else along < seconds:
-        laplacian = laplacian.with_rows()
         narrow = order_by_distance(laplacian)
         if narrow is not None and direct_seconds(narrow) < seconds:
-            return Choice(laplacian, found, "direct", narrow)
+            return Choice(laplacian, accuracy, found, "direct", narrow)
         fall = None if fall is None else foreseen or foresee_decades(laplacian, found)
         seconds = patched * multigrid_seconds(laplacian, width, fall)
-    left = seconds - SECONDS.order * n - row_seconds(n)
+    left = seconds - (SECONDS.order + SECONDS.row) * n
     asked = left > 0.0 and (fall is not None or patched > 1.0)
     wide = order_by_fill(laplacian, left / SECONDS.entry) if asked else None
     if wide is not None and direct_seconds(wide) + SECONDS.order * n < seconds:
-        return Choice(laplacian, found, "direct", wide)
-    return Choice(laplacian, found, "multigrid")
+        return Choice(laplacian, accuracy, found, "direct", wide)
+    return Choice(laplacian, accuracy, found, "multigrid")
 
 
 def direct_seconds(order: Symbolic) -> float:
     """Time of a direct solution in an order that has been found."""
-    return row_seconds(len(order.order)) + SECONDS.entry * order.entries + SECONDS.product * order.products
-
-
-def row_seconds(rows: int) -> float:
-    """The part of it that goes by the rows."""
-    return (SECONDS.row if rows > EXACT_ROWS else SECONDS.exact_row) * rows
+    rows = len(order.order)
+    on_rows = (SECONDS.row if rows > EXACT_ROWS else SECONDS.exact_row) * rows
+    return on_rows + SECONDS.entry * order.entries + SECONDS.product * order.products
 
 
 def multigrid_seconds(laplacian: Laplacian, width: float, fall: float | None) -> float:
@@ -211,30 +224,3 @@ def multigrid_seconds(laplacian: Laplacian, width: float, fall: float | None) ->
     else:
         a_row = (SECONDS.mazy if mazy else SECONDS.open) + SECONDS.decade * fall
     return SECONDS.levels + a_row * laplacian.size
-
-
-def estimate_memory(laplacian: Laplacian, method: str = "auto", accuracy: str = "direction") -> float:
-    """Estimate the peak memory of a method above the netlist, in bytes.
-
-    Entries of narrow circuits' factors are counted (`resgrid.solvers.symbolic`); in the open there are about ``n log
-    n`` of them on planes, ``n**(4/3)`` in three dimensions, ``n**(3/2)`` in four (George & Liu 1981), with constants
-    measured on open grids, which fill most.  Those of multigrid are a tenth above what was measured on grids, which do
-    without compressed rows, and on other netlists; directions take rows and scaled numbers besides.
-    """
-    return _memory(_choose(laplacian, method, accuracy), accuracy)
-
-
-def _memory(choice: Choice, accuracy: str) -> float:
-    """The same of a choice."""
-    laplacian, order, n = choice.laplacian, choice.order, choice.laplacian.size
-    if choice.method == "multigrid":
-        on_nodes, on_entries = (100.0, 12.0) if laplacian.grid is not None else (230.0, 22.0)
-        if accuracy == "direction":
-            on_nodes, on_entries = on_nodes + 60.0, on_entries + 18.0
-        return on_nodes * n + on_entries * choice.found.entries + _ON_LEVELS
-    if order is not None:
-        return 8.0 * (order.entries + len(order.nodes.rows)) + _ON_ROWS * n
-    fill = {2: 2.6 * n * np.log2(n + 2), 3: 10.0 * n ** (4 / 3), 4: 4.5 * n ** (3 / 2)}.get(
-        laplacian.dimensions, 3.0 * n
-    )
-    return float(9.0 * fill + _ON_ROWS * n)

@@ -18,7 +18,7 @@ from scipy import sparse
 
 from resgrid.errors import AccuracyError
 from resgrid.jit import kernel, makes_arrays
-from resgrid.solvers.extended_kernels import Floats, Indices, Integers
+from resgrid.solvers.extended import Floats, Indices, Integers
 
 if TYPE_CHECKING:
     from resgrid.solvers.supernodal import SupernodalFactors
@@ -62,7 +62,7 @@ def inverse_diagonal(matrix: Any) -> NDArray[Any]:
     return _diagonal(np.argsort(factors.perm_c), factors.L, factors.U.diagonal())
 
 
-def positive_inverse_diagonal(factors: SupernodalFactors) -> NDArray[np.float64]:
+def positive_inverse_diagonal(factors: SupernodalFactors) -> Floats:
     """All diagonal entries of the inverse of an M-matrix, right entry by entry; shape (n,)."""
     symbolic, nodes, matrix = factors.symbolic, factors.symbolic.nodes, factors.matrix
     size, gone = len(symbolic.order), len(symbolic.order) - symbolic.kept
@@ -80,21 +80,19 @@ def positive_inverse_diagonal(factors: SupernodalFactors) -> NDArray[np.float64]
     return _diagonal(order, sparse.csc_array(entries, shape=(size, size)), pivot)
 
 
-def random_signs(size: int, samples: int, seed: int) -> NDArray[np.float64]:
+def random_signs(size: int, samples: int, seed: int) -> Floats:
     """Vectors of random signs, shape (size, samples)."""
     return np.asarray(np.random.default_rng(seed).integers(0, 2, (size, samples)) * 2.0 - 1.0, dtype=np.float64)
 
 
-def estimate_diagonal(
-    signs: NDArray[np.float64], products: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def estimate_diagonal(signs: Floats, products: Floats) -> tuple[Floats, Floats]:
     """Estimate the diagonal of a matrix from its products with random signs (Bekas, Kokiopoulou & Saad 2007).
 
     Shapes: `signs` (n, samples), `products` (n, samples); returns `estimate` (n,), `error` (n,).
     """
     each = signs * products
-    mean: NDArray[np.float64] = each.mean(axis=1)
-    error: NDArray[np.float64] = each.std(axis=1, ddof=1) / np.sqrt(each.shape[1])
+    mean: Floats = each.mean(axis=1)
+    error: Floats = each.std(axis=1, ddof=1) / np.sqrt(each.shape[1])
     return mean, error
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.jit import kernel
+from resgrid.solvers.extended import Indices
 from resgrid.solvers.laplacian import VOLUME, Connections, Laplacian, Rows
 
 WHOLE_STEPS = 0.7
@@ -57,15 +58,14 @@ def decay(rows: Rows, ends: tuple[NDArray[np.bool_], NDArray[np.bool_]], rate: f
     it where that is large.
     """
     (low, high), n = ends, len(ends[0])
-    indptr, indices = rows.indptr.view(np.uint32), rows.indices.view(np.uint32)  # need no sign
     depth, buckets = np.full(n, _SEEN - 2, dtype=np.int32), np.full(int(_PARTS * rate) + 2, _SEEN, dtype=np.int32)
-    walk(indptr, indices, high, depth, n, buckets[:2])
+    walk(rows, high, depth, n, buckets[:2])
     costs = costs_by_depth(n, rate, wall)[np.where(depth < 0, n, depth)]
     buckets[:] = _SEEN
-    return walk(indptr, indices, low, _SEEN - 1 - costs, n - rest, buckets) / _PARTS
+    return walk(rows, low, _SEEN - 1 - costs, n - rest, buckets) / _PARTS
 
 
-def costs_by_depth(deepest: int, rate: float, wall: float) -> NDArray[np.int32]:
+def costs_by_depth(deepest: int, rate: float, wall: float) -> Indices:
     """What a step costs by depth, in parts of a factor of e, at least one; nothing where there is no depth."""
     costs = np.ones(deepest + 1, dtype=np.int32)
     width = 2.0 * np.arange(min(deepest, int(_PARTS * rate))) + 1.0
@@ -75,10 +75,7 @@ def costs_by_depth(deepest: int, rate: float, wall: float) -> NDArray[np.int32]:
 
 
 @kernel
-def walk(
-    indptr: NDArray[np.uint32], indices: NDArray[np.uint32], begin: NDArray[np.bool_], cost: NDArray[np.int32],
-    kept: int, head: NDArray[np.int32],
-) -> int:  # fmt: skip
+def walk(rows: Rows, begin: NDArray[np.bool_], cost: Indices, kept: int, head: Indices) -> int:
     """What the cheapest ways to the ``kept`` nearest nodes cost, at most.
 
     By buckets (Dial 1969): since a step costs what the node it leads to does, the first way found to a node is the
@@ -102,8 +99,8 @@ def walk(
             continue
         head[bucket], after[node] = after[node], now
         waiting, seen = waiting - 1, seen + 1
-        for k in range(indptr[node], indptr[node + 1]):
-            other = indices[k]
+        for k in range(rows.indptr[node], rows.indptr[node + 1]):
+            other = np.uint32(rows.indices[k])
             if after[other] < _SEEN:
                 ahead = bucket + _SEEN - 1 - after[other]
                 ahead -= buckets if ahead >= buckets else 0

@@ -7,6 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Indices = NDArray[np.int32]
+
 BITS = 256
 """An exponent counts factors of ``2**BITS``."""
 
@@ -20,7 +24,7 @@ _POWERS = np.append(np.ldexp(1.0, BITS * np.arange(_LEAST, _MOST)), np.inf)
 _POWERS.flags.writeable = False
 
 
-Numbers = tuple[NDArray[np.float64], NDArray[np.int64]]
+Numbers = tuple[Floats, Integers]
 """Scaled numbers in single doubles: mantissas and exponents."""
 
 
@@ -30,28 +34,28 @@ class Scaled(NamedTuple):
     `noise`: relative difference of two of them below which it is noise.
     """
 
-    hi: NDArray[np.float64]
-    lo: NDArray[np.float64]
-    exponent: NDArray[np.int64]
+    hi: Floats
+    lo: Floats
+    exponent: Integers
     noise: float = NOISE
 
     @staticmethod
-    def of(values: NDArray[np.float64]) -> Scaled:
+    def of(values: Floats) -> Scaled:
         """Plain doubles as scaled numbers."""
         return Scaled(values, np.zeros(len(values)), np.zeros(len(values), dtype=np.int64))
 
     @property
-    def plain(self) -> NDArray[np.float64]:
+    def plain(self) -> Floats:
         """The values as doubles; 0 where they underflow."""
         return unscaled(self.hi, self.exponent)
 
     @property
-    def log(self) -> NDArray[np.float64]:
+    def log(self) -> Floats:
         """Natural logarithm of the values; -inf for those that are not positive."""
         return logarithm(self.hi, self.exponent)
 
 
-def canonical(m: NDArray[np.float64], e: NDArray[np.int64], *rest: NDArray[np.float64]) -> None:
+def canonical(m: Floats, e: Integers, *rest: Floats) -> None:
     """Make scaled numbers canonical, ``2**-128 <= |m| < 2**128`` or 0, and what is added to them, in place."""
     steps = (np.frexp(m)[1] + (BITS // 2 - 1)) // BITS
     if steps.any():
@@ -60,12 +64,12 @@ def canonical(m: NDArray[np.float64], e: NDArray[np.int64], *rest: NDArray[np.fl
             np.ldexp(part, -BITS * steps, out=part)
 
 
-def power(exponent: NDArray[np.int64]) -> NDArray[np.float64]:
+def power(exponent: Integers) -> Floats:
     """``2**(256 exponent)``: 0 or infinity beyond the range of a double."""
     return np.asarray(_POWERS[np.clip(exponent, _LEAST, _MOST) - _LEAST])
 
 
-def unscaled(m: NDArray[np.float64], e: NDArray[np.int64]) -> NDArray[np.float64]:
+def unscaled(m: Floats, e: Integers) -> Floats:
     """Scaled numbers as doubles: 0 or infinite beyond their range."""
     if not e.any():
         return m.copy()
@@ -73,7 +77,7 @@ def unscaled(m: NDArray[np.float64], e: NDArray[np.int64]) -> NDArray[np.float64
         return np.asarray(np.ldexp(m, BITS * np.clip(e, 2 * _LEAST, 2 * _MOST)))
 
 
-def logarithm(m: NDArray[np.float64], e: NDArray[np.int64]) -> NDArray[np.float64]:
+def logarithm(m: Floats, e: Integers) -> Floats:
     """Natural logarithm of scaled numbers; -inf for those that are not positive."""
     with np.errstate(divide="ignore"):
         log = np.log(np.maximum(m, 0.0))

@@ -13,10 +13,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from resgrid.jit import inlined, kernel
-from resgrid.solvers.extended import BITS, Numbers, Scaled
+from resgrid.solvers.extended import BITS, Floats, Integers, Numbers, Scaled
 from resgrid.solvers.laplacian import Conductances
 
 _BASE = 2.0**BITS
@@ -25,9 +24,6 @@ _LARGE = 2.0 ** (BITS // 2)
 _SMALL = 2.0 ** -(BITS // 2)
 _SPLITTER = 2.0**27 + 1.0
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Indices = NDArray[np.int32]
 
 _SETTLED = 1e-29
 _UNIT = 2.0**-53
@@ -170,14 +166,6 @@ def _add_inflow(
     return r + inflow, r_low, inflow
 
 
-@inlined
-def _rounding(entries: int, size: float, flow: float, exact: bool) -> float:
-    """Share of the currents at a row that rounding may hide."""
-    if not exact:
-        return _UNIT * (_ROW_ROUNDING + entries)
-    return _SETTLED * size / flow if flow > 0.0 else 0.0
-
-
 @kernel
 def residual(
     matrix: Conductances, current: Numbers, x: Scaled, begin: int, end: int, plain: bool, exact: bool, floor: float,
@@ -228,7 +216,9 @@ def residual(
             backward = wrong / size
         if flow < share * size:
             share = flow / size
-        rounding = _rounding(indptr[i + 1] - indptr[i], size, flow, exact)
+        rounding = _UNIT * (_ROW_ROUNDING + indptr[i + 1] - indptr[i])
+        if exact:
+            rounding = _SETTLED * size / flow if flow > 0.0 else 0.0
         violation = wrong / flow if wrong > 0.0 else 0.0
         right += rounding
         if wrong <= max(rounding * flow * (kept if r_out[i] == 0.0 else 1.0), _SETTLED * size):

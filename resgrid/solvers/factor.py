@@ -17,19 +17,17 @@ from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from resgrid.arguments import check_number, real_numbers
 from resgrid.errors import AccuracyError, InputError
-from resgrid.solvers.extended import Scaled
+from resgrid.solvers.extended import Floats, Scaled
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.refine import Refined, refine
 from resgrid.solvers.team import ALONE, Team
 
 if TYPE_CHECKING:
-    from scipy import sparse
-
     from resgrid.solvers.multigrid.hierarchy import Hierarchy
     from resgrid.solvers.supernodal import SupernodalFactors
     from resgrid.solvers.symbolic import Symbolic
@@ -64,13 +62,8 @@ class Factor(ABC):
     """The method."""
 
     def solve(
-        self,
-        rhs: ArrayLike,
-        *,
-        rtol: float = 1e-10,
-        guess: ArrayLike | None = None,
-        watch: Watch | None = None,
-    ) -> NDArray[np.float64]:
+        self, rhs: ArrayLike, *, rtol: float = 1e-10, guess: ArrayLike | None = None, watch: Watch | None = None
+    ) -> Floats:
         """Solve to a normwise backward error.  Shapes: `rhs` (n,), `guess` (n,); returns (n,)."""
         check_rtol(rtol)
         begin = None if guess is None else self._one_per_row("guess", guess)
@@ -93,7 +86,7 @@ class Factor(ABC):
             watch.done(found.error, found.bound)
         return found.solution, found.error
 
-    def _judged(self, x: NDArray[np.float64], error: float, rtol: float, watch: Watch | None) -> NDArray[np.float64]:
+    def _judged(self, x: Floats, error: float, rtol: float, watch: Watch | None) -> Floats:
         """The solution, if its backward error is small enough."""
         if not error <= rtol:
             raise AccuracyError(
@@ -106,16 +99,14 @@ class Factor(ABC):
         return x
 
     @abstractmethod
-    def _solve(
-        self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
-    ) -> NDArray[np.float64]:
+    def _solve(self, rhs: Floats, rtol: float, guess: Floats | None, watch: Watch | None) -> Floats:
         """As `solve`, for contiguous arrays of the right shape."""
 
     @abstractmethod
-    def _refined(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> Refined:
+    def _refined(self, rhs: Floats | Scaled, watch: Watch | None) -> Refined:
         """As `solve_nonnegative`, for contiguous arrays of the right shape."""
 
-    def _one_per_row(self, name: str, values: ArrayLike) -> NDArray[np.float64]:
+    def _one_per_row(self, name: str, values: ArrayLike) -> Floats:
         array = np.ascontiguousarray(real_numbers(name, values), dtype=np.float64)
         if array.shape != (self.laplacian.size,):
             raise InputError(
@@ -134,44 +125,39 @@ def check_rtol(rtol: float) -> None:
 
 @dataclass(frozen=True, eq=False)
 class DirectFactor(Factor):
-    """A matrix and its factors ``L D L^T``.
-
-    `laplacian`: as of every `Factor`; `plain`: its diagonal and edges, where many normwise answers will be asked for.
-    """
+    """A matrix and its factors ``L D L^T``."""
 
     factors: SupernodalFactors
-    plain: tuple[NDArray[np.float64], sparse.csr_array] | None = None
     name: ClassVar[str] = "direct"
 
-    def _solve(
-        self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
-    ) -> NDArray[np.float64]:
+    def _solve(self, rhs: Floats, rtol: float, guess: Floats | None, watch: Watch | None) -> Floats:
         """As every `Factor` does, corrected until it is right enough, or a few times (Higham 2002, section 12.1)."""
         del guess
-        degree, edges = self.plain or (self.laplacian.diagonal, self.laplacian.edges)
-        norm, drive = 2.0 * float(degree.max(initial=0.0)), float(np.abs(rhs).max(initial=0.0))
-        x, residual = np.zeros_like(rhs), rhs
+        from resgrid.solvers.row_kernels import row_residual
+
+        matrix, drive = self.factors.matrix, float(np.abs(rhs).max(initial=0.0))
+        norm, x, residual = 2.0 * self.factors.largest, np.zeros_like(rhs), rhs.copy()
         for _ in range(_MOST_PASSES):
-            x = x + self.factors.solve(residual)
-            with np.errstate(over="ignore", invalid="ignore"):
-                residual = rhs - (degree * x - edges @ x)
+            x += self.factors.solve(residual)
+            row_residual(matrix, np.arange(len(x), dtype=np.int32), rhs, x, residual)
             scale = norm * float(np.abs(x).max(initial=0.0)) + drive
             error = float(np.abs(residual).max(initial=0.0)) / scale if scale else 0.0
             if error <= rtol or not np.isfinite(error):
                 break
         return self._judged(x, error, rtol, watch)
 
-    def _refined(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> Refined:
+    def _refined(self, rhs: Floats | Scaled, watch: Watch | None) -> Refined:
         """As every `Factor` does."""
         del watch
-        exact = self.laplacian.size <= EXACT_ROWS
+        factors, exact = self.factors, self.laplacian.size <= EXACT_ROWS
+        sure = self._certainty() if exact else np.inf
         return refine(
             self.laplacian,
             rhs,
-            lambda m, e, _: self.factors.substitute(m, e),
+            lambda m, e, _: factors.substitute(m, e),
             _REFINED_DIRECTLY,
             exact=exact,
-            sure=self._certainty() if exact else np.inf,
+            sure=sure,
         )
 
     def _certainty(self) -> float:
@@ -181,13 +167,12 @@ class DirectFactor(Factor):
         return _ROUNDINGS * self.laplacian.size if least > _LEAST_SHARE else np.inf
 
 
-def factor_direct(laplacian: Laplacian, order: Symbolic | None = None, *, normwise: bool = False) -> DirectFactor:
-    """Factor a matrix, in an order that has been found or in the one that suits it; for ``normwise`` answers, too."""
+def factor_direct(laplacian: Laplacian, order: Symbolic | None = None) -> DirectFactor:
+    """Factor a matrix, in an order that has been found or in the one that suits it."""
     from resgrid.solvers.supernodal import factor_supernodes
 
     laplacian = laplacian.with_rows()
-    plain = (laplacian.diagonal, laplacian.edges) if normwise else None  # scipy takes long to import
-    return DirectFactor(laplacian, factor_supernodes(laplacian, order), plain)
+    return DirectFactor(laplacian, factor_supernodes(laplacian, order))
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,9 +186,7 @@ class MultigridFactor(Factor):
     team: Team = ALONE
     name: ClassVar[str] = "multigrid"
 
-    def _solve(
-        self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
-    ) -> NDArray[np.float64]:
+    def _solve(self, rhs: Floats, rtol: float, guess: Floats | None, watch: Watch | None) -> Floats:
         """As every `Factor` does; the residual norm is brought to ``rtol |b|`` where rounding allows.
 
         From a guess on, the iteration also ends where it estimates the error of every voltage to be at most ``rtol``
@@ -218,7 +201,7 @@ class MultigridFactor(Factor):
         error = residual / (scale or 1.0)
         return self._judged(x, error, rtol, watch)
 
-    def _refined(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> Refined:
+    def _refined(self, rhs: Floats | Scaled, watch: Watch | None) -> Refined:
         """As every `Factor` does."""
         from resgrid.solvers.multigrid.conjugate_gradients import approximate
 
@@ -226,11 +209,9 @@ class MultigridFactor(Factor):
         return refine(self.laplacian, rhs, passes, _REFINED, anew=True, team=self.team)
 
 
-def factor_multigrid(laplacian: Laplacian, *, entrywise: bool = False, team: Team = ALONE) -> MultigridFactor:
-    """Coarsen a matrix; for answers that are right ``entrywise`` it keeps its rows, by which these are refined."""
+def factor_multigrid(laplacian: Laplacian, *, team: Team = ALONE) -> MultigridFactor:
+    """Coarsen a matrix; it keeps its rows if it is no grid of two colours."""
     from resgrid.solvers.multigrid.hierarchy import build_hierarchy
 
-    if laplacian.grid is None:
-        laplacian = laplacian.with_rows()
     hierarchy = build_hierarchy(laplacian, team)
-    return MultigridFactor(laplacian.with_rows() if entrywise else laplacian, hierarchy, team)
+    return MultigridFactor(laplacian if hierarchy.grid else laplacian.with_rows(), hierarchy, team)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import BudgetError
+from resgrid.solvers.extended import Floats, Indices
 
 if TYPE_CHECKING:
     from scipy import sparse
@@ -34,9 +35,9 @@ class EdgeList(NamedTuple):
     Edges within a row, or with an end at a known voltage, are no entries of the matrix.
     """
 
-    ends: NDArray[np.int32]
-    conductance: NDArray[np.float64]
-    row: NDArray[np.int32]
+    ends: Indices
+    conductance: Floats
+    row: Indices
 
 
 class Rows(NamedTuple):
@@ -45,9 +46,9 @@ class Rows(NamedTuple):
     `indptr` (n + 1,); `indices, data` (entries,): columns, sorted in every row, and conductances in siemens.
     """
 
-    indptr: NDArray[np.int32]
-    indices: NDArray[np.int32]
-    data: NDArray[np.float64]
+    indptr: Indices
+    indices: Indices
+    data: Floats
 
     @classmethod
     def of(cls, array: sparse.csr_array) -> Rows:
@@ -77,17 +78,17 @@ class Rows(NamedTuple):
 class Conductances(NamedTuple):
     """A matrix as loops take it, in siemens: `indptr` (n + 1,), `indices, edges` (entries,), `ground` (n,)."""
 
-    indptr: NDArray[np.int32]
-    indices: NDArray[np.int32]
-    edges: NDArray[np.float64]
-    ground: NDArray[np.float64]
+    indptr: Indices
+    indices: Indices
+    edges: Floats
+    ground: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
     """Where the vertices of a grid lie: `vertex`, of the grid's shape, -1 for none; `periodic`: axes that are rings."""
 
-    vertex: NDArray[np.int32]
+    vertex: Indices
     periodic: tuple[bool, ...]
 
     @property
@@ -100,7 +101,7 @@ class Grid:
         """Axes along which there are more than two cells."""
         return sum(cells > 2 for cells in self.vertex.shape)
 
-    def of_rows(self, row: NDArray[np.int32]) -> Grid:
+    def of_rows(self, row: Indices) -> Grid:
         """The same grid with rows for vertices.  Shapes: `row` (vertices,)."""
         return Grid(np.append(row, np.int32(-1))[self.vertex], self.periodic)
 
@@ -117,21 +118,21 @@ class Rails:
     high: float
     low: float
     size: int
-    row: NDArray[np.int32]
-    conductance: NDArray[np.float64]
+    row: Indices
+    conductance: Floats
     at_high: NDArray[np.bool_]
 
     @property
-    def to_high(self) -> NDArray[np.float64]:
+    def to_high(self) -> Floats:
         """Conductance from every row to the high rail, in siemens, shape (n,); summed anew."""
         return self._summed(self.at_high)
 
     @property
-    def to_low(self) -> NDArray[np.float64]:
+    def to_low(self) -> Floats:
         """The same for the low rail."""
         return self._summed(~self.at_high)
 
-    def _summed(self, some: NDArray[np.bool_]) -> NDArray[np.float64]:
+    def _summed(self, some: NDArray[np.bool_]) -> Floats:
         return np.asarray(np.bincount(self.row[some], self.conductance[some], self.size), dtype=np.float64)
 
 
@@ -164,7 +165,7 @@ class Laplacian:
     divides between two rails, where there are just two and nothing else drives.
     """
 
-    ground: NDArray[np.float64]
+    ground: Floats
     listed: EdgeList | None = None
     compressed: Rows | None = None
     grid: Grid | None = None
@@ -195,7 +196,7 @@ class Laplacian:
         return Conductances(*self.as_rows(), self.ground)
 
     @property
-    def diagonal(self) -> NDArray[np.float64]:
+    def diagonal(self) -> Floats:
         """Diagonal of the matrix, in siemens, shape (n,): all conductances at a row, summed."""
         return np.asarray(self.edges.sum(axis=1) + self.ground, dtype=np.float64)
 
@@ -207,7 +208,7 @@ class Laplacian:
         return sparse.csr_array(sparse.diags_array(self.diagonal, format="csr") - self.edges)
 
     @property
-    def branches(self) -> tuple[sparse.csr_array, NDArray[np.float64]]:
+    def branches(self) -> tuple[sparse.csr_array, Floats]:
         """What joins the rows to each other, every pair once: ``B^T diag(value) B``, for products of differences.
 
         Returns `incidence` (m, n), `value` (m,), in siemens.
@@ -220,7 +221,7 @@ class Laplacian:
         return sparse.csr_array((sign, pairs.ravel(), starts), shape=(m, self.size)), value
 
     @property
-    def elements(self) -> tuple[sparse.csr_array, NDArray[np.float64]]:
+    def elements(self) -> tuple[sparse.csr_array, Floats]:
         """The `branches` and, behind them, what ties rows to nodes of known voltage: all of the matrix."""
         from scipy import sparse
 
@@ -232,9 +233,7 @@ class Laplacian:
         """Only some of the rows; the others count as nodes of known voltage."""
         from scipy import sparse
 
-        kept = np.flatnonzero(rows)
-        entries = (np.ones(len(kept)), kept, np.arange(len(kept) + 1))
-        return self.grouped(sparse.csr_array(entries, shape=(len(kept), self.size)))
+        return self.grouped(sparse.csr_array(sparse.eye_array(self.size, format="csr")[rows]))
 
     def grouped(self, groups: sparse.csr_array) -> Laplacian:
         """Groups of rows as one row each; rows of no group count as nodes of known voltage.
@@ -276,16 +275,13 @@ def _compress(listed: EdgeList | None, size: int) -> Rows:
 def count_connections(laplacian: Laplacian) -> Connections:
     """Count and compare the conductances between rows.
 
-    Resistors are counted one by one, unless some are parallel; on a grid, where only the two across a ring of two cells
-    are, no compressed rows are needed.
+    On a grid no resistors are parallel, but the two across a ring of two cells: no rows are needed.
     """
     from resgrid.solvers.row_kernels import compare_edges
 
-    grid, room = laplacian.grid, np.zeros(laplacian.size)
-    found = compare_edges(*(laplacian.listed or laplacian.as_rows().listed), room, WEAK)
-    if (grid is None or not grid.simple) and 2 * found[0] > len((rows := laplacian.as_rows()).data):
-        found = compare_edges(*rows.listed, np.zeros_like(room), WEAK)
-    inner, smallest, largest, total, weak = found
+    single = laplacian.grid is not None and laplacian.grid.simple
+    edges = laplacian.listed if single and laplacian.listed else laplacian.as_rows().listed
+    inner, smallest, largest, total, weak = compare_edges(*edges, np.zeros(laplacian.size), WEAK)
     present = laplacian.ground[laplacian.ground > 0]
     return Connections(
         entries=2 * inner,

@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.jit import inlined, kernel, makes_arrays
+from resgrid.solvers.extended import Indices
 
 if TYPE_CHECKING:
     from scipy import sparse
 
-Indices = NDArray[np.int32]
 
 _WAITS, _JOINS = -1, -2
 """In place of its step of elimination: of a row that is not eliminated, and of one that joins the newest element."""

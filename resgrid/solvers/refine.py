@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.solvers.extended import NOISE, Numbers, Scaled, canonical, logarithm, power
+from resgrid.solvers.extended import NOISE, Floats, Integers, Numbers, Scaled, canonical, logarithm, power
 from resgrid.solvers.laplacian import Conductances, Laplacian
 from resgrid.solvers.team import ALONE, Team
 
@@ -67,7 +67,7 @@ _MOST, _SHARE = 20_000, 16
 _LEAST = 8
 """One of so many of these are solved at least: along a slit all that lies below changes with what lies above."""
 
-Approximation = Callable[[NDArray[np.float64], NDArray[np.int64], float], Numbers]
+Approximation = Callable[[Floats, Integers, float], Numbers]
 """About ``A^-1`` times scaled numbers, right to a share (the third argument) of the largest; may be better."""
 
 
@@ -95,7 +95,7 @@ def is_answer(error: float, bound: float) -> bool:
 
 def refine(
     laplacian: Laplacian,
-    rhs: NDArray[np.float64] | Scaled,
+    rhs: Floats | Scaled,
     approximate: Approximation,
     floor: float,
     *,
@@ -111,11 +111,14 @@ def refine(
     what rounding leaves where conductances differ by more decades than double-doubles hold.  Rows without a digit are
     found ``anew`` where they are few.
     """
+    from resgrid.solvers.extended_kernels import Imbalance
+
     matrix, current = laplacian.conductances, scaled_currents(rhs)
     residual = current[0].copy(), current[1].copy()
-    x, best, left = Scaled.of(np.zeros(laplacian.size)), None, np.inf
+    nothing = Imbalance(backward=np.inf, left=np.inf, right=np.inf, share=0.0, log_size=np.inf)
+    x, best, left = Scaled.of(np.zeros(laplacian.size)), nothing, np.inf
     for step in range(1, _MOST_STEPS + 1):
-        hopeless = best is not None and not exact and best.backward > _HOPELESS
+        hopeless = not exact and _HOPELESS < best.backward < np.inf
         some = few_rows(laplacian, residual[0], x, current) if anew and hopeless else None
         new = some or _corrected(x, *approximate(*residual, _MARGIN / left))
         if step > 1 and np.isfinite(sure) and _moves(x, new, sure):
@@ -127,11 +130,11 @@ def refine(
             found = imbalance(matrix, current, new, residual, floor=floor, kept=kept, team=team)
             now = found.left / _ALLOWED
             if now <= 1.0 and found.share <= _FLAT:
-                exact, best = True, None
+                exact, best = True, nothing
         if exact:
             found = imbalance(matrix, current, new, residual, exact=True, team=team)
             now = found.backward / floor
-        if not _gains(found, best):
+        if found.backward >= _LEAST_GAIN * best.backward and found.log_size >= best.log_size + np.log(_LEAST_GAIN):
             if some is None:
                 x = new if step == 1 else x  # beyond the range of doubles, which is told where it is read
                 break
@@ -139,14 +142,8 @@ def refine(
         x, best, left = new, found, now
         if left <= 1.0:
             break
-    error, bound = (np.inf, np.inf) if best is None else (best.backward, entry_bound(best.left + best.right))
-    return Refined(x._replace(noise=max(NOISE, _DIFFERENCE * floor)), float(error), bound)
-
-
-def _gains(found: Imbalance, best: Imbalance | None) -> bool:
-    """Whether an answer is so much better than the best one before, if any, by its error or by its residual."""
-    error, log_size = (np.inf, np.inf) if best is None else (best.backward, best.log_size)
-    return bool(found.backward < _LEAST_GAIN * error or found.log_size < log_size + np.log(_LEAST_GAIN))
+    noise = max(NOISE, _DIFFERENCE * floor)
+    return Refined(x._replace(noise=noise), float(best.backward), entry_bound(best.left + best.right))
 
 
 def imbalance(
@@ -178,7 +175,7 @@ def _moves(x: Scaled, new: Scaled, share: float) -> bool:
     return not np.all(np.abs(moved) <= share * np.abs(x.hi))
 
 
-def _corrected(x: Scaled, m: NDArray[np.float64], e: NDArray[np.int64]) -> Scaled:
+def _corrected(x: Scaled, m: Floats, e: Integers) -> Scaled:
     """Values with a correction.  Shapes: `m, e` (n,)."""
     from resgrid.solvers.extended_kernels import correct
 
@@ -187,7 +184,7 @@ def _corrected(x: Scaled, m: NDArray[np.float64], e: NDArray[np.int64]) -> Scale
     return new
 
 
-def scaled_currents(rhs: NDArray[np.float64] | Scaled) -> Numbers:
+def scaled_currents(rhs: Floats | Scaled) -> Numbers:
     """Currents as canonical scaled numbers of their own; ``lo`` is left out."""
     given = rhs if isinstance(rhs, Scaled) else Scaled.of(np.asarray(rhs, dtype=np.float64))
     current, scale = given.hi.copy(), given.exponent.copy()
@@ -211,7 +208,7 @@ def quotient(parts: list[Scaled], x: Scaled) -> float:
         return 0.0 if max(logs) == -np.inf else float(np.exp(max(logs) - largest))
 
 
-def few_rows(laplacian: Laplacian, left: NDArray[np.float64], x: Scaled, current: Numbers) -> Scaled | None:
+def few_rows(laplacian: Laplacian, left: Floats, x: Scaled, current: Numbers) -> Scaled | None:
     """Values of which those of the rows left, and of some around, are found from all others; None for too many rows.
 
     What the others feed into them is the residual where their own voltages are 0.

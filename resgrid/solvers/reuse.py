@@ -11,7 +11,7 @@ the window (the drop from the high rail; or 1, above the only rail), ``x + alpha
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
+from resgrid.solvers.extended import Floats, Indices
 from resgrid.solvers.factor import factor_multigrid
 from resgrid.solvers.laplacian import Grid, Laplacian
 from resgrid.solvers.monitor import Watch
@@ -28,7 +29,7 @@ from resgrid.solvers.multigrid.hierarchy import GridProblem, Hierarchy, build_hi
 from resgrid.solvers.multigrid.krylov import norm
 from resgrid.solvers.multigrid.levels import Finest
 from resgrid.solvers.multigrid.red_black import Lattice
-from resgrid.solvers.supernodal import factor_in_order
+from resgrid.solvers.supernodal import factor_supernodes
 from resgrid.solvers.symbolic import Symbolic
 
 _FEW = 300
@@ -49,50 +50,37 @@ _EVEN = 1e4
 _WINDOW_RTOL = 1e-10
 """Residual of a window: the mode outside is found from small differences at its rim."""
 
+Box = tuple[slice, ...]
+"""Some cells of a grid, axis by axis."""
 
-Chip = tuple[Laplacian, NDArray[np.float64]]
-"""Equations of a chip whose nodes are joined as the nominal one's are: its matrix, and what drives its rows."""
-
-
-Solver = Callable[[Iterable[Chip], float], Iterator[NDArray[np.float64] | None]]
-"""Solutions (n,) for some chips, to a tolerance; None for those that are none."""
+Solver = Callable[[Laplacian, Floats, float], Floats | None]
+"""Solution (n,) for a chip whose nodes are joined as the nominal one's, by its matrix, what drives its rows, and a
+tolerance; None for one that is none."""
 
 
 def solve_by_levels(
-    laplacian: Laplacian, hierarchy: Hierarchy, start: NDArray[np.float64], chips: Iterable[Chip], rtol: float
-) -> Iterator[NDArray[np.float64] | None]:
+    nominal: Laplacian, hierarchy: Hierarchy, start: Floats, chip: Laplacian, drive: Floats, rtol: float
+) -> Floats | None:
     """As `Solver`; a chip has its own finest level and the coarse ones of the nominal chip.  Shapes: `start` (n,)."""
-    grid, listed = laplacian.grid, laplacian.listed
-    assert hierarchy.grid is not None and grid is not None and listed is not None
-    ordinary, slot = hierarchy.largest_degree / hierarchy.unit, hierarchy.slot
-    cells = grid.of_rows(listed.row).vertex[hierarchy.box]
-    problem, x = None, np.zeros((2, len(hierarchy.grid.aggregate)))
+    grid, listed, ordinary = nominal.grid, nominal.listed, hierarchy.largest_degree / hierarchy.unit
+    assert hierarchy.grid is not None and grid is not None and listed is not None and chip.listed is not None
     few = slice(None, None, max(1, len(listed.conductance) // _FEW))
-    for chip, drive in chips:
-        assert chip.listed is not None
-        # Most of its conductances are as large in this unit as the nominal ones are in theirs.
-        unit = hierarchy.unit * float(np.median(chip.listed.conductance[few] / listed.conductance[few]))
-        laid_out = lay_out(*chip.listed, cells, chip.ground, unit)
-        assert laid_out is not None
-        degree, largest = np.maximum(laid_out[0].degree, ordinary), float(laid_out[0].degree.max())
-        fresh = finest_stencils(laid_out[0])
-        if problem is None:
-            finest = Finest(*fresh, hierarchy.grid.aggregate)
-            problem = GridProblem(finest, hierarchy.levels, np.zeros_like(degree), x)
-        for old, new in zip((*problem.finest.true, *problem.finest.stencil), (*fresh[0], *fresh[1]), strict=True):
-            if isinstance(old, np.ndarray):  # written over, for the problem knows them by their addresses
-                old[:] = new
-        x[:] = 0.0
-        x.ravel()[slot] = start
-        problem.currents.ravel()[slot] = drive / unit
-        # A row whose own diagonal exceeds an ordinary one counts for so much less.
-        wanted = rtol * norm((problem.currents * (ordinary / degree)).ravel())
-        residual = converge(problem, Stop(wanted, ROUNDING * largest, unit), None)
-        solution = x.ravel()[slot]
-        yield solution if residual <= max(wanted, _LEFT * ordinary * norm(solution)) else None
+    # Most of its conductances are as large in this unit as the nominal ones are in theirs.
+    unit = hierarchy.unit * float(np.median(chip.listed.conductance[few] / listed.conductance[few]))
+    laid_out = lay_out(*chip.listed, grid.of_rows(listed.row).vertex[hierarchy.box], chip.ground, unit)
+    assert laid_out is not None
+    level, slot = laid_out
+    x, currents = np.zeros((2, *level.degree.shape))
+    x.ravel()[slot], currents.ravel()[slot] = start, drive / unit
+    problem = GridProblem(Finest(*finest_stencils(level), hierarchy.grid.aggregate), hierarchy.levels, currents, x)
+    # A row whose own diagonal exceeds an ordinary one counts for so much less.
+    wanted = rtol * norm((currents * (ordinary / np.maximum(level.degree, ordinary))).ravel())
+    residual = converge(problem, Stop(wanted, ROUNDING * float(level.degree.max()), unit), None)
+    solution = x.ravel()[slot]
+    return solution if residual <= max(wanted, _LEFT * ordinary * norm(solution)) else None
 
 
-def solver_by_levels(laplacian: Laplacian, drive: NDArray[np.float64]) -> Solver | None:
+def solver_by_levels(laplacian: Laplacian, drive: Floats) -> Solver | None:
     """Lay a grid out by colour; None where it has no two colours.  Shapes: `drive` (n,)."""
     hierarchy = build_hierarchy(laplacian)
     if hierarchy.grid is None:
@@ -100,19 +88,17 @@ def solver_by_levels(laplacian: Laplacian, drive: NDArray[np.float64]) -> Solver
     return partial(solve_by_levels, laplacian, hierarchy, iterate(laplacian, hierarchy, drive, 1e-12)[0])
 
 
-def solve_in_order(order: Symbolic, chips: Iterable[Chip], rtol: float) -> Iterator[NDArray[np.float64] | None]:
+def solve_in_order(order: Symbolic, chip: Laplacian, drive: Floats, rtol: float) -> Floats | None:
     """As `Solver`, by elimination; ``rtol`` bounds the error of voltages, relative to the largest."""
-    for laplacian, drive in chips:
-        try:
-            factors = factor_in_order(laplacian.conductances, order)
-        except AccuracyError:
-            yield None
-            continue
-        solution = factors.solve(drive)
-        # Entries of a solution for currents of one sign are right to some roundings.
-        summed = factors.solve(np.abs(drive)) if drive.min() < 0.0 else solution
-        right = _ROUNDINGS * np.abs(summed).max() <= max(rtol, _FORBIDDEN) * np.abs(solution).max()
-        yield solution if right else None
+    try:
+        factors = factor_supernodes(chip, order)
+    except AccuracyError:
+        return None
+    solution = factors.solve(drive)
+    # Entries of a solution for currents of one sign are right to some roundings.
+    summed = factors.solve(np.abs(drive)) if drive.min() < 0.0 else solution
+    right = _ROUNDINGS * np.abs(summed).max() <= max(rtol, _FORBIDDEN) * np.abs(solution).max()
+    return solution if right else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,13 +114,13 @@ class WarmGrid:
     hierarchy: Hierarchy
     finest: Finest
     lattice: Lattice
-    slot: NDArray[np.int32]
+    slot: Indices
     flat: bool
-    b: NDArray[np.float64]
-    x: NDArray[np.float64]
+    b: Floats
+    x: Floats
 
     @classmethod
-    def of(cls, laplacian: Laplacian, drive: NDArray[np.float64], flat: bool) -> WarmGrid | None:
+    def of(cls, laplacian: Laplacian, drive: Floats, flat: bool) -> WarmGrid | None:
         """Levels of a grid, at rest; None where it is no grid of two colours that coarsens by blocks."""
         hierarchy, grid = build_hierarchy(laplacian), laplacian.grid
         if hierarchy.grid is None or grid is None:
@@ -166,20 +152,11 @@ class WarmGrid:
         watch.done(error)
 
     @property
-    def values(self) -> NDArray[np.float64]:
+    def values(self) -> Floats:
         """The latest solution in every cell of the grid, of its shape; undefined where a cell has no row."""
         return self.x.ravel()[self.slot]
 
-    def change(
-        self,
-        box: tuple[slice, ...],
-        core: tuple[slice, ...],
-        laplacian: Laplacian,
-        drive: NDArray[np.float64],
-        *,
-        solve: bool,
-        follow: bool,
-    ) -> None:
+    def change(self, box: Box, core: Box, laplacian: Laplacian, drive: Floats, *, solve: bool, follow: bool) -> None:
         """Take over the equations of a box of cells; solve them, and let the outside follow.
 
         `core`: those cells of the box whose equations are whole; `laplacian` (n, n): on the grid of the box, its rows
@@ -215,9 +192,7 @@ class WarmGrid:
             np.add(x, alpha if self.flat else alpha * (1.0 - x), out=x, where=x != 0.0)
         x[slot[own]] = after
 
-    def _write(
-        self, there: NDArray[np.int32], core: tuple[slice, ...], laplacian: Laplacian, drive: NDArray[np.float64]
-    ) -> None:
+    def _write(self, there: Indices, core: Box, laplacian: Laplacian, drive: Floats) -> None:
         """Write the equations of a window's core, whose cells stand at some slots (cells,), over those of the level."""
         assert laplacian.listed is not None and laplacian.grid is not None
         finest, vertex, unit = self.finest, laplacian.grid.vertex, self.hierarchy.unit
@@ -228,16 +203,14 @@ class WarmGrid:
         fresh, here = finest_stencils(laid_out[0]), small.cells[core].ravel()
         self.b.ravel()[there] = np.append(drive, 0.0)[vertex[core]].ravel() / unit
         red = there < self.lattice.slots
-        to, of = there[red], here[red]
+        to_red, of_red, to, of = there[red], here[red], there[~red] - self.lattice.slots, here[~red] - small.slots
         for old, new in zip(finest[:2], fresh, strict=True):
-            old.faces[:, to], old.red_inverse[to] = new.faces[:, of], new.red_inverse[of]
-        to, of = there[~red] - self.lattice.slots, here[~red] - small.slots
-        for old, new in zip(finest[:2], fresh, strict=True):
+            old.faces[:, to_red], old.red_inverse[to_red] = new.faces[:, of_red], new.red_inverse[of_red]
             old.black_degree[to] = new.black_degree[of]
         finest.stencil.black_inverse[to] = fresh[1].black_inverse[of]
         self._aggregate(to, fresh[1].black_inverse[of] > 0.0)
 
-    def _aggregate(self, slot: NDArray[np.int32], present: NDArray[np.bool_]) -> None:
+    def _aggregate(self, slot: Indices, present: NDArray[np.bool_]) -> None:
         """Black slots that are new join the aggregate of a black one behind the strongest red neighbour."""
         target, faces, distance = self.finest.aggregate, self.finest.true.faces, self.lattice.distance
         target[slot[~present]] = 0

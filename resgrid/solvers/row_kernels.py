@@ -1,14 +1,13 @@
-"""Compiled loops that bring a netlist's conductances into compressed rows."""
+"""Compiled loops that bring a netlist's conductances into compressed rows, and multiply by them."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
-from numpy.typing import NDArray
 
 from resgrid.jit import inner, kernel, makes_arrays
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int32]
+from resgrid.solvers.extended import Floats, Indices
 
 
 @kernel
@@ -42,7 +41,7 @@ def conductances_by_row(
             front[upper] += 1
     for i in range(size):
         begin, indptr[i] = indptr[i], end
-        _sort(indices, data, begin, indptr[i + 1])
+        sort(indices, data, begin, indptr[i + 1])
         for k in range(begin, indptr[i + 1]):
             if k > begin and indices[k] == indices[end - 1]:
                 data[end - 1] += data[k]
@@ -53,8 +52,8 @@ def conductances_by_row(
 
 
 @inner
-def _sort(keys: Indices, values: Floats, begin: int, end: int) -> None:
-    """Sort a part of an array, and what belongs to its entries (Shell 1959)."""
+def sort(keys: Indices, values: Floats | Indices, begin: int, end: int) -> None:
+    """Sort a part of an array, and what belongs to its entries, or itself once more (Shell 1959)."""
     gap = 1
     while 16 * gap < end - begin:
         gap = 3 * gap + 1
@@ -112,3 +111,19 @@ def compare_edges(
             if i >= 0 and j >= 0 and i != j and conductance[k] < weak * max(strongest[i], strongest[j]):
                 feeble += 1
     return count, smallest, largest, total, feeble
+
+
+@kernel
+def row_residual(
+    matrix: tuple[Indices, Indices, Floats, Floats], slot: Indices, b: Floats, x: Floats, r: Floats
+) -> float:
+    """``r = b - A x``, differences first, every row put at its slot; ``b, x`` (n,) by rows; returns ``|r|``."""
+    indptr, indices, conductance, ground = matrix
+    total = 0.0
+    for i in range(len(slot)):
+        v = b[i] - ground[i] * x[i]
+        for k in range(indptr[i], indptr[i + 1]):
+            v += conductance[k] * (x[np.uint32(indices[k])] - x[i])
+        r[slot[i]] = v
+        total += v * v
+    return math.sqrt(total)

@@ -9,22 +9,16 @@ Numba takes seconds to import: only functions that are about to solve import thi
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
 from resgrid.jit import ZERO, inlined, inner_fast, kernel
-from resgrid.solvers.extended import Numbers, unscaled
+from resgrid.solvers.extended import Floats, Indices, Integers, Numbers, unscaled
 from resgrid.solvers.extended_kernels import NO_EXPONENT, _add_product, _canonical, _shift
 from resgrid.solvers.laplacian import Conductances, Laplacian
 from resgrid.solvers.symbolic import Supernodes, Symbolic, order_rows
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Indices = NDArray[np.int32]
 
 _STRETCH = 2_000
 """Supernodes eliminated at a time."""
@@ -33,24 +27,25 @@ _LEAST, _MOST = 2.0**-700, 2.0**700
 """Range in which a sum of doubles has lost nothing that counts to underflow, and overflows nowhere."""
 
 
-@dataclass(frozen=True, eq=False)
-class SupernodalFactors:
+class SupernodalFactors(NamedTuple):
     """Factors ``L D L^T`` in such an order.
 
-    `matrix`: what was factored; `values`: the entries of ``-L`` below the diagonal, supernode by supernode; `pivot`
-    (n,): ``D`` in siemens, in the order of ``symbolic``.
+    `matrix`: what was factored; `values`: the entries of ``-L`` below the diagonal, supernode by supernode: which share
+    of a pivot goes to a later row; what stands above the diagonal is 0; `pivot` (n,): ``D`` in siemens, in the order of
+    ``symbolic``; `largest`: the largest diagonal entry of the matrix.
     """
 
     symbolic: Symbolic
     matrix: Conductances
     values: Floats
     pivot: Floats
+    largest: float
 
     def substitute(self, m: Floats, e: Integers) -> Numbers:
         """Both substitutions, in scaled numbers; ``m`` and ``e``, shape (n,), stay as they are."""
         by = self.symbolic
         x, exponent, column = m.take(by.order), e.take(by.order), np.empty(by.lengths.max(initial=0))
-        substitute(self.matrix, by.order, by.place, by.nodes, self.values, self.pivot, x, exponent, column)
+        substitute(self, x, exponent, column)
         return x.take(by.place), exponent.take(by.place)
 
     def solve(self, rhs: Floats) -> Floats:
@@ -60,43 +55,28 @@ class SupernodalFactors:
 
 
 def factor_supernodes(laplacian: Laplacian, symbolic: Symbolic | None = None) -> SupernodalFactors:
-    """Factor a matrix, in an order that is there, or the one that suits it."""
-    return factor_in_order(laplacian.conductances, symbolic or order_rows(laplacian))
-
-
-def factor_in_order(matrix: Conductances, symbolic: Symbolic) -> SupernodalFactors:
-    """Factor a matrix in an order of its rows, or of those of another one with the same entries."""
-    nodes, widths, size, order = symbolic.nodes, symbolic.widths, symbolic.kept, symbolic.order
-    count, n = len(widths), len(order)
-    entries = Entries(np.empty(symbolic.entries), np.empty(n), np.empty(size))
-    sums = np.add.reduceat(np.append(matrix.edges, 0.0), matrix.indptr[:-1])  # of rows that are joined to some
-    entries.pivot[size:] = (matrix.ground + sums)[order[size:]]
-    node_of, at = np.repeat(np.arange(count, dtype=np.int32), widths), np.empty(size, dtype=np.int32)
-    column, weight = np.empty(symbolic.lengths.max(initial=0)), np.empty(widths.max(initial=0))
+    """Factor a matrix, in an order of its rows or of those of another one with the same entries, or one that suits."""
+    matrix, symbolic = laplacian.conductances, symbolic or order_rows(laplacian)
+    widths, size = symbolic.widths, symbolic.kept
+    count = len(widths)
+    sums = np.add.reduceat(np.append(matrix.edges, 0.0), matrix.indptr[:-1])
+    diagonal = matrix.ground + np.where(np.diff(matrix.indptr) > 0, sums, 0.0)
+    pivot, largest = np.append(np.empty(size), diagonal[symbolic.order[size:]]), float(diagonal.max(initial=0.0))
+    factors = SupernodalFactors(symbolic, matrix, np.empty(symbolic.entries), pivot, largest)
     waiting, following, after = np.full((3, count), -1, dtype=np.int32)
-    work = Workspace(node_of, waiting, following, after, at, column, weight)
-    in_range = bool(np.all(np.isfinite(entries.pivot[size:])))
+    work = Workspace(
+        np.repeat(np.arange(count, dtype=np.int32), widths), waiting, following, after, np.empty(size, dtype=np.int32),
+        np.empty(size), np.empty(symbolic.lengths.max(initial=0)), np.empty(widths.max(initial=0)),
+    )  # fmt: skip
+    in_range = bool(np.isfinite(pivot[size:]).all())
     # In stretches, so that it can be interrupted.
     for begin in range(0, count, _STRETCH):
-        end = min(begin + _STRETCH, count)
-        in_range = in_range and eliminate(matrix, order, symbolic.place, nodes, entries, work, begin, end)
+        in_range = in_range and eliminate(factors, work, begin, min(begin + _STRETCH, count))
     if not in_range:
         raise AccuracyError(
             "a pivot left the range of doubles: the conductances span too many decades for a direct solution"
         )
-    return SupernodalFactors(symbolic, matrix, entries.values, entries.pivot)
-
-
-class Entries(NamedTuple):
-    """The entries of the factors; a share is that of a conductance in its pivot.
-
-    `values`: the entries of ``-L`` below the diagonal, supernode by supernode: shares that go to later rows. What
-    stands above the diagonal is 0; `pivot` (n,): ``D`` in siemens; `grounded` (kept,): shares that go to the ground.
-    """
-
-    values: Floats
-    pivot: Floats
-    grounded: Floats
+    return factors
 
 
 class Workspace(NamedTuple):
@@ -104,8 +84,9 @@ class Workspace(NamedTuple):
 
     `node_of` (kept,): supernode of every column; `waiting, following` (supernodes,): lists of the supernodes that are
     next to be added to one: the first, and the one after each; -1 at the end; `after` (supernodes,): which of their
-    rows that one begins at; `at` (kept,): places of the rows of the supernode that is being eliminated; `column`: as
-    long as the longest one; `weight` (columns,): as the widest one.
+    rows that one begins at; `at` (kept,): places of the rows of the supernode that is being eliminated; `grounded`
+    (kept,): shares of pivots that go to the ground; `column`: as long as the longest one; `weight` (columns,): as the
+    widest one.
     """
 
     node_of: Indices
@@ -113,30 +94,29 @@ class Workspace(NamedTuple):
     following: Indices
     after: Indices
     at: Indices
+    grounded: Floats
     column: Floats
     weight: Floats
 
 
 @kernel
-def eliminate(
-    matrix: Conductances, order: Indices, place: Indices, nodes: Supernodes, entries: Entries, work: Workspace,
-    begin: int, end: int,
-) -> bool:  # fmt: skip
+def eliminate(factors: SupernodalFactors, work: Workspace, begin: int, end: int) -> bool:
     """Factor some supernodes in order, in sums, products and quotients of positive numbers alone.
 
     A row that is eliminated joins those it was joined to, and the ground, by ``c_i c_j / d``; its pivot ``d`` is the
     sum of its conductances to later rows and to the ground, never a difference (Grassmann, Taksar & Heyman 1985).  So
     every entry is right to some roundings, whatever the conductances.
     """
+    nodes = factors.symbolic.nodes
     for node in range(begin, end):
-        _load(matrix, order, place, nodes, entries, work, node)
+        _load(factors, work, node)
         other = work.waiting[node]
         while other >= 0:
             following = work.following[other]
-            _update(nodes, entries, work, other, node)
+            _update(factors, work, other, node)
             _wait(nodes, work, other)
             other = following
-        if not _eliminate_within(nodes, entries, work, node):
+        if not _eliminate_within(factors, work, node):
             return False
         work.after[node] = nodes.start[node] + nodes.first[node + 1] - nodes.first[node]
         _wait(nodes, work, node)
@@ -154,14 +134,10 @@ def _wait(nodes: Supernodes, work: Workspace, node: int) -> None:
 
 
 @inlined
-def _load(
-    matrix: Conductances, order: Indices, place: Indices, nodes: Supernodes, entries: Entries, work: Workspace,
-    node: int,
-) -> None:  # fmt: skip
+def _load(factors: SupernodalFactors, work: Workspace, node: int) -> None:
     """Fill a supernode with the conductances that odd-even reduction leaves, ``g_ij + sum_k g_ik g_kj / d_k``."""
-    indptr, indices, edges, ground = matrix
-    values, pivot, grounded = entries
-    at, kept = work.at, len(grounded)
+    (order, place, nodes), (indptr, indices, edges, ground), values, pivot, _ = factors
+    at, kept = work.at, len(work.at)
     length = nodes.start[node + 1] - nodes.start[node]
     for i in range(nodes.offset[node], nodes.offset[node + 1]):
         values[np.uint64(i)] = 0.0
@@ -178,13 +154,14 @@ def _load(
                 row = place[indices[other]]
                 if row > k:
                     values[base + at[row]] += share * edges[other]
-        grounded[k] = total
+        work.grounded[k] = total
 
 
 @inlined
-def _update(nodes: Supernodes, entries: Entries, work: Workspace, other: int, node: int) -> None:
+def _update(factors: SupernodalFactors, work: Workspace, other: int, node: int) -> None:
     """Add what an eliminated supernode joins the columns of a later one to; moves on to its first row behind them."""
-    rows, at, weight, values = nodes.rows, work.at, work.weight, entries.values
+    nodes, values, at = factors.symbolic.nodes, factors.values, work.at
+    rows = nodes.rows
     begin, end = work.after[other], nodes.start[other + 1]
     first, columns = nodes.first[other], nodes.first[other + 1] - nodes.first[other]
     apart = end - nodes.start[other]
@@ -195,13 +172,13 @@ def _update(nodes: Supernodes, entries: Entries, work: Workspace, other: int, no
     while r < end and rows[r] < nodes.first[node + 1]:
         here, left = source + r - begin, end - r - 1
         there = nodes.offset[node] + at[rows[r]] * length
-        _weigh(entries, first, columns, here, apart, rows[r], weight)
+        _weigh(factors, work, first, columns, here, apart, rows[r])
         if follow_on:
-            _add_columns(values, there + at[rows[r]] + 1, values, here + 1, apart, weight, columns, left)
+            _add_columns(values, there + at[rows[r]] + 1, values, here + 1, apart, work.weight, columns, left)
         else:
             for i in range(left):
                 work.column[i] = 0.0
-            _add_columns(work.column, ZERO, values, here + 1, apart, weight, columns, left)
+            _add_columns(work.column, ZERO, values, here + 1, apart, work.weight, columns, left)
             for i in range(left):
                 values[there + at[rows[r + 1 + i]]] += work.column[i]
         r += 1
@@ -209,27 +186,28 @@ def _update(nodes: Supernodes, entries: Entries, work: Workspace, other: int, no
 
 
 @inlined
-def _weigh(entries: Entries, first: int, columns: int, here: int, apart: int, row: int, weight: Floats) -> None:
+def _weigh(
+    factors: SupernodalFactors, work: Workspace, first: int, columns: int, here: int, apart: int, row: int
+) -> None:
     """Conductances from eliminated columns to a row, which their shares count by; adds what goes to the ground."""
-    values, pivot, grounded = entries
     total = 0.0
     for k in range(columns):
-        w = pivot[first + k] * values[here + k * apart]
-        weight[k] = w
-        total += w * grounded[first + k]
-    grounded[row] += total
+        w = factors.pivot[first + k] * factors.values[here + k * apart]
+        work.weight[k] = w
+        total += w * work.grounded[first + k]
+    work.grounded[row] += total
 
 
 @inlined
-def _eliminate_within(nodes: Supernodes, entries: Entries, work: Workspace, node: int) -> bool:
+def _eliminate_within(factors: SupernodalFactors, work: Workspace, node: int) -> bool:
     """Eliminate the columns of a supernode that everything before has been added to."""
-    values, pivot, grounded = entries
+    nodes, values, pivot, grounded = factors.symbolic.nodes, factors.values, factors.pivot, work.grounded
     first, base, width = nodes.first[node], nodes.offset[node], nodes.first[node + 1] - nodes.first[node]
-    length, weight = nodes.start[node + 1] - nodes.start[node], work.weight
+    length = nodes.start[node + 1] - nodes.start[node]
     for c in range(width):
         k, below, end = first + c, base + c * length + c + 1, base + (c + 1) * length
-        _weigh(entries, first, c, base + c, length, k, weight)
-        _add_columns(values, below, values, base + c + 1, length, weight, c, end - below)
+        _weigh(factors, work, first, c, base + c, length, k)
+        _add_columns(values, below, values, base + c + 1, length, work.weight, c, end - below)
         total = grounded[k] + _sum(values, below, end)
         if not (total > 0.0 and math.isfinite(total)):
             return False
@@ -248,14 +226,6 @@ def _sum(values: Floats, begin: int, end: int) -> float:
     for i in range(begin, end):
         total += values[np.uint64(i)]
     return total
-
-
-@inner_fast
-def _add_times(target: Floats, there: int, values: Floats, here: int, count: int, weight: float) -> None:
-    t, s = np.uint64(there), np.uint64(here)
-    for each in range(count):
-        i = np.uint64(each)
-        target[t + i] += weight * values[s + i]
 
 
 @inner_fast
@@ -280,10 +250,7 @@ def _add_columns(
 
 
 @kernel
-def substitute(
-    matrix: Conductances, order: Indices, place: Indices, nodes: Supernodes, values: Floats, pivot: Floats, m: Floats,
-    e: Integers, column: Floats,
-) -> None:  # fmt: skip
+def substitute(factors: SupernodalFactors, m: Floats, e: Integers, column: Floats) -> None:
     """Solve in place, in scaled numbers: reduce, ``L D L^T x = b`` for the rows kept, put the others back.
 
     Within a supernode numbers have one exponent in common, the largest; where a sum leaves the range of doubles so, the
@@ -291,7 +258,7 @@ def substitute(
 
     Shapes: `m, e` (n,), in the order of elimination; `column` (longest supernode,): room.
     """
-    indptr, indices, edges, _ = matrix
+    (order, place, nodes), (indptr, indices, edges, _), values, pivot, _ = factors
     n, kept = len(order), nodes.first[-1]
     for k in range(n):
         m[k], e[k] = _canonical(m[k], e[k])
@@ -328,7 +295,8 @@ def _forward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column: 
         return
     common = _align(nodes.rows, begin, fed, length, m, e, column)
     for c in range(fed, columns):
-        _add_times(column, c + 1, values, base + c * length + c + 1, length - c - 1, column[c])
+        below = base + c * length + c + 1
+        _add_columns(column, c + 1, values, below, length, column[c:], 1, length - c - 1)
     plain = True
     for r in range(fed, length):
         plain = plain and abs(column[r]) >= _LEAST

@@ -12,19 +12,16 @@ Numba takes seconds to import: only functions that are about to solve import thi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from resgrid.errors import BudgetError
 from resgrid.jit import ZERO, inlined, kernel, makes_arrays
+from resgrid.solvers.extended import Indices, Integers
 from resgrid.solvers.laplacian import MOST_NUMBERED, Laplacian
 from resgrid.solvers.ordering_kernels import minimum_fill, quotient_graph, with_room
-
-Integers = NDArray[np.int64]
-Indices = NDArray[np.int32]
+from resgrid.solvers.row_kernels import sort
 
 _MOST_FILL, _MOST_FILL_OF_VOLUMES = 60, 600
 """Entries a row above which a circuit is not narrow, and factors in the order by fill are sooner made."""
@@ -66,8 +63,7 @@ class Supernodes(NamedTuple):
     offset: Integers
 
 
-@dataclass(frozen=True, eq=False)
-class Symbolic:
+class Symbolic(NamedTuple):
     """An order of elimination, and where the factors have entries.
 
     `order` (n,): the rows that odd-even reduction keeps as they are eliminated, and all others behind them; `place`
@@ -272,7 +268,7 @@ def list_supernodes(
             if area > share * (k + n // 8) or end + n > most_rows:
                 return -1, rows
             rows = with_room(rows, end, 2 * n)
-            _sort(rows, start[node], end)
+            sort(rows, rows, start[node], end)
             if end > start[node] + columns:
                 up = rows[start[node] + columns]
                 sibling[node], branch[up] = branch[up], node
@@ -280,7 +276,7 @@ def list_supernodes(
         first[node], start[node], columns, zeros = k, end, 1, 0
         rows[end], seen[k] = k, node
         end = _add_rows(pattern, k, node, seen, branch, sibling, start, rows, end + 1)
-    _sort(rows, start[node], end)
+    sort(rows, rows, start[node], end)
     first[node + 1], start[node + 1] = n, end
     return node + 1, rows
 
@@ -309,14 +305,3 @@ def _add_rows(
                 seen[row], rows[end] = node, row
                 end += 1
     return end
-
-
-@inlined
-def _sort(rows: Indices, begin: int, end: int) -> None:
-    """Sort rows by insertion: most stand in order, and elimination takes longer than the worst case."""
-    for r in range(begin + 1, end):
-        row, k = rows[r], r
-        while k > begin and rows[k - 1] > row:
-            rows[k] = rows[k - 1]
-            k -= 1
-        rows[k] = row

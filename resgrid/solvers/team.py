@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import partial
-from types import TracebackType
 from typing import Any, TypeVar
 
 Result = TypeVar("Result")
@@ -31,9 +30,7 @@ class Team:
         """Return it."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """End the helpers, as soon as they are done with the part in their hands."""
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
@@ -75,12 +72,8 @@ class Team:
 
     def over(self, count: int, loop: Callable[[slice], Result]) -> list[Result]:
         """Do a loop piece by piece; returns results of the same pieces whatever the number of threads."""
-        return self.together([partial(loop, piece) for piece in pieces(0, count)])
-
-
-def pieces(begin: int, end: int) -> list[slice]:
-    """Cut a range into pieces of one length, the last one but for its rest."""
-    return [slice(k, min(k + _PIECE, end)) for k in range(begin, end, _PIECE)]
+        pieces = [slice(k, min(k + _PIECE, count)) for k in range(0, count, _PIECE)]
+        return self.together([partial(loop, piece) for piece in pieces])
 
 
 ALONE = Team()

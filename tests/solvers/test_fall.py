@@ -41,7 +41,7 @@ def test_the_best_way_is_that_of_networkx_to_all_but_the_lowest(space, share):
         graph, set(np.flatnonzero(low)), weight=lambda _, to, __: int(costs[depth.get(to, system.size)])
     )
     rest = int(share * system.size)
-    found = decay(system.laplacian.edges, (low, high), RATE, WALL, rest)
+    found = decay(system.laplacian.as_rows(), (low, high), RATE, WALL, rest)
     ways = sorted(parts.values())
     assert found == max(ways[: system.size - rest], default=0) / 64.0
 

@@ -10,7 +10,7 @@ from resgrid.circuit.equations import assemble
 from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.netlist import Netlist
-from resgrid.solvers.choose import estimate_memory
+from resgrid.solvers.choose import choose_method
 from resgrid.solvers.symbolic import order_by_distance
 from resgrid.space import Cell, ConfigurationSpace
 
@@ -37,7 +37,7 @@ def test_factors_along_a_corridor_take_what_the_estimate_says(shape: tuple[int, 
     netlist = compile_space(ConfigurationSpace([Axis("xyz"[k], 0, n, n) for k, n in enumerate(shape)], cell))
     system = assemble(netlist)
     assert order_by_distance(system.laplacian) is not None
-    estimate = estimate_memory(system.laplacian, "direct")
+    estimate = choose_method(system.laplacian, "direct").memory
     solve(netlist, method="direct")
     tracemalloc.start()
     solve(netlist, method="direct")
@@ -52,7 +52,7 @@ def test_a_winding_volume_needs_no_more_memory_than_its_corridor() -> None:
     shaft[0, 2, 2] = Cell.GOAL
     axes = [Axis("xyz"[k], 0, n, n) for k, n in enumerate(shaft.shape)]
     system = assemble(compile_space(ConfigurationSpace(axes, shaft)))
-    assert estimate_memory(system.laplacian, "direct") < 2000.0 * system.size
+    assert choose_method(system.laplacian, "direct").memory < 2000.0 * system.size
 
 
 @pytest.mark.parametrize("accuracy", ["normwise", "direction"])
@@ -61,7 +61,7 @@ def test_a_winding_volume_needs_no_more_memory_than_its_corridor() -> None:
 def test_multigrid_takes_what_the_estimate_says(shape: tuple[int, ...], boundary: str, accuracy: str) -> None:
     netlist = compile_space(boxes(shape), boundary=boundary)
     for circuit in (netlist, without_layout(netlist)):
-        estimate = estimate_memory(assemble(circuit).laplacian, "multigrid", accuracy)
+        estimate = choose_method(assemble(circuit).laplacian, "multigrid", accuracy).memory
         solve(circuit, accuracy=accuracy, method="multigrid")
         tracemalloc.start()
         solve(circuit, accuracy=accuracy, method="multigrid")

@@ -19,7 +19,7 @@
 4. *Steps* (`conjugate_gradients.converge`, `krylov.advance`). Flexible conjugate gradients (Notay 2000) for the black
    cells of a grid, ``S = D_b - G^T D_r^-1 G``, or all rows of a netlist. Vectors are in single precision; after a
    burst of at most five digits the residual is replaced by the true one, in double precision
-   (`krylov.sweep_colour`, `krylov.row_residual`; van der Vorst & Ye 2000), and the search directions go on. It
+   (`krylov.sweep_colour`, `row_kernels.row_residual`; van der Vorst & Ye 2000), and the search directions go on. It
    ends at ``rtol |b|``, or where rounding, ``eps |A| |x|``, forbids more; from a guess on, also where the steps tell
    that the error is small (`Stop`). On a grid a Gauss-Seidel relaxation does what little is left after the last step.
 5. *Cycle* (`cycle.precondition_grid, precondition_graph`). One relaxation before and one after each visit of the next

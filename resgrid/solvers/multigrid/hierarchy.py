@@ -32,6 +32,7 @@ from resgrid.solvers.multigrid.levels import (
     slabs_of,
 )
 from resgrid.solvers.multigrid.red_black import Floats, Singles, Stencil
+from resgrid.solvers.row_kernels import row_residual
 from resgrid.solvers.team import ALONE, Team
 
 _WHOLE = 32
@@ -258,15 +259,13 @@ class GraphProblem:
     def __init__(self, laplacian: Laplacian, hierarchy: Hierarchy, b: Floats, x: Floats, team: Team) -> None:
         self.x, self.team, self._graphs = x, team, hierarchy.levels.graphs
         self.vectors = krylov.vectors_over(self._graphs.inverse[: len(b)])
-        rows, self._b = laplacian.as_rows(), b
-        # Indices without a sign need not be asked whether they count from the end.
-        self._matrix = rows.indptr.view(np.uint32), rows.indices.view(np.uint32), rows.data, laplacian.ground
+        self._matrix, self._b = laplacian.conductances, b
         self._slot, self._unit, self._work = hierarchy.slot, hierarchy.unit, work_space(self._graphs)
 
     def residual(self, r: Floats) -> float:
         """As of `GridProblem`."""
         if self.x.any():
-            krylov.row_residual(*self._matrix, self._slot, self._b, self.x[0, self._slot], r)
+            row_residual(self._matrix, self._slot, self._b, self.x[0, self._slot], r)
             r *= 1.0 / self._unit
         else:
             r[self._slot] = self._b / self._unit

@@ -1,7 +1,4 @@
-"""The compiled steps of conjugate gradients, and residuals.
-
-Indices without a sign need not be asked whether they count from the end.
-"""
+"""The compiled steps of conjugate gradients, and residuals of grids."""
 
 from __future__ import annotations
 
@@ -9,14 +6,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from resgrid.jit import inner_fast, kernel, kernel_fast
 from resgrid.solvers.multigrid.levels import Slab, blocks_of, slabs_of
-from resgrid.solvers.multigrid.red_black import BLACK, RED, Floats, Indices, Reals, Singles, Stencil, products, relax
+from resgrid.solvers.multigrid.red_black import BLACK, RED, Floats, Reals, Singles, Stencil, products, relax
 from resgrid.solvers.team import ALONE, Team
-
-Unsigned = NDArray[np.uint32]
 
 _DEPTH = 3
 """Steps that are kept before they are gone."""
@@ -58,22 +52,6 @@ def squares(x: Floats) -> float:
     for i in range(len(x)):
         total += x[i] * x[i]
     return total
-
-
-@kernel
-def row_residual(
-    indptr: Unsigned, indices: Unsigned, conductance: Floats, ground: Floats, slot: Indices, b: Floats, x: Floats,
-    r: Floats,
-) -> float:  # fmt: skip
-    """``r = b - A x``, differences first, every row put at its slot; ``b, x`` (n,) by rows; returns ``|r|``."""
-    total = 0.0
-    for i in range(len(slot)):
-        v = b[i] - ground[i] * x[i]
-        for k in range(indptr[i], indptr[i + 1]):
-            v += conductance[k] * (x[indices[k]] - x[i])
-        r[slot[i]] = v
-        total += v * v
-    return math.sqrt(total)
 
 
 @kernel_fast
