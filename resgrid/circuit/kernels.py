@@ -74,11 +74,11 @@ def _fall(
 @kernel
 def currents(
     pairs: Indices, conductance: Floats, value: Scaled, down: Bools, volts: float, noise: float, amps: Floats,
-    exponent: Integers, few: float, faint: Floats,
+    exponent: Integers, few: float, faint: Bools,
 ) -> float:  # fmt: skip
     """Currents of resistors, scaled; returns the power in doubles.
 
-    ``faint``: amperes of differences that are at most a share ``few`` of the values, or noise, but not nothing; else 0.
+    ``faint``: whether a difference is at most a share ``few`` of the values, or noise, but not nothing.
     """
     hi, lo, e, noise_down = value.hi, value.lo, value.exponent, value.noise
     power = 0.0
@@ -92,9 +92,8 @@ def currents(
         fall = _fall(near, near_low, down[a], far, far_low, down[b], noise, noise_down) * volts
         amps[k], exponent[k] = _canonical(conductance[k] * fall, top if fall != 0.0 else 0)
         power += _shift(_shift(conductance[k] * fall * fall, top), top)
-        apart, few_digits = abs((near - far) + (near_low - far_low)), max(few, noise) * abs(near)
-        is_faint = down[a] == down[b] and _NOTHING * abs(near) < apart <= few_digits
-        faint[k] = _shift(conductance[k] * apart * abs(volts), top) if is_faint else 0.0
+        apart = abs((near - far) + (near_low - far_low))
+        faint[k] = down[a] == down[b] and _NOTHING * abs(near) < apart <= max(few, noise) * abs(near)
     return power
 
 

@@ -235,7 +235,7 @@ def _read(
     """
     from resgrid.circuit.kernels import drop_unresolved
 
-    ends, faint = netlist.resistor_nodes, np.zeros(0)
+    ends, faint = netlist.resistor_nodes, np.zeros(0, dtype=np.int64)
     if falls is None:
         amps, exponent, heat, faint = _differences(values, netlist, team)
     else:
@@ -245,8 +245,10 @@ def _read(
     frame, net, through = _sums(netlist, amps, exponent)
     if falling is not None:
         drop_unresolved(ends, amps, exponent, frame, net, through, falling, HARMLESS)
-    few = np.flatnonzero(faint)
-    matters = faint[few] > HARMLESS * through[ends[few]].min(axis=1)
+    value = values.value
+    high, low = (part[ends[faint]] * power(value.exponent[ends[faint]]) for part in (value.hi, value.lo))
+    apart = netlist.conductance[faint] * np.abs(values.volts * (np.diff(high)[:, 0] + np.diff(low)[:, 0]))
+    matters = apart > HARMLESS * through[ends[faint]].min(axis=1)
     residual = np.zeros(len(unknown))
     net_amps, through_amps = (net, through) if plain else (net * power(frame), through * power(frame))
     if np.any(forest.base != GROUND):
@@ -268,12 +270,12 @@ def _read(
 
 def _differences(
     values: NodeValues, netlist: Netlist, team: Team
-) -> tuple[NDArray[np.float64], NDArray[np.int64], float, NDArray[np.float64]]:
-    """Currents ``amps, exponent`` (resistors,), the latter 0 where doubles hold all; the power; faint currents."""
+) -> tuple[NDArray[np.float64], NDArray[np.int64], float, NDArray[np.int64]]:
+    """Currents ``amps, exponent`` (resistors,), the latter 0 where doubles hold all; the power; which are faint."""
     from resgrid.circuit.kernels import currents
 
     ends, amps = netlist.resistor_nodes, np.empty(len(netlist.conductance))
-    exponent, faint = np.empty(len(amps), dtype=np.int64), np.empty(len(amps))
+    exponent, faint = np.empty(len(amps), dtype=np.int64), np.zeros(len(amps), dtype=np.bool_)
     few = _FAINT if netlist.node_count > EXACT_ROWS else _FAINT_IN_FEW
 
     def through(piece: slice) -> float:
@@ -286,7 +288,7 @@ def _differences(
     if exponent.any() and np.abs(exponent).max() <= _ORDINARY:
         amps *= power(exponent)
         exponent[:] = 0
-    return amps, exponent, heat, faint
+    return amps, exponent, heat, np.flatnonzero(faint)
 
 
 def _sums(
