@@ -33,7 +33,7 @@ from resgrid.solvers.extended import Scaled
 from resgrid.solvers.factor import Factor
 from resgrid.solvers.laplacian import EdgeList, Laplacian, Rows
 from resgrid.solvers.monitor import Watch
-from resgrid.solvers.refine import CERTAIN, is_answer, minus, quotient
+from resgrid.solvers.refine import CERTAIN, corrected, imbalance, is_answer, minus, quotient, scaled_currents
 
 _EPS = float(np.finfo(np.float64).eps)
 _DOUBT = 1e-6
@@ -272,15 +272,11 @@ def _of_residual(
     factors: Factor, drive: NDArray[np.float64], rounding: NDArray[np.float64], x: Scaled, watch: Watch
 ) -> list[Scaled]:
     """Solutions for the residual's positive part, and for what is negative of it; both with what rounding may hide."""
-    from resgrid.solvers.extended_kernels import correct
-    from resgrid.solvers.refine import imbalance, scaled_currents
-
     laplacian, r, e = factors.laplacian, np.empty(len(drive)), np.zeros(len(drive), dtype=np.int64)
     none = e.copy()
     imbalance(laplacian.conductances, scaled_currents(drive), x, (r, e), exact=True)
     parts = [Scaled(np.maximum(sign * r, 0.0), np.zeros_like(r), np.where(sign * r > 0.0, e, 0)) for sign in (1, -1)]
-    for part in parts:
-        correct(part, rounding, none, part)
+    parts = [corrected(part, rounding, none) for part in parts]
     return [factors.solve_nonnegative(part, watch=watch)[0] if part.hi.any() else part for part in parts]
 
 

@@ -91,9 +91,7 @@ def estimate_diagonal(signs: Floats, products: Floats) -> tuple[Floats, Floats]:
     Shapes: `signs` (n, samples), `products` (n, samples); returns `estimate` (n,), `error` (n,).
     """
     each = signs * products
-    mean: Floats = each.mean(axis=1)
-    error: Floats = each.std(axis=1, ddof=1) / np.sqrt(each.shape[1])
-    return mean, error
+    return each.mean(axis=1), each.std(axis=1, ddof=1) / np.sqrt(each.shape[1])
 
 
 def _diagonal(order: NDArray[Any], lower: sparse.csc_array, pivot: NDArray[Any]) -> NDArray[Any]:

@@ -102,7 +102,7 @@ def _sum(a: float, a_low: float, b: float, b_low: float) -> tuple[float, float]:
 
 @kernel
 def correct(x: Scaled, m: Floats, me: Integers, out: Scaled) -> None:
-    """Add the scaled numbers ``(m, me)`` to scaled double-doubles; ``out`` may be ``x``."""
+    """Add the scaled numbers ``(m, me)`` to scaled double-doubles."""
     hi, lo, e = x.hi, x.lo, x.exponent
     new_hi, new_lo, new_e = out.hi, out.lo, out.exponent
     for i in range(len(hi)):
@@ -137,19 +137,6 @@ class Imbalance(NamedTuple):
             max(self.backward, rest.backward), self.left + rest.left, self.right + rest.right,
             min(self.share, rest.share), max(self.log_size, rest.log_size),
         )  # fmt: skip
-
-
-@inlined
-def _largest_exponent(matrix: Conductances, current: Numbers, x: Scaled, i: int) -> int:
-    """Exponent of the largest number in a row of the equations."""
-    top = current[1][i] if current[0][i] != 0.0 else NO_EXPONENT
-    if x.hi[i] != 0.0:
-        top = max(top, x.exponent[i])
-    for k in range(matrix.indptr[i], matrix.indptr[i + 1]):
-        j = matrix.indices[k]
-        if x.hi[j] != 0.0:
-            top = max(top, x.exponent[j])
-    return int(top)
 
 
 @inlined
@@ -191,7 +178,9 @@ def residual(
     for i in range(begin, end):
         own, own_low, r, r_low = hi[i], lo[i], injected[i], 0.0
         if not plain:
-            top = _largest_exponent(matrix, current, x, i)
+            top = max(injected_e[i] if r != 0.0 else NO_EXPONENT, e[i] if own != 0.0 else NO_EXPONENT)
+            for k in range(indptr[i], indptr[i + 1]):
+                top = max(top, e[indices[k]] if hi[indices[k]] != 0.0 else NO_EXPONENT)
             own, own_low = _shift(own, e[i] - top), _shift(own_low, e[i] - top)
             r = _shift(r, injected_e[i] - top)
         size = abs(r)
@@ -216,9 +205,8 @@ def residual(
             backward = wrong / size
         if flow < share * size:
             share = flow / size
-        rounding = _UNIT * (_ROW_ROUNDING + indptr[i + 1] - indptr[i])
-        if exact:
-            rounding = _SETTLED * size / flow if flow > 0.0 else 0.0
+        rounding = _SETTLED * size / flow if flow > 0.0 else 0.0
+        rounding = rounding if exact else _UNIT * (_ROW_ROUNDING + indptr[i + 1] - indptr[i])
         violation = wrong / flow if wrong > 0.0 else 0.0
         right += rounding
         if wrong <= max(rounding * flow * (kept if r_out[i] == 0.0 else 1.0), _SETTLED * size):

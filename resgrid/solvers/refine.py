@@ -120,7 +120,7 @@ def refine(
     for step in range(1, _MOST_STEPS + 1):
         hopeless = not exact and _HOPELESS < best.backward < np.inf
         some = few_rows(laplacian, residual[0], x, current) if anew and hopeless else None
-        new = some or _corrected(x, *approximate(*residual, _MARGIN / left))
+        new = some or corrected(x, *approximate(*residual, _MARGIN / left))
         if step > 1 and np.isfinite(sure) and _moves(x, new, sure):
             break
         if not exact:
@@ -175,7 +175,7 @@ def _moves(x: Scaled, new: Scaled, share: float) -> bool:
     return not np.all(np.abs(moved) <= share * np.abs(x.hi))
 
 
-def _corrected(x: Scaled, m: Floats, e: Integers) -> Scaled:
+def corrected(x: Scaled, m: Floats, e: Integers) -> Scaled:
     """Values with a correction.  Shapes: `m, e` (n,)."""
     from resgrid.solvers.extended_kernels import correct
 
@@ -194,11 +194,7 @@ def scaled_currents(rhs: Floats | Scaled) -> Numbers:
 
 def minus(a: Scaled, b: Scaled) -> Scaled:
     """``a - b``; all of shape (n,)."""
-    from resgrid.solvers.extended_kernels import correct
-
-    difference = _corrected(a, -b.hi, b.exponent)
-    correct(difference, -b.lo, b.exponent, difference)
-    return difference
+    return corrected(corrected(a, -b.hi, b.exponent), -b.lo, b.exponent)
 
 
 def quotient(parts: list[Scaled], x: Scaled) -> float:
