@@ -134,7 +134,8 @@ def refine(
         if exact:
             found = imbalance(matrix, current, new, residual, exact=True, team=team)
             now = found.backward / floor
-        if found.backward >= _LEAST_GAIN * best.backward and found.log_size >= best.log_size + np.log(_LEAST_GAIN):
+        gains = found.backward < _LEAST_GAIN * best.backward or found.log_size < best.log_size + np.log(_LEAST_GAIN)
+        if not gains:  # or there are numbers that are none
             if some is None:
                 x = new if step == 1 else x  # beyond the range of doubles, which is told where it is read
                 break
