@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable
-from functools import cache
+from functools import cache, wraps
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar, cast
 
@@ -147,8 +147,26 @@ def _kept(function: _Loop, options: dict[str, Any]) -> _Loop:
 
 
 def kernel(function: _Loop) -> _Loop:
-    """Compile a loop, or an inner one once more, that Python calls, and keep it on disk; other threads may run."""
+    """Compile a loop, or an inner one once more, that Python calls, and keep it on disk; other threads may run.
+
+    It returns no named tuple: where a signal comes while numba makes one, Python dies.
+    """
     return _kept(getattr(function, "py_func", function), _KERNEL)
+
+
+def interruptible(loop: _Loop) -> _Loop:
+    """A loop, for Python alone, of tuples with arrays: an interrupt while numba makes them is no `SystemError`."""
+
+    @wraps(loop)
+    def called(*given: Any) -> Any:
+        try:
+            return loop(*given)
+        except SystemError as error:
+            if isinstance(error.__cause__, KeyboardInterrupt):
+                raise error.__cause__ from None
+            raise
+
+    return cast(_Loop, called)
 
 
 def kernel_fast(function: _Loop) -> _Loop:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import checked
+from resgrid.arguments import checked, real_numbers
 from resgrid.axis import Axis, rounding, split_points
 from resgrid.errors import InputError
 from resgrid.frame import Frame
@@ -101,7 +101,7 @@ class ConfigurationSpace:
         robot: Any = None,
     ) -> None:
         axes = tuple(axes)
-        cells = _checked_cells(axes, np.asarray(cell))
+        cells = _checked_cells(axes, cell)
         parts = {
             "axes": axes,
             "cell": cells,
@@ -123,7 +123,7 @@ class ConfigurationSpace:
 
     def with_cells(self, cell: ArrayLike) -> ConfigurationSpace:
         """The same space with other cells, one of `Cell` for each; goal cells that stay keep their points."""
-        cells, kept = _checked_cells(self.axes, np.asarray(cell)), None
+        cells, kept = _checked_cells(self.axes, cell), None
         if self.goal_points is not None:
             points = np.full((*self.shape, self.ndim), np.nan)
             points[self.cell == Cell.GOAL] = self.goal_points
@@ -280,7 +280,8 @@ def _checked_frame(axes: tuple[Axis, ...], frame: Frame) -> Frame:
     return frame
 
 
-def _checked_cells(axes: tuple[Axis, ...], cell: NDArray[np.generic]) -> NDArray[np.uint8]:
+def _checked_cells(axes: tuple[Axis, ...], given: ArrayLike) -> NDArray[np.uint8]:
+    cell = real_numbers("cell", given)
     if not 1 <= len(axes) <= MAX_DIMENSIONS:
         raise InputError(f"a configuration space has 1 to {MAX_DIMENSIONS} axes, got {len(axes)}")
     expected = tuple(axis.cells for axis in axes)

@@ -102,6 +102,8 @@ def test_a_space_with_other_cells_keeps_its_place_and_the_points_of_goals_that_s
     assert changed.frame == frame
     assert np.array_equal(changed.goal_points, [[np.nan, np.nan], [2.5, 1.75]], equal_nan=True)
     assert _two_goals().goal_points is None
+    with pytest.raises(InputError, match="cell must be an array of real numbers"):
+        space.with_cells([[0, 0], [1]])
 
 
 @pytest.mark.parametrize(

@@ -307,6 +307,8 @@ class _Circuit:
         """
         volts, rank = np.unique(np.append(x, 0.0), return_inverse=True)  # the last row is that of the rails
         count, rows = len(volts), self.system.unknown[self.system.netlist.resistor_nodes]
+        if count < 2:
+            return
         below, above = np.sort(rank[rows], axis=1).T
         limit = np.append(np.zeros(len(netlist.conductance)), netlist.nonlinear_current)
 

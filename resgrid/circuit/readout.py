@@ -324,7 +324,8 @@ def _stored(system: Equations, values: NodeValues) -> tuple[NDArray[np.float64] 
         return None, potential
     log_drop, above = values.value.log, np.flatnonzero(~values.down)
     log_drop[above] = np.log1p(-potential[above])
-    log_drop[np.isnan(potential)] = np.nan
+    held = (system.unknown < 0) & (potential > 0.0) & (potential < 1.0)
+    log_drop[held | np.isnan(potential)] = np.nan
     return log_drop, potential
 
 

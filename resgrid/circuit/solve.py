@@ -14,7 +14,7 @@ from resgrid.errors import InputError
 from resgrid.netlist import Netlist
 from resgrid.solvers.choose import check_method
 from resgrid.solvers.factor import check_rtol
-from resgrid.solvers.monitor import Progress
+from resgrid.solvers.monitor import Progress, Watch
 
 ACCURACIES = ("direction", "normwise")
 PETSC = "petsc"
@@ -209,5 +209,4 @@ def _check_options(accuracy: str, method: str, rtol: float, threads: int, progre
     check_method(method)
     check_rtol(rtol)
     check_whole("threads", threads, 1)
-    if not (progress is None or callable(progress)):
-        raise InputError(f"progress = {progress!r} must be callable, or None")
+    Watch(progress)

@@ -160,11 +160,11 @@ class WarmStart:
         """
         if not isinstance(space, ConfigurationSpace):
             raise InputError(f"space = {space!r} must be a ConfigurationSpace (rg.sample(scene))")
-        wiring = self.wiring.on(space)
+        wiring, watch = self.wiring.on(space), Watch(progress)
         last, self._last = self._last, None
         with suppress(AccuracyError):
             if last is not None and last.change(space, wiring):
-                point = self._solved(last, wiring, Watch(progress), fresh=False)
+                point = self._solved(last, wiring, watch, fresh=False)
                 if point.iterations <= _STALE * last.first_iterations:
                     return point
         system = assemble(compile_space(space, replace(wiring, supply=1.0, goal_voltage=0.0)))

@@ -10,7 +10,6 @@ Numba takes seconds to import: only functions that are about to solve import thi
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -116,29 +115,6 @@ def correct(x: Scaled, m: Floats, me: Integers, out: Scaled) -> None:
         new_hi[i], new_lo[i], new_e[i] = a, a_low, exponent
 
 
-class Imbalance(NamedTuple):
-    """How far KCL is from holding.
-
-    `backward`: componentwise backward error ``max |r_i| / (b + |A| |x|)_i`` (Oettli & Prager 1964); `left`: sum of the
-    violations of rows that are not right, each relative to the currents at its row; `right`: that of all other rows,
-    those below ``floor`` times ``(b + |A| |x|)_i`` among them, and what rounding may hide; `share`: smallest ratio of
-    a row's currents to ``(b + |A| |x|)_i``; `log_size`: natural logarithm of the largest residual.
-    """
-
-    backward: float
-    left: float
-    right: float
-    share: float
-    log_size: float
-
-    def plus(self, rest: Imbalance) -> Imbalance:
-        """Together with other rows."""
-        return Imbalance(
-            max(self.backward, rest.backward), self.left + rest.left, self.right + rest.right,
-            min(self.share, rest.share), max(self.log_size, rest.log_size),
-        )  # fmt: skip
-
-
 @inlined
 def _add_inflow(
     r: float, r_low: float, g: float, v: float, v_low: float, own: float, own_low: float, exact: bool
@@ -157,8 +133,8 @@ def _add_inflow(
 def residual(
     matrix: Conductances, current: Numbers, x: Scaled, begin: int, end: int, plain: bool, exact: bool, floor: float,
     kept: float, out: Numbers,
-) -> Imbalance:  # fmt: skip
-    """Residual of KCL of some rows into ``out``, in scaled numbers, and how large it is.
+) -> tuple[float, float, float, float, float]:  # fmt: skip
+    """Residual of KCL of some rows into ``out``, in scaled numbers; returns a `resgrid.solvers.refine.Imbalance`.
 
     Row ``i`` is ``b_i - g_i x_i + sum_j g_ij (x_j - x_i)``: differences come first, so that off-diagonals and row
     excess never meet in a rounded diagonal.  A difference of double-doubles is right to the last digits of a double
@@ -200,7 +176,7 @@ def residual(
         r += r_low
         wrong = 0.0 if abs(r) < _NOTHING else abs(r)
         if not math.isfinite(wrong):
-            return Imbalance(np.inf, np.inf, np.inf, 0.0, np.inf)
+            return np.inf, np.inf, np.inf, 0.0, np.inf
         if wrong > backward * size:
             backward = wrong / size
         if flow < share * size:
@@ -218,4 +194,4 @@ def residual(
                 largest, largest_e = wrong, top
         r_out[i] = r
     log_size = math.log(largest) + largest_e * _LOG_BASE if largest > 0.0 else -np.inf
-    return Imbalance(backward, left, right, share, log_size)
+    return backward, left, right, share, log_size

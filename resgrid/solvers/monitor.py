@@ -7,6 +7,8 @@ import threading
 import time
 from collections.abc import Callable
 
+from resgrid.errors import InputError
+
 Progress = Callable[[int, float, float | None], None]
 """Called after every step of an iteration: steps so far; residual norm relative to where the present pass began; and
 about how many seconds that pass still takes (None where nothing is gained)."""
@@ -36,6 +38,8 @@ class Watch:
     """
 
     def __init__(self, progress: Progress | None = None) -> None:
+        if not (progress is None or callable(progress)):
+            raise InputError(f"progress = {progress!r} must be callable, or None")
         self.iterations = 0
         self.error = self.bound = 0.0
         self._progress = progress

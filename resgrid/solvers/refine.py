@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import reduce
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +26,6 @@ from numpy.typing import NDArray
 from resgrid.solvers.extended import NOISE, Floats, Integers, Numbers, Scaled, canonical, logarithm, power
 from resgrid.solvers.laplacian import Conductances, Laplacian
 from resgrid.solvers.team import ALONE, Team
-
-if TYPE_CHECKING:
-    from resgrid.solvers.extended_kernels import Imbalance
 
 _CONVERGED = 1e-12
 """Componentwise backward error up to which an answer is one, whatever is proved of its entries."""
@@ -83,6 +80,29 @@ class Refined(NamedTuple):
     bound: float
 
 
+class Imbalance(NamedTuple):
+    """How far KCL is from holding.
+
+    `backward`: componentwise backward error ``max |r_i| / (b + |A| |x|)_i`` (Oettli & Prager 1964); `left`: sum of the
+    violations of rows that are not right, each relative to the currents at its row; `right`: that of all other rows,
+    those below ``floor`` times ``(b + |A| |x|)_i`` among them, and what rounding may hide; `share`: smallest ratio of
+    a row's currents to ``(b + |A| |x|)_i``; `log_size`: natural logarithm of the largest residual.
+    """
+
+    backward: float = np.inf
+    left: float = np.inf
+    right: float = np.inf
+    share: float = 0.0
+    log_size: float = np.inf
+
+    def plus(self, rest: Imbalance) -> Imbalance:
+        """Together with other rows."""
+        return Imbalance(
+            max(self.backward, rest.backward), self.left + rest.left, self.right + rest.right,
+            min(self.share, rest.share), max(self.log_size, rest.log_size),
+        )  # fmt: skip
+
+
 def entry_bound(violation: float) -> float:
     """Share of itself by which an entry is off, at most, from the sum of all rows' violations of KCL."""
     return float(np.expm1(2.0 * violation / (1.0 - violation))) if violation < 0.1 else np.inf
@@ -111,12 +131,9 @@ def refine(
     what rounding leaves where conductances differ by more decades than double-doubles hold.  Rows without a digit are
     found ``anew`` where they are few.
     """
-    from resgrid.solvers.extended_kernels import Imbalance
-
     matrix, current = laplacian.conductances, scaled_currents(rhs)
     residual = current[0].copy(), current[1].copy()
-    nothing = Imbalance(backward=np.inf, left=np.inf, right=np.inf, share=0.0, log_size=np.inf)
-    x, best, left = Scaled.of(np.zeros(laplacian.size)), nothing, np.inf
+    x, best, left = Scaled.of(np.zeros(laplacian.size)), Imbalance(), np.inf
     for step in range(1, _MOST_STEPS + 1):
         hopeless = not exact and _HOPELESS < best.backward < np.inf
         some = few_rows(laplacian, residual[0], x, current) if anew and hopeless else None
@@ -130,7 +147,7 @@ def refine(
             found = imbalance(matrix, current, new, residual, floor=floor, kept=kept, team=team)
             now = found.left / _ALLOWED
             if now <= 1.0 and found.share <= _FLAT:
-                exact, best = True, nothing
+                exact, best = True, Imbalance()
         if exact:
             found = imbalance(matrix, current, new, residual, exact=True, team=team)
             now = found.backward / floor
@@ -159,12 +176,12 @@ def imbalance(
     team: Team = ALONE,
 ) -> Imbalance:
     """Residual of KCL into ``out``, as `resgrid.solvers.extended_kernels.residual`; piece by piece."""
-    from resgrid.solvers.extended_kernels import Imbalance, residual
+    from resgrid.solvers.extended_kernels import residual
 
     plain = not (x.exponent.any() or current[1].any())
 
     def some(rows: slice) -> Imbalance:
-        return residual(matrix, current, x, rows.start, rows.stop, plain, exact, floor, kept, out)
+        return Imbalance(*residual(matrix, current, x, rows.start, rows.stop, plain, exact, floor, kept, out))
 
     return reduce(Imbalance.plus, team.over(len(x.hi), some))
 

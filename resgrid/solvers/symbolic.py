@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from resgrid.errors import BudgetError
-from resgrid.jit import ZERO, inlined, kernel, makes_arrays
+from resgrid.jit import ZERO, inlined, interruptible, kernel, makes_arrays
 from resgrid.solvers.extended import Indices, Integers
 from resgrid.solvers.laplacian import MOST_NUMBERED, Laplacian
 from resgrid.solvers.ordering_kernels import minimum_fill, quotient_graph, with_room
@@ -235,6 +235,7 @@ def postorder(pattern: Pattern, before: Indices, parent: Indices, last: Indices,
         order[last[k]] = before[k]
 
 
+@interruptible
 @kernel
 @makes_arrays
 def list_supernodes(

@@ -290,3 +290,21 @@ def one_resistor(amps: float) -> rg.Netlist:
         nonlinear_current=[1.0],
         nonlinear_voltage=[0.1],
     )
+
+
+def test_sources_that_hold_every_node_leave_saturated_resistors_their_currents() -> None:
+    held = rg.Netlist(
+        3,
+        [[1, 0]],
+        [1e-3],
+        source_nodes=[[1, 0], [2, 1]],
+        source_volts=[1.0, 1.0],
+        nonlinear_nodes=[[1, 2], [2, 0]],
+        nonlinear_current=[1e-4] * 2,
+        nonlinear_voltage=[0.1] * 2,
+        current_nodes=[[0, 2]],
+        current_amps=[1e-5],
+    )
+    point = rg.solve(held)
+    np.testing.assert_allclose(point.nonlinear_amps, 1e-4 * np.tanh([-10.0, 20.0]), rtol=1e-12)
+    np.testing.assert_allclose(point.source_current, [-1.09e-3, -1.9e-4], rtol=1e-6)

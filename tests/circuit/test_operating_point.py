@@ -138,3 +138,12 @@ def test_a_grid_that_nothing_drives_is_told_by_the_key_that_would() -> None:
     space = rg.ConfigurationSpace(axes, [[0, 0], [0, 0], [0, 2]])
     with pytest.raises(rg.CircuitError, match=r"nothing is driven: .*\(boundary = 'neumann'\)$"):
         rg.solve(rg.compile_space(space, edge="open"))
+
+
+def test_a_node_held_between_the_rails_has_no_drop_but_a_potential() -> None:
+    """Its drop would be the difference of voltages that are rounded."""
+    held = rg.solve(Netlist(4, [[1, 3], [3, 0]], [1e-3] * 2, source_nodes=[[1, 0], [1, 2]], source_volts=[1.0, 1e-12]))
+    assert held.log_drop is not None
+    assert held.potential is not None
+    np.testing.assert_allclose(held.log_drop, [0.0, -np.inf, np.nan, np.log(0.5)], rtol=1e-15)
+    np.testing.assert_allclose(held.potential, [0.0, 1.0, 1.0, 0.5], rtol=1e-11)

@@ -247,6 +247,8 @@ def test_rails_of_cells_are_refused():
 def test_what_is_no_space_is_refused():
     with pytest.raises(rg.InputError, match="must be a ConfigurationSpace"):
         rg.WarmStart().solve("rooms.toml")
+    with pytest.raises(rg.InputError, match="progress = 1 must be callable"):
+        rg.WarmStart().solve(room((3,)), progress=1)
 
 
 def test_changes_in_several_places_are_joined_where_their_windows_meet():

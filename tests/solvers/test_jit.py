@@ -2,9 +2,12 @@
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
 
 import resgrid
 
@@ -15,6 +18,43 @@ net = np.zeros((3, 2))
 add_flows(np.array([[0, 1]], dtype=np.int32), np.ones(1), np.ones(1), np.zeros(1), *net)
 print(net[0, 1])
 """
+
+_INTERRUPTED = """
+import random, signal, time
+import numpy as np
+import resgrid as rg
+
+def interrupt(number, frame):
+    raise KeyboardInterrupt
+
+cell = np.zeros((40, 40), dtype=np.uint8)
+cell[20, 20] = 2
+netlist = rg.compile_space(rg.ConfigurationSpace([rg.Axis(name, 0.0, 1.0, 40) for name in "xy"], cell))
+rg.solve(netlist)
+start = time.perf_counter()
+voltage = rg.solve(netlist).voltage
+longest, caught = time.perf_counter() - start, 0
+signal.signal(signal.SIGALRM, interrupt)
+draw = random.Random(0)
+for _ in range(400):
+    try:
+        signal.setitimer(signal.ITIMER_REAL, draw.uniform(1e-5, longest))
+        rg.solve(netlist)
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+    except KeyboardInterrupt:
+        caught += 1
+signal.setitimer(signal.ITIMER_REAL, 0.0)
+assert np.array_equal(rg.solve(netlist).voltage, voltage)
+print(caught)
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="the system knows no alarms")
+def test_an_interrupt_at_any_moment_of_a_solve_is_one() -> None:
+    """While numba makes a named tuple of what a loop returns it ended Python; of arrays it was a `SystemError`."""
+    run = subprocess.run([sys.executable, "-c", _INTERRUPTED], capture_output=True, text=True, timeout=300, check=False)
+    assert run.returncode == 0, run.stderr
+    assert int(run.stdout) > 100
 
 
 def test_a_loop_is_compiled_anew_when_one_that_it_calls_has_changed_in_another_file(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inner, kernel, makes_arrays
+from resgrid.jit import inner, interruptible, kernel, makes_arrays
 from resgrid.solvers import ordering_kernels as ordering
 from resgrid.solvers.laplacian import Rows
 from resgrid.solvers.multigrid.graph_sweeps import Graphs
@@ -84,6 +84,7 @@ def coarsen_down(graph: Graph) -> tuple[list[Graph], list[NDArray[np.int32]]]:
     return graphs, targets
 
 
+@interruptible
 @kernel
 @makes_arrays
 def grow_aggregates(graph: Graph, most: int, strict: bool) -> tuple[Indices, int]:
@@ -170,6 +171,7 @@ def _host(indptr: Indices, indices: Indices, conductance: Singles, aggregate: In
     return host
 
 
+@interruptible
 @kernel
 @makes_arrays
 def sum_up(graph: Graph, aggregate: Indices, count: int) -> tuple[Indices, Indices, Singles, Floats]:
@@ -295,6 +297,7 @@ def order_by_colour(indptr: Indices, indices: Indices, window: int) -> Indices:
     return np.concatenate(order)
 
 
+@interruptible
 @kernel
 @makes_arrays
 def _colours(indptr: Indices, indices: Indices) -> tuple[Indices, Indices]:

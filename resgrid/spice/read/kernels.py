@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inner, kernel, makes_arrays
+from resgrid.jit import inner, interruptible, kernel, makes_arrays
 
 Bytes = NDArray[np.uint8]
 
@@ -174,6 +174,7 @@ def _are_alike(text: Bytes, first: int, second: int, size: int) -> bool:
     return True
 
 
+@interruptible
 @kernel
 @makes_arrays
 def number_names(text: Bytes, spans: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
