@@ -69,12 +69,15 @@ class SourceForest:
 
 
 def tie_sources(netlist: Netlist) -> SourceForest:
-    """Build the spanning forest of the voltage sources."""
-    beside: dict[int, list[int]] = {GROUND: []}  # sources at every node
+    """Build the spanning forest of the voltage sources; those that tie a node of their own to ground come last."""
+    nodes = netlist.source_nodes.max(axis=1)
+    leaf = (netlist.source_nodes.min(axis=1) == GROUND) & (nodes != GROUND)
+    leaf &= np.bincount(netlist.source_nodes.ravel(), minlength=netlist.node_count)[nodes] == 1
+    beside: dict[int, list[int]] = {GROUND: []}  # other sources at every node
     ends, volts = netlist.source_nodes.tolist(), netlist.source_volts.tolist()
-    for number, (plus, minus) in enumerate(ends):
-        beside.setdefault(plus, []).append(number)
-        beside.setdefault(minus, []).append(number)
+    for number in np.flatnonzero(~leaf).tolist():
+        for end in ends[number]:
+            beside.setdefault(end, []).append(number)
     exact: dict[int, float | Fraction] = {}  # sums of volts that cancel do so to the last digit
     ties: list[tuple[int, int, int, int]] = []
     for first in sorted(beside):
@@ -90,8 +93,12 @@ def tie_sources(netlist: Netlist) -> SourceForest:
                     tree.append((other, first, node, number))
         ties += tree
     order, base, above, source = np.array(ties, dtype=np.int64).T
-    height, closing = np.array([float(exact[node]) for node, *_ in ties]), np.ones(len(volts), np.bool_)
+    height, closing = np.array([float(exact[node]) for node, *_ in ties]), ~leaf
     closing[source[source >= 0]] = False
+    upright = np.where(netlist.source_nodes[:, 1] == GROUND, 1.0, -1.0)
+    order, height = np.append(order, nodes[leaf]), np.append(height, (upright * netlist.source_volts)[leaf])
+    base, above = (np.append(part, np.full(np.count_nonzero(leaf), GROUND)) for part in (base, above))
+    source = np.append(source, np.flatnonzero(leaf))
     forest = SourceForest(netlist.node_count, order, base, height, above, source, loop=closing)
     if closing.any():
         _check_loops(netlist, forest)

@@ -275,13 +275,16 @@ def _compress(listed: EdgeList | None, size: int) -> Rows:
 def count_connections(laplacian: Laplacian) -> Connections:
     """Count and compare the conductances between rows.
 
-    On a grid no resistors are parallel, but the two across a ring of two cells: no rows are needed.
+    Resistors are counted one by one, unless some are parallel; on a grid, where only the two across a ring of two cells
+    are, no rows are needed.
     """
     from resgrid.solvers.row_kernels import compare_edges
 
-    single = laplacian.grid is not None and laplacian.grid.simple
-    edges = laplacian.listed if single and laplacian.listed else laplacian.as_rows().listed
-    inner, smallest, largest, total, weak = compare_edges(*edges, np.zeros(laplacian.size), WEAK)
+    grid, room = laplacian.grid, np.zeros(laplacian.size)
+    found = compare_edges(*(laplacian.listed or laplacian.as_rows().listed), room, WEAK)
+    if (grid is None or not grid.simple) and 2 * found[0] > len((rows := laplacian.as_rows()).data):
+        found = compare_edges(*rows.listed, np.zeros_like(room), WEAK)
+    inner, smallest, largest, total, weak = found
     present = laplacian.ground[laplacian.ground > 0]
     return Connections(
         entries=2 * inner,

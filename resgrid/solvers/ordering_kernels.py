@@ -11,17 +11,15 @@ Numba takes seconds to import: only functions that are about to solve import thi
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inlined, kernel, makes_arrays
-from resgrid.solvers.extended import Indices
+from resgrid.jit import inlined, interruptible, kernel, makes_arrays
+from resgrid.solvers.extended import Floats, Indices
 
-if TYPE_CHECKING:
-    from scipy import sparse
-
+Singles = NDArray[np.float32]
 
 _WAITS, _JOINS = -1, -2
 """In place of its step of elimination: of a row that is not eliminated, and of one that joins the newest element."""
@@ -37,17 +35,40 @@ def far_share(indptr: Indices, indices: Indices) -> float:
     return float(np.count_nonzero(apart > len(indptr) // 16)) / max(len(some), 1)
 
 
-def renumber(indptr: Indices, indices: Indices, data: NDArray[Any]) -> tuple[sparse.csr_array, Indices]:
-    """The same rows, unsorted, with neighbours together, and their order (n,) (Cuthill & McKee 1969)."""
-    from scipy import sparse
-    from scipy.sparse.csgraph import reverse_cuthill_mckee
+@interruptible
+@kernel
+@makes_arrays
+def renumber(
+    indptr: Indices, indices: Indices, conductance: Singles, leak: Floats
+) -> tuple[tuple[Indices, Indices, Singles, Floats], Indices]:
+    """The same graph, its nodes numbered breadth first and written as they are reached, and their numbers (n,).
 
-    n = len(indptr) - 1
-    array = sparse.csr_array((data, indices, indptr), shape=(n, n))
-    order = reverse_cuthill_mckee(array, symmetric_mode=True)
-    moved, place = array[order], np.empty(n, dtype=np.int32)
-    place[order] = np.arange(n, dtype=np.int32)
-    return sparse.csr_array((moved.data, place[moved.indices], moved.indptr), shape=(n, n)), order
+    So neighbours lie together (Cuthill & McKee 1969).
+    """
+    n, entries = len(leak), len(indices)
+    number, order = np.full(n, -1, np.int32), np.empty(n + 1, np.int32)
+    new_indptr, new_indices = np.zeros(n + 1, np.int32), np.empty(entries, np.int32)
+    new_conductance, new_leak = np.empty(entries, np.float32), np.empty(n)
+    reached, root, size = 0, 0, 0
+    for place in range(n):
+        if place == reached:
+            while number[root] >= 0:
+                root += 1
+            number[root], order[reached] = reached, root
+            reached += 1
+        i = order[place]
+        new_leak[place] = leak[i]
+        for k in range(indptr[i], indptr[i + 1]):
+            j = indices[k]
+            order[reached] = j
+            known = number[j] >= 0
+            number[j] = number[j] if known else reached
+            reached += not known
+            new_indices[size] = number[j]
+            new_conductance[size] = conductance[k]
+            size += 1
+        new_indptr[place + 1] = size
+    return (new_indptr, new_indices, new_conductance, new_leak), number
 
 
 class Quotient(NamedTuple):

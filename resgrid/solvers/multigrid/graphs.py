@@ -217,8 +217,8 @@ def pack_netlist(rows: Rows, ground: Floats, unit: float) -> tuple[Graphs, NDArr
     conductance = np.divide(rows.data, unit, out=np.empty(len(rows.data), np.float32), casting="same_kind")
     graph, number = Graph(rows.indptr, rows.indices, conductance, ground / unit), None
     if ordering.far_share(rows.indptr, rows.indices) > _FAR:
-        moved, order = ordering.renumber(graph.indptr, graph.indices, conductance)
-        graph, number = Graph(moved.indptr, moved.indices, moved.data, graph.leak[order]), inverse_of(order)
+        moved, number = ordering.renumber(*graph)
+        graph = Graph(*moved)
     graphs, targets = coarsen_down(graph)
     if not targets:
         graphs, targets = [graph, graph], [np.arange(graph.size, dtype=np.int32)]
