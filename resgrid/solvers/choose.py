@@ -29,8 +29,8 @@ class Seconds(NamedTuple):
     `row, exact_row`: of factors and substitution but for their entries, and where the answer is the nearest double;
     `entry, product`: an entry of the factors, a product; `order`: an order of minimum fill; `levels`: levels,
     however few the rows, in all; `open, mazy`: directions by multigrid on a grid between rails; `decade`: for every
-    decade that the potential falls; `fed, fed_mazy, fed_sparse, fed_netlist`: directions where one rail is driven;
-    `netlist, netlist_decade`: between rails off grids; `normwise`: voltages alone in narrow corridors.
+    decade that the potential falls (plane, volume); `fed, fed_mazy, fed_sparse, fed_netlist`: directions where one rail
+    is driven; `netlist, netlist_decade`: between rails off grids; `normwise`: voltages alone in narrow corridors.
     """
 
     corridor: tuple[float, float] = (0.5e-6, 0.7e-6)
@@ -43,7 +43,7 @@ class Seconds(NamedTuple):
     levels: float = 4e-3
     open: float = 0.33e-6
     mazy: float = 0.7e-6
-    decade: float = 0.02e-6
+    decade: tuple[float, float] = (0.02e-6, 0.012e-6)
     fed: float = 0.5e-6
     fed_mazy: float = 0.9e-6
     fed_sparse: float = 4e-6
@@ -222,5 +222,5 @@ def multigrid_seconds(laplacian: Laplacian, width: float, fall: float | None) ->
     elif laplacian.grid is None:
         a_row = SECONDS.netlist + SECONDS.netlist_decade * fall
     else:
-        a_row = (SECONDS.mazy if mazy else SECONDS.open) + SECONDS.decade * fall
+        a_row = (SECONDS.mazy if mazy else SECONDS.open) + SECONDS.decade[laplacian.dimensions > 2] * fall
     return SECONDS.levels + a_row * laplacian.size
