@@ -36,16 +36,16 @@ voltage = rg.solve(netlist).voltage
 longest, caught = time.perf_counter() - start, 0
 signal.signal(signal.SIGALRM, interrupt)
 draw = random.Random(0)
-for _ in range(400):
+while caught < 200:
+    start = time.perf_counter()
     try:
         signal.setitimer(signal.ITIMER_REAL, draw.uniform(1e-5, longest))
         rg.solve(netlist)
         signal.setitimer(signal.ITIMER_REAL, 0.0)
+        longest = min(longest, time.perf_counter() - start)
     except KeyboardInterrupt:
         caught += 1
-signal.setitimer(signal.ITIMER_REAL, 0.0)
 assert np.array_equal(rg.solve(netlist).voltage, voltage)
-print(caught)
 """
 
 
@@ -54,7 +54,6 @@ def test_an_interrupt_at_any_moment_of_a_solve_is_one() -> None:
     """While numba makes a named tuple of what a loop returns it ended Python; of arrays it was a `SystemError`."""
     run = subprocess.run([sys.executable, "-c", _INTERRUPTED], capture_output=True, text=True, timeout=300, check=False)
     assert run.returncode == 0, run.stderr
-    assert int(run.stdout) > 100
 
 
 def test_a_loop_is_compiled_anew_when_one_that_it_calls_has_changed_in_another_file(tmp_path: Path) -> None:
