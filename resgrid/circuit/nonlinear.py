@@ -324,16 +324,16 @@ class _Circuit:
             return
         cut = int(np.argmax(surplus))
         inside = (rank <= cut) == (cut < rank[-1])
-        across = np.flatnonzero(np.not_equal(*inside[rows.T]))
-        amps, capacity = abs(float(self.system.injected[inside[:-1]].sum())), float(limit[across].sum())
-        if not across.size or amps < capacity * (1 - _MARGIN):
+        cutting = np.flatnonzero(np.not_equal(*inside[rows.T]))
+        amps, capacity = abs(float(self.system.injected[inside[:-1]].sum())), float(limit[cutting].sum())
+        if not cutting.size or amps < capacity * (1 - _MARGIN):
             return
-        names = netlist.names_of(self.system.netlist.resistor_nodes[across[0]])
+        names = netlist.names_of(self.system.netlist.resistor_nodes[cutting[0]])
         within = inside[self.system.unknown]
         close = "" if amps >= capacity else "may be no operating point, so close are the resistors to I0"
         raise CircuitError(
             f"there {close or 'is no operating point'}: the current sources drive {amps:.6g} A through the "
-            f"{len(across)} nonlinear resistors around {np.count_nonzero(within)} nodes (such as "
+            f"{len(cutting)} nonlinear resistors around {np.count_nonzero(within)} nodes (such as "
             f"{netlist.node_name(int(np.argmax(within)))}), but these (such as the one between {names[0]} and "
             f"{names[1]}) carry less than {capacity:.6g} A, the sum of their I0; feed less current, or raise I0"
         )

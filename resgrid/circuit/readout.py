@@ -96,16 +96,17 @@ def node_values(system: Equations, factors: Factor | None, watch: Watch, team: T
 
 def values_above(system: Equations, heights: NDArray[np.float64]) -> NodeValues:
     """Values of all nodes from their heights above the reference, in volts, (nodes,); no difference is noise."""
-    zero, volts = _unit(system, heights)
-    value = Scaled.of(np.nan_to_num((heights + (system.reference - zero)) / volts))
-    return NodeValues(value._replace(noise=0.0), np.zeros(len(value.hi), np.bool_), zero, volts, 0.0)
+    plain, zero, volts = _in_units(system, heights)
+    value = Scaled.of(np.nan_to_num(plain))
+    return NodeValues(value._replace(noise=0.0), np.zeros(len(plain), np.bool_), zero, volts, 0.0)
 
 
-def _unit(system: Equations, heights: NDArray[np.float64]) -> tuple[float, float]:
-    """From where values are counted that are heights of nodes, and how many volts are one of them."""
-    if system.rails is None:
-        return system.reference, 1.0 if np.any(heights > 0.0) else -1.0
-    return system.rails.low, system.rails.high - system.rails.low
+def _in_units(system: Equations, heights: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, float]:
+    """Heights above the low (or only) rail, in units (nodes,), a new array; that rail's voltage, volts of a unit."""
+    zero, volts = system.reference, 1.0 if np.any(heights > 0.0) else -1.0
+    if system.rails is not None:
+        zero, volts = system.rails.low, system.rails.high - system.rails.low
+    return (heights + (system.reference - zero)) / volts, zero, volts
 
 
 def _drop_and_height(rails: Rails, factors: Factor | None, watch: Watch, team: Team) -> tuple[Scaled, Scaled | None]:
@@ -114,12 +115,13 @@ def _drop_and_height(rails: Rails, factors: Factor | None, watch: Watch, team: T
     All that flows into the low rail comes from the high one: ``to_low * height`` is at most the sum of ``to_high``.
     Where that says that both are needed, they are solved at once.
     """
-    to_low, to_high = rails.to_low, rails.to_high
-    both = team.size > 1 and to_high.sum() < _LEAST_REST * to_low.max(initial=0.0)
-    drop, *height = _solved(factors, [to_low, to_high] if both else [to_low], watch, team)
+    currents = [rails.to_low]
+    if team.size > 1 and (to_high := rails.to_high).sum() < _LEAST_REST * currents[0].max(initial=0.0):
+        currents.append(to_high)
+    drop, *height = _solved(factors, currents, watch, team)
     if drop.plain.max(initial=0.0) < 1.0 - _LEAST_REST:  # the height ``1 - drop`` is nowhere a small difference
         return drop, None
-    return drop, (height or _solved(factors, [to_high], watch, team))[0]
+    return drop, (height or _solved(factors, [rails.to_high], watch, team))[0]
 
 
 def _solved(factors: Factor | None, currents: list[NDArray[np.float64]], watch: Watch, team: Team) -> list[Scaled]:
@@ -186,8 +188,7 @@ def read_normwise(system: Equations, x: NDArray[np.float64], **told: Any) -> Ope
     if not np.isfinite(x).all():
         raise CircuitError(OUT_OF_RANGE)
     heights = system.heights(x)
-    zero, volts = _unit(system, heights)
-    potential = _potential(system, (heights + (system.reference - zero)) / volts)
+    potential = _potential(system, _in_units(system, heights)[0])
     point = OperatingPoint(
         system.netlist, system.above_ground(heights), None, potential, partial(_normwise_readings, system, heights),
         system.floating, system.undriven, **told,

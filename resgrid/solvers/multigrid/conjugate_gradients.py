@@ -80,16 +80,17 @@ def iterate(
         x, size = iterate(laplacian, hierarchy, small[0], rtol, small[1], watch, team)
         with np.errstate(over="ignore"):
             return np.ldexp(x, binades), float(np.ldexp(size, binades))
-    share = b / unit
-    wanted, x = rtol * krylov.norm(share, team), np.zeros((1, len(b)))
+    fed = b / unit
+    wanted = rtol * krylov.norm(fed, team)
     problem: Problem
     if hierarchy.grid is None:
-        problem = GraphProblem(laplacian, hierarchy, b, x, team)
+        problem = GraphProblem(laplacian, hierarchy, b, team)
     else:
         currents, x = np.zeros((2, 2, len(hierarchy.grid.aggregate)))
-        currents.ravel()[slot] = share
-        del share
+        currents.ravel()[slot] = fed
         problem = GridProblem(hierarchy.grid, hierarchy.levels, currents, x, team)
+    del fed
+    x = problem.x
     if guess is not None:
         x.ravel()[slot] = guess
     stop = Stop(wanted, ROUNDING * hierarchy.largest_degree / unit, unit, guess, rtol)

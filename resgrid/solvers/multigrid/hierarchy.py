@@ -256,8 +256,8 @@ class GraphProblem:
 
     relaxes = False
 
-    def __init__(self, laplacian: Laplacian, hierarchy: Hierarchy, b: Floats, x: Floats, team: Team) -> None:
-        self.x, self.team, self._graphs = x, team, hierarchy.levels.graphs
+    def __init__(self, laplacian: Laplacian, hierarchy: Hierarchy, b: Floats, team: Team) -> None:
+        self.x, self.team, self._graphs = np.zeros((1, len(b))), team, hierarchy.levels.graphs
         self.vectors = krylov.vectors_over(self._graphs.inverse[: len(b)])
         self._matrix, self._b = laplacian.conductances, b
         self._slot, self._unit, self._work = hierarchy.slot, hierarchy.unit, work_space(self._graphs)
