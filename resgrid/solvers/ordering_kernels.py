@@ -14,12 +14,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from resgrid.jit import inlined, interruptible, kernel, makes_arrays
-from resgrid.solvers.extended import Floats, Indices
-
-Singles = NDArray[np.float32]
+from resgrid.solvers.extended import Floats, Indices, Singles
 
 _WAITS, _JOINS = -1, -2
 """In place of its step of elimination: of a row that is not eliminated, and of one that joins the newest element."""

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.jit import ZERO, inner, kernel, makes_arrays
+from resgrid.solvers.extended import Indices, Integers, Singles
 from resgrid.solvers.multigrid.grid_level import WEAK, Level, level_of
-from resgrid.solvers.multigrid.red_black import Edges, Indices, Integers, Lattice, Singles
+from resgrid.solvers.multigrid.red_black import Edges, Lattice
 from resgrid.solvers.row_kernels import find, join
 
 

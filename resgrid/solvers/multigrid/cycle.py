@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from resgrid.jit import ZERO, inner, kernel
 from resgrid.solvers import machine
+from resgrid.solvers.extended import Floats, Integers, Singles
 from resgrid.solvers.machine import doubles, flush_subnormals, restore_subnormals, singles
 from resgrid.solvers.multigrid import sweeps
 from resgrid.solvers.multigrid.graph_sweeps import (
@@ -27,7 +28,6 @@ from resgrid.solvers.multigrid.graph_sweeps import (
     solve_coarsest,
 )
 from resgrid.solvers.multigrid.levels import Row, combine, copy, slab_of, take_step
-from resgrid.solvers.multigrid.red_black import Floats, Integers, Singles
 from resgrid.solvers.multigrid.sweeps import (
     CLEAR,
     COMBINE,

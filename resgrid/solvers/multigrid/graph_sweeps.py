@@ -8,11 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.jit import inner_fast, kernel
+from resgrid.solvers.extended import Floats, Integers, Singles
 from resgrid.solvers.machine import flush_subnormals, restore_subnormals
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Singles = NDArray[np.float32]
 Unsigned = NDArray[np.uint32]
 """Indices without a sign: compiled code need not ask whether one counts from the end."""
 

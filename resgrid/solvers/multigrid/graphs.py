@@ -7,20 +7,16 @@ windows: the ends of its loops can then be foreseen, which is half of the time.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.jit import inner, interruptible, kernel, makes_arrays
 from resgrid.solvers import ordering_kernels as ordering
+from resgrid.solvers.extended import Floats, Indices, Reals, Singles
 from resgrid.solvers.laplacian import Rows
 from resgrid.solvers.multigrid.graph_sweeps import Graphs
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int32]
-Singles = NDArray[np.float32]
-Reals = NDArray[np.floating[Any]]
 
 _COARSEST = 250
 _MOST_LEVELS = 40

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.solvers import machine
+from resgrid.solvers.extended import Floats, Singles
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.multigrid import krylov
 from resgrid.solvers.multigrid.blocks import coarsen
@@ -31,7 +32,7 @@ from resgrid.solvers.multigrid.levels import (
     blocks_of,
     slabs_of,
 )
-from resgrid.solvers.multigrid.red_black import Floats, Singles, Stencil
+from resgrid.solvers.multigrid.red_black import Stencil
 from resgrid.solvers.row_kernels import row_residual
 from resgrid.solvers.team import ALONE, Team
 

@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from resgrid.jit import inner_fast, kernel, kernel_fast
+from resgrid.solvers.extended import Floats, Reals, Singles
 from resgrid.solvers.multigrid.levels import Slab, blocks_of, slabs_of
-from resgrid.solvers.multigrid.red_black import BLACK, RED, Floats, Reals, Singles, Stencil, products, relax
+from resgrid.solvers.multigrid.red_black import BLACK, RED, Stencil, products, relax
 from resgrid.solvers.team import ALONE, Team
 
 _DEPTH = 3

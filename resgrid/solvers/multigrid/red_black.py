@@ -11,19 +11,14 @@ beside the grid, is a coupling.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
 from resgrid.jit import inner, inner_fast
-
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Indices = NDArray[np.int32]
-Integers = NDArray[np.int64]
-Reals = NDArray[np.floating[Any]]
+from resgrid.solvers.extended import Floats, Indices, Integers, Reals
 
 RED, BLACK = cast(int, np.int64(0)), cast(int, np.int64(1))
 """The colours of cells, by the parity of their indices' sum."""

@@ -12,6 +12,7 @@ from typing import cast
 import numpy as np
 
 from resgrid.jit import ZERO, inner, inner_fast
+from resgrid.solvers.extended import Indices, Reals, Singles
 from resgrid.solvers.machine import doubles, indices, singles
 from resgrid.solvers.multigrid.levels import (
     Row,
@@ -26,7 +27,7 @@ from resgrid.solvers.multigrid.levels import (
     scale,
     take_step,
 )
-from resgrid.solvers.multigrid.red_black import BLACK, Indices, Reals, Singles, relax
+from resgrid.solvers.multigrid.red_black import BLACK, relax
 
 CLEAR, ELIMINATE, RESTRICT, RELAX, RAISE, COMBINE, PUT_BACK, TAKE, MULTIPLY = (cast(int, np.int64(k)) for k in range(9))
 """The sweeps; no literals, as `resgrid.jit.ZERO`.
