@@ -9,9 +9,9 @@ than that share.  By the matrix-tree theorem every entry of ``A^-1`` is a ratio 
 them, in which each row has one conductance above and one below at most.  So every entry of ``A^-1 b``, be it the
 smallest, is off by a share of at most ``2 sum_i e_i`` (for shares that are all alike: O'Cinneide 1993).
 
-Coarse levels see little of slits, along which the potential falls by decades within a few cells.  Where what a pass
-over the whole circuit leaves is larger than the potential itself, and rows are few, it is found there directly from
-what flows in, all decades at once: every number is positive.
+Coarse levels see little of slits, along which the potential falls by decades within a few cells, and every pass gains
+some fifteen decades.  Where what it leaves is larger than the potential itself, and rows are few, it is found there
+directly from what flows in, all decades at once: every number is positive.
 """
 
 from __future__ import annotations
@@ -55,14 +55,12 @@ _DIFFERENCE = 4.0
 _FLAT = 1e-14
 """Share of currents in ``(b + |A| |x|)_i`` below which they may be what rounding leaves of none."""
 
-_STEPS = 8
-"""Steps around a row that are solved for with it."""
+_STEPS, _FEWEST_STEPS, _LEAST = 8, 2, 128
+"""Steps around a row that are solved for with it, fewer where half of what is allowed is reached; more up to a share of
+all rows, one in so many: along a slit all that lies below changes with what lies above."""
 
-_MOST, _SHARE = 20_000, 16
-"""Rows that are solved directly, at most: so many, or one in so many of all."""
-
-_LEAST = 8
-"""One of so many of these are solved at least: along a slit all that lies below changes with what lies above."""
+_MOST, _MOST_OF_PLANE, _SHARE = 20_000, 100_000, 10
+"""Rows that are solved directly, at most: so many, on a plane more, or one in so many of all."""
 
 Approximation = Callable[[Floats, Integers, float], Numbers]
 """About ``A^-1`` times scaled numbers, right to a share (the third argument) of the largest; may be better."""
@@ -243,9 +241,13 @@ def few_rows(laplacian: Laplacian, left: Floats, x: Scaled, current: Numbers) ->
 
 def _around(laplacian: Laplacian, rows: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
     """Some rows, and all that are few steps away; None for too many.  Shapes: `rows` (n,); returns (n,)."""
-    most, edge = min(_MOST, laplacian.size // _SHARE), np.flatnonzero(rows)
+    plane = laplacian.grid is not None and laplacian.dimensions == 2
+    most, edge = min(_MOST_OF_PLANE if plane else _MOST, laplacian.size // _SHARE), np.flatnonzero(rows)
     seen, count, steps = rows.copy(), len(edge), 0
-    while len(edge) and count <= most and (steps < _STEPS or count < most // _LEAST):
+    while len(edge) and count <= most:
+        wanted = _STEPS if 2 * count < most else _FEWEST_STEPS
+        if steps >= wanted and count >= laplacian.size // _LEAST:
+            break
         around = laplacian.edges[edge].indices
         edge = np.unique(around[~seen[around]])
         seen[edge] = True

@@ -22,7 +22,7 @@ def conductances_by_row(
 
     Shapes: `indptr` (n + 1,), comes as 0; `indices, data` (2 m,): room for all entries.
     """
-    size, end = len(indptr) - 1, 0
+    size = len(indptr) - 1
     for k in range(len(pairs)):
         i, j = row[pairs[k, 0]], row[pairs[k, 1]]
         if i >= 0 and j >= 0 and i != j:
@@ -39,32 +39,39 @@ def conductances_by_row(
             indices[back[lower]], data[back[lower]] = upper, conductance[k]
             indices[front[upper]], data[front[upper]] = lower, conductance[k]
             front[upper] += 1
+    descents = 0
     for i in range(size):
-        begin, indptr[i] = indptr[i], end
-        sort(indices, data, begin, indptr[i + 1])
-        for k in range(begin, indptr[i + 1]):
-            if k > begin and indices[k] == indices[end - 1]:
-                data[end - 1] += data[k]
-            else:
-                indices[end], data[end] = indices[k], data[k]
-                end += 1
-    indptr[size] = end
+        for k in range(indptr[i] + 1, indptr[i + 1]):
+            descents += indices[k] <= indices[k - 1]
+    if descents > 0:
+        _sort_and_sum(indptr, indices, data)
 
 
 @inner
-def sort(keys: Indices, values: Floats | Indices, begin: int, end: int) -> None:
-    """Sort a part of an array, and what belongs to its entries, or itself once more (Shell 1959)."""
-    gap = 1
-    while 16 * gap < end - begin:
-        gap = 3 * gap + 1
-    while gap > 0:
-        for k in range(begin + gap, end):
-            key, value, at = keys[k], values[k], k
-            while at >= begin + gap and keys[at - gap] > key:
-                keys[at], values[at] = keys[at - gap], values[at - gap]
-                at -= gap
-            keys[at], values[at] = key, value
-        gap //= 3
+@makes_arrays
+def _sort_and_sum(indptr: Indices, indices: Indices, data: Floats) -> None:
+    """Sort symmetric rows, by writing them as columns, row by row, and sum what stands twice."""
+    size, end, fill, columns, values = (
+        len(indptr) - 1,
+        0,
+        indptr[:-1].copy(),
+        np.empty_like(indices),
+        np.empty_like(data),
+    )
+    for i in range(size):
+        for k in range(indptr[i], indptr[i + 1]):
+            j = indices[k]
+            columns[fill[j]], values[fill[j]] = i, data[k]
+            fill[j] += 1
+    for i in range(size):
+        begin, indptr[i] = indptr[i], end
+        for k in range(begin, indptr[i + 1]):
+            if k > begin and columns[k] == indices[end - 1]:
+                data[end - 1] += values[k]
+            else:
+                indices[end], data[end] = columns[k], values[k]
+                end += 1
+    indptr[size] = end
 
 
 @inner

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from resgrid.jit import inner, interruptible, kernel, makes_arrays
 from resgrid.solvers import ordering_kernels as ordering
-from resgrid.solvers.extended import Floats, Indices, Reals, Singles
+from resgrid.solvers.extended import Floats, Indices, Integers, Reals, Singles
 from resgrid.solvers.laplacian import Rows
 from resgrid.solvers.multigrid.graph_sweeps import Graphs
 
@@ -246,7 +246,9 @@ def pack_graphs(graphs: list[Graph], targets: list[NDArray[np.int32]]) -> tuple[
         coarsest=inverse_matrix(graphs[-1]),
     )
     for level, graph in enumerate(graphs):
-        lay_rows(graph, order[level], rank[level], first[level], entry[level], packed)
+        length = np.diff(graph.indptr)[order[level]]
+        lay_rows(graph, rank[level], entry[level] + np.cumsum(length) - length, first[level], packed)
+    packed.indptr[nodes] = entries
     for level, target in enumerate(targets):
         own = rank[level + 1][target[order[level]]]
         np.add(own, first[level + 1], out=packed.aggregate[first[level] : first[level + 1]], casting="unsafe")
@@ -317,27 +319,29 @@ def _colours(indptr: Indices, indices: Indices) -> tuple[Indices, Indices]:
 
 
 @kernel
-def lay_rows(graph: Graph, order: Indices, rank: Indices, first: int, entry: int, packed: Graphs) -> None:
-    """Write the rows of a level behind those before it: earlier neighbours first, the others from ``middle`` on."""
+def lay_rows(graph: Graph, rank: Indices, begin: Integers, first: int, packed: Graphs) -> None:
+    """Write the rows of a level behind those before it: earlier neighbours first, the others from ``middle`` on.
+
+    They are read as they come, for to wait for what is read takes longer than to write here and there.
+
+    Shapes: `begin` (n,): where the row of every slot begins.
+    """
     indptr, indices, conductance, leak = graph
-    begin = entry
-    for slot in range(len(order)):
-        i = order[slot]
-        end = begin + indptr[i + 1] - indptr[i]
-        packed.indptr[first + slot] = begin
-        front, back, degree = begin, end - 1, leak[i]
+    for i in range(len(rank)):
+        slot, length = rank[i], indptr[i + 1] - indptr[i]
+        at = first + slot
+        front, back, degree = begin[slot], begin[slot] + length - 1, leak[i]
+        packed.indptr[at] = front
         for k in range(indptr[i], indptr[i + 1]):
             neighbour = rank[indices[k]]
             degree += conductance[k]
             earlier = neighbour < slot
-            at = front if earlier else back
+            place = front if earlier else back
             front += earlier
             back -= not earlier
-            packed.indices[at] = first + neighbour
-            packed.conductance[at] = conductance[k]
-        packed.middle[first + slot] = front
-        packed.leak[first + slot] = leak[i]
-        packed.degree[first + slot] = degree
-        packed.inverse[first + slot] = 1.0 / degree if degree > 0.0 else 0.0
-        begin = end
-    packed.indptr[first + len(order)] = begin
+            packed.indices[place] = first + neighbour
+            packed.conductance[place] = conductance[k]
+        packed.middle[at] = front
+        packed.leak[at] = leak[i]
+        packed.degree[at] = degree
+        packed.inverse[at] = 1.0 / degree if degree > 0.0 else 0.0
