@@ -226,17 +226,18 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
     contacts = room[: join_parts(elements, part, room)].copy()
     join_parts(netlist.source_nodes, part, room)
     number = number_parts(part)
-    lowest, highest = np.full(number, np.inf), np.full(number, -np.inf)
     ends = np.take(elements, contacts, axis=0)
     here = part[ends]
-    volts, held = forest.offset[ends[here < 0]], here.max(axis=1)
-    np.minimum.at(lowest, held, volts)
-    np.maximum.at(highest, held, volts)
+    tied, held = ends[here < 0], here.max(axis=1)
+    lowest, highest = _range(forest.offset[tied], held, number)
     fed = np.zeros(number + 1, dtype=np.bool_)  # the last one for what is tied to ground
     for end in netlist.current_nodes.T:
         fed[np.take(part, end)[netlist.current_amps != 0]] = True
     fed[part[forest.order[(forest.base != GROUND) & (forest.height != 0)]]] = True
     fed = fed[:number]
+    if forest.rest.any():
+        least, most = _range(forest.offset_rest[tied], held, number)
+        fed |= most > least
     parts = Parts(part, lowest, highest, fed, contacts)
     if np.any(fed & parts.floating):
         into = netlist.current_nodes[netlist.current_amps != 0].ravel()
@@ -247,6 +248,14 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
                 "its voltage has no bound, or none that is known; add a resistor to a rail or remove the source"
             )
     return parts
+
+
+def _range(values: NDArray[np.float64], group: NDArray[np.int32], count: int) -> NDArray[np.float64]:
+    """The least and the greatest value (k,) of every group, shape (2, groups); infinite where there is none."""
+    lowest, highest = found = np.array([[np.inf], [-np.inf]]).repeat(count, axis=1)
+    np.minimum.at(lowest, group, values)
+    np.maximum.at(highest, group, values)
+    return found
 
 
 def contacts_of(

@@ -48,29 +48,33 @@ class Falls(NamedTuple):
     `falls` (resistors,): voltage of the first end above the second one's; `heights` (n,): of the rows above the
     reference, in volts; `doubt`: the most by which the last correction has changed a current, relative to what flows
     through either end; `excused` (nodes,): whether a current counts as none there that others, of 1e-28 of the largest
-    at most, may not add up without; `factors`: those that they were found with.
+    at most, may not add up without; `factors`: those that they were found with, if there are rows.
     """
 
     falls: NDArray[np.float64]
     heights: NDArray[np.float64]
     doubt: float
     excused: NDArray[np.bool_]
-    factors: DirectFactor
+    factors: DirectFactor | None
 
 
 def balance(system: Equations) -> Falls | None:
-    """Falls that balance at every row; None where there is none, or too little memory for the factors."""
+    """Falls that balance at every row; None where there is too little memory for the factors."""
+    netlist, none, forest = system.netlist, np.zeros(system.size), system.forest
+    ends, rows = netlist.resistor_nodes, system.unknown[netlist.resistor_nodes]
+    held = np.where(system.unknown >= 0, forest.offset, np.nan_to_num(system.known_voltages()))
+    still = np.zeros(netlist.node_count, dtype=np.bool_)
+    still[system.floating] = still[system.undriven] = True
+    flows = ~still[ends].any(axis=1)
+    one, other = ((flows * held[end], flows * forest.offset_rest[end]) for end in ends.T)
+    falls, excused = _plus(one, -other[0], -other[1]), np.zeros(netlist.node_count, dtype=np.bool_)
     if not system.size:
-        return None
+        return Falls(falls[0], none, 0.0, excused, None)
     try:
         direct = factor_laplacian(system.laplacian, "direct")
     except BudgetError:
         return None
     assert isinstance(direct, DirectFactor)
-    netlist, none = system.netlist, np.zeros(system.size)
-    ends, rows = netlist.resistor_nodes, system.unknown[netlist.resistor_nodes]
-    held = np.where(system.unknown >= 0, system.forest.offset, np.nan_to_num(system.known_voltages()))
-    falls = _plus((np.take(held, ends[:, 0]), np.zeros(len(ends))), -np.take(held, ends[:, 1]))
     heights, worst = (none - system.reference, none), np.inf
     net, through = _residual(system, rows, falls)
     for _ in range(_MOST_STEPS):
@@ -92,7 +96,7 @@ def balance(system: Equations) -> Falls | None:
         worst = float(share.max(where=~faint, initial=0.0))
         if worst <= _CERTAIN and not (faint & ~least).any():
             break
-    excused, faint = np.zeros(netlist.node_count, dtype=np.bool_), faint | (least & (amps > 0.0))
+    faint |= least & (amps > 0.0)
     if faint.any():
         none_flows = _around(ends, netlist.node_count, amps <= amps[faint].max(), faint)
         falls[0][none_flows] = 0.0

@@ -95,10 +95,11 @@ def _solved(netlist: Netlist, accuracy: str, method: str, rtol: float, team: Tea
 def _asks_for_balance(system: Equations, point: OperatingPoint) -> bool:
     """Whether differences of voltages may not tell all currents.
 
-    They do not where currents do not add up; rounding may hide some where floating sources drive others around, and
-    where conductances differ by many decades, or both signs drive: small circuits are balanced then.
+    They do not where currents do not add up; rounding may hide some where floating sources drive others around, where
+    voltages are sums of sources', and where conductances differ by many decades, or both signs drive: small circuits
+    are balanced then.
     """
-    if system.forest.lift > 0.0 or point.kcl_residual > DIRECTION_RESIDUAL:
+    if system.forest.lift > 0.0 or system.forest.rest.any() or point.kcl_residual > DIRECTION_RESIDUAL:
         return True
     if not 0 < system.size <= EXACT_ROWS:
         return False

@@ -29,14 +29,16 @@ class SourceForest:
 
     `count`: number of nodes of the circuit; `order` (tied nodes,): the nodes that sources tie, and ground; parents
     before children; `base` (tied nodes,): node that the voltage of each is counted from: ground, or its tree's first
-    node; `height` (tied nodes,): its voltage above that node, in volts; `above, source` (tied nodes,): its parent,
-    and the source that ties it there; -1 for roots; `loop` (sources,): sources that belong to a loop of sources.
+    node; `height, rest` (tied nodes,): its voltage above that node, in volts, and what rounding leaves of it; `above,
+    source` (tied nodes,): its parent, and the source that ties it there; -1 for roots; `loop` (sources,): sources that
+    belong to a loop of sources.
     """
 
     count: int
     order: NDArray[np.int64]
     base: NDArray[np.int64]
     height: NDArray[np.float64]
+    rest: NDArray[np.float64]
     above: NDArray[np.int64]
     source: NDArray[np.int64]
     loop: NDArray[np.bool_]
@@ -63,9 +65,17 @@ class SourceForest:
     @property
     def offset(self) -> NDArray[np.float64]:
         """Voltage of every node above its root, in volts, shape (nodes,)."""
-        offset = np.zeros(self.count)
-        offset[self.order] = self.height
-        return offset
+        return self._at_nodes(self.height)
+
+    @property
+    def offset_rest(self) -> NDArray[np.float64]:
+        """What rounding leaves of the `offset`, in volts, shape (nodes,)."""
+        return self._at_nodes(self.rest)
+
+    def _at_nodes(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        at_nodes = np.zeros(self.count)
+        at_nodes[self.order] = values
+        return at_nodes
 
 
 def tie_sources(netlist: Netlist) -> SourceForest:
@@ -93,13 +103,19 @@ def tie_sources(netlist: Netlist) -> SourceForest:
                     tree.append((other, first, node, number))
         ties += tree
     order, base, above, source = np.array(ties, dtype=np.int64).T
-    height, closing = np.array([float(exact[node]) for node, *_ in ties]), ~leaf
+    try:
+        height, closing = np.array([float(exact[node]) for node, *_ in ties]), ~leaf
+    except OverflowError:
+        text = "voltage sources in series exceed 1.8e308 V, the range of double precision; check their units"
+        raise CircuitError(text) from None
     closing[source[source >= 0]] = False
     upright = np.where(netlist.source_nodes[:, 1] == GROUND, 1.0, -1.0)
     order, height = np.append(order, nodes[leaf]), np.append(height, (upright * netlist.source_volts)[leaf])
     base, above = (np.append(part, np.full(np.count_nonzero(leaf), GROUND)) for part in (base, above))
-    source = np.append(source, np.flatnonzero(leaf))
-    forest = SourceForest(netlist.node_count, order, base, height, above, source, loop=closing)
+    source, rest = np.append(source, np.flatnonzero(leaf)), np.zeros(len(order))
+    rounded = [number for number, (node, *_) in enumerate(ties) if isinstance(exact[node], Fraction)]
+    rest[rounded] = [float(exact[ties[number][0]] - Fraction(height[number])) for number in rounded]
+    forest = SourceForest(netlist.node_count, order, base, height, rest, above, source, loop=closing)
     if closing.any():
         _check_loops(netlist, forest)
         _mark_loops(netlist, forest)

@@ -54,7 +54,7 @@ def stiff_circuits(draw: st.DrawFn) -> rg.Netlist:
         pairs,
         10.0 ** (decades / 2 * exponent),
         np.reshape(sources, (-1, 2)),
-        rng.choice([1.0, 2.0, -1.0, 0.25, 5.0, 2.0**-20], len(sources)),  # their sums are doubles
+        rng.choice([-1.0, 1.0], len(sources)) * 10.0 ** rng.uniform(-12.0, 4.0, len(sources)),
         current_nodes=np.reshape(fed, (-1, 2)),
         current_amps=10.0 ** rng.uniform(-9, 0, len(fed)),
     )

@@ -97,3 +97,24 @@ def test_a_floating_source_keeps_its_digits_beside_larger_currents() -> None:
     op = solve(netlist)
     assert op.source_current[1] == pytest.approx(-op.resistor_current[4], rel=1e-9)
     assert op.source_current == pytest.approx([0.9992999995288989, -4.0100089990953797e-10, -499999999.0007], rel=1e-9)
+
+
+@pytest.mark.parametrize(("volts", "step"), [(1e3, 1e-9), (1e6, 1e-9), (1e6, 1e-11), (0.1, 0.2)])
+def test_a_small_source_high_above_ground_drives_what_it_says(volts: float, step: float) -> None:
+    """What it drives is no difference of rounded voltages: 1e-11 V at 1 MV is below their last digit."""
+    pairs = [(2, 1, 1e3), (2, 3, 1e3), (3, 1, 1e3 / 3)]
+    point = solve(circuit(4, pairs, [(1, 0, volts), (2, 1, step)]))
+    assert point.resistor_current == pytest.approx(np.array([1e-3, 7.5e-4, 7.5e-4]) * step, rel=1e-12)
+    assert point.source_current[1] == pytest.approx(-1.75e-3 * step, rel=1e-12)
+    assert solve(circuit(3, pairs[:1], [(1, 0, volts), (2, 1, step)])).resistor_current == pytest.approx(1e-3 * step)
+
+
+def test_dead_ends_at_a_sum_of_sources_carry_nothing() -> None:
+    point = solve(circuit(5, [(2, 1, 1.0), (2, 3, 1.0), (4, 2, 1.0)], [(1, 0, 0.1), (2, 1, 0.2)]))
+    assert not point.resistor_current[1:].any()
+    assert point.undriven.tolist() == [3, 4]
+
+
+def test_sources_in_series_beyond_the_range_of_doubles_are_refused() -> None:
+    with pytest.raises(CircuitError, match="in series exceed"):
+        solve(circuit(3, [(2, 1, 1.0)], [(1, 0, 1e308), (2, 1, 1e308)]))
