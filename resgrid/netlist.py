@@ -181,6 +181,8 @@ class Netlist:
                     f"nonlinear resistor {bad} between nodes {self.nonlinear_nodes[bad].tolist()} has {name} = "
                     f"{getattr(self, name)[bad]} {unit}; it must be positive"
                 )
+        if not isinstance(self.cell_map, CellMap | None):
+            raise InputError(f"cell_map = {self.cell_map!r} must be what compile_space makes, or None")
         if not (self.node_names is None or isinstance(self.node_names, Sequence)):
             raise InputError(f"node_names = {self.node_names!r} must be a list of texts, one a node")
         if self.node_names is not None and len(self.node_names) != self.node_count:
@@ -220,8 +222,14 @@ class Netlist:
         return self.names_of(np.array([node]))[0]
 
     def names_of(self, nodes: ArrayLike) -> list[str]:
-        """Names of nodes, shape (n,), made in bulk."""
-        wanted = np.asarray(nodes, dtype=np.int64)
+        """Names of nodes, shape (n,), made in bulk.
+
+        Raises
+        ------
+        InputError
+            If there is no such node.
+        """
+        wanted = _numbers("nodes", nodes, self.node_count, 0).astype(np.int64)
         if self.node_names is not None:
             return [self.node_names[node] for node in wanted.tolist()]
         if self.cell_map is None:
@@ -355,14 +363,14 @@ def _all_within(value: NDArray[np.float64], low: float, high: float) -> bool:
     return not value.size or bool(low < value.min() and value.max() < high)
 
 
-def _numbers(name: str, value: ArrayLike, node_count: int) -> NDArray[np.int32]:
+def _numbers(name: str, value: ArrayLike, node_count: int, width: int = 2) -> NDArray[np.int32]:
     array = real_numbers(name, value)
     if array.size and array.dtype.kind not in "iu":
         raise InputError(f"{name} must hold node numbers, got {array.dtype}")
     bits = np.ascontiguousarray(array).view(f"u{array.itemsize}")  # where negative numbers are huge
     if array.size and not bits.max() < node_count:
         raise InputError(f"{name} names a node outside 0 ... {node_count - 1}")
-    return _column(name, array, 2, np.int32)
+    return _column(name, array, width, np.int32)
 
 
 def _column(name: str, value: ArrayLike, width: int, dtype: Any) -> NDArray[Any]:

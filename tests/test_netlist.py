@@ -1,8 +1,11 @@
+from collections.abc import Callable
+
 import networkx as nx
 import numpy as np
 import pytest
 from support.spaces import space_of
 
+from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
@@ -129,3 +132,20 @@ def test_a_netlist_is_not_changed_through_the_arrays_that_it_was_made_from() -> 
 def test_masked_numbers_are_refused() -> None:
     with pytest.raises(InputError, match="none masked"):
         Netlist(3, [[1, 2], [2, 0]], np.ma.masked_equal([1e-3, -1.0], -1.0))
+
+
+@pytest.mark.parametrize(
+    ("ask", "message"),
+    [
+        (lambda netlist: netlist.replace(cell_map=3), "cell_map = 3 must be what compile_space makes"),
+        (lambda netlist: netlist.node_name("a"), "nodes must be an array of real numbers"),
+        (lambda netlist: netlist.node_name(-1), "nodes names a node outside 0 ... 2"),
+        (lambda netlist: netlist.names_of([0, 3]), "nodes names a node outside 0 ... 2"),
+        (lambda netlist: netlist.names_of([0.5]), "nodes must hold node numbers"),
+        (lambda netlist: netlist.names_of([[1]]), r"nodes has shape \(1, 1\)"),
+        (lambda netlist: solve(netlist).is_of(3), "netlist is of type int; give a Netlist"),
+    ],
+)
+def test_questions_that_make_no_sense_are_refused(ask: Callable[[Netlist], object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        ask(Netlist(3, [[1, 2], [2, 0]], [1.0, 1.0], source_nodes=[[1, 0]], source_volts=[1.0]))

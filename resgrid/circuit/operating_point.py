@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.errors import InputError
 from resgrid.frozen import frozen, lock, picture_html
 from resgrid.netlist import Netlist
 from resgrid.solvers.extended import Numbers, logarithm
@@ -120,6 +121,8 @@ class OperatingPoint:
     def is_of(self, netlist: Netlist) -> bool:
         """Whether a netlist has the same resistors and sources, so that this is its operating point too."""
         one, other = self.netlist, netlist
+        if not isinstance(other, Netlist):
+            raise InputError(f"netlist is of type {type(other).__name__}; give a Netlist")
         return one is other or all(np.array_equal(getattr(one, part), getattr(other, part)) for part in _DIRECT_CURRENT)
 
     @cached_property
