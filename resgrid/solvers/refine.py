@@ -40,11 +40,11 @@ _ALLOWED = 2e-9
 """Violations of KCL, summed over the rows that are not right, that refinement leaves: entries are right to 4e-9, and to
 the rounding of the rows' sums, some 4e-9 for a million rows."""
 
-_MARGIN = 0.1
+_MARGIN = 0.03
 """Share of what is allowed that the last pass aims at."""
 
-_HOPELESS = 1e-3
-"""Componentwise backward error above which some voltages have no digit right."""
+_HOPELESS = 1e-4
+"""Componentwise backward error above which some voltages have few digits right, or none."""
 
 _PROVED = 1e-6
 """Bound on the errors of entries up to which an answer is one, whatever its backward error."""
