@@ -142,7 +142,7 @@ def _kept(function: _Loop, options: dict[str, Any]) -> _Loop:
     loop = _compiled(function, options)
     kept = getattr(getattr(loop, "_cache", None), "_cache_file", None)
     if kept is not None:
-        kept._source_stamp = (kept._source_stamp, _stamp())
+        kept._version = (kept._version, _stamp())  # which is read before names of classes, some of which may be gone
     return loop
 
 

@@ -73,3 +73,24 @@ def test_a_loop_is_compiled_anew_when_one_that_it_calls_has_changed_in_another_f
     assert head in source
     called.write_text(source.replace(head, head + "    a = 2.0 * a + 2.0 * b\n    b = 0.0\n"))
     assert told() == 2.0
+
+
+def test_what_was_kept_of_classes_that_are_gone_is_compiled_anew(tmp_path: Path) -> None:
+    """What numba keeps names the classes of arguments: a new version need not have them any more."""
+    package, kept = tmp_path / "resgrid", tmp_path / "kept"
+    shutil.copytree(Path(resgrid.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
+    environment = os.environ | {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(kept)}
+    solve = "import numpy as np, resgrid as rg; print(rg.solve(rg.Netlist(3, [[1, 2], [2, 0]], [1.0, 1.0],"
+    solve += " source_nodes=[[1, 0]], source_volts=[1.0])).voltage[2])"
+
+    def told() -> float:
+        run = subprocess.run(
+            [sys.executable, "-c", solve], env=environment, cwd=tmp_path, capture_output=True, text=True, check=True
+        )
+        return float(run.stdout)
+
+    assert told() == 0.5
+    assert any(b"Graph" in index.read_bytes() for index in kept.rglob("*.nbi"))
+    for file in package.rglob("*.py"):
+        file.write_text(file.read_text().replace("Graph", "Renamed"))
+    assert told() == 0.5
