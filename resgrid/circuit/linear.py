@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.circuit.equations import Equations, assemble
-from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.circuit.operating_point import OperatingPoint, Readings
 from resgrid.circuit.readout import DIRECTION_RESIDUAL, node_values, read_entrywise, read_normwise, values_above
 from resgrid.errors import AccuracyError
 from resgrid.netlist import Netlist
 from resgrid.solvers.choose import factor_laplacian
+from resgrid.solvers.extended import unscaled
 from resgrid.solvers.factor import EXACT_ROWS, Factor
 from resgrid.solvers.laplacian import count_connections
 from resgrid.solvers.monitor import Progress, Watch
@@ -34,14 +35,22 @@ def solve_linear(
     netlist: Netlist, *, accuracy: str, method: str, rtol: float, threads: int = 1, progress: Progress | None = None
 ) -> OperatingPoint:
     """Find the operating point of a netlist without nonlinear resistors; options and errors are `resgrid.solve`'s."""
-    with Team(threads) as team:
-        return _solved(netlist, accuracy, method, rtol, team, Watch(progress))
-
-
-def _solved(netlist: Netlist, accuracy: str, method: str, rtol: float, team: Team, watch: Watch) -> OperatingPoint:
     seconds: dict[str, float] = {}
-    with _timed(seconds, "assemble"):
-        system = assemble(netlist)
+    with Team(threads) as team:
+        with _timed(seconds, "assemble"):
+            system = assemble(netlist)
+        point = _solved(system, seconds, accuracy, method, rtol, team, Watch(progress))
+    if not np.isin(system.forest.order[system.forest.height != 0], system.floating).any():
+        return point
+    some = [np.isin(ends[:, 0], system.floating) for ends in (netlist.resistor_nodes, netlist.source_nodes)]
+    loops = _tied_parts(netlist, system.floating, *some)
+    found = solve_linear(loops, accuracy=accuracy, method=method, rtol=rtol).readings
+    return replace(point, ammeters=_joined(point.readings, found, *some))
+
+
+def _solved(
+    system: Equations, seconds: dict[str, float], accuracy: str, method: str, rtol: float, team: Team, watch: Watch
+) -> OperatingPoint:
     with _timed(seconds, "factor"):
         factors = factor_laplacian(system.laplacian, method, accuracy=accuracy, team=team) if system.size else None
     told: dict[str, Any] = {"method": factors.name if factors else "none", "seconds": seconds}
@@ -106,6 +115,30 @@ def _asks_for_balance(system: Equations, point: OperatingPoint) -> bool:
     found = count_connections(system.laplacian)
     mixed = point.log_drop is None and point.potential is None
     return bool(mixed or found.smallest < _STIFF * found.largest)
+
+
+def _tied_parts(
+    netlist: Netlist, floating: NDArray[np.int64], resistors: NDArray[np.bool_], sources: NDArray[np.bool_]
+) -> Netlist:
+    """The resistors and sources of what floats, each part tied to ground at one of its nodes."""
+    from scipy import sparse
+    from scipy.sparse.csgraph import connected_components
+
+    n, kept, tied = netlist.node_count, netlist.resistor_nodes[resistors], netlist.source_nodes[sources]
+    pairs = np.concatenate([kept, tied])
+    part = connected_components(sparse.coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(n, n)))[1]
+    pins = floating[np.unique(part[floating], return_index=True)[1]]
+    ends, volts = np.concatenate([tied, np.outer(pins, [1, 0])]), np.append(netlist.source_volts[sources], 0.0 * pins)
+    return Netlist(n, kept, netlist.conductance[resistors], ends, volts)
+
+
+def _joined(whole: Readings, found: Readings, resistors: NDArray[np.bool_], sources: NDArray[np.bool_]) -> Readings:
+    """Readings with those of some resistors and sources, which are 0 in the whole."""
+    amps, exponent, through = whole.scaled[0].copy(), whole.scaled[1].copy(), whole.source_current.copy()
+    amps[resistors], exponent[resistors] = found.scaled
+    through[sources] = found.source_current[: np.count_nonzero(sources)]
+    residual = max(whole.kcl_residual, found.kcl_residual)
+    return Readings(unscaled(amps, exponent), (amps, exponent), through, whole.power + found.power, residual)
 
 
 @contextmanager

@@ -106,8 +106,9 @@ def tie_sources(netlist: Netlist) -> SourceForest:
     try:
         height, closing = np.array([float(exact[node]) for node, *_ in ties]), ~leaf
     except OverflowError:
-        text = "voltage sources in series exceed 1.8e308 V, the range of double precision; check their units"
-        raise CircuitError(text) from None
+        raise CircuitError(
+            "voltage sources in series exceed 1.8e308 V, the range of doubles; check their units"
+        ) from None
     closing[source[source >= 0]] = False
     upright = np.where(netlist.source_nodes[:, 1] == GROUND, 1.0, -1.0)
     order, height = np.append(order, nodes[leaf]), np.append(height, (upright * netlist.source_volts)[leaf])

@@ -118,3 +118,17 @@ def test_dead_ends_at_a_sum_of_sources_carry_nothing() -> None:
 def test_sources_in_series_beyond_the_range_of_doubles_are_refused() -> None:
     with pytest.raises(CircuitError, match="in series exceed"):
         solve(circuit(3, [(2, 1, 1.0)], [(1, 0, 1e308), (2, 1, 1e308)]))
+
+
+@pytest.mark.parametrize("accuracy", ["direction", "normwise"])
+def test_a_source_drives_a_loop_that_floats(accuracy: str) -> None:
+    """Its voltages are unknown, its currents are not; nothing flows from a loop to what hangs on it."""
+    pairs = [(1, 0, 1.0), (2, 3, 1e3), (3, 4, 1e3), (5, 2, 1.0), (6, 7, 2.0)]
+    point = solve(circuit(8, pairs, [(1, 0, 2.0), (2, 4, 1.0), (6, 7, 3.0)]), accuracy=accuracy)
+    assert point.floating.tolist() == [2, 3, 4, 5, 6, 7]
+    assert np.isnan(point.voltage[2:]).all()
+    assert point.resistor_current == pytest.approx([2.0, 5e-4, 5e-4, 0.0, 1.5])
+    assert point.source_current == pytest.approx([-2.0, -5e-4, -1.5])
+    assert point.power == pytest.approx(4.0 + 5e-4 + 4.5)
+    assert point.potential is not None
+    assert point.potential[:2].tolist() == [0.0, 1.0]
