@@ -274,7 +274,7 @@ def _of_residual(
     """Solutions for the residual's positive part, and for what is negative of it; both with what rounding may hide."""
     laplacian, r, e = factors.laplacian, np.empty(len(drive)), np.zeros(len(drive), dtype=np.int64)
     none = e.copy()
-    imbalance(laplacian.conductances, scaled_currents(drive), x, (r, e), exact=True)
+    imbalance(laplacian.graph, scaled_currents(drive), x, (r, e), exact=True)
     parts = [Scaled(np.maximum(sign * r, 0.0), np.zeros_like(r), np.where(sign * r > 0.0, e, 0)) for sign in (1, -1)]
     parts = [corrected(part, rounding, none) for part in parts]
     return [factors.solve_nonnegative(part, watch=watch)[0] if part.hi.any() else part for part in parts]

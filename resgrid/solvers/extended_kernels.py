@@ -15,7 +15,7 @@ import numpy as np
 
 from resgrid.jit import inlined, kernel
 from resgrid.solvers.extended import BITS, Floats, Integers, Numbers, Scaled
-from resgrid.solvers.laplacian import Conductances
+from resgrid.solvers.laplacian import Graph
 
 _BASE = 2.0**BITS
 _INVERSE = 2.0**-BITS
@@ -131,7 +131,7 @@ def _add_inflow(
 
 @kernel
 def residual(
-    matrix: Conductances, current: Numbers, x: Scaled, begin: int, end: int, plain: bool, exact: bool, floor: float,
+    matrix: Graph, current: Numbers, x: Scaled, begin: int, end: int, plain: bool, exact: bool, floor: float,
     kept: float, out: Numbers,
 ) -> tuple[float, float, float, float, float]:  # fmt: skip
     """Residual of KCL of some rows into ``out``, in scaled numbers; returns a `resgrid.solvers.refine.Imbalance`.

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import BudgetError
-from resgrid.solvers.extended import Floats, Indices
+from resgrid.solvers.extended import Floats, Indices, Reals
 
 if TYPE_CHECKING:
     from scipy import sparse
@@ -75,13 +75,21 @@ class Rows(NamedTuple):
         return EdgeList(np.stack([row[upper], self.indices[upper]], axis=1), self.data[upper], each)
 
 
-class Conductances(NamedTuple):
-    """A matrix as loops take it, in siemens: `indptr` (n + 1,), `indices, edges` (entries,), `ground` (n,)."""
+class Graph(NamedTuple):
+    """A graph as loops take it: conductances by rows, in any order, and leaks to nodes of known voltage.
+
+    `indptr` (n + 1,), `indices, conductance` (entries,), `leak` (n,); in siemens, or in a unit.
+    """
 
     indptr: Indices
     indices: Indices
-    edges: Floats
-    ground: Floats
+    conductance: Reals
+    leak: Floats
+
+    @property
+    def size(self) -> int:
+        """Number of rows."""
+        return len(self.leak)
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,9 +199,9 @@ class Laplacian:
         return self.as_rows().array
 
     @property
-    def conductances(self) -> Conductances:
+    def graph(self) -> Graph:
         """The whole matrix as loops take it."""
-        return Conductances(*self.as_rows(), self.ground)
+        return Graph(*self.as_rows(), self.ground)
 
     @property
     def diagonal(self) -> Floats:
@@ -264,12 +272,7 @@ def _compress(listed: EdgeList | None, size: int) -> Rows:
             f"the matrix has up to {entries:,} entries, and its rows are numbered with 32 bits, up to "
             f"{MOST_NUMBERED:,}: choose larger cells, accuracy = 'normwise', or method = 'petsc'"
         )
-    indptr, indices, data = np.zeros(size + 1, dtype=np.int32), np.empty(entries, dtype=np.int32), np.empty(entries)
-    conductances_by_row(*listed, indptr, indices, data)
-    indices, data = indices[: indptr[-1]], data[: indptr[-1]]
-    if len(data) < entries // 2:  # scipy would copy them whenever an array is made of these rows
-        indices, data = indices.copy(), data.copy()
-    return Rows(indptr, indices, data)
+    return Rows(*conductances_by_row(*listed, size))
 
 
 def count_connections(laplacian: Laplacian) -> Connections:

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.solvers.extended import NOISE, Floats, Integers, Numbers, Scaled, canonical, logarithm, power
-from resgrid.solvers.laplacian import Conductances, Laplacian
+from resgrid.solvers.laplacian import Graph, Laplacian
 from resgrid.solvers.team import ALONE, Team
 
 _CONVERGED = 1e-12
@@ -129,7 +129,7 @@ def refine(
     what rounding leaves where conductances differ by more decades than double-doubles hold.  Rows without a digit are
     found ``anew`` where they are few.
     """
-    matrix, current = laplacian.conductances, scaled_currents(rhs)
+    matrix, current = laplacian.graph, scaled_currents(rhs)
     residual = current[0].copy(), current[1].copy()
     x, best, left = Scaled.of(np.zeros(laplacian.size)), Imbalance(), np.inf
     for step in range(1, _MOST_STEPS + 1):
@@ -163,7 +163,7 @@ def refine(
 
 
 def imbalance(
-    matrix: Conductances,
+    matrix: Graph,
     current: Numbers,
     x: Scaled,
     out: Numbers,
@@ -233,7 +233,7 @@ def few_rows(laplacian: Laplacian, left: Floats, x: Scaled, current: Numbers) ->
     if around is None:
         return None
     fed = np.zeros_like(x.hi), np.zeros_like(x.exponent)
-    imbalance(laplacian.conductances, current, Scaled(np.where(around, 0.0, x.hi), fed[0].copy(), x.exponent), fed)
+    imbalance(laplacian.graph, current, Scaled(np.where(around, 0.0, x.hi), fed[0].copy(), x.exponent), fed)
     new, within = Scaled(x.hi.copy(), np.where(around, 0.0, x.lo), x.exponent.copy()), laplacian.within(around)
     new.hi[around], new.exponent[around] = factor_supernodes(within).substitute(fed[0][around], fed[1][around])
     return new
@@ -245,8 +245,7 @@ def _around(laplacian: Laplacian, rows: NDArray[np.bool_]) -> NDArray[np.bool_] 
     most, edge = min(_MOST_OF_PLANE if plane else _MOST, laplacian.size // _SHARE), np.flatnonzero(rows)
     seen, count, steps = rows.copy(), len(edge), 0
     while len(edge) and count <= most:
-        wanted = _STEPS if 2 * count < most else _FEWEST_STEPS
-        if steps >= wanted and count >= laplacian.size // _LEAST:
+        if steps >= (_STEPS if 2 * count < most else _FEWEST_STEPS) and count >= laplacian.size // _LEAST:
             break
         around = laplacian.edges[edge].indices
         edge = np.unique(around[~seen[around]])

@@ -6,23 +6,22 @@ import math
 
 import numpy as np
 
-from resgrid.jit import inner, kernel, makes_arrays
-from resgrid.solvers.extended import Floats, Indices
+from resgrid.jit import inner, interruptible, kernel, makes_arrays
+from resgrid.solvers.extended import Floats, Indices, Reals
 
 
+@interruptible
 @kernel
 @makes_arrays
 def conductances_by_row(
-    pairs: Indices, conductance: Floats, row: Indices, indptr: Indices, indices: Indices, data: Floats
-) -> None:
+    pairs: Indices, conductance: Floats, row: Indices, size: int
+) -> tuple[Indices, Indices, Floats]:
     """Symmetric compressed rows of the conductances between rows, sorted, parallel resistors summed, and no diagonal.
 
     Rows are filled with lower neighbours from the front and with upper ones from behind: where a grid's resistors come
-    axis by axis, they are sorted then.
-
-    Shapes: `indptr` (n + 1,), comes as 0; `indices, data` (2 m,): room for all entries.
+    axis by axis, they are sorted then.  Others are written as columns, one after the other.
     """
-    size = len(indptr) - 1
+    indptr = np.zeros(size + 1, np.int32)
     for k in range(len(pairs)):
         i, j = row[pairs[k, 0]], row[pairs[k, 1]]
         if i >= 0 and j >= 0 and i != j:
@@ -31,6 +30,7 @@ def conductances_by_row(
     for i in range(size):
         indptr[i + 1] += indptr[i]
     front, back = indptr[:-1].copy(), indptr[1:].copy()
+    indices, data = np.empty(indptr[size], np.int32), np.empty(indptr[size])
     for k in range(len(pairs)):
         i, j = row[pairs[k, 0]], row[pairs[k, 1]]
         if i >= 0 and j >= 0 and i != j:
@@ -39,39 +39,47 @@ def conductances_by_row(
             indices[back[lower]], data[back[lower]] = upper, conductance[k]
             indices[front[upper]], data[front[upper]] = lower, conductance[k]
             front[upper] += 1
-    descents = 0
+    descents, repeats = 0, 0
     for i in range(size):
         for k in range(indptr[i] + 1, indptr[i + 1]):
-            descents += indices[k] <= indices[k - 1]
+            descents += indices[k] < indices[k - 1]
+            repeats += indices[k] == indices[k - 1]
     if descents > 0:
-        _sort_and_sum(indptr, indices, data)
+        indices, data, repeats = _transposed(indptr, indices, data)
+    if repeats > 0:
+        end = _sum_repeats(indptr, indices, data)
+        indices, data = indices[:end].copy(), data[:end].copy()
+    return indptr, indices, data
 
 
 @inner
 @makes_arrays
-def _sort_and_sum(indptr: Indices, indices: Indices, data: Floats) -> None:
-    """Sort symmetric rows, by writing them as columns, row by row, and sum what stands twice."""
-    size, end, fill, columns, values = (
-        len(indptr) - 1,
-        0,
-        indptr[:-1].copy(),
-        np.empty_like(indices),
-        np.empty_like(data),
-    )
-    for i in range(size):
+def _transposed(indptr: Indices, indices: Indices, data: Floats) -> tuple[Indices, Floats, int]:
+    """Rows written as columns, and how many of their entries stand behind the same one."""
+    fill, columns, values, repeats = indptr[:-1].copy(), np.empty_like(indices), np.empty_like(data), 0
+    for i in range(len(fill)):
         for k in range(indptr[i], indptr[i + 1]):
             j = indices[k]
             columns[fill[j]], values[fill[j]] = i, data[k]
+            repeats += fill[j] > indptr[j] and columns[fill[j] - 1] == i
             fill[j] += 1
-    for i in range(size):
+    return columns, values, repeats
+
+
+@inner
+def _sum_repeats(indptr: Indices, indices: Indices, data: Floats) -> int:
+    """Sum what stands in a sorted row several times; returns where the rows end."""
+    end = 0
+    for i in range(len(indptr) - 1):
         begin, indptr[i] = indptr[i], end
         for k in range(begin, indptr[i + 1]):
-            if k > begin and columns[k] == indices[end - 1]:
-                data[end - 1] += values[k]
+            if k > begin and indices[k] == indices[end - 1]:
+                data[end - 1] += data[k]
             else:
-                indices[end], data[end] = columns[k], values[k]
+                indices[end], data[end] = indices[k], data[k]
                 end += 1
-    indptr[size] = end
+    indptr[-1] = end
+    return end
 
 
 @inner
@@ -122,7 +130,7 @@ def compare_edges(
 
 @kernel
 def row_residual(
-    matrix: tuple[Indices, Indices, Floats, Floats], slot: Indices, b: Floats, x: Floats, r: Floats
+    matrix: tuple[Indices, Indices, Reals, Floats], slot: Indices, b: Floats, x: Floats, r: Floats
 ) -> float:
     """``r = b - A x``, differences first, every row put at its slot; ``b, x`` (n,) by rows; returns ``|r|``."""
     indptr, indices, conductance, ground = matrix

@@ -17,7 +17,7 @@ from resgrid.errors import AccuracyError
 from resgrid.jit import ZERO, inlined, inner_fast, kernel
 from resgrid.solvers.extended import Floats, Indices, Integers, Numbers, unscaled
 from resgrid.solvers.extended_kernels import NO_EXPONENT, _add_product, _canonical, _shift
-from resgrid.solvers.laplacian import Conductances, Laplacian
+from resgrid.solvers.laplacian import Graph, Laplacian
 from resgrid.solvers.symbolic import Supernodes, Symbolic, order_rows
 
 _STRETCH = 2_000
@@ -36,7 +36,7 @@ class SupernodalFactors(NamedTuple):
     """
 
     symbolic: Symbolic
-    matrix: Conductances
+    matrix: Graph
     values: Floats
     pivot: Floats
     largest: float
@@ -56,11 +56,11 @@ class SupernodalFactors(NamedTuple):
 
 def factor_supernodes(laplacian: Laplacian, symbolic: Symbolic | None = None) -> SupernodalFactors:
     """Factor a matrix, in an order of its rows or of those of another one with the same entries, or one that suits."""
-    matrix, symbolic = laplacian.conductances, symbolic or order_rows(laplacian)
+    matrix, symbolic = laplacian.graph, symbolic or order_rows(laplacian)
     widths, size = symbolic.widths, symbolic.kept
     count = len(widths)
-    sums = np.add.reduceat(np.append(matrix.edges, 0.0), matrix.indptr[:-1])
-    diagonal = matrix.ground + np.where(np.diff(matrix.indptr) > 0, sums, 0.0)
+    sums = np.add.reduceat(np.append(matrix.conductance, 0.0), matrix.indptr[:-1])
+    diagonal = matrix.leak + np.where(np.diff(matrix.indptr) > 0, sums, 0.0)
     pivot, largest = np.append(np.empty(size), diagonal[symbolic.order[size:]]), float(diagonal.max(initial=0.0))
     factors = SupernodalFactors(symbolic, matrix, np.empty(symbolic.entries), pivot, largest)
     waiting, following, after = np.full((3, count), -1, dtype=np.int32)

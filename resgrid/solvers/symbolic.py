@@ -126,7 +126,7 @@ def order_by_fill(laplacian: Laplacian, most: float = np.inf) -> Symbolic | None
 
 def _order(laplacian: Laplacian, most: float, *, by_fill: bool) -> Symbolic | None:
     """Reduce every other layer by distance from the row most tied to the lower rail, and order the other rows."""
-    matrix, n = laplacian.conductances, laplacian.size
+    matrix, n = laplacian.graph, laplacian.size
     tied = laplacian.ground if laplacian.rails is None else laplacian.rails.to_low
     nearest_first, depth = np.empty(n + 1, dtype=np.int32), np.full(n, -1, dtype=np.int32)
     pattern = Pattern(matrix.indptr, matrix.indices, *np.empty((2, n), dtype=np.int32))

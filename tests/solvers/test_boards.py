@@ -16,10 +16,10 @@ from resgrid.circuit.equations import Equations, assemble
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
 from resgrid.jit import ZERO
-from resgrid.solvers.laplacian import Grid
+from resgrid.solvers.laplacian import Graph, Grid
 from resgrid.solvers.multigrid import cycle
 from resgrid.solvers.multigrid.blocks import coarsen
-from resgrid.solvers.multigrid.graphs import Graph, pack_graphs
+from resgrid.solvers.multigrid.graphs import pack_graphs
 from resgrid.solvers.multigrid.grid_level import Level, compensated, in_single, lay_out, stencil_of, to_graph
 from resgrid.solvers.multigrid.hierarchy import GridProblem, build_hierarchy
 from resgrid.solvers.multigrid.krylov import black_residual

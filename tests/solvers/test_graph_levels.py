@@ -10,12 +10,12 @@ from resgrid.circuit.equations import assemble
 from resgrid.circuit.solve import solve
 from resgrid.netlist import Netlist
 from resgrid.solvers import ordering_kernels as ordering
-from resgrid.solvers.laplacian import Rows
+from resgrid.solvers.laplacian import Graph, Rows
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid import cycle, graphs
 from resgrid.solvers.multigrid.conjugate_gradients import iterate
 from resgrid.solvers.multigrid.graph_sweeps import Graphs, ascend_graph, work_space
-from resgrid.solvers.multigrid.graphs import Graph, coarsen_down
+from resgrid.solvers.multigrid.graphs import coarsen_down
 from resgrid.solvers.multigrid.hierarchy import build_hierarchy
 
 GRAPHS = {"nodes": st.integers(2, 60), "per_node": st.floats(0.6, 8.0), "seed": st.integers(0, 2**31)}

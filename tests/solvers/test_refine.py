@@ -15,7 +15,7 @@ from resgrid.errors import CircuitError
 from resgrid.solvers import refine
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.extended import Scaled, power
-from resgrid.solvers.laplacian import Conductances
+from resgrid.solvers.laplacian import Graph
 from resgrid.solvers.monitor import Watch
 from resgrid.space import ConfigurationSpace
 
@@ -136,7 +136,7 @@ def test_what_lower_parts_leave_of_values_that_are_gone_is_right() -> None:
     """Two nodes, joined and held by 1 S each, whose values have cancelled but for the last bits of a double."""
     indptr, indices, one = np.array([0, 1, 2], np.int32), np.array([1, 0], np.int32), np.ones(2)
     none, hi, lo, left = np.zeros(2, np.int64), np.zeros(2), np.array([0.0, 5e-324]), np.ones(2)
-    matrix = Conductances(indptr, indices, one, one)
+    matrix = Graph(indptr, indices, one, one)
     found = refine.imbalance(matrix, (np.zeros(2), none), Scaled(hi, lo, none), (left, none.copy()), floor=1e-20)
     assert (found.backward, found.left, found.log_size) == (0.0, 0.0, -np.inf)
     assert not left.any()

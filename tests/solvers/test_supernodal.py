@@ -268,7 +268,7 @@ def test_rows_are_eliminated_in_steps_without_a_gap(size: int, seed: int) -> Non
     laplacian = wild_system(size, seed).laplacian
     symbolic = order_by_fill(laplacian)
     assert symbolic is not None
-    rows, n, kept = laplacian.conductances, laplacian.size, symbolic.kept
+    rows, n, kept = laplacian.graph, laplacian.size, symbolic.kept
     step = np.empty(n, dtype=np.int32)
     assert minimum_fill(quotient_graph(rows.indptr, rows.indices), symbolic.place, kept, n, np.inf, 2**31 - 1, step)
     assert np.array_equal(np.unique(step), np.arange(len(np.unique(step))))

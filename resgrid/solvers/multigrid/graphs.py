@@ -7,15 +7,13 @@ windows: the ends of its loops can then be foreseen, which is half of the time.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.jit import inner, interruptible, kernel, makes_arrays
 from resgrid.solvers import ordering_kernels as ordering
-from resgrid.solvers.extended import Floats, Indices, Integers, Reals, Singles
-from resgrid.solvers.laplacian import Rows
+from resgrid.solvers.extended import Floats, Indices, Integers, Singles
+from resgrid.solvers.laplacian import Graph, Rows
 from resgrid.solvers.multigrid.graph_sweeps import Graphs
 
 _COARSEST = 250
@@ -45,20 +43,6 @@ _LONG = 31
 _ONE = np.uint64(1)
 
 _TAKEN, _NONE = np.float32(-1.0), np.float32(0.0)
-
-
-class Graph(NamedTuple):
-    """One level: conductances by rows, in any order, and leaks to the rails; loops take single precision."""
-
-    indptr: Indices
-    indices: Indices
-    conductance: Reals
-    leak: Floats
-
-    @property
-    def size(self) -> int:
-        """Number of nodes."""
-        return len(self.leak)
 
 
 def coarsen_down(graph: Graph) -> tuple[list[Graph], list[NDArray[np.int32]]]:

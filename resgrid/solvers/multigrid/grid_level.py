@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from resgrid.jit import inner, inner_fast, kernel
 from resgrid.solvers.extended import Floats, Indices, Integers, Reals
-from resgrid.solvers.laplacian import MOST_NUMBERED
-from resgrid.solvers.multigrid.graphs import Graph
+from resgrid.solvers.laplacian import MOST_NUMBERED, Graph
 from resgrid.solvers.multigrid.red_black import Edges, Lattice, Stencil
 
 _TINY = 1e-300

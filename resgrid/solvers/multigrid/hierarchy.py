@@ -260,7 +260,7 @@ class GraphProblem:
     def __init__(self, laplacian: Laplacian, hierarchy: Hierarchy, b: Floats, team: Team) -> None:
         self.x, self.team, self._graphs = np.zeros((1, len(b))), team, hierarchy.levels.graphs
         self.vectors = krylov.vectors_over(self._graphs.inverse[: len(b)])
-        self._matrix, self._b = laplacian.conductances, b
+        self._matrix, self._b = laplacian.graph, b
         self._slot, self._unit, self._work = hierarchy.slot, hierarchy.unit, work_space(self._graphs)
 
     def residual(self, r: Floats) -> float:
