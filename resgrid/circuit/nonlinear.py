@@ -214,10 +214,7 @@ def linear_netlist(netlist: Netlist, conductance: NDArray[np.float64]) -> Netlis
 
 
 class _Law(NamedTuple):
-    """Resistors that carry ``G V0 tanh(dV / V0)``.
-
-    `siemens` (m,): ``G``; `volts` (m,): ``V0``, infinite where one is linear.
-    """
+    """Resistors of ``G V0 tanh(dV / V0)`` amperes; `siemens` (m,): ``G``; `volts` (m,): ``V0``, infinite if linear."""
 
     siemens: NDArray[np.float64]
     volts: NDArray[np.float64]

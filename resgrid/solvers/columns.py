@@ -54,10 +54,7 @@ def symmetric_factors(matrix: Any) -> Any:
 
 
 def inverse_diagonal(matrix: Any) -> NDArray[Any]:
-    """All diagonal entries of the inverse of a symmetric sparse matrix, real or complex.
-
-    Shapes: `matrix` (n, n); returns (n,).
-    """
+    """All diagonal entries (n,) of the inverse of a symmetric sparse matrix (n, n), real or complex."""
     factors = symmetric_factors(matrix)
     return _diagonal(np.argsort(factors.perm_c), factors.L, factors.U.diagonal())
 

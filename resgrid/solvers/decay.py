@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from resgrid.jit import kernel
 from resgrid.solvers.extended import Indices
 from resgrid.solvers.laplacian import VOLUME, Connections, Laplacian, Rows
+from resgrid.solvers.machine import prefetch
 
 WHOLE_STEPS = 0.7
 """Potentials fall over straight distances, ways on a grid are longer."""
@@ -105,5 +106,6 @@ def walk(rows: Rows, begin: NDArray[np.bool_], cost: Indices, kept: int, head: I
                 ahead = bucket + _SEEN - 1 - after[other]
                 ahead -= buckets if ahead >= buckets else 0
                 after[other], head[ahead] = head[ahead], other
+                prefetch(rows.indices, rows.indptr[other])
                 waiting += 1
     return now

@@ -51,10 +51,7 @@ _MOST_PASSES = 4
 
 @dataclass(frozen=True, eq=False)
 class Factor(ABC):
-    """A matrix made ready for many right-hand sides.
-
-    `laplacian`: the matrix.
-    """
+    """A matrix, `laplacian`, made ready for many right-hand sides."""
 
     laplacian: Laplacian
 
@@ -70,10 +67,7 @@ class Factor(ABC):
         return self._solve(self._one_per_row("rhs", rhs), rtol, begin, watch)
 
     def solve_nonnegative(self, rhs: ArrayLike | Scaled, *, watch: Watch | None = None) -> tuple[Scaled, float]:
-        """Solve for a right-hand side without negative entries, entry by entry.
-
-        Shapes: `rhs` (n,); returns `solution` (n,).
-        """
+        """Solve for a right-hand side (n,) without negative entries, entry by entry; returns the solution (n,)."""
         currents = self._one_per_row("rhs", rhs.hi if isinstance(rhs, Scaled) else rhs)
         if currents.min(initial=0.0) < 0.0:
             row = int(np.argmin(currents))
@@ -177,10 +171,7 @@ def factor_direct(laplacian: Laplacian, order: Symbolic | None = None) -> Direct
 
 @dataclass(frozen=True, eq=False)
 class MultigridFactor(Factor):
-    """A matrix and the hierarchy that preconditions it.
-
-    `laplacian`: as of every `Factor`; `team`: whose threads take the steps.
-    """
+    """A matrix and the hierarchy that preconditions it; `team`: whose threads take the steps."""
 
     hierarchy: Hierarchy
     team: Team = ALONE

@@ -244,10 +244,7 @@ class Laplacian:
         return self.grouped(sparse.csr_array(sparse.eye_array(self.size, format="csr")[rows]))
 
     def grouped(self, groups: sparse.csr_array) -> Laplacian:
-        """Groups of rows as one row each; rows of no group count as nodes of known voltage.
-
-        Shapes: `groups` (m, n).
-        """
+        """Groups of rows, `groups` (m, n), as one row each; rows of no group count as nodes of known voltage."""
         from scipy import sparse
 
         own = groups @ self.edges

@@ -67,6 +67,22 @@ singles, doubles, indices, integers = (_view(n) for n in (types.float32, types.f
 singles_by_side: Any = intrinsic(_viewing_sides)
 
 
+def _prefetching(_typing: Any, array: Any, _place: Any) -> Any:
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        whole = _arrays.make_array(array)(context, builder, arguments[0])
+        place = _numba.get_item_pointer(context, builder, array, whole, [arguments[1]])
+        kind = ir.FunctionType(ir.VoidType(), [_ADDRESS, _BITS, _BITS, _BITS])
+        fetch = builder.module.declare_intrinsic("llvm.prefetch", (_ADDRESS,), kind)
+        builder.call(fetch, [builder.bitcast(place, _ADDRESS), *map(_BITS, (0, 3, 1))])
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp), generate
+
+
+prefetch: Any = intrinsic(_prefetching)
+"""Have an element of an array brought into the cache, for a loop that does not run along it."""
+
+
 def _controlling(_typing: Any, _value: Any) -> Any:
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         if not _IS_X86:

@@ -17,6 +17,7 @@ import numpy as np
 
 from resgrid.jit import inlined, interruptible, kernel, makes_arrays
 from resgrid.solvers.extended import Floats, Indices, Singles
+from resgrid.solvers.machine import prefetch
 
 _WAITS, _JOINS = -1, -2
 """In place of its step of elimination: of a row that is not eliminated, and of one that joins the newest element."""
@@ -58,6 +59,8 @@ def renumber(
         for k in range(indptr[i], indptr[i + 1]):
             j = indices[k]
             order[reached] = j
+            prefetch(indices, indptr[j])
+            prefetch(conductance, indptr[j])
             known = number[j] >= 0
             number[j] = number[j] if known else reached
             reached += not known

@@ -99,10 +99,7 @@ def largest_step(z: Singles, on_p: Floats, p: Floats) -> float:
 def black_residual(
     stencil: Stencil, b: Floats, x: Floats, r: Floats, parts: list[Slab] | None = None, team: Team = ALONE
 ) -> float:
-    """Relax the red cells exactly, and form the residual ``r`` at the black ones; returns its norm.
-
-    Shapes: `b, x` (2, slots), `r` (slots,).
-    """
+    """Relax the red cells of ``x`` (2, slots) exactly; the residual ``r`` (slots,) at the black ones, its norm."""
     parts = slabs_of(stencil, 1) if parts is None else parts
     squares, margin = np.empty(blocks_of(stencil)), int(stencil.margin)
     for colour in (RED, BLACK):
