@@ -162,9 +162,10 @@ def interruptible(loop: _Loop) -> _Loop:
         try:
             return loop(*given)
         except SystemError as error:
-            if isinstance(error.__cause__, KeyboardInterrupt):
-                raise error.__cause__ from None
-            raise
+            cause: BaseException | None = error
+            while cause is not None and not isinstance(cause, KeyboardInterrupt):  # one for every array that is made
+                cause = cause.__cause__ or cause.__context__
+            raise cause or error from None
 
     return cast(_Loop, called)
 
