@@ -60,7 +60,7 @@ class OperatingPoint:
     ammeters : Readings, or callable
         Currents, power and KCL residual, at hand or to be read: the point has each reading as a property.
     floating : ndarray of int64
-        Nodes that no path of resistors or voltage sources ties to ground; their voltage is NaN.
+        Nodes that no path of resistors or voltage sources ties to ground; their voltages are NaN, currents known.
     undriven : ndarray of int64
         Nodes of parts that a single rail holds and no current drives: they are flat, at that rail's voltage.
     method : str
