@@ -148,7 +148,7 @@ def dynamics_of(netlist: Netlist) -> Dynamics:
     elements.flags.writeable = False
     parts = parts_of(netlist, elements, forest)
     size, row = parts.rows(~parts.floating, forest)
-    fixed = np.where((row < 0) & (parts.of_node >= 0), np.nan, forest.offset)
+    fixed = np.where((row < 0) & (parts.of_node >= 0), np.nan, forest.offsets[0])
 
     def laplacian(ends: NDArray[np.int32], value: NDArray[np.float64]) -> tuple[Laplacian, NDArray[np.float64]]:
         contacts = contacts_of(ends, np.arange(len(ends), dtype=np.int32), row, forest)

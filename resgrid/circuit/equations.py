@@ -86,7 +86,7 @@ class Equations:
 
     def heights(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Heights of all nodes above `reference`, in volts, (nodes,), from those of the rows; NaN where one floats."""
-        own = np.where(self.unknown >= 0, self.forest.offset, self.known_voltages() - self.reference)
+        own = np.where(self.unknown >= 0, self.forest.offsets[0], self.known_voltages() - self.reference)
         return np.asarray(own + np.append(x, 0.0)[self.unknown])
 
     def voltages(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -166,7 +166,7 @@ def assemble(netlist: Netlist) -> Equations:
     contacts = contacts_of(ends, some, unknown, forest)
     reference = float(parts.lowest[parts.driven].min()) if size else 0.0
     injected = injected_into_rows(netlist, unknown, size)
-    volts = contacts.volts[: contacts.ties] if size else _between_rails(netlist, forest.offset, parts)
+    volts = contacts.volts[: contacts.ties] if size else _between_rails(netlist, forest.offsets[0], parts)
     low, high = float(volts.min(initial=np.inf)), float(volts.max(initial=-np.inf))
     plain = low < high and np.all((volts == low) | (volts == high)) and not lifted and not injected.any()
     if netlist.cell_map is not None and netlist.cell_map.wiring.supply < 0:  # the obstacles are on the lower one
@@ -229,14 +229,14 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
     ends = np.take(elements, contacts, axis=0)
     here = part[ends]
     tied, held = ends[here < 0], here.max(axis=1)
-    lowest, highest = _range(forest.offset[tied], held, number)
+    lowest, highest = _range(forest.offsets[0][tied], held, number)
     fed = np.zeros(number + 1, dtype=np.bool_)  # the last one for what is tied to ground
     for end in netlist.current_nodes.T:
         fed[np.take(part, end)[netlist.current_amps != 0]] = True
     fed[part[forest.order[(forest.base != GROUND) & (forest.height != 0)]]] = True
     fed = fed[:number]
     if forest.rest.any():
-        least, most = _range(forest.offset_rest[tied], held, number)
+        least, most = _range(forest.offsets[1][tied], held, number)
         fed |= most > least
     parts = Parts(part, lowest, highest, fed, contacts)
     if np.any(fed & parts.floating):
@@ -264,7 +264,7 @@ def contacts_of(
     """Look at some of the elements.  Shapes: `ends` (m, 2), `some` (k,): their numbers."""
     first, second = np.take(ends, some, axis=0).T
     i, j = np.take(unknown, first), np.take(unknown, second)
-    volts = np.take(forest.offset, second) - np.take(forest.offset, first)
+    volts = np.take(forest.offsets[0], second) - np.take(forest.offsets[0], first)
     tied, joined = (i < 0) != (j < 0), np.flatnonzero((i >= 0) & (j >= 0) & (i != j) & (volts != 0))
     return Contacts(
         element=np.concatenate([some[tied], some[joined], some[joined]]),

@@ -120,9 +120,8 @@ def solve_batch(batch: Batch, conductance: NDArray[np.float64], *, rtol: float =
     """Voltages of some chips, shape (chips, nodes); NaN where a node floats."""
     system, solver = batch
     voltage = np.empty((len(conductance), system.netlist.node_count))
-    for volts, siemens in zip(voltage, conductance, strict=True):
-        matrix, feed = system.with_conductance(siemens)
-        x = solver(matrix, feed + system.injected, rtol)
+    chips = ((matrix, feed + system.injected) for matrix, feed in map(system.with_conductance, conductance))
+    for volts, siemens, x in zip(voltage, conductance, solver(chips, rtol), strict=True):
         if x is None:  # it has little to do with the nominal one
             alone = system.netlist.replace(conductance=siemens)
             volts[:] = solve_linear(alone, accuracy="direction", method="auto", rtol=1e-10).voltage

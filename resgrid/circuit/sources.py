@@ -63,19 +63,11 @@ class SourceForest:
         return root
 
     @property
-    def offset(self) -> NDArray[np.float64]:
-        """Voltage of every node above its root, in volts, shape (nodes,)."""
-        return self._at_nodes(self.height)
-
-    @property
-    def offset_rest(self) -> NDArray[np.float64]:
-        """What rounding leaves of the `offset`, in volts, shape (nodes,)."""
-        return self._at_nodes(self.rest)
-
-    def _at_nodes(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        at_nodes = np.zeros(self.count)
-        at_nodes[self.order] = values
-        return at_nodes
+    def offsets(self) -> NDArray[np.float64]:
+        """Voltage of every node above its root, in volts, and what rounding leaves of it, shape (2, nodes)."""
+        offsets = np.zeros((2, self.count))
+        offsets[:, self.order] = self.height, self.rest
+        return offsets
 
 
 def tie_sources(netlist: Netlist) -> SourceForest:
@@ -155,7 +147,7 @@ def source_currents(
 
 
 def _check_loops(netlist: Netlist, forest: SourceForest) -> None:
-    plus, minus = forest.offset[netlist.source_nodes.T]
+    plus, minus = forest.offsets[0][netlist.source_nodes.T]
     left_over, scale = np.abs(plus - minus - netlist.source_volts), np.abs(netlist.source_volts).max()
     bad = np.flatnonzero(forest.loop & (left_over > LOOP_TOLERANCE * scale))
     if bad.size:

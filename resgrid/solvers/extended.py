@@ -31,10 +31,7 @@ Numbers = tuple[Floats, Integers]
 
 
 class Scaled(NamedTuple):
-    """Numbers ``(hi + lo) * 2**(256 exponent)``; three arrays of one shape.
-
-    `noise`: relative difference of two of them below which it is noise.
-    """
+    """Numbers ``(hi + lo) * 2**(256 exponent)``; two that differ by a share below `noise` may be the same."""
 
     hi: Floats
     lo: Floats

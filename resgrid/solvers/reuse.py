@@ -11,7 +11,7 @@ the window (the drop from the high rail; or 1, above the only rail), ``x + alpha
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -53,31 +53,38 @@ _WINDOW_RTOL = 1e-10
 Box = tuple[slice, ...]
 """Some cells of a grid, axis by axis."""
 
-Solver = Callable[[Laplacian, Floats, float], Floats | None]
-"""Solution (n,) for a chip whose nodes are joined as the nominal one's, by its matrix, what drives its rows, and a
-tolerance; None for one that is none."""
+Chips = Iterable[tuple[Laplacian, Floats]]
+"""Matrices of chips whose nodes are joined as the nominal one's, and what drives their rows."""
+
+Solver = Callable[[Chips, float], Iterator[Floats | None]]
+"""Solutions (n,) for chips, one by one, to a tolerance; None for one that is none."""
 
 
 def solve_by_levels(
-    nominal: Laplacian, hierarchy: Hierarchy, start: Floats, chip: Laplacian, drive: Floats, rtol: float
-) -> Floats | None:
+    nominal: Laplacian, hierarchy: Hierarchy, start: Floats, chips: Chips, rtol: float
+) -> Iterator[Floats | None]:
     """As `Solver`; a chip has its own finest level and the coarse ones of the nominal chip.  Shapes: `start` (n,)."""
     grid, listed, ordinary = nominal.grid, nominal.listed, hierarchy.largest_degree / hierarchy.unit
-    assert hierarchy.grid is not None and grid is not None and listed is not None and chip.listed is not None
-    few = slice(None, None, max(1, len(listed.conductance) // _FEW))
-    # Most of its conductances are as large in this unit as the nominal ones are in theirs.
-    unit = hierarchy.unit * float(np.median(chip.listed.conductance[few] / listed.conductance[few]))
-    laid_out = lay_out(*chip.listed, grid.of_rows(listed.row).vertex[hierarchy.box], chip.ground, unit)
-    assert laid_out is not None
-    level, slot = laid_out
-    x, currents = np.zeros((2, *level.degree.shape))
-    x.ravel()[slot], currents.ravel()[slot] = start, drive / unit
-    problem = GridProblem(Finest(*finest_stencils(level), hierarchy.grid.aggregate), hierarchy.levels, currents, x)
-    # A row whose own diagonal exceeds an ordinary one counts for so much less.
-    wanted = rtol * norm((currents * (ordinary / np.maximum(level.degree, ordinary))).ravel())
-    residual = converge(problem, Stop(wanted, ROUNDING * float(level.degree.max()), unit), None)
-    solution = x.ravel()[slot]
-    return solution if residual <= max(wanted, _LEFT * ordinary * norm(solution)) else None
+    assert hierarchy.grid is not None and grid is not None and listed is not None
+    few, cells = slice(None, None, max(1, len(listed.conductance) // _FEW)), grid.of_rows(listed.row).vertex
+    problem: GridProblem | None = None
+    for chip, drive in chips:
+        assert chip.listed is not None
+        # Most of its conductances are as large in this unit as the nominal ones are in theirs.
+        unit = hierarchy.unit * float(np.median(chip.listed.conductance[few] / listed.conductance[few]))
+        laid_out = lay_out(*chip.listed, cells[hierarchy.box], chip.ground, unit)
+        assert laid_out is not None
+        level, slot = laid_out
+        x, currents = np.zeros((2, *level.degree.shape))
+        x.ravel()[slot], currents.ravel()[slot] = start, drive / unit
+        finest = Finest(*finest_stencils(level), hierarchy.grid.aggregate)
+        problem = problem or GridProblem(finest, hierarchy.levels, currents, x)
+        problem.begin(finest, currents, x)
+        # A row whose own diagonal exceeds an ordinary one counts for so much less.
+        wanted = rtol * norm((currents * (ordinary / np.maximum(level.degree, ordinary))).ravel())
+        residual = converge(problem, Stop(wanted, ROUNDING * float(level.degree.max()), unit), None)
+        solution = x.ravel()[slot]
+        yield solution if residual <= max(wanted, _LEFT * ordinary * norm(solution)) else None
 
 
 def solver_by_levels(laplacian: Laplacian, drive: Floats) -> Solver | None:
@@ -88,17 +95,19 @@ def solver_by_levels(laplacian: Laplacian, drive: Floats) -> Solver | None:
     return partial(solve_by_levels, laplacian, hierarchy, iterate(laplacian, hierarchy, drive, 1e-12)[0])
 
 
-def solve_in_order(order: Symbolic, chip: Laplacian, drive: Floats, rtol: float) -> Floats | None:
+def solve_in_order(order: Symbolic, chips: Chips, rtol: float) -> Iterator[Floats | None]:
     """As `Solver`, by elimination; ``rtol`` bounds the error of voltages, relative to the largest."""
-    try:
-        factors = factor_supernodes(chip, order)
-    except AccuracyError:
-        return None
-    solution = factors.solve(drive)
-    # Entries of a solution for currents of one sign are right to some roundings.
-    summed = factors.solve(np.abs(drive)) if drive.min() < 0.0 else solution
-    right = _ROUNDINGS * np.abs(summed).max() <= max(rtol, _FORBIDDEN) * np.abs(solution).max()
-    return solution if right else None
+    for chip, drive in chips:
+        try:
+            factors = factor_supernodes(chip, order)
+        except AccuracyError:
+            yield None
+            continue
+        solution = factors.solve(drive)
+        # Entries of a solution for currents of one sign are right to some roundings.
+        summed = factors.solve(np.abs(drive)) if drive.min() < 0.0 else solution
+        right = _ROUNDINGS * np.abs(summed).max() <= max(rtol, _FORBIDDEN) * np.abs(solution).max()
+        yield solution if right else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,10 +39,10 @@ def dense_sums(system: Equations) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             i, j = system.unknown[here], system.unknown[there]
             if i >= 0 and j >= 0 and i != j:
                 coupling[i, j] += g
-                feed[i] += g * (system.forest.offset[there] - system.forest.offset[here])
+                feed[i] += g * (system.forest.offsets[0][there] - system.forest.offsets[0][here])
             elif i >= 0 and j < 0:
                 excess[i] += g
-                feed[i] += g * (known[there] - system.reference - system.forest.offset[here])
+                feed[i] += g * (known[there] - system.reference - system.forest.offsets[0][here])
     return coupling, excess, feed
 
 

@@ -80,6 +80,8 @@ def _rings(
     slot: NDArray[np.int32], conductance: NDArray[np.float64], lattice: Lattice
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
     """Red and black slots, axes and conductances of the resistors that close periodic axes, from pairs of slots."""
+    if not len(conductance):
+        return *np.empty((3, 0), dtype=np.int32), conductance
     red, black = np.sort(slot, axis=1).T - np.array([[0], [lattice.slots]], dtype=np.int32)
     cells = (np.stack(lattice.cells_at(colour, ends)) for colour, ends in enumerate((red, black)))
     axis = np.argmax(np.not_equal(*cells), axis=0).astype(np.int32)

@@ -28,7 +28,6 @@ from resgrid.solvers.multigrid.levels import (
     Finest,
     GridLevel,
     Levels,
-    Slab,
     blocks_of,
     slabs_of,
 )
@@ -167,9 +166,8 @@ class GridProblem:
     relaxes = True
 
     def __init__(self, finest: Finest, levels: Levels, currents: Floats, x: Floats, team: Team = ALONE) -> None:
-        self.finest, self.currents, self.x, self.team = finest, currents, x, team
-        self.vectors = v = krylov.vectors_over(finest.stencil.black_inverse)
-        self._graphs, self.work = levels.graphs, work_space(levels.graphs)
+        self.team, self._graphs, self.work = team, levels.graphs, work_space(levels.graphs)
+        self.vectors = krylov.vectors_over(finest.stencil.black_inverse)
         self.state = np.zeros(machine.PLACES, dtype=np.int64)
         grids = (GridLevel(finest.stencil, finest.aggregate), *levels.grids)
         slots = [len(of.aggregate) for of in grids]
@@ -177,48 +175,53 @@ class GridProblem:
         cuts.append(slabs_of(grids[-1].stencil, 1))  # nodes of a graph may have parts in several slabs
         self._parts = cuts[0]
         sums, shares = np.empty((blocks_of(finest.stencil), 3)), np.empty(2)
-        self._kept: list[NDArray[np.generic]] = []
+        self._kept: dict[tuple[int, str], NDArray[np.generic]] = {}
         self.table = np.zeros(len(grids), dtype=GRID)
         fed = [np.zeros((2, count), dtype=np.float32) for count in slots[1:]]
         answers = [np.zeros((2, count), dtype=np.float32) for count in slots[1:]]
         below = [*zip(fed, answers, strict=True), (self.work.b[: 1 + self._graphs.first[1]], self.work.x)]
-        for number, (row, of, cut) in enumerate(zip(self.table, grids, cuts, strict=True)):
-            self._fill(row, of, cut, below[number])
-            self._note(row, sums=sums, shares=shares)
+        self._rooms = np.zeros((max(len(cut) for cut in cuts), max(of.stencil.block for of in grids)))
+        for number, (of, cut, (into, answer)) in enumerate(zip(grids, cuts, below, strict=True)):
+            self._fill(number, of)
+            slabs = [(*slab[:-1], room.ctypes.data) for slab, room in zip(cut, self._rooms, strict=False)]
+            self.table["parts"][number], self.table["below_slots"][number] = len(cut), into.size
+            self._note(number, sums=sums, shares=shares, slabs=np.array(slabs), below_fed=into, below=answer)
             if number:
                 (red_fed, black_fed), (red, before) = fed[number - 1], answers[number - 1]
                 r, s, z, w, c = np.zeros((5, slots[number]), dtype=np.float32)
-                self._note(row, red_fed=red_fed, black_fed=black_fed, red=red, before=before, r=r, s=s, z=z, w=w, c=c)
-                self._note(row, led=np.zeros(slots[number]))
-        # The red cells of the solution follow its black ones whenever there is a residual.
-        self._note(self.table[0], before=v.before, r=v.r, s=v.s, w=v.w, led=x[0])
-        self._rooms = np.zeros((max(len(cut) for cut in cuts), int(self.table["block"].max())))
-        for row, cut in zip(self.table, cuts, strict=True):
-            slabs = [(*slab[:-1], room.ctypes.data) for slab, room in zip(cut, self._rooms, strict=False)]
-            self._note(row, slabs=np.array(slabs))
+                self._note(number, red_fed=red_fed, black_fed=black_fed, red=red, before=before)
+                self._note(number, r=r, s=s, z=z, w=w, c=c, led=np.zeros(slots[number]))
+        self.begin(finest, currents, x)
 
-    def _fill(self, row: np.void, of: GridLevel, cut: list[Slab], below: tuple[Singles, Singles]) -> None:
+    def begin(self, finest: Finest, currents: Floats, x: Floats) -> None:
+        """Take up another finest level of the same cells, and what belongs to it."""
+        self.finest, self.currents, self.x = finest, currents, x
+        self.vectors = v = self.vectors._replace(inverse=finest.stencil.black_inverse)
+        self._fill(0, GridLevel(finest.stencil, finest.aggregate))
+        # The red cells of the solution follow its black ones whenever there is a residual.
+        self._note(0, before=v.before, r=v.r, s=v.s, w=v.w, led=x[0])
+
+    def _fill(self, number: int, of: GridLevel) -> None:
         """Describe a grid by its row of the table."""
-        stencil = of.stencil
+        stencil, row = of.stencil, self.table[number]
         sides, slots = stencil.faces.shape
         counts = {
             "slots": slots, "sides": sides, "margin": stencil.margin, "block": stencil.block,
-            "blocks": blocks_of(stencil), "joined": len(stencil.couplings), "below_slots": below[0].size,
-            "parts": len(cut),
+            "blocks": blocks_of(stencil), "joined": len(stencil.couplings),
         }  # fmt: skip
         for name, count in counts.items():
             row[name] = count
         names = ("faces", "distance", "off_red", "off_black", "couplings", "red_inverse", "black_inverse")
-        self._note(row, **{name: getattr(stencil, name) for name in names})
-        self._note(row, degree=stencil.black_degree, aggregate=of.aggregate)
-        self._note(row, below_fed=below[0], below=below[1])
+        self._note(number, **{name: getattr(stencil, name) for name in names})
+        self._note(number, degree=stencil.black_degree, aggregate=of.aggregate)
 
-    def _note(self, row: np.void, **arrays: NDArray[np.generic]) -> None:
+    def _note(self, number: int, **arrays: NDArray[np.generic]) -> None:
         """Write addresses of arrays, and keep these."""
+        row = self.table[number]
         for name, array in arrays.items():
             assert array.flags.c_contiguous
             row[name] = array.ctypes.data
-            self._kept.append(array)
+            self._kept[number, name] = array
 
     def residual(self, r: Floats) -> float:
         """``r = b - A x`` (slots,), and its norm; relaxes the red cells."""

@@ -73,10 +73,7 @@ def advance(
 
 @kernel_fast
 def add_steps(z: Singles, on_x: Floats, on_p: Floats, p: Floats, one: float, x: Floats, begin: int, end: int) -> None:
-    """``x += one (on_x_p p + sum_j on_x_j z_j)``, then ``p = on_p_p p + sum_j on_p_j z_j``, on some slots.
-
-    Shapes: `z` (steps, n).
-    """
+    """``x += one (on_x_p p + sum_j on_x_j z_j)``, then ``p = on_p_p p + sum_j on_p_j z_j``; ``z`` (steps, n)."""
     before_x, before_p = on_x[-1], on_p[-1]
     for k in range(begin, end):
         ahead, far = before_p * p[k], before_x * p[k]

@@ -11,6 +11,7 @@ beside the grid, is a coupling.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -37,7 +38,7 @@ class Lattice:
     shape: tuple[int, ...]
     extras: int = 0
 
-    @property
+    @cached_property
     def strides(self) -> tuple[int, ...]:
         """From the number of a cell to the next one's along every axis.
 

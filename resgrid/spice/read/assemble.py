@@ -138,7 +138,7 @@ def _held_voltages(parts: dict[str, Part], node_count: int) -> tuple[NDArray[np.
         forest = tie_sources(netlist)
     except CircuitError:
         return np.full(node_count, np.nan), np.arange(node_count)
-    return forest.offset, forest.root
+    return forest.offsets[0], forest.root
 
 
 def _note_oddities(parts: dict[str, Part], nodes: NodeTable, files: tuple[str, ...], contents: Contents) -> None:
