@@ -19,7 +19,7 @@ def conductances_by_row(
     """Symmetric compressed rows of the conductances between rows, sorted, parallel resistors summed, and no diagonal.
 
     Rows are filled with lower neighbours from the front and with upper ones from behind: where a grid's resistors come
-    axis by axis, they are sorted then.  Others are written as columns, one after the other.
+    axis by axis, they are sorted then.
     """
     indptr = np.zeros(size + 1, np.int32)
     for k in range(len(pairs)):
@@ -39,13 +39,15 @@ def conductances_by_row(
             indices[back[lower]], data[back[lower]] = upper, conductance[k]
             indices[front[upper]], data[front[upper]] = lower, conductance[k]
             front[upper] += 1
-    descents, repeats = 0, 0
+    repeats = 0
     for i in range(size):
+        wrong = 0
         for k in range(indptr[i] + 1, indptr[i + 1]):
-            descents += indices[k] < indices[k - 1]
-            repeats += indices[k] == indices[k - 1]
-    if descents > 0:
-        indices, data, repeats = _transposed(indptr, indices, data)
+            wrong += indices[k] <= indices[k - 1]
+        if wrong > 0:
+            sort(indices, data, indptr[i], indptr[i + 1])
+            for k in range(indptr[i] + 1, indptr[i + 1]):
+                repeats += indices[k] == indices[k - 1]
     if repeats > 0:
         end = _sum_repeats(indptr, indices, data)
         indices, data = indices[:end].copy(), data[:end].copy()
@@ -53,17 +55,19 @@ def conductances_by_row(
 
 
 @inner
-@makes_arrays
-def _transposed(indptr: Indices, indices: Indices, data: Floats) -> tuple[Indices, Floats, int]:
-    """Rows written as columns, and how many of their entries stand behind the same one."""
-    fill, columns, values, repeats = indptr[:-1].copy(), np.empty_like(indices), np.empty_like(data), 0
-    for i in range(len(fill)):
-        for k in range(indptr[i], indptr[i + 1]):
-            j = indices[k]
-            columns[fill[j]], values[fill[j]] = i, data[k]
-            repeats += fill[j] > indptr[j] and columns[fill[j] - 1] == i
-            fill[j] += 1
-    return columns, values, repeats
+def sort(keys: Indices, values: Floats | Indices, begin: int, end: int) -> None:
+    """Sort a part of an array, and what belongs to its entries, or itself once more (Shell 1959)."""
+    gap = 1
+    while 16 * gap < end - begin:
+        gap = 3 * gap + 1
+    while gap > 0:
+        for k in range(begin + gap, end):
+            key, value, at = keys[k], values[k], k
+            while at >= begin + gap and keys[at - gap] > key:
+                keys[at], values[at] = keys[at - gap], values[at - gap]
+                at -= gap
+            keys[at], values[at] = key, value
+        gap //= 3
 
 
 @inner

@@ -17,10 +17,11 @@ from typing import NamedTuple
 import numpy as np
 
 from resgrid.errors import BudgetError
-from resgrid.jit import ZERO, inlined, inner, interruptible, kernel, makes_arrays
+from resgrid.jit import ZERO, inlined, interruptible, kernel, makes_arrays
 from resgrid.solvers.extended import Indices, Integers
 from resgrid.solvers.laplacian import MOST_NUMBERED, Laplacian
 from resgrid.solvers.ordering_kernels import minimum_fill, quotient_graph, with_room
+from resgrid.solvers.row_kernels import sort
 
 _MOST_FILL, _MOST_FILL_OF_VOLUMES = 60, 600
 """Entries a row above which a circuit is not narrow, and factors in the order by fill are sooner made."""
@@ -268,7 +269,7 @@ def list_supernodes(
             if area > share * (k + n // 8) or end + n > most_rows:
                 return -1, rows
             rows = with_room(rows, end, 2 * n)
-            _sort(rows, start[node], end)
+            sort(rows, rows, start[node], end)
             if end > start[node] + columns:
                 up = rows[start[node] + columns]
                 sibling[node], branch[up] = branch[up], node
@@ -276,7 +277,7 @@ def list_supernodes(
         first[node], start[node], columns, zeros = k, end, 1, 0
         rows[end], seen[k] = k, node
         end = _add_rows(pattern, k, node, seen, branch, sibling, start, rows, end + 1)
-    _sort(rows, start[node], end)
+    sort(rows, rows, start[node], end)
     first[node + 1], start[node + 1] = n, end
     return node + 1, rows
 
@@ -305,19 +306,3 @@ def _add_rows(
                 seen[row], rows[end] = node, row
                 end += 1
     return end
-
-
-@inner
-def _sort(keys: Indices, begin: int, end: int) -> None:
-    """Sort a part of a list (Shell 1959)."""
-    gap = 1
-    while 16 * gap < end - begin:
-        gap = 3 * gap + 1
-    while gap > 0:
-        for k in range(begin + gap, end):
-            key, at = keys[k], k
-            while at >= begin + gap and keys[at - gap] > key:
-                keys[at] = keys[at - gap]
-                at -= gap
-            keys[at] = key
-        gap //= 3
