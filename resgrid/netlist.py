@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import real_numbers
+from resgrid.arguments import check_whole, real_numbers
 from resgrid.errors import InputError
 from resgrid.frozen import frozen
 from resgrid.graphs import ARRAYS, fields_of, graph_of
@@ -181,12 +181,22 @@ class Netlist:
                     f"nonlinear resistor {bad} between nodes {self.nonlinear_nodes[bad].tolist()} has {name} = "
                     f"{getattr(self, name)[bad]} {unit}; it must be positive"
                 )
+        self._check_element_names()
         if not isinstance(self.cell_map, CellMap | None):
             raise InputError(f"cell_map = {self.cell_map!r} must be what compile_space makes, or None")
         if not (self.node_names is None or isinstance(self.node_names, Sequence)):
             raise InputError(f"node_names = {self.node_names!r} must be a list of texts, one a node")
         if self.node_names is not None and len(self.node_names) != self.node_count:
             raise InputError(f"{len(self.node_names)} node names for {self.node_count} nodes")
+
+    def _check_element_names(self) -> None:
+        names = {} if self.element_names is None else self.element_names
+        if not isinstance(names, Mapping) or names.keys() - ARRAYS.keys():
+            raise InputError(f"element_names = {names!r} must be texts by kind; kinds are {', '.join(ARRAYS)}")
+        for kind, texts in names.items():
+            count = len(getattr(self, ARRAYS[kind][0]))
+            if not isinstance(texts, Sequence) or isinstance(texts, str) or len(texts) != count:
+                raise InputError(f"element_names[{kind!r}] must be {count} texts, one for every {kind}")
 
     def _check_kind(self, kind: str, names: tuple[str, ...]) -> None:
         nodes = getattr(self, names[0])
@@ -219,6 +229,7 @@ class Netlist:
 
     def node_name(self, node: int) -> str:
         """Name of a node: ``0`` for ground, ``n_12_7`` for a cell, ``obstacle``, ``goal_0``, otherwise ``node_5``."""
+        check_whole("node", node, 0)
         return self.names_of(np.array([node]))[0]
 
     def names_of(self, nodes: ArrayLike) -> list[str]:

@@ -138,8 +138,15 @@ def test_masked_numbers_are_refused() -> None:
     ("ask", "message"),
     [
         (lambda netlist: netlist.replace(cell_map=3), "cell_map = 3 must be what compile_space makes"),
-        (lambda netlist: netlist.node_name("a"), "nodes must be an array of real numbers"),
-        (lambda netlist: netlist.node_name(-1), "nodes names a node outside 0 ... 2"),
+        (lambda netlist: netlist.node_name("a"), "node = 'a' must be a whole number"),
+        (lambda netlist: netlist.node_name(-1), "node = -1 must be a whole number"),
+        (lambda netlist: netlist.node_name([]), r"node = \[\] must be a whole number"),
+        (lambda netlist: netlist.replace(element_names=3), "element_names = 3 must be texts by kind"),
+        (lambda netlist: netlist.replace(element_names={"diode": ()}), "must be texts by kind"),
+        (
+            lambda netlist: netlist.replace(element_names={"resistor": ("a",)}),
+            "must be 2 texts, one for every resistor",
+        ),
         (lambda netlist: netlist.names_of([0, 3]), "nodes names a node outside 0 ... 2"),
         (lambda netlist: netlist.names_of([0.5]), "nodes must hold node numbers"),
         (lambda netlist: netlist.names_of([[1]]), r"nodes has shape \(1, 1\)"),

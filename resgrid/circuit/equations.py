@@ -289,10 +289,8 @@ def injected_into_rows(netlist: Netlist, unknown: NDArray[np.int32], size: int) 
 
 
 def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
-    """Current that the current sources feed into every node but ground, in amperes; shape (nodes,)."""
-    unknown = np.arange(netlist.node_count, dtype=np.int32)
-    unknown[GROUND] = -1
-    return injected_into_rows(netlist, unknown, netlist.node_count)
+    """Current that the current sources feed into every node, in amperes; shape (nodes,)."""
+    return injected_into_rows(netlist, np.arange(netlist.node_count, dtype=np.int32), netlist.node_count)
 
 
 def _without_memory(currents: NDArray[np.float64], size: int) -> NDArray[np.float64]:

@@ -94,7 +94,8 @@ def balance(system: Equations) -> Falls | None:
         share = np.divide(moved, beside, out=np.zeros_like(amps), where=(amps > 0.0) & (beside > 0.0))
         faint, least = (share > _CERTAIN) & (amps <= _FAINT * amps.max()), amps <= _LEAST * amps.max()
         worst = float(share.max(where=~faint, initial=0.0))
-        if worst <= _CERTAIN and not (faint & ~least).any():
+        open_rows = np.abs(net) > np.maximum(_CERTAIN * through, _FAINT * through.max())
+        if worst <= _CERTAIN and not ((faint & ~least).any() or open_rows.any()):
             break
     faint |= least & (amps > 0.0)
     if faint.any():

@@ -120,19 +120,15 @@ def source_currents(
 ) -> NDArray[np.float64]:
     """Current into the plus terminal of every voltage source, from KCL on the forest.
 
-    That of a floating source is summed on the side of it where less flows, and less is lost to rounding: from the
-    leaves of its tree and from its root towards the node around which most flows.
+    It is summed on the side of a source where less flows, and less is lost to rounding: from the leaves of its tree and
+    from its root towards the node around which most flows.
     Shapes: `outflow, through` (nodes,), the net current and half the sum of all magnitudes; returns (sources,).
     """
     current, ties = np.full(len(netlist.source_volts), np.nan), forest.ties
     remaining, flow = ({node: float(values[node]) for node in forest.order.tolist()} for values in (outflow, through))
     for node, above, _, _ in reversed(ties):
         flow[above] += flow[node]
-    inwards = [
-        (above, node, source)
-        for node, above, source, base in ties
-        if base != GROUND and flow[node] > _MOST_OF_FLOW * flow[base]
-    ]
+    inwards = [(above, node, source) for node, above, source, base in ties if flow[node] > _MOST_OF_FLOW * flow[base]]
     turned = {source for _, _, source in inwards}
     outwards = [(node, above, source) for node, above, source, _ in reversed(ties) if source not in turned]
     for node, other, source in outwards + inwards:

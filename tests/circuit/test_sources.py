@@ -132,3 +132,27 @@ def test_a_source_drives_a_loop_that_floats(accuracy: str) -> None:
     assert point.power == pytest.approx(4.0 + 5e-4 + 4.5)
     assert point.potential is not None
     assert point.potential[:2].tolist() == [0.0, 1.0]
+
+
+def test_a_source_carries_what_is_told_where_less_flows() -> None:
+    """Beside 5e4 A at its other end: 1e-9 A come from ground through a resistor, or 1e-12 A of a current source."""
+    point = solve(circuit(3, [(0, 1, 1.0), (1, 2, 2e-5)], [(2, 1, 1.0), (1, 0, -1e-9)]))
+    assert point.source_current == pytest.approx([-5e4, 1e-9], rel=1e-12)
+    netlist = circuit(3, [(1, 2, 1.0)], [(1, 2, 1.0), (1, 0, 1.0)])
+    point = solve(netlist.replace(current_nodes=[(2, 0)], current_amps=[1e-12]))
+    assert point.source_current == pytest.approx([-1.0, -1e-12], rel=1e-9)
+
+
+@pytest.mark.parametrize("amps", [1e-9, 1e-12, 1e-15, 1e-20])
+def test_what_flows_into_nodes_that_sources_join_is_not_lost_beside_what_flows_among_them(amps: float) -> None:
+    netlist = circuit(4, [(3, 0, 1.0)], [(3, 2, 1.0), (3, 1, 1000.0)])
+    point = solve(netlist.replace(current_nodes=[(1, 2), (2, 0)], current_amps=[1.0, amps]))
+    assert point.resistor_current == pytest.approx([-amps], rel=1e-9)
+    netlist = circuit(3, [(0, 2, 1.0), (1, 2, 1.0)], [(2, 1, 1.0)])
+    point = solve(netlist.replace(current_nodes=[(0, 1)], current_amps=[amps]))
+    assert point.resistor_current == pytest.approx([-amps, -1.0], rel=1e-9)
+
+
+def test_a_high_source_with_nothing_behind_it_is_solved() -> None:
+    netlist = circuit(5, [(2, 4, 1.0), (3, 0, 1.0), (0, 4, 1.0)], [(0, 2, 1e-9), (1, 3, 1e6)])
+    assert solve(netlist).resistor_current == pytest.approx([-5e-10, 0.0, 5e-10], rel=1e-9)
