@@ -290,7 +290,11 @@ def injected_into_rows(netlist: Netlist, unknown: NDArray[np.int32], size: int) 
 
 def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
     """Current that the current sources feed into every node, in amperes; shape (nodes,)."""
-    return injected_into_rows(netlist, np.arange(netlist.node_count, dtype=np.int32), netlist.node_count)
+    unknown, (taken, fed) = np.arange(netlist.node_count, dtype=np.int32), netlist.current_nodes.T
+    unknown[GROUND] = -1  # which most are fed from, and too many to be summed exactly
+    injected = injected_into_rows(netlist, unknown, netlist.node_count)
+    injected[GROUND] = netlist.current_amps[fed == GROUND].sum() - netlist.current_amps[taken == GROUND].sum()
+    return injected
 
 
 def _without_memory(currents: NDArray[np.float64], size: int) -> NDArray[np.float64]:
