@@ -27,6 +27,9 @@ from resgrid.solvers.monitor import Progress, Watch
 from resgrid.solvers.refine import CERTAIN, is_answer
 from resgrid.solvers.team import Team
 
+_LOST = 1e-10
+"""Share of the smallest source's voltage that rounding may leave of a sum."""
+
 _STIFF = 1e-9
 """Ratio of conductances from which the rounding of the large ones may hide what the small ones carry."""
 
@@ -105,10 +108,14 @@ def _asks_for_balance(system: Equations, point: OperatingPoint) -> bool:
     """Whether differences of voltages may not tell all currents.
 
     They do not where currents do not add up; rounding may hide some where floating sources drive others around, where
-    voltages are sums of sources', and where conductances differ by many decades, or both signs drive: small circuits
-    are balanced then.
+    voltages are sums of sources' with small ones among them, and where voltages are any sums, conductances differ by
+    many decades, or both signs drive: small circuits are balanced then.
     """
-    if system.forest.lift > 0.0 or system.forest.rest.any() or point.kcl_residual > DIRECTION_RESIDUAL:
+    forest, volts = system.forest, np.abs(system.netlist.source_volts)
+    lost = float(np.abs(forest.rest).max(initial=0.0))
+    if forest.lift > 0.0 or point.kcl_residual > DIRECTION_RESIDUAL:
+        return True
+    if lost > 0.0 and (system.size <= EXACT_ROWS or lost > _LOST * volts[volts > 0.0].min()):
         return True
     if not 0 < system.size <= EXACT_ROWS:
         return False

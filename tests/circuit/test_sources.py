@@ -156,3 +156,17 @@ def test_what_flows_into_nodes_that_sources_join_is_not_lost_beside_what_flows_a
 def test_a_high_source_with_nothing_behind_it_is_solved() -> None:
     netlist = circuit(5, [(2, 4, 1.0), (3, 0, 1.0), (0, 4, 1.0)], [(0, 2, 1e-9), (1, 3, 1e6)])
     assert solve(netlist).resistor_current == pytest.approx([-5e-10, 0.0, 5e-10], rel=1e-9)
+
+
+@pytest.mark.parametrize(("step", "balanced"), [(0.7, False), (1e-9, True)])
+def test_large_circuits_are_balanced_for_small_sources_alone(step: float, balanced: bool) -> None:
+    """Sums of 1.1 V and 0.7 V are no doubles, but good enough; 1e-9 V above 1.1 V are not."""
+    mesh = np.arange(150 * 150).reshape(150, 150)
+    sides = ((mesh[1:], mesh[:-1]), (mesh[:, 1:], mesh[:, :-1]))
+    pairs = np.concatenate([np.stack([a.ravel(), b.ravel()], axis=1) for a, b in sides])
+    held = [[1, 0], [2, 1]]
+    netlist = Netlist(mesh.size, pairs, np.ones(len(pairs)), source_nodes=held, source_volts=[1.1, step])
+    point = solve(netlist)
+    assert ("balance" in point.seconds) is balanced
+    between = np.flatnonzero((pairs == [2, 1]).all(axis=1))
+    assert point.resistor_current[between] == pytest.approx([step], rel=1e-12)
