@@ -14,6 +14,9 @@ from resgrid.errors import CircuitError
 from resgrid.netlist import GROUND, Netlist
 from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian, Rails
 
+_MANY = 20_000
+"""Current sources at ground from which on these are not summed exactly: a grid has one for every cell."""
+
 
 def sum_by_row(row: NDArray[np.int32], values: NDArray[np.float64], size: int) -> NDArray[np.float64]:
     """Sums of the values (k,) that belong to every row, shape (n,)."""
@@ -291,9 +294,10 @@ def injected_into_rows(netlist: Netlist, unknown: NDArray[np.int32], size: int) 
 def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
     """Current that the current sources feed into every node, in amperes; shape (nodes,)."""
     unknown, (taken, fed) = np.arange(netlist.node_count, dtype=np.int32), netlist.current_nodes.T
-    unknown[GROUND] = -1  # which most are fed from, and too many to be summed exactly
-    injected = injected_into_rows(netlist, unknown, netlist.node_count)
-    injected[GROUND] = netlist.current_amps[fed == GROUND].sum() - netlist.current_amps[taken == GROUND].sum()
+    unknown[GROUND] = -1
+    injected, amps = injected_into_rows(netlist, unknown, netlist.node_count), netlist.current_amps
+    amps = np.concatenate([amps[fed == GROUND], -amps[taken == GROUND]])
+    injected[GROUND] = amps.sum() if len(amps) > _MANY else math.fsum(amps.tolist())
     return injected
 
 

@@ -170,3 +170,9 @@ def test_large_circuits_are_balanced_for_small_sources_alone(step: float, balanc
     assert ("balance" in point.seconds) is balanced
     between = np.flatnonzero((pairs == [2, 1]).all(axis=1))
     assert point.resistor_current[between] == pytest.approx([step], rel=1e-12)
+
+
+def test_currents_that_cancel_at_ground_hide_no_smaller_one() -> None:
+    netlist = circuit(3, [(1, 2, 1.0)], [(1, 0, 3.3)])
+    point = solve(netlist.replace(current_nodes=[(1, 0), (2, 0), (2, 0)], current_amps=[1e-20, -1e-3, 1e-3]))
+    assert point.source_current == pytest.approx([-1e-20], rel=1e-9)
