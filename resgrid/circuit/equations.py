@@ -232,14 +232,15 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
     ends = np.take(elements, contacts, axis=0)
     here = part[ends]
     tied, held = ends[here < 0], here.max(axis=1)
-    lowest, highest = _range(forest.offsets[0][tied], held, number)
+    offset, rest = forest.offsets
+    lowest, highest = _range(offset[tied], held, number)
     fed = np.zeros(number + 1, dtype=np.bool_)  # the last one for what is tied to ground
     for end in netlist.current_nodes.T:
         fed[np.take(part, end)[netlist.current_amps != 0]] = True
     fed[part[forest.order[(forest.base != GROUND) & (forest.height != 0)]]] = True
     fed = fed[:number]
     if forest.rest.any():
-        least, most = _range(forest.offsets[1][tied], held, number)
+        least, most = _range(rest[tied], held, number)
         fed |= most > least
     parts = Parts(part, lowest, highest, fed, contacts)
     if np.any(fed & parts.floating):
@@ -267,7 +268,8 @@ def contacts_of(
     """Look at some of the elements.  Shapes: `ends` (m, 2), `some` (k,): their numbers."""
     first, second = np.take(ends, some, axis=0).T
     i, j = np.take(unknown, first), np.take(unknown, second)
-    volts = np.take(forest.offsets[0], second) - np.take(forest.offsets[0], first)
+    offset = forest.offsets[0]
+    volts = np.take(offset, second) - np.take(offset, first)
     tied, joined = (i < 0) != (j < 0), np.flatnonzero((i >= 0) & (j >= 0) & (i != j) & (volts != 0))
     return Contacts(
         element=np.concatenate([some[tied], some[joined], some[joined]]),

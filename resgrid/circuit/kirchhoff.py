@@ -62,11 +62,12 @@ def balance(system: Equations) -> Falls | None:
     """Falls that balance at every row; None where there is too little memory for the factors."""
     netlist, none, forest = system.netlist, np.zeros(system.size), system.forest
     ends, rows = netlist.resistor_nodes, system.unknown[netlist.resistor_nodes]
-    held = np.where(system.unknown >= 0, forest.offsets[0], np.nan_to_num(system.known_voltages()))
+    offset, rest = forest.offsets
+    held = np.where(system.unknown >= 0, offset, np.nan_to_num(system.known_voltages()))
     still = np.zeros(netlist.node_count, dtype=np.bool_)
     still[system.floating] = still[system.undriven] = True
     flows = ~still[ends].any(axis=1)
-    one, other = ((flows * held[end], flows * forest.offsets[1][end]) for end in ends.T)
+    one, other = ((flows * held[end], flows * rest[end]) for end in ends.T)
     falls, excused = _plus(one, -other[0], -other[1]), np.zeros(netlist.node_count, dtype=np.bool_)
     if not system.size:
         return Falls(falls[0], none, 0.0, excused, None)

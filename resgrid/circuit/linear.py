@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.circuit.equations import Equations, assemble
+from resgrid.circuit.equations import Equations, assemble, parts_of
 from resgrid.circuit.operating_point import OperatingPoint, Readings
 from resgrid.circuit.readout import DIRECTION_RESIDUAL, node_values, read_entrywise, read_normwise, values_above
 from resgrid.errors import AccuracyError
@@ -46,7 +46,7 @@ def solve_linear(
     if not np.isin(system.forest.order[system.forest.height != 0], system.floating).any():
         return point
     some = [np.isin(ends[:, 0], system.floating) for ends in (netlist.resistor_nodes, netlist.source_nodes)]
-    loops = _tied_parts(netlist, system.floating, *some)
+    loops = _tied_parts(system, *some)
     found = solve_linear(loops, accuracy=accuracy, method=method, rtol=rtol).readings
     return replace(point, ammeters=_joined(point.readings, found, *some))
 
@@ -124,19 +124,14 @@ def _asks_for_balance(system: Equations, point: OperatingPoint) -> bool:
     return bool(mixed or found.smallest < _STIFF * found.largest)
 
 
-def _tied_parts(
-    netlist: Netlist, floating: NDArray[np.int64], resistors: NDArray[np.bool_], sources: NDArray[np.bool_]
-) -> Netlist:
+def _tied_parts(system: Equations, resistors: NDArray[np.bool_], sources: NDArray[np.bool_]) -> Netlist:
     """The resistors and sources of what floats, each part tied to ground at one of its nodes."""
-    from scipy import sparse
-    from scipy.sparse.csgraph import connected_components
-
-    n, kept, tied = netlist.node_count, netlist.resistor_nodes[resistors], netlist.source_nodes[sources]
-    pairs = np.concatenate([kept, tied])
-    part = connected_components(sparse.coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(n, n)))[1]
-    pins = floating[np.unique(part[floating], return_index=True)[1]]
-    ends, volts = np.concatenate([tied, np.outer(pins, [1, 0])]), np.append(netlist.source_volts[sources], 0.0 * pins)
-    return Netlist(n, kept, netlist.conductance[resistors], ends, volts)
+    netlist, part = system.netlist, parts_of(system.netlist, system.netlist.resistor_nodes, system.forest).of_node
+    pins = system.floating[np.unique(part[system.floating], return_index=True)[1]]
+    ends = np.concatenate([netlist.source_nodes[sources], np.outer(pins, [1, 0])])
+    volts = np.append(netlist.source_volts[sources], 0.0 * pins)
+    kept = netlist.resistor_nodes[resistors]
+    return Netlist(netlist.node_count, kept, netlist.conductance[resistors], ends, volts)
 
 
 def _joined(whole: Readings, found: Readings, resistors: NDArray[np.bool_], sources: NDArray[np.bool_]) -> Readings:

@@ -78,8 +78,10 @@ def solve_by_levels(
         x, currents = np.zeros((2, *level.degree.shape))
         x.ravel()[slot], currents.ravel()[slot] = start, drive / unit
         finest = Finest(*finest_stencils(level), hierarchy.grid.aggregate)
-        problem = problem or GridProblem(finest, hierarchy.levels, currents, x)
-        problem.begin(finest, currents, x)
+        if problem is None:
+            problem = GridProblem(finest, hierarchy.levels, currents, x)
+        else:
+            problem.begin(finest, currents, x)
         # A row whose own diagonal exceeds an ordinary one counts for so much less.
         wanted = rtol * norm((currents * (ordinary / np.maximum(level.degree, ordinary))).ravel())
         residual = converge(problem, Stop(wanted, ROUNDING * float(level.degree.max()), unit), None)

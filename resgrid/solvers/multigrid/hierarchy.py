@@ -182,11 +182,11 @@ class GridProblem:
         below = [*zip(fed, answers, strict=True), (self.work.b[: 1 + self._graphs.first[1]], self.work.x)]
         self._rooms = np.zeros((max(len(cut) for cut in cuts), max(of.stencil.block for of in grids)))
         for number, (of, cut, (into, answer)) in enumerate(zip(grids, cuts, below, strict=True)):
-            self._fill(number, of)
             slabs = [(*slab[:-1], room.ctypes.data) for slab, room in zip(cut, self._rooms, strict=False)]
             self.table["parts"][number], self.table["below_slots"][number] = len(cut), into.size
             self._note(number, sums=sums, shares=shares, slabs=np.array(slabs), below_fed=into, below=answer)
             if number:
+                self._fill(number, of)
                 (red_fed, black_fed), (red, before) = fed[number - 1], answers[number - 1]
                 r, s, z, w, c = np.zeros((5, slots[number]), dtype=np.float32)
                 self._note(number, red_fed=red_fed, black_fed=black_fed, red=red, before=before)

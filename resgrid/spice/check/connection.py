@@ -138,7 +138,8 @@ def loop_voltages(ends: NDArray[np.int32], volts: NDArray[np.float64], node_coun
     tree = minimum_spanning_tree(rank.tocsr()).data.astype(np.int64) - 1  # earlier sources first
     no_resistors = np.empty((0, 2), dtype=np.int32), np.empty(0)
     forest = tie_sources(Netlist(node_count, *no_resistors, source_nodes=ends[tree], source_volts=volts[tree]))
-    rest = forest.offsets[0][ends[:, 0]] - forest.offsets[0][ends[:, 1]] - volts
+    plus, minus = forest.offsets[0][ends.T]
+    rest = plus - minus - volts
     rest[tree] = np.nan
     return np.asarray(rest)
 
