@@ -290,10 +290,11 @@ def _source(file: str, keys: dict[str, Any], of_map: Mapping[str, Any], of_deck:
     if keys["robot_radius"] is not None:
         changes["robot.radius"] = keys["robot_radius"]
     for setting in keys["settings"]:
-        key, equals, value = setting.partition("=")
-        if not equals or not key.strip():
+        key, equals, value = (part.strip() for part in setting.partition("="))
+        if not equals or not key:
             raise InputError(f"--set {setting!r}: expected KEY=VALUE, such as chip.supply=3.3")
-        changes[key.strip()] = value.strip()
+        if changes.setdefault(key, value) != value:
+            raise InputError(f"--set {setting}: {key} is also given as {_shown(changes[key])}; leave one of them out")
     if "boundary" in changes:  # the scene's blends and drive belong to its own boundary
         changes.setdefault("k", [])
         if changes["boundary"] != "neumann":
@@ -301,6 +302,11 @@ def _source(file: str, keys: dict[str, Any], of_map: Mapping[str, Any], of_deck:
     options = {key.rstrip("_"): value for key, value in of_map.items() if value is not None}
     reading = {"dialect": of_deck.get("read_as", "auto"), "root": of_deck.get("root")}
     return Source(file, options, changes, keys["threads"], **reading)
+
+
+def _shown(value: Any) -> str:
+    """Return a changed value as one types it."""
+    return ",".join(map(_shown, value)) if isinstance(value, list | tuple) else f"{value}"
 
 
 def _cells(key: str, places: Sequence[tuple[float, ...]]) -> dict[str, list[tuple[int, ...]]]:

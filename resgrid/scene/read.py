@@ -195,9 +195,9 @@ def build_scene(
     """Check a document and make the scene it describes; `known`: its map, if it has been read already."""
     from resgrid.scene.schema import robot_of, validate
 
-    raw = _with_footprint(raw)
+    raw = with_footprint(raw)
     robot = robot_of(raw.get("robot", {}))
-    raw = _with_axes(raw, robot)
+    raw = with_axes(raw, robot)
     document, problems, values = validate(raw)
     if robot is None:  # what its axes lack, it might have said
         problems = [problem for problem in problems if problem[0][:1] != ("grid",) or "is missing" not in problem[1]]
@@ -266,7 +266,7 @@ def _axis_names(raw: Mapping[str, Any]) -> list[str | None]:
     return [name if isinstance(name, str) else None for name in names]
 
 
-def _with_footprint(raw: Mapping[str, Any]) -> Mapping[str, Any]:
+def with_footprint(raw: Mapping[str, Any]) -> Mapping[str, Any]:
     """A document whose robot's ``footprint`` is the vertices of a polygon."""
     robot = raw.get("robot")
     if not isinstance(robot, Mapping) or "footprint" not in robot:
@@ -275,7 +275,7 @@ def _with_footprint(raw: Mapping[str, Any]) -> Mapping[str, Any]:
     return {**raw, "robot": {**vertices, **{key: value for key, value in robot.items() if key != "footprint"}}}
 
 
-def _with_axes(raw: Mapping[str, Any], robot: Robot | None) -> Mapping[str, Any]:
+def with_axes(raw: Mapping[str, Any], robot: Robot | None) -> Mapping[str, Any]:
     """A document whose axes say everything that its robot, and ``grid.cells``, imply."""
     grid = raw.get("grid")
     if not isinstance(grid, Mapping):
