@@ -14,6 +14,8 @@ import pytest
 from support.cli import COMMAND, call
 from support.executors import two_workers
 
+from resgrid.extras import install_command
+
 WORDS = ["--only", "yield", "--most", "200", "--half-width", "0.001", "--no-check", "-q"]
 
 
@@ -121,4 +123,4 @@ def test_what_is_not_installed_is_named(name: str, module: str, extra: str) -> N
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.returncode == 3
-    assert f"{module} is missing" in done.stderr and f"pip install 'resgrid[{extra}]'" in done.stderr
+    assert f"{module} is missing" in done.stderr and install_command(extra) in done.stderr
