@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from resgrid.errors import InputError, ToolMissingError
+from resgrid.extras import install_command
 
 FORMS = "processes[:N], dask://HOST:PORT, mpi or parsl:FILE"
 """What names an executor."""
@@ -200,4 +201,4 @@ def _needed(module: str, extra: str) -> Any:
         return importlib.import_module(module)
     except ImportError as error:
         package = module.partition(".")[0]
-        raise ToolMissingError(f"{package} is missing ({error}); install it: pip install 'resgrid[{extra}]'") from error
+        raise ToolMissingError(f"{package} is missing ({error}); install it: {install_command(extra)}") from error

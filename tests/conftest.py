@@ -2,13 +2,16 @@ import signal
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 PROJECT = Path(__file__).resolve().parents[1]
 
-# How long an example takes is the machine's affair, and decides no test.
-settings.register_profile("untimed", deadline=None)
-settings.load_profile("untimed")
+# The duration of an example decides no test.  'make test' draws the same examples everywhere, 'make fuzz' takes
+# --hypothesis-profile=fuzz and a seed.
+_UNTIMED = {"deadline": None, "database": None, "suppress_health_check": [HealthCheck.too_slow]}
+settings.register_profile("fixed", derandomize=True, **_UNTIMED)
+settings.register_profile("fuzz", derandomize=False, print_blob=True, **_UNTIMED)
+settings.load_profile("fixed")
 
 # A shell starts what runs in the background with interrupts ignored, and all that it starts.
 signal.signal(signal.SIGINT, signal.default_int_handler)

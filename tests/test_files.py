@@ -123,5 +123,5 @@ removing.wait()
 weakref.finalize._exitfunc()
 os._exit(0)
 """
-    subprocess.run([sys.executable, "-c", program], check=True, timeout=60, env=os.environ | {"TMPDIR": str(tmp_path)})
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=300, env=os.environ | {"TMPDIR": str(tmp_path)})
     assert list(tmp_path.iterdir()) == []

@@ -26,7 +26,7 @@ def run_script(folder: Path, programs: dict[str, str], **environment: str) -> tu
         env={"PATH": str(bin_), **environment},
         capture_output=True,
         text=True,
-        timeout=20,
+        timeout=300,
         check=False,
     )
     return run.returncode, run.stderr, log.read_text()

@@ -7,6 +7,7 @@ import contextlib
 import gc
 import importlib
 import os
+import shlex
 import signal
 import sys
 import threading
@@ -19,6 +20,7 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
+from resgrid.cli.options import is_source
 from resgrid.cli.report import INTERRUPTED, LEFT, TERMINATED, UNEXPECTED, Failure, end_at_once, failure_of, is_computing
 
 VERBS = {
@@ -69,10 +71,14 @@ class Verbs(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The command that the first word names, or an error that guesses which one was meant."""
-        near = get_close_matches(args[0], VERBS, 1)
-        if near and args[0] not in VERBS:
-            raise click.UsageError(f"No such command {args[0]!r}. Did you mean {near[0]!r}?", ctx)
+        """Return the command that the first word names; else raise an error that names the probable command."""
+        if args[0] not in VERBS:
+            near = get_close_matches(args[0], VERBS, 1)
+            if is_source(args[0]):
+                words = f"a command is missing before {args[0]!r}; type: {ctx.command_path} run {shlex.join(args)}"
+                raise click.UsageError(words, ctx)
+            if near:
+                raise click.UsageError(f"No such command {args[0]!r}. Did you mean {near[0]!r}?", ctx)
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:

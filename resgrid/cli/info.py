@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from math import ceil
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -29,22 +30,26 @@ _KEY = "# obstacle, + partly, . free, G goal, S start"
 
 @verb(
     "info",
-    examples=("resgrid info map.yaml", "resgrid info theirs.sp --json", "resgrid info --schema"),
+    examples=("resgrid info map.yaml", "resgrid info theirs.sp --json", "resgrid info --examples"),
 )
 @with_source("[SCENE|DECK]", required=False)
 @click.option("--schema", is_flag=True, help="Print the JSON Schema of scene files.")
+@click.option("--examples", "shipped", is_flag=True, help="List the shipped scenes, which every verb finds by name.")
 @click.option("--versions", is_flag=True, help="Print the versions of resgrid and what it uses.")
-def command(source: Source | None, schema: bool, versions: bool) -> int:
+def command(source: Source | None, schema: bool, shipped: bool, versions: bool) -> int:
     """Describe SCENE: a sketch, its cells, goals and starts, what cannot be reached, the memory a solution takes.
 
     Of a map: how it was read, such as which grey values are free; it needs no goal yet.
 
     Of a DECK: its elements, values and supplies, what its reader noted, and the time that ngspice would take.
     """
-    if (source is not None) + schema + versions != 1:
-        raise InputError("give a SCENE, or --schema, or --versions (one of them)")
+    if (source is not None) + schema + shipped + versions != 1:
+        raise InputError("give a SCENE, or --schema, or --examples, or --versions (one of them)")
     if schema:
         click.echo(json.dumps(rg.scene_schema(), indent=2))
+    elif shipped:
+        listed = shipped_data()
+        finish({"examples": listed}, _shipped_lines(listed))
     elif versions:
         data = installed_versions()
         finish({"versions": data}, (f"{name:12} {version or 'not installed'}" for name, version in data.items()))
@@ -163,6 +168,26 @@ def _deck_lines(data: dict[str, Any]) -> Iterable[str]:
     yield f"  notes         {len(data['notes']):,}"
     for note in data["notes"][:5]:
         yield f"    {note['severity']}: {note['file']}:{note['line']}: {note['text']}"
+
+
+def shipped_data() -> list[dict[str, Any]]:
+    """Return name, title and file of every shipped scene, as ``--json`` gives them."""
+    import tomllib
+
+    from resgrid.scene.shipped import shipped_scenes
+
+    return [
+        {"name": name, "title": tomllib.loads(file.read_text(encoding="utf-8")).get("title", ""), "file": str(file)}
+        for name, file in shipped_scenes().items()
+    ]
+
+
+def _shipped_lines(data: Sequence[dict[str, Any]]) -> Iterable[str]:
+    width = max((len(row["name"]) for row in data), default=0)
+    yield from (f"{row['name']:{width}}  {row['title']}" for row in data)
+    if data:
+        folder = Path(data[0]["file"]).parent
+        yield f"take one by its name, such as 'resgrid run {data[0]['name']}'; the files are in {folder}"
 
 
 def installed_versions() -> dict[str, str | None]:

@@ -27,7 +27,8 @@ _PATIENCE = 0.5
 def command(source: Source | None, host: str, port: int, read_only: bool, browser: bool) -> int:
     """Open a page in the browser: paint walls, drag goals, and watch the current find the way; Ctrl-C ends it.
 
-    SCENE has two axes; without one the page begins with an empty square. Needs pip install 'resgrid[live]'.
+    SCENE has two axes; without one the page begins with an empty square. Needs the extra 'live', which 'make demo'
+    installs.
     """
     from resgrid.page.live import serve
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import glob
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -135,7 +136,30 @@ class Written(click.Path):
         return str(value)
 
 
-SOURCE = click.Path(path_type=str, allow_dash=True)
+class SourceName(click.Path):
+    """The name of a scene, a map or a deck; files and shipped scenes are completed."""
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        """Return shipped scenes and local files that begin so, or leave files to the shell."""
+        from resgrid.scene.shipped import shipped_scenes
+
+        shipped = [name for name in shipped_scenes() if name.startswith(incomplete)]
+        local = sorted(path for path in Path().glob(f"{glob.escape(incomplete)}*") if not path.name.startswith("."))
+        if not shipped or (local and not incomplete):
+            return super().shell_complete(ctx, param, incomplete)
+        names = [f"{path}/" if path.is_dir() else str(path) for path in local]
+        return [CompletionItem(name) for name in dict.fromkeys([*names, *shipped])]
+
+
+def is_source(word: str) -> bool:
+    """Return whether a word names a scene, a map or a deck: a file, a link of the live page, or a shipped scene."""
+    from resgrid.scene.shipped import shipped_scene
+
+    path = Path(word)
+    return "://" in word or path.is_file() or bool(path.suffix) or shipped_scene(word) is not None
+
+
+SOURCE = SourceName(path_type=str, allow_dash=True)
 WRITTEN, FOLDER = Written(dir_okay=False), Written()
 NUMBERS = Numbers()
 POSITIVE = Amount(0, min_open=True)
@@ -290,10 +314,11 @@ def _source(file: str, keys: dict[str, Any], of_map: Mapping[str, Any], of_deck:
     if keys["robot_radius"] is not None:
         changes["robot.radius"] = keys["robot_radius"]
     for setting in keys["settings"]:
-        key, equals, value = setting.partition("=")
-        if not equals or not key.strip():
+        key, equals, value = (part.strip() for part in setting.partition("="))
+        if not equals or not key:
             raise InputError(f"--set {setting!r}: expected KEY=VALUE, such as chip.supply=3.3")
-        changes[key.strip()] = value.strip()
+        if changes.setdefault(key, value) != value:
+            raise InputError(f"--set {setting}: {key} is also given as {_shown(changes[key])}; leave one of them out")
     if "boundary" in changes:  # the scene's blends and drive belong to its own boundary
         changes.setdefault("k", [])
         if changes["boundary"] != "neumann":
@@ -301,6 +326,11 @@ def _source(file: str, keys: dict[str, Any], of_map: Mapping[str, Any], of_deck:
     options = {key.rstrip("_"): value for key, value in of_map.items() if value is not None}
     reading = {"dialect": of_deck.get("read_as", "auto"), "root": of_deck.get("root")}
     return Source(file, options, changes, keys["threads"], **reading)
+
+
+def _shown(value: Any) -> str:
+    """Return a changed value as one types it."""
+    return ",".join(map(_shown, value)) if isinstance(value, list | tuple) else f"{value}"
 
 
 def _cells(key: str, places: Sequence[tuple[float, ...]]) -> dict[str, list[tuple[int, ...]]]:

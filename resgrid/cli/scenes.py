@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import resgrid as rg
 from resgrid.cli.options import Source
 from resgrid.cli.report import compute, say, stage
-from resgrid.errors import InputError
+from resgrid.errors import InputError, suggestion
 from resgrid.spice.dialects import DECK_SUFFIXES
 
 if TYPE_CHECKING:
@@ -108,8 +108,21 @@ def _load_scene(source: Source) -> rg.Scene:
     elif Path(source.file).suffix.lower() in DECK_SUFFIXES:
         raise InputError(f"{source.file}: this is a deck, and a scene or a map is needed; decks go to 'resgrid check'")
     else:
-        document = read_document(source.file, source.map_options)
+        document = read_document(_named_file(source.file), source.map_options)
     return build_changed(document, source.changes)
+
+
+def _named_file(name: str) -> str | Path:
+    """Return the file of a shipped scene, and report its place, or else the name itself."""
+    from resgrid.scene.shipped import shipped_scene, shipped_scenes
+
+    shipped = shipped_scene(name)
+    if shipped is None and name == Path(name).name and not Path(name).exists():
+        near = suggestion(name.removesuffix(".toml"), shipped_scenes())
+        raise InputError(f"{name}: there is no such file; {near or 'check the name and the folder'}")
+    if shipped is not None:
+        say(f"{name} is no file here; reading the shipped scene {shipped}")
+    return shipped or name
 
 
 def _refuse_map_options(source: Source) -> None:

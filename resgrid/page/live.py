@@ -14,6 +14,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from resgrid.errors import InputError, ResgridError, ToolMissingError
+from resgrid.extras import install_command
 from resgrid.page.drawing import Drawing, blank, drawing_of, drawing_of_space
 from resgrid.space import ConfigurationSpace
 
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
     from resgrid.page.notebook import LiveWidget
     from resgrid.scene import Scene
 
-_MISSING = "the live page needs starlette, uvicorn and websockets; type: pip install 'resgrid[live]'"
-_NO_WIDGETS = "a notebook shows the page as a widget; type: pip install 'resgrid[notebook]', or pass widget=False"
+_MISSING = "the live page needs starlette, uvicorn and websockets; type: {command}"
+_NO_WIDGETS = "in a notebook the page is a widget, which needs anywidget; type: {command}, or pass widget=False"
 _START_SECONDS = 20.0
 _STOP_SECONDS = 30.0
 _WORKERS = 8
@@ -46,7 +47,7 @@ class LivePage:
             from resgrid.page.messages import LARGEST
             from resgrid.page.server import make_app
         except ImportError as error:
-            raise ToolMissingError(f"{_MISSING} ({error})") from None
+            raise ToolMissingError(f"{_MISSING.format(command=install_command('live'))} ({error})") from None
         self._executor = ThreadPoolExecutor(_WORKERS, thread_name_prefix="resgrid answers")
         app = make_app(drawing, self._executor, host=host, read_only=read_only)
         self._socket = _listen(host, port)
@@ -148,7 +149,8 @@ def live(
         try:
             from resgrid.page.notebook import LiveWidget
         except ImportError as error:
-            raise ToolMissingError(f"{_NO_WIDGETS} ({error})") from None
+            command = install_command("notebook")
+            raise ToolMissingError(f"{_NO_WIDGETS.format(command=command)} ({error})") from None
         return LiveWidget(_drawing(where), read_only=read_only)
     return serve(where, host=host, port=port, read_only=read_only, browser=browser)
 

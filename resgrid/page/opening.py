@@ -17,6 +17,7 @@ from resgrid.page.drawing import Drawing, drawing_of
 from resgrid.page.messages import File
 from resgrid.scene import Scene, read_scene
 from resgrid.scene.read import build_scene
+from resgrid.scene.shipped import shipped_scenes
 
 _SUFFIXES = (".toml", ".yaml", ".yml", ".map", ".png", ".pgm", ".jpg", ".jpeg", ".bmp")
 _PLAIN = re.compile(r"[\w. +()-]+")
@@ -25,11 +26,7 @@ _PLAIN = re.compile(r"[\w. +()-]+")
 @cache
 def examples() -> Mapping[str, Path]:
     """The shipped scenes that have two axes, by name."""
-    here = Path(__file__).parent
-    for folder in (here / "examples", here.parents[1] / "examples" / "scenes"):
-        if folder.is_dir():
-            return {file.stem: file for file in sorted(folder.glob("*.toml")) if _is_plane(file)}
-    return {}
+    return {name: file for name, file in shipped_scenes().items() if _is_plane(file)}
 
 
 def _is_plane(file: Path) -> bool:

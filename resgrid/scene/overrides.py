@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import re
+import copy
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from resgrid.errors import InputError
 from resgrid.robots import ROBOTS, Robot
 from resgrid.scene.goals import CostArea, GoalJoints
-from resgrid.scene.read import Document, build_scene
+from resgrid.scene.read import Document, build_scene, with_axes, with_footprint
 from resgrid.scene.scene import IN_FILES, LISTS, Scene
 from resgrid.scene.table import plain
+from resgrid.scene.toml_lines import Path as KeyPath
 
 SHORT = {"resistance": "chip.resistance", "supply": "chip.supply", "radius": "robot.radius"}
-_WIRING = re.compile(r"(boundary|drive|k|start|start_cell|chip\..*)$")
 PLACES = {"goal": "point", "goal_cell": "cell", "start": "point", "start_cell": "cell"}
 
 
@@ -64,61 +64,85 @@ def _robot_table(robot: Robot) -> dict[str, Any]:
 
 
 def apply_overrides(scene: Scene, changes: Mapping[str, Any]) -> Scene:
-    """The same scene with some keys changed, checked like a scene file.
+    """Return the scene with some keys changed, checked like a scene file.
 
     A key path is written as in error messages (``chip.resistance``, ``obstacle[2].radius``, or with dots:
     ``obstacle.2.radius``); ``resistance``, ``supply`` and ``radius`` alone are enough.  ``goal``, ``goal_cell``,
     ``start`` and ``start_cell`` take one place or a list of them and replace all goals or starts; world coordinates, or
     cell indices counted from 0.  A text is read as TOML would read it (``"4.5"`` is a number, ``"[0, 1]"`` a list), as
     numbers separated by commas, or else as itself.  Another ``robot.type`` or ``robot.footprint`` is another robot.
+    The order of the changes has no effect.
     """
-    document, changes = document_of(scene), _by_key(changes)
-    if {"robot.type", "robot.footprint"} & changes.keys():
-        document["robot"] = {}
-    _apply(document, changes)
-    grid = document.get("grid")
-    if "grid.cells" in changes and isinstance(grid, dict) and isinstance(grid.get("axes"), list):
-        for axis in grid["axes"]:
-            if isinstance(axis, dict):
-                axis.pop("cells", None)
+    document = _apply(document_of(scene), changes)
     is_same_map = scene.map is not None and document.get("map") == plain(scene.map.table)
     return build_scene(document, scene.source or "scene", Path(), known=scene.map if is_same_map else None)
 
 
 def build_changed(document: Document, changes: Mapping[str, Any]) -> Scene:
-    """The scene of a document with some keys changed, as by `apply_overrides`.
+    """Return the scene of a document with some keys changed, as by `apply_overrides`.
 
-    How it is wired may be said by both together: a wall here, its resistance there.
+    Only the changed document is checked, so its space, robot, places and wiring may come from both together.
     """
-    by_key = _by_key(changes)
-    wiring = {key: value for key, value in by_key.items() if _WIRING.match(key)}
-    _apply(document.raw, wiring)
-    said = {("start" if key in PLACES else key.partition(".")[0],) for key in wiring}
-    lines = {path: line for path, line in document.lines.items() if path[:1] not in said}
-    scene = build_scene(document.raw, document.source, document.folder, lines)
-    return apply_overrides(scene, changes) if changes else scene
+    lines = _lines_of_file(document.lines, changes)
+    return build_scene(_apply(document.raw, changes), document.source, document.folder, lines)
+
+
+def _lines_of_file(lines: Mapping[KeyPath, int], changes: Mapping[str, Any]) -> dict[KeyPath, int]:
+    """Lines of the keys that still come from the file; those of changed keys are 0."""
+    changed = {_parts(key) for key in _by_key(changes)}
+    if ("start",) in changed:
+        changed.add(("starts",))
+    kept = {path: line for path, line in lines.items() if not any(path[: len(key)] == key for key in changed)}
+    return kept | dict.fromkeys(changed, 0)
+
+
+def _parts(key: str) -> KeyPath:
+    """Return the steps of a key path: ``obstacle.2.radius`` is ``("obstacle", 2, "radius")``."""
+    head, *rest = key.split(".")
+    head = head.removesuffix("_cell") if head in PLACES else head
+    return (head, *(int(part) if part.isascii() and part.isdigit() else part for part in rest))
 
 
 def _by_key(changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Changes by whole keys, rules of edges as a list."""
-    by_key = {SHORT.get(key, key): value for key, value in changes.items()}
+    """Return the changes by whole keys, tables before their entries; rules of edges are a list."""
+    by_key: dict[str, Any] = {}
+    for key, value in changes.items():
+        whole = SHORT.get(key, key).replace("[", ".").replace("]", "")
+        if whole in by_key and by_key[whole] != value:
+            raise InputError(f"{whole} is given twice, as {by_key[whole]!r} and as {value!r}; leave one of them out")
+        by_key[whole] = value
     edge = by_key.get("edge")
     if isinstance(edge, str) and "," in edge and "[" not in edge:
         by_key["edge"] = [rule.strip() for rule in edge.split(",")]
-    return by_key
+    return dict(sorted(by_key.items(), key=lambda change: (change[0].count("."), change[0])))
 
 
-def _apply(document: dict[str, Any], changes: Mapping[str, Any]) -> None:
-    """Set keys of a document; goals and starts replace all that there are."""
+def _apply(raw: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a document with keys changed; goals and starts replace all present ones.
+
+    The robot comes first, for it may imply axes, which the changes may name.
+    """
+    document, by_key = copy.deepcopy(dict(raw)), _by_key(changes)
+    if {"robot.type", "robot.footprint"} & by_key.keys():
+        document["robot"] = {}
+    elif any(key.startswith("robot.") for key in by_key):
+        document = dict(with_footprint(document))
+    rest = {}
+    for key, value in by_key.items():
+        if key.partition(".")[0] == "robot":
+            _set(document, key, value)
+        elif key not in PLACES:
+            rest[key] = value
+    _drop_sizes(document, [key for key in rest if key.startswith("grid.")])
+    for key, value in rest.items():
+        _set(document, key, value)
     for key in ("goal", "start"):
-        places = _places(key, changes)
+        places = _places(key, by_key)
         if places is not None:
             document[key] = places
             if key == "start":
                 document["starts"] = []
-    for key, value in changes.items():
-        if key not in PLACES:
-            _set(document, key, value)
+    return document
 
 
 def parse_value(text: str) -> Any:
@@ -148,7 +172,7 @@ def _places(key: str, changes: Mapping[str, Any]) -> list[dict[str, Any]] | None
 
 
 def _set(document: dict[str, Any], key: str, value: Any) -> None:
-    parts = key.replace("[", ".").replace("]", "").split(".")
+    parts = key.split(".")
     node: Any = document
     for position, part in enumerate(parts[:-1]):
         step = _step(node, part, ".".join(parts[: position + 1]))
@@ -159,8 +183,24 @@ def _set(document: dict[str, Any], key: str, value: Any) -> None:
         node.pop(last, None)
     else:
         node[last] = parsed
-    if last in ("cells", "spacing") and isinstance(node, dict) and parts[0] == "grid":
-        node.pop("spacing" if last == "cells" else "cells", None)
+
+
+def _drop_sizes(document: dict[str, Any], keys: Sequence[str]) -> None:
+    """Remove the numbers and widths of cells that changed keys of the grid replace; write out implied axes.
+
+    ``grid.cells`` holds for axes that do not have either.
+    """
+    from resgrid.scene.schema import robot_of
+
+    if any(key.startswith("grid.axes.") for key in keys):
+        document |= with_axes(document, robot_of(document.get("robot", {})))
+    grid = document.get("grid")
+    axes = grid.get("axes") if isinstance(grid, dict) else None
+    for number, axis in enumerate(axes if isinstance(axes, list) else ()):
+        changed = {"grid.cells", f"grid.axes.{number}.cells", f"grid.axes.{number}.spacing"}
+        if isinstance(axis, dict) and changed & set(keys):
+            axis.pop("cells", None)
+            axis.pop("spacing", None)
 
 
 def _step(node: Any, part: str, key: str) -> Any:

@@ -25,6 +25,7 @@ from resgrid.scene.maps.arrays import MapCells
 from resgrid.scene.maps.formats import COMMON, format_of, map_options, read_map
 from resgrid.scene.messages import Problem, report
 from resgrid.scene.scene import IN_FILES, LISTS, Scene, check_attributes, start_point
+from resgrid.scene.shipped import shipped_scene
 from resgrid.scene.toml_lines import Path as KeyPath, key_lines
 
 _LINK = re.compile(r"https?://\S*#(?:\S*&)?s=(?P<code>[^&\s]+)")
@@ -54,7 +55,8 @@ def read_scene(file: str | os.PathLike[str], **options: Any) -> Scene:
     ----------
     file : path-like
         ``.toml`` is a scene; ``.yaml`` a ROS map, ``.map`` a MovingAI map, ``.npy`` an array, pictures are plain maps.
-        Anything else is recognised by its first bytes.
+        Anything else is recognised by its first bytes.  A name without a folder that is no file here means the shipped
+        scene of that name, such as ``rooms``.
     **options
         For maps, how to read them: ``format``, ``dialect``, ``unknown``, ``lethal``, ``least_conductivity``,
         ``passable``, ``threshold``, ``spacing``, ``origin``, ``unit``, ``periodic``, ``headings``.  For every scene,
@@ -73,7 +75,7 @@ def read_scene(file: str | os.PathLike[str], **options: Any) -> Scene:
 
     Examples
     --------
-    >>> scene = rg.read_scene("examples/scenes/lesson.toml", k=0.5)
+    >>> scene = rg.read_scene("lesson", k=0.5)
     >>> scene.title, scene.k, len(scene.obstacles)
     ('Eight by eight', (0.5,), 3)
     """
@@ -85,8 +87,8 @@ def read_scene(file: str | os.PathLike[str], **options: Any) -> Scene:
 
 
 def read_document(file: str | os.PathLike[str], table: Mapping[str, Any]) -> Document:
-    """The document in a file, or that of a map; `table`: how a map is read, as `read_scene` takes it."""
-    path = Path(file)
+    """Return the document in a file or of a map; `table` holds the map options of `read_scene`."""
+    path = shipped_scene(file) or Path(file)
     if path.suffix.lower() != ".toml":
         map_table = {**table, "file": path.name, "format": format_of(path, table)}
         return Document({"schema": 1, "title": path.stem, "map": map_table}, str(path), path.parent, {})
@@ -195,9 +197,9 @@ def build_scene(
     """Check a document and make the scene it describes; `known`: its map, if it has been read already."""
     from resgrid.scene.schema import robot_of, validate
 
-    raw = _with_footprint(raw)
+    raw = with_footprint(raw)
     robot = robot_of(raw.get("robot", {}))
-    raw = _with_axes(raw, robot)
+    raw = with_axes(raw, robot)
     document, problems, values = validate(raw)
     if robot is None:  # what its axes lack, it might have said
         problems = [problem for problem in problems if problem[0][:1] != ("grid",) or "is missing" not in problem[1]]
@@ -266,7 +268,7 @@ def _axis_names(raw: Mapping[str, Any]) -> list[str | None]:
     return [name if isinstance(name, str) else None for name in names]
 
 
-def _with_footprint(raw: Mapping[str, Any]) -> Mapping[str, Any]:
+def with_footprint(raw: Mapping[str, Any]) -> Mapping[str, Any]:
     """A document whose robot's ``footprint`` is the vertices of a polygon."""
     robot = raw.get("robot")
     if not isinstance(robot, Mapping) or "footprint" not in robot:
@@ -275,7 +277,7 @@ def _with_footprint(raw: Mapping[str, Any]) -> Mapping[str, Any]:
     return {**raw, "robot": {**vertices, **{key: value for key, value in robot.items() if key != "footprint"}}}
 
 
-def _with_axes(raw: Mapping[str, Any], robot: Robot | None) -> Mapping[str, Any]:
+def with_axes(raw: Mapping[str, Any], robot: Robot | None) -> Mapping[str, Any]:
     """A document whose axes say everything that its robot, and ``grid.cells``, imply."""
     grid = raw.get("grid")
     if not isinstance(grid, Mapping):

@@ -66,7 +66,7 @@ def test_ngspice_integrates_the_same_noise(tmp_path: Path) -> None:
         check=False,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=300,
     ).stdout
     theirs = float(re.search(r"onoise_total = (\S+)", said).group(1))
     assert rg.study(netlist).noise(band=(low, high)).total[node] == pytest.approx(theirs, rel=0.01)

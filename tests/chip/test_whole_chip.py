@@ -63,7 +63,7 @@ def test_its_noise_is_that_of_ngspice(netlist: rg.Netlist, tmp_path: Path) -> No
     control = f"noise v(n_3_4) v_obstacle dec 40 {band[0]!r} {band[1]!r}\nsetplot noise1\nwrite out.raw onoise_spectrum"
     (tmp_path / "noise.cir").write_text(deck.replace("\n.end\n", f"\n.control\n{control}\n.endc\n.end\n"))
     program = [shutil.which("ngspice"), "-n", "-b", "noise.cir"]
-    subprocess.run(program, check=False, cwd=tmp_path, capture_output=True, timeout=120)
+    subprocess.run(program, check=False, cwd=tmp_path, capture_output=True, timeout=300)
     frequency, density = read_rawfile((tmp_path / "out.raw").read_bytes()).values.T
     power = density**2 * frequency
     theirs = np.sqrt(np.sum((power[1:] + power[:-1]) / 2 * np.diff(np.log(frequency))))

@@ -240,7 +240,7 @@ def test_ngspice_finds_the_same_voltages(tmp_path: Path) -> None:
     lines += ["print all", ".endc", ".end"]
     deck = tmp_path / "tanh.cir"
     deck.write_text("\n".join(lines) + "\n")
-    run = subprocess.run(["ngspice", "-b", deck], capture_output=True, text=True, timeout=60, check=False)
+    run = subprocess.run(["ngspice", "-b", deck], capture_output=True, text=True, timeout=300, check=False)
     found = dict(line.split(" = ") for line in run.stdout.splitlines() if line.startswith("v(") and " = " in line)
     point = rg.solve(netlist)
     told = {int(name[2:-1]): float(value) for name, value in found.items()}

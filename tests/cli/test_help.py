@@ -70,7 +70,30 @@ def test_values_are_completed(words, begin, expected):
 def test_files_are_completed_by_the_shell():
     completion = ShellComplete(main, {}, "resgrid", "_RESGRID_COMPLETE")
     for words in (["run"], ["path", "-o"], ["check", "--deck"]):
-        assert [item.type for item in completion.get_completions(words, "ro")] == ["file"]
+        assert [item.type for item in completion.get_completions(words, "ma")] == ["file"]
+
+
+def test_shipped_scenes_are_completed_beside_files(tmp_path, monkeypatch):
+    completion = ShellComplete(main, {}, "resgrid", "_RESGRID_COMPLETE")
+    monkeypatch.chdir(tmp_path)
+
+    def completed(begin):
+        return [item.value for item in completion.get_completions(["run"], begin)]
+
+    assert completed("ro") == ["rooms"]
+    assert {"lesson", "rooms", "voxels"} <= set(completed(""))
+    (tmp_path / "robots").mkdir()
+    (tmp_path / "room.toml").touch()
+    assert completed("ro") == ["robots/", "room.toml", "rooms"]
+    assert [item.type for item in completion.get_completions(["run"], "")] == ["file"]
+
+
+@pytest.mark.parametrize("words", [("lesson.toml", "--k", "0.5"), ("rooms",), ("deck.cir",)])
+def test_a_missing_command_is_named(call, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = call(*words)
+    assert result.exit_code == 2
+    assert f"resgrid run {shlex.join(words)}" in result.stderr
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])

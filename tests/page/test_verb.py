@@ -53,6 +53,6 @@ def test_what_is_no_plane_is_refused(scenes):
 
 def test_without_its_extra_it_says_what_to_type(monkeypatch):
     monkeypatch.setitem(sys.modules, "uvicorn", None)
-    with pytest.raises(rg.ToolMissingError, match=r"pip install 'resgrid\[live\]'"):
+    with pytest.raises(rg.ToolMissingError, match=r"-m pip install .*starlette.*uvicorn.*websockets"):
         rg.live(browser=False)
     assert call("live", "--no-browser").exit_code == 3

@@ -93,6 +93,6 @@ def run_analysis(deck: str, statements: str, folder: Path) -> RawFile:
     text = re.sub(r"\n\.end\s*$", f"\n{statements}\n.end\n", deck)
     (folder / "deck.cir").write_text(text, encoding="ascii")
     subprocess.run(
-        [program, "-n", "-b", "-r", "out.raw", "deck.cir"], cwd=folder, check=True, capture_output=True, timeout=120
+        [program, "-n", "-b", "-r", "out.raw", "deck.cir"], cwd=folder, check=True, capture_output=True, timeout=300
     )
     return read_rawfile((folder / "out.raw").read_bytes())

@@ -16,7 +16,7 @@ def run(path: Path, dialect: str = "ngspice") -> subprocess.CompletedProcess[str
     (path.parent / "out.raw").unlink(missing_ok=True)
     program = os.environ.get("RESGRID_NGSPICE", "ngspice")
     command = [program, "-n", "-b", "-D", f"ngbehavior={MODES[dialect]}", "-r", "out.raw", path.name]
-    return subprocess.run(command, cwd=path.parent, capture_output=True, text=True, check=False, timeout=60)
+    return subprocess.run(command, cwd=path.parent, capture_output=True, text=True, check=False, timeout=300)
 
 
 def waves(path: Path, plot: str = "") -> dict[str, list[float]]:
