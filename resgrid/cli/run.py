@@ -12,7 +12,7 @@ import resgrid as rg
 from resgrid.cli.check import agreement_data, agreement_lines, check_written
 from resgrid.cli.compile import write_deck
 from resgrid.cli.options import Source, dialect_option, folder_of, output_option, verb, with_source
-from resgrid.cli.paths import Plan, plan_routes, route_line
+from resgrid.cli.paths import Plan, plan_routes, route_lines
 from resgrid.cli.plot import draw_all
 from resgrid.cli.report import NEGATIVE, NOT_VERIFIED, counted, finish, stage
 from resgrid.cli.scenes import Job, open_job, say_unheeded, size_of, solution_summary
@@ -124,8 +124,7 @@ def _lines(job: Job, plan: Plan, folder: Path, files: Mapping[str, str], checks:
     yield "paths"
     if not plan.routes:
         yield "  none: the scene has no start; add one with --start X,Y"
-    for route in plan.routes:
-        yield f"  {route_line(route)}"
+    yield from (f"  {line}" for line in route_lines(plan.routes))
     yield "decks"
     for name, check in checks.items():
         lines = [check] if isinstance(check, str) else agreement_lines(check)

@@ -227,7 +227,7 @@ class Polyline:
     >>> own = rg.Polyline([(0.5, 6.5), (5.5, 5.5), (6.5, 1.5)], space)
     >>> rg.certify_free(own)
     >>> rg.write_path(own, "own.csv").read_text().splitlines()
-    ['x,y', '0.5,6.5', '5.5,5.5', '6.5,1.5']
+    ['path,k,outcome,x,y', '0,,,0.5,6.5', '0,,,5.5,5.5', '0,,,6.5,1.5']
     """
 
     points: NDArray[np.float64]
