@@ -40,8 +40,9 @@ class Plan:
 def plan_routes(job: Job) -> Plan:
     """Follow the current from every start, in every field that the scene asks for; each route is certified."""
     from resgrid.io.paths import Route
+    from resgrid.planning.advice import Advisor
 
-    solution = job.solution()
+    solution, advisor = job.solution(), Advisor(job.scene)
     for name in solution.flat:
         say(f"the {name} half of the blend is flat: no obstacle, or edge that counts as one, drives it")
     routes = []
@@ -49,7 +50,8 @@ def plan_routes(job: Job) -> Plan:
         for field, number in solution.tasks:
             path = rg.streamline(field, job.scene.starts[number])
             rg.certify(path)
-            routes.append(Route(path, job.scene.starts[number], certified=True))
+            start = job.scene.starts[number]
+            routes.append(Route(path, start, certified=True, advice=advisor.reason(path)))
             progress.advance()
     return Plan(solution.operating_points, [field for field in solution.fields if field.is_flowing], routes)
 
@@ -65,15 +67,11 @@ def route_lines(routes: Sequence[Route]) -> Iterator[str]:
             yield _reached_line(route)
         elif failed[_failure(route)][0] is route:
             k = ", ".join(f"{other.k:g}" for other in failed[_failure(route)])
-            yield f"start {place_of(route.start)}, k = {k}: {route.outcome}: {_reason(route)}"
+            yield f"start {place_of(route.start)}, k = {k}: {route.outcome}: {route.reason}"
 
 
 def _failure(route: Route) -> tuple[object, ...]:
-    return route.start, route.outcome, _reason(route)
-
-
-def _reason(route: Route) -> str:
-    return (route.streamline and route.streamline.reason) or ""
+    return route.start, route.outcome, route.reason
 
 
 def _reached_line(route: Route) -> str:

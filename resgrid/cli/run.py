@@ -80,6 +80,9 @@ def _write_all(
         write_routes(plan.routes, work / "paths.csv")
         write_routes(plan.routes, work / "paths.json")
         files |= {"paths.csv": "points of the paths, world coordinates", "paths.json": "the paths with all figures"}
+    if _has_message(job, plan):
+        write_routes(plan.routes, work / "paths.yaml")
+        files["paths.yaml"] = "the paths that reach a goal as nav_msgs/Path, for ROS"
     for name, op in circuits.items():
         deck = write_deck(work / f"{name}.cir", job, name, op, dialect)
         files[deck.path.name] = f"the {name.replace('_', ' ')} chip as a SPICE deck"
@@ -92,6 +95,16 @@ def _write_all(
         files[f"{name}.npz"] = f"{whose} potential, log_drop and cells as arrays"
     files[SUMMARY] = "this summary as JSON"
     return files
+
+
+def _has_message(job: Job, plan: Plan) -> bool:
+    """Return whether there is a path on a ROS map that a ``nav_msgs/Path`` can hold."""
+    from resgrid.io.ros_paths import has_poses
+    from resgrid.scene.maps.formats import format_of
+
+    table = None if job.scene.map is None else job.scene.map.table
+    is_ros = table is not None and format_of(Path(table["file"]), table) == "ros"
+    return is_ros and has_poses(job.space) and any(route.reached for route in plan.routes)
 
 
 def _summary(

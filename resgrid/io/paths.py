@@ -107,11 +107,14 @@ class Route:
         The start that was asked for, in world coordinates.
     certified : bool
         Whether the streamline has passed `certify`.
+    advice : str, optional
+        Why no goal is reached, in place of `Streamline.reason`.
     """
 
     path: Timed
     start: tuple[float, ...]
     certified: bool = False
+    advice: str | None = None
 
     @cached_property
     def streamline(self) -> Streamline | None:
@@ -127,6 +130,11 @@ class Route:
     def reached(self) -> bool:
         """Whether the streamline ends in a goal."""
         return self.outcome == Outcome.REACHED
+
+    @property
+    def reason(self) -> str | None:
+        """Why no goal is reached, and what to do; None where one is."""
+        return self.advice or (None if self.streamline is None else self.streamline.reason)
 
     @property
     def k(self) -> float | None:
@@ -217,8 +225,8 @@ def route_record(route: Route, *, points: bool = True) -> dict[str, Any]:
         "k": route.k,
         "certified": route.certified,
     }
-    if path is not None and not route.reached:
-        record["message"] = path.reason
+    if route.reason is not None:
+        record["message"] = route.reason
     if points:
         record |= {"points": points_of(route.path), "cells": None if path is None else path.cells}
     if path is not None and route.path is not path:
