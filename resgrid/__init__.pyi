@@ -28,7 +28,8 @@ from .errors import (
 from .executors import spread as spread
 from .frame import Frame as Frame
 from .io.networks import write_network as write_network
-from .io.paths import ros_plan as ros_plan, write_path as write_path
+from .io.paths import write_path as write_path
+from .io.ros_paths import ros_plan as ros_plan
 from .io.runs import write_run as write_run
 from .io.solutions import write_solution as write_solution
 from .netlist import Netlist as Netlist

@@ -13,6 +13,14 @@ from resgrid.errors import BudgetError
 BYTES_PER_CELL = 16
 """Memory of a scene's cell while it is sampled."""
 
+FEWER_CELLS = "take fewer, larger cells"
+SMALLER_MAP = (
+    "crop the map to the part that you need, or scale its picture down and enlarge the width of its cells alike (ROS: "
+    "resolution; pictures and arrays: --spacing)"
+)
+FEWER_HEADINGS = "take fewer headings (--set map.headings=16)"
+"""Remedies for a scene, a map, and a robot that turns on a map, whose cells do not fit."""
+
 _GROUP = Path("/sys/fs/cgroup")
 """Where Linux tells what a container may take and has taken (cgroup v2)."""
 
@@ -40,12 +48,12 @@ def require_disk(needed: float, folder: Path, job: str) -> None:
         )
 
 
-def require_grid_memory(shape: tuple[int, ...], what: str, bytes_per_cell: int = BYTES_PER_CELL) -> None:
-    """Refuse a grid that would not fit in memory, before anything is allocated."""
+def require_grid_memory(
+    shape: tuple[int, ...], what: str, bytes_per_cell: int = BYTES_PER_CELL, remedy: str = FEWER_CELLS
+) -> None:
+    """Raise BudgetError for a grid that would not fit in memory, before anything is allocated."""
     size = " x ".join(map(str, shape))
-    require_memory(
-        prod(shape) * bytes_per_cell, f"{what}: {size} = {prod(shape):.3g} cells", "take fewer, larger cells"
-    )
+    require_memory(prod(shape) * bytes_per_cell, f"{what}: {size} = {prod(shape):.3g} cells", remedy)
 
 
 def _meminfo_available() -> int:

@@ -36,7 +36,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.budget import require_grid_memory
+from resgrid.budget import FEWER_CELLS, require_grid_memory
 from resgrid.errors import CircuitError, InputError
 from resgrid.grids import before_and_behind, face_counts, face_shape, slab, with_margin
 from resgrid.netlist import GROUND, MOST_NODES, CellMap, Netlist
@@ -124,9 +124,9 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     return Netlist(nodes.count, *columns, cell_map=cell_map)
 
 
-def require_room(shape: tuple[int, ...]) -> None:
-    """Refuse a grid whose netlist would not fit in memory."""
-    require_grid_memory(shape, "compiling the grid", _PEAK * len(shape))
+def require_room(shape: tuple[int, ...], remedy: str = FEWER_CELLS) -> None:
+    """Raise BudgetError for a grid whose netlist would not fit in memory."""
+    require_grid_memory(shape, "compiling the grid", _PEAK * len(shape), remedy)
 
 
 def _number_nodes(space: ConfigurationSpace, wiring: Wiring, kind: NDArray[np.uint8]) -> _Nodes:

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
 
 import click
 
 import resgrid as rg
 from resgrid.cli.options import NUMBERS, POSITIVE, Amount, Source, output_option, verb, with_method, with_source
-from resgrid.cli.paths import answer_queries, plan_routes, route_line
-from resgrid.cli.report import NEGATIVE, finish
-from resgrid.cli.scenes import open_job, require_starts, say_unheeded
+from resgrid.cli.paths import answer_queries, plan_routes, route_lines
+from resgrid.cli.report import NEGATIVE, finish, say
+from resgrid.cli.scenes import open_job, place_of, require_starts, say_unheeded
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from resgrid.io.paths import Route
+    from resgrid.planning.streamline import AnyPath
 
 
 @verb(
@@ -31,7 +35,12 @@ if TYPE_CHECKING:
 @click.option("--queries", metavar="FILE", type=click.Path(), help="Starts and goals from a MovingAI .scen file.")
 @click.option("--limit", metavar="N", type=click.IntRange(min=1), help="Only the first N queries.")
 @click.option("--shorten", is_flag=True, help="Straighten paths by lines that meet free cells only.")
-@click.option("--keep-clearance", metavar="C", type=Amount(0), default=0.0, help="Distance that these lines keep.")
+@click.option(
+    "--keep-clearance",
+    metavar="C",
+    type=Amount(0),
+    help="Distance that these lines keep.  [default: half of the path's, at least a quarter of a cell]",
+)
 @click.option(
     "--speed",
     metavar="V,...",
@@ -43,22 +52,23 @@ if TYPE_CHECKING:
 @with_method
 @click.option("--rate", metavar="HZ", type=POSITIVE, help="Write a timed path so often a second.")
 def command(
-    source: Source, output: str | None, queries: str | None, limit: int | None, shorten: bool, keep_clearance: float,
-    speed: tuple[float, ...], acceleration: tuple[float, ...], rate: float | None,
+    source: Source, output: str | None, queries: str | None, limit: int | None, shorten: bool,
+    keep_clearance: float | None, speed: tuple[float, ...], acceleration: tuple[float, ...], rate: float | None,
     method: str, ranks: int | None,
 ) -> int:  # fmt: skip
     """Follow the current from every start of SCENE to a goal, for every k; every path is certified.
 
-    A path that is shortened or timed is written in coordinates that are continuous across periodic seams, with columns
-    for its times and rates. Exits with 1 if some start has no path.
+    Paths are written in coordinates that are continuous across periodic seams; timed ones have columns for times and
+    rates. The figures are those of the path that is written. A start without a path has its outcome in the file, and no
+    message for ROS. Exits with 1 if some start has no path.
     """
-    from resgrid.io.paths import check_routes_file, route_record, write_routes
+    from resgrid.io.paths import check_routes_file, route_record
 
     if acceleration and not speed:
         raise InputError("--acceleration times a path only together with --speed")
     if rate is not None and not speed:
         raise InputError("--rate samples a timed path: give --speed too")
-    if keep_clearance and not shorten:
+    if keep_clearance is not None and not shorten:
         raise InputError("--keep-clearance is for shortcuts: give --shorten too")
     if limit is not None and queries is None:
         raise InputError("--limit counts queries: give --queries too")
@@ -81,11 +91,26 @@ def command(
         routes = [_shortened(route, keep_clearance) for route in routes]
     if speed:
         routes = [_timed(route, speed, acceleration, rate) for route in routes]
-    if output is not None:
-        write_routes(routes, output)
+    written = output is not None and _write(routes, output)
     data = {"scene": job.scene.title, "paths": [route_record(route) for route in routes], **unheeded}
-    finish(data, (route_line(route) for route in routes), written=output)
+    finish(data, route_lines(routes), written=output if written else None)
     return 0 if plan.complete else NEGATIVE
+
+
+def _write(routes: Sequence[Route], output: str) -> bool:
+    """Write routes; for ROS only those that reach a goal, and no file where none does."""
+    from resgrid.io.paths import write_routes
+
+    if Path(output).suffix.lower() == ".yaml":
+        missing = [f"{place_of(route.start)}, k = {route.k:g}" for route in routes if not route.reached]
+        if len(missing) == len(routes):
+            old = "; the file of this name is an older one" if Path(output).exists() else ""
+            say(f"{output} is not written, for no path reaches a goal{old}")
+            return False
+        if missing:
+            say(f"{output} has no path from start {', start '.join(missing)}")
+    write_routes(routes, output)
+    return True
 
 
 def _check_limits(option: str, limits: tuple[float, ...], space: rg.ConfigurationSpace) -> None:
@@ -98,13 +123,13 @@ def _check_limits(option: str, limits: tuple[float, ...], space: rg.Configuratio
         raise InputError(f"{option} {text}: a limit is positive and finite")
 
 
-def _shortened(route: Route, clearance: float) -> Route:
-    return replace(route, short=rg.shorten(route.streamline, clearance=clearance)) if route.reached else route
+def _shortened(route: Route, clearance: float | None) -> Route:
+    assert route.streamline is not None
+    return replace(route, path=rg.shorten(route.streamline, clearance=clearance)) if route.reached else route
 
 
 def _timed(route: Route, speed: tuple[float, ...], acceleration: tuple[float, ...], rate: float | None) -> Route:
     """A route with its times, at `rate` samples a second if that is given."""
     velocity, change = (limits[0] if len(limits) == 1 else limits for limits in (speed, acceleration))
-    path = route.short or route.streamline
-    motion = rg.time_path(path, velocity_limits=velocity, acceleration_limits=change or None)
-    return replace(route, motion=motion if rate is None else motion.resampled(rate))
+    motion = rg.time_path(cast("AnyPath", route.path), velocity_limits=velocity, acceleration_limits=change or None)
+    return replace(route, path=motion if rate is None else motion.resampled(rate))

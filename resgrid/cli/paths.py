@@ -12,7 +12,7 @@ from resgrid.cli.scenes import Job, place_of, size_of
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
     from resgrid.io.paths import Route
     from resgrid.scene import Query
@@ -27,6 +27,11 @@ class Plan:
     routes: list[Route]
 
     @property
+    def streamlines(self) -> list[rg.Streamline]:
+        """The streamline of every route."""
+        return [route.streamline for route in self.routes if route.streamline is not None]
+
+    @property
     def complete(self) -> bool:
         """Whether every route ends in a goal."""
         return all(route.reached for route in self.routes)
@@ -35,8 +40,9 @@ class Plan:
 def plan_routes(job: Job) -> Plan:
     """Follow the current from every start, in every field that the scene asks for; each route is certified."""
     from resgrid.io.paths import Route
+    from resgrid.planning.advice import Advisor
 
-    solution = job.solution()
+    solution, advisor = job.solution(), Advisor(job.scene)
     for name in solution.flat:
         say(f"the {name} half of the blend is flat: no obstacle, or edge that counts as one, drives it")
     routes = []
@@ -44,24 +50,51 @@ def plan_routes(job: Job) -> Plan:
         for field, number in solution.tasks:
             path = rg.streamline(field, job.scene.starts[number])
             rg.certify(path)
-            routes.append(Route(path, job.scene.starts[number]))
+            start = job.scene.starts[number]
+            routes.append(Route(path, start, certified=True, advice=advisor.reason(path)))
             progress.advance()
     return Plan(solution.operating_points, [field for field in solution.fields if field.is_flowing], routes)
 
 
-def route_line(route: Route) -> str:
-    """A route in one line, for people."""
+def route_lines(routes: Sequence[Route]) -> Iterator[str]:
+    """Yield one line a route, for people; starts that fail alike for several k have one line."""
+    failed: dict[tuple[object, ...], list[Route]] = {}
+    for route in routes:
+        if not route.reached:
+            failed.setdefault(_failure(route), []).append(route)
+    for route in routes:
+        if route.reached:
+            yield _reached_line(route)
+        elif failed[_failure(route)][0] is route:
+            k = ", ".join(f"{other.k:g}" for other in failed[_failure(route)])
+            yield f"start {place_of(route.start)}, k = {k}: {route.outcome}: {route.reason}"
+
+
+def _failure(route: Route) -> tuple[object, ...]:
+    return route.start, route.outcome, route.reason
+
+
+def _reached_line(route: Route) -> str:
+    """The figures of the path that is followed; of a shortened or timed one, then those of its streamline."""
     path = route.streamline
+    assert path is not None and path.goal is not None
+    regions = path.space.goal_count
+    of_several = f" of 0 to {regions - 1}" if regions > 1 else ""
+    head = f"start {place_of(route.start)}, k = {route.k:g}: reached goal {path.goal}{of_several}"
+    size = counted(len(path.cells), "cell")
+    time = "" if route.duration is None else f", {route.duration:.4g} s"
+    figures = _figures(route.length, route.clearance, path)
+    if route.path is path:
+        return f"{head} at {place_of(path.points[-1])}, {figures}, {size}"
+    original = _figures(path.length, path.clearance, path)
+    return f"{head} at {place_of(path.points[-1])}, {figures}{time} (streamline: {original}, {size})"
+
+
+def _figures(length: float, clearance: float | None, path: rg.Streamline) -> str:
     units = {axis.unit for axis in path.space.axes}
     unit = f" {units.pop()}" if len(units) == 1 else ""
-    head = f"start {place_of(route.start)}, k = {path.field.k:g}: "
-    if not route.reached:
-        return f"{head}{path.outcome}: {path.reason}"
-    clearance = f", clearance {path.clearance:.4g}{unit}" if path.clearance < float("inf") else ""
-    shorter = f", shortened to {route.short.length:.6g}{unit}" if route.short is not None else ""
-    time = f", {route.motion.duration:.4g} s" if route.motion is not None else ""
-    size = counted(len(path.cells), "cell")
-    return f"{head}reached goal {path.goal}, length {path.length:.6g}{unit}{clearance}, {size}{shorter}{time}"
+    clear = f", clearance {clearance:.4g}{unit}" if clearance is not None and clearance < float("inf") else ""
+    return f"length {length:.6g}{unit}{clear}"
 
 
 def answer_queries(job: Job, file: str, limit: int | None, output: str | None, unheeded: dict[str, list[str]]) -> int:

@@ -83,7 +83,7 @@ def _album(job: Job, plan: Plan) -> Iterator[tuple[str, str, str, rg.Field | Non
 
 def _draw(what: str, job: Job, plan: Plan, field: rg.Field | None) -> Any:
     """One of `PICTURES`, as an ax or a figure."""
-    lines = [route.streamline for route in plan.routes]
+    lines = plan.streamlines
     match what:
         case "robot":
             return _draw_robot(job, plan)
@@ -112,7 +112,7 @@ def _draw_robot(job: Job, plan: Plan) -> Any:
         raise InputError(
             "--what robot: this robot is a point or a disc, whose picture is 'paths'; it draws arms and polygons"
         )
-    path = next((route.streamline for route in plan.routes if route.reached), None)
+    path = next((path for path in plan.streamlines if path.outcome is rg.Outcome.REACHED), None)
     if path is None:
         raise InputError("--what robot: no path reaches a goal, so there is nothing to drive along")
     from resgrid.plot import add_title, figure_of

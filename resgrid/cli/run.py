@@ -12,7 +12,7 @@ import resgrid as rg
 from resgrid.cli.check import agreement_data, agreement_lines, check_written
 from resgrid.cli.compile import write_deck
 from resgrid.cli.options import Source, dialect_option, folder_of, output_option, verb, with_source
-from resgrid.cli.paths import Plan, plan_routes, route_line
+from resgrid.cli.paths import Plan, plan_routes, route_lines
 from resgrid.cli.plot import draw_all
 from resgrid.cli.report import NEGATIVE, NOT_VERIFIED, counted, finish, stage
 from resgrid.cli.scenes import Job, open_job, say_unheeded, size_of, solution_summary
@@ -80,6 +80,9 @@ def _write_all(
         write_routes(plan.routes, work / "paths.csv")
         write_routes(plan.routes, work / "paths.json")
         files |= {"paths.csv": "points of the paths, world coordinates", "paths.json": "the paths with all figures"}
+    if _has_message(job, plan):
+        write_routes(plan.routes, work / "paths.yaml")
+        files["paths.yaml"] = "the paths that reach a goal as nav_msgs/Path, for ROS"
     for name, op in circuits.items():
         deck = write_deck(work / f"{name}.cir", job, name, op, dialect)
         files[deck.path.name] = f"the {name.replace('_', ' ')} chip as a SPICE deck"
@@ -92,6 +95,16 @@ def _write_all(
         files[f"{name}.npz"] = f"{whose} potential, log_drop and cells as arrays"
     files[SUMMARY] = "this summary as JSON"
     return files
+
+
+def _has_message(job: Job, plan: Plan) -> bool:
+    """Return whether there is a path on a ROS map that a ``nav_msgs/Path`` can hold."""
+    from resgrid.io.ros_paths import has_poses
+    from resgrid.scene.maps.formats import format_of
+
+    table = None if job.scene.map is None else job.scene.map.table
+    is_ros = table is not None and format_of(Path(table["file"]), table) == "ros"
+    return is_ros and has_poses(job.space) and any(route.reached for route in plan.routes)
 
 
 def _summary(
@@ -124,8 +137,7 @@ def _lines(job: Job, plan: Plan, folder: Path, files: Mapping[str, str], checks:
     yield "paths"
     if not plan.routes:
         yield "  none: the scene has no start; add one with --start X,Y"
-    for route in plan.routes:
-        yield f"  {route_line(route)}"
+    yield from (f"  {line}" for line in route_lines(plan.routes))
     yield "decks"
     for name, check in checks.items():
         lines = [check] if isinstance(check, str) else agreement_lines(check)

@@ -86,8 +86,9 @@ def open_job(source: Source, *, require_goal: bool = True, method: str | None = 
         scene = _load_scene(source)
     if method not in (None, "petsc"):
         from resgrid.compiler import require_room
+        from resgrid.scene.sampling import remedy_of_size
 
-        require_room(tuple(axis.cells for axis in scene.axes))
+        require_room(tuple(axis.cells for axis in scene.axes), remedy_of_size(scene))
     cells = math.prod(axis.cells for axis in scene.axes)
     with stage("cut it into cells", seconds=3e-7 * cells) as progress:
         space = rg.sample(scene, require_goal=require_goal, progress=progress.count)

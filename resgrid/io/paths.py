@@ -1,36 +1,44 @@
-"""Paths as files: tables, records, arrays, and plans for ROS."""
+"""Paths as files: tables, records, arrays, and messages for ROS.
+
+All of them hold the same columns and values: world coordinates that are continuous across periodic seams.
+"""
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
-from math import cos, sin
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
+from resgrid.io.ros_paths import Timed, points_of, require_plane, ros_plan, streamline_of
 from resgrid.io.tables import Views, require_names, suffix_of, write
-from resgrid.planning.streamline import AnyPath, ShortPath, Streamline, unwrap
+from resgrid.planning.clearance import clearance_of
+from resgrid.planning.streamline import Outcome, Polyline, ShortPath, Streamline, length_of
 from resgrid.planning.timing import Trajectory
-from resgrid.robots import PointRobot
 from resgrid.space import ConfigurationSpace
 
-Timed = AnyPath | Trajectory
+_VIEWS = ("table", "record", "arrays", "message")
+_OWN = {".csv": ["path", "k", "outcome"], ".json": ["schema", "k", "outcome"], ".npz": ["k", "outcome"]}
+"""Columns, keys and arrays of a file of one path beside those of `column_names`."""
 
 
 def write_path(path: Timed, file: str | os.PathLike[str]) -> Path:
-    """Write a path, whole or not at all, as the end of the file's name says.
+    """Write a path, whole or not at all, in the format that the end of the file's name says.
+
+    Coordinates are those of the world, and continuous across periodic seams; a file of ``resgrid path -o`` has the same
+    columns and values.
 
     Parameters
     ----------
     path : Streamline, ShortPath, Polyline or Trajectory
-        An arm's files say where its tip is.
+        The files of an arm also have the place of its tip.
     file : path-like
         ``.csv``, or ``-`` for standard output: a table with a header; ``.json``: one list a column; ``.npz``: one
         array a column; ``.yaml``: a ``nav_msgs/Path`` for ROS.
@@ -43,33 +51,32 @@ def write_path(path: Timed, file: str | os.PathLike[str]) -> Path:
     Raises
     ------
     InputError
-        If the name ends otherwise, the path does not fit, an axis has the name of another column, or the file cannot
-        be written.
+        If the name ends otherwise, the path does not fit, an axis has the name of another column, the file cannot be
+        written, or a message for ROS is asked of a path that reached no goal.
 
     Examples
     --------
     >>> path = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((5.5, 2.5))
     >>> rg.write_path(path, "path.csv").read_text().splitlines()[:2]
-    ['x,y', '5.5,2.5']
+    ['path,k,outcome,x,y', '0,1.0,reached,5.5,2.5']
     """
-    space, suffix = path.space, suffix_of(file, _VIEWS, "a path")
-    if suffix == ".json":
-        require_names(space.axes, ["schema", *(axis.name for axis in space.axes)])
-
-    columns = partial(path_columns, path)
-    views: Views = {"table": columns, "record": columns, "arrays": columns, "message": partial(ros_plan, path)}
+    route = Route(path, tuple(points_of(path)[0].tolist()))
+    _check_names(path.space, suffix_of(file, _VIEWS, "a path"), _OWN, timed=isinstance(path, Trajectory))
+    views: Views = {
+        "table": lambda: _routes_table([route]),
+        "record": lambda: {"k": route.k, "outcome": route.outcome, **route.columns},
+        "arrays": lambda: {"k": _number(route.k), "outcome": route.outcome or "", **route.columns},
+        "message": lambda: ros_plan(path),
+    }
     return write(file, views, "a path")
 
 
-_VIEWS = ("table", "record", "arrays", "message")
-
-
 def path_columns(path: Timed) -> dict[str, NDArray[np.float64]]:
-    """A path as named columns, one entry a point, in world coordinates that are continuous across periodic seams.
+    """Return a path as named columns, one entry a point, in continuous world coordinates.
 
     Shapes: returns (n,).
     """
-    space, points = path.space, _points(path)
+    space, points = path.space, points_of(path)
     names = column_names(space, timed=isinstance(path, Trajectory))
     require_names(space.axes, names)
     columns = [*points.T]
@@ -88,38 +95,98 @@ def column_names(space: ConfigurationSpace, *, timed: bool) -> list[str]:
     return ["t", *axes, *tip, *(f"{name}_rate" for name in axes)] if timed else [*axes, *tip]
 
 
-def _points(path: Timed) -> NDArray[np.float64]:
-    return path.positions if isinstance(path, Trajectory) else unwrap(path)
-
-
 @dataclass(frozen=True, eq=False)
 class Route:
-    """The way from a start: a streamline, and what was made of it.
+    """A start and the path from it, as a robot is to follow it.
 
-    `start`: as it was asked for, in world coordinates; `short`: its shortcut; `motion`: when it is where.
+    Attributes
+    ----------
+    path : Streamline, ShortPath, Polyline or Trajectory
+        The path that is written; its figures are those of the route.
+    start : tuple of float
+        The start that was asked for, in world coordinates.
+    certified : bool
+        Whether the streamline has passed `certify`.
+    advice : str, optional
+        Why no goal is reached, in place of `Streamline.reason`.
     """
 
-    streamline: Streamline
+    path: Timed
     start: tuple[float, ...]
-    short: ShortPath | None = None
-    motion: Trajectory | None = None
+    certified: bool = False
+    advice: str | None = None
+
+    @cached_property
+    def streamline(self) -> Streamline | None:
+        """The streamline that the path was made of; None for a path without a field."""
+        return streamline_of(self.path)
+
+    @property
+    def outcome(self) -> str | None:
+        """The outcome of the streamline; None without one."""
+        return None if self.streamline is None else str(self.streamline.outcome)
 
     @property
     def reached(self) -> bool:
-        """Whether it ends in a goal."""
-        return self.streamline.outcome == "reached"
+        """Whether the streamline ends in a goal."""
+        return self.outcome == Outcome.REACHED
 
     @property
-    def final(self) -> Streamline | ShortPath | Trajectory:
-        """What the robot is to follow."""
-        return self.motion or self.short or self.streamline
+    def reason(self) -> str | None:
+        """Why no goal is reached, and what to do; None where one is."""
+        return self.advice or (None if self.streamline is None else self.streamline.reason)
+
+    @property
+    def k(self) -> float | None:
+        """Fraction of the Dirichlet field; None without a field."""
+        return None if self.streamline is None else self.streamline.field.k
+
+    @cached_property
+    def length(self) -> float:
+        """Length of the polyline through the points that are written, in axis units."""
+        path = self.path
+        return path.length if isinstance(path, Streamline | ShortPath) else length_of(_line(path))
+
+    @cached_property
+    def clearance(self) -> float | None:
+        """Least distance from that polyline to an obstacle cell, in axis units; None without a field."""
+        path = self.path
+        if isinstance(path, Streamline | ShortPath):
+            return path.clearance
+        if self.streamline is None:
+            return None
+        field = self.streamline.field
+        return clearance_of(_line(path), path.space, field.edge, field.obstacle_reach)
+
+    @property
+    def duration(self) -> float | None:
+        """Time from start to end, in seconds; None for a path without times."""
+        return self.path.duration if isinstance(self.path, Trajectory) else None
+
+    @cached_property
+    def columns(self) -> dict[str, NDArray[np.float64]]:
+        """The columns of the path, `path_columns`."""
+        return path_columns(self.path)
+
+
+def _line(path: Polyline | Trajectory) -> NDArray[np.float64]:
+    """The points that are written, in axis units, shape (n, ndim)."""
+    return path.line if isinstance(path, Polyline) else path.space.from_world(path.positions)
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value
 
 
 def write_routes(routes: Sequence[Route], target: str | os.PathLike[str]) -> Path:
-    """Write routes, whole or not at all: a table or a record of all, arrays with numbers, a document for ROS each."""
+    """Write routes, whole or not at all: one table, record or set of arrays for all, or one message for ROS each.
+
+    Messages of several routes name their starts in comments; a route that reaches no goal has its outcome there
+    instead of a message.  Raises InputError where no route has a message.
+    """
     views: Views = {
         "table": lambda: _routes_table(routes),
-        "record": lambda: {"paths": [_with_columns(route) for route in routes]},
+        "record": lambda: {"paths": [route_record(route) | {"columns": route.columns} for route in routes]},
         "arrays": lambda: _routes_arrays(routes),
         "message": lambda: _documents(routes),
     }
@@ -127,164 +194,93 @@ def write_routes(routes: Sequence[Route], target: str | os.PathLike[str]) -> Pat
 
 
 def check_routes_file(target: str, space: ConfigurationSpace | None = None, *, timed: bool = False) -> None:
-    """Refuse a file that routes cannot be written to."""
+    """Raise InputError for a file that routes cannot be written to."""
     suffix = suffix_of(target, _VIEWS, "paths")
-    if space is not None and suffix != ".yaml":
-        own = {".csv": ["path", "k", "outcome"], ".npz": ["points", "cells"]}.get(suffix, [])
-        require_names(space.axes, [*own, *column_names(space, timed=timed)])
+    if space is not None:
+        _check_names(space, suffix, {".csv": _OWN[".csv"], ".npz": ["points", "cells"]}, timed=timed)
+
+
+def _check_names(space: ConfigurationSpace, suffix: str, own: dict[str, list[str]], *, timed: bool) -> None:
+    """Raise InputError if an axis has the name of another column, or the robot no poses for a message."""
+    if suffix == ".yaml":
+        require_plane(space)
+    else:
+        require_names(space.axes, [*own.get(suffix, []), *column_names(space, timed=timed)])
 
 
 def route_record(route: Route, *, points: bool = True) -> dict[str, Any]:
-    """What is known of a route; points in world coordinates."""
+    """Return the figures of a route, and its points in continuous world coordinates.
+
+    `length`, `clearance` and `points` are those of the path that is written; of a shortened or timed one `streamline`
+    holds those of the streamline.
+    """
     path = route.streamline
     record: dict[str, Any] = {
-        "outcome": str(path.outcome),
-        "goal": path.goal,
-        "length": path.length,
-        "clearance": path.clearance,
-        "log_duration": path.log_duration,
+        "outcome": route.outcome,
+        "goal": None if path is None else path.goal,
+        "length": route.length,
+        "clearance": route.clearance,
+        "log_duration": None if path is None else path.log_duration,
         "start": list(route.start),
-        "k": route.streamline.field.k,
-        "certified": True,
+        "k": route.k,
+        "certified": route.certified,
     }
-    if not route.reached:
-        record["message"] = path.reason
+    if route.reason is not None:
+        record["message"] = route.reason
     if points:
-        record |= {"points": path.points, "cells": path.cells}
-    if route.short is not None:
-        record["short"] = {"length": route.short.length, "clearance": route.short.clearance}
-    if route.motion is not None:
-        record["duration"] = route.motion.duration
+        record |= {"points": points_of(route.path), "cells": None if path is None else path.cells}
+    if path is not None and route.path is not path:
+        record["streamline"] = {"length": path.length, "clearance": path.clearance}
+    short = route.path.path if isinstance(route.path, Trajectory) else route.path
+    if isinstance(short, ShortPath):
+        record["short"] = {"length": short.length, "clearance": short.clearance}
+    if route.duration is not None:
+        record["duration"] = route.duration
     return record
 
 
 def _routes_table(routes: Sequence[Route]) -> dict[str, list[Any]]:
     """One row a point, route after route."""
-    table: dict[str, list[Any]] = {name: [] for name in ("path", "k", "outcome")}
+    table: dict[str, list[Any]] = {name: [] for name in _OWN[".csv"]}
     for number, route in enumerate(routes):
-        columns: dict[str, list[Any]] = {name: column.tolist() for name, column in _columns(route).items()}
+        columns: dict[str, list[Any]] = {name: column.tolist() for name, column in route.columns.items()}
         count = len(next(iter(columns.values())))
         head: dict[str, list[Any]] = {
-            "path": [number] * count,
-            "k": [route.streamline.field.k] * count,
-            "outcome": [str(route.streamline.outcome)] * count,
-        }
+            "path": [number] * count, "k": [_number(route.k)] * count, "outcome": [route.outcome or ""] * count,
+        }  # fmt: skip
         for name, column in (head | columns).items():
             table.setdefault(name, []).extend(column)
     return table
 
 
-def _columns(route: Route) -> dict[str, NDArray[np.float64]]:
-    """A streamline's points as they are; shortened or timed ones continuous across seams."""
-    columns = path_columns(route.final)
-    if route.final is route.streamline:
-        path = route.streamline
-        columns |= {axis.name: path.points[:, number] for number, axis in enumerate(path.space.axes)}
-    return columns
-
-
-def _with_columns(route: Route) -> dict[str, Any]:
-    """A route's record, with the columns that its points do not hold."""
-    columns = _columns(route)
-    if route.final is route.streamline:
-        axes = {axis.name for axis in route.streamline.space.axes}
-        columns = {name: column for name, column in columns.items() if name not in axes}
-    return route_record(route) | ({"columns": columns} if columns else {})
-
-
 def _routes_arrays(routes: Sequence[Route]) -> dict[str, Any]:
-    paths = [route.streamline for route in routes]
+    goals = [None if route.streamline is None else route.streamline.goal for route in routes]
     arrays: dict[str, Any] = {
-        "outcome": [str(path.outcome) for path in paths],
-        "goal": [-1 if path.goal is None else path.goal for path in paths],
-        "length": [path.length for path in paths],
-        "clearance": [path.clearance for path in paths],
-        "k": [route.streamline.field.k for route in routes],
+        "outcome": [route.outcome or "" for route in routes],
+        "goal": [-1 if goal is None else goal for goal in goals],
+        "length": [route.length for route in routes],
+        "clearance": [_number(route.clearance) for route in routes],
+        "k": [_number(route.k) for route in routes],
         "start": [route.start for route in routes],
     }
     for number, route in enumerate(routes):
-        columns = {"points": route.streamline.points, "cells": route.streamline.cells, **_columns(route)}
-        arrays |= {f"{name}_{number}": column for name, column in columns.items()}
+        columns: dict[str, Any] = {"points": points_of(route.path)}
+        if route.streamline is not None:
+            columns["cells"] = route.streamline.cells
+        arrays |= {f"{name}_{number}": column for name, column in (columns | route.columns).items()}
     return arrays
 
 
 def _documents(routes: Sequence[Route]) -> str:
-    """A message for each route; one that reaches no goal has no poses."""
+    """A message for each route that reaches a goal; comments name the starts and the outcomes of the others."""
+    if len(routes) == 1:
+        return ros_plan(routes[0].path)
+    if not any(route.reached for route in routes):
+        raise InputError("no path reaches a goal, so there is no message to write; write .csv, .json or .npz")
+    text, begin = "", ""
     for route in routes:
-        _require_plane(route.streamline.space)
-    return "---\n".join(ros_plan(route.final) if route.reached else _message([], [], [], "map") for route in routes)
-
-
-def ros_plan(path: Timed, *, frame_id: str = "map") -> str:
-    """A path as the text of a ``nav_msgs/Path`` message, which ``ros2 topic pub`` takes.
-
-    Every pose looks towards the next, the last one as the one before; a turning polygon as its angle says.  A
-    trajectory's times are the stamps.
-
-    Parameters
-    ----------
-    path : Streamline, ShortPath, Polyline or Trajectory
-        In a space of two axes with one unit, or of a turning polygon.
-    frame_id : str
-        The frame that the poses are given in.
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    InputError
-        If the robot does not move in the plane.
-
-    Examples
-    --------
-    >>> path = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((5.5, 2.5))
-    >>> print(rg.ros_plan(path, frame_id="odom")[:60])
-    header:
-      stamp: {sec: 0, nanosec: 0}
-      frame_id: odom
-    poses
-    """
-    space, points = path.space, _points(path)
-    _require_plane(space)
-    places, own = points[:, :2], (space.robot or PointRobot()).heading(points)
-    yaws = headings(places) if own is None else own
-    times = path.times if isinstance(path, Trajectory) else np.zeros(len(points))
-    return _message(times.tolist(), places.tolist(), yaws.tolist(), frame_id)
-
-
-def _message(times: Sequence[float], places: Sequence[Sequence[float]], yaws: Sequence[float], frame_id: str) -> str:
-    """A ``nav_msgs/Path`` as YAML."""
-
-    def header(time: float) -> dict[str, Any]:
-        seconds, nanoseconds = divmod(round(time * 1e9), 10**9)
-        return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": frame_id}
-
-    def pose(place: Sequence[float], yaw: float) -> dict[str, Any]:
-        position = {"x": place[0], "y": place[1], "z": 0.0}
-        return {"position": position, "orientation": {"x": 0.0, "y": 0.0, "z": sin(yaw / 2), "w": cos(yaw / 2)}}
-
-    rows = zip(times, places, yaws, strict=True)
-    poses = [{"header": header(time), "pose": pose(place, yaw)} for time, place, yaw in rows]
-    dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-    return yaml.dump({"header": header(0.0), "poses": poses}, Dumper=dumper, sort_keys=False, default_flow_style=None)
-
-
-def _require_plane(space: ConfigurationSpace) -> None:
-    """Refuse a plan for ROS of what does not move in the plane."""
-    robot = space.robot or PointRobot()
-    flat = space.ndim == 2 and space.axes[0].unit == space.axes[1].unit and robot.moves_in_workspace
-    if not flat and robot.heading(np.zeros((1, space.ndim))) is None:
-        what = f"a {type(robot).__name__} with axes {', '.join(axis.name for axis in space.axes)}"
-        raise InputError(f"a plan for ROS holds poses in the plane, not {what}; write .csv, .json or .npz")
-
-
-def headings(place: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Direction from every place to the next that differs, in radians; the last as the one before, alone 0."""
-    step = np.diff(place, axis=0)
-    moved = np.flatnonzero(np.any(step != 0, axis=1))
-    if not len(moved):
-        return np.zeros(len(place))
-    angle = np.arctan2(step[moved, 1], step[moved, 0])
-    return np.asarray(angle[np.minimum(np.searchsorted(moved, np.arange(len(place))), len(moved) - 1)])
+        place = ", ".join(f"{value:.6g}" for value in route.start)
+        comment = f"# start ({place}), k = {_number(route.k):g}: {route.outcome}\n"
+        text += f"{begin}{comment}{ros_plan(route.path)}" if route.reached else comment
+        begin = "---\n" if route.reached else begin
+    return text

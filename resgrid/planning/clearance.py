@@ -18,13 +18,17 @@ def clearance_of(
     space: ConfigurationSpace,
     edge: tuple[str, ...],
     reach: float | NDArray[np.float64] | None,
+    blocked: NDArray[np.bool_] | None = None,
 ) -> float:
-    """Smallest distance, up to `reach`, from a polyline (n, ndim) to an obstacle cell's box or an edge that is one."""
+    """Smallest distance, up to `reach`, from a polyline (n, ndim) to an obstacle cell's box or an edge that is one.
+
+    `blocked`: obstacle cells in C order, for a caller with many polylines.
+    """
     scaled = split_at_faces(points, space)
     starts, ends = (scaled[:-1], scaled[1:]) if len(scaled) > 1 else (scaled, scaled)
     home = np.floor((starts + ends) / 2)
     home = np.where(space.periodic, home, np.clip(home, 0, np.array(space.shape) - 1))
-    return segment_clearance(home.astype(np.int64), starts - home, ends - home, space, edge, reach)
+    return segment_clearance(home.astype(np.int64), starts - home, ends - home, space, edge, reach, blocked)
 
 
 def segment_clearance(
@@ -34,6 +38,7 @@ def segment_clearance(
     space: ConfigurationSpace,
     edge: tuple[str, ...],
     reach: float | NDArray[np.float64] | None,
+    blocked: NDArray[np.bool_] | None = None,
 ) -> float:
     """The same of segments by their cells and positions within, all (n, ndim); `reach`: None without obstacles."""
     from resgrid.planning import kernels
@@ -41,11 +46,12 @@ def segment_clearance(
     nearest = np.inf
     if reach is not None:
         cells = np.mod(home, space.shape)
+        blocked = (space.cell == Cell.OBSTACLE).ravel() if blocked is None else blocked
         bound = np.broadcast_to(reach, space.shape)[tuple(cells.T)]
         order = np.argsort(bound, kind="stable")
         nearest = kernels.clearance(
             cells[order], (starts * space.spacing)[order], (ends * space.spacing)[order], bound[order],
-            (space.cell == Cell.OBSTACLE).ravel(), np.array(space.shape, dtype=np.int64), space.spacing,
+            blocked, np.array(space.shape, dtype=np.int64), space.spacing,
             space.periodic,
         )  # fmt: skip
     position = np.concatenate([home + starts, home[-1:] + ends[-1:]]) * space.spacing

@@ -26,7 +26,7 @@ _GAIN = 1e-12
 def shorten(
     path: Streamline,
     *,
-    clearance: NotNegative = 0.0,
+    clearance: NotNegative | None = None,
     rounds: Annotated[int, Ge(0), Le(1_000_000)] = 200,
     seed: Natural = 0,
 ) -> ShortPath:
@@ -35,15 +35,17 @@ def shorten(
     First, from each corner, a line to the farthest point of the way ahead that doubling steps and bisection find; then
     ``rounds`` random chords between points of the way (Geraerts & Overmars, Int. J. Robotics Research 26 (2007) 845).
     What no line can replace stays as it was, so the path keeps the streamline's promise not to meet an obstacle, and
-    its length never grows.  It has no longer the streamline's clearance: ask for the one it must keep.  Costs (the
-    space's conductivity) do not count.
+    its length never grows.  New lines keep ``clearance``, so the path has at least half of the streamline's clearance
+    unless a smaller one is given.  Costs (the space's conductivity) do not count.
 
     Parameters
     ----------
     path : Streamline
         That reached a goal.
-    clearance : float
-        Distance, in axis units, that new lines keep from obstacle cells and edges that count as such, at least 0.
+    clearance : float, optional
+        Distance, in axis units, that new lines keep from obstacle cells and edges that count as such, at least 0.  By
+        default half of the streamline's clearance, but at least a quarter of the narrowest side of a cell; with 0,
+        lines may pass obstacles as close as rounding allows.
     rounds : int
         Random chords to try.
     seed : int
@@ -64,13 +66,15 @@ def shorten(
     Examples
     --------
     >>> path = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((0.5, 6.5))
-    >>> short = rg.shorten(path, clearance=0.2)
-    >>> round(path.length, 3), round(short.length, 3), short.clearance >= 0.2
-    (8.712, 8.228, True)
+    >>> short, kept = rg.shorten(path), rg.shorten(path, clearance=0.2)
+    >>> round(path.length, 3), round(short.length, 3), round(kept.length, 3)
+    (8.712, 8.27, 8.228)
+    >>> round(path.clearance, 3), round(short.clearance, 3), round(kept.clearance, 3)
+    (0.415, 0.251, 0.207)
     """
     if path.outcome is not Outcome.REACHED:
         raise InputError(f"this path ended with '{path.outcome}': only one that reached a goal can be shortened")
-    clear = _line_of_sight(path.field, clearance)
+    clear = _line_of_sight(path.field, default_clearance(path) if clearance is None else clearance)
     points = _greedy(_random_chords(_greedy(path.line, clear), clear, rounds, seed), clear)
     short = ShortPath(
         axis_points=points,
@@ -82,12 +86,19 @@ def shorten(
     return short
 
 
+def default_clearance(path: Streamline) -> float:
+    """Return the distance that the lines of a shortened streamline keep by default, in axis units."""
+    least = float(path.space.spacing.min()) / 4
+    return max(path.clearance / 2, least) if np.isfinite(path.clearance) else 0.0
+
+
 def _line_of_sight(field: Field, clearance: float) -> Sight:
     """Whether the straight line between two points may be taken, as a function of both."""
     from resgrid.planning import kernels
 
     space, edge, reach = field.space, field.edge, None if field.obstacle_reach is None else clearance
-    free = (space.cell != Cell.OBSTACLE).ravel()
+    blocked = (space.cell == Cell.OBSTACLE).ravel()
+    free = ~blocked
     shape, periodic = np.array(space.shape, dtype=np.int64), space.periodic
     lower, spacing, rim = space.lower, space.spacing, float(rounding(space.axes).max())
 
@@ -95,7 +106,7 @@ def _line_of_sight(field: Field, clearance: float) -> Sight:
         if not kernels.segment_is_free((start - lower) / spacing, (end - lower) / spacing, free, shape, periodic, rim):
             return False
         line = np.stack([start, end])
-        return not clearance or clearance_of(line, space, edge, reach) >= clearance
+        return not clearance or clearance_of(line, space, edge, reach, blocked) >= clearance
 
     return clear
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.errors import InputError
 from resgrid.frozen import frozen, picture_html
 from resgrid.planning.fields import Field
+from resgrid.planning.reasons import reason_of
 from resgrid.robots import PointRobot, Robot
 from resgrid.space import ConfigurationSpace
 
@@ -36,14 +37,6 @@ class Outcome(StrEnum):
     START_BLOCKED = "start_blocked"
     GOAL_BLOCKED = "goal_blocked"
 
-
-_REASONS = {
-    Outcome.NO_PATH: "obstacles part it from every goal: open a way, make the robot smaller, or refine the grid",
-    Outcome.NO_CURRENT: "the current here is too small to tell a direction: use --drive uniform",
-    Outcome.START_BLOCKED: "the start lies in an obstacle: move it, make the robot smaller, or refine the grid",
-    Outcome.GOAL_BLOCKED: "no free cell touches a goal: move the goal or open a way to it",
-}
-"""What to do about every outcome but success."""
 
 _UNSAFE = (
     "the field is not direction-safe from cell {cell} on, as far as it was solved: solve with accuracy 'direction' "
@@ -131,7 +124,7 @@ class Streamline:
             cell = tuple(self.cells[-1].tolist())
             if not self.field.safe[cell]:
                 return _UNSAFE.format(cell=cell)
-        return _REASONS.get(self.outcome)
+        return reason_of(self.outcome, self.space, tuple(self.cells[0].tolist()))
 
     @property
     def point_cells(self) -> NDArray[np.int64]:
@@ -227,7 +220,7 @@ class Polyline:
     >>> own = rg.Polyline([(0.5, 6.5), (5.5, 5.5), (6.5, 1.5)], space)
     >>> rg.certify_free(own)
     >>> rg.write_path(own, "own.csv").read_text().splitlines()
-    ['x,y', '0.5,6.5', '5.5,5.5', '6.5,1.5']
+    ['path,k,outcome,x,y', '0,,,0.5,6.5', '0,,,5.5,5.5', '0,,,6.5,1.5']
     """
 
     points: NDArray[np.float64]

@@ -87,7 +87,6 @@ class Arm(Robot):
     """
 
     reference = "tip"
-    remedy = "make the arm's links thinner"
 
     lengths: tuple[Length, ...]
     widths: tuple[Width, ...] = ()
@@ -121,6 +120,11 @@ class Arm(Robot):
     def reach(self) -> float:
         """Largest distance from the base to the tip."""
         return sum(self.lengths)
+
+    @property
+    def remedy(self) -> str:
+        """What to do where it does not fit; empty for links without width."""
+        return "make the arm's links thinner" if any(self.widths) else ""
 
     def axes(self, cells: int | Sequence[int]) -> tuple[Axis, ...]:
         """Axes of the configuration space, ``theta_1``, ``theta_2``, ..., as the joints' limits say.

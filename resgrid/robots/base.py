@@ -59,14 +59,16 @@ class Robot(ABC):
     reference: ClassVar[str] = "reference point"
     """What of it goals speak of."""
 
-    remedy: ClassVar[str] = "make the robot smaller"
-    """What to do where it does not fit."""
-
     base: Point | None = None
     """Where it is mounted; None if it moves freely."""
 
     turning_length: float | None = None
     """What a heading of one radian counts as, as the third coordinate of a configuration; None if it does not turn."""
+
+    @property
+    def remedy(self) -> str:
+        """What to do where it does not fit; empty for a robot without size."""
+        return "make the robot smaller"
 
     @property
     def reach(self) -> float:

@@ -47,9 +47,13 @@ class PointRobot(Robot):
     """
 
     moves_in_workspace = True
-    remedy = "make the robot's radius smaller"
 
     radius: Annotated[float, Ge(0), Le(LARGEST)] = 0.0
+
+    @property
+    def remedy(self) -> str:
+        """What to do where it does not fit; empty for a point."""
+        return "make the robot's radius smaller" if self.radius else ""
 
     def parts(self, configurations: NDArray[np.float64]) -> list[Part]:
         """The point with its radius; see `Robot.parts`."""

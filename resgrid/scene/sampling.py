@@ -9,15 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.axis import Point
-from resgrid.budget import require_grid_memory
+from resgrid.budget import FEWER_CELLS, FEWER_HEADINGS, SMALLER_MAP, require_grid_memory
 from resgrid.errors import InputError
 from resgrid.robots import Box, GoalCells, PointRobot, Progress, Shape
 from resgrid.robots.cells import joined
 from resgrid.scene.goals import Goal, GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.maps.formats import format_of
 from resgrid.scene.maps.pictures import THRESHOLD, read_raster
+from resgrid.scene.places import is_unknown, nearest_place, usable, why_blocked
 from resgrid.scene.scene import Scene
-from resgrid.scene.world import cell_centre, check_cell, extent_of, located, to_space
+from resgrid.scene.world import check_cell, extent_of, located, to_space
 from resgrid.space import Cell, ConfigurationSpace
 
 
@@ -60,7 +61,7 @@ def sample(scene: Scene, *, require_goal: bool = True, progress: Progress | None
     array([0, 1, 1, 0, 4, 0, 1, 0])
     """
     where = scene.source or "scene"
-    require_grid_memory(tuple(axis.cells for axis in scene.axes), f"{where}: grid")
+    require_grid_memory(tuple(axis.cells for axis in scene.axes), f"{where}: grid", remedy=remedy_of_size(scene))
     blocked = scene.robot.occupancy(scene.axes, _obstacles(scene), scene.sampling, progress)
     cell = np.where(blocked, Cell.OBSTACLE, Cell.FREE).astype(np.uint8)
     goals = [_map_goals(scene, blocked, where)]
@@ -75,6 +76,13 @@ def sample(scene: Scene, *, require_goal: bool = True, progress: Progress | None
     return ConfigurationSpace(scene.axes, cell, costs, frame=scene.frame, goal_points=every.points, robot=scene.robot)
 
 
+def remedy_of_size(scene: Scene) -> str:
+    """What to do about a scene whose cells do not fit in memory."""
+    if scene.map is None or scene.axes[: len(scene.map.axes)] != scene.map.axes:
+        return FEWER_CELLS
+    return (FEWER_HEADINGS + ", or " if len(scene.axes) > len(scene.map.axes) else "") + SMALLER_MAP
+
+
 def _obstacles(scene: Scene) -> list[Shape]:
     shapes = [to_space(shape, scene.frame) for shape in scene.obstacles]
     if scene.map is not None:
@@ -87,8 +95,7 @@ def _goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) 
     if single is not None:
         words, cell, point = single
         if blocked[cell]:
-            remedy = _nearest_free(scene, blocked, cell)
-            raise InputError(f"{key}: {words} lies in an obstacle (cell {cell}); {remedy}")
+            raise InputError(f"{key}: {words} {why_blocked(scene, cell)}; {_remedies(scene, blocked, cell)}")
         cells = np.zeros_like(blocked)
         cells[cell] = True
         return GoalCells(cells, np.array([point]))
@@ -101,7 +108,7 @@ def _goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) 
     if blocked[met].all():
         raise InputError(
             f"{key}: this goal lies inside an obstacle (all {int(met.sum())} cells of it); "
-            f"move or enlarge it, or {scene.robot.remedy}"
+            f"{_remedies(scene, blocked, tuple(np.argwhere(met)[0].tolist()))}"
         )
     return GoalCells(met & ~blocked, points[~blocked[met]])
 
@@ -137,9 +144,7 @@ def _map_goals(scene: Scene, blocked: NDArray[np.bool_], where: str) -> GoalCell
         return GoalCells(np.zeros_like(blocked), np.empty((0, scene.ndim)))
     goals = _over_map(scene, scene.map.cell == Cell.GOAL, f"{where}: the goal cells of the map")
     if blocked[goals].all():
-        raise InputError(
-            f"{where}: all goal cells of the map lie within the robot's radius of obstacles; make it smaller"
-        )
+        raise InputError(f"{where}: the robot touches an obstacle in all goal cells of the map; {scene.robot.remedy}")
     free = goals & ~blocked
     return GoalCells(free, np.full((int(free.sum()), scene.ndim), np.nan))
 
@@ -168,18 +173,25 @@ def _over_map(scene: Scene, values: NDArray[Any], what: str) -> NDArray[Any]:
     return np.broadcast_to(values.reshape(values.shape + (1,) * (scene.ndim - values.ndim)), shape)
 
 
-def _nearest_free(scene: Scene, blocked: NDArray[np.bool_], cell: tuple[int, ...]) -> str:
-    """Where the nearest free place is; of a grey picture also why the cell is an obstacle."""
-    free = np.argwhere(~blocked)
-    if not len(free):
-        return "no cell is free"
-    steps = np.abs(free - np.array(cell))
-    around = [axis.cells if axis.periodic else np.inf for axis in scene.axes]
-    steps = np.minimum(steps, np.abs(np.array(around) - steps)) * [axis.spacing for axis in scene.axes]
-    nearest = free[int(np.argmin((steps**2).sum(axis=1)))]
-    centre = cell_centre(scene.axes, scene.frame, tuple(nearest.tolist()), "")
-    place = ", ".join(f"{value:.6g}" for value in centre)
-    return f"move it to a free place, the nearest is ({place}){_grey(scene, cell)}"
+def _remedies(scene: Scene, blocked: NDArray[np.bool_], cell: tuple[int, ...]) -> str:
+    """What to do about a goal in a blocked cell: the nearest free place that starts reach, and options that free it."""
+    allowed = usable(scene, blocked)
+    place = nearest_place(allowed, cell, scene.axes, scene.frame)
+    if place is None:
+        parts = ["no cell is free"]
+    elif scene.robot.base is not None:  # whose goals are places of the tip
+        parts = ["move or enlarge it"]
+    else:
+        whose = "that a start can reach" if scene.starts else "of the largest free region"
+        parts = [f"move it to a free place {whose}, the nearest is {place}{_grey(scene, cell)}"]
+    if is_unknown(scene, cell):
+        parts.append("--unknown free makes unknown cells free")
+    if scene.robot.remedy:
+        parts.append(scene.robot.remedy)
+        if scene.sampling == "conservative" and isinstance(scene.robot, PointRobot):
+            is_free = not scene.robot.occupancy(scene.axes, _obstacles(scene), "centre")[cell]
+            parts += ["--set sampling=centre frees it"] * is_free
+    return "; ".join(parts)
 
 
 def _grey(scene: Scene, cell: tuple[int, ...]) -> str:

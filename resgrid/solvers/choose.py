@@ -127,7 +127,7 @@ def factor_laplacian(laplacian: Laplacian, method: str, *, accuracy: str = "dire
     require_memory(
         choice.memory,
         f"solving for {laplacian.size:,} unknowns by method = {choice.method!r}",
-        "use a coarser grid, or a machine with more memory",
+        "use fewer cells, or a machine with more memory",
     )
     if choice.method == "multigrid":
         return factor_multigrid(choice.laplacian, team=team)

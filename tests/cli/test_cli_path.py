@@ -8,21 +8,64 @@ import json
 
 import numpy as np
 import pytest
+import shapely
 import yaml
+
+import resgrid as rg
 
 
 def rows_of(text: str) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(text)))
 
 
-def test_shortened_paths_are_no_longer_and_say_so(answer, call, lesson):
-    plain, short = answer("path", lesson), answer("path", lesson, "--shorten")
-    for before, after in zip(plain["paths"], short["paths"], strict=True):
-        assert after["length"] == before["length"]
-        assert after["short"]["length"] <= before["length"]
-    assert "shortened to" in call("path", lesson, "--shorten").stdout
-    kept = answer("path", lesson, "--shorten", "--keep-clearance", "0.3")["paths"][0]["short"]
-    assert kept["clearance"] >= 0.3 - 1e-9 or kept["length"] == pytest.approx(plain["paths"][0]["length"])
+def test_the_figures_of_a_shortened_path_are_those_that_are_written(answer, call, scenes, tmp_path):
+    """Measured again from the points in the file; those of the streamline are named so."""
+    plain = answer("path", scenes / "rooms.toml", "--k", "0,1")["paths"]
+    space = rg.sample(rg.read_scene(scenes / "rooms.toml"))
+    for keep in ("0", None):
+        options = ["path", scenes / "rooms.toml", "--k", "0,1", "--shorten"] + ["--keep-clearance", keep] * bool(keep)
+        data = answer(*options, "-o", tmp_path / "paths.json")
+        lines = call(*options, "-o", tmp_path / "paths.csv").stdout.splitlines()
+        assert (
+            json.loads((tmp_path / "paths.json").read_text())["paths"][0]["clearance"] == data["paths"][0]["clearance"]
+        )
+        rows = rows_of((tmp_path / "paths.csv").read_text())
+        for number, (before, after, line) in enumerate(zip(plain, data["paths"], lines, strict=True)):
+            points = np.array([(float(row["x"]), float(row["y"])) for row in rows if row["path"] == str(number)])
+            length, clearance = np.linalg.norm(np.diff(points, axis=0), axis=1).sum(), clearance_from(points, space)
+            assert after["length"] == pytest.approx(length) == after["short"]["length"]
+            assert after["clearance"] == pytest.approx(clearance, abs=1e-9) == after["short"]["clearance"]
+            assert after["streamline"] == {"length": before["length"], "clearance": before["clearance"]}
+            assert f"length {length:.6g} m, clearance {after['clearance']:.4g} m (streamline: length" in line
+            assert length <= before["length"]
+            if keep is None:
+                assert after["clearance"] >= before["clearance"] / 2 - 1e-9 > 0
+
+
+def clearance_from(points, space):
+    """Distance of a polyline from obstacle cells and the grid's border, by shapely."""
+    line = shapely.LineString(points)
+    boxes = [shapely.box(*(cell * space.spacing + space.lower), *((cell + 1) * space.spacing + space.lower))
+             for cell in np.argwhere(space.cell == rg.Cell.OBSTACLE)]  # fmt: skip
+    border = shapely.box(*space.lower, *space.upper).exterior
+    return min(line.distance(shapely.union_all(boxes)), line.distance(border))
+
+
+def test_the_figures_of_a_timed_path_are_those_of_its_points(answer, scenes, tmp_path):
+    """With few samples a second the straight lines between them cut corners, which the figures show."""
+    space = rg.sample(rg.read_scene(scenes / "rooms.toml"))
+    for more in ((), ("--rate", "50"), ("--rate", "0.7")):
+        words = ("--k", "1", "--shorten", "--speed", "0.8", "--acceleration", "1.5", *more)
+        for path in answer("path", scenes / "rooms.toml", *words)["paths"]:
+            points = np.array(path["points"])
+            assert path["length"] == pytest.approx(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+            assert path["clearance"] == pytest.approx(clearance_from(points, space), abs=1e-9)
+
+
+def test_a_clearance_of_ones_own_is_kept_or_the_streamlines(answer, lesson):
+    plain = answer("path", lesson)["paths"][0]
+    kept = answer("path", lesson, "--shorten", "--keep-clearance", "0.3")["paths"][0]
+    assert kept["clearance"] >= 0.3 - 1e-9 or kept["length"] == pytest.approx(plain["length"])
 
 
 def test_timed_paths_have_times_and_rates(call, answer, room):
@@ -54,13 +97,30 @@ def test_an_axis_named_as_another_column_is_refused(call, room, tmp_path, monkey
     assert call("path", room).exit_code == 1  # the second start has no path
 
 
-def test_a_plan_for_ros_has_one_document_a_path(call, answer, room, tmp_path):
-    assert call("path", room, "-o", tmp_path / "plan.yaml", "--shorten").exit_code == 1
-    reached, blocked = yaml.safe_load_all((tmp_path / "plan.yaml").read_text())
-    assert blocked["poses"] == []
+def test_a_message_for_ros_is_written_for_starts_with_a_path(call, room, tmp_path):
+    result = call("path", room, "-o", tmp_path / "plan.yaml", "--shorten")
+    assert result.exit_code == 1
+    assert "plan.yaml has no path from start (5.5, 4.5), k = 1" in result.stderr
+    text = (tmp_path / "plan.yaml").read_text()
+    (reached,) = yaml.safe_load_all(text)
+    assert "# start (5.5, 4.5), k = 1: no_path" in text.splitlines()
     start = reached["poses"][0]["pose"]["position"]
     assert (start["x"], start["y"]) == (0.5, 0.5)
     assert reached["header"]["frame_id"] == "map"
+
+
+@pytest.mark.parametrize(("start", "outcome"), [("4.5,2.5", "start_blocked"), ("5.5,4.5", "no_path")])
+def test_no_message_for_ros_is_written_where_no_start_has_a_path(call, room, tmp_path, start, outcome):
+    file = tmp_path / "plan.yaml"
+    for old in (False, True):
+        result = call("path", room, f"--start={start}", "-o", file)
+        assert result.exit_code == 1 and outcome in result.stdout
+        assert f"{file} is not written, for no path reaches a goal" in result.stderr
+        assert "wrote" not in result.stderr
+        assert ("older" in result.stderr) == old == file.exists()
+        file.write_text("old")
+    data = json.loads(call("path", room, f"--start={start}", "-o", file, "--json").stdout)
+    assert data["paths"][0]["outcome"] == outcome
 
 
 @pytest.mark.parametrize("suffix", [".json", ".npz"])

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
+from PIL import Image
 
 from resgrid.errors import InputError
 from resgrid.files import whole_folder
@@ -79,6 +81,33 @@ def test_a_scene_without_starts_is_no_failure(call, lesson, tmp_path):
     result = call("run", lesson, "--set", "starts=[]", "--no-check", "-o", tmp_path / "out")
     assert result.exit_code == 0 and "--start X,Y" in result.stdout
     assert "paths.csv" not in names(tmp_path / "out")
+
+
+def test_a_ros_map_has_its_paths_as_messages_for_ros(answer, call, ros_map, tmp_path):
+    folder = tmp_path / "out"
+    words = ("run", ros_map, "--goal", "0.7,0.5", "--no-check", "-o", folder)
+    data = answer(*words, "--start", "0.1,0.1", "--start", "0.45,0.1", code=1)
+    assert "paths.yaml" in data["files"] and set(data["files"]) == names(folder)
+    text = (folder / "paths.yaml").read_text()
+    (message,) = yaml.safe_load_all(text)
+    assert "# start (0.45, 0.1), k = 1: start_blocked" in text
+    last = message["poses"][-1]["pose"]["position"]
+    assert (last["x"], last["y"]) == pytest.approx((0.7, 0.5))
+    call("path", ros_map, "--goal", "0.7,0.5", "--start", "0.1,0.1", "-o", tmp_path / "one.yaml")
+    assert yaml.safe_load((tmp_path / "one.yaml").read_text()) == message
+    assert call(*words, "--start", "0.45,0.1").exit_code == 1
+    assert "paths.yaml" not in names(folder)
+
+
+@pytest.fixture
+def ros_map(tmp_path):
+    """A room of 0.8 m x 0.6 m with a wall that leaves a gap at the top, and an unknown corner."""
+    cell = np.full((6, 8), 254, np.uint8)
+    cell[1:, 4], cell[0, 0] = 0, 205
+    Image.fromarray(cell).save(tmp_path / "map.pgm")
+    head = "image: map.pgm\nresolution: 0.1\norigin: [0, 0, 0]\n"
+    (tmp_path / "map.yaml").write_text(head + "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n")
+    return tmp_path / "map.yaml"
 
 
 @pytest.mark.parametrize("scene", ["ring", "voxels"])

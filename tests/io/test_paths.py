@@ -15,7 +15,8 @@ import resgrid as rg
 from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.frame import Frame
-from resgrid.io.paths import headings, path_columns, ros_plan, write_path
+from resgrid.io.paths import Route, path_columns, write_path, write_routes
+from resgrid.io.ros_paths import headings, ros_plan
 from resgrid.planning.timing import time_path
 from resgrid.robots import Arm, PolygonRobot
 from resgrid.space import ConfigurationSpace
@@ -34,12 +35,17 @@ def test_a_timed_path_of_an_arm_is_read_back_as_it_was(tmp_path, suffix) -> None
     file = write_path(motion, tmp_path / f"path{suffix}")
     if suffix == ".csv":
         rows = list(csv.DictReader(file.read_text().splitlines()))
+        own = [{row.pop(name) for row in rows} for name in ("path", "k", "outcome")]
+        assert own == [{"0"}, {""}, {""}]  # a path without a field
         found = {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
     elif suffix == ".json":
-        found = {name: np.array(column) for name, column in json.loads(file.read_text()).items() if name != "schema"}
+        record = json.loads(file.read_text())
+        assert [record.pop(name) for name in ("schema", "k", "outcome")] == [1, None, None]
+        found = {name: np.array(column) for name, column in record.items()}
     else:
         with np.load(file) as arrays:
             found = dict(arrays)
+        assert np.isnan(found.pop("k")) and found.pop("outcome") == ""
     assert list(found) == ["t", "theta_1", "theta_2", "tip_x", "tip_y", "theta_1_rate", "theta_2_rate"]
     np.testing.assert_array_equal(found["t"], motion.times)
     np.testing.assert_array_equal(found["theta_1"], motion.positions[:, 0])
@@ -106,7 +112,16 @@ def test_no_column_is_lost_to_an_axis_of_its_name(tmp_path, names, suffix, robot
         write_path(way, tmp_path / f"path{suffix}")
     assert not list(tmp_path.iterdir())
     plain = rg.Polyline([(1, 1), (2, 2)], ConfigurationSpace(space.axes, space.cell))
-    assert write_path(plain, tmp_path / "path.csv").read_text().splitlines()[0] == ",".join(names)
+    head = write_path(plain, tmp_path / "path.csv").read_text().splitlines()[0]
+    assert head == ",".join(("path", "k", "outcome", *names))
+
+
+@pytest.mark.parametrize("name", ["k", "outcome"])
+def test_no_axis_has_the_name_of_a_figure(tmp_path, name) -> None:
+    space = ConfigurationSpace([Axis(name, 0.0, 4.0, 4), Axis("x", 0.0, 4.0, 4)], np.zeros((4, 4)))
+    for suffix in (".csv", ".json", ".npz"):
+        with pytest.raises(InputError, match=f"axis '{name}' has a name"):
+            write_path(rg.Polyline([(1, 1), (2, 2)], space), tmp_path / f"path{suffix}")
 
 
 def test_what_cannot_be_written_is_refused(tmp_path) -> None:
@@ -121,3 +136,98 @@ def test_what_cannot_be_written_is_refused(tmp_path) -> None:
         write_path(rg.Polyline(WAY, PLANE), tmp_path / "folder.csv")
     with pytest.raises(InputError, match="shape"):
         write_path(rg.Polyline([(1, 2, 3)], PLANE), tmp_path / "path.csv")
+
+
+RING = """schema = 1
+robot = { type = "arm", links = [{ length = 1.0, width = 0.04 }, { length = 0.6, width = 0.04 }] }
+starts = [[3.0, 0.3]]
+[grid]
+cells = [48, 48]
+[[obstacle]]
+shape = "circle"
+centre = [0.3, -1.0]
+radius = 0.15
+[[goal]]
+joints = [-3.0, 0.3]
+"""
+
+
+@pytest.fixture(scope="module")
+def ring_path() -> rg.Streamline:
+    """A streamline of an arm that crosses the seam of its first joint."""
+    scene = rg.parse_scene(RING)
+    return rg.plan(scene).path(scene.starts[0])
+
+
+@pytest.mark.parametrize("kind", ["streamline", "short", "timed"])
+def test_files_of_one_format_hold_the_same_whatever_writes_them(ring_path, tmp_path, kind) -> None:
+    """Coordinates go on across a seam; the start lies in the range of the axis."""
+    path = ring_path if kind == "streamline" else rg.shorten(ring_path)
+    path = time_path(path, velocity_limits=1.0) if kind == "timed" else path
+    routes = [Route(path, tuple(ring_path.points[0].tolist()))]
+    names = ["t"] * (kind == "timed") + ["theta_1", "theta_2", "tip_x", "tip_y"]
+    for suffix in (".csv", ".json", ".npz"):
+        write_path(path, tmp_path / f"one{suffix}")
+        write_routes(routes, tmp_path / f"many{suffix}")
+    assert (tmp_path / "one.csv").read_bytes() == (tmp_path / "many.csv").read_bytes()
+    one, many = (json.loads((tmp_path / f"{name}.json").read_text()) for name in ("one", "many"))
+    (record,) = many["paths"]
+    with np.load(tmp_path / "one.npz") as single, np.load(tmp_path / "many.npz") as several:
+        rows = list(csv.DictReader((tmp_path / "one.csv").read_text().splitlines()))
+        for name in names:
+            column = [float(row[name]) for row in rows]
+            assert one[name] == record["columns"][name] == column
+            np.testing.assert_array_equal(single[name], column)
+            np.testing.assert_array_equal(several[f"{name}_0"], column)
+        assert {str(single["outcome"]), str(several["outcome"][0]), rows[0]["outcome"]} == {"reached"}
+        np.testing.assert_array_equal(several["points_0"][:, 0], one["theta_1"])
+    assert record["points"] == [list(point) for point in zip(one["theta_1"], one["theta_2"], strict=True)]
+    assert one["outcome"] == record["outcome"] == "reached" and one["k"] == record["k"] == 1.0
+    assert one["theta_1"][0] == 3.0 and one["theta_1"][-1] > pi
+    assert np.abs(np.diff(one["theta_1"])).max() < 1.0
+    figures = {name: several_ for name, several_ in record.items() if name in ("length", "clearance")}
+    points = np.array(record["points"])
+    assert figures["length"] == pytest.approx(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    assert ("streamline" in record) == (kind != "streamline")
+
+
+def test_a_path_without_a_goal_says_so_in_every_file(tmp_path) -> None:
+    cell = np.zeros((6, 3))
+    cell[2, :], cell[5, 1] = 1, 2
+    planner = rg.plan(space_of(cell))
+    lost, blocked = planner.path((0.5, 0.5)), planner.path((2.5, 0.5))
+    rg.certify(lost)
+    for path, outcome in ((lost, "no_path"), (blocked, "start_blocked")):
+        rows = list(csv.DictReader(write_path(path, tmp_path / "path.csv").read_text().splitlines()))
+        assert {row["outcome"] for row in rows} == {outcome}
+        assert json.loads(write_path(path, tmp_path / "path.json").read_text())["outcome"] == outcome
+        with np.load(write_path(path, tmp_path / "path.npz")) as arrays:
+            assert arrays["outcome"] == outcome
+        for refused in (path, time_path(path, velocity_limits=1.0)):
+            with pytest.raises(InputError, match=f"ended with '{outcome}'.*cannot say so"):
+                write_path(refused, tmp_path / "path.yaml")
+            with pytest.raises(InputError, match="cannot say so"):
+                ros_plan(refused)
+    assert not (tmp_path / "path.yaml").exists()
+
+
+def test_messages_of_several_routes_name_their_starts_and_outcomes(tmp_path) -> None:
+    cell = np.zeros((6, 3))
+    cell[2, :], cell[5, 1] = 1, 2
+    planner = rg.plan(space_of(cell))
+    starts = [(0.5, 0.5), (3.5, 0.5), (2.5, 0.5), (4.5, 2.5), (1.5, 2.5)]
+    routes = [Route(planner.path(start), start) for start in starts]
+    text = write_routes(routes, tmp_path / "paths.yaml").read_text()
+    messages = list(yaml.safe_load_all(text))
+    assert messages == [yaml.safe_load(ros_plan(routes[number].path)) for number in (1, 3)]
+    assert [line for line in text.splitlines() if line.startswith("#")] == [
+        "# start (0.5, 0.5), k = 1: no_path",
+        "# start (3.5, 0.5), k = 1: reached",
+        "# start (2.5, 0.5), k = 1: start_blocked",
+        "# start (4.5, 2.5), k = 1: reached",
+        "# start (1.5, 2.5), k = 1: no_path",
+    ]
+    assert write_routes(routes[1:2], tmp_path / "one.yaml").read_text() == ros_plan(routes[1].path)
+    with pytest.raises(InputError, match="no path reaches a goal"):
+        write_routes(routes[::2], tmp_path / "none.yaml")
+    assert not (tmp_path / "none.yaml").exists()

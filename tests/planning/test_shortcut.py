@@ -200,10 +200,24 @@ def test_the_clearance_asked_for_is_kept() -> None:
     cell[20, :22], cell[38, 2] = Cell.OBSTACLE, Cell.GOAL
     field = dirichlet(space_of(cell))
     path = streamline(field, start=(2.5, 14.5))
-    bold, careful = rg.shorten(path), rg.shorten(path, clearance=1.5)
-    assert path.length > careful.length > bold.length
+    bold, usual, careful = (rg.shorten(path, clearance=clearance) for clearance in (0.0, None, 1.5))
+    assert path.length > careful.length >= usual.length > bold.length
+    assert usual.clearance >= path.clearance / 2
     assert bold.clearance < 0.5
     assert careful.clearance >= min(path.clearance, 1.5) - 1e-9
+
+
+@given(spaces(), st.integers(0, 2**32 - 1))
+@settings(max_examples=40)
+def test_half_of_the_clearance_is_kept_by_default(space: ConfigurationSpace, pick: int) -> None:
+    free = np.argwhere(space.goal_connected)
+    if not len(free):
+        return
+    path = rg.plan(space, boundary="neumann").path(cell=free[pick % len(free)].tolist())
+    if path.outcome is not rg.Outcome.REACHED:
+        return
+    short = rg.shorten(path, rounds=30)
+    assert short.clearance >= path.clearance / 2 * (1 - 1e-9) or np.isinf(path.clearance)
 
 
 def test_a_maze_keeps_its_way_and_the_seed_its_path() -> None:

@@ -14,7 +14,7 @@ from annotated_types import Gt, Len
 from numpy.typing import NDArray
 
 from resgrid.axis import Axis
-from resgrid.budget import require_grid_memory
+from resgrid.budget import SMALLER_MAP, require_grid_memory
 from resgrid.errors import InputError
 from resgrid.files import read_bytes
 from resgrid.frame import Frame
@@ -138,7 +138,7 @@ def _check_npy(data: bytes, path: Path) -> None:
         raise InputError(f"{path}: cells are whole numbers or truth values, this array holds {dtype}")
     if not 1 <= len(shape) <= MAX_DIMENSIONS or min(shape) < 1:
         raise InputError(f"{path}: the array has shape {shape}; a map has 1 to {MAX_DIMENSIONS} axes, none empty")
-    require_grid_memory(shape, str(path))
+    require_grid_memory(shape, str(path), remedy=SMALLER_MAP)
     missing = prod(shape) * dtype.itemsize - (len(data) - stream.tell())
     if missing > 0:
         raise InputError(f"{path}: the file is cut short: {missing} bytes are missing; copy it again")

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from resgrid.budget import require_grid_memory
+from resgrid.budget import SMALLER_MAP, require_grid_memory
 from resgrid.errors import InputError
 from resgrid.files import read_text
 from resgrid.scene.maps.arrays import MapCells, cells_from_rows, placed_axes
@@ -69,7 +69,7 @@ def read_movingai(path: Path, passable: str = PASSABLE) -> MapCells:
     while rows and not rows[-1].strip():
         rows.pop()
     _check_rows(rows, lines, path, first, width, height)
-    require_grid_memory((width, height), str(path))
+    require_grid_memory((width, height), str(path), remedy=SMALLER_MAP)
     letters = np.frombuffer("".join(row.rstrip() for row in rows).encode(), dtype=np.uint8).reshape(height, width)
     free = np.zeros(256, dtype=bool)
     free[[ord(letter) for letter in passable]] = True

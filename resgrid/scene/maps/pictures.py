@@ -17,7 +17,7 @@ import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
-from resgrid.budget import BYTES_PER_CELL, require_grid_memory
+from resgrid.budget import BYTES_PER_CELL, SMALLER_MAP, require_grid_memory
 from resgrid.errors import BudgetError, InputError, ResgridError
 from resgrid.files import read_bytes
 from resgrid.scene.maps.arrays import cells_from_rows
@@ -116,7 +116,7 @@ def _read_with_pillow(data: bytes, path: Path, bytes_per_pixel: int) -> Raster:
             warnings.simplefilter("ignore")
             Image.open(BytesIO(data)).verify()  # the checksums of PNG, which decoding alone does not look at
             image = Image.open(BytesIO(data))
-            require_grid_memory(image.size, str(path), bytes_per_pixel)
+            require_grid_memory(image.size, str(path), bytes_per_pixel, SMALLER_MAP)
             return _raster(image, path)
     except UnidentifiedImageError:
         raise InputError(f"{path}: this is not a picture of a known format (PNG, PGM, BMP, ...)") from None
@@ -175,7 +175,7 @@ def read_pgm(data: bytes, path: Path, bytes_per_pixel: int = BYTES_PER_CELL) -> 
         raise InputError(f"{path}: line {_line(data, at)}: a blank must follow the maximum grey value")
     count = width * height
     if count <= len(data):  # otherwise it is cut short
-        require_grid_memory((width, height), str(path), bytes_per_pixel)
+        require_grid_memory((width, height), str(path), bytes_per_pixel, SMALLER_MAP)
     values = _plain_values(data, at + 1, count, path) if magic == b"P2" else _binary_values(data, at + 1, count, maxval)
     if len(values) < count:
         raise InputError(

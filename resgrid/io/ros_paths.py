@@ -1,0 +1,124 @@
+"""Paths as ``nav_msgs/Path`` messages for ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import cos, sin
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from resgrid.errors import InputError
+from resgrid.planning.streamline import AnyPath, Outcome, ShortPath, Streamline, unwrap
+from resgrid.planning.timing import Trajectory
+from resgrid.robots import PointRobot
+from resgrid.space import ConfigurationSpace
+
+Timed = AnyPath | Trajectory
+
+
+def points_of(path: Timed) -> NDArray[np.float64]:
+    """Points of a path in the world, shape (n, ndim), continuous across periodic seams, as every file holds them."""
+    return path.positions if isinstance(path, Trajectory) else unwrap(path)
+
+
+def streamline_of(path: Timed) -> Streamline | None:
+    """The streamline that was shortened or timed; None for a path without a field."""
+    if isinstance(path, Trajectory):
+        path = path.path
+    if isinstance(path, ShortPath):
+        path = path.original
+    return path if isinstance(path, Streamline) else None
+
+
+def ros_plan(path: Timed, *, frame_id: str = "map") -> str:
+    """Return a path as the text of a ``nav_msgs/Path`` message, as ``ros2 topic pub`` reads it.
+
+    Every pose looks towards the next, the last one as the one before; a turning polygon as its angle says.  A
+    trajectory's times are the stamps.
+
+    Parameters
+    ----------
+    path : Streamline, ShortPath, Polyline or Trajectory
+        In a space of two axes with one unit, or of a turning polygon.  A streamline must have reached a goal.
+    frame_id : str
+        The frame that the poses are given in.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    InputError
+        If the robot does not move in the plane, or the path reached no goal: a message has no field for the outcome.
+
+    Examples
+    --------
+    >>> path = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((5.5, 2.5))
+    >>> print(rg.ros_plan(path, frame_id="odom")[:60])
+    header:
+      stamp: {sec: 0, nanosec: 0}
+      frame_id: odom
+    poses
+    """
+    space, points = path.space, points_of(path)
+    require_plane(space)
+    require_reached(path)
+    places, own = points[:, :2], (space.robot or PointRobot()).heading(points)
+    yaws = headings(places) if own is None else own
+    times = path.times if isinstance(path, Trajectory) else np.zeros(len(points))
+    return _message(times.tolist(), places.tolist(), yaws.tolist(), frame_id)
+
+
+def require_reached(path: Timed) -> None:
+    """Raise InputError for a streamline without a goal, whose message would look like a path to one."""
+    streamline = streamline_of(path)
+    if streamline is not None and streamline.outcome is not Outcome.REACHED:
+        raise InputError(
+            f"this path ended with {str(streamline.outcome)!r} ({streamline.reason}), and a nav_msgs/Path cannot say "
+            "so; test path.outcome first, or write .csv, .json or .npz, which hold the outcome"
+        )
+
+
+def require_plane(space: ConfigurationSpace) -> None:
+    """Raise InputError unless the robot has poses in the plane."""
+    if not has_poses(space):
+        what = f"a {type(space.robot or PointRobot()).__name__} with axes {', '.join(axis.name for axis in space.axes)}"
+        raise InputError(f"a nav_msgs/Path holds poses in the plane, not {what}; write .csv, .json or .npz")
+
+
+def has_poses(space: ConfigurationSpace) -> bool:
+    """Return whether configurations are poses in the plane: x and y with one unit, or with a heading."""
+    robot = space.robot or PointRobot()
+    is_flat = space.ndim == 2 and space.axes[0].unit == space.axes[1].unit and robot.moves_in_workspace
+    return is_flat or robot.heading(np.zeros((1, space.ndim))) is not None
+
+
+def headings(place: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Direction from every place to the next that differs, in radians; the last as the one before, alone 0."""
+    step = np.diff(place, axis=0)
+    moved = np.flatnonzero(np.any(step != 0, axis=1))
+    if not len(moved):
+        return np.zeros(len(place))
+    angle = np.arctan2(step[moved, 1], step[moved, 0])
+    return np.asarray(angle[np.minimum(np.searchsorted(moved, np.arange(len(place))), len(moved) - 1)])
+
+
+def _message(times: Sequence[float], places: Sequence[Sequence[float]], yaws: Sequence[float], frame_id: str) -> str:
+    """Return a ``nav_msgs/Path`` as YAML."""
+
+    def header(time: float) -> dict[str, Any]:
+        seconds, nanoseconds = divmod(round(time * 1e9), 10**9)
+        return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": frame_id}
+
+    def pose(place: Sequence[float], yaw: float) -> dict[str, Any]:
+        position = {"x": place[0], "y": place[1], "z": 0.0}
+        return {"position": position, "orientation": {"x": 0.0, "y": 0.0, "z": sin(yaw / 2), "w": cos(yaw / 2)}}
+
+    rows = zip(times, places, yaws, strict=True)
+    poses = [{"header": header(time), "pose": pose(place, yaw)} for time, place, yaw in rows]
+    dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+    return yaml.dump({"header": header(0.0), "poses": poses}, Dumper=dumper, sort_keys=False, default_flow_style=None)

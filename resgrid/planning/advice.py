@@ -1,0 +1,101 @@
+"""Why a path of a scene reaches no goal, and what helps: remedies are tried before they are recommended."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+
+from resgrid.errors import ResgridError
+from resgrid.planning.reasons import TROUBLES, nearest_start
+from resgrid.planning.streamline import Outcome, Streamline
+from resgrid.robots import PointRobot
+from resgrid.scene import GoalCell, GoalJoints, Scene, sample
+from resgrid.scene.goals import Goal
+from resgrid.scene.overrides import apply_overrides
+from resgrid.scene.places import has_unknown, is_unknown, why_blocked
+from resgrid.scene.world import cell_centre, located
+from resgrid.space import Cell, ConfigurationSpace
+
+_MOST_CELLS = 2**24
+"""Largest grid of a point or a disc that is cut into cells again to try a remedy."""
+
+_MOST_CELLS_OF_BODIES = 2**17
+"""Largest such grid of other robots, whose cells take longer."""
+
+Change = Callable[[], Scene]
+
+
+@dataclass(frozen=True, eq=False)
+class Advisor:
+    """Explain failed paths of a scene; remedies that are tried for one path are remembered for the others."""
+
+    scene: Scene
+    _spaces: dict[str, ConfigurationSpace | None] = field(default_factory=dict, init=False)
+
+    def reason(self, path: Streamline) -> str | None:
+        """Return why a path from a start of the scene reaches no goal, with remedies; None if it reaches one."""
+        if path.outcome not in (Outcome.START_BLOCKED, Outcome.NO_PATH):
+            return path.reason
+        cell = tuple(path.cells[0].tolist())
+        is_blocked = path.outcome is Outcome.START_BLOCKED
+        parts = [f"the start {why_blocked(self.scene, cell)}" if is_blocked else TROUBLES[path.outcome]]
+        remedies = list(self._remedies(path, unknown=is_blocked and is_unknown(self.scene, cell)))
+        parts += [nearest_start(path.space, cell), *remedies]
+        if not remedies and not is_blocked:
+            parts.append("open a way")
+        return "; ".join(part for part in parts if part)
+
+    def _remedies(self, path: Streamline, *, unknown: bool) -> Iterator[str]:
+        """Changes of the scene that open a path."""
+        scene = self.scene
+        if unknown or has_unknown(scene):
+            helps = self._helps("unknown", partial(apply_overrides, scene, {"map.unknown": "free"}), path)
+            if unknown or helps:
+                yield "--unknown free makes unknown cells free" + (" and opens a path" if helps else "")
+        is_coarse = scene.sampling == "conservative" and bool(scene.robot.remedy)
+        if is_coarse and self._helps("sampling", partial(scene.replace, sampling="centre"), path):
+            yield "--set sampling=centre opens a path, for it judges a cell by its centre alone"
+        if isinstance(scene.robot, PointRobot) and scene.robot.radius:
+            if self._helps("robot", partial(dataclasses.replace, scene, robot=PointRobot()), path):
+                yield scene.robot.remedy
+        elif scene.robot.remedy:
+            yield scene.robot.remedy
+        if scene.map is None and self._helps("cells", partial(_finer, scene), path):
+            yield "refine the grid: twice as many cells on each axis open a path"
+
+    def _helps(self, name: str, change: Change, path: Streamline) -> bool:
+        """Return whether a path from the same start reaches a goal after a change; False if that takes too long."""
+        if name not in self._spaces:
+            self._spaces[name] = _sampled(change)
+        space = self._spaces[name]
+        if space is None:
+            return False
+        cell, _ = located(space.axes, space.frame, tuple(path.points[0].tolist()), "starts")
+        return bool(space.goal_connected[cell]) or space.cell[cell] == Cell.GOAL
+
+
+def _finer(scene: Scene) -> Scene:
+    """Return a scene with twice as many cells on each axis; goals stay where they are."""
+    axes = tuple(dataclasses.replace(axis, cells=2 * axis.cells) for axis in scene.axes)
+    goals: list[Goal] = []
+    for goal in scene.goals:
+        if isinstance(goal, GoalCell):
+            centre = cell_centre(scene.axes, scene.frame, goal.cell, "goal")
+            goals.append(GoalJoints(centre, centre))
+        else:
+            goals.append(goal)
+    return dataclasses.replace(scene, axes=axes, goals=tuple(goals))
+
+
+def _sampled(change: Change) -> ConfigurationSpace | None:
+    """Return the cells of a changed scene; None if it cannot be made, or has too many cells for a trial."""
+    try:
+        scene = change()
+        most = _MOST_CELLS if isinstance(scene.robot, PointRobot) else _MOST_CELLS_OF_BODIES
+        cells = math.prod(axis.cells for axis in scene.axes)
+        return sample(scene, require_goal=False) if cells <= most else None
+    except ResgridError:
+        return None

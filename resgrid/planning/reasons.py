@@ -1,0 +1,31 @@
+"""Why a path reaches no goal, as far as its space knows; `resgrid.planning.advice` knows the scene as well."""
+
+from __future__ import annotations
+
+from resgrid.scene.places import nearest_place
+from resgrid.space import ConfigurationSpace
+
+TROUBLES = {
+    "no_path": "obstacles separate the start from every goal",
+    "no_current": "the current here is too small to tell a direction: use --drive uniform",
+    "start_blocked": "the start lies in an obstacle",
+    "goal_blocked": "no free cell has a path to a goal: move the goal, or open a way to it",
+}
+"""What every outcome but success means."""
+
+
+def reason_of(outcome: str, space: ConfigurationSpace, cell: tuple[int, ...]) -> str | None:
+    """Return why a path that starts in a cell ended with an outcome, and what to do; None for success."""
+    if outcome not in TROUBLES:
+        return None
+    parts = [TROUBLES[outcome]]
+    if outcome in ("no_path", "start_blocked"):
+        remedy = getattr(space.robot, "remedy", "")
+        parts += [nearest_start(space, cell), "open a way" if outcome == "no_path" else "", remedy]
+    return "; ".join(part for part in parts if part)
+
+
+def nearest_start(space: ConfigurationSpace, cell: tuple[int, ...]) -> str:
+    """Return where the nearest place with a path to a goal is, in words; empty if there is none."""
+    place = nearest_place(space.goal_connected, cell, space.axes, space.frame)
+    return f"the nearest place with a path to a goal is {place}" if place else ""

@@ -1,0 +1,119 @@
+"""Why a path fails, and remedies that work when they are followed."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from support.cli import ROOM, call
+
+import resgrid as rg
+
+HEAD = "image: map.pgm\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+
+
+def ros_map(folder: Path, rows: list[str]) -> Path:
+    """A ROS map of letters: # occupied, ? unknown, . free; the first row is the top one."""
+    greys = {"#": 0, "?": 205, ".": 254}
+    Image.fromarray(np.array([[greys[letter] for letter in row] for row in rows], np.uint8)).save(folder / "map.pgm")
+    (folder / "map.yaml").write_text(HEAD)
+    return folder / "map.yaml"
+
+
+def place_in(text: str, before: str) -> str:
+    """The coordinates that follow some words, as an option takes them."""
+    found = re.search(rf"{before} \(([^)]*)\)", text)
+    assert found is not None, text
+    return found[1].replace(" ", "")
+
+
+def test_unknown_space_is_called_unknown(tmp_path: Path) -> None:
+    file = ros_map(tmp_path, ["??????", "??????", "......", "......", "...##.", "......"])
+    start = call("path", file, "--goal", "0.05,0.05", "--start", "0.25,0.55", "--k", "0,1")
+    assert start.exit_code == 1
+    (line,) = start.stdout.splitlines()
+    assert "start (0.25, 0.55), k = 0, 1: start_blocked: the start lies in unknown space (cell (2, 5)); " in line
+    assert "--unknown free makes unknown cells free and opens a path" in line
+    place = place_in(line, "nearest place with a path to a goal is")
+    assert call("path", file, "--goal", "0.05,0.05", "--start", place).exit_code == 0
+    assert call("path", file, "--goal", "0.05,0.05", "--start", "0.25,0.55", "--unknown", "free").exit_code == 0
+    goal = call("path", file, "--goal", "0.25,0.55", "--start", "0.05,0.05")
+    assert goal.exit_code == 2
+    assert "lies in unknown space (cell (2, 5)); move it to a free place that a start can reach" in goal.stderr
+    assert "--unknown free" in goal.stderr
+    place = place_in(goal.stderr, "the nearest is")
+    assert call("path", file, "--goal", place, "--start", "0.05,0.05").exit_code == 0
+    wall = call("path", file, "--goal", "0.05,0.05", "--start", "0.35,0.15")
+    assert "lies in an obstacle (cell (3, 1))" in wall.stdout and "--unknown" not in wall.stdout
+    assert "smaller" not in wall.stdout and "refine" not in wall.stdout
+
+
+POCKET = ["........", ".#####..", ".#...#..", ".#.#.#..", ".#...#..", ".#####..", "........", "........"]
+
+
+def test_the_place_that_is_offered_can_be_reached(tmp_path: Path) -> None:
+    """The middle of a closed pocket is nearer to free cells within it than to those outside."""
+    file = ros_map(tmp_path, POCKET)
+    for words in (("--start", "0.05,0.05"), ()):
+        result = call("path", file, "--goal", "0.35,0.45", *words)
+        assert result.exit_code == 2
+        place = place_in(result.stderr, "the nearest is")
+        assert call("path", file, "--goal", place, "--start", "0.05,0.05").exit_code == 0
+    inside = call("path", file, "--goal", "0.35,0.45", "--start", "0.25,0.55")
+    place = place_in(inside.stderr, "the nearest is")
+    assert call("path", file, "--goal", place, "--start", "0.25,0.55").exit_code == 0
+    start = call("path", file, "--goal", "0.05,0.05", "--start", "0.35,0.45", "--k", "0,0.5,1")
+    assert start.exit_code == 1 and len(start.stdout.splitlines()) == 1
+    place = place_in(start.stdout, "goal is")
+    assert call("path", file, "--goal", "0.05,0.05", "--start", place).exit_code == 0
+    shut = call("path", file, "--goal", "0.05,0.05", "--start", "0.25,0.55")
+    assert shut.exit_code == 1 and shut.stdout.rstrip().endswith("; open a way")
+
+
+@pytest.mark.parametrize(("radius", "helps"), [("0.12", True), ("0.25", False)])
+def test_only_remedies_that_help_are_offered_on_a_map(tmp_path: Path, radius: str, helps: bool) -> None:
+    """A door of 0.3 m: the middle of its cells is 0.15 m from the walls, their borders 0.1 m."""
+    wall, free = "." * 5 + "#" + "." * 5, "." * 11
+    file = ros_map(tmp_path, [wall] * 4 + [free] * 3 + [wall] * 4)
+    words = ("path", file, "--robot-radius", radius, "--goal", "0.95,0.55", "--start", "0.15,0.55")
+    result = call(*words)
+    assert result.exit_code == 1 and "no_path" in result.stdout
+    assert ("--set sampling=centre opens a path" in result.stdout) == helps
+    assert "radius smaller" in result.stdout and "refine" not in result.stdout
+    assert (call(*words, "--set", "sampling=centre").exit_code == 0) == helps
+
+
+def test_a_grid_of_a_scene_is_refined_where_that_helps(tmp_path: Path) -> None:
+    """Two walls that leave a gap of one and a half cells: at twice as many cells it is free."""
+    text = ROOM.replace("upper = [5, 5]", "upper = [5, 2.75]").replace("[0.5, 0.5], [5.5, 4.5]", "[5.5, 0.5]")
+    text += '[[obstacle]]\nshape = "rectangle"\nlower = [4, 3.5]\nupper = [5, 5]\n'
+    (tmp_path / "gap.toml").write_text(text)
+    result = call("path", tmp_path / "gap.toml")
+    assert result.exit_code == 1 and "refine the grid" in result.stdout
+    finer = ("--set", "grid.axes.0.cells=12", "--set", "grid.axes.1.cells=10", "--goal", "3.5,3.5")
+    assert call("path", tmp_path / "gap.toml", *finer).exit_code == 0
+    (tmp_path / "shut.toml").write_text(ROOM)
+    shut = call("path", tmp_path / "shut.toml", "--start", "5.5,0.5")
+    assert "refine" not in shut.stdout and "open a way" in shut.stdout
+
+
+def test_a_path_in_python_knows_the_nearest_place_too() -> None:
+    cell = np.zeros((6, 3))
+    cell[2, :], cell[5, 1] = 1, 2
+    space = rg.ConfigurationSpace([rg.Axis("x", 0, 6, 6), rg.Axis("y", 0, 3, 3)], cell)
+    planner = rg.plan(space)
+    blocked, lost = planner.path((2.5, 0.5)), planner.path((0.5, 0.5))
+    assert blocked.reason == "the start lies in an obstacle; the nearest place with a path to a goal is (3.5, 0.5)"
+    assert str(lost.reason).startswith("obstacles separate the start from every goal; the nearest place")
+    assert planner.path((3.5, 0.5)).reason is None
+
+
+def test_several_goals_are_named_by_region_and_place(tmp_path: Path) -> None:
+    file = ros_map(tmp_path, ["......", "......"])
+    result = call("path", file, "--goal", "0.05,0.05", "--goal", "0.55,0.15", "--start", "0.45,0.05")
+    assert "reached goal 1 of 0 to 1 at (0.55, 0.15), length" in result.stdout
+    result = call("path", file, "--goal", "0.05,0.05", "--start", "0.45,0.05")
+    assert "reached goal 0 at (0.05, 0.05), length" in result.stdout
