@@ -127,8 +127,12 @@ class WorkerError(ResgridError):
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:
-    """The name that was probably meant, as a question; nothing if none is near."""
+    """Return the name that was probably meant, as a question; empty if none is near.
+
+    Names that differ only in their digits, such as ros1 and ros2, mean different things.
+    """
     from difflib import get_close_matches
 
-    near = get_close_matches(name, known, 1)
+    kin = name.rstrip("0123456789")
+    near = get_close_matches(name, [other for other in known if other.rstrip("0123456789") != kin or kin == name], 1)
     return f"did you mean {near[0]!r}?" if near else ""

@@ -78,7 +78,7 @@ def describe(job: Job) -> dict[str, Any]:
             for axis in space.axes
         ],
         "frame": {key: getattr(scene.frame, key) for key in ("x", "y", "yaw")},
-        "map": None if scene.map is None else describe_map(scene.map.table),
+        "map": None if scene.map is None else describe_map(scene.map),
         "sketch": _sketch(space, starts) if space.ndim == 2 else None,
         "cells": space.cell.size,
         **free_counts(space),

@@ -354,7 +354,8 @@ def _check_link(number: int, limits: Limits | None) -> None:
     if max(map(abs, ends)) > 1e6:
         raise InputError(f"links[{number}]: limits = {ends} must be two angles [lower, upper] in radians")
     if not ends[0] < ends[1]:
-        raise InputError(f"links[{number}]: limits = {ends} are reversed: the lower limit comes first")
+        fault = "are reversed: the lower limit comes first" if ends[0] > ends[1] else "leave the joint no room to turn"
+        raise InputError(f"links[{number}]: limits = {ends} {fault}; without limits the joint turns all the way round")
 
 
 def _check_rest(arm: Arm) -> None:

@@ -84,7 +84,9 @@ class Link(Table):
     @model_validator(mode="after")
     def _is_possible(self) -> Link:
         if self.limits is not None and not self.limits[0] < self.limits[1]:
-            raise ValueError(f"limits = {list(self.limits)} are reversed: the lower limit comes first")
+            low, high = self.limits
+            fault = "are reversed: the lower limit comes first" if low > high else "leave the joint no room to turn"
+            raise ValueError(f"limits = {[low, high]} {fault}; without limits the joint turns all the way round")
         return self
 
 

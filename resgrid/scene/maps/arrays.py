@@ -44,6 +44,8 @@ class MapCells:
         From the map's coordinates to the world's.
     conductivity : ndarray of float64 or None
         Of its cells; None where the map says nothing of costs.
+    unknown : ndarray of bool or None
+        Cells that nobody has seen, whether they are obstacles or free in `cell`; None where the format knows none.
     table : mapping
         The ``[map]`` table it came from; ``file`` is an absolute path.
     """
@@ -52,6 +54,7 @@ class MapCells:
     cell: NDArray[np.uint8]
     frame: Frame = field(default_factory=Frame)
     conductivity: NDArray[np.float64] | None = None
+    unknown: NDArray[np.bool_] | None = None
     table: Mapping[str, Any] = field(default_factory=dict)
 
     def read_by(self, table: Mapping[str, Any]) -> MapCells:

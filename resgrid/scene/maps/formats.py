@@ -18,7 +18,9 @@ from resgrid.files import read_bytes
 from resgrid.scene.maps.arrays import MapCells, placed_axes, read_npy
 from resgrid.scene.maps.movingai import PASSABLE, read_movingai
 from resgrid.scene.maps.pictures import THRESHOLD, read_epic, read_grey
-from resgrid.scene.maps.ros import UNKNOWN, occupancy_grid, read_ros, ros_greys
+from resgrid.scene.maps.pnm import MAGICS
+from resgrid.scene.maps.ros import read_ros, ros_greys
+from resgrid.scene.maps.ros_header import NEWEST
 from resgrid.scene.table import fields_from
 
 
@@ -41,14 +43,13 @@ class MapFormat:
         return fields_from(self.read) | ({} if is_placed else fields_from(placed_axes))
 
 
+PICTURES = tuple(".png .pgm .pnm .ppm .pbm .bmp .gif .tif .tiff .jpg .jpeg".split())
+"""How names of pictures end."""
+
 FORMATS: dict[str, MapFormat] = {
     "ros": MapFormat(read_ros, (".yaml", ".yml")),
     "movingai": MapFormat(read_movingai, (".map",), (b"type ",)),
-    "image": MapFormat(
-        read_grey,
-        (".png", ".pgm", ".pnm", ".ppm", ".pbm", ".bmp", ".gif", ".tif", ".tiff"),
-        (b"\x89PNG", b"P2", b"P5", b"BM", b"GIF8"),
-    ),
+    "image": MapFormat(read_grey, PICTURES, (b"\x89PNG", b"BM", b"GIF8", b"\xff\xd8\xff", *MAGICS)),
     "epic": MapFormat(read_epic),
     "npy": MapFormat(read_npy, (".npy",), (b"\x93NUMPY",)),
 }
@@ -100,15 +101,17 @@ def format_of(path: Path, table: Mapping[str, Any]) -> str:
     raise InputError(f"{path}: this is no known kind of map; scenes end in .toml, maps in {known}, or give the format")
 
 
-def describe_map(table: Mapping[str, Any]) -> dict[str, Any]:
-    """How a map was read: which way its rows run, and what its greys and letters mean."""
+def describe_map(cells: MapCells) -> dict[str, Any]:
+    """Describe how a map was read: its format, the reader that was followed, the meaning of greys and letters."""
+    table = cells.table
     file = Path(table["file"])
     name = format_of(file, table)
     described: dict[str, Any] = {"file": str(file), "format": name}
     if name == "ros":
-        options = {key: table[key] for key in ("dialect", "lethal") if key in table}
-        described["greys"] = _runs(ros_greys(file, **options))
-        described["unknown_cells"] = int((occupancy_grid(file, table.get("dialect", "nav2")) == UNKNOWN).sum())
+        dialect = table.get("dialect", NEWEST)
+        described["dialect"] = dialect
+        described["greys"] = _runs(ros_greys(file, dialect, table.get("lethal")))
+        described["unknown_cells"] = 0 if cells.unknown is None else int(cells.unknown.sum())
         described["unknown_as"] = table.get("unknown", "obstacle")
     elif name == "image":
         threshold = table.get("threshold", THRESHOLD)

@@ -1,13 +1,16 @@
 """Pictures as maps, and as arrays of channel values, whatever the file format.
 
-Portable grey maps (https://netpbm.sourceforge.net/doc/pgm.html) are read here and to the letter, for thresholds of maps
-need the values as they stand; all other formats by Pillow.
+Portable anymaps are read by `resgrid.scene.maps.pnm`, all other formats by Pillow.
 """
 
 from __future__ import annotations
 
-import re
+import struct
+import threading
 import warnings
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -17,10 +20,11 @@ import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
-from resgrid.budget import BYTES_PER_CELL, SMALLER_MAP, require_grid_memory
-from resgrid.errors import BudgetError, InputError, ResgridError
+from resgrid.budget import SMALLER_MAP, require_grid_memory
+from resgrid.errors import InputError, ResgridError
 from resgrid.files import read_bytes
 from resgrid.scene.maps.arrays import cells_from_rows
+from resgrid.scene.maps.pnm import MAGICS, read_pnm
 from resgrid.space import Cell
 
 if TYPE_CHECKING:
@@ -33,11 +37,12 @@ THRESHOLD = 128
 """Grey value from which a pixel is free, of a picture that does not say."""
 
 DEEP = ("I;16", "I;16B", "I;16L", "I;16N", "I")
-MAX_VALUE = 65535
-MAX_DIGITS = 18
-_BLANK = rb"(?:[ \t\r\n\v\f]|#[^\r\n]*[\r\n])+"
-_NUMBER = re.compile(_BLANK + rb"(\d{1,18})(?!\d)")
-_COMMENT = re.compile(rb"#[^\r\n]*")
+"""Modes of Pillow that hold more than 8 bits of grey."""
+
+_DEEP_COLOURS = {"RGB;16B": "RGB;16L", "RGBA;16B": "RGBA;16L"}
+"""How Pillow unpacks 16 bits a channel of PNGs: to the higher bytes, and, as if little-endian, to the lower ones."""
+
+_LIMIT = threading.Lock()
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,13 +103,12 @@ def read_epic(path: Path) -> NDArray[np.uint8]:
 
 
 def read_raster(path: Path, bytes_per_pixel: int = BYTES_PER_PIXEL) -> Raster:
-    """Read a picture file: PGM by our own reader, every other format that Pillow knows by Pillow."""
+    """Read a picture file: anymaps by our own reader, every other format that Pillow knows by Pillow."""
     data = read_bytes(path)
     if not data:
         raise InputError(f"{path}: the file is empty")
-    if data[:2] in (b"P2", b"P5"):
-        values, maxval = read_pgm(data, path, bytes_per_pixel)
-        return Raster(values[..., np.newaxis], maxval)
+    if data[:2] in MAGICS:
+        return Raster(*read_pnm(data, path, bytes_per_pixel))
     return _read_with_pillow(data, path, bytes_per_pixel)
 
 
@@ -112,93 +116,93 @@ def _read_with_pillow(data: bytes, path: Path, bytes_per_pixel: int) -> Raster:
     from PIL import Image, UnidentifiedImageError
 
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), _any_size():
             warnings.simplefilter("ignore")
             Image.open(BytesIO(data)).verify()  # the checksums of PNG, which decoding alone does not look at
             image = Image.open(BytesIO(data))
-            require_grid_memory(image.size, str(path), bytes_per_pixel, SMALLER_MAP)
-            return _raster(image, path)
+        require_grid_memory(image.size, str(path), bytes_per_pixel, SMALLER_MAP)
+        return _raster(image, data, path)
     except UnidentifiedImageError:
-        raise InputError(f"{path}: this is not a picture of a known format (PNG, PGM, BMP, ...)") from None
-    except Image.DecompressionBombError as error:
-        raise BudgetError(f"{path}: the picture is too large ({error})") from None
-    except ResgridError:
+        raise InputError(f"{path}: this is not a picture of a known format (PNG, PGM, JPEG, BMP, ...)") from None
+    except (ResgridError, MemoryError):
         raise
     except Exception as error:  # each of Pillow's decoders has its own ways to fail on damaged bytes
         raise InputError(f"{path}: the picture is damaged or cut short ({error}); copy it again") from None
 
 
-def _raster(image: Image, path: Path) -> Raster:
+@contextmanager
+def _any_size() -> Iterator[None]:
+    """Lift Pillow's limit of pixels: the memory that is free decides, before anything is decoded."""
+    from PIL import Image
+
+    with _LIMIT:
+        before, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
+        try:
+            yield
+        finally:
+            Image.MAX_IMAGE_PIXELS = before
+
+
+def _raster(image: Image, data: bytes, path: Path) -> Raster:
     if min(image.size) == 0:
         raise InputError(f"{path}: the picture has no pixels")
-    if image.mode in DEEP:
-        deep: NDArray[Any] = np.asarray(image).astype(np.int64)
-        if deep.min() < 0 or deep.max() > 65535:
-            raise InputError(f"{path}: grey values must lie between 0 and 65535")
-        return Raster(deep.astype(np.uint16)[..., np.newaxis], 65535)
     if image.mode == "F":
         raise InputError(f"{path}: a picture of floating-point values is no map; save it with 8 or 16 bits")
+    layout = _png_layout(data)
+    if image.mode in DEEP or layout in ((16, 2), (16, 4), (16, 6)):
+        return Raster(_transparent(_deep_values(image, data, layout, path), image.info.get("transparency")), 65535)
+    if layout in ((2, 0), (4, 0)) and "transparency" in image.info:  # Pillow scales the greys, and not this one
+        image.info["transparency"] *= 255 // (2 ** layout[0] - 1)
     values = np.asarray(image.convert(_plain_mode(image))).astype(np.uint16)
     return Raster(values if values.ndim == 3 else values[..., np.newaxis], 255)
+
+
+def _png_layout(data: bytes) -> tuple[int, int] | None:
+    """Bits a channel and type of colour (0 grey, 2 colours, 3 palette, 4 and 6 with opacity) of a PNG."""
+    return (data[24], data[25]) if data.startswith(b"\x89PNG") and len(data) > 25 else None
+
+
+def _deep_values(image: Image, data: bytes, layout: tuple[int, int] | None, path: Path) -> NDArray[np.uint16]:
+    """Values (height, width, channels) of a picture of 16 bits a channel."""
+    from PIL import Image as Pillow, ImageFile
+
+    if layout == (16, 4):  # as 8 bits of red, green, blue and opacity: both bytes of grey, both bytes of opacity
+        with _any_size():
+            image = Pillow.open(BytesIO(_with_layout(data, 8, 6)))
+        quarters = np.asarray(image)
+        return _joined(quarters[..., ::2], quarters[..., 1::2])
+    if image.mode not in DEEP:
+        with _any_size():
+            lower = Pillow.open(BytesIO(data))
+        assert isinstance(lower, ImageFile.ImageFile)
+        (tile,) = lower.tile
+        lower.tile = [tile._replace(args=_DEEP_COLOURS[str(tile.args)])]
+        return _joined(np.asarray(image), np.asarray(lower))
+    deep: NDArray[Any] = np.asarray(image).astype(np.int64)
+    if deep.min() < 0 or deep.max() > 65535:
+        raise InputError(f"{path}: grey values must lie between 0 and 65535")
+    return deep.astype(np.uint16)[..., np.newaxis]
+
+
+def _joined(higher: NDArray[np.uint8], lower: NDArray[np.uint8]) -> NDArray[np.uint16]:
+    """Values of two bytes each."""
+    return (higher.astype(np.uint16) * np.uint16(256) + lower).astype(np.uint16)
+
+
+def _with_layout(data: bytes, depth: int, colour: int) -> bytes:
+    """A PNG whose header says another layout of its bytes."""
+    header = data[12:24] + bytes((depth, colour)) + data[26:29]
+    return data[:12] + header + struct.pack(">I", zlib.crc32(header)) + data[33:]
+
+
+def _transparent(values: NDArray[np.uint16], key: Any) -> NDArray[np.uint16]:
+    """Values with an opacity that is 0 where the colour is the transparent one, if there is one."""
+    if key is None:
+        return values
+    opaque = (values != np.atleast_1d(np.array(key, dtype=np.uint16))).any(axis=2)
+    return np.dstack([values, np.where(opaque, np.uint16(65535), np.uint16(0))])
 
 
 def _plain_mode(image: Image) -> str:
     plain = "L" if image.mode in ("1", "L", "LA") else "RGB"
     return f"{plain}A" if image.has_transparency_data else plain
-
-
-def read_pgm(data: bytes, path: Path, bytes_per_pixel: int = BYTES_PER_CELL) -> tuple[NDArray[np.uint16], int]:
-    """Grey values of a PGM file.
-
-    Blanks, tabs, line ends and comments (from ``#`` to the end of the line) may stand between the numbers of the
-    header; one blank character ends it.  Values above 255 take two bytes, the higher first.
-
-    Returns `values` (height, width).
-    """
-    magic = data[:2]
-    if magic not in (b"P2", b"P5"):
-        raise InputError(f"{path}: not a PGM file: it starts with {data[:4]!r}, not with P2 or P5")
-    at = 2
-    header = []
-    for name in ("width", "height", "maximum"):
-        match = _NUMBER.match(data, at)
-        if match is None:
-            raise InputError(f"{path}: line {_line(data, at)}: the PGM header lacks its {name}")
-        header.append(int(match[1]))
-        at = match.end()
-    width, height, maxval = header
-    if width == 0 or height == 0:
-        raise InputError(f"{path}: the picture has no pixels ({width} x {height})")
-    if not 1 <= maxval <= MAX_VALUE:
-        raise InputError(f"{path}: the maximum grey value is {maxval}; it must be between 1 and {MAX_VALUE}")
-    if data[at : at + 1] not in (b" ", b"\t", b"\r", b"\n", b"\v", b"\f"):
-        raise InputError(f"{path}: line {_line(data, at)}: a blank must follow the maximum grey value")
-    count = width * height
-    if count <= len(data):  # otherwise it is cut short
-        require_grid_memory((width, height), str(path), bytes_per_pixel, SMALLER_MAP)
-    values = _plain_values(data, at + 1, count, path) if magic == b"P2" else _binary_values(data, at + 1, count, maxval)
-    if len(values) < count:
-        raise InputError(
-            f"{path}: the file is cut short: {width} x {height} = {count} pixels are announced, "
-            f"{len(values)} are there; copy it again"
-        )
-    if values.max() > maxval:
-        raise InputError(f"{path}: pixel {int(values.argmax())} is {values.max()}, above the maximum {maxval}")
-    return values.reshape(height, width).astype(np.uint16), maxval
-
-
-def _binary_values(data: bytes, at: int, count: int, maxval: int) -> NDArray[Any]:
-    dtype = np.dtype(np.uint8 if maxval < 256 else ">u2")
-    return np.frombuffer(data, dtype, min(count, max(0, len(data) - at) // dtype.itemsize), at)
-
-
-def _plain_values(data: bytes, at: int, count: int, path: Path) -> NDArray[Any]:
-    words = _COMMENT.sub(b" ", data[at:]).split()[:count]
-    wrong = next((word for word in words if not word.isdigit() or len(word) > MAX_DIGITS), None)
-    if wrong is not None:
-        raise InputError(f"{path}: the raster holds {wrong[:20]!r}; a plain PGM holds whole numbers up to its maximum")
-    return np.array(words, dtype=bytes).astype(np.int64)
-
-
-def _line(data: bytes, at: int) -> int:
-    return data.count(b"\n", 0, at) + 1

@@ -1,0 +1,129 @@
+"""Portable anymaps (PBM, PGM, PPM; plain and binary), read to the letter: thresholds need the values as they stand.
+
+Formats: https://netpbm.sourceforge.net/doc/pbm.html, pgm.html and ppm.html.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.budget import BYTES_PER_CELL, SMALLER_MAP, require_grid_memory
+from resgrid.errors import InputError
+
+MAGICS = (b"P1", b"P2", b"P3", b"P4", b"P5", b"P6")
+MAX_VALUE = 65535
+MAX_DIGITS = 18
+
+_BLANK = rb"(?:[ \t\r\n\v\f]|#[^\r\n]*[\r\n])+"
+_NUMBER = re.compile(_BLANK + rb"(\d{1,18})(?!\d)")
+_COMMENT = re.compile(rb"#[^\r\n]*")
+_SPACES = (b" ", b"\t", b"\r", b"\n", b"\v", b"\f")
+
+
+class _Header(NamedTuple):
+    """Of a file: kind (1 to 6), size, largest value, first byte of the raster."""
+
+    kind: int
+    width: int
+    height: int
+    maxval: int
+    start: int
+
+    @property
+    def channels(self) -> int:
+        return 3 if self.kind in (3, 6) else 1
+
+
+def read_pnm(data: bytes, path: Path, bytes_per_pixel: int = BYTES_PER_CELL) -> tuple[NDArray[np.uint16], int]:
+    """Return the values (height, width, channels) of an anymap, and the value of white.
+
+    Blanks, tabs, line ends and comments (from ``#`` to the end of the line) may stand between the numbers of the
+    header; one blank character ends it.  Values above 255 take two bytes, the higher first.  Bits are turned into grey:
+    0 for black.  Bytes after the raster are ignored.
+    """
+    header = _read_header(data, path)
+    width, height, maxval, channels = header.width, header.height, header.maxval, header.channels
+    count = width * height * channels
+    if count <= 8 * len(data):  # otherwise it is cut short
+        require_grid_memory((width, height), str(path), bytes_per_pixel, SMALLER_MAP)
+    values = _raster(data, header, count, path)
+    if len(values) < count:
+        raise InputError(
+            f"{path}: the file is cut short: {width} x {height} = {width * height} pixels are announced, "
+            f"{len(values) // channels} are there; copy it again"
+        )
+    if values.max() > maxval:
+        raise InputError(
+            f"{path}: pixel {int(values.argmax()) // channels} is {values.max()}, above the maximum {maxval}"
+        )
+    return values.reshape(height, width, channels).astype(np.uint16), maxval
+
+
+def _read_header(data: bytes, path: Path) -> _Header:
+    if data[:2] not in MAGICS:
+        raise InputError(f"{path}: not a PNM file: it starts with {data[:4]!r}, not with P1 to P6")
+    kind = int(data[1:2])
+    is_bitmap = kind in (1, 4)
+    at, numbers = 2, []
+    for name in ("width", "height") if is_bitmap else ("width", "height", "maximum"):
+        match = _NUMBER.match(data, at)
+        if match is None:
+            raise InputError(f"{path}: line {_line(data, at)}: the header lacks its {name}")
+        numbers.append(int(match[1]))
+        at = match.end()
+    width, height, maxval = numbers if len(numbers) == 3 else (*numbers, 1)
+    if width == 0 or height == 0:
+        raise InputError(f"{path}: the picture has no pixels ({width} x {height})")
+    if not 1 <= maxval <= MAX_VALUE:
+        raise InputError(f"{path}: the maximum value is {maxval}; it must be between 1 and {MAX_VALUE}")
+    if data[at : at + 1] not in _SPACES:
+        raise InputError(f"{path}: line {_line(data, at)}: a blank must follow the header")
+    return _Header(kind, width, height, maxval, at + 1)
+
+
+def _raster(data: bytes, header: _Header, count: int, path: Path) -> NDArray[Any]:
+    """Values as far as they are there, at most `count`."""
+    if header.kind == 1:
+        return _plain_bits(data[header.start :], count, path)
+    if header.kind == 4:
+        return _packed_bits(data, header)
+    if header.kind in (2, 3):
+        return _plain_values(data[header.start :], count, path)
+    dtype = np.dtype(np.uint8 if header.maxval < 256 else ">u2")
+    return np.frombuffer(
+        data, dtype, min(count, max(0, len(data) - header.start) // dtype.itemsize), min(header.start, len(data))
+    )
+
+
+def _plain_values(data: bytes, count: int, path: Path) -> NDArray[Any]:
+    words = _COMMENT.sub(b" ", data).split()[:count]
+    wrong = next((word for word in words if not word.isdigit() or len(word) > MAX_DIGITS), None)
+    if wrong is not None:
+        raise InputError(f"{path}: the raster holds {wrong[:20]!r}; a plain one holds whole numbers up to its maximum")
+    return np.array(words, dtype=bytes).astype(np.int64)
+
+
+def _plain_bits(data: bytes, count: int, path: Path) -> NDArray[Any]:
+    """Bits of a plain bitmap, with or without blanks between them; 1 is black."""
+    digits = np.frombuffer(b"".join(_COMMENT.sub(b" ", data).split()), np.uint8)[:count]
+    wrong = ~np.isin(digits, (ord("0"), ord("1")))
+    if wrong.any():
+        raise InputError(f"{path}: the raster holds {chr(digits[wrong][0])!r}; a plain bitmap holds 0 and 1")
+    return ord("1") - digits
+
+
+def _packed_bits(data: bytes, header: _Header) -> NDArray[Any]:
+    """Bits of a binary bitmap, each row filled up to whole bytes; 1 is black."""
+    row = -(-header.width // 8)
+    rows = min(header.height, max(0, len(data) - header.start) // row)
+    packed = np.frombuffer(data, np.uint8, rows * row, min(header.start, len(data))).reshape(rows, row)
+    return 1 - np.unpackbits(packed, axis=1)[:, : header.width].reshape(-1)
+
+
+def _line(data: bytes, at: int) -> int:
+    return data.count(b"\n", 0, at) + 1

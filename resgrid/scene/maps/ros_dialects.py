@@ -1,0 +1,146 @@
+"""From the pixels of a ROS map to occupancies, by each dialect's reader.
+
+Sources read: ros-navigation/navigation2, ``nav2_map_server/src/map_io.cpp``, on main since pull request 5071 of 2025
+(``nav2``), and from Dashing to Jazzy (``nav2-jazzy``), both with pictures by GraphicsMagick with 16-bit quanta;
+ros-planning/navigation, ``map_server/src/image_loader.cpp`` (``ros1``; modes since Jade, pictures by SDL_image).  With
+``p`` the darkness of a pixel from 0 to 1 (its lightness if ``negate``), high ``p`` is occupied (100), low ``p`` is free
+(0), anything else unknown (-1).  They differ in:
+
+=====================  ============================  ============================  ===========================
+matter                 ``nav2``                      ``nav2-jazzy``                ``ros1``
+=====================  ============================  ============================  ===========================
+darkness               ``1 - grey / 255`` of the     ``1 - mean / 65535`` of       ``(255 - mean) / 255``,
+                       8-bit luma, single precision  16-bit channels               mean of 8-bit channels
+occupied, free         ``p >= occupied_thresh``,     ``p > occupied_thresh``,      as ``nav2-jazzy``
+                       ``p <= free_thresh``          ``p < free_thresh``
+both (thresholds in    free                          occupied                      occupied
+any order)
+opacity, trinary       unknown unless opaque         averaged with the colours     averaged with the colours
+opacity, scale         unknown unless opaque         unknown unless opaque         where between the
+                                                                                   thresholds: unknown if 0
+                                                                                   (three channels: the third
+                                                                                   stands for opacity)
+between, scale         ``100 * ratio``, half away    ``100 * ratio``, half to      ``99 * ratio``, cut off
+                       from zero                     even
+raw                    the grey; above 100 unknown   the mean, rounded; above      the mean, cut off, as a
+                                                     100 unknown                   signed byte
+a raw cell above 100   unknown                       unknown                       255 unknown, others
+                                                                                   occupied (costmap_2d)
+``negate`` and raw     ignored                       ignored                       negated too
+``negate``             number or truth value         number or truth value         number
+``mode``               any case                      any case                      lower case
+=====================  ============================  ============================  ===========================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.scene.maps.pictures import Raster
+from resgrid.scene.maps.ros_header import Dialect, RosHeader
+
+OCCUPIED, FREE, UNKNOWN = 100, 0, -1
+QUANTUM = 65535
+"""White, and opaque, in GraphicsMagick."""
+
+
+class Converter(Protocol):
+    """Occupancies (height, width) of a picture, the top row first."""
+
+    def __call__(self, raster: Raster, header: RosHeader) -> NDArray[np.int8]:
+        """Return the occupancies."""
+
+
+def _as_nav2(raster: Raster, header: RosHeader) -> NDArray[np.int8]:
+    grey = _grey_bytes(raster)
+    if header.mode == "raw":
+        return np.where(grey <= OCCUPIED, grey, UNKNOWN).astype(np.int8)
+    p = grey.astype(np.float32) / np.float32(255)
+    if not header.negate:
+        p = np.float32(1) - p
+    free, occupied = np.float32(header.free_thresh), np.float32(header.occupied_thresh)
+    result = np.full(p.shape, UNKNOWN, dtype=np.int8)
+    result[p >= occupied] = OCCUPIED
+    result[p <= free] = FREE
+    if header.mode == "scale":
+        between = (p > free) & (p < occupied)
+        width = np.float32(header.occupied_thresh - header.free_thresh)
+        ratio = (p[between] - free) / width * np.float32(100)
+        result[between] = np.floor(ratio.astype(np.float64) + 0.5).astype(np.int8)
+    if raster.has_alpha:
+        result[raster.values[..., -1] < raster.maxval] = UNKNOWN
+    return result
+
+
+def _grey_bytes(raster: Raster) -> NDArray[np.int64]:
+    """ITU-R 601 luma in 16-bit quanta, rounded, then cut off to 8 bits: GraphicsMagick's grey."""
+    quanta = _quanta(raster)
+    if quanta.shape[2] <= 2:
+        return quanta[..., 0] // 257
+    luma = 500 + 299 * quanta[..., 0] + 587 * quanta[..., 1] + 114 * quanta[..., 2]
+    return luma // 1000 // 257
+
+
+def _as_nav2_jazzy(raster: Raster, header: RosHeader) -> NDArray[np.int8]:
+    quanta = _quanta(raster)
+    colour = quanta[..., :-1] if raster.has_alpha else quanta
+    if colour.shape[2] == 1:
+        colour = colour[..., [0, 0, 0]]
+    opacity = quanta[..., -1] if raster.has_alpha else np.full(colour.shape[:2], QUANTUM)
+    total, count = colour.sum(axis=2), 3
+    if header.mode == "trinary" and raster.has_alpha:
+        total, count = total + opacity, 4
+    shade = total / float(count) / QUANTUM
+    if header.mode == "raw":
+        percent = np.floor(shade * 255 + 0.5)
+        return np.where(percent <= OCCUPIED, percent, UNKNOWN).astype(np.int8)
+    p = shade if header.negate else 1.0 - shade
+    result = np.full(p.shape, UNKNOWN, dtype=np.int8)
+    if header.mode == "scale" and header.free_thresh < header.occupied_thresh:
+        result = np.rint(np.clip(_scaled(p, header), 0, 1) * 100.0).astype(np.int8)
+    result = _strictly_thresholded(result, p, header)
+    if header.mode == "scale":
+        result[opacity != QUANTUM] = UNKNOWN
+    return result
+
+
+def _as_ros1(raster: Raster, header: RosHeader) -> NDArray[np.int8]:
+    channels = raster.values.astype(np.int64)
+    channels = channels if raster.maxval == 255 else channels * 255 // raster.maxval
+    if channels.shape[2] == 2:
+        channels = channels[..., [0, 0, 0, 1]]
+    count = channels.shape[2]
+    averaged = count if header.mode == "trinary" or not raster.has_alpha else count - 1
+    mean = channels[..., :averaged].sum(axis=2) / averaged
+    if header.negate:
+        mean = 255 - mean
+    if header.mode == "raw":
+        return np.asarray(mean.astype(np.uint8).view(np.int8))
+    p = (255 - mean) / 255.0
+    result = np.full(p.shape, UNKNOWN, dtype=np.int8)
+    if header.mode == "scale" and header.free_thresh < header.occupied_thresh:
+        shown = np.ones(mean.shape, dtype=bool) if count == 1 else channels[..., -1] >= 1
+        result = np.where(shown, np.clip(99 * _scaled(p, header), 0, 99).astype(np.int8), result)
+    return _strictly_thresholded(result, p, header)
+
+
+CONVERTERS: Mapping[Dialect, Converter] = {"nav2": _as_nav2, "nav2-jazzy": _as_nav2_jazzy, "ros1": _as_ros1}
+
+
+def _quanta(raster: Raster) -> NDArray[np.int64]:
+    return (raster.values.astype(np.int64) * QUANTUM + raster.maxval // 2) // raster.maxval
+
+
+def _scaled(p: NDArray[np.float64], header: RosHeader) -> NDArray[np.float64]:
+    """Darkness, 0 at the threshold of free cells and 1 at that of occupied ones."""
+    return np.asarray((p - header.free_thresh) / (header.occupied_thresh - header.free_thresh))
+
+
+def _strictly_thresholded(result: NDArray[np.int8], p: NDArray[np.float64], header: RosHeader) -> NDArray[np.int8]:
+    result[p < header.free_thresh] = FREE
+    result[p > header.occupied_thresh] = OCCUPIED
+    return result

@@ -1,0 +1,186 @@
+"""YAML as yaml-cpp reads it: plain text, converted to numbers by the rules of C++ streams.
+
+Readers of ROS maps use yaml-cpp, whose scalars have no type: ``node.as<double>()`` and ``node.as<int>()`` convert the
+text when a program asks for it.  PyYAML's own conversion follows YAML 1.1, in which ``010`` is octal for a number of
+any kind and ``1:30`` is 90.  Source read: yaml-cpp 0.7, ``include/yaml-cpp/node/convert.h`` and ``src/convert.cpp``.
+"""
+
+from __future__ import annotations
+
+import codecs
+import re
+from collections.abc import Iterable
+from math import inf, isinf, nan
+from pathlib import Path
+from typing import TypeAlias
+
+import yaml
+
+from resgrid.errors import InputError
+from resgrid.files import MAX_TEXT_BYTES, read_bytes
+
+Scalar: TypeAlias = "str | dict[str, str] | None"
+"""Text, None for null, or an empty dict for anything that is no scalar."""
+
+Value: TypeAlias = "Scalar | list[Scalar]"
+
+_BOMS = (
+    (codecs.BOM_UTF32_LE, "utf-32"),
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+_DOUBLE = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?[ \t\n\v\f\r]*", re.ASCII)
+_INT = re.compile(r"([+-]?)(0[xX][0-9a-fA-F]+|0[0-7]*|[1-9]\d*)[ \t\n\v\f\r]*", re.ASCII)
+_INT_LIMIT = 2**31
+_SPECIAL = {
+    **dict.fromkeys((".inf", ".Inf", ".INF", "+.inf", "+.Inf", "+.INF"), inf),
+    **dict.fromkeys(("-.inf", "-.Inf", "-.INF"), -inf),
+    **dict.fromkeys((".nan", ".NaN", ".NAN"), nan),
+}
+_TRUTHS = {"y": True, "yes": True, "true": True, "on": True, "n": False, "no": False, "false": False, "off": False}
+
+
+class _Loader(yaml.SafeLoader):
+    """Nodes without types, with the liberties that yaml-cpp takes."""
+
+    def check_printable(self, data: str) -> None:
+        """Accept every character, such as the bytes of a comment in another encoding."""
+
+    def scan_to_next_token(self) -> None:
+        """Skip tabs between tokens as blanks; indentation by tabs stays an error."""
+        super().scan_to_next_token()
+        while self.peek() == "\t" and (self.flow_level or self.column or self._is_blank_line()):
+            if self.column and not self.flow_level:
+                self.allow_simple_key = False
+            while self.peek() == "\t":
+                self.forward()
+            super().scan_to_next_token()
+
+    def _is_blank_line(self) -> bool:
+        """Return whether the rest of the line is blank or a comment."""
+        ahead = 0
+        while self.peek(ahead) in (" ", "\t"):
+            ahead += 1
+        return self.peek(ahead) in ("#", "\n", "\r", "\0")
+
+
+def read_mapping(path: Path, keys: Iterable[str]) -> dict[str, Value]:
+    """Return the values of some keys of the first document of a YAML file; other keys are ignored.
+
+    Raises
+    ------
+    InputError
+        If the file is not YAML, holds no mapping, or repeats a key.
+    """
+    node = _first_document(path)
+    if not isinstance(node, yaml.MappingNode):
+        found = {yaml.ScalarNode: "a single value", yaml.SequenceNode: "a list"}.get(type(node), "nothing")
+        raise InputError(f"{path}: a map's YAML holds keys and values (image: ..., resolution: ...), not {found}")
+    lines: dict[str, int] = {}
+    values: dict[str, Value] = {}
+    wanted = set(keys)
+    for key, value in node.value:
+        if not isinstance(key, yaml.ScalarNode):
+            continue
+        line = key.start_mark.line + 1
+        if key.value in lines:
+            raise InputError(
+                f"{path}: line {line}: {key.value}: this key stands in line {lines[key.value]} already; remove one"
+            )
+        lines[key.value] = line
+        if key.value in wanted:
+            values[key.value] = _value(value)
+    return values
+
+
+def double(text: str) -> float:
+    """Return the number that ``node.as<double>()`` finds.
+
+    Raises
+    ------
+    ValueError
+        If it finds none.
+    """
+    if text in _SPECIAL:
+        return _SPECIAL[text]
+    number = float(text) if _DOUBLE.fullmatch(text) else inf
+    if isinf(number):
+        raise ValueError(f"must be a number, got {text[:40]!r}")
+    return number
+
+
+def whole(text: str) -> int:
+    """Return the number that ``node.as<int>()`` finds: decimal, octal after ``0``, hexadecimal after ``0x``.
+
+    Raises
+    ------
+    ValueError
+        If it finds none.
+    """
+    match = _INT.fullmatch(text)
+    if match is None:
+        raise ValueError(f"must be a whole number, got {text[:40]!r}")
+    sign, digits = match.groups()
+    base = 16 if digits[:2] in ("0x", "0X") else 8 if digits[0] == "0" else 10
+    number = int(digits, base) * (-1 if sign == "-" else 1)
+    if not -_INT_LIMIT <= number < _INT_LIMIT:
+        raise ValueError(f"must be a whole number of 32 bits, got {text[:40]!r}")
+    return number
+
+
+def truth(text: str) -> bool:
+    """Return the truth value that ``node.as<bool>()`` finds: yes, true, on, y and their opposites.
+
+    Raises
+    ------
+    ValueError
+        If it finds none.
+    """
+    is_flexible = text in (text.lower(), text.upper(), text.capitalize())
+    if not (is_flexible and text.lower() in _TRUTHS):
+        raise ValueError(f"must be true or false, got {text[:40]!r}")
+    return _TRUTHS[text.lower()]
+
+
+def _first_document(path: Path) -> yaml.Node | None:
+    try:
+        loader = _Loader(_without_directives(_text(path)))
+        return loader.get_node() if loader.check_node() else None
+    except yaml.MarkedYAMLError as error:
+        line = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
+        raise InputError(f"{path}: {line}this is not YAML ({error.problem})") from None
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        raise InputError(f"{path}: this is not YAML ({type(error).__name__})") from None
+
+
+def _text(path: Path) -> str:
+    """Text of a file; bytes that are not UTF-8 are kept, so that names of files in other encodings are found."""
+    data = read_bytes(path, MAX_TEXT_BYTES)
+    encoding = next((name for mark, name in _BOMS if data.startswith(mark)), None)
+    text = data.decode("utf-8-sig", "surrogateescape") if encoding is None else data.decode(encoding, "replace")
+    return text.replace("\r\n", "\n")
+
+
+def _without_directives(text: str) -> str:
+    """Turn directives such as OpenCV's ``%YAML:1.0`` into comments: they say nothing that a map needs."""
+    lines = text.split("\n")
+    for number, line in enumerate(lines):
+        if line.startswith("%"):
+            lines[number] = f"#{line}"
+        elif line.strip() and not line.lstrip().startswith("#"):
+            break
+    return "\n".join(lines)
+
+
+def _value(node: yaml.Node) -> Value:
+    if isinstance(node, yaml.SequenceNode):
+        return [_scalar(entry) for entry in node.value]
+    return _scalar(node)
+
+
+def _scalar(node: yaml.Node) -> Scalar:
+    if not isinstance(node, yaml.ScalarNode):
+        return {}
+    is_null = node.style is None and node.tag == "tag:yaml.org,2002:null"
+    return None if is_null else str(node.value)
