@@ -45,6 +45,10 @@ _REASONS = {
 }
 """What to do about every outcome but success."""
 
+_FLAT = (
+    "no current flows here, because these cells are connected to the goal alone and to no obstacle: open the obstacles "
+    "(boundary = 'neumann', or k below 1), or let the edge count as an obstacle (edge = 'obstacle')"
+)
 _UNSAFE = (
     "the field is not direction-safe from cell {cell} on, as far as it was solved: solve with accuracy 'direction' "
 )
@@ -131,6 +135,8 @@ class Streamline:
             cell = tuple(self.cells[-1].tolist())
             if not self.field.safe[cell]:
                 return _UNSAFE.format(cell=cell)
+        if self.outcome is Outcome.NO_CURRENT and not self.field.wiring.is_driven:
+            return _FLAT
         return _REASONS.get(self.outcome)
 
     @property
