@@ -38,12 +38,17 @@ from numpy.typing import NDArray
 
 from resgrid.budget import FEWER_CELLS, require_grid_memory
 from resgrid.errors import CircuitError, InputError
-from resgrid.grids import before_and_behind, face_counts, face_shape, slab, with_margin
+from resgrid.grids import before_and_behind, face_counts, face_shape, sides_of_cells, slab, with_margin
 from resgrid.netlist import GROUND, MOST_NODES, CellMap, Netlist
 from resgrid.space import Cell, ConfigurationSpace
 from resgrid.wiring import Wiring, wiring_of
 
+NO_GOAL = "the space has no goal cell: add a goal, or make it at least one cell large"
 WALLED_IN = "nothing is driven: no free cell is connected to a goal; move the goal or open a way to it"
+FLAT = (
+    "nothing is driven: no free cell with a way to a goal touches an obstacle, or an edge that counts as one; add what "
+    "drives the grid, or choose boundary = 'neumann'"
+)
 
 _NO_NODE = -1
 _PEAK = 80
@@ -99,7 +104,7 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     wiring = wiring_of(wiring, options).on(space)
     require_room(space.shape)
     if not space.goal_count:
-        raise InputError("the space has no goal cell: add a goal, or make it at least one cell large")
+        raise InputError(NO_GOAL)
     contacts = contacts_of_box(space, wiring)
     nodes = _number_nodes(space, wiring, contacts.kind)
     pairs, conductance, face, upward = _join(space, contacts, nodes)
@@ -122,6 +127,30 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     for column in columns:
         column.flags.writeable = False  # or the netlist would copy it
     return Netlist(nodes.count, *columns, cell_map=cell_map)
+
+
+def why_undriven(space: ConfigurationSpace, wiring: Wiring) -> str | None:
+    """Return why no current flows through any free cell, decided by connectivity alone; None where current flows."""
+    edges = wiring.edges(space)
+    if not space.goal_connected.any():
+        return WALLED_IN
+    if wiring.start is not None:
+        start = tuple(wiring.start)
+        reached = bool(space.goal_connected[start])
+        return None if reached else f"nothing is driven: no path of free cells joins the start cell {start} to a goal"
+    if wiring.drive == "uniform":
+        return None
+    return None if _touches_obstacle(space, edges, space.goal_connected) else FLAT
+
+
+def _touches_obstacle(space: ConfigurationSpace, edges: Sequence[str], cells: NDArray[np.bool_]) -> bool:
+    """Whether a face of one of some cells is shared with an obstacle cell, or lies on an edge that counts as one."""
+    for axis, rule in enumerate(edges):
+        obstacle = with_margin(space.cell == Cell.OBSTACLE, space.periodic, beyond=rule == "obstacle")
+        before, behind = before_and_behind(obstacle, axis)
+        if np.any(cells & (sides_of_cells(before, axis)[0] | sides_of_cells(behind, axis)[1])):
+            return True
+    return False
 
 
 def require_room(shape: tuple[int, ...], remedy: str = FEWER_CELLS) -> None:

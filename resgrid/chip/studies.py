@@ -238,7 +238,9 @@ def study(
     Raises
     ------
     InputError
-        If the chip or an option does not fit the source, or no free cell of a scene has a way to a goal.
+        If the chip or an option does not fit the source.
+    CircuitError
+        If nothing drives the circuit of a scene.
 
     Examples
     --------
@@ -259,7 +261,5 @@ def study(
         chip = chip or Chip()
         return Study(ideal_netlist(source, chip, wiring), chip)
     problem = problem_of(source if chip is None else dataclasses.replace(source, chip=chip), space=space, **wiring)
-    if not problem.space.goal_connected.any():
-        raise InputError("no free cell has a way to a goal, so there is nothing for a chip to do; open one")
     chip = chip or source.chip
     return Study(ideal_netlist(problem.space, chip, problem.only_wiring()[1]), chip, source)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The solved circuits of a scene by name, the fields that flow, and the routes."""
+    """The solved circuits of a scene by name, the fields that flow (one that does not if none does), the routes."""
 
     operating_points: Mapping[str, rg.OperatingPoint]
     fields: list[rg.Field]
@@ -53,7 +53,8 @@ def plan_routes(job: Job) -> Plan:
             start = job.scene.starts[number]
             routes.append(Route(path, start, certified=True, advice=advisor.reason(path)))
             progress.advance()
-    return Plan(solution.operating_points, [field for field in solution.fields if field.is_flowing], routes)
+    flowing = [field for field in solution.fields if field.is_flowing]
+    return Plan(solution.operating_points, flowing or list(solution.fields[:1]), routes)
 
 
 def route_lines(routes: Sequence[Route]) -> Iterator[str]:

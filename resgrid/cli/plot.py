@@ -49,7 +49,7 @@ def command(source: Source, output: str, what: str) -> int:
     unheeded = say_unheeded(job, "grid", k=() if what == "space" else job.scene.k[1:])
     plan = Plan({}, [], []) if what == "space" else plan_routes(job)
     if not plan.fields and what != "space":
-        raise InputError("no start can be driven, so there is no field to draw: use --drive uniform, or move the start")
+        raise InputError("no start can be driven, so there is no field to draw: use --drive uniform, or add a start")
     with stage("draw the picture"):
         picture = _draw(what, job, plan, plan.fields[0] if plan.fields else None)
         emit(output, render_figure(picture, suffix))
@@ -88,6 +88,8 @@ def _draw(what: str, job: Job, plan: Plan, field: rg.Field | None) -> Any:
         case "robot":
             return _draw_robot(job, plan)
         case "circuit":
+            if not plan.operating_points:
+                raise InputError("--what circuit: nothing drives this scene, so there is no circuit; draw 'page'")
             return rg.draw(next(iter(plan.operating_points.values())))
         case "potential" | "currents":
             return rg.draw(field, quantity=what)

@@ -68,7 +68,9 @@ class LiveMap:
         self.space = self.space.with_cells(np.where(cells, np.uint8(Cell.OBSTACLE), self.space.cell))
 
     def solve(self) -> None:
-        """The field of the map as it is now."""
+        """Solve the present map: at once, or on the grid that settles; a map that carries no current has no grid."""
+        if not self.space.goal_connected.any():
+            self.grid = None
         if self.grid is None:
             self.controller = self.controller.with_field(solve_again(self.controller.field, self.space))
             return

@@ -67,13 +67,14 @@ class Ending(StrEnum):
     >>> run = rg.simulation(rg.read_scene("examples/scenes/lesson.toml"), k=0.9).run()
     >>> run.ending is rg.Ending.ARRIVED
     True
-    >>> [str(ending) for ending in rg.Ending]
-    ['arrived', 'missed', 'no_path', 'goal_blocked', 'start_blocked', 'jam', 'stalled', 'out_of_steps', 'entered']
+    >>> " ".join(rg.Ending)
+    'arrived missed no_path no_current goal_blocked start_blocked jam stalled out_of_steps entered'
     """
 
     ARRIVED = "arrived"
     MISSED = "missed"
     NO_PATH = "no_path"
+    NO_CURRENT = "no_current"
     GOAL_BLOCKED = "goal_blocked"
     START_BLOCKED = "start_blocked"
     JAM = "jam"

@@ -19,6 +19,11 @@ Vector = NDArray[np.float64]
 LONGEST = 40.0
 """Cells that a robot could have crossed while it stayed within half a cell: then it stands."""
 
+_FLAT = (
+    "no current flows here, although a path leads to a goal: nothing drives these cells; open the obstacles (k below "
+    "1), or let the edge count as an obstacle (edge = 'obstacle')"
+)
+
 DITHERS = 10
 """How often it is shaken before it is given up."""
 
@@ -90,8 +95,9 @@ class Navigator:
         if seen.place == "goal":
             return self._home(believed)
         if seen.place == "off":
-            if live.grid is not None and live.space.goal_connected[tuple(live.space.split(believed)[0])]:
-                return Choice(Mode.WAITING, np.zeros_like(believed))
+            if live.space.goal_connected[tuple(live.space.split(believed)[0])]:
+                waits = live.grid is not None
+                return Choice(Mode.WAITING, np.zeros_like(believed)) if waits else End(Ending.NO_CURRENT, _FLAT)
             return self._recover(believed, configuration)
         self._tried, self.exit, self._lost = set(), None, False
         if controller.response == "equipotential" and torque.any():

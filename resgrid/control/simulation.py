@@ -181,8 +181,8 @@ class Simulation:
         return point
 
     def _grid(self) -> RelaxingGrid | None:
-        """The grid at time 0, already on the rails of the map as it is now; None if it settles at once."""
-        if self.relaxation is None:
+        """The grid at time 0, on the rails of the present map; None if it settles at once or carries no current."""
+        if self.relaxation is None or not self.controller.field.is_flowing:
             return None
         grid = RelaxingGrid(self.relaxation, self.before or self.controller.field)
         if self.before is not None:
@@ -231,8 +231,6 @@ def simulation(
     ------
     InputError
         If a value is impossible, or the robot's contacts are not known.
-    CircuitError
-        If nothing can be driven.
 
     Examples
     --------

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.arguments import is_number
-from resgrid.errors import CircuitError, InputError
+from resgrid.errors import InputError
 from resgrid.planning.fields import Field
 from resgrid.space import Cell, ConfigurationSpace
 
@@ -40,8 +40,6 @@ def blend(dirichlet: Field, neumann: Field, k: float, *, allow_start_drive: bool
     ------
     InputError
         If k is out of range, or the two fields do not go together.
-    CircuitError
-        If nothing flows at k = 1.
 
     Examples
     --------
@@ -55,11 +53,6 @@ def blend(dirichlet: Field, neumann: Field, k: float, *, allow_start_drive: bool
     """
     check_k(k)
     check_pair(dirichlet, neumann)
-    if k == 1.0 and not dirichlet.is_flowing:
-        raise CircuitError(
-            "nothing is driven at k = 1: no free cell lies between a goal and an obstacle, or an edge that counts as "
-            "one; choose k below 1, or edge = 'obstacle'"
-        )
     if k in (0.0, 1.0):
         return dirichlet if k == 1.0 else neumann
     if neumann.wiring.drive == "start" and not allow_start_drive:

@@ -310,12 +310,18 @@ def _closed(faces: tuple[NDArray[Any], ...], space: ConfigurationSpace) -> tuple
 
 
 def undriven_field(space: ConfigurationSpace, wiring: Wiring) -> Field:
-    """The field of a circuit in which nothing flows: every cell that has a way to a goal is at the goal's voltage."""
+    """The field of a circuit in which nothing flows.
+
+    Cells with a way to a goal are at the goal's voltage, and obstacles on a rail at the rail's.
+    """
     faces = sum(face_counts(space.shape))
+    potential = np.where(space.goal_connected | (space.cell == Cell.GOAL), 0.0, np.nan)
+    if not wiring.is_driven:
+        potential[space.cell == Cell.OBSTACLE] = 1.0
     return Field(
         space=space,
         wiring=wiring,
-        potential=np.where(space.goal_connected | (space.cell == Cell.GOAL), 0.0, np.nan),
+        potential=potential,
         log_drop=None,
         face_direction=by_axis(np.zeros(faces, dtype=np.int8), space.shape),
         face_log_current=by_axis(np.full(faces, -np.inf), space.shape),

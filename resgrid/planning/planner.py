@@ -144,8 +144,6 @@ def plan(
     ------
     InputError
         If an option is unknown or does not fit the others.
-    CircuitError
-        If nothing can be driven.
     AccuracyError
         If the answer is not as right as promised, or a process of PETSc dies.
     ToolMissingError
@@ -256,7 +254,9 @@ def clearance_curve(
     reached = np.array([[path.outcome is Outcome.REACHED for path in row] for row in paths])
     counted = np.asarray(reached.all(axis=0))
     if not counted.any():
-        raise InputError(f"no start has a path at every setting of {knob}: choose starts that can reach a goal")
+        flat = [value for value, field in zip(values.tolist(), fields, strict=True) if not field.is_flowing]
+        remedy = f"no current flows at {knob} = {flat[0]:g}: leave this setting out" if flat else "choose other starts"
+        raise InputError(f"no start reaches a goal at every setting of {knob}; {remedy}")
     clearance, length = (
         np.where(reached, [[getattr(path, name) for path in row] for row in paths], np.nan)
         for name in ("clearance", "length")

@@ -24,7 +24,7 @@ from numpy.lib.format import open_memmap
 from numpy.typing import DTypeLike, NDArray
 
 from resgrid.budget import require_disk, require_memory
-from resgrid.compiler import WALLED_IN, Kind, contacts_of_box
+from resgrid.compiler import FLAT, NO_GOAL, WALLED_IN, Kind, contacts_of_box
 from resgrid.errors import CircuitError, InputError
 from resgrid.files import temporary_folder
 from resgrid.frozen import frozen
@@ -83,7 +83,7 @@ def solve_ranked(space: ConfigurationSpace, wiring: Wiring, ranks: int) -> Ranke
     if wiring.rails != "merged":
         raise InputError("method 'petsc' solves the ideal grid, whose rails are merged: choose rails = 'merged'")
     if not space.goal_count:
-        raise InputError("the space has no goal cell: add a goal, or make it at least one cell large")
+        raise InputError(NO_GOAL)
     if not space.goal_connected.any():
         raise CircuitError(WALLED_IN)
     cores = os.cpu_count() or 1
@@ -143,10 +143,7 @@ def write_equations(space: ConfigurationSpace, wiring: Wiring, folder: Path, rto
         driven |= bool(np.any(served if wiring.drive == "uniform" else served & (ties > fed)))
         drive[first:last] = inner if wiring.drive == "uniform" else np.where(inner, fed, 0.0)
     if not driven:
-        raise CircuitError(
-            "nothing is driven: no free cell with a way to a goal touches an obstacle, or an edge that counts as one; "
-            "add what drives the grid, or choose boundary = 'neumann'"
-        )
+        raise CircuitError(FLAT)
     (folder / "system.json").write_text(json.dumps({"shape": space.shape, "rtol": rtol}))
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import PETSC, scale_drive, solve
-from resgrid.compiler import compile_space
+from resgrid.compiler import NO_GOAL, compile_space, why_undriven
 from resgrid.errors import CircuitError, InputError
 from resgrid.frozen import frozen
 from resgrid.netlist import Netlist
@@ -119,7 +119,22 @@ class Problem:
         return {halves[end].boundary: halves[end] for end in ends}
 
     def only_wiring(self) -> tuple[str, Wiring]:
-        """Name and wiring of the circuit where one is asked for: of a single k, which must be 0 or 1, or its own."""
+        """Return name and wiring of the one circuit: of a single k, which must be 0 or 1, or the problem's own.
+
+        Raises
+        ------
+        InputError
+            If k is a blend, or several starts drive circuits of their own.
+        CircuitError
+            If nothing drives the circuit, with one message for every boundary.
+        """
+        name, wiring = self._only()
+        if self.space.goal_count and (why := why_undriven(self.space, wiring)) is not None:
+            raise CircuitError(why)
+        return name, wiring
+
+    def _only(self) -> tuple[str, Wiring]:
+        """Name and wiring of the one circuit, driven or not."""
         wiring = self.wiring
         if len(self.ks) == 1:
             if self.ks[0] not in self.halves:
@@ -172,8 +187,9 @@ class Solution:
 
     @property
     def flat(self) -> tuple[str, ...]:
-        """Halves of blends that nothing drives."""
-        return () if self.problem.start_driven else tuple(n for n, field in self.pure.items() if not field.is_flowing)
+        """Halves of blends that nothing drives, where the other half carries current."""
+        idle = tuple(name for name, field in self.pure.items() if not field.is_flowing)
+        return () if self.problem.start_driven or len(idle) == len(self.pure) else idle
 
     @property
     def tasks(self) -> list[tuple[Field, int]]:
@@ -254,8 +270,15 @@ def compile_circuit(
 def solve_problem(problem: Problem, *, scaled: bool = False, work: Work = UNWATCHED) -> Solution:
     """Solve the ideal circuits of a problem.
 
-    Where nothing drives the Dirichlet half of a blend (no obstacle, no edge that counts as one) it is flat, and what
-    flows is the share ``1 - k`` of the Neumann half.  A start that is blocked or cut off drives nothing.
+    A circuit that nothing drives has a field in which nothing flows: no free cell touches a goal, the start that drives
+    it is blocked or cut off, or no obstacle (or edge that counts as one) touches a free cell with a way to a goal.
+    Streamlines of that field have an outcome.  Where only the Dirichlet half of a blend is flat, its streamlines follow
+    the Neumann half.
+
+    Raises
+    ------
+    InputError
+        If the space has no goal cell, or the options do not fit each other.
     """
     if problem.start_driven and any(problem.ks):
         raise InputError(
@@ -263,22 +286,18 @@ def solve_problem(problem: Problem, *, scaled: bool = False, work: Work = UNWATC
             "start of a Neumann field only: use drive = 'uniform', or k = 0"
         )
     space, wirings = problem.space, problem.wirings
+    if not space.goal_count:
+        raise InputError(NO_GOAL)
     points, pure = dict[str, OperatingPoint](), dict[str, Field]()
     for name, wiring in wirings.items():
-        if wiring.start is not None and not space.goal_connected[wiring.start]:
+        if why_undriven(space, wiring) is not None:
             pure[name] = undriven_field(space, wiring)
-            continue
-        try:
-            if work.ranks:
-                pure[name] = work.solve_ranked(space, wiring).field
-                continue
+        elif work.ranks:
+            pure[name] = work.solve_ranked(space, wiring).field
+        else:
             netlist = compile_circuit(space, wiring, scaled=scaled, work=work)
             points[name] = work.solve(netlist, f"solve the {wiring.boundary} chip")
             pure[name] = fields.field(points[name])
-        except CircuitError:
-            if wiring.is_driven or "neumann" not in wirings:
-                raise
-            pure[name] = undriven_field(space, wiring)
     return Solution(problem, points, pure)
 
 

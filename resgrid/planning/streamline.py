@@ -38,6 +38,10 @@ class Outcome(StrEnum):
     GOAL_BLOCKED = "goal_blocked"
 
 
+_FLAT = (
+    "no current flows here, because these cells are connected to the goal alone and to no obstacle: open the obstacles "
+    "(boundary = 'neumann', or k below 1), or let the edge count as an obstacle (edge = 'obstacle')"
+)
 _UNSAFE = (
     "the field is not direction-safe from cell {cell} on, as far as it was solved: solve with accuracy 'direction' "
 )
@@ -124,6 +128,8 @@ class Streamline:
             cell = tuple(self.cells[-1].tolist())
             if not self.field.safe[cell]:
                 return _UNSAFE.format(cell=cell)
+        if self.outcome is Outcome.NO_CURRENT and not self.field.wiring.is_driven:
+            return _FLAT
         return reason_of(self.outcome, self.space, tuple(self.cells[0].tolist()))
 
     @property

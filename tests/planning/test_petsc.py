@@ -17,6 +17,7 @@ from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.errors import AccuracyError, ToolMissingError
+from resgrid.planning.ranked import solve_ranked
 from resgrid.solvers import petsc
 
 try:
@@ -103,7 +104,6 @@ def test_streamlines_end_where_the_field_is_not_safe() -> None:
 def test_a_start_that_drives_is_served() -> None:
     space = scatter((20, 20), (), 3)
     start = tuple(np.argwhere(space.goal_connected)[100].tolist())
-    from resgrid.planning.ranked import solve_ranked
     from resgrid.wiring import Wiring
 
     wiring = Wiring("neumann", "start", start=start)
@@ -178,14 +178,18 @@ def test_a_walled_in_goal_is_refused(boundary: str) -> None:
     cell = np.zeros((9, 9), dtype=np.uint8)
     cell[3:6, 3:6], cell[4, 4] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     with pytest.raises(rg.CircuitError, match="no free cell is connected to a goal; move the goal"):
-        rg.plan(space_of(cell), method="petsc", boundary=boundary)
+        solve_ranked(space_of(cell), rg.Wiring(boundary), ranks=1)
+    assert rg.plan(space_of(cell), method="petsc", boundary=boundary).ends([(0.5, 0.5)]).outcome == ["goal_blocked"]
 
 
 @pytest.mark.parametrize("method", ["auto", "petsc"])
 def test_obstacles_that_touch_no_cell_with_a_way_to_the_goal_drive_nothing(method: str) -> None:
     cell = np.array([[1, 0, 1, 2, 0]], dtype=np.uint8).T
+    planner = rg.plan(space_of(cell), method=method, edge="open")
+    assert not planner.field.is_flowing
+    assert planner.path(cell=(4, 0)).outcome is rg.Outcome.NO_CURRENT
     with pytest.raises(rg.CircuitError, match="nothing is driven: no "):
-        rg.plan(space_of(cell), method=method, edge="open")
+        solve_ranked(space_of(cell), rg.Wiring(edge="open"), ranks=1)
 
 
 def test_ranks_that_memory_has_no_room_for_are_refused() -> None:

@@ -118,7 +118,7 @@ def test_starts_without_a_path_do_not_count() -> None:
     curve = clearance_curve(plan(space, k=0.5), (0.0, 1.0), [(7.0, 1.0), (3.5, 7.5)])
     assert curve.counted.tolist() == [False, True] and np.isnan(curve.clearance[:, 0]).all()
     np.testing.assert_array_equal(curve.mean, curve.clearance[:, 1])
-    with pytest.raises(InputError, match="no start has a path"):
+    with pytest.raises(InputError, match="no start reaches a goal"):
         clearance_curve(plan(space, k=0.5), (0.0, 1.0), [(7.0, 1.0)])
 
 

@@ -64,7 +64,7 @@ def test_starts_that_drive_have_a_circuit_each_and_the_blocked_one_none(tmp_path
         rg.plan(rg.read_scene(file))
 
 
-def test_the_flat_half_of_a_blend_is_named_and_k_1_is_an_error(tmp_path: Path) -> None:
+def test_the_flat_half_of_a_blend_is_named_and_k_1_is_an_outcome(tmp_path: Path) -> None:
     """Without an obstacle, or an edge that counts as one, the Dirichlet half is flat; the other half flows."""
     file = tmp_path / "open.toml"
     begin, _, end = ROOM.partition("[[obstacle]]")
@@ -73,9 +73,10 @@ def test_the_flat_half_of_a_blend_is_named_and_k_1_is_an_error(tmp_path: Path) -
     blend, neumann = rg.plan(room), rg.plan(room, k=0.0)
     np.testing.assert_allclose(blend.field.potential, 0.5 * neumann.field.potential, rtol=1e-12)
     np.testing.assert_allclose(blend.path((0.5, 0.5)).points, neumann.path((0.5, 0.5)).points, rtol=1e-9)
-    for ask in (lambda: blend.at(1.0), lambda: rg.plan(room, k=1.0)):
-        with pytest.raises(rg.CircuitError, match="nothing is driven"):
-            ask()
+    for planner in (blend.at(1.0), rg.plan(room, k=1.0), rg.plan(room, boundary="dirichlet")):
+        path = planner.path((0.5, 0.5))
+        assert path.outcome is rg.Outcome.NO_CURRENT and "open the obstacles" in str(path.reason)
     result = call("path", file)
     assert result.exit_code == 0 and "dirichlet half of the blend is flat" in result.stderr
-    assert call("path", file, "--k", "0.5,1").exit_code == 2
+    outcomes = [path["outcome"] for path in answer("path", file, "--k", "0.5,1", code=1)["paths"]]
+    assert outcomes == ["reached", "reached", "no_current", "no_current"]
