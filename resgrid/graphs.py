@@ -1,9 +1,10 @@
-"""Netlists as graphs of networkx, and back again, nothing lost but the cells."""
+"""Netlists as graphs of networkx, and back; only the map of cells is lost."""
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from collections import Counter
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -25,10 +26,40 @@ ARRAYS = {kind: (nodes, *columns.values()) for kind, (nodes, columns) in ELEMENT
 """Per kind the netlist's arrays: that of its nodes, then those of its values."""
 
 _OPTIONAL = ("tc1", "tc2")
+_SYMMETRIC = ("resistor", "capacitor", "nonlinear resistor")
+_ROUNDING = 1e-9
+"""Largest relative difference of a conductance and the inverse of the resistance beside it."""
+
+Edge: TypeAlias = tuple[Hashable, Hashable, Mapping[str, Any]]
+"""Two nodes of a graph, and the attributes of the edge between them."""
+
+
+def check_node_names(names: Any, count: int) -> None:
+    """Raise InputError unless the names of nodes are None or `count` different texts."""
+    if names is None:
+        return
+    if not isinstance(names, Sequence) or isinstance(names, str):
+        raise InputError(f"node_names = {names!r} must be a list of texts, one a node")
+    if len(names) != count:
+        raise InputError(f"{len(names)} node names for {count} nodes")
+    if len(set(names)) != count:
+        name, times = Counter(names).most_common(1)[0]
+        raise InputError(f"{times} nodes have the name {name!r}; a name must belong to one node")
+
+
+def check_element_names(netlist: Any) -> None:
+    """Raise InputError unless every kind that has names has one for each element."""
+    names = {} if netlist.element_names is None else netlist.element_names
+    if not isinstance(names, Mapping) or names.keys() - ARRAYS.keys():
+        raise InputError(f"element_names = {names!r} must be texts by kind; kinds are {', '.join(ARRAYS)}")
+    for kind, texts in names.items():
+        count = len(getattr(netlist, ARRAYS[kind][0]))
+        if not isinstance(texts, Sequence) or isinstance(texts, str) or len(texts) != count:
+            raise InputError(f"element_names[{kind!r}] must be {count} texts, one for every {kind}")
 
 
 def graph_of(netlist: Any) -> nx.MultiGraph[int]:
-    """As `Netlist.to_networkx`, whose module stands above this one."""
+    """Return a netlist as a multigraph."""
     import networkx as nx
 
     graph: nx.MultiGraph[int] = nx.MultiGraph()
@@ -52,39 +83,126 @@ def _edges(netlist: Any, kind: str) -> Iterator[tuple[int, int, dict[str, Any]]]
 
 
 def fields_of(graph: nx.Graph[Any], ground: object) -> dict[str, Any]:
-    """What `Netlist.from_networkx` makes a netlist of."""
+    """Return the fields of the netlist that a graph describes."""
     order = [ground, *(node for node in graph if node != ground)]
     number = {node: i for i, node in enumerate(order)}
-    kinds: dict[str, list[tuple[Hashable, Hashable, Mapping[str, Any]]]] = {kind: [] for kind in ELEMENTS}
+    kinds: dict[str, list[Edge]] = {kind: [] for kind in ELEMENTS}
     for a, b, data in graph.edges(data=True):
         kind = data.get("kind", "resistor")
-        if kind not in kinds:
+        if not isinstance(kind, str) or kind not in kinds:
             raise InputError(f"edge {a!r} - {b!r} has kind {kind!r}; it may be one of {sorted(kinds)}")
         kinds[kind].append((a, b, data))
+    if graph.is_directed():
+        _check_directions(kinds["resistor"])
     arrays: dict[str, np.ndarray[Any, Any]] = {}
     names: dict[str, tuple[str, ...]] = {}
     for kind, edges in kinds.items():
         if all("number" in data for *_, data in edges):
-            edges.sort(key=lambda edge: int(edge[2]["number"]))
+            edges.sort(key=lambda edge: _number(edge[2]["number"], "number", edge))
         nodes, keys = ELEMENTS[kind]
-        pairs = [[number[node] for node in data.get("nodes", (a, b))] for a, b, data in edges]
+        pairs = [[number[node] for node in _ends(edge, kind)] for edge in edges]
         arrays[nodes] = np.array(pairs, np.int32).reshape(-1, 2)
         for key, column in keys.items():
             if key not in _OPTIONAL or any(key in data for *_, data in edges):
-                values = [_value(data, key, (a, b)) for a, b, data in edges]
-                arrays[column] = np.array(values, np.float64)
+                arrays[column] = np.array([_value(edge, key) for edge in edges], np.float64)
         if edges and all("name" in data for *_, data in edges):
             names[kind] = tuple(str(data["name"]) for *_, data in edges)
-    own = graph.nodes[ground].get("name", "0") if ground in graph else "0"
-    node_names = (str(own), *(str(graph.nodes[node].get("name", node)) for node in order[1:]))
-    return {"node_count": len(order), "node_names": node_names, "element_names": names or None, **arrays}
+    return {
+        "node_count": len(order),
+        "node_names": _node_names(graph, order),
+        "element_names": names or None,
+        **arrays,
+    }
 
 
-def _value(data: Mapping[str, Any], key: str, edge: tuple[object, object]) -> float:
+def _node_names(graph: nx.Graph[Any], order: list[Any]) -> tuple[str, ...]:
+    """Return a name for every node, ground first, no name twice.
+
+    Ground without a name is ``0``, or ``ground`` where another node is called ``0``.
+    """
+    ground, others = order[0], order[1:]
+    wanted = [str(graph.nodes[node].get("name", node)) for node in others]
+    usual = "ground" if "0" in wanted else "0"
+    own = graph.nodes[ground].get("name", usual) if ground in graph else usual
+    taken: set[str] = set()
+    names = []
+    every, reserved = [str(own), *wanted], {str(own), *wanted}
+    for name in every:
+        unique, copies = name, 1
+        while unique in taken or (copies > 1 and unique in reserved):
+            copies += 1
+            unique = f"{name}_{copies}"
+        taken.add(unique)
+        names.append(unique)
+    return tuple(names)
+
+
+def _check_directions(resistors: list[Edge]) -> None:
+    """Raise InputError if a directed graph joins two nodes by resistors in both directions."""
+    joined = {(a, b) for a, b, _ in resistors if a != b}
+    for a, b in joined:
+        if (b, a) in joined:
+            raise InputError(
+                f"this directed graph has resistors {a!r} -> {b!r} and {b!r} -> {a!r}: one resistor, or two in "
+                "parallel? Use graph.to_undirected() for one; build a MultiGraph for two"
+            )
+
+
+def _ends(edge: Edge, kind: str) -> tuple[Hashable, Hashable]:
+    """Return the ordered nodes of an element."""
+    a, b, data = edge
+    if "nodes" not in data:
+        return a, b
+    stated = data["nodes"]
+    if isinstance(stated, Sequence) and len(stated) == 2 and set(stated) == {a, b}:
+        return stated[0], stated[1]
+    if kind in _SYMMETRIC:
+        return a, b
+    raise InputError(
+        f"edge {a!r} - {b!r} is a {kind} with nodes = {stated!r}; they must be its two nodes, in the order of its "
+        "direction (set them again after nodes were renamed)"
+    )
+
+
+def _value(edge: Edge, key: str) -> float:
+    """Return one value of an element."""
+    data = edge[2]
     if key in data:
-        return float(data[key])
-    if key in _OPTIONAL:
+        value = _number(data[key], key, edge)
+        if key == "conductance" and "resistance" in data:
+            other = _number(data["resistance"], "resistance", edge)
+            if not abs(value * other - 1.0) < _ROUNDING:
+                raise InputError(
+                    f"edge {edge[0]!r} - {edge[1]!r} has conductance {value:g} and resistance {other:g}, which "
+                    "contradict each other; remove one"
+                )
+    elif key in _OPTIONAL:
         return 0.0
-    if key == "conductance" and data.get("resistance"):
-        return 1.0 / float(data["resistance"])
-    raise InputError(f"edge {edge[0]!r} - {edge[1]!r} lacks {key!r} (or a resistance that is not zero)")
+    elif key == "conductance" and data.get("resistance") is not None:
+        ohms = _number(data["resistance"], "resistance", edge)
+        value = 1.0 / ohms if ohms else np.inf
+        if not 0.0 < value < np.inf:
+            raise InputError(
+                f"edge {edge[0]!r} - {edge[1]!r} has resistance {ohms:g}; it must be positive and finite (a short is a "
+                "voltage source of 0 V)"
+            )
+    else:
+        hint = " or 'resistance'" if key == "conductance" else ""
+        raise InputError(f"edge {edge[0]!r} - {edge[1]!r} has no {key!r}{hint}")
+    if key == "conductance" and not value > 0.0:
+        raise InputError(f"edge {edge[0]!r} - {edge[1]!r} has conductance {value:g}; it must be positive")
+    return value
+
+
+def _number(value: object, key: str, edge: Edge) -> float:
+    """Return an attribute as a finite number."""
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        number = np.nan
+    if not np.isfinite(number) or isinstance(value, bool) or (isinstance(value, str) and "_" in value):
+        raise InputError(
+            f"edge {edge[0]!r} - {edge[1]!r} has {key} = {value!r}; it must be a finite number in SI units, such as "
+            "3000.0 (letters for powers of ten are not read here)"
+        )
+    return number

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.arguments import check_whole, real_numbers
 from resgrid.errors import InputError
 from resgrid.frozen import frozen
-from resgrid.graphs import ARRAYS, fields_of, graph_of
+from resgrid.graphs import ARRAYS, check_element_names, check_node_names, fields_of, graph_of
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -181,22 +181,10 @@ class Netlist:
                     f"nonlinear resistor {bad} between nodes {self.nonlinear_nodes[bad].tolist()} has {name} = "
                     f"{getattr(self, name)[bad]} {unit}; it must be positive"
                 )
-        self._check_element_names()
+        check_element_names(self)
         if not isinstance(self.cell_map, CellMap | None):
             raise InputError(f"cell_map = {self.cell_map!r} must be what compile_space makes, or None")
-        if not (self.node_names is None or isinstance(self.node_names, Sequence)):
-            raise InputError(f"node_names = {self.node_names!r} must be a list of texts, one a node")
-        if self.node_names is not None and len(self.node_names) != self.node_count:
-            raise InputError(f"{len(self.node_names)} node names for {self.node_count} nodes")
-
-    def _check_element_names(self) -> None:
-        names = {} if self.element_names is None else self.element_names
-        if not isinstance(names, Mapping) or names.keys() - ARRAYS.keys():
-            raise InputError(f"element_names = {names!r} must be texts by kind; kinds are {', '.join(ARRAYS)}")
-        for kind, texts in names.items():
-            count = len(getattr(self, ARRAYS[kind][0]))
-            if not isinstance(texts, Sequence) or isinstance(texts, str) or len(texts) != count:
-                raise InputError(f"element_names[{kind!r}] must be {count} texts, one for every {kind}")
+        check_node_names(self.node_names, self.node_count)
 
     def _check_kind(self, kind: str, names: tuple[str, ...]) -> None:
         nodes = getattr(self, names[0])
@@ -299,21 +287,26 @@ class Netlist:
         Parameters
         ----------
         graph : networkx.Graph or MultiGraph
-            An edge is a resistor unless ``kind`` says otherwise; it needs ``conductance`` or ``resistance``.
+            An edge is a resistor unless its ``kind`` is another element; it needs a number ``conductance`` or
+            ``resistance`` in SI units.  A directed graph is read, too, but not with resistors in both directions
+            between two nodes.
         ground : hashable
             The graph node that becomes node 0; it is added if the graph lacks it.
 
         Returns
         -------
         Netlist
-            Nodes in the graph's order, ground first; node names from ``name`` or the graph's own node.  Elements in the
-            order of their ``number``, or the graph's.
+            Nodes in the graph's order, ground first.  Node names are the attributes ``name`` or the graph's own nodes;
+            a name that is taken gets a suffix, such as ``a_2``.  Ground without a name is ``0``, or ``ground`` where
+            another node is called ``0``.  Elements are in the order of their ``number``, or of the graph.
 
         Raises
         ------
         InputError
-            If an edge lacks its value or has an unknown kind.
+            If an edge has no value, a value that is not a finite number, or an unknown kind.
         """
+        if not hasattr(graph, "is_directed"):
+            raise InputError(f"graph = {graph!r} must be a graph of networkx")
         return Netlist(**fields_of(graph, ground))
 
     def replace(self, **changes: Any) -> Netlist:

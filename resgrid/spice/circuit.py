@@ -9,7 +9,7 @@ from itertools import compress
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
 from resgrid.graphs import ARRAYS
@@ -251,11 +251,11 @@ class Circuit:
         parts = self.part[self.current_nodes]
         return np.flatnonzero((parts[:, 0] != parts[:, 1]) & (self.current_amps != 0))
 
-    def names_of(self, nodes: NDArray[np.integer[Any]]) -> list[str]:
-        """Names of nodes, shape (n,)."""
+    def names_of(self, nodes: ArrayLike) -> list[str]:
+        """Return the names of nodes, shape (n,)."""
         if self.given is not None:
             return self.given.names_of(nodes)
-        return [self.node_names[node] for node in nodes.tolist()]
+        return [self.node_names[node] for node in np.asarray(nodes).tolist()]
 
     def listed(self, nodes: NDArray[np.integer[Any]]) -> tuple[str, ...]:
         """The first thousand of some nodes' names."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from io import StringIO
 from pathlib import Path
 
 import networkx as nx
@@ -101,3 +102,73 @@ def test_a_damaged_file_is_one_message(tmp_path: Path, suffix: str, content: byt
 def test_unknown_ends_are_refused(tmp_path: Path) -> None:
     with pytest.raises(rg.InputError, match="its name must end in"):
         rg.write_network(everything(0), tmp_path / "a.xyz")
+
+
+def ring_with_ground_1() -> nx.MultiGraph:
+    ring = nx.MultiGraph([(0, 1), (1, 2), (0, 2)])
+    nx.set_edge_attributes(ring, 1.0, "resistance")
+    ring.add_edge(1, 0, kind="current source", amps=1.0, nodes=(1, 0))
+    return ring
+
+
+@pytest.mark.parametrize("suffix", [".graphml", ".json", ".npz", ".txt"])
+def test_every_node_of_a_graph_has_a_name_of_its_own(tmp_path: Path, suffix: str) -> None:
+    netlist = rg.Netlist.from_networkx(ring_with_ground_1(), ground=1)
+    assert netlist.node_names == ("ground", "0", "2")
+    op = rg.solve(netlist)
+    rg.write_solution(op, tmp_path / "a.csv")
+    lines = [line.split(",") for line in (tmp_path / "a.csv").read_text().splitlines()]
+    volts = {line[1]: float(line[5]) for line in lines if line[0] == "node"}
+    assert volts == pytest.approx({"ground": 0.0, "0": 2 / 3, "2": 1 / 3})
+    rg.write_network(netlist, tmp_path / f"a{suffix}")
+    assert rg.read_spice(tmp_path / f"a{suffix}").node_names == netlist.node_names
+
+
+def test_names_that_are_taken_get_a_suffix() -> None:
+    graph = nx.Graph([(1, "1"), ("1", 0), (1, "1_2")])
+    nx.set_edge_attributes(graph, 2.0, "resistance")
+    assert rg.Netlist.from_networkx(graph).node_names == ("0", "1", "1_3", "1_2")
+    with pytest.raises(rg.InputError, match="2 nodes have the name 'a'"):
+        rg.Netlist(3, [[1, 2]], [1.0], node_names=("0", "a", "a"))
+
+
+@pytest.mark.parametrize(
+    ("attributes", "message"),
+    [
+        ({"resistance": "3k"}, "resistance = '3k'"),
+        ({"resistance": None}, "no 'conductance' or 'resistance'"),
+        ({"weight": 3.0}, "no 'conductance' or 'resistance'"),
+        ({"resistance": float("nan")}, "finite number"),
+        ({"resistance": -1.0}, "must be positive"),
+        ({"resistance": 0}, "source of 0 V"),
+        ({"conductance": 0.0}, "must be positive"),
+        ({"conductance": 1.0, "resistance": 3.0}, "contradict"),
+        ({"resistance": True}, "finite number"),
+        ({"kind": "voltage source", "volts": "5v"}, "volts = '5v'"),
+        ({"kind": "voltage source", "volts": 5.0, "nodes": (7, 8)}, "must be its two nodes"),
+        ({"kind": ["resistor"], "resistance": 1.0}, "has kind"),
+        ({"resistance": 1.0, "number": "first"}, "number = 'first'"),
+    ],
+)
+def test_edges_that_are_refused_are_named(attributes: dict[str, object], message: str) -> None:
+    graph = nx.Graph()
+    graph.add_edge("in", "out", **attributes)
+    with pytest.raises(rg.InputError, match="edge 'in' - 'out' .*" + message):
+        rg.Netlist.from_networkx(graph, "out")
+
+
+def test_directed_graphs() -> None:
+    graph = nx.DiGraph()
+    graph.add_edge("a", 0, resistance="2.0")
+    assert rg.Netlist.from_networkx(graph).conductance.tolist() == [0.5]
+    graph.add_edge(0, "a", resistance=2.0)
+    with pytest.raises(rg.InputError, match="one resistor, or two"):
+        rg.Netlist.from_networkx(graph)
+    assert len(rg.Netlist.from_networkx(graph.to_undirected()).conductance) == 1
+    with pytest.raises(rg.InputError, match="graph of networkx"):
+        rg.Netlist.from_networkx([("a", "b")])  # type: ignore[arg-type]
+
+
+def test_names_are_looked_up_by_any_sequence_of_numbers() -> None:
+    deck = rg.read_spice(StringIO("title\nR1 a b 1\nR2 b 0 1\n"))
+    assert deck.names_of(range(3)) == deck.names_of([0, 1, 2]) == ["0", "a", "b"]

@@ -1,129 +1,153 @@
-"""Circuitscape's configurations in advanced mode: networks, and rasters of resistances.
+"""Circuitscape's jobs in advanced mode: networks, and rasters of resistances.
 
 McRae, Shah & Edelman (2016), *Circuitscape: modeling landscape connectivity to promote conservation and human health*,
-and the user guide of Circuitscape 5.  Between neighbouring cells lies the mean of their resistances (or the
-conductance that is the mean of their conductances); diagonal neighbours are sqrt(2) further apart.  Rasters are ESRI
-ASCII grids.
+the user guide of Circuitscape 5, and the source of Circuitscape.jl.  Between neighbouring cells lies the mean of their
+resistances (or the conductance that is the mean of their conductances); diagonal neighbours are sqrt(2) further apart.
+
+The order matters, and is that of Circuitscape: the mask empties cells; cells get their nodes, and every cell of a
+polygon gets the polygon's node, empty cells too; unit currents and direct grounds replace the values of single cells;
+sources and conductances to ground add up at a node (of a network's list the last line of a node counts);
+``remove_src_or_gnd`` then decides about nodes that have both; at last a positive source removes a direct ground.
 """
 
 from __future__ import annotations
 
-import configparser
 import os
-import re
-from dataclasses import dataclass, replace
-from itertools import takewhile
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from resgrid.errors import InputError
+from resgrid.spice.networks.configurations import Configuration, read_configuration
 from resgrid.spice.networks.edges import Measure, Network, read_edges
-from resgrid.spice.read.files import deck_bytes, decode, normalise, read_text
+from resgrid.spice.networks.rasters import read_raster
 
-_FLAGS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
-_CONFLICTS = ("keepall", "rmvsrc", "rmvgnd", "rmvall")
-_UNSUPPORTED = ("use_mask", "use_reclass_table", "use_variable_source_strengths", "use_included_pairs")
-_KEYS = frozenset({"ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "nodata_value"})
-_TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-_LIST = re.compile(r"\s*([-+.\deE]+[ \t,]+){2}[-+.\deE]+[ \t]*\n")
-
-
-@dataclass(frozen=True, eq=False)
-class _Configuration:
-    path: str
-    folder: Path
-    root: Path
-    values: dict[str, str]
-
-    def text(self, key: str, default: str | None = None) -> str:
-        value = self.values.get(key, default)
-        if value is None:
-            raise InputError(f"{self.path}: the key {key!r} is missing")
-        return value.strip()
-
-    def flag(self, key: str) -> bool:
-        word = self.text(key, "False").lower()
-        if word not in _FLAGS:
-            raise InputError(f"{self.path}: {key} = {word!r} is neither True nor False")
-        return _FLAGS[word]
-
-    def measure(self, key: str) -> Measure:
-        return "resistance" if self.flag(key) else "conductance"
-
-    def file(self, key: str) -> Path:
-        """A file that the configuration names: as it says, or beside it."""
-        name = self.text(key)
-        for candidate in (self.folder / name, self.folder / Path(name.replace("\\", "/")).name):
-            try:
-                path = candidate.resolve()
-                if path.is_relative_to(self.root) and path.is_file():
-                    return path
-            except (OSError, ValueError, RuntimeError):
-                continue
-        raise InputError(f"{self.path}: {key} = {name!r} is no file at or below {str(self.root)!r}")
+_POLICIES = {
+    "keepall": (False, False),
+    "not entered": (False, False),
+    "rmvsrc": (True, False),
+    "rmvgnd": (False, True),
+    "rmvall": (True, True),
+}
+"""Whether sources and grounds are removed at nodes that have both; Circuitscape 3.5 wrote ``not entered``."""
 
 
 def read_circuitscape(
     path: str | os.PathLike[str], *, root: str | os.PathLike[str] | None = None
 ) -> tuple[Network, NDArray[np.int64] | None]:
-    """Read a Circuitscape configuration in advanced mode, and the files it names.
+    """Read a Circuitscape configuration in advanced mode, and the files that it names.
 
-    Of a raster also the node of every cell, shape (rows, columns), top row first, -1 where there is none.
+    For a raster, the second value is the node of every cell, shape (rows, columns), top row first, -1 for none.
     """
-    name = os.fspath(path)
-    parser = configparser.ConfigParser(interpolation=None, strict=False)
-    try:
-        parser.read_string(read_text(path), source=name)
-    except configparser.Error as error:
-        raise InputError(f"{name} is no configuration: {str(error).splitlines()[0]}") from None
-    values = {key: value for section in parser.sections() for key, value in parser.items(section)}
-    folder = Path(name).resolve().parent
-    configuration = _Configuration(name, folder, folder if root is None else Path(root).resolve(), values)
-    scenario = configuration.text("scenario").lower()
-    if scenario != "advanced":
-        raise InputError(f"{configuration.path}: the scenario {scenario!r} is not read; only 'advanced' is one circuit")
-    for key in _UNSUPPORTED:
-        if configuration.flag(key):
-            raise InputError(f"{configuration.path}: {key} is not understood; apply it to the files first")
-    kind = configuration.text("data_type", "raster").lower()
-    if kind == "raster":
-        return _read_rasters(configuration)
-    if kind != "network":
-        raise InputError(f"{configuration.path}: data_type = {kind!r} is neither 'network' nor 'raster'")
+    job = read_configuration(path, root)
+    scenario = job.text("scenario")
+    if scenario not in ("advanced", "Advanced"):
+        raise InputError(f"{job.path}: the scenario {scenario!r} is not read; only 'advanced' is one circuit")
+    if job.flag("use_reclass_table"):
+        raise InputError(f"{job.path}: use_reclass_table is not applied; reclassify the habitat file first")
+    kind = job.text("data_type")
+    if kind in ("raster", "Raster"):
+        return _read_rasters(job)
+    if kind not in ("network", "Network"):
+        raise InputError(f"{job.path}: data_type = {kind!r} is neither 'network' nor 'raster'")
     network = read_edges(
-        configuration.file("habitat_file"),
-        configuration.file("source_file"),
-        configuration.file("ground_file"),
-        measure=configuration.measure("habitat_map_is_resistances"),
-        ground_measure=configuration.measure("ground_file_is_resistances"),
+        job.file("habitat_file"),
+        job.file("source_file"),
+        job.file("ground_file"),
+        measure=job.measure("habitat_map_is_resistances"),
+        ground_measure=job.measure("ground_file_is_resistances"),
+        last_counts=True,
+        absent_edges=True,
     )
-    return _settled(configuration, network), None
+    amps, to_ground = _values_of_cells(job, network.amps, network.to_ground)
+    return _resolved(job, replace(network, amps=amps, to_ground=to_ground)), None
 
 
-def _settled(configuration: _Configuration, network: Network) -> Network:
-    """What the options of the advanced mode make of sources and grounds."""
-    amps, to_ground = network.amps, network.to_ground
-    if configuration.flag("use_unit_currents"):
+def _values_of_cells(
+    job: Configuration, amps: NDArray[np.float64], siemens: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Apply unit currents and direct grounds to the values of cells, before nodes add them up."""
+    if job.flag("use_unit_currents"):
         amps = (amps != 0).astype(np.float64)
-    if configuration.flag("use_direct_grounds"):
-        to_ground = np.where(to_ground > 0, np.inf, to_ground)
-    policy = configuration.text("remove_src_or_gnd", "keepall").lower()
-    if policy not in _CONFLICTS:
-        raise InputError(f"{configuration.path}: remove_src_or_gnd = {policy!r} is none of {', '.join(_CONFLICTS)}")
-    both = (amps != 0) & (to_ground > 0)
-    return replace(
-        network,
-        amps=np.where(both, 0.0, amps) if policy in ("rmvsrc", "rmvall") else amps,
-        to_ground=np.where(both, 0.0, to_ground) if policy in ("rmvgnd", "rmvall") else to_ground,
+    if job.flag("use_direct_grounds"):
+        siemens = np.where(siemens > 0, np.inf, siemens)
+    return amps, siemens
+
+
+def _resolved(job: Configuration, network: Network) -> Network:
+    """Decide about nodes with a source and a ground, and leave out the sources of parts without a ground."""
+    policy = job.text("remove_src_or_gnd")
+    if policy not in _POLICIES:
+        words = ", ".join(word for word in _POLICIES if " " not in word)
+        raise InputError(f"{job.path}: remove_src_or_gnd = {policy!r} is not one of {words}")
+    without_source, without_ground = _POLICIES[policy]
+    both = (network.amps != 0) & (network.to_ground > 0)
+    amps = np.where(both & without_source, 0.0, network.amps)
+    to_ground = np.where(both & without_ground, 0.0, network.to_ground)
+    to_ground = np.where(np.isinf(to_ground) & (amps > 0), 0.0, to_ground)
+    if not to_ground.any():
+        reason = "they lie on no node or mean no connection"
+        if network.to_ground.any():
+            reason = f"each has a source at its node (remove_src_or_gnd = {policy})"
+        raise InputError(f"{job.path}: none of the grounds of {job.text('ground_file')!r} remains: {reason}")
+    count = len(network.names)
+    graph = coo_array((np.ones(len(network.edges)), tuple(network.edges.T)), shape=(count, count))
+    parts, part = connected_components(graph, directed=False)
+    grounded = np.bincount(part, to_ground > 0, parts) > 0
+    grounded[part[0]] = True
+    return replace(network, amps=np.where(grounded[part], amps, 0.0), to_ground=to_ground)
+
+
+def _read_rasters(job: Configuration) -> tuple[Network, NDArray[np.int64]]:
+    """Read the rasters of a job."""
+    conductance = _habitat(job)
+
+    def raster_of(key: str) -> NDArray[np.float64]:
+        other = read_raster(job.file(key))
+        if other.shape != conductance.shape:
+            sizes = (f"{rows} x {columns} cells" for rows, columns in (other.shape, conductance.shape))
+            raise InputError(f"{job.file(key)} has {next(sizes)}, but the habitat has {next(sizes)}")
+        return other
+
+    if job.flag("use_mask"):
+        conductance = np.where(raster_of("mask_file") > 0, conductance, 0.0)
+        if not conductance.any():
+            raise InputError(f"{job.file('mask_file')} leaves no cell of the habitat; cells above 0 are kept")
+    polygon = np.zeros(conductance.shape)
+    if job.flag("use_polygons"):
+        polygon = np.nan_to_num(raster_of("polygon_file"))
+        if np.any(polygon != np.rint(polygon)):
+            raise InputError(f"{job.file('polygon_file')}: the number of a polygon is not a whole number")
+    node, names = _number_cells(conductance, polygon)
+    edges, value = _links(
+        conductance,
+        node,
+        mean_resistance=job.flag("connect_using_avg_resistances"),
+        diagonals=not job.flag("connect_four_neighbors_only"),
     )
+    ground = raster_of("ground_file")
+    if np.any(ground < 0):
+        row, column = np.argwhere(ground < 0)[0].tolist()
+        place = f"{job.file('ground_file')}: the ground in row {row}, column {column} (from 0)"
+        raise InputError(f"{place} has a negative value of {ground[row, column]:g}")
+    cells = _values_of_cells(
+        job,
+        _siemens(raster_of("source_file"), "conductance"),
+        _siemens(ground, job.measure("ground_file_is_resistances")),
+    )
+    sums = (np.bincount(node[node >= 0], values[node >= 0], len(names)) for values in cells)
+    amps, to_ground = (np.asarray(values, dtype=np.float64) for values in sums)
+    return _resolved(job, Network(names, edges, value, amps, to_ground)), node
 
 
-def _read_rasters(configuration: _Configuration) -> tuple[Network, NDArray[np.int64]]:
-    path = configuration.file("habitat_file")
-    habitat, measure = _read_raster(path), configuration.measure("habitat_map_is_resistances")
+def _habitat(job: Configuration) -> NDArray[np.float64]:
+    """Read the conductance of every cell, shape (rows, columns); 0 where a cell is empty."""
+    path = job.file("habitat_file")
+    habitat, measure = read_raster(path), job.measure("habitat_map_is_resistances")
     wrong = (habitat < 0) | ((habitat == 0) & (measure == "resistance"))
     if wrong.any():
         row, column = np.argwhere(wrong)[0].tolist()
@@ -131,36 +155,11 @@ def _read_rasters(configuration: _Configuration) -> tuple[Network, NDArray[np.in
             f"{path}: the cell in row {row}, column {column} (from 0) has a {measure} of {habitat[row, column]:g}; "
             "regions without resistance are short-circuit polygons"
         )
-
-    def raster_of(key: str) -> NDArray[np.float64]:
-        other = _read_raster(configuration.file(key))
-        if other.shape != habitat.shape:
-            sizes = (f"{rows} x {columns} cells" for rows, columns in (other.shape, habitat.shape))
-            raise InputError(f"{configuration.file(key)} has {next(sizes)}, but the habitat has {next(sizes)}")
-        return other
-
-    conductance = _siemens(habitat, measure)
-    polygon = raster_of("polygon_file") if configuration.flag("use_polygons") else np.zeros(habitat.shape)
-    node, names = _number_cells(conductance, polygon)
-    edges, value = _links(
-        conductance,
-        node,
-        mean_resistance=configuration.flag("connect_using_avg_resistances"),
-        diagonals=not configuration.flag("connect_four_neighbors_only"),
-    )
-    ground = raster_of("ground_file")
-    if np.any(ground < 0):
-        raise InputError(f"{configuration.file('ground_file')}: a ground has a negative value")
-    tied = _siemens(ground, configuration.measure("ground_file_is_resistances"))
-    amps, to_ground = (
-        np.asarray(np.bincount(node[node >= 0], cells[node >= 0], len(names)), dtype=np.float64)
-        for cells in (_siemens(raster_of("source_file"), "conductance"), tied)
-    )
-    return _settled(configuration, Network(names, edges, value, amps, to_ground)), node
+    return _siemens(habitat, measure)
 
 
 def _siemens(cells: NDArray[np.float64], measure: Measure) -> NDArray[np.float64]:
-    """Conductance of every cell, 0 where there is nothing."""
+    """Return the conductance of every cell, 0 where a cell is empty."""
     with np.errstate(divide="ignore"):
         return np.where(np.isnan(cells), 0.0, cells if measure == "conductance" else 1.0 / cells)
 
@@ -168,16 +167,19 @@ def _siemens(cells: NDArray[np.float64], measure: Measure) -> NDArray[np.float64
 def _number_cells(
     conductance: NDArray[np.float64], polygon: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], list[str]]:
-    """Node of every conducting cell, one for all cells of a polygon, and the names of the nodes, ground first."""
+    """Return the node of every cell, -1 for none, and the names of the nodes, ground first.
+
+    A polygon with a conducting cell is one node, and its empty cells belong to this node.
+    """
     conducts = conductance > 0
     cell = np.arange(conductance.size).reshape(conductance.shape)
-    leader = cell.copy()
-    for region in np.unique(polygon[(polygon > 0) & conducts]).tolist():
-        members = (polygon == region) & conducts
-        leader[members] = cell[members].min()
-    leaders, node = np.unique(leader[conducts], return_inverse=True)
+    leader = np.where(conducts, cell, -1)
+    for region in np.unique(polygon[(polygon != 0) & conducts]).tolist():
+        members = polygon == region
+        leader[members] = cell[members & conducts].min()
+    leaders, node = np.unique(leader[leader >= 0], return_inverse=True)
     numbers = np.full(conductance.shape, -1, dtype=np.int64)
-    numbers[conducts] = node + 1
+    numbers[leader >= 0] = node + 1
     columns = conductance.shape[1]
     return numbers, ["ground", *(f"r{one // columns}_c{one % columns}" for one in leaders.tolist())]
 
@@ -185,7 +187,10 @@ def _number_cells(
 def _links(
     conductance: NDArray[np.float64], node: NDArray[np.int64], *, mean_resistance: bool, diagonals: bool
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Resistors between neighbouring cells: their nodes, and siemens."""
+    """Return the resistors between neighbouring cells: nodes, shape (n, 2), and siemens, shape (n,).
+
+    An empty cell of a polygon has 0 S: half of its neighbour's conductance is the mean, and no mean resistance exists.
+    """
     steps: list[tuple[Any, Any, float]] = [(np.s_[:, :-1], np.s_[:, 1:], 1.0), (np.s_[:-1], np.s_[1:], 1.0)]
     if diagonals:
         far = float(np.sqrt(2.0))
@@ -194,35 +199,9 @@ def _links(
     values: list[NDArray[np.float64]] = []
     for here, there, distance in steps:
         a, b = node[here].ravel(), node[there].ravel()
-        joins = (a > 0) & (b > 0) & (a != b)
-        x, y = conductance[here].ravel()[joins], conductance[there].ravel()[joins]
+        x, y = conductance[here].ravel(), conductance[there].ravel()
+        joins = (a > 0) & (b > 0) & (a != b) & ((x > 0) & (y > 0) if mean_resistance else (x > 0) | (y > 0))
+        x, y = x[joins], y[joins]
         pairs.append(np.stack([a[joins], b[joins]], axis=1))
-        values.append((2.0 * x * y / (x + y) if mean_resistance else (x + y) / 2.0) / distance)
+        values.append((2.0 / (1.0 / x + 1.0 / y) if mean_resistance else (x + y) / 2.0) / distance)
     return np.concatenate(pairs).astype(np.int32), np.concatenate(values)
-
-
-def _read_raster(path: Path) -> NDArray[np.float64]:
-    """Read an ESRI ASCII grid: cells (rows, columns), top row first, NaN where there is nothing."""
-    data = deck_bytes(path, str(path))
-    if data.startswith(_TIFF):
-        raise InputError(f"{path} is a GeoTIFF, which is not read here; write it as an ESRI ASCII grid (.asc)")
-    text = decode(normalise(data, str(path)))
-    if _LIST.match(text):
-        raise InputError(f"{path} is a list of points, which is not read here; write it as an ESRI ASCII grid (.asc)")
-    words = text.split()
-    keys = [key.lower() for key in takewhile(lambda word: word.lower() in _KEYS, words[::2])]
-    try:
-        numbers = np.array(words[1 : 2 * len(keys) : 2] + words[2 * len(keys) :], dtype=np.float64)
-    except ValueError as error:
-        raise InputError(f"{path}: cells and what the header says are numbers ({error})") from None
-    header = dict(zip(keys, numbers.tolist(), strict=False))
-    rows, columns = (header.get(key, 0.0) for key in ("nrows", "ncols"))
-    if not (rows >= 1 and columns >= 1 and rows.is_integer() and columns.is_integer()):
-        raise InputError(f"{path}: the header must say nrows and ncols, whole numbers of at least 1")
-    cells = numbers[len(keys) :]
-    if len(cells) != rows * columns:
-        raise InputError(f"{path}: it holds {len(cells)} cells, but its header says {rows:g} x {columns:g}")
-    if np.isinf(cells).any():
-        raise InputError(f"{path}: a cell is infinite")
-    cells[cells == header.get("nodata_value", -9999.0)] = np.nan
-    return cells.reshape(int(rows), int(columns))

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import re
 from dataclasses import dataclass
+from decimal import Decimal
+from itertools import islice
 from pathlib import Path
 from typing import Literal
 
@@ -13,18 +15,26 @@ from numpy.typing import NDArray
 
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND, Netlist
-from resgrid.spice.read.files import read_text
+from resgrid.spice.read.files import decode, normalise, read_text
 from resgrid.spice.write.flat import resistances
 
 Measure = Literal["resistance", "conductance"]
 MEASURES = ("resistance", "conductance")
 
 _COMMENT = re.compile(r"[#%].*")
-_INTEGRAL = re.compile(r"^(\d+)\.0*$")
-"""Whole numbers that are written as decimals."""
+_DECIMAL = re.compile(r"[-+]?(\d+\.\d*|\.\d+|\d+(?=[eE][-+]))([eE][-+]?\d{1,3})?", re.ASCII)
+"""Decimals as programs print them, ``1.000e+00`` or ``1e+06``; a plain ``1e5`` stays a name."""
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.ASCII | re.IGNORECASE)
+_DIGITS = "+-.0123456789"
+_LONGEST = 20
+"""Most digits of a node's number."""
 _GROUND = "ground"
-_WRITABLE = re.compile(r"(?!\d+\.0*$)[^\s,;#%]+")
-"""Names that are read as they are written."""
+_MATRIX = "%%MatrixMarket"
+_HEADINGS = {
+    "resistance": re.compile(r"resistances?|ohms?"),
+    "conductance": re.compile(r"conductances?|siemens"),
+}
+"""Headings that state the quantity of a column."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +75,7 @@ def _with_ground(nodes: NDArray[np.int64]) -> NDArray[np.int32]:
 class Table:
     """Names and numbers of a file of lines ``name ... name number``.
 
-    `source`: the file, as displayed; `values` (rows,); `measure`: what a heading says the numbers are.
+    `source`: the file, as displayed; `values` (rows,); `measure`: the quantity that the heading states.
     """
 
     source: str
@@ -78,22 +88,37 @@ class Table:
         """``file:line`` of a row."""
         return f"{self.source}:{self.lines[row]}"
 
-    def siemens(self, measure: str | None, *, shorts: bool = False) -> NDArray[np.float64]:
-        """Values as conductances, by the heading or else a measure; 0 ohm is infinite where shorts are meant."""
+    def siemens(self, measure: str | None, *, shorts: bool = False, absent: bool = False) -> NDArray[np.float64]:
+        """Return the values as conductances, by the heading or else by a measure.
+
+        With `shorts` 0 ohm is infinite, and 0 S is no connection; with `absent` 0 S is no connection, too.
+        """
         if measure not in (None, *MEASURES):
             raise InputError(f"measure = {measure!r} is unknown; it may be one of {', '.join(MEASURES)}")
-        stated = self.measure if self.measure in MEASURES else None
-        if None not in (measure, stated) and measure != stated:
-            raise InputError(f"{self.source}: its heading says {stated}, but measure={measure!r} was asked for")
-        chosen = measure or stated or "resistance"
-        wrong = np.flatnonzero(self.values < 0 if shorts else self.values <= 0)
+        if None not in (measure, self.measure) and measure != self.measure:
+            raise InputError(f"{self.source}: its heading says {self.measure}, but measure={measure!r} was asked for")
+        chosen = measure or self.measure or "resistance"
+        zero = shorts or (absent and chosen == "conductance")
+        wrong = np.flatnonzero(self.values < 0 if zero else self.values <= 0)
         if wrong.size:
             row = int(wrong[0])
-            bound = "not be negative" if shorts else "be positive"
-            text = f"a {chosen} of {self.values[row]:g} is not admissible; it must {bound}"
+            text = f"a {chosen} of {self.values[row]:g} is not admissible; it must {_bound(zero)}"
             raise InputError(f"{self.place(row)}: {text}")
-        with np.errstate(divide="ignore"):
-            return self.values if chosen == "conductance" else np.asarray(1.0 / self.values)
+        if chosen == "conductance":
+            return self.values
+        with np.errstate(divide="ignore", over="ignore"):
+            siemens = np.asarray(1.0 / self.values)
+        small = np.flatnonzero(np.isinf(siemens) & (self.values != 0))
+        if small.size:
+            row = int(small[0])
+            raise InputError(
+                f"{self.place(row)}: a resistance of {self.values[row]:g} is too small; its inverse overflows"
+            )
+        return siemens
+
+
+def _bound(zero: bool) -> str:
+    return "not be negative" if zero else "be positive"
 
 
 def read_edges(
@@ -102,27 +127,44 @@ def read_edges(
     grounds: str | os.PathLike[str] | None = None,
     measure: str | None = None,
     ground_measure: str | None = None,
+    *,
+    last_counts: bool = False,
+    absent_edges: bool = False,
 ) -> Network:
-    """Read a list of edges, and perhaps one of currents into nodes and one of resistors to ground."""
+    """Read a list of edges, and optional lists of currents into nodes and of resistors to ground.
+
+    Every line is one resistor, so that repeated edges are in parallel.  Lines of one node add up, unless `last_counts`;
+    with `absent_edges` an edge of 0 S is left out.
+    """
     table = _read_table(edges, 2, "edge")
     number: dict[str, int] = {_GROUND: 0}
     pairs = [(number.setdefault(a, len(number)), number.setdefault(b, len(number))) for a, b in table.names]
+    conductance = table.siemens(measure, absent=absent_edges)
     amps, to_ground = np.zeros(len(number)), np.zeros(len(number))
     if sources is not None:
         currents = _read_table(sources, 1, "source")
-        np.add.at(amps, _numbers(currents, number), currents.values)
+        _enter(amps, _numbers(currents, number), currents.values, last_counts)
     if grounds is not None:
         ties = _read_table(grounds, 1, "ground")
-        np.add.at(to_ground, _numbers(ties, number), ties.siemens(ground_measure, shorts=True))
+        _enter(to_ground, _numbers(ties, number), ties.siemens(ground_measure, shorts=True), last_counts)
     nodes = np.array(pairs, dtype=np.int32).reshape(-1, 2)
-    return Network(list(number), nodes, table.siemens(measure), amps, to_ground)
+    exists = conductance > 0
+    return Network(list(number), nodes[exists], conductance[exists], amps, to_ground)
+
+
+def _enter(sums: NDArray[np.float64], nodes: list[int], values: NDArray[np.float64], last_counts: bool) -> None:
+    """Add the values of a list to their nodes, or let the last value of a node stand."""
+    if last_counts:
+        sums[nodes] = values
+    else:
+        np.add.at(sums, nodes, values)
 
 
 def edges_text(netlist: Netlist) -> str:
-    """The resistors of a netlist as a list of edges."""
+    """Return the resistors of a netlist as a list of edges."""
     names = netlist.names_of(range(netlist.node_count))
     for node in np.unique(netlist.resistor_nodes).tolist():
-        if node != GROUND and (names[node].lower() == _GROUND or not _WRITABLE.fullmatch(names[node])):
+        if node != GROUND and not _is_writable(names[node]):
             raise InputError(
                 f"an edge list cannot hold a node named {names[node]!r}; write .json, .graphml or .npz instead"
             )
@@ -131,15 +173,24 @@ def edges_text(netlist: Netlist) -> str:
     return "".join([f"{names[a]} {names[b]} {ohms!r}\n" for (a, b), ohms in rows])
 
 
+def _is_writable(name: str) -> bool:
+    """Return whether a node's name is read as it is written."""
+    return name.lower() != _GROUND and _words(name) == [name] and _node_name(name) == name
+
+
 def is_edge_list(path: str | os.PathLike[str]) -> bool:
-    """Whether a file begins as a list of edges does: with a heading, or two nodes and a number."""
+    """Return whether a file begins like a list of edges: two nodes and a number, perhaps below a heading."""
     try:
         with Path(path).open("rb") as file:
-            text = file.read(4096).decode("latin-1")
+            text = decode(normalise(file.read(4096), os.fspath(path)))
     except (OSError, ValueError):
         return False
-    first = next(filter(None, map(_words, text.split("\n"))), [])
-    return len(first) == 3 and (first[2].lower() in MEASURES or re.fullmatch(r"[-+.\deE]+", first[2]) is not None)
+    first, second = (*islice(filter(None, map(_words, text.split("\n"))), 2), [], [])[:2]
+    return _is_edge(first) or (len(first) == 3 and (_measure_of(first[2]) in MEASURES or _is_edge(second)))
+
+
+def _is_edge(words: list[str]) -> bool:
+    return len(words) == 3 and words[0][0] not in ".*" and _NUMBER.fullmatch(words[2]) is not None
 
 
 def _read_table(path: str | os.PathLike[str], columns: int, what: str) -> Table:
@@ -148,31 +199,50 @@ def _read_table(path: str | os.PathLike[str], columns: int, what: str) -> Table:
     names: list[tuple[str, ...]] = []
     values: list[float] = []
     lines: list[int] = []
-    measure: str | None = None
-    for number, line in enumerate(read_text(path).split("\n"), 1):
+    heading: str | None = None
+    text = read_text(path)
+    if text.startswith(_MATRIX):
+        raise InputError(f"{source} is a Matrix Market file; write its entries as lines 'node node number'")
+    for number, line in enumerate(text.split("\n"), 1):
         words = _words(line)
         if not words:
             continue
-        try:
-            if len(words) != columns + 1:
-                raise ValueError
-            values.append(float(words[-1]))
-        except ValueError:
-            if not names and measure is None and len(words) == columns + 1:
-                measure = words[-1].lower()
+        if len(words) != columns + 1 or not _NUMBER.fullmatch(words[-1]):
+            if not names and heading is None and len(words) == columns + 1 and words[-1][0] not in _DIGITS:
+                heading = words[-1]
                 continue
+            nodes = "two nodes" if columns == 2 else "a node"
+            article = "an" if what[0] in "aeiou" else "a"
             raise InputError(
-                f"{source}:{number}: a {what} is {columns} name(s) and a number, unlike {line.strip()[:80]!r}"
-            ) from None
+                f"{source}:{number}: {line.strip()[:80]!r} is not {article} {what}; a line has {nodes} and a number"
+            )
+        values.append(float(words[-1]))
         if not np.isfinite(values[-1]):
-            raise InputError(f"{source}:{number}: {values[-1]} is no finite number")
-        names.append(tuple(_INTEGRAL.sub(r"\1", word) for word in words[:-1]))
+            raise InputError(f"{source}:{number}: {words[-1]} is not a finite number")
+        names.append(tuple(map(_node_name, words[:-1])))
         lines.append(number)
-    return Table(source, names, np.array(values, dtype=np.float64), lines, measure)
+    return Table(source, names, np.array(values, dtype=np.float64), lines, _measure_of(heading))
+
+
+def _measure_of(heading: str | None) -> str | None:
+    """Return the quantity that a heading states."""
+    word = (heading or "").lower()
+    return next((measure for measure, form in _HEADINGS.items() if form.fullmatch(word)), None)
+
+
+def _node_name(word: str) -> str:
+    """Return the name of a node; whole numbers that are printed as decimals are written without a point."""
+    if not _DECIMAL.fullmatch(word):
+        return word
+    value = Decimal(word)
+    if value.adjusted() >= _LONGEST or value != value.to_integral_value():
+        return word
+    return str(int(value))
 
 
 def _words(line: str) -> list[str]:
-    return _COMMENT.sub("", line).replace(",", " ").replace(";", " ").split()
+    words = _COMMENT.sub("", line).replace(",", " ").replace(";", " ").split()
+    return [word[1:-1] if len(word) > 2 and word[0] == word[-1] == '"' else word for word in words]
 
 
 def _numbers(table: Table, number: dict[str, int]) -> list[int]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from io import BytesIO
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -87,9 +88,10 @@ def _read_json(path: Path) -> Netlist:
 
 
 def _netlist_of(graph: nx.Graph[Any]) -> Netlist:
-    """A graph's netlist; ground is the node called 0, by its name or attribute, or added."""
-    ground = (node for node, data in graph.nodes(data=True) if "0" in (str(node), data.get("name")))
-    return Netlist.from_networkx(graph, next(ground, GROUND))
+    """Return the netlist of a graph; ground is the node 0, else the one with the name 0, else it is added."""
+    by_node = (node for node in graph if str(node) == "0")
+    by_name = (node for node, data in graph.nodes(data=True) if str(data.get("name")) == "0")
+    return Netlist.from_networkx(graph, next(chain(by_node, by_name), GROUND))
 
 
 def _read_arrays(path: Path) -> Netlist:

@@ -31,7 +31,11 @@ def test_edge_lists(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("a b 1\na b\n", ":2: a edge is 2"),
+        ("a b 1\na b\n", ":2: 'a b' is not an edge"),
+        ("a,b,1k\nb,c,2\n", ":1: 'a,b,1k' is not an edge"),
+        ("a b 1_000\n", "is not an edge"),
+        ("a b 1e-320\n", "inverse overflows"),
+        ("%%MatrixMarket matrix\n2 2 1\n", "Matrix Market"),
         ("a b 1\na b wat\n", ":2"),
         ("a b -1\n", "not admissible"),
         ("a b 0\n", "must be positive"),
@@ -43,7 +47,7 @@ def test_edge_lists_that_are_refused(tmp_path: Path, text: str, message: str) ->
     (tmp_path / "net.csv").write_text(text)
     with pytest.raises(InputError, match=r"net\.csv") as caught:
         read_spice(tmp_path / "net.csv")
-    assert message.replace("a edge", "an edge") in str(caught.value).replace("a edge", "an edge")
+    assert message in str(caught.value)
 
 
 def test_nodes_must_be_on_an_edge(tmp_path: Path) -> None:
@@ -115,7 +119,16 @@ def _diagonal_answer(root: float, between: float) -> float:
         ({"source_file": "absent.asc"}, "source_file"),
         ({"connect_four_neighbors_only": "perhaps"}, "neither True nor False"),
         ({"remove_src_or_gnd": "both"}, "keepall"),
-        ({"use_mask": True}, "use_mask"),
+        ({"use_mask": True}, "mask_file' is missing"),
+        ({"use_mask": True, "mask_file": "none.asc"}, "leaves no cell"),
+        ({"use_reclass_table": True}, "use_reclass_table"),
+        ({"use_polygons": True, "polygon_file": "half.asc"}, "whole number"),
+        ({"use_direct_grounds": "TRUE"}, "only True, true and 1"),
+        ({"use_polgons": True}, "did you mean 'use_polygons'"),
+        ({"Use_Mask": True}, "write it 'use_mask'"),
+        ({"  use_mask": True}, "write it 'use_mask'"),
+        ({"ground_file": "(Browse for a ground point file)"}, "'ground_file' is missing"),
+        ({"ground_file": "out.asc", "ground_file_is_resistances": False}, "none of the grounds"),
         ({"data_type": "vector"}, "data_type"),
         ({"ground_file": "short.asc"}, "cells"),
     ],
@@ -125,6 +138,8 @@ def test_configurations_that_are_refused(tmp_path: Path, change: dict[str, objec
     make_raster(tmp_path, "in.asc", ["2 -9999", "-9999 -9999"])
     make_raster(tmp_path, "out.asc", ["-9999 -9999", "-9999 0"])
     make_raster(tmp_path, "short.asc", ["1 1"])
+    make_raster(tmp_path, "none.asc", ["0 -1", "-9999 0"])
+    make_raster(tmp_path, "half.asc", ["0.5 0.5", "0 0"])
     path = configuration(tmp_path, **change)
     if not message:
         assert len(read_spice(path).resistance) == 4
@@ -142,3 +157,149 @@ def test_maps_in_other_formats_are_named(tmp_path: Path, content: bytes, kind: s
     (tmp_path / "in.asc").write_bytes(content)
     with pytest.raises(InputError, match=kind):
         read_spice(configuration(tmp_path))
+
+
+def job(folder: Path, **files_and_keys: object) -> np.ndarray:
+    """Write a raster job and return the voltage of every cell, NaN for none; lists of rows are files."""
+    keys = {}
+    for key, value in files_and_keys.items():
+        if isinstance(value, list):
+            make_raster(folder, f"{key}.asc", value)
+            keys[f"{key}_file"] = f"{key}.asc"
+        else:
+            keys[key] = value
+    text = "".join(f"{key} = {value}\n" for key, value in keys.items())
+    (folder / "job.ini").write_text(f"[Circuitscape mode]\nscenario = advanced\n{text}")
+    network, node = read_circuitscape(folder / "job.ini")
+    assert node is not None
+    return np.append(solve(network.netlist()).voltage, np.nan)[node]
+
+
+def test_absent_keys_have_the_defaults_of_circuitscape(tmp_path: Path) -> None:
+    line = {"habitat": ["10 10 10"], "source": ["1 -9999 -9999"], "ground": ["-9999 -9999 4"]}
+    assert job(tmp_path, **line)[0] == pytest.approx([24.0, 14.0, 4.0])
+    (tmp_path / "e.txt").write_text("1 2 10\n2 3 10\n")
+    (tmp_path / "s.txt").write_text("1 1\n")
+    (tmp_path / "g.txt").write_text("3 4\n")
+    keys = "data_type = network\nscenario = advanced\nhabitat_file = e.txt\nsource_file = s.txt\nground_file = g.txt\n"
+    (tmp_path / "net.ini").write_text(keys)
+    assert voltages(read_spice(tmp_path / "net.ini").netlist()) == pytest.approx(
+        {"ground": 0.0, "1": 24.0, "2": 14.0, "3": 4.0}
+    )
+
+
+@pytest.mark.parametrize(
+    ("policy", "grounds", "expected"),
+    [
+        ("keepall", "-9999 -9999 0 0", [4.0, 3.0, 2.0, 0.0]),  # the positive source removes its direct ground
+        ("rmvsrc", "-9999 -9999 0 0", [2.0, 1.0, 0.0, 0.0]),
+        ("rmvgnd", "-9999 -9999 0 0", [4.0, 3.0, 2.0, 0.0]),
+        ("rmvall", "-9999 -9999 0 0", [3.0, 2.0, 1.0, 0.0]),
+        ("keepall", "-9999 -9999 2 0", [3.0 + 1 / 3, 2.0 + 1 / 3, 1.0 + 1 / 3, 0.0]),
+        ("rmvgnd", "-9999 -9999 2 0", [4.0, 3.0, 2.0, 0.0]),
+    ],
+)
+def test_sources_at_grounds(tmp_path: Path, policy: str, grounds: str, expected: list[float]) -> None:
+    cells = {"habitat": ["1 1 1 1"], "source": ["1 -9999 1 -9999"], "ground": [grounds]}
+    assert job(tmp_path, remove_src_or_gnd=policy, **cells)[0] == pytest.approx(expected)
+
+
+def test_values_of_cells_are_replaced_before_polygons_merge_them(tmp_path: Path) -> None:
+    line = {"habitat": ["1 1 1 1"], "ground": ["-9999 -9999 -9999 0"], "source": ["5 7 -9999 -9999"]}
+    polygons = {"use_polygons": True, "polygon": ["1 1 -9999 -9999"]}
+    assert job(tmp_path, use_unit_currents=True, **line, **polygons)[0] == pytest.approx([4.0, 4.0, 2.0, 0.0])
+    line["ground"] = ["-9999 -9999 3 9"]
+    polygons["polygon"] = ["-9999 -9999 -2 -2"]  # any whole number but 0
+    direct = job(tmp_path, use_direct_grounds=True, **line, **polygons)
+    assert direct[0] == pytest.approx([17.0, 12.0, 0.0, 0.0])
+
+
+def test_empty_cells_of_a_polygon_belong_to_its_node(tmp_path: Path) -> None:
+    cells = {
+        "habitat": ["1 -9999 2", "-9999 -9999 -9999"], "polygon": ["3 3 -9999", "-9999 3 -9999"],
+        "source": ["-9999 -9999 1", "-9999 2 -9999"], "ground": ["0 -9999 -9999", "-9999 -9999 -9999"],
+    }  # fmt: skip
+    four = {"use_polygons": True, "connect_four_neighbors_only": True, "habitat_map_is_resistances": False}
+    volts = job(tmp_path, remove_src_or_gnd="rmvsrc", **cells, **four)
+    assert volts[0] == pytest.approx([0.0, 0.0, 1.0])  # (0 + 2)/2 S between the empty cell and its neighbour
+    assert volts[1, 1] == 0.0
+    assert np.isnan(volts[1, 0])
+
+
+def test_a_mask_empties_cells_and_parts_without_ground_lose_their_sources(tmp_path: Path) -> None:
+    cells = {"habitat": ["1 1 1 1"], "source": ["1 -9999 -9999 5"], "ground": ["-9999 0 -9999 -9999"]}
+    volts = job(tmp_path, use_mask=1, mask=["1 2 0 1"], **cells)[0]
+    assert volts[:2] == pytest.approx([1.0, 0.0])
+    assert np.isnan(volts[2:]).all()
+
+
+def test_the_last_line_of_a_node_counts_in_a_network(tmp_path: Path) -> None:
+    (tmp_path / "e.txt").write_text("0 1 1\n1 2 1\n1 2 1\n2 2 7\n")
+    (tmp_path / "s.txt").write_text("0 1\n0 2\n")
+    (tmp_path / "g.txt").write_text("2 9\n2 0\n")
+    keys = "data_type = network\nscenario = advanced\nhabitat_file = e.txt\nsource_file = s.txt\nground_file = g.txt\n"
+    (tmp_path / "net.ini").write_text("\ufeff# [x]\n" + keys + "data_type = network\n", encoding="utf-8")
+    assert voltages(read_spice(tmp_path / "net.ini").netlist())["0"] == pytest.approx(3.0)
+    summed = {"sources": tmp_path / "s.txt", "grounds": tmp_path / "g.txt"}  # a plain list adds up
+    assert voltages(read_spice(tmp_path / "e.txt", **summed).netlist())["0"] == pytest.approx(4.5)
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        "NROWS 1\nNCOLS 3\nXLLCENTER 1e3\nYLLCENTER -2.5\nCELLSIZE 3.0e+01\nNODATA_VALUE -1.0e0\n",
+        "ncols 3\nnrows 1\ndx 2\ndy 2\nnodata -1\n",
+    ],
+)
+def test_headers_of_rasters(tmp_path: Path, head: str) -> None:
+    (tmp_path / "cells.asc").write_text(head + "1e0 1.0 -1\n")
+    make_raster(tmp_path, "in.asc", ["2 -9999 -9999"])
+    make_raster(tmp_path, "out.asc", ["-9999 0 -9999"])
+    assert voltages(read_spice(configuration(tmp_path)).netlist()) == pytest.approx(
+        {"ground": 0.0, "r0_c0": 2.0, "r0_c1": 0.0}
+    )
+
+
+@pytest.mark.parametrize(
+    ("head", "message"),
+    [
+        ("ncols 2\nncols 2\nnrows 1\n", "ncols twice"),
+        ("ncols 2\nnrows 1\ndx 2\ndy 3\n", "2 x 3"),
+        ("ncols 2\ncellsize 1\n", "nrows"),
+        ("ncols 2\nnrows x\n", "not a number"),
+    ],
+)
+def test_headers_that_are_refused(tmp_path: Path, head: str, message: str) -> None:
+    (tmp_path / "cells.asc").write_text(head + "1 1\n")
+    with pytest.raises(InputError, match=message):
+        read_spice(configuration(tmp_path))
+
+
+@pytest.mark.parametrize("form", ["%d", "%.3f", "%g", "%.18e"])
+def test_node_numbers_that_numpy_prints_as_decimals(tmp_path: Path, form: str) -> None:
+    np.savetxt(tmp_path / "net.txt", np.array([[0, 1, 100.0], [1, 2000000, 50.0]]), fmt=[form, form, "%.3e"])
+    (tmp_path / "in.txt").write_text("0 1\n")
+    (tmp_path / "out.txt").write_text("2000000 0\n")
+    lists = {"sources": tmp_path / "in.txt", "grounds": tmp_path / "out.txt"}
+    assert voltages(read_spice(tmp_path / "net.txt", **lists).netlist())["0"] == pytest.approx(150.0)
+    read_spice(tmp_path / "net.txt")  # it looks like a list of edges
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+@pytest.mark.parametrize(
+    ("text", "ohms"),
+    [
+        ('"from";"to";"ohms"\n"a";"b";4\n', 4.0),
+        ("a\tb\tsiemens\na\tb\t.25\n", 4.0),
+        ("a b weight\na 1e5 4.\n", 4.0),
+        ("a b 8 # one of two in parallel\nb a 8\na a 3\n", 4.0),
+    ],
+)
+def test_edge_lists_of_other_programs(tmp_path: Path, text: str, ohms: float, encoding: str) -> None:
+    (tmp_path / "net.txt").write_text(text, encoding=encoding)
+    (tmp_path / "in.txt").write_text("a 1\n")
+    other = "1e5" if "1e5" in text else "b"
+    assert other in read_spice(tmp_path / "net.txt").node_names
+    (tmp_path / "out.txt").write_text(f"{other} 0\n")
+    lists = {"sources": tmp_path / "in.txt", "grounds": tmp_path / "out.txt", "measure": None}
+    assert voltages(read_spice(tmp_path / "net.txt", **lists).netlist())["a"] == pytest.approx(ohms)

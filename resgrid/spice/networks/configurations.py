@@ -1,0 +1,126 @@
+"""Configuration files of Circuitscape: keys, defaults and values as Circuitscape 5 reads them.
+
+The rules and the defaults are those of ``parse_config`` and ``init_config`` in ``src/config.jl`` of Circuitscape.jl: a
+line ``[...]`` is skipped, the first ``=`` ends the key, a key that is given twice has its last value, and names are
+case-sensitive.  Circuitscape ignores unknown keys and reads every value except ``True``, ``true`` and ``1`` as false;
+here such lines are errors, since they mostly mean something else than what is then computed.
+"""
+
+from __future__ import annotations
+
+import difflib
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from resgrid.errors import InputError
+from resgrid.spice.networks.edges import Measure
+from resgrid.spice.read.files import read_text
+
+_DEFAULTS = {
+    "scenario": "not entered",
+    "data_type": "raster",
+    "habitat_file": "(Browse for a resistance file)",
+    "habitat_map_is_resistances": "True",
+    "connect_four_neighbors_only": "False",
+    "connect_using_avg_resistances": "False",
+    "use_polygons": "False",
+    "polygon_file": "(Browse for a short-circuit region file)",
+    "source_file": "(Browse for a current source file)",
+    "ground_file": "(Browse for a ground point file)",
+    "ground_file_is_resistances": "True",
+    "use_unit_currents": "False",
+    "use_direct_grounds": "False",
+    "remove_src_or_gnd": "keepall",
+    "use_mask": "False",
+    "mask_file": "None",
+    "use_reclass_table": "False",
+}
+"""Keys that change the circuit of an advanced job, with their defaults in Circuitscape 5."""
+
+_WITHOUT_EFFECT = frozenset(
+    {
+        "version", "reclass_file", "point_file", "point_file_contains_polygons", "use_included_pairs",
+        "included_pairs_file", "use_variable_source_strengths", "variable_source_file", "output_file",
+        "write_cur_maps", "write_volt_maps", "write_cum_cur_map_only", "write_max_cur_maps",
+        "set_null_currents_to_nodata", "set_null_voltages_to_nodata", "set_focal_node_currents_to_zero",
+        "compress_grids", "log_transform_maps", "write_as_tif", "solver", "precision", "use_64bit_indexing",
+        "cholmod_batch_size", "low_memory_mode", "preemptive_memory_release", "parallelize", "max_parallel",
+        "print_timings", "print_rusages", "log_file", "log_level", "screenprint_log", "suppress_messages",
+        "profiler_log_file",
+    }
+)  # fmt: skip
+"""Keys of Circuitscape 3.5 to 5 that choose outputs, solvers or other scenarios."""
+
+_FLAGS = dict.fromkeys(("True", "true", "1"), True) | dict.fromkeys(("False", "false", "0", "FALSE"), False)
+_PLACEHOLDERS = ("", "None", "none")
+
+
+@dataclass(frozen=True, eq=False)
+class Configuration:
+    """The keys of one file, with the folder that file names are relative to and the folder that they stay below."""
+
+    path: str
+    folder: Path
+    root: Path
+    values: Mapping[str, str]
+
+    def text(self, key: str) -> str:
+        """Return a value, or the default of Circuitscape."""
+        return self.values.get(key, _DEFAULTS[key])
+
+    def flag(self, key: str) -> bool:
+        """Return a truth value."""
+        word = self.text(key)
+        if word not in _FLAGS:
+            raise InputError(
+                f"{self.path}: {key} = {word!r} is neither True nor False (Circuitscape reads only True, true and 1 "
+                "as true)"
+            )
+        return _FLAGS[word]
+
+    def measure(self, key: str) -> Measure:
+        """Return the quantity that a file holds."""
+        return "resistance" if self.flag(key) else "conductance"
+
+    def file(self, key: str) -> Path:
+        """Return the path of a file: as the configuration names it, or its name in the configuration's folder."""
+        name = self.text(key)
+        if name in _PLACEHOLDERS or name == _DEFAULTS[key]:
+            raise InputError(f"{self.path}: the key {key!r} is missing; name the file")
+        for candidate in (self.folder / name, self.folder / Path(name.replace("\\", "/")).name):
+            try:
+                path = candidate.resolve()
+                if path.is_relative_to(self.root) and path.is_file():
+                    return path
+            except (OSError, ValueError, RuntimeError):
+                continue
+        raise InputError(f"{self.path}: {key} = {name!r} is no file at or below {str(self.root)!r}")
+
+
+def read_configuration(path: str | os.PathLike[str], root: str | os.PathLike[str] | None = None) -> Configuration:
+    """Read a configuration file."""
+    name = os.fspath(path)
+    values: dict[str, str] = {}
+    for number, line in enumerate(read_text(path).split("\n"), 1):
+        if not line.strip() or line[0] in "[#;":
+            continue
+        key, equals, value = line.partition("=")
+        key = key.rstrip()
+        if not equals:
+            raise InputError(f"{name}:{number}: this is no configuration: {line.strip()[:80]!r} is not 'key = value'")
+        if key not in _DEFAULTS and key not in _WITHOUT_EFFECT:
+            raise InputError(f"{name}:{number}: {_advice(key)}")
+        values[key] = value.strip()
+    folder = Path(name).resolve().parent
+    return Configuration(name, folder, folder if root is None else Path(root).resolve(), values)
+
+
+def _advice(key: str) -> str:
+    """Describe an unknown key, and suggest the nearest known one."""
+    near = difflib.get_close_matches(key.strip().lower(), [*_DEFAULTS, *sorted(_WITHOUT_EFFECT)], 1)
+    if near and near[0] == key.strip().lower():
+        return f"Circuitscape does not read the key {key!r}; write it {near[0]!r}, without blanks before it"
+    hint = f"; did you mean {near[0]!r}?" if near else "; remove the line"
+    return f"Circuitscape has no key {key.strip()!r}{hint}"
