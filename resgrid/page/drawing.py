@@ -137,7 +137,9 @@ def drawing_of(scene: Scene) -> Drawing:
     check_size([axis.cells for axis in scene.axes])
     space = sample(scene, require_goal=False)
     palette, level = _palette(space)
-    k = scene.k[0] if scene.k else float(scene.boundary != "neumann")
+    k = float(scene.boundary != "neumann")
+    if scene.k:  # obstacles on their rail, where the scene offers that: the page explains them so
+        k = scene.k[0] or max(scene.k)
     document = document_of(scene)
     chip = dict(document["chip"])
     wall = chip.pop("wall_resistance", None) if scene.boundary == "wall" else None
@@ -158,6 +160,20 @@ def drawing_of(scene: Scene) -> Drawing:
         broken=tuple(tuple(place) for place in broken),
         world=None if scene.robot.base is None or scene.map is not None else document,
     )
+
+
+def is_same_circuit(one: Drawing, other: Drawing) -> bool:
+    """Return whether two drawings have the same circuit, whatever their titles and, unless one drives it, starts."""
+
+    def parts(drawing: Drawing) -> tuple[object, ...]:
+        driver = tuple(drawing.starts[0]) if drawing.driven else None
+        rules = drawing.edge, drawing.k, drawing.wall, drawing.driven, driver, sorted(drawing.broken)
+        return drawing.axes, rules, dict(drawing.chip or {})
+
+    if one.cell.shape != other.cell.shape or not np.array_equal(one.cell, other.cell):
+        return False
+    cost, other_cost = (np.array(drawing.palette)[drawing.level] for drawing in (one, other))
+    return parts(one) == parts(other) and bool(np.array_equal(cost, other_cost))
 
 
 def drawing_of_space(space: ConfigurationSpace) -> Drawing:

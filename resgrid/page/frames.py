@@ -23,7 +23,9 @@ from resgrid.space import Cell
 MOST_CELLS_A_SIDE = 10
 """As `rg.draw` draws circuits symbol by symbol."""
 
-_NONE = 65535
+NOTHING = 65535
+"""Value of a picture's cell where nothing is shown."""
+
 _DECADES = 6.0
 _LEAST_DROP = 1e-7
 
@@ -32,8 +34,8 @@ def describe(frame: Frame) -> tuple[dict[str, Any], list[bytes]]:
     """The head of a frame, and its body: lines of paths, picture, face currents and speeds.
 
     The lines are float32 (points, 2), in cells from the lower corner, continuous across seams; the picture is uint16
-    (nx, ny), `_NONE` where nothing is shown; currents are int8 (nx, ny, 4) through the lower and the upper face across
-    each axis, as shares of the cell's largest; speeds are uint8 (nx, ny).
+    (nx, ny), `NOTHING` where nothing is shown; currents are int8 (nx, ny, 4) through the lower and the upper face
+    across each axis, as shares of the cell's largest; speeds are uint8 (nx, ny).
     """
     field = frame.field
     lines = [_line(path) for path in frame.paths]
@@ -49,7 +51,7 @@ def describe(frame: Frame) -> tuple[dict[str, Any], list[bytes]]:
     points = list(frame.solution.operating_points.values())
     if len(points) == 1:
         head["circuit"] = _circuit(points[0])
-    scale, picture = _picture(frame)
+    scale, picture = picture_of(frame)
     currents, speed = _currents(field)
     body = [np.concatenate(lines or [np.empty((0, 2))]).astype("<f4"), picture, currents, speed]
     return head | {"scale": scale}, [part.tobytes() for part in body]
@@ -86,7 +88,7 @@ def _path_head(path: Streamline | None, points: int) -> dict[str, Any]:
     return head | {"message": in_page_words(path.reason or "")}
 
 
-def _picture(frame: Frame) -> tuple[dict[str, Any], NDArray[np.uint16]]:
+def picture_of(frame: Frame) -> tuple[dict[str, Any], NDArray[np.uint16]]:
     """Decades of the drop from the obstacle rail where it has a logarithm, else the height above the goals."""
     field = frame.field
     goal, log_drop = field.space.cell == Cell.GOAL, _log_drop(frame)
@@ -100,9 +102,9 @@ def _picture(frame: Frame) -> tuple[dict[str, Any], NDArray[np.uint16]]:
 
 
 def quantised(value: NDArray[np.float64], shown: NDArray[np.bool_], low: float, high: float) -> NDArray[np.uint16]:
-    """A picture of values between two ends, `_NONE` where nothing is shown; same shape."""
+    """A picture of values between two ends, `NOTHING` where nothing is shown; same shape."""
     share = np.where(shown, (value - low) / (high - low), 0.0) if high > low else np.zeros_like(value)
-    return np.where(shown, np.rint(share * (_NONE - 1)), _NONE).astype("<u2")
+    return np.where(shown, np.rint(share * (NOTHING - 1)), NOTHING).astype("<u2")
 
 
 def _log_drop(frame: Frame) -> NDArray[np.float64] | None:

@@ -29,6 +29,13 @@ def examples() -> Mapping[str, Path]:
     return {name: file for name, file in shipped_scenes().items() if _is_plane(file)}
 
 
+@cache
+def example_titles() -> Mapping[str, str]:
+    """Titles of the shipped scenes that have two axes, by name."""
+    tables = {name: tomllib.loads(file.read_text(encoding="utf-8")) for name, file in examples().items()}
+    return {name: table.get("title", name) for name, table in tables.items()}
+
+
 def _is_plane(file: Path) -> bool:
     """Whether a scene file has two axes."""
     table = tomllib.loads(file.read_text(encoding="utf-8"))

@@ -1,6 +1,6 @@
 """One browser's conversation: every request brings all that it is about, and gets an answer.
 
-Nothing is kept but the last frame and the one before, so that a page goes on from where it was when the server is back.
+Only the last frames are kept, so that a page goes on from where it was when the server is back.
 """
 
 from __future__ import annotations
@@ -10,12 +10,13 @@ from dataclasses import replace
 from typing import Any
 
 from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.colours import GOAL, HEIGHT
 from resgrid.errors import InputError, ResgridError
 from resgrid.page.arms import pose, poses, resample
-from resgrid.page.drawing import Drawing, drawing_of
+from resgrid.page.drawing import Drawing, drawing_of, is_same_circuit
 from resgrid.page.frames import describe, describe_others, probe
 from resgrid.page.messages import Request, in_page_words, pack, read_drawing, read_request, write_drawing
-from resgrid.page.opening import examples, open_document, open_example, open_files
+from resgrid.page.opening import example_titles, open_document, open_example, open_files
 from resgrid.page.solving import Frame, WarmFields, solve_drawing
 
 PATIENCE = 0.035
@@ -31,6 +32,7 @@ class Session:
     def __init__(self, first: Drawing, read_only: bool) -> None:
         self.first, self.read_only = first, read_only
         self.frame: Frame | None = None
+        self.settled: Frame | None = None
         self.before: Frame | None = None
         self.exact_seconds = float("inf")
         self._warm = WarmFields()
@@ -38,7 +40,8 @@ class Session:
     def hello(self) -> bytes:
         """What a page is told first."""
         head, body = write_drawing(self.first)
-        about = {"examples": list(examples()), "read_only": self.read_only}
+        colours = {"height": list(HEIGHT), "goal": GOAL}
+        about = {"examples": example_titles(), "read_only": self.read_only, "colours": colours}
         return pack({"hello": about, **head}, body)
 
     def answer(self, message: bytes) -> bytes:
@@ -105,10 +108,12 @@ class Session:
 
     def _solve(self, drawing: Drawing, exact: bool) -> Reply:
         """Solve as asked; in haste, direction-safe all the same where that was quick enough before."""
-        if self.frame is not None and self.frame.exact:
-            self.before = self.frame
         self.frame = solve_drawing(drawing, exact=exact or self.exact_seconds < PATIENCE, warm=self._warm)
         if self.frame.exact:
             self.exact_seconds = self.frame.seconds
+        if exact:  # frames of a gesture under way are no field to settle from
+            if self.settled is not None and not is_same_circuit(self.settled.drawing, drawing):
+                self.before = self.settled
+            self.settled = self.frame
         head, body = describe(self.frame)
         return head | {"poses": poses(self.frame)}, body

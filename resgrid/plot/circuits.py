@@ -17,10 +17,11 @@ from shapely.geometry.base import BaseGeometry
 
 from resgrid.chip.power import rail_names
 from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.colours import GOAL
 from resgrid.grids import crossed_faces
 from resgrid.netlist import CellMap, Netlist
 from resgrid.plot.figures import new_figure
-from resgrid.plot.style import GOAL, OBSTACLE, SMALL, add_swatch, height_map, refresh_legend
+from resgrid.plot.style import OBSTACLE, SMALL, add_swatch, height_map, refresh_legend
 from resgrid.plot.workspace import fill
 from resgrid.scene.quantities import format_quantity, prefix_of
 from resgrid.space import Cell

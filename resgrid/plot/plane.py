@@ -17,10 +17,11 @@ from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 
 from resgrid.axis import Axis
+from resgrid.colours import GOAL
 from resgrid.errors import InputError
 from resgrid.frame import Frame
 from resgrid.grids import label_regions
-from resgrid.plot.style import GOAL, OBSTACLE, UNREACHABLE, add_swatch, axis_label, dress, refresh_legend
+from resgrid.plot.style import OBSTACLE, UNREACHABLE, add_swatch, axis_label, dress, refresh_legend
 from resgrid.space import Cell, ConfigurationSpace
 
 MOST_CELLS = 1024

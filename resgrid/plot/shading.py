@@ -43,7 +43,7 @@ class Shading:
 
     @property
     def colours(self) -> Colormap:
-        """Colour map: dark at the goal whichever way the values run."""
+        """Colour map: yellow at the goal, whichever way the values run."""
         return height_map().reversed() if self.is_log else height_map()
 
 

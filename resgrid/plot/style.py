@@ -20,9 +20,9 @@ from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import ArrayLike
 
 from resgrid.axis import Axis
+from resgrid.colours import GOAL, HEIGHT
 
 OBSTACLE = "#3d3d3d"
-GOAL = "#E69F00"
 UNREACHABLE = "#c4c4c4"
 NO_DROP = "#e8d3e4"
 FAILURE = "#B2182B"
@@ -64,17 +64,13 @@ _GREEK = re.compile(r"(alpha|beta|gamma|theta|phi|psi|omega)(?:_(\w+))?")
 
 
 def height_map() -> Colormap:
-    """Colours of a height: dark at the goal, pale where it is highest; light enough to draw on."""
-    return _part_of("YlGnBu_r", 0.08, 1.0)
+    """Return the colours of a height above the goal: yellow at the goal, dark blue where it is highest."""
+    return LinearSegmentedColormap.from_list("height", HEIGHT, N=256)
 
 
 def strength_map() -> Colormap:
-    """Colours of a current on white paper: dark where it is strong, still visible where it is weak."""
-    return _part_of("YlGnBu", 0.35, 1.0)
-
-
-def _part_of(name: str, low: float, high: float) -> Colormap:
-    return LinearSegmentedColormap.from_list(name, mpl.colormaps[name](np.linspace(low, high, 64)), N=256)
+    """Return the colours of a strength on white paper, such as a current: pale where weak, dark purple where strong."""
+    return LinearSegmentedColormap.from_list("strength", mpl.colormaps["magma_r"](np.linspace(0.2, 0.85, 64)), N=256)
 
 
 def axis_label(axis: Axis, *, world: bool = False, of_map: bool = False) -> str:

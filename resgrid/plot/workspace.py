@@ -18,6 +18,7 @@ from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.polygon import orient
 
+from resgrid.colours import GOAL
 from resgrid.errors import InputError
 from resgrid.planning.separation import Separation
 from resgrid.planning.streamline import AnyPath, Polyline, Streamline
@@ -28,7 +29,6 @@ from resgrid.plot.paths import draw_line, draw_path, draw_separation
 from resgrid.plot.plane import kinds_of, paint, plane_of
 from resgrid.plot.style import (
     FAILURE,
-    GOAL,
     HIDDEN,
     OBSTACLE,
     PATHS,

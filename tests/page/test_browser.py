@@ -4,19 +4,27 @@ from __future__ import annotations
 
 import io
 import random
-import re
 
 import numpy as np
 import pytest
-from matplotlib import colormaps
 from PIL import Image
 from playwright.sync_api import Browser, Page
 from support.cli import answer
 from support.pages import drag, kept, lines, link_of, point_on, settle, until
 
+from resgrid.colours import GOAL
 from resgrid.page import LivePage, live
+from resgrid.plot.style import height_map
 
+PIXELS = "live.view.canvas.toDataURL()"
 WALL = "live.model.scene.cells.reduce((sum, byte) => sum + (byte & 1), 0)"
+
+
+def still(page: Page) -> None:
+    """Let nothing move on a page, and let it be painted."""
+    page.mouse.move(1, 1)
+    page.evaluate("live.view.shows.dots = false; live.view.pinned = null")
+    page.wait_for_timeout(200)
 
 
 def test_a_wall_is_drawn_and_undone_byte_for_byte(shown: Page):
@@ -157,17 +165,113 @@ def test_flaws_are_shown_beside_the_ideal_path(shown: Page):
 def test_the_grid_settles(shown: Page):
     shown.locator("#k").fill("0")
     settle(shown)
-    final = shown.evaluate("Array.from(live.view.frame.picture)")
+    legend = shown.inner_text("#legend")
+    still(shown)
+    field = shown.evaluate(PIXELS)
     shown.get_by_role("button", name="Let it settle").click()
     until(shown, "!document.getElementById('film').hidden")
     until(shown, "document.getElementById('moment').value === document.getElementById('moment').max")
     assert shown.inner_text("#origin") == "from the field before the last change"
+    assert shown.inner_text("#time").endswith("settled")
+    assert shown.inner_text("#legend") == legend
     shown.locator("#moment").fill("0")
     assert shown.inner_text("#time").endswith("s")
-    assert shown.evaluate("Array.from(live.view.frame.picture)") == final
+    shown.get_by_role("button", name="Look").click()
+    shown.mouse.move(*point_on(shown, (50.5, 50.5)))
+    until(shown, "document.getElementById('card').textContent.includes('V at')")
+    early = shown.inner_text("#card")
+    shown.locator("#moment").fill("12")
+    shown.mouse.move(*point_on(shown, (50.5, 50.6)))
+    until(shown, "document.getElementById('card').textContent.includes('V at')")
+    assert shown.inner_text("#card") != early
+    shown.locator("#moment").fill("100")
+    shown.mouse.move(*point_on(shown, (50.5, 50.5)))
+    until(shown, "document.getElementById('card').textContent.includes('converter bits')")
+    shown.mouse.click(*point_on(shown, (50.5, 50.5)))
+    assert shown.evaluate("live.view.pinned") == [50, 50]
+    assert shown.locator("#film").is_visible()  # a look changes nothing
+    shown.get_by_role("button", name="Wall", exact=True).click()
     drag(shown, [(30, 30), (30, 40)])
     settle(shown)
     assert shown.locator("#film").is_hidden()
+    shown.get_by_role("button", name="Undo").click()
+    settle(shown)
+    shown.mouse.click(*point_on(shown, (50.5, 50.5)))
+    shown.get_by_role("button", name="Undo").click()
+    settle(shown)
+    still(shown)
+    assert shown.evaluate(PIXELS) == field
+
+
+def test_what_draws_nothing_changes_nothing(shown: Page):
+    shown.select_option("#examples", "ring")
+    until(shown, "live.model.scene.title === 'Ring'")
+    settle(shown)
+    past, frames = shown.evaluate("live.model.past.length"), shown.evaluate("live.frames.length")
+    shown.get_by_role("button", name="Let it settle").click()
+    until(shown, "!document.getElementById('film').hidden")
+    for tool in ("Look", "Erase"):
+        shown.locator("#tools").get_by_role("button", name=tool).click()
+        drag(shown, [(5, 20), (8, 20)])
+    start = shown.evaluate("live.view.startPoint(live.model.scene.starts[0]).map(Math.floor)")
+    drag(shown, [tuple(start)])  # a start that is pressed and not moved
+    shown.locator("#k").evaluate(
+        "(k) => { k.dispatchEvent(new Event('input')); k.dispatchEvent(new Event('change')); }"
+    )
+    shown.evaluate("document.getElementById('examples').dispatchEvent(new Event('change'))")  # the same example again
+    shown.wait_for_timeout(500)
+    assert shown.locator("#film").is_visible()
+    assert shown.evaluate("live.model.past.length") == past
+    assert shown.evaluate("live.frames.length") == frames
+    assert shown.evaluate("live.model.before === null")
+
+
+def test_the_chooser_shows_what_is_on_the_page(shown: Page):
+    chosen = "document.getElementById('examples').selectedOptions[0].textContent"
+    assert shown.evaluate(chosen) == "Drawing"
+    shown.select_option("#examples", "chair")
+    until(shown, "live.model.scene.world !== null")
+    settle(shown)
+    assert shown.evaluate(chosen) == "Problem 2: a chair"
+    shown.select_option("#examples", "rooms")
+    until(shown, "live.model.scene.title === 'Rooms'")
+    settle(shown)
+    assert (shown.evaluate(chosen), shown.evaluate("live.model.scene.k")) == ("Rooms", 1)
+    assert "all 3 paths reach a goal" in shown.inner_text("#quality")
+    drag(shown, [(10, 70), (12, 70)])
+    until(shown, f"{chosen} === 'Rooms (changed)'")
+    shown.get_by_role("button", name="Undo").click()
+    until(shown, f"{chosen} === 'Rooms'")
+    shown.get_by_role("button", name="Clear walls").click()
+    until(shown, f"{WALL} === 0")
+    settle(shown)
+
+
+def test_angles_and_greek_letters_are_written_as_such(shown: Page):
+    names = shown.evaluate(
+        """import('/static/names.js').then(({ nameOf, tickOf, placeOf }) => {
+            const angle = { name: "theta_1", unit: "rad" }, length = { name: "x", unit: "m" };
+            return [nameOf(angle), nameOf({ name: "theta12" }), nameOf(length), nameOf({ name: "width_2" }),
+                    ...[Math.PI, -Math.PI / 2, 4 * Math.PI / 3, 0, 1].map((value) => tickOf(value, angle)),
+                    tickOf(Math.PI, length), placeOf([-Math.PI / 4, 1.5], { axes: [angle, length] })];
+        })"""
+    )
+    assert names == ["θ₁", "θ₁₂", "x", "width_2", "π", "−π/2", "4π/3", "0", "1", "3.142", "θ₁ −45.0°, x 1.5 m"]
+
+
+def test_cells_that_are_cut_off_have_a_legend(shown: Page):
+    assert shown.locator("#legend-cut").is_hidden()
+    shown.locator("#brush").fill("1")
+    drag(shown, [(2, 2), (8, 2), (8, 8), (2, 8), (2, 2)])
+    settle(shown)
+    assert shown.inner_text("#legend-cut") == "no way to a goal"
+
+
+def test_the_card_hides_nothing_of_the_grid(shown: Page):
+    shown.mouse.move(*point_on(shown, (90.5, 90.5)))
+    until(shown, "!document.getElementById('card').hidden")
+    card, grid = (shown.locator(part).bounding_box() for part in ("#card", "#canvas"))
+    assert card and grid and card["x"] >= grid["x"] + grid["width"]
 
 
 def test_a_link_is_the_same_page_in_another_browser(served: LivePage, chromium: Browser, shown: Page):
@@ -342,8 +446,10 @@ def test_what_stands_around_an_arm_is_dragged(shown: Page):
     walls, first = shown.evaluate(WALL), kept(shown)
     box = shown.locator("#world").bounding_box()
     assert box is not None
-    metre = 0.46 * min(box["width"], box["height"]) / 2
-    x, y = box["x"] + box["width"] / 2 + 0.95 * metre, box["y"] + box["height"] / 2
+    metre, *place = shown.evaluate(
+        "[live.world.matrix.a, ...live.world.toPixels([0.95, 0])].map((p) => p / live.world.ratio)"
+    )
+    x, y = box["x"] + place[0], box["y"] + place[1]
     shown.mouse.move(x, y)
     shown.mouse.down()
     shown.mouse.move(x, y + 0.7 * metre, steps=6)
@@ -454,11 +560,15 @@ def test_the_tour_is_shown_once_and_the_theme_is_kept(served: LivePage, chromium
     context.close()
 
 
-def test_colours_are_viridis_which_the_colour_blind_read(shown: Page):
-    stops = shown.evaluate("import('/static/pictures.js').then((pictures) => pictures.GRADIENT)")
-    colours = np.reshape([int(number) for number in re.findall(r"\d+", stops)], (-1, 3))
-    places = np.linspace(0.0, 1.0, len(colours))
-    np.testing.assert_allclose(colours / 255.0, colormaps["viridis"](places)[:, :3], atol=0.01)
+def test_colours_are_those_of_the_pictures_and_yellow_is_the_goal(shown: Page):
+    colours = "import('/static/colours.js').then(({ colours }) => [Array.from(colours.ramp), colours.goal])"
+    ramp, goal = shown.evaluate(colours)
+    values = np.array(ramp, dtype=np.uint32)
+    shades = np.stack([values & 255, values >> 8 & 255, values >> 16 & 255], axis=1) / 255.0
+    np.testing.assert_allclose(shades, height_map()(np.linspace(0.0, 1.0, 1024))[:, :3], atol=0.012)
+    assert goal == GOAL
+    drop = "live.view.frame.picture[72 * 96 + 71]"  # a cell beside the goal has the top of the scale
+    assert shown.evaluate(drop) > 0.9 * 65534
 
 
 def test_goals_and_broken_resistors_are_made_by_keys_alone(shown: Page):

@@ -21,7 +21,7 @@ from websockets.sync.client import ClientConnection
 import resgrid as rg
 from resgrid.page import LivePage
 from resgrid.page.drawing import Drawing, blank
-from resgrid.page.frames import describe
+from resgrid.page.frames import describe, picture_of
 from resgrid.page.messages import LARGEST
 from resgrid.page.server import MOST_BROWSERS
 from resgrid.page.solving import solve_drawing
@@ -57,14 +57,57 @@ def test_a_grid_settles_to_its_field(served, k):
         socket.recv(timeout=PATIENCE)
         head, body = ask(socket, *about("settle", drawing))
         assert head["from_rest"] and np.all(np.diff(head["times"]) > 0)
-        pictures = np.frombuffer(body, "<u2").reshape(-1, 16, 16)
-        assert len(pictures) == len(head["times"]) > 5
-        frame = solve_drawing(drawing, exact=True).field
-        value = frame.potential if k == 0 else np.clip(frame.log_drop / np.log(10), -2.0, 0.0) / 2.0 + 1.0
-        shown = frame.space.goal_connected
-        assert np.all(pictures[-1][~shown] == 65535)
-        np.testing.assert_allclose(pictures[-1][shown] / 65534, value[shown], atol=0.02)
+        count = len(head["times"])
+        pictures = np.frombuffer(body, "<u2", count * 256).reshape(-1, 16, 16)
+        volts = np.frombuffer(body, "<f4", offset=2 * count * 256).reshape(-1, 16, 16)
+        assert len(pictures) == len(volts) == count > 5
+        frame = solve_drawing(drawing, exact=True)
+        np.testing.assert_array_equal(pictures[-1], picture_of(frame)[1])  # the steady field on its own scale
+        shown = frame.field.space.goal_connected & (drawing.cell == rg.Cell.FREE)
+        assert np.abs(pictures[-1].astype(int) - pictures[-2])[shown].max() < 0.005 * 65535
+        np.testing.assert_allclose(volts[-1][shown], frame.field.potential[shown], rtol=1e-6)
+        assert np.isnan(volts[:, drawing.cell != rg.Cell.FREE]).all()
+        op = next(iter(frame.solution.operating_points.values()))
+        nodes = op.netlist.cells.free_node
+        capacitors = {"capacitor_nodes": [[node, 0] for node in nodes], "capacitance": [1e-12] * len(nodes)}
+        moving = rg.transient(op.netlist.replace(**capacitors), head["times"], tolerance=1e-5).voltage
+        unit = 1.0 if k else moving[-1][nodes].max()
+        np.testing.assert_allclose(volts[:, shown], moving[:, op.netlist.cells.node[shown]] / unit, atol=2e-3)
         assert "blend" in ask(socket, *about("settle", replace(drawing, k=0.5)))[0]["error"]
+
+
+def test_a_grid_settles_from_the_last_field_of_another_circuit(served):
+    first = replace(blank(16), k=1.0)
+    walled = first.cell.copy()
+    walled[5:9, 4] = rg.Cell.OBSTACLE
+    second = replace(first, cell=walled)
+    moved = replace(second, starts=second.starts + 2.0, title="Other starts")
+    with dial(served) as socket:
+        socket.recv(timeout=PATIENCE)
+        for drawing in (first, second, moved, moved):  # starts and repeated requests change no circuit
+            ask(socket, *about("solve", drawing, exact=True))
+        ask(socket, *about("solve", first, exact=False))  # nor does a gesture under way
+        ask(socket, *about("solve", moved, exact=True))
+        head, body = ask(socket, *about("settle", moved))
+        assert not head["from_rest"] and len(head["times"]) > 3
+        volts = np.frombuffer(body, "<f4", offset=2 * len(head["times"]) * 256).reshape(-1, 16, 16)
+        before = solve_drawing(first, exact=True).field.potential
+        assert volts[0][12, 2] == pytest.approx(before[12, 2], abs=1e-3)
+
+
+def test_what_does_not_move_from_the_last_field_settles_from_rest(served):
+    first = replace(blank(16), k=1.0)
+    walled = first.cell.copy()
+    walled[0:4, 0:4] = rg.Cell.OBSTACLE
+    walled[1, 1] = rg.Cell.FREE  # a pocket
+    filled = walled.copy()
+    filled[1, 1] = rg.Cell.OBSTACLE
+    with dial(served) as socket:
+        socket.recv(timeout=PATIENCE)
+        for cell in (walled, filled):
+            ask(socket, *about("solve", replace(first, cell=cell), exact=True))
+        head, _ = ask(socket, *about("settle", replace(first, cell=filled)))
+        assert head["from_rest"] and len(head["times"]) > 5
 
 
 def test_currents_that_are_told_keep_kirchhoff_s_law(served):

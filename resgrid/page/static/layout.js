@@ -3,7 +3,7 @@
 export const HTML = `
 <header>
   <h1>resgrid</h1>
-  <label class="examples">Example <select id="examples"></select></label>
+  <label class="examples">Scene <select id="examples"></select></label>
   <span class="buttons">
     <button id="undo" title="Undo (Ctrl+Z)" aria-label="Undo">&#8630;</button>
     <button id="redo" title="Redo (Ctrl+Shift+Z)" aria-label="Redo">&#8631;</button>
@@ -19,12 +19,19 @@ export const HTML = `
 <main>
   <div id="tools" role="toolbar" aria-label="Tools"></div>
   <div id="stage">
-    <canvas id="canvas" tabindex="0" aria-label="The grid. Arrow keys move the cursor, space uses the tool."></canvas>
-    <canvas id="world" tabindex="0" aria-label="The arm's workspace: drag what stands there. Space chooses a thing, arrow keys move it."></canvas>
-    <div id="card" hidden></div>
-    <div id="below"><span id="quality" role="status"></span><span id="legend"><span id="legend-low"></span><span id="legend-bar"></span><span id="legend-high"></span></span></div>
+    <div id="boards">
+      <canvas id="canvas" tabindex="0" aria-label="The grid. Arrow keys move the cursor, space uses the tool."></canvas>
+      <canvas id="world" tabindex="0" aria-label="The arm's workspace: drag what stands there. Space chooses a thing, arrow keys move it."></canvas>
+    </div>
+    <div id="film" hidden>
+      <div class="row"><button id="play" title="Play again" aria-label="Play again">&#9654;</button><span id="origin" class="note"></span><output id="time"></output></div>
+      <canvas id="scope" aria-label="Voltage over time of the cell under the pointer"></canvas>
+      <input id="moment" type="range" min="0" aria-label="Moment">
+    </div>
+    <div id="below"><span id="quality" role="status"></span><span id="legend"><span id="legend-cut" hidden>no way to a goal</span><span id="legend-low"></span><span id="legend-bar"></span><span id="legend-high"></span></span></div>
   </div>
   <aside id="panel"></aside>
+  <div id="card" hidden></div>
 </main>
 <dialog id="tour"></dialog>
 <dialog id="saving"></dialog>
@@ -65,7 +72,7 @@ export const choicesOf = (choices) => make("div", { className: "choices" }, ...c
 const SENTENCES = [
   "Every cell is a node of a grid of resistors: obstacles are tied to one rail, goals to the other, and current runs between them.",
   "The dots drift along that current, and a robot that follows it reaches a goal: the potential has no other place to rest.",
-  "Draw walls, drag the goal (orange) and the starts (white): the circuit is solved anew while you draw.",
+  "Draw walls, drag the goal (red) and the starts (white): the circuit is solved anew while you draw.",
   "With k = 1 obstacles repel, with k = 0 they are open and paths graze them; colours show how far the potential has dropped.",
   "Let go, and the field is solved until every direction is safe; ✓ means that the path was then certified, step by step.",
 ];

@@ -80,7 +80,18 @@ export function keptScene(text) {
   return { ...scene, cells: bytesIn(scene.cells) };
 }
 
-/** The scene on the page, and the way back. */
+/** Whether two scenes are the same drawing. @param {any} one @param {any} other */
+function areAlike(one, other) {
+  const keys = new Set([...Object.keys(one), ...Object.keys(other)]);
+  return [...keys].every((key) => {
+    const a = one[key], b = other[key];
+    if (a === b) return true;
+    if (!(a instanceof Uint8Array)) return JSON.stringify(a) === JSON.stringify(b);
+    return b instanceof Uint8Array && a.length === b.length && a.every((byte, n) => byte === b[n]);
+  });
+}
+
+/** The scene on the page, and the way back. It tells of a "change", and of a "rest" where a gesture has changed nothing. */
 export class Model extends EventTarget {
   /** @type {Scene | null} */ scene = null;
   /** @type {Scene[]} */ past = [];
@@ -106,16 +117,24 @@ export class Model extends EventTarget {
     this.before ??= this.scene;
   }
 
-  /** What the gesture has made so far. @param {Partial<Scene>} change */
+  /** What the gesture has made so far; nothing happens where that is what is there already. @param {Partial<Scene>} change */
   show(change) {
-    this.#set({ .../** @type {Scene} */ (this.scene), ...change }, false);
+    const scene = { .../** @type {Scene} */ (this.scene), ...change };
+    if (!areAlike(scene, /** @type {Scene} */ (this.scene))) this.#set(scene, false);
   }
 
-  /** The gesture ends: one step to be undone. */
+  /** The gesture ends: one step to be undone, unless it has changed nothing. */
   commit() {
-    if (this.before && this.before !== this.scene) {
-      const kept = Math.max(20, Math.floor(KEPT_BYTES / this.before.cells.length));
-      this.past = [...this.past, this.before].slice(-kept);
+    const { before } = this;
+    if (!before || before === this.scene) {
+      this.before = null;
+      this.dispatchEvent(new CustomEvent("rest"));
+      return;
+    }
+    if (areAlike(before, /** @type {Scene} */ (this.scene))) this.scene = before;
+    else {
+      const kept = Math.max(20, Math.floor(KEPT_BYTES / before.cells.length));
+      this.past = [...this.past, before].slice(-kept);
       this.future = [];
     }
     this.before = null;

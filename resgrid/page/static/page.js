@@ -1,12 +1,12 @@
 // A page: one scene, one wire, one view, and what ties them together.
 
 import { resistorAt, resistorRows } from "./circuit.js";
+import { colours, setColours } from "./colours.js";
 import { contentsOf, documentIn, openLinking, openNew, openSaving } from "./files.js";
 import { readFrame, readLines } from "./frame.js";
 import { HTML, make, openTour, partsOf } from "./layout.js";
 import { insideOf, keepScene, keptScene, Model, readScene, sizeOf } from "./model.js";
-import { Panel, rowsOf } from "./panel.js";
-import { GRADIENT } from "./pictures.js";
+import { momentRows, Panel, rowsOf } from "./panel.js";
 import { Settling } from "./settling.js";
 import { faceAt } from "./shapes.js";
 import { Tools, TOOLS } from "./tools.js";
@@ -32,6 +32,7 @@ export class Page {
   #isClosed = false;
   #keeping = 0;
   #hiding = 0;
+  /** The example that was opened last. @type {{name: string, scene: Scene} | null} */ #opened = null;
   /** The point under the pointer, in cells. @type {number[] | null} */ #hovered = null;
   #solve = newest(() => this.#askField());
   #probe = newest(() => this.#askCell());
@@ -55,14 +56,16 @@ export class Page {
       lost: () => this.#tell("error", "The server does not answer. What you draw is kept; it goes on when the server is back."),
     });
     this.world = new World(parts.canvas("world"), model, newest(() => this.#askCells()));
-    this.settling = new Settling(parts, model, this.wire, this.view, complain);
+    this.settling = new Settling(parts, model, this.wire, this.view, { complain, moved: () => this.#probe() });
+    model.addEventListener("rest", () => {
+      if (this.solved !== model.scene || !this.view.frame?.exact) this.#solve();
+    });
     model.addEventListener("change", (event) => this.#show(/** @type {CustomEvent} */ (event).detail.settled));
     this.#listenToControls(complain);
     this.#listenToKeys(about.keys);
     this.#listenToPointer();
     this.#dress(about.switches.get("theme") ?? about.shelf.getItem(THEME) ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"));
     if (matchMedia("(prefers-reduced-motion: reduce)").matches) this.view.shows.dots = parts.input("show-dots").checked = false;
-    parts.get("legend-bar").style.background = GRADIENT;
     this.#tell("busy", "connecting …");
     this.wire.connect();
     this.#repaint(0);
@@ -106,8 +109,7 @@ export class Page {
     for (const [id, click] of Object.entries(clicks)) get(id).addEventListener("click", click);
     input("examples").addEventListener("change", () => {
       const { value } = input("examples");
-      if (value) this.#open({ type: "example", name: value });
-      input("examples").value = "";
+      if (value) this.#openExample(value);
     });
     input("file").addEventListener("change", () => {
       this.#openFiles(input("file").files ?? []);
@@ -138,6 +140,7 @@ export class Page {
     const { view: { canvas }, view } = this;
     const hover = (/** @type {number[] | null} */ point) => {
       this.#hovered = point;
+      this.settling.point(point && view.scene ? insideOf(view.scene, point.map(Math.floor)) : null);
       this.#probe();
     };
     for (const kind of /** @type {const} */ (["pointerdown", "pointermove"])) {
@@ -183,13 +186,16 @@ export class Page {
     const { parts: { get, input }, model, tools, about: { switches, shelf, fragment } } = this;
     if (model.scene) return this.#solve();
     const first = readScene(head, body);
+    setColours(head.hello.colours);
+    get("legend-bar").style.background = colours.gradient;
     this.#base = keepScene(first);
     this.#isReading = head.hello.read_only;
     tools.canDraw = this.world.canDraw = !this.#isReading && switches.get("edit") !== "0";
     if (!tools.canDraw) tools.choose("look");
     this.root.classList.toggle("reading", !tools.canDraw);
     this.root.classList.toggle("bare", switches.get("panel") === "0");
-    get("examples").replaceChildren(new Option("choose …", ""), ...head.hello.examples.map((/** @type {string} */ name) => new Option(name)));
+    const titles = Object.entries(/** @type {Record<string, string>} */ (head.hello.examples));
+    get("examples").replaceChildren(new Option("", ""), make("optgroup", { label: "Examples" }, ...titles.map(([name, title]) => new Option(title, name))));
     for (const id of ["examples", "open", "new", "undo", "redo"]) input(id).disabled = !tools.canDraw;
     this.#tell("busy", "the first field …");
     model.reset((this.#isReading ? null : this.#kept()) ?? first);
@@ -207,10 +213,21 @@ export class Page {
     this.world.setScene(scene);
     this.root.classList.toggle("armed", Boolean(scene.world));
     this.panel.showScene(scene);
+    this.#showTitle();
     input("undo").disabled = !model.past.length;
     input("redo").disabled = !model.future.length;
     this.#solve();
     if (settled) this.#keepSoon();
+  }
+
+  /** The chooser shows the example, or else the title of what was made of it. */
+  #showTitle() {
+    const { parts: { input }, model: { scene } } = this, opened = this.#opened;
+    const chooser = /** @type {HTMLSelectElement} */ (/** @type {unknown} */ (input("examples")));
+    if (!scene || !chooser.options.length) return;
+    const isChanged = opened && opened.scene !== scene && opened.scene.title === scene.title;
+    chooser.options[0].textContent = `${scene.title || "Drawing"}${isChanged ? " (changed)" : ""}`;
+    chooser.value = opened?.scene === scene ? opened.name : "";
   }
 
   #keepSoon() {
@@ -268,7 +285,7 @@ export class Page {
     this.world.poses = frame.poses.find((poses) => poses.length > 1) ?? [];
     this.panel.showFrame(frame, scene);
     const current = frame.exact && scene === this.model.scene;
-    this.#tell(current ? "certified" : "preview", current ? verdict(frame) : "preview, not certified: let go");
+    this.#tell(current ? "certified" : "preview", current ? verdict(frame, scene) : "preview, not certified: let go");
   }
 
   /** Paths to compare with, and those alone: of the chip without flaws, and of both ends of k. */
@@ -299,6 +316,8 @@ export class Page {
       world.hovered = null;
       return;
     }
+    const moment = this.settling.at(cell);
+    if (moment) return this.#showCard(momentRows(moment, cell, scene), cell, scene);
     const resistor = view.circuit && resistorAt(view.circuit, faceAt(scene, point), point);
     if (resistor) return this.#showCard(resistorRows(resistor), cell, scene);
     try {
@@ -337,12 +356,21 @@ export class Page {
     }
   }
 
-  /** Ask for a scene and show it. @param {object} request */
+  /** @param {string} name */
+  async #openExample(name) {
+    const isOpen = await this.#open({ type: "example", name });
+    if (isOpen) this.#opened = { name, scene: this.#scene };
+    this.#showTitle();
+  }
+
+  /** Ask for a scene and show it; whether that was possible. @param {object} request */
   async #open(request) {
     try {
       this.model.replace(readScene(...await this.wire.ask(request)));
+      return true;
     } catch (error) {
       this.#complain(error);
+      return false;
     }
   }
 
@@ -367,10 +395,11 @@ export class Page {
 /** Whether two scenes agree in some properties. @param {string[]} keys @param {any} one @param {any} other */
 const areSame = (keys, one, other) => keys.every((key) => one[key] === other[key]);
 
-/** @param {Frame} frame */
-function verdict(frame) {
+/** @param {Frame} frame @param {Scene} scene */
+function verdict(frame, { goals }) {
   const reached = frame.paths.filter((path) => path.outcome === "reached").length;
   if (!frame.paths.length) return "direction-safe field; no start";
-  if (reached === frame.paths.length) return `✓ certified: ${reached === 1 ? "the path reaches" : `${reached} paths reach`} the goal`;
-  return `✓ certified: ${reached} of ${frame.paths.length} starts reach a goal`;
+  const goal = goals.length === 1 ? "the goal" : "a goal";
+  if (reached === frame.paths.length) return `✓ certified: ${reached === 1 ? "the path reaches" : `all ${reached} paths reach`} ${goal}`;
+  return `✓ certified: ${reached} of ${frame.paths.length} starts ${reached === 1 ? "reaches" : "reach"} ${goal}`;
 }

@@ -2,6 +2,8 @@
 
 import { engineering } from "./circuit.js";
 import { make } from "./layout.js";
+import { centreOf, OBSTACLE } from "./model.js";
+import { placeOf } from "./names.js";
 
 /** @typedef {import("./model.js").Scene} Scene */
 /** @typedef {import("./frame.js").Frame} Frame */
@@ -30,6 +32,7 @@ const HTML = `
   </section>
   <section class="editing"><h2>Brush</h2>
     ${slider("brush", "Width", 15, 1)}
+    <button id="clear" title="Remove all walls; goals, starts and mud stay">Clear walls</button>
     ${select("conductivity", "Mud conducts", [["3", "3"], ["0.3", "0.3"], ["0.1", "0.1"], ["0.01", "0.01"]])}
   </section>
   <section class="editing"><h2>Flaws of the chip</h2>
@@ -38,8 +41,7 @@ const HTML = `
   </section>
   <section><h2>Time</h2>
     <button id="settle" title="How the chip comes to this field, with 1 pF at every node unless the scene says otherwise">Let it settle</button>
-    <div id="film" hidden><label for="moment" class="row"><span id="origin" class="note"></span><output id="time"></output></label>
-    <input id="moment" type="range" min="0"></div>
+    <span class="note">as a film, with the voltage under the pointer over time</span>
   </section>
   <section><h2>Show</h2>${SHOWN.map(([name, label]) => check(name, label)).join("")}</section>`;
 
@@ -104,6 +106,9 @@ export class Panel {
       });
       input(id).addEventListener("change", () => model.commit());
     }
+    get("clear").addEventListener("click", () => {
+      if (model.scene) model.replace({ cells: model.scene.cells.map((byte) => byte & ~OBSTACLE) });
+    });
     const setBrush = () => {
       tools.brush = Number(input("brush").value);
       get("brush-out").textContent = `${tools.brush} ${tools.brush > 1 ? "cells" : "cell"}`;
@@ -155,20 +160,30 @@ export class Panel {
     }));
     if (!paths.length) get("paths").textContent = "No start yet: set one with the start tool.";
     const isHeight = scale.kind === "height", decades = -scale.low;
-    get("legend-low").textContent = isHeight ? "potential 0" : "goal";
+    get("legend-low").textContent = isHeight ? "goal: potential 0" : "goal";
+    get("legend-cut").hidden = !cutOff;
     get("legend-high").textContent = isHeight ? "1" : `${decades.toFixed(decades < 10 ? 1 : 0)} decades below`;
     get("figures").textContent = `${nx} × ${ny}, ${methods.join(" and ")}, ${Math.round(seconds * 1000)} ms`
       + (cutOff ? `; ${cutOff} free cells are cut off` : "") + (flat.length ? `; the ${flat.join(" and ")} half is flat` : "");
   }
 }
 
+/** What is known of a cell before the field has settled, as rows.
+ * @param {{time: number, volts: number, decades: number | null}} moment @param {number[]} cell @param {Scene} scene */
+export function momentRows({ time, volts, decades }, cell, scene) {
+  const rows = [["cell", cell.join(", ")], ["centre", placeOf(centreOf(scene, cell), scene)]];
+  if (!Number.isFinite(volts)) return [...rows, ["", "no voltage of its own"]];
+  rows.push([`V at ${engineering(time, "s", 3)}`, engineering(volts, "V")]);
+  if (decades != null) rows.push(["drop, log₁₀", decades.toFixed(2)]);
+  return rows;
+}
+
 /** What is known of a cell, as rows. @param {any} about @param {Scene} scene @returns {string[][]} */
 export function rowsOf(about, scene) {
-  const place = about.centre.map((/** @type {number} */ value, /** @type {number} */ a) => `${scene.axes[a].name} ${Number(value.toPrecision(5))}`);
-  const rows = [["cell", about.cell.join(", ")], ["centre", place.join(", ")]];
+  const rows = [["cell", about.cell.join(", ")], ["centre", placeOf(about.centre, scene)]];
   if (about.kind !== "free" || about.potential == null) return [...rows, ["", about.kind === "free" ? "cut off" : about.kind]];
   rows.push(["V", engineering(about.volts, "V")]);
-  if (about.drop_decades != null) rows.push(["decades of the drop", about.drop_decades.toFixed(2)]);
+  if (about.drop_decades != null) rows.push(["drop, log₁₀", about.drop_decades.toFixed(2)]);
   ["left", "right", "below", "above"].forEach((side, n) => {
     const amperes = about.amperes[n] * (n % 2 ? 1 : -1), word = amperes > 0 ? "out" : amperes < 0 ? "in" : "";
     rows.push([side, `${word} ${engineering(Math.abs(amperes), "A")}`]);

@@ -1,24 +1,11 @@
 // Pictures of one pixel a cell (the field, and what is drawn), equipotentials, arrows, and the colours of both themes.
 
+import { colours } from "./colours.js";
 import { NOTHING } from "./frame.js";
 import { sizeOf } from "./model.js";
 
 /** @typedef {import("./frame.js").Frame} Frame */
 /** @typedef {import("./model.js").Scene} Scene */
-
-/** Viridis, which colour-blind people and grey printers read, light where the goal is near. */
-const STOPS = [
-  [68, 1, 84], [72, 40, 120], [62, 74, 137], [49, 104, 142], [38, 130, 142],
-  [31, 158, 137], [53, 183, 121], [110, 206, 88], [181, 222, 43], [253, 231, 37],
-];
-export const GRADIENT = `linear-gradient(to left, ${STOPS.map((stop) => `rgb(${stop})`)})`;
-
-/** 1024 colours, as 32 bits each: A B G R. */
-const RAMP = Uint32Array.from({ length: 1024 }, (_, n) => {
-  const at = (n / 1023) * (STOPS.length - 1), low = Math.min(STOPS.length - 2, Math.floor(at));
-  const [r, g, b] = STOPS[low].map((value, c) => Math.round(value + (at - low) * (STOPS[low + 1][c] - value)));
-  return (255 << 24) | (b << 16) | (g << 8) | r;
-});
 
 /** Pairs of sides that an equipotential joins, by which corners lie above: sides are bottom, right, top, left. */
 const JOINED = [[], [3, 0], [0, 1], [3, 1], [1, 2], [3, 0, 1, 2], [0, 2], [3, 2], [2, 3], [2, 0], [0, 1, 2, 3], [2, 1], [1, 3], [1, 0], [0, 3], []];
@@ -46,9 +33,9 @@ function paint(canvas, [nx, ny], colourOf) {
   context.putImageData(image, 0, 0);
 }
 
-/** The field, light at the goal. @param {HTMLCanvasElement} canvas @param {Frame} frame @param {boolean} dark */
+/** The field. @param {HTMLCanvasElement} canvas @param {Frame} frame @param {boolean} dark */
 export function paintField(canvas, { nx, ny, picture, scale }, dark) {
-  const { blank } = inks(dark), ramp = scale.kind === "height" ? RAMP.slice().reverse() : RAMP;
+  const { blank } = inks(dark), ramp = scale.kind === "height" ? colours.ramp : colours.ramp.slice().reverse();
   paint(canvas, [nx, ny], (cell) => (picture[cell] === NOTHING ? blank : ramp[picture[cell] >> 6]));
 }
 

@@ -1,46 +1,88 @@
-// How the potential came about: pictures of moments after the rails were switched on, or after the last change.
+// Settling: pictures and voltages of the moments after the rails were switched on, or after the last change, and a scope.
 
 import { engineering } from "./circuit.js";
+import { cellAt, numberOf } from "./model.js";
+import { Scope } from "./scope.js";
+
+/** @typedef {{times: number[], pictures: Uint16Array[], volts: Float32Array[]}} Film */
 
 const PLAY_MS = 2500;
 
 export class Settling {
-  /** @type {{times: number[], pictures: Uint16Array[], scale: any} | null} */ #film = null;
+  /** @type {Film | null} */ #film = null;
   #playing = 0;
+  #number = 0;
+  /** The cell under the pointer. @type {number[] | null} */ #pointed = null;
+  /** The cell that was clicked with the tool Look. @type {number[] | null} */ #pinned = null;
 
   /** @param {import("./layout.js").Parts} parts @param {import("./model.js").Model} model @param {import("./wire.js").Wire} wire
-   * @param {import("./view.js").View} view @param {(error: unknown) => void} complain */
-  constructor({ get, input }, model, wire, view, complain) {
+   * @param {import("./view.js").View} view
+   * @param {{complain: (error: unknown) => void, moved: () => void}} calls `moved`: another moment is shown */
+  constructor({ get, input, canvas }, model, wire, view, { complain, moved }) {
     this.get = get;
     this.input = input;
+    this.model = model;
     this.view = view;
-    get("settle").addEventListener("click", () => this.#fetch(model, wire).catch(complain));
+    this.moved = moved;
+    this.scope = new Scope(canvas("scope"));
+    get("settle").addEventListener("click", () => this.#fetch(wire).catch(complain));
+    get("play").addEventListener("click", () => this.#play(performance.now()));
     input("moment").addEventListener("input", () => {
       cancelAnimationFrame(this.#playing);
       this.#show(Number(input("moment").value));
     });
+    view.canvas.addEventListener("pin", (event) => this.#pin(/** @type {CustomEvent} */ (event).detail));
   }
 
   /** Another scene or field: what was shown is past. */
   clear() {
-    if (!this.#film) return;
-    cancelAnimationFrame(this.#playing);
-    this.#film = null;
-    this.get("film").hidden = true;
-    this.view.setMoment(null);
+    if (this.#film) {
+      cancelAnimationFrame(this.#playing);
+      this.#film = null;
+      this.get("film").hidden = true;
+      this.view.setMoment(null);
+    }
+    if (this.#pinned && this.#pinned.some((part, a) => part >= (this.model.scene?.axes[a].cells ?? 0))) this.#pin(this.#pinned);
   }
 
-  /** @param {import("./model.js").Model} model @param {import("./wire.js").Wire} wire */
-  async #fetch(model, wire) {
-    const { scene } = model, button = this.input("settle");
+  /** The pointer is on another cell. @param {number[] | null} cell */
+  point(cell) {
+    this.#pointed = cell;
+    this.#paint();
+  }
+
+  /** Time, volts and decades of the drop of a cell at the moment shown; null where the settled field is shown.
+   * @param {number[]} cell */
+  at(cell) {
+    const film = this.#film, { scene, view: { frame } } = { scene: this.model.scene, view: this.view };
+    if (!film || !scene || !frame || this.#number === film.times.length - 1) return null;
+    const number = numberOf(scene, cell), { kind, low, high } = frame.scale, share = film.pictures[this.#number][number] / 65534;
+    return {
+      time: film.times[this.#number],
+      volts: film.volts[this.#number][number],
+      decades: kind === "decades" && share <= 1 ? low + share * (high - low) : null,
+    };
+  }
+
+  /** Pin a cell, or let it go. @param {number[]} cell */
+  #pin(cell) {
+    const isSame = this.#pinned?.every((part, a) => part === cell[a]);
+    this.#pinned = this.view.pinned = isSame ? null : cell;
+    this.#paint();
+  }
+
+  /** @param {import("./wire.js").Wire} wire */
+  async #fetch(wire) {
+    const { scene } = this.model, button = this.input("settle");
     if (!scene) return;
     button.disabled = true;
     try {
-      const [{ times, scale, from_rest: isFromRest }, { buffer, byteOffset }] = await wire.ask({ type: "settle" }, scene);
-      if (scene !== model.scene) return;
-      const cells = scene.cells.length;
+      const [{ times, from_rest: isFromRest }, { buffer, byteOffset }] = await wire.ask({ type: "settle" }, scene);
+      if (scene !== this.model.scene || !this.view.frame) return;
+      const cells = scene.cells.length, then = byteOffset + 2 * cells * times.length;
       const pictures = times.map((/** @type {number} */ _, /** @type {number} */ n) => new Uint16Array(buffer, byteOffset + 2 * n * cells, cells));
-      this.#film = { times, pictures, scale };
+      const volts = new Float32Array(buffer.slice(then, then + 4 * cells * times.length));
+      this.#film = { times, pictures, volts: times.map((/** @type {number} */ _, /** @type {number} */ n) => volts.subarray(n * cells, (n + 1) * cells)) };
       this.get("film").hidden = false;
       this.get("origin").textContent = isFromRest ? "from rest, rails switched on" : "from the field before the last change";
       this.input("moment").max = String(pictures.length - 1);
@@ -53,6 +95,7 @@ export class Settling {
   /** @param {number} began */
   #play(began) {
     if (!this.#film) return;
+    cancelAnimationFrame(this.#playing);
     const last = this.#film.times.length - 1, at = Math.min(last, Math.floor(((performance.now() - began) / PLAY_MS) * (last + 1)));
     this.#show(at);
     if (at < last) this.#playing = requestAnimationFrame(() => this.#play(began));
@@ -60,9 +103,27 @@ export class Settling {
 
   /** @param {number} number */
   #show(number) {
-    if (!this.#film) return;
+    const film = this.#film;
+    if (!film) return;
+    const isLast = number === film.times.length - 1;
+    this.#number = number;
     this.input("moment").value = String(number);
-    this.get("time").textContent = engineering(this.#film.times[number], "s");
-    this.view.setMoment({ picture: this.#film.pictures[number], scale: this.#film.scale });
+    this.get("time").textContent = isLast ? `${engineering(film.times[number], "s", 3)}: settled` : engineering(film.times[number], "s", 3);
+    this.view.setMoment(isLast ? null : { picture: film.pictures[number] });
+    this.#paint();
+    this.moved();
+  }
+
+  /** Draw the voltage of the cells that are pointed at or pinned, or else of the first start. */
+  #paint() {
+    const film = this.#film, { scene } = this.model;
+    if (!film || !scene) return;
+    const [start] = scene.starts, cells = [this.#pointed, this.#pinned].filter((cell) => cell !== null);
+    if (!cells.length && start) cells.push(cellAt(scene, start));
+    const curves = cells.map((cell) => {
+      const number = numberOf(scene, cell);
+      return { name: `cell ${cell.join(", ")}`, volts: film.volts.map((volts) => volts[number]) };
+    });
+    this.scope.show({ times: film.times, curves, at: this.#number, dark: this.view.dark });
   }
 }

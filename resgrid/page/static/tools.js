@@ -21,7 +21,7 @@ export const TOOLS = [
   ["goal", "Goal", "G", "Add a goal; on a goal, remove it", '<path d="M5 18V3h10l-3 4 3 4H5"/>'],
   ["start", "Start", "S", "Add a start; on a start, remove it", '<circle cx="10" cy="10" r="6"/>'],
   ["snap", "Break", "X", "Break the resistor between two cells, or mend it", '<path d="M2 10h4l2-4 2 8 M18 10h-4l-2 4-2-8"/>'],
-  ["look", "Look", "L", "See what is known of a cell; nothing is drawn", '<path d="M2 10q8-11 16 0q-8 11-16 0z"/><circle cx="10" cy="10" r="2"/>'],
+  ["look", "Look", "L", "See what is known of a cell; a click pins it to the scope; nothing is drawn", '<path d="M2 10q8-11 16 0q-8 11-16 0z"/><circle cx="10" cy="10" r="2"/>'],
 ];
 const REACH = 16;
 
@@ -105,6 +105,8 @@ export class Tools {
   #begin(cell, handle) {
     this.model.begin();
     const gesture = handle ? this.#drag(cell, ...handle) : this.canDraw && this.tool !== "look" ? this.#stroke(cell) : null;
+    const looked = this.tool === "look" && !handle && insideOf(this.#scene, cell);
+    if (looked) this.view.canvas.dispatchEvent(new CustomEvent("pin", { detail: looked }));
     if (!gesture) this.model.commit();
     return gesture;
   }

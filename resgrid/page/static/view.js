@@ -1,8 +1,10 @@
 // The grid: where cells lie on its canvas, and everything that is drawn there sixty times a second.
 
 import { paintCircuit, paintSupplies } from "./circuit.js";
+import { colours } from "./colours.js";
 import { Dots } from "./dots.js";
 import { cellOf, sizeOf, spacingOf } from "./model.js";
+import { nameOf, tickOf } from "./names.js";
 import { inks, paintCells, paintField, traceArrows, traceEquipotentials } from "./pictures.js";
 import { Surface } from "./surface.js";
 
@@ -14,17 +16,18 @@ const MARGIN = 10, LABELS = 22, SUPPLIES = 112;
 const START = "#ffffff", CASING = "#10151c";
 /** Colour and width of paths to compare with. @type {Record<string, [string, number]>} */
 const OTHERS = { ideal: ["#ffb199", 1.5], "k = 0": ["#7fd0ff", 2], "k = 1": ["#ffb000", 2] };
-export const GOAL = "#ff5d3b";
 
 export class View extends Surface {
   /** @type {Scene | null} */ scene = null;
   /** @type {Frame | null} */ frame = null;
   /** The frame, or a moment before it was reached. @type {Frame | null} */ #moment = null;
+  /** Whether a moment is shown before the field has settled: its currents are not known. */ isSettling = false;
   #isStale = false;
   #field = document.createElement("canvas");
   #cells = document.createElement("canvas");
   #lines = document.createElement("canvas");
   /** @type {number[] | null} */ cursor = null;
+  /** The cell whose voltage the scope keeps showing. @type {number[] | null} */ pinned = null;
   /** @type {number[][] | null} */ rectangle = null;
   /** @type {Others[]} */ others = [];
   shows = { dots: true, equipotentials: true, arrows: false, paths: true, circuit: true, ends: false };
@@ -48,8 +51,9 @@ export class View extends Surface {
   }
 
   /** Show another picture in place of the frame's, or the frame's again.
-   * @param {{picture: Uint16Array, scale: any} | null} moment */
+   * @param {{picture: Uint16Array} | null} moment */
   setMoment(moment) {
+    this.isSettling = moment !== null;
     this.#moment = this.frame && { ...this.frame, ...moment };
     this.#isStale = true;
   }
@@ -113,16 +117,16 @@ export class View extends Surface {
     context.save();
     this.inUnits(() => context.rect(0, 0, nx, ny)).clip();
     this.inUnits(() => scene.goals.flat().forEach((number) => context.rect(...cellOf(scene, number), 1, 1)));
-    this.fill(GOAL);
+    this.fill(colours.goal);
     if (circuit) paintCircuit(this, circuit, ink.text);
-    if (frame && shows.arrows) this.#paintArrows(frame);
-    if (frame && shows.dots) this.#paintDots(frame, seconds);
+    if (frame && shows.arrows && !this.isSettling) this.#paintArrows(frame);
+    if (frame && shows.dots && !this.isSettling) this.#paintDots(frame, seconds);
     if (frame && shows.paths) this.#paintPaths(frame);
     this.#paintBroken();
     this.#paintCursor();
     context.restore();
     this.#paintHandles();
-    if (circuit) paintSupplies(this, circuit, ink, { goal: GOAL, start: CASING });
+    if (circuit) paintSupplies(this, circuit, ink, { goal: colours.goal, start: CASING });
   }
 
   /** Paint the field aside, and its equipotentials at the canvas' own resolution: once a repaint at most, while the next
@@ -157,9 +161,10 @@ export class View extends Surface {
       context.translate(left - (a ? 12 * ratio : 0), bottom + (a ? 0 : 12 * ratio));
       if (a) context.rotate(-Math.PI / 2);
       const length = a ? bottom - top : right - left;
-      this.write(String(Number(lower.toPrecision(4))), 0, 0, label, "left");
-      this.write(String(Number(upper.toPrecision(4))), length, 0, label, "right");
-      this.write(unit && unit !== name ? `${name} (${unit})` : name, length / 2, 0, label);
+      const called = nameOf(scene.axes[a]);
+      this.write(tickOf(lower, scene.axes[a]), 0, 0, label, "left");
+      this.write(tickOf(upper, scene.axes[a]), length, 0, label, "right");
+      this.write(unit && unit !== name ? `${called} (${unit})` : called, length / 2, 0, label);
       context.restore();
     });
   }
@@ -228,13 +233,18 @@ export class View extends Surface {
       if (this.cursor && this.canvas.matches(":focus")) context.rect(this.cursor[0], this.cursor[1], 1, 1);
     });
     this.stroke(START, 2);
+    if (!this.pinned) return;
+    const [i, j] = this.pinned;
+    this.disc([i + 0.5, j + 0.5], 7 * this.ratio);
+    this.stroke(CASING, 5 * this.ratio);
+    this.stroke(START, 2.5 * this.ratio);
   }
 
   #paintHandles() {
     const { ratio } = this, { goals, starts } = /** @type {Scene} */ (this.scene);
     for (const point of goals.map((goal) => this.goalPoint(goal))) {
-      this.#paintHandle(point, GOAL, 9 * ratio, CASING);
-      this.#paintHandle(point, START, 3.6 * ratio, GOAL);
+      this.#paintHandle(point, colours.goal, 9 * ratio, CASING);
+      this.#paintHandle(point, START, 3.6 * ratio, colours.goal);
     }
     starts.forEach((start, number) => {
       const point = this.startPoint(start);

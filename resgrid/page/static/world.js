@@ -1,8 +1,8 @@
 // The workspace of an arm: what stands there can be dragged, and the arm goes along its first path.
 
+import { colours } from "./colours.js";
 import { inks } from "./pictures.js";
 import { stepOf, Surface } from "./surface.js";
-import { GOAL } from "./view.js";
 
 /** @typedef {import("./model.js").Scene} Scene */
 /** @typedef {{shape?: string, lower?: number[], upper?: number[], centre?: number[], radius?: number,
@@ -10,7 +10,11 @@ import { GOAL } from "./view.js";
 /** @typedef {["obstacle" | "goal", number]} Thing what can be moved: its list, and its number there */
 /** @typedef {number[][]} Pose the arm's joints, from its base to its tip */
 
-const ARM = "#2f6fdb", POSES_A_SECOND = 12, GHOSTS = 9, KEY_PIXELS = 8, REACH = 0.46, POINT_PIXELS = 8;
+const ARM = "#2f6fdb", POSES_A_SECOND = 12, GHOSTS = 9, KEY_PIXELS = 8, POINT_PIXELS = 8;
+/** Pixels of the page around the workspace. */
+const LEFT = 46, RIGHT = 14, TOP = 28, BOTTOM = 40;
+const MARGIN = 1.04, TICK = 36;
+const STEPS = [0.1, 0.2, 0.5, 1, 2, 5, 10];
 
 /** A shape moved in the plane. @param {Shape} shape @param {number[]} by @returns {Shape} */
 function moved(shape, by) {
@@ -65,12 +69,12 @@ export class World extends Surface {
     return this.#document.robot.links.reduce((/** @type {number} */ sum, /** @type {{length: number}} */ link) => sum + link.length, 0);
   }
 
-  /** From metres to pixels: the arm's base in the middle. */
+  /** From metres to pixels: the arm's base in the middle of the square that it reaches. */
   get matrix() {
     if (!this.scene) return new DOMMatrix();
-    const { width, height } = this.canvas, [x, y] = this.#document.robot.base;
-    const scale = (REACH * Math.min(width, height)) / this.#reach;
-    return new DOMMatrix([scale, 0, 0, -scale, width / 2 - x * scale, height / 2 + y * scale]);
+    const { ratio, canvas: { width, height } } = this, [x, y] = this.#document.robot.base;
+    const w = width - (LEFT + RIGHT) * ratio, h = height - (TOP + BOTTOM) * ratio, scale = Math.max(1, Math.min(w, h)) / (2 * MARGIN * this.#reach);
+    return new DOMMatrix([scale, 0, 0, -scale, LEFT * ratio + w / 2 - x * scale, TOP * ratio + h / 2 + y * scale]);
   }
 
   /** All that can be moved: goals in the workspace, then obstacles. @returns {Thing[]} */
@@ -98,14 +102,14 @@ export class World extends Surface {
     context.fillRect(0, 0, width, height);
     this.inUnits(() => context.arc(robot.base[0], robot.base[1], this.#reach, 0, 2 * Math.PI));
     this.stroke(ink.edge, 1, [4, 6]);
-    this.write("the arm's workspace", width / 2, 16 * this.ratio, ink.label);
+    this.#paintAxes(ink.edge, ink.label);
     for (const shape of obstacle) {
       this.#trace(shape);
       this.fill(ink.edge);
     }
     for (const shape of goal.filter((/** @type {any} */ one) => !one.joints && !one.cell && !one.joints_lower)) {
       this.#trace(shape);
-      this.stroke(GOAL, 3 * fine);
+      this.stroke(colours.goal, 3 * fine);
     }
     const chosen = this.canvas.matches(":focus-visible") ? this.#things[this.#chosen] : undefined;
     if (chosen) {
@@ -116,11 +120,38 @@ export class World extends Surface {
       const every = Math.max(1, Math.round(last / GHOSTS));
       poses.forEach((pose, n) => n % every === 0 && this.#paintArm(pose, 0.16, fine));
       this.inUnits(() => tracePolyline(context, poses.map((pose) => pose[pose.length - 1])));
-      this.stroke(GOAL, 2 * fine);
+      this.stroke(colours.goal, 2 * fine);
     }
     const at = Math.floor((now / 1000) * POSES_A_SECOND) % (last + POSES_A_SECOND);
     const standing = this.hovered ?? (last > 0 ? poses[Math.min(last, at)] : null);
     if (standing) this.#paintArm(standing, 1, fine);
+  }
+
+  /** A frame around the square that the arm reaches, with metres at its ticks. @param {string} edge @param {string} label */
+  #paintAxes(edge, label) {
+    const { context, ratio } = this, [x, y] = this.#document.robot.base, far = MARGIN * this.#reach;
+    const [left, bottom] = this.toPixels([x - far, y - far]), [right, top] = this.toPixels([x + far, y + far]);
+    this.inUnits(() => context.rect(x - far, y - far, 2 * far, 2 * far));
+    this.stroke(edge, 1.5);
+    const step = STEPS.find((one) => one * this.matrix.a > TICK * ratio) ?? 2 * far;
+    for (const a of [0, 1]) {
+      const middle = [x, y][a];
+      for (let n = Math.ceil((middle - far) / step); n * step <= middle + far; n++) {
+        const [px, py] = this.toPixels(a ? [x, n * step] : [n * step, y]), text = String(Number((n * step).toPrecision(6))).replace("-", "−");
+        context.beginPath();
+        context.moveTo(a ? left : px, a ? py : bottom);
+        context.lineTo(a ? left - 4 * ratio : px, a ? py : bottom + 4 * ratio);
+        this.stroke(edge, 1.5);
+        this.write(text, a ? left - 7 * ratio : px, a ? py : bottom + 12 * ratio, label, a ? "right" : "center", 10);
+      }
+    }
+    this.write("x (m)", (left + right) / 2, bottom + 28 * ratio, label);
+    context.save();
+    context.translate(left - 34 * ratio, (top + bottom) / 2);
+    context.rotate(-Math.PI / 2);
+    this.write("y (m)", 0, 0, label);
+    context.restore();
+    this.write("the arm's workspace", (left + right) / 2, top - 12 * ratio, label);
   }
 
   /** @param {Pose} pose @param {number} opacity @param {number} fine */
