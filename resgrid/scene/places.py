@@ -15,7 +15,8 @@ from resgrid.frame import Frame
 from resgrid.grids import label_regions
 from resgrid.robots import PointRobot
 from resgrid.scene.maps.formats import format_of
-from resgrid.scene.maps.ros import UNKNOWN, occupancy_grid
+from resgrid.scene.maps.ros import occupancy_grid
+from resgrid.scene.maps.ros_dialects import UNKNOWN
 from resgrid.scene.scene import Scene
 from resgrid.scene.world import cell_centre, located, to_space
 from resgrid.space import Cell

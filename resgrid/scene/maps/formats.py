@@ -43,7 +43,7 @@ class MapFormat:
         return fields_from(self.read) | ({} if is_placed else fields_from(placed_axes))
 
 
-PICTURES = tuple(".png .pgm .pnm .ppm .pbm .bmp .gif .tif .tiff .jpg .jpeg".split())
+PICTURES = (".png", ".pgm", ".pnm", ".ppm", ".pbm", ".bmp", ".gif", ".tif", ".tiff", ".jpg", ".jpeg")
 """How names of pictures end."""
 
 FORMATS: dict[str, MapFormat] = {
