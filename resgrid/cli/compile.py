@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     examples=(
         "resgrid compile rooms.toml -o rooms.cir",
         "resgrid compile rooms.toml --boundary neumann --dialect xyce -o rooms.cir",
-        "resgrid compile chip.toml --form cells -o chip.cir",
+        "resgrid compile lesson.toml --form cells -o lesson.cir",
     ),
 )
 @with_source()

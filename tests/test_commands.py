@@ -1,0 +1,204 @@
+"""Every command that pages, docstrings, help, scenes and the live page show runs, as it is shown, in this process."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import zlib
+from base64 import urlsafe_b64encode
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+import numpy as np
+import pytest
+from click.testing import Result
+from PIL import Image
+from support.cli import call
+from support.shown import PROJECT, Piece, fragments, helps, pages, runs_resgrid, sources, words_of
+
+from resgrid.cli import main
+from resgrid.cli.entry import VERBS
+from resgrid.page.live import LivePage
+from resgrid.scene.overrides import document_of
+from resgrid.scene.read import read_scene
+
+ELSEWHERE = {
+    "srun resgrid chip chip.toml --only yield --most 1000000 --executor mpi -o report": "needs Slurm",
+    "mpiexec -n 3 resgrid chip examples/scenes/chip.toml --only yield --no-check --executor mpi -o mpi -q":
+        "needs MPI; tests/cli/test_cli_executors.py runs it",
+    "resgrid chip examples/scenes/chip.toml --only yield --no-check --executor dask://127.0.0.1:8799 -o dask -q":
+        "needs a scheduler at a fixed port; tests/cli/test_cli_executors.py runs it at a free one",
+    "resgrid chip examples/scenes/chip.toml --only yield --no-check --executor processes:2 -o two -q":
+        "starts processes; tests/cli/test_cli_executors.py runs it",
+    "resgrid chip chip.toml --only yield --at-least 0.95 --executor processes":
+        "starts processes; tests/cli/test_cli_executors.py runs it",
+    "resgrid solve map.yaml --goal 5,0 --boundary neumann --method petsc --ranks 2 -o field.npz":
+        "needs PETSc; tests/planning/test_petsc.py runs it",
+}  # fmt: skip
+"""Shown commands that are not run here, and why."""
+
+ALSO = {
+    "run": ["--no-check"],
+    "chip": ["--most=8", "--seconds=0.1", "--no-check"],
+    "live": ["--no-browser", "--port=0"],
+}
+"""Options that make a command shorter and leave the simulator, the browser and fixed ports alone."""
+
+CODES = {"resgrid chip examples/scenes/chip.toml --only yield -o report": (0, 1)}
+"""Exit codes of shown commands, where they are not 0; after ``||`` any code will do."""
+
+STANDS_FOR = {"SCENE": "lesson.toml", "MAP": "map.yaml", "DECK": "theirs.sp", "FILE": "file.npz"}
+DECK = "a ladder\nv1 vdd 0 1.8\nr1 vdd a 10\nr2 a b 10\nrload b 0 1k\n.op\n.end\n"
+SCEN = "version 1\n0\tarena.map\t8\t8\t0\t0\t7\t7\t9.9\n0\tarena.map\t8\t8\t0\t7\t7\t7\t7.0\n"
+
+
+def _link() -> str:
+    """Return a link of the live page, in quotes."""
+    content = zlib.compress(json.dumps(document_of(read_scene("lesson"))).encode())
+    return f"'http://127.0.0.1:8017/#s={urlsafe_b64encode(content).decode().rstrip('=')}'"
+
+
+def _map(folder: Path) -> None:
+    """Write a person's ROS map: a room of 14 x 10 m around the origin, with a wall."""
+    rows = np.full((20, 28), 254, dtype=np.uint8)
+    rows[5:15, 12:14] = 0
+    Image.fromarray(rows).save(folder / "map.png")
+    keys = "resolution: 0.5\norigin: [-7, -5, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\n"
+    (folder / "map.yaml").write_text(f"image: map.png\n{keys}")
+
+
+@pytest.fixture
+def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a person's files; scenes that are shipped are found by name."""
+    _map(tmp_path)
+    (tmp_path / "examples").symlink_to(PROJECT / "examples")
+    for name in ("theirs.sp", "power_grid.sp"):
+        (tmp_path / name).write_text(DECK)
+    (tmp_path / "arena.map").write_text("type octile\nheight 8\nwidth 8\nmap\n" + "........\n" * 8)
+    (tmp_path / "arena.map.scen").write_text(SCEN)
+    small = (PROJECT / "examples" / "scenes" / "rooms.toml").read_text().replace("cells = 160", "cells = 80")
+    (tmp_path / "rooms.toml").write_text(small.replace("cells = 120", "cells = 60"))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("SLURM_ARRAY_TASK_ID", "3")
+    monkeypatch.setattr("resgrid.cli.control.FRAMES", 6)
+    monkeypatch.setattr(LivePage, "wait", lambda _page: None)
+    monkeypatch.setattr("resgrid.cli.live.is_computing", lambda **_words: False)  # it would end this process
+    return tmp_path
+
+
+def _run(piece: Piece, line: str) -> Result | None:
+    """Run a shown line, or check the options of a line without an input."""
+    text = os.path.expandvars(line)
+    for word, file in STANDS_FOR.items():
+        text = re.sub(rf"\b{word}\b(?!\.)", file, text)
+    if "LINK" in text:
+        text = text.replace("LINK", _link())
+    verb, *words = words_of(text)
+    command = main.get_command(click.Context(main), verb)  # type: ignore[attr-defined]
+    assert command is not None, f"{piece.place}: {line}: there is no {verb}"
+    known = {name for option in command.params for name in (*option.opts, *option.secondary_opts)} | {"--help", "-h"}
+    given = [word.partition("=")[0] for word in words if re.match(r"--?[a-z]", word)]
+    unknown = [word for word in given if word not in known]
+    assert not unknown, f"{piece.place}: {line}: {verb} has no {unknown}"
+    if _is_mention(command, verb, words):
+        return None
+    also = [option for option in ALSO.get(verb, []) if option.partition("=")[0] not in given]
+    result = call(verb, *words, *also)
+    codes = CODES.get(line, (0,))
+    assert "||" in line or result.exit_code in codes, f"{piece.place}: {line}: {result.stdout[-500:]}{result.stderr}"
+    return result
+
+
+def _is_mention(command: click.Command, verb: str, words: list[str]) -> bool:
+    """Return whether a command of running text only names a verb or an option."""
+    if verb == "live" or (verb == "info" and words):
+        return False
+    try:
+        with command.make_context(verb, list(words)):
+            return verb == "info"
+    except click.MissingParameter:
+        return True
+    except click.BadOptionUsage:  # an option whose value is not shown
+        return words[-1].startswith("-")
+
+
+def _lines(piece: Piece) -> Iterator[tuple[str, bool]]:
+    """Yield the lines of a piece, and whether they are commands of resgrid."""
+    for line in piece.text.replace("\\\n", " ").splitlines():
+        yield line.strip(), runs_resgrid(line)
+
+
+def _run_all(pieces: list[Piece]) -> None:
+    """Run pieces in their order: commands here, other lines of the shell in a shell."""
+    for piece in pieces:
+        if piece.kind == "python":
+            if re.search(r"write_text\(|\.save\(|np\.save", piece.text):
+                exec(compile(piece.text, piece.place, "exec"), {"__name__": "page"})
+            continue
+        lines = list(_lines(piece))
+        if any(line in ELSEWHERE for line, _ in lines):
+            continue
+        others: list[str] = []
+        for line, is_ours in [*lines, ("", True)]:
+            if not is_ours:
+                others.append(line)
+                continue
+            if others:
+                subprocess.run(["bash", "-e", "-c", "\n".join(others)], check=True, stdout=subprocess.DEVNULL)
+                others = []
+            if line:
+                _run(piece, line)
+
+
+PAGES = pages()
+
+
+@pytest.mark.parametrize("place", PAGES)
+def test_the_commands_of_a_page_run_in_their_order(place: str, desk: Path) -> None:
+    last = max(number for number, piece in enumerate(PAGES[place]) if piece.kind != "python")
+    _run_all(PAGES[place][: last + 1])
+
+
+def test_the_commands_of_docstrings_scenes_and_the_live_page_run(desk: Path) -> None:
+    _run_all(sources())
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_the_examples_of_help_run(verb: str, desk: Path) -> None:
+    if verb == "check":  # decks that the examples of other commands write
+        for name in ("rooms.cir", "ours.cir"):
+            assert call("compile", "rooms.toml", "--boundary=dirichlet", "-o", name).exit_code == 0
+    _run_all(helps(verb))
+
+
+def test_no_exception_is_stale() -> None:
+    shown = [piece for pieces in PAGES.values() for piece in pieces] + sources()
+    shown += [piece for verb in VERBS for piece in helps(verb)]
+    lines = {line for piece in shown if piece.kind != "python" for line, _ in _lines(piece)}
+    assert set(ELSEWHERE) | set(CODES) <= lines
+
+
+@pytest.mark.parametrize("place", sorted({place for place, _ in fragments()}))
+def test_options_in_running_text_exist(place: str) -> None:
+    commands = [main.get_command(click.Context(main), verb) for verb in VERBS]  # type: ignore[attr-defined]
+    known = {
+        name for command in commands for option in command.params for name in (*option.opts, *option.secondary_opts)
+    }
+    for where, text in fragments():
+        if where == place:
+            unknown = [name for name in re.findall(r"(?<![\w-])--[a-z][a-z-]+", text) if name not in known | {"--help"}]
+            assert not unknown, f"{place}: `{text}`"
+
+
+def test_targets_and_scripts_in_running_text_exist() -> None:
+    targets = set(re.findall(r"^([a-z]+):", (PROJECT / "Makefile").read_text(), re.MULTILINE))
+    files = [*PROJECT.glob("*.md"), *(PROJECT / "docs").rglob("*.md"), *(PROJECT / "benchmarks").rglob("*.md")]
+    for file in files:
+        text = file.read_text(encoding="utf-8")
+        named = set(re.findall(r"(?:`|^\$ )make ([a-z]+)\b", text, re.MULTILINE))
+        assert named <= targets, file
+        scripts = set(re.findall(r"\bscripts/[\w.]+\.(?:sh|py)\b", text))
+        assert all((PROJECT / script).is_file() for script in scripts), file
