@@ -354,7 +354,7 @@ def _check_link(number: int, limits: Limits | None) -> None:
     if max(map(abs, ends)) > 1e6:
         raise InputError(f"links[{number}]: limits = {ends} must be two angles [lower, upper] in radians")
     if not ends[0] < ends[1]:
-        raise InputError(f"links[{number}]: limits = {ends} are reversed: the lower limit comes first")
+        raise InputError(f"links[{number}]: limits = {ends} need a lower limit below the upper one")
 
 
 def _check_rest(arm: Arm) -> None:

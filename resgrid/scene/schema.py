@@ -84,7 +84,7 @@ class Link(Table):
     @model_validator(mode="after")
     def _is_possible(self) -> Link:
         if self.limits is not None and not self.limits[0] < self.limits[1]:
-            raise ValueError(f"limits = {list(self.limits)} are reversed: the lower limit comes first")
+            raise ValueError(f"limits = {list(self.limits)} need a lower limit below the upper one")
         return self
 
 
