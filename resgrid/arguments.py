@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import builtins
 import functools
+import inspect
 import math
 import operator
 import os
+import re
 import sys
 import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -21,7 +23,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.errors import InputError
+from resgrid.errors import InputError, suggestion
 
 Record = TypeVar("Record")
 
@@ -56,6 +58,7 @@ SOURCES = {
     "Netlist": "rg.compile_space(space), or rg.read_spice(file).netlist()",
     "OperatingPoint": "rg.solve(netlist)",
     "Circuit": "rg.read_spice(file)",
+    "Deck": "rg.read_spice(file)",
     "Planner": "rg.plan(scene)",
     "Robot": "scene.robot, or rg.PointRobot(radius)",
     "Run": "rg.simulation(scene).run(start)",
@@ -137,7 +140,7 @@ def guarded(name: str, value: Any) -> Any:
     if not isinstance(value, types.FunctionType):
         return value
     code = value.__code__
-    door = _door(value, code.co_varnames[: code.co_argcount], lambda: kinds_of(value))
+    door = _door(value, name, code.co_varnames[: code.co_argcount], lambda: kinds_of(value))
     door.__module__, door.__qualname__, door.__name__ = "resgrid", name, name  # where pickle finds it again
     return door
 
@@ -146,12 +149,35 @@ def checked(record: type[Record]) -> type[Record]:
     """Let a dataclass refuse values of another type than its fields have, before it looks at them itself."""
     names = ("self", *(field.name for field in fields(record) if field.init))  # type: ignore[arg-type]
     init = record.__init__
-    record.__init__ = _door(init, names, lambda: kinds_of(init))  # type: ignore[method-assign]
+    record.__init__ = _door(init, record.__name__, names, lambda: kinds_of(init))  # type: ignore[method-assign]
     return record
 
 
-def _door(function: Callable[..., Any], names: Sequence[str], find: Callable[[], Kinds]) -> Callable[..., Any]:
-    """A function behind a check of its arguments; what they must be is found at the first call."""
+def check_call(
+    name: str, function: Callable[..., Any], arguments: Sequence[Any], options: Iterable[str], *, bound: int = 0
+) -> None:
+    """Raise TypeError if a function does not take some arguments or options, under its public name.
+
+    `bound`: number of first arguments that are not the caller's own, such as the object of a method.
+    """
+    parameters = list(inspect.signature(function).parameters.values())
+    kinds = [each.kind for each in parameters]
+    known = [each.name for each in parameters[bound:] if each.name != "self"]
+    for option in options if inspect.Parameter.VAR_KEYWORD not in kinds else ():
+        if option not in known:
+            hint = suggestion(option, known) or (f"it takes {', '.join(known)}" if known else "it takes none")
+            raise TypeError(f"{name}() has no option {option!r}; {hint}")
+    most = kinds.count(inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    if len(arguments) > most and inspect.Parameter.VAR_POSITIONAL not in kinds:
+        hint = f"; give these by name: {', '.join(known[most - bound :])}" if known[most - bound :] else ""
+        count = f"{most - bound} argument{'s' * (most - bound > 1)}" if most > bound else "no arguments"
+        raise TypeError(f"{name}() takes {count} by position, got {len(arguments) - bound}{hint}")
+
+
+def _door(
+    function: Callable[..., Any], name: str, names: Sequence[str], find: Callable[[], Kinds]
+) -> Callable[..., Any]:
+    """A function with a public name behind a check of its arguments; their kinds are found at the first call."""
     checks: Kinds = {}
 
     @functools.wraps(function)
@@ -161,6 +187,8 @@ def _door(function: Callable[..., Any], names: Sequence[str], find: Callable[[],
         for key, argument in (*zip(names, arguments, strict=False), *options.items()):
             if key in checks and not checks[key].accepts(argument):
                 raise InputError(_complaint(key, argument, checks[key]))
+        if not options.keys() <= checks.keys():
+            check_call(name, function, (), options)
         return function(*arguments, **options)
 
     return door
@@ -232,7 +260,7 @@ def _limited(kind: Kind, marks: Sequence[Any]) -> Kind:
 
 def _plain_kind(hint: Any, base: Any) -> Kind:
     """A class, or whatever else stands in annotations."""
-    words = (_WORDS[base] if base in _WORDS else _with_article(getattr(base, "__name__", "other value")),)
+    words = (_WORDS[base] if base in _WORDS else with_article(getattr(base, "__name__", "other value")),)
     if base is IO:
         return Kind(lambda value: hasattr(value, "read"), words)
     if getattr(hint, "_is_protocol", False):
@@ -258,8 +286,18 @@ def _list_of(origin: Any, parts: tuple[Any, ...]) -> Kind:
         )
 
     count = f"{len(parts)} " if is_fixed else ""
-    words = f"a list of {count}{entries[0].words[0].removeprefix('a ').removeprefix('an ')} values"
-    return Kind(accepts, (words,), entries[0] if len({*parts} - {...}) == 1 else None)
+    entry = entries[0] if len({*parts} - {...}) == 1 else None
+    return Kind(accepts, (f"a list of {count}{_plural(entries[0].words)}",), entry)
+
+
+def _plural(words: Sequence[str]) -> str:
+    """Return kinds of entries in words: finite numbers above 0; Box or Ball values."""
+    *others, last = dict.fromkeys(word.removeprefix("a ").removeprefix("an ") for word in words)
+    if others:
+        return f"{', '.join(others)} or {last} values"
+    if "number" in last:
+        return re.sub(r"\bnumber\b", "numbers", last, count=1)
+    return last if last.startswith("list") else f"{last} values"
 
 
 def _is_list(value: Any) -> bool:
@@ -309,7 +347,7 @@ def _complaint(key: str, value: Any, kind: Kind) -> str:
         for number, one in enumerate(value):
             if not kind.entry.accepts(one):
                 return _complaint(f"{key}[{number}]", one, kind.entry)
-        return f"{key} = {short(value)} must be {kind.words[0].removesuffix(' values')}, got {len(value)}"
+        return f"{key} = {short(value)} must be {kind.words[0]}, got {len(value)}"
     words = sorted(dict.fromkeys(kind.words), key=lambda word: word == "None")
     sources = [SOURCES.get(word.split()[-1]) for word in words]
     choices = [f"{word} ({source})" if source else word for word, source in zip(words, sources, strict=True)]
@@ -324,8 +362,10 @@ def short(value: Any) -> str:
         except ValueError:
             return "a number of absurd length"
         return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
-    return f"<{_with_article(type(value).__name__)}>"
+    return f"<{with_article(type(value).__name__)}>"
 
 
-def _with_article(name: str) -> str:
-    return f"{'an' if name[:1] in 'AEIOU' else 'a'} {name}"
+def with_article(name: str) -> str:
+    """Return a name with "a" or "an", by its sound: an int, an ndarray, a unit, an Axis."""
+    vowel = re.match(r"(?!uni|use|usu|ufunc|eu|one)[aeiou]|nd|np", name, re.IGNORECASE)
+    return f"{'an' if vowel else 'a'} {name}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
 
@@ -147,12 +147,17 @@ class Wiring:
 
 def wiring_of(wiring: Wiring | None, options: dict[str, Any]) -> Wiring:
     """A wiring with some options changed; the default wiring where there is none."""
+    check_wiring_options(options)
+    return Wiring(**options) if wiring is None else replace(wiring, **options)
+
+
+def check_wiring_options(options: Iterable[str]) -> None:
+    """Raise InputError for a name that is no field of a wiring."""
     known = [field.name for field in fields(Wiring)]
     for name in options:
         if name not in known:
             hint = suggestion(name, known) or f"there are {', '.join(known)}"
             raise InputError(f"there is no option {name!r}: {hint}")
-    return Wiring(**options) if wiring is None else replace(wiring, **options)
 
 
 def _check_start(space: ConfigurationSpace, cell: tuple[int, ...]) -> None:

@@ -13,7 +13,7 @@ from typing import Any, Concatenate, ParamSpec, TypeVar, cast
 
 from numpy.typing import ArrayLike
 
-from resgrid.arguments import guarded
+from resgrid.arguments import check_call, guarded
 from resgrid.chip.build import build_chip, conductance_samples, described, ideal_netlist
 from resgrid.chip.criticality import analyse_criticality
 from resgrid.chip.decks import noise_band, write_decks
@@ -38,6 +38,7 @@ from resgrid.scene import Scene
 from resgrid.scene.chip import Chip
 from resgrid.space import ConfigurationSpace
 from resgrid.spice.write.files import WrittenDeck
+from resgrid.wiring import check_wiring_options
 
 Rest = ParamSpec("Rest")
 Asked = TypeVar("Asked", Netlist, OperatingPoint)
@@ -52,6 +53,7 @@ def _question(
 
     @wraps(analyse)
     def ask(study: Study, *arguments: Rest.args, **options: Rest.kwargs) -> Answer:
+        check_call(_METHODS[analyse], analyse, (study, *arguments), options, bound=1)
         unsaid = {name: attrgetter(path)(study) for name, path in usual.items() if options.get(name) is None}
         return cast("Answer", answer(getattr(study, circuit), *arguments, **{**options, **unsaid}))
 
@@ -210,6 +212,12 @@ class Study:
         return picture + html_table(table_lines(("key", "value", "meaning"), self.parameters))
 
 
+_METHODS: dict[Callable[..., Any], str] = {
+    ask.__wrapped__: name for name, ask in vars(Study).items() if hasattr(ask, "__wrapped__")
+}
+"""Names of the methods that ask analyses, for messages."""
+
+
 def study(
     source: Scene | ConfigurationSpace | Netlist | OperatingPoint,
     chip: Chip | None = None,
@@ -251,6 +259,7 @@ def study(
     >>> study.precision().sentence(12)
     'a 12-bit read-out serves 100 % of the starts'
     """
+    check_wiring_options(wiring)
     if isinstance(source, Netlist | OperatingPoint):
         if wiring or space is not None:
             raise InputError(f"{', '.join([*wiring, 'space'])}: a circuit is wired already; give a scene or a space")

@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from resgrid.arguments import check_whole
+from resgrid.arguments import check_whole, with_article
 from resgrid.circuit.equations import assemble
 from resgrid.circuit.linear import CircuitFactor, factor_circuit, solve_linear
 from resgrid.circuit.operating_point import OperatingPoint
@@ -195,8 +195,8 @@ def _netlist_of(circuit: Netlist | Deck) -> Netlist:
     netlist = make() if callable(make) else circuit
     if not isinstance(netlist, Netlist):
         raise InputError(
-            f"this is no circuit but a {type(circuit).__name__}: give a Netlist (compile_space makes one of a space) "
-            "or what read_spice returns"
+            f"this is no circuit but {with_article(type(circuit).__name__)}: give a Netlist (compile_space makes one "
+            "of a space) or what read_spice returns"
         )
     return netlist
 

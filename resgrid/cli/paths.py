@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import islice
+from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING, Any
 
 import resgrid as rg
@@ -105,6 +106,7 @@ def answer_queries(job: Job, file: str, limit: int | None, output: str | None, u
     if output is not None:
         suffix_of(output, ("record",), "answers to queries")
     queries = list(islice(rg.read_queries(file), limit))
+    _say_other_map(job, queries, file)
     answers = []
     with stage(f"answer {len(queries)} queries", steps=len(queries)) as progress:
         for query in queries:
@@ -117,6 +119,14 @@ def answer_queries(job: Job, file: str, limit: int | None, output: str | None, u
     reached = sum(answer["outcome"] == "reached" for answer in answers)
     finish(data, [f"{reached} of {len(answers)} paths reach their goal"], written=output)
     return 0 if reached == len(answers) else NEGATIVE
+
+
+def _say_other_map(job: Job, queries: Sequence[Query], file: str) -> None:
+    """Say so where queries name another map than the one that was read."""
+    own = "" if job.scene.map is None else Path(job.scene.map.table["file"]).stem
+    other = next((query.map for query in queries if PureWindowsPath(query.map).stem != own), None)
+    if own and other is not None:
+        say(f"{file} names the map {other!r}, and this is {own!r}: optimal lengths may not be those of this map")
 
 
 def _answers(job: Job, query: Query, file: str) -> list[dict[str, Any]]:

@@ -269,9 +269,12 @@ def failure_of(error: Exception) -> Failure:
         if context and kind != "NoArgsIsHelpError":
             message = f"{message.rstrip('.')}; see '{context.command_path} --help'"
         return Failure(USAGE, kind, message)
+    if isinstance(error, MemoryError) and not isinstance(error, errors.ResgridError):
+        detail = f" ({error})" if str(error) else ""
+        return Failure(OUT_OF_BUDGET, kind, f"out of memory{detail}; use fewer cells, or allow more memory (ulimit -v)")
     for class_, code in _CODES:
         if isinstance(error, class_):
-            return Failure(code, kind, str(error) or "out of memory; use a coarser grid")
+            return Failure(code, kind, str(error))
     if isinstance(error, OSError) and error.errno is not None:
         place = f"{error.filename}: " if error.filename else ""
         return Failure(USAGE, kind, f"{place}{error.strerror}; check the path, its permissions and the free space")

@@ -10,6 +10,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from resgrid.arguments import with_article
 from resgrid.errors import InputError
 from resgrid.planning.streamline import AnyPath, Outcome, ShortPath, Streamline, unwrap
 from resgrid.planning.timing import Trajectory
@@ -86,8 +87,13 @@ def require_reached(path: Timed) -> None:
 def require_plane(space: ConfigurationSpace) -> None:
     """Raise InputError unless the robot has poses in the plane."""
     if not has_poses(space):
-        what = f"a {type(space.robot or PointRobot()).__name__} with axes {', '.join(axis.name for axis in space.axes)}"
-        raise InputError(f"a nav_msgs/Path holds poses in the plane, not {what}; write .csv, .json or .npz")
+        robot, axes = (
+            with_article(type(space.robot or PointRobot()).__name__),
+            ", ".join(axis.name for axis in space.axes),
+        )
+        raise InputError(
+            f"a nav_msgs/Path holds poses in the plane, not {robot} with axes {axes}; write .csv, .json or .npz"
+        )
 
 
 def has_poses(space: ConfigurationSpace) -> bool:

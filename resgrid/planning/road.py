@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.arguments import with_article
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import PETSC, scale_drive, solve
 from resgrid.compiler import NO_GOAL, compile_space, why_undriven
@@ -222,7 +223,7 @@ def problem_of(
         given = {key: value for key, value in wiring.items() if value is not None}
         return Problem(where, Wiring(boundary or "dirichlet", **given), ks, np.empty((0, where.ndim)))
     if not isinstance(where, Scene):
-        raise InputError(f"a configuration space or a scene is needed, not a {type(where).__name__}")
+        raise InputError(f"a configuration space or a scene is needed, not {with_article(type(where).__name__)}")
     return Problem(
         space=sample(where) if space is None else space,
         wiring=scene_wiring(where, boundary, **wiring),

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.arguments import with_article
 from resgrid.errors import InputError
 from resgrid.frozen import frozen, picture_html
 from resgrid.planning.fields import Field
@@ -286,7 +287,7 @@ def robot_of(path: AnyPath) -> Robot:
     if robot is None:
         return PointRobot()
     if not isinstance(robot, Robot):
-        raise InputError(f"the robot of this space is a {type(robot).__name__}, which is no resgrid.Robot")
+        raise InputError(f"the robot of this space is {with_article(type(robot).__name__)}, which is no resgrid.Robot")
     return robot
 
 

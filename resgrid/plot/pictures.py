@@ -11,7 +11,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from resgrid.arguments import guarded
+from resgrid.arguments import guarded, with_article
 from resgrid.chip.criticality import Criticality
 from resgrid.chip.exploration import Exploration
 from resgrid.chip.noise import Noise
@@ -206,5 +206,4 @@ def _picture_of(value: object) -> Picture:
 
 
 def _named(value: object) -> str:
-    name = type(value).__name__
-    return f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"
+    return with_article(type(value).__name__)

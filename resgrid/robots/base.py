@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.arguments import with_article
 from resgrid.axis import Axis, Point
 from resgrid.errors import InputError
 from resgrid.robots.cells import GoalCells, Progress, Sampling, cells_of_place
@@ -112,7 +113,7 @@ class Robot(ABC):
     def turning_axis(self, cells: int, name: str = "theta") -> Axis:
         """The third axis of a robot that turns: a full turn from 0 to ``2 pi turning_length``, periodic."""
         if self.turning_length is None:
-            raise InputError(f"a {type(self).__name__} does not turn, for it has no turning_length")
+            raise InputError(f"{with_article(type(self).__name__)} does not turn, for it has no turning_length")
         return Axis(name, 0.0, tau * self.turning_length, cells, periodic=True)
 
     def implied_axes(self) -> tuple[dict[str, Any], ...]:

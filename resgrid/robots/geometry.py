@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.arguments import with_article
 from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.robots.shapes import Ball, Bounds, Box, CellSet, HalfSpace, Polygon, Shape, Solid, rings_of, to_shapely
@@ -106,7 +107,8 @@ def _obstacles(number: int, shape: Shape, axes: Sequence[Axis]) -> list[Obstacle
 
     if not isinstance(shape, Shape) or shape.ndim != 2:
         raise InputError(
-            f"obstacle {number}: geometry is known of shapes of the plane alone, not of a {type(shape).__name__}"
+            f"obstacle {number}: geometry is known of shapes of the plane alone, not of "
+            f"{with_article(type(shape).__name__)}"
         )
     if isinstance(shape, HalfSpace):
         return [Obstacle(number, None, 0.0, half_plane) for half_plane in copies(shape, axes, ())]  # type: ignore[arg-type]
