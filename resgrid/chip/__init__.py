@@ -2,7 +2,17 @@
 
 import lazy_loader
 
-ANALYSES = ("yield", "precision", "settling", "noise", "power", "sensitivity", "exploration", "defects")
+ANALYSES = (
+    "yield",
+    "yield_loss",
+    "precision",
+    "settling",
+    "noise",
+    "power",
+    "sensitivity",
+    "exploration",
+    "defects",
+)
 """Every analysis, in the order of the report; see `resgrid.chip.report`."""
 
 # The passes are loaded when they are asked for: the names above cost nothing.

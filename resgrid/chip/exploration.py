@@ -2,30 +2,27 @@
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass
-from itertools import islice
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.arguments import Between, Count, check_share
-from resgrid.chip.build import chip_with, ideal_netlist
+from resgrid.chip.build import chip_with
 from resgrid.chip.figures import Figure, Result
-from resgrid.chip.trials import Experiment, Series, differs, prepare, run_series
+from resgrid.chip.points import groups_of, run_groups
 from resgrid.chip.yields import Progress, overall_share
 from resgrid.errors import InputError
 from resgrid.journal import Journal
 from resgrid.netlist import Netlist
-from resgrid.scene.chip import Chip, Readout
+from resgrid.scene.chip import Chip
 
-Point = tuple[int, int]
 Sweep = tuple[str, Sequence[Any]]
 """A key of a chip, and its values."""
 
@@ -124,35 +121,22 @@ def explore_yield(
         for j, b in enumerate(second[1])
     }
     starts = int(cells.space.goal_connected.sum())
-    kinds = _kinds(points)
-    series = [_series(netlist, kind, [points[at].readout for at in places], trials) for kind, places in kinds.items()]
+    groups = groups_of(netlist, points, trials)
     journal = None
     if checkpoint is not None:
-        digest = hashlib.sha256(f"{points} {trials} {series[0].prepare().fingerprint()}".encode())
+        digest = hashlib.sha256(f"{points} {trials} {groups[0].series.prepare().fingerprint()}".encode())
         journal = Journal(checkpoint, {"resgrid": "sweep", "fingerprint": digest.hexdigest()})
     share, low, high = np.empty((3, len(first[1]), len(second[1])))
     done = 0
-    with closing(run_series(series, starts, executor, journal)) as served:
-        for places, each in zip(kinds.values(), series, strict=True):
-            counts = np.array([chip.sum(axis=1) for chip, _ in islice(served, each.trials)])
-            for place, count in zip(places, counts.T, strict=True):
-                overall = overall_share(count, starts, confidence, random=each.random)
+    with closing(run_groups(groups, starts, executor, journal)) as results:
+        for served in results:
+            for place, (counts, random) in served.items():
+                overall = overall_share(counts, starts, confidence, random=random)
                 share[place], low[place], high[place] = overall.value, overall.low, overall.high
-            done += len(places)
+            done += len(served)
             if progress is not None:
                 progress(done * trials, share.size * trials, overall)
     return Exploration(first[0], second[0], tuple(first[1]), tuple(second[1]), share, low, high, trials, confidence)
-
-
-def _series(netlist: Netlist, kind: Chip, readouts: Sequence[Readout], trials: int) -> Series:
-    """Trials of one kind of chip, seen by several read-outs: they share their chips, which are solved once."""
-    cells = netlist.cells
-    random = differs(kind) or any(item.offset or item.noise_bandwidth for item in readouts)
-
-    def prepared() -> Experiment:
-        return prepare(ideal_netlist(cells.space, kind, cells.wiring), kind, readouts)
-
-    return Series(trials if random else 1, len(readouts), prepared, f"chips of {kind},", random=random)
 
 
 def _usual_sweep(chip: Chip) -> Sweep:
@@ -160,12 +144,3 @@ def _usual_sweep(chip: Chip) -> Sweep:
         if value:
             return key, tuple(float(f"{value * multiple:.3g}") for multiple in _MULTIPLES)
     return "mismatch", _SHARES
-
-
-def _kinds(points: Mapping[Point, Chip]) -> dict[Chip, list[Point]]:
-    """Points by what their chips are without the read-out's own errors."""
-    kinds: dict[Chip, list[Point]] = {}
-    for place, chip in points.items():
-        load = Readout(input_resistance=chip.readout.input_resistance)
-        kinds.setdefault(dataclasses.replace(chip, readout=load), []).append(place)
-    return kinds

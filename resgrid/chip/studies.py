@@ -19,6 +19,7 @@ from resgrid.chip.criticality import analyse_criticality
 from resgrid.chip.decks import noise_band, write_decks
 from resgrid.chip.exploration import explore_yield
 from resgrid.chip.figures import html_table, table_lines
+from resgrid.chip.loss import analyse_yield_loss
 from resgrid.chip.noise import analyse_noise, noise_covariance, noise_density
 from resgrid.chip.power import analyse_power
 from resgrid.chip.precision import analyse_precision
@@ -163,6 +164,7 @@ class Study:
     precision = _question(analyse_precision, "op", span="span")
     voltage_sensitivity = _question(voltage_sensitivity, "op")
     yields = _question(analyse_yield, "ideal", chip="description")
+    yield_loss = _question(analyse_yield_loss, "ideal", chip="description")
     exploration = _question(explore_yield, "ideal", chip="description")
     conductances = _question(conductance_samples, "ideal", chip="description")
     criticality = _question(

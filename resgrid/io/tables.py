@@ -145,12 +145,29 @@ _PAGE = """<!DOCTYPE html>
 <head>
 <meta charset="utf-8">
 <title>{title}</title>
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="color-scheme" content="light dark">
 <style>
-body {{ font: 15px/1.45 sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; }}
+:root {{ --text: #1a1a1a; --page: #fff; --line: #ccc; --soft: #f3f3f3; --link: #0a5fb0; }}
+@media (prefers-color-scheme: dark) {{
+  :root {{ --text: #e4e4e4; --page: #16181b; --line: #43474d; --soft: #24272b; --link: #7ab7f0; }}
+}}
+body {{ font: 15px/1.45 sans-serif; color: var(--text); background: var(--page); max-width: 60em; margin: 2em auto;
+  padding: 0 1em; overflow-wrap: break-word; }}
+a {{ color: var(--link); }}
+code {{ background: var(--soft); padding: 0 0.2em; border-radius: 3px; }}
 table {{ border-collapse: collapse; margin: 1em 0; }}
-th, td {{ text-align: left; vertical-align: top; padding: 0.2em 0.8em 0.2em 0; border-bottom: 1px solid #ccc; }}
+th, td {{ text-align: left; vertical-align: top; padding: 0.2em 0.8em 0.2em 0; border-bottom: 1px solid var(--line); }}
 td:nth-child(2) {{ white-space: nowrap; }}
-img {{ max-width: 100%; max-height: 36em; }}
+img {{ max-width: 100%; max-height: 36em; background: #fff; border-radius: 4px; }}
+@media (max-width: 40em) {{
+  body {{ margin: 1em auto; padding: 0 0.8em; }}
+  h1 {{ font-size: 1.5em; }}
+  table {{ font-size: 0.9em; }}
+  th, td {{ padding-right: 0.6em; }}
+  td:nth-child(2) {{ white-space: normal; }}
+  code {{ overflow-wrap: anywhere; }}
+}}
 </style>
 </head>
 <body>

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from resgrid.arguments import guarded, with_article
 from resgrid.chip.criticality import Criticality
 from resgrid.chip.exploration import Exploration
+from resgrid.chip.loss import YieldLoss
 from resgrid.chip.noise import Noise
 from resgrid.chip.power import Power
 from resgrid.chip.precision import Precision
@@ -47,6 +48,7 @@ from resgrid.plot.graphs import draw_circuit
 from resgrid.plot.panels import draw_space
 from resgrid.plot.paths import draw_clearance_curve, draw_line, draw_path, draw_separation, draw_streamlines
 from resgrid.plot.workspace import draw_scene
+from resgrid.plot.yield_loss import draw_yield_loss
 from resgrid.scene.sampling import sample
 from resgrid.scene.scene import Scene
 from resgrid.space import ConfigurationSpace
@@ -92,6 +94,7 @@ PICTURES: dict[type, Picture] = {
     Streamline: draw_path,
     Wavefront: draw_wavefront,
     Yield: draw_yield,
+    YieldLoss: draw_yield_loss,
 }
 """The picture of a value, by its type: a function of the value, perhaps an ax, and options."""
 
@@ -143,6 +146,7 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
     sensitivity         resistors that change a step                 ``drift``
     criticality         resistors that cost starts                   ``fault`` ("open", "short")
     yield               share of chips that serve each start
+    yield loss          change of the yield without each effect
     exploration         yield over two values                        ``share``
     wavefront           how a new obstacle spreads                   ``shown`` (numbers of its times)
     ==================  ===========================================  =================================================

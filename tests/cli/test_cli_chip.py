@@ -104,7 +104,7 @@ def test_the_report_tells_every_figure_with_unit_and_definition(folder: Path) ->
     assert set(data["files"]) == {file.name for file in folder.iterdir()}
     page = (folder / "report.html").read_text()
     for name, analysis in data["analyses"].items():
-        assert f"## {name.capitalize()}" in text
+        assert f"## {name.replace('_', ' ').capitalize()}" in text
         for key, entry in analysis.items():
             if isinstance(entry, dict) and "definition" in entry:
                 assert len(entry["definition"]) > 20
@@ -115,6 +115,13 @@ def test_the_report_tells_every_figure_with_unit_and_definition(folder: Path) ->
         assert f'src="{picture}"' in page
     assert "nan" not in text.lower()
     assert "`resistance` | 100 kΩ" in text
+
+
+def test_the_page_fits_a_phone_and_the_dark(folder: Path) -> None:
+    page = (folder / "report.html").read_text()
+    assert '<meta name="viewport" content="width=device-width' in page
+    assert "@media (prefers-color-scheme: dark)" in page
+    assert "max-width: 100%" in page
 
 
 def test_json_and_a_demand(answer, scenes: Path, tmp_path: Path) -> None:

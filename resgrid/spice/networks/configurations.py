@@ -53,7 +53,7 @@ _WITHOUT_EFFECT = frozenset(
 )  # fmt: skip
 """Keys of Circuitscape 3.5 to 5 that choose outputs, solvers or other scenarios."""
 
-_FLAGS = dict.fromkeys(("True", "true", "1"), True) | dict.fromkeys(("False", "false", "0", "FALSE"), False)
+_FLAGS = dict.fromkeys(("True", "true", "1"), True) | dict.fromkeys(("False", "false", "0"), False)
 _PLACEHOLDERS = ("", "None", "none")
 
 

@@ -1,0 +1,239 @@
+"""Causes of yield loss: the yield with each effect of a chip switched off in turn, and how large errors may be.
+
+All chips share their dies and random numbers (common random numbers): trial ``k`` with an effect and without it is the
+same die, so that the difference of their yields is known far better than either of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from annotated_types import Gt, Lt
+from numpy.typing import NDArray
+
+from resgrid.arguments import Between, Count
+from resgrid.chip.build import chip_keys, chip_with
+from resgrid.chip.figures import Figure, Proportion, Result
+from resgrid.chip.limits import Ladder, Limit, bits_ladder, find_limit, mismatch_ladder, offset_ladder
+from resgrid.chip.points import Served, groups_of, run_groups
+from resgrid.chip.yields import Progress, overall_share
+from resgrid.errors import InputError
+from resgrid.netlist import Netlist
+from resgrid.scene.chip import Chip
+from resgrid.space import ConfigurationSpace
+
+EFFECTS: dict[str, dict[str, Any]] = {
+    "mismatch": {"mismatch": None, "pelgrom": None},
+    "gradient": {"gradient": None},
+    "preferred values": {"preferred": None},
+    "drawn lengths": {"sheet_resistance": None},
+    "temperature": {"temperature": None},
+    "saturation": {"saturation_voltage": None},
+    "rail switches": {f"{rail}_switch_{state}": None for rail in ("goal", "obstacle") for state in ("on", "off")},
+    "internodal switches": {f"internodal_switch_{state}": None for state in ("on", "off")},
+    "rail resistance": {"rail_resistance": None},
+    "defects": {"defects.open_density": 0.0, "defects.short_density": 0.0, "defects.open_at": ()},
+    "read-out load": {"readout.input_resistance": None},
+    "offset": {"readout.offset": None},
+    "noise": {"readout.noise_bandwidth": None},
+    "quantization": {"readout.bits": None, "readout.range": None},
+}
+"""Effects of a chip, and the keys of its description without each of them."""
+
+_MOST_TRIALS, _LEAST_TRIALS, _CELLS = 400, 16, 2**20
+"""Default number of chips; large grids have fewer, for about a million cells of chips altogether.
+
+At least 381 chips without a failure are needed for a Wilson interval at 95 % that lies above 99 %.
+"""
+_BISECTED = 10
+"""Typical number of mismatches that a bisection tries, for the bar of progress."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One effect of a chip, and the yield without it.
+
+    Attributes
+    ----------
+    name : str
+        Of the effect.
+    keys : tuple of str
+        The keys of the chip that describe the effect.
+    share : Proportion
+        Yield without the effect.
+    gain : float
+        Change of the yield by switching the effect off; positive where the effect costs yield.
+    low, high : float
+        Ends of the interval of the gain, from the differences chip by chip.
+    changed : int
+        Number of chips that serve another number of starts without the effect.
+    """
+
+    name: str
+    keys: tuple[str, ...]
+    share: Proportion
+    gain: float
+    low: float
+    high: float
+    changed: int
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class YieldLoss(Result):
+    """Causes of yield loss.
+
+    Attributes
+    ----------
+    overall : Proportion
+        Yield of the chip as described, with its interval.
+    causes : tuple of Cause
+        Every effect of the chip, the one with the largest gain first.
+    limits : tuple of Limit
+        The largest mismatch, the largest offset and the fewest bits that reach the target.
+    target : float
+        The yield that the limits reach.
+    trials : int
+        Chips of each kind; trial ``k`` is the same die in all of them.
+    confidence : float
+        Of the intervals.
+    """
+
+    overall: Proportion
+    causes: tuple[Cause, ...]
+    limits: tuple[Limit, ...]
+    target: float
+    trials: int
+    confidence: float
+
+    @property
+    def figures(self) -> Mapping[str, Figure]:
+        """The figures of merit by name, with units and definitions."""
+        text = f"fraction of all starts that reach a goal, averaged over {self.trials} chips with all effects"
+        figures = {"yield": Figure(self.overall.value, "", text)}
+        return figures | {limit.name: limit.figure for limit in self.limits}
+
+    def to_json(self) -> dict[str, Any]:
+        """The figures, causes and limits, as plain values."""
+        return {
+            **super().to_json(),
+            "causes": [asdict(cause) for cause in self.causes],
+            "limits": [asdict(limit) for limit in self.limits],
+            "target": self.target,
+            "trials": self.trials,
+            "confidence": self.confidence,
+        }
+
+
+def analyse_yield_loss(
+    netlist: Netlist,
+    *,
+    chip: Chip | None = None,
+    target: Annotated[float, Gt(0), Lt(1)] = 0.99,
+    trials: Count | None = None,
+    confidence: Between = 0.95,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+) -> YieldLoss:
+    """Switch each effect of a chip off in turn, and find how large mismatch and offset may be, and how few the bits.
+
+    Each yield is that of `yields` for the chip without the effect, chip by chip with the same random numbers.  The
+    limits change one value of the chip and leave all others as they are.
+
+    `target`: yield that the limits reach; `trials`: chips of each kind, by default 400, fewer for grids of more than
+    2600 cells; `confidence`: of the intervals; `executor`: trials are shared among its workers, and the numbers do not
+    depend on it; `progress`: called after every kind of chip with the trials done, those expected, and a yield.
+    """
+    chip, space = chip or Chip(), netlist.cells.space
+    starts = int(space.goal_connected.sum())
+    count = trials or usual_trials(space)
+    offsets, bits, mismatches = offset_ladder(chip), bits_ladder(chip), mismatch_ladder(chip)
+    removed = _without(chip)
+    points = {("", 0): chip} | {(name, 0): other for name, (_, other) in removed.items()}
+    for ladder in (offsets, bits):
+        points |= {(ladder.name, rung): ladder.chip_with(value) for rung, value in enumerate(ladder.values)}
+    groups = groups_of(netlist, points, count)
+    served: dict[tuple[str, int], Served] = {}
+    done, expected = 0, (len(groups) + _BISECTED) * count
+
+    def tell(share: Proportion) -> None:
+        nonlocal done
+        done += count
+        if progress is not None:
+            progress(done, max(expected, done), share)
+
+    def share_of(result: Served) -> Proportion:
+        return overall_share(result.counts, starts, confidence, random=result.random)
+
+    with closing(run_groups(groups, starts, executor)) as results:
+        for group in results:
+            served |= group
+            tell(share_of(next(iter(group.values()))))
+
+    def bisected(rung: int) -> Proportion:
+        point = {rung: mismatches.chip_with(mismatches.values[rung])}
+        (group,) = run_groups(groups_of(netlist, point, count), starts, executor)
+        tell(share_of(group[rung]))
+        return share_of(group[rung])
+
+    def listed(ladder: Ladder) -> Limit:
+        return find_limit(ladder, target, lambda rung: share_of(served[ladder.name, rung]), every=True)
+
+    base = served["", 0]
+    causes = [
+        _cause(name, keys, base, served[name, 0], share_of(served[name, 0]), starts)
+        for name, (keys, _) in removed.items()
+    ]
+    causes.sort(key=lambda cause: -cause.gain)
+    limits = (find_limit(mismatches, target, bisected, every=False), listed(offsets), listed(bits))
+    return YieldLoss(share_of(base), tuple(causes), limits, target, len(base.counts), confidence)
+
+
+def usual_trials(space: ConfigurationSpace) -> int:
+    """Return the default number of chips of each kind."""
+    return min(_MOST_TRIALS, max(_LEAST_TRIALS, _CELLS // space.cell.size))
+
+
+def _without(chip: Chip) -> dict[str, tuple[tuple[str, ...], Chip]]:
+    """Return the effects that a chip has: the keys that describe each, and the chip without it."""
+    values = chip_keys(chip)
+    found = {}
+    for name, ideal in EFFECTS.items():
+        keys = tuple(key for key, nothing in ideal.items() if values[key] and values[key] != nothing)
+        if not keys:
+            continue
+        try:
+            found[name] = keys, chip_with(chip, {key: ideal[key] for key in keys})
+        except InputError:  # another key needs one of these
+            continue
+    return found
+
+
+def _cause(name: str, keys: tuple[str, ...], base: Served, other: Served, share: Proportion, starts: int) -> Cause:
+    """Compare the yields with and without an effect chip by chip."""
+    differences = (other.counts - base.counts) / starts  # one chip stands for all where nothing is random
+    random = base.random or other.random
+    low, high = paired_interval(differences, share.confidence) if random else (float(differences[0]),) * 2
+    return Cause(name, keys, share, float(differences.mean()), low, high, int(np.count_nonzero(differences)))
+
+
+def paired_interval(differences: NDArray[np.float64], confidence: float) -> tuple[float, float]:
+    """Return the ends of the interval of a mean of paired differences, each between -1 and 1.
+
+    Student's t interval.  Where no chip of ``n`` differs, at most a fraction ``1 - (1 - confidence)**(1/n)`` of all
+    chips does, with this confidence.  Shapes: `differences` (trials,).
+    """
+    from scipy.special import stdtrit
+
+    trials, mean = len(differences), float(differences.mean())
+    if not differences.any():
+        bound = 1.0 - (1.0 - confidence) ** (1.0 / trials)
+        return -bound, bound
+    if trials < 2:
+        return -1.0, 1.0
+    half = float(stdtrit(trials - 1, 0.5 + 0.5 * confidence) * differences.std(ddof=1) / np.sqrt(trials))
+    return max(mean - half, -1.0), min(mean + half, 1.0)

@@ -1,0 +1,68 @@
+"""Trials of several kinds of chips on the same dies, so that their yields can be compared chip by chip."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Generator, Hashable, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import closing
+from itertools import islice
+from typing import Generic, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.chip.build import ideal_netlist
+from resgrid.chip.trials import Experiment, Series, differs, prepare, run_series
+from resgrid.journal import Journal
+from resgrid.netlist import Netlist
+from resgrid.scene.chip import Chip, Readout
+
+Key = TypeVar("Key", bound=Hashable)
+
+
+class Group(NamedTuple, Generic[Key]):
+    """Points whose chips have the same circuit, and differ in their read-outs only: these chips are solved once."""
+
+    keys: list[Key]
+    series: Series
+
+
+class Served(NamedTuple):
+    """Number of starts that each chip serves, shape (trials,), or (1,) where all chips are the same."""
+
+    counts: NDArray[np.int64]
+    random: bool
+
+
+def groups_of(netlist: Netlist, points: Mapping[Key, Chip], trials: int) -> list[Group[Key]]:
+    """Group points by the circuit of their chips."""
+    kinds: dict[Chip, list[Key]] = {}
+    for key, chip in points.items():
+        load = Readout(input_resistance=chip.readout.input_resistance)
+        kinds.setdefault(dataclasses.replace(chip, readout=load), []).append(key)
+    return [
+        Group(keys, _series(netlist, kind, [points[key].readout for key in keys], trials))
+        for kind, keys in kinds.items()
+    ]
+
+
+def run_groups(
+    groups: Sequence[Group[Key]], starts: int, executor: Executor | None, journal: Journal | None = None
+) -> Generator[dict[Key, Served], None, None]:
+    """Try the chips of all groups; yield the counts of one group after the other."""
+    with closing(run_series([group.series for group in groups], starts, executor, journal)) as results:
+        for keys, series in groups:
+            counts = np.array([served.sum(axis=1) for served, _ in islice(results, series.trials)])
+            yield {key: Served(count, series.random) for key, count in zip(keys, counts.T, strict=True)}
+
+
+def _series(netlist: Netlist, kind: Chip, readouts: Sequence[Readout], trials: int) -> Series:
+    """Return the trials of one kind of chip, seen by several read-outs."""
+    cells = netlist.cells
+    random = differs(kind) or any(item.offset or item.noise_bandwidth for item in readouts)
+
+    def prepared() -> Experiment:
+        return prepare(ideal_netlist(cells.space, kind, cells.wiring), kind, readouts)
+
+    return Series(trials if random else 1, len(readouts), prepared, f"chips of {kind},", random=random)
