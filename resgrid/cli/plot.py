@@ -94,7 +94,7 @@ def _draw(what: str, job: Job, plan: Plan, field: rg.Field | None) -> Any:
         case "potential" | "currents":
             return rg.draw(field, quantity=what)
         case "paths" if lines:
-            return rg.draw(lines, k=[line.field.k for line in lines])
+            return _titled(rg.draw(lines, k=[line.field.k for line in lines]), job.scene.title)
         case "space" | "paths":
             return rg.draw(job.space)
     assert field is not None
@@ -117,10 +117,15 @@ def _draw_robot(job: Job, plan: Plan) -> Any:
     path = next((path for path in plan.streamlines if path.outcome is rg.Outcome.REACHED), None)
     if path is None:
         raise InputError("--what robot: no path reaches a goal, so there is nothing to drive along")
-    from resgrid.plot import add_title, figure_of
-
     if job.space.ndim == 2:
         return rg.draw_pair(path, job.scene, title=job.scene.title)
-    figure = figure_of(rg.draw_robot(path, job.scene))
-    add_title(figure, job.scene.title)
+    return _titled(rg.draw_robot(path, job.scene), job.scene.title)
+
+
+def _titled(picture: Any, title: str) -> Any:
+    """Return the figure of a picture, with a title above it."""
+    from resgrid.plot import add_title, figure_of
+
+    figure = figure_of(picture)
+    add_title(figure, title)
     return figure

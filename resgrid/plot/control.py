@@ -28,7 +28,7 @@ from resgrid.plot.figures import PAGE, add_title, axes_or_new, caption_height, n
 from resgrid.plot.panels import draw_space
 from resgrid.plot.plane import draw_cells, draw_image, finish, paint, plane_of, seam_shifts, wrapped
 from resgrid.plot.shading import shading_of
-from resgrid.plot.style import FAILURE, HIDDEN, PATHS, SMALL, TEXT, add_colour_bar, mark, refresh_legend
+from resgrid.plot.style import FAILURE, HIDDEN, PATHS, SMALL, TEXT, add_colour_bar, blend_styles, mark, refresh_legend
 from resgrid.plot.workspace import draw_robot
 from resgrid.scene.scene import Scene
 from resgrid.space import Cell
@@ -80,18 +80,20 @@ def draw_run(run: Run, *, title: str = "", caption: str = "") -> Figure:
 
 def draw_runs(runs: Sequence[Run], *, title: str = "", caption: str = "") -> Figure:
     """Draw the same motion at several k: paths of the reference point, and paths through configuration space."""
-    figure = new_figure(PAGE, 5.0 + caption_height(caption))
+    runs = sorted(runs, key=lambda run: run.field.k)
+    figure = new_figure(PAGE, panel_height(PAGE / 2 - 0.6, 1.0) + 0.5 + caption_height(caption))
     left, right = figure.subplots(1, 2)
     scene = scene_of(runs[0])
     draw_robot(runs[0].configuration[:1], scene, left, ghosts=1)
     draw_configurations(runs[0], right, path=False)
-    for run, colour in zip(runs, PATHS, strict=False):
+    for run, style in zip(runs, blend_styles([run.field.k for run in runs]), strict=True):
+        style |= {"solid_capstyle": "butt"}
         label = f"k = {run.field.k:g}" + ("" if run.ending is Ending.ARRIVED else f" ({run.ending})").replace("_", " ")
         path = without_rests(run.configuration)
         tip = scene.robot.reference_point(path)
-        left.plot(*tip.T, color=colour, linewidth=1.4, zorder=6, label=label)
+        left.plot(*tip.T, zorder=6, label=label, **style)
         for shift in seam_shifts(run.space):
-            right.plot(*(path + shift).T, color=colour, linewidth=1.4, zorder=4, label=label)
+            right.plot(*(path + shift).T, zorder=4, label=label, **style)
     for axes in (left, right):
         refresh_legend(axes)
     add_title(figure, title, caption)
@@ -176,7 +178,7 @@ def _draw_path(run: Run, axes: Axes) -> None:
     ends = wrapped(path[[0, -1]], space)
     mark(ends[:1], axes, "start")
     if run.ending is Ending.ARRIVED:
-        mark(ends[1:], axes, "goal", "")
+        mark(ends[1:], axes, "end", "")
     else:
         mark(ends[1:], axes, "failure", str(run.ending).replace("_", " "))
 

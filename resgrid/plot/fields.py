@@ -156,7 +156,7 @@ def draw_currents(field: Field, ax: Axes | None = None) -> Axes:
             cmap=strength_map(), norm=spanning(*span(arrows.decades)), angles="xy", scale_units="xy", scale=1.0,
             pivot="mid", units="dots", width=width, zorder=3,
         )  # fmt: skip
-        add_colour_bar(quiver, axes, r"$\log_{10}$ of current, in supply / $R$")
+        add_colour_bar(quiver, axes, r"$\log_{10}(I\,R\,/\,\mathrm{supply})$, current $I$")
     finish(plane, axes)
     return axes
 

@@ -62,16 +62,18 @@ def axes_or_new(axes: Axes | None, aspect: float = 1.0) -> Axes:
 
 
 def add_title(figure: Figure, title: str, caption: str = "") -> None:
-    """Write a title above a figure and a caption below it, if there are any."""
-    if title:
-        figure.suptitle(title, fontsize=TEXT + 2)
+    """Write a title above a figure, and a caption right below the title, if there are any; axes move up to them."""
+    for axes in figure.axes:
+        axes.set_anchor("N")
     if caption:
-        figure.supxlabel("\n" + caption, fontsize=TEXT - 1, x=0.02, ha="left")
+        figure.suptitle("\n".join(part for part in (title, caption) if part), fontsize=TEXT + 1, linespacing=1.5)
+    elif title:
+        figure.suptitle(title, fontsize=TEXT + 2)
 
 
 def caption_height(caption: str) -> float:
-    """Height in inches of a caption below a figure."""
-    return 0.15 * (caption.count("\n") + 2) if caption else 0.0
+    """Height in inches of a caption."""
+    return 0.2 + 0.19 * (caption.count("\n") + 1) if caption else 0.0
 
 
 def panel_height(width: float, aspect: float) -> float:

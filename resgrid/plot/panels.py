@@ -25,9 +25,9 @@ from resgrid.plot.style import (
     add_colour_bar,
     axis_label,
     dress,
-    height_map,
     refresh_legend,
     spanning,
+    strength_map,
 )
 from resgrid.space import Cell, ConfigurationSpace
 
@@ -144,7 +144,9 @@ def draw_known(panel: Panel) -> tuple[ScalarMappable, str] | None:
         return None
     low, high = float(conductivity.min()), float(conductivity.max())
     norm = LogNorm(low, high) if high > 30 * low else spanning(low, high)
-    image = draw_image(panel.plane, panel.of(conductivity), panel.axes, cmap=height_map(), norm=norm, zorder=0.5)
+    image = draw_image(
+        panel.plane, panel.of(conductivity), panel.axes, cmap=strength_map().reversed(), norm=norm, zorder=0.5
+    )
     panel.draw_cells()
     return image, label
 

@@ -21,11 +21,14 @@ from resgrid.planning.separation import SceneSeparation, Separation
 from resgrid.planning.streamline import Outcome, Polyline, ShortPath, Streamline, unwrap
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.panels import Layer, Panel, draw_known, draw_panels, painter, virtual_cells
-from resgrid.plot.plane import finish, seam_shifts
-from resgrid.plot.style import FAILURE, FEW, LINE_STYLES, PATHS, TEXT, dress, mark
+from resgrid.plot.plane import at_small_goals, finish, seam_shifts
+from resgrid.plot.style import FAILURE, FEW, PATHS, TEXT, blend_styles, dress, mark
 from resgrid.space import Cell, ConfigurationSpace
 
 _PIECES = 256
+MOST_ENDS = 12
+"""Paths whose ends are marked; more of them would hide the goals."""
+
 _REGION = "#9ecae1"
 _REACHABLE, _SEPARATING = "can be reached from the start", "must go for a goal to be reached"
 
@@ -66,11 +69,16 @@ def path_layer(paths: Sequence[Streamline], k: Sequence[float] | None) -> Layer:
         return panel.seen(np.unique([path.axis_points[row] for path in some], axis=0))
 
     def layer(panel: Panel) -> None:
-        for rank, (blend, own) in enumerate(groups):
-            _draw_lines([line for path in own for line in seam_pieces(path)], panel, _blend_label(blend), rank)
+        styles = blend_styles([blend for blend, _ in groups])
+        for rank, ((blend, own), style) in enumerate(zip(groups, styles, strict=True)):
+            lines = [line for path in own for line in seam_pieces(path)]
+            _draw_lines(lines, panel, _blend_label(blend), is_cased=rank == 0, **style)
         if reached:
             mark(ends(reached, panel, 0), panel.axes, "start")
-            mark(ends(reached, panel, -1), panel.axes, "goal", "goal reached")
+        if 0 < len(reached) <= MOST_ENDS:
+            last = ends(reached, panel, -1)
+            middles = last if panel.plane is None or panel.normal is not None else at_small_goals(panel.plane, last)
+            mark(np.unique(middles, axis=0), panel.axes, "end", "goal reached")
         for outcome, count in sorted(failed.items()):
             label = f"{outcome.value.replace('_', ' ')} ({count} start{'s' if count > 1 else ''})"
             mark(ends([path for path in paths if path.outcome == outcome], panel, 0), panel.axes, "failure", label)
@@ -100,9 +108,12 @@ def _blend_label(k: float | None) -> str:
     return "path" if k is None else f"$k$ = {k:g}{kind}"
 
 
-def _draw_lines(lines: list[NDArray[np.float64]], panel: Panel, label: str, rank: int = 0) -> None:
+def _draw_lines(
+    lines: list[NDArray[np.float64]], panel: Panel, label: str, *, color: str = PATHS[0],
+    linestyle: str | tuple[int, tuple[float, ...]] = "-", linewidth: float = 1.5, is_cased: bool = True,
+) -> None:  # fmt: skip
     """Draw lines in axis units; those of three axes faintly, and boldly where the slice holds them."""
-    axes, colour = panel.axes, PATHS[rank % len(PATHS)]
+    axes, colour = panel.axes, color
     if panel.normal is not None:
         for line in lines:
             inside, seen = panel.holds(line), panel.seen(line)
@@ -112,11 +123,11 @@ def _draw_lines(lines: list[NDArray[np.float64]], panel: Panel, label: str, rank
                 axes.plot(*bold.T, color=colour, linewidth=2.2, zorder=5, label=f"{label} in the slice")
     elif lines:
         few = len(lines) <= FEW
-        width = 1.5 if few else 0.5
-        effects: list[Any] = [Stroke(linewidth=width + 1.4, foreground="white"), Normal()] if few else []
+        width = linewidth if few else 0.5
+        effects: list[Any] = [Stroke(linewidth=width + 1.2, foreground="white"), Normal()] if few and is_cased else []
         drawn = LineCollection(
             [panel.seen(line) for line in lines], colors=colour, linewidths=width, alpha=1.0 if few else 0.6,
-            linestyles=[LINE_STYLES[rank % len(LINE_STYLES)]] if few else "solid", path_effects=effects, zorder=4,
+            linestyles=[linestyle] if few else "solid", path_effects=effects, zorder=4,
             label=label,
         )  # fmt: skip
         axes.add_collection(drawn, autolim=False)
@@ -206,10 +217,13 @@ def draw_clearance_curve(curve: ClearanceCurve, ax: Axes | None = None, *, unit:
     axes = axes_or_new(ax, 0.7)
     part = curve.clearance[:, curve.counted]
     low, high = np.percentile(part, [25, 75], axis=1)
-    axes.fill_between(curve.value, low, high, color=PATHS[3], alpha=0.18, linewidth=0, label="half of the starts")
+    count = int(curve.counted.sum())
+    axes.fill_between(
+        curve.value, low, high, color=PATHS[3], alpha=0.18, linewidth=0, label=f"middle half of {count} starts"
+    )
     axes.plot(
         curve.value, curve.mean, color=PATHS[3], marker="o", markersize=3.5, linewidth=1.4,
-        label=f"mean of {int(curve.counted.sum())} starts",
+        label=f"mean of {count} starts",
     )  # fmt: skip
     if cell:
         axes.errorbar(

@@ -170,21 +170,43 @@ def paint(plane: Plane, axes: Axes, *masks: Mask, order: float = 2.2) -> None:
     draw_image(plane, pixels, axes, zorder=order)
 
 
-def _ring_small_goals(plane: Plane, axes: Axes) -> None:
-    """Draw a ring around goals too small to be seen."""
+def _small_goals(plane: Plane) -> NDArray[np.int64]:
+    """Return the first cells, and those beyond the last, of goals too small to be seen, shape (n, 2, 2)."""
     from scipy.ndimage import find_objects
 
     boxes = find_objects(label_regions(plane.cell == Cell.GOAL, (False, False)))
-    small = [box for box in boxes if box and max(part.stop - part.start for part in box) < _VISIBLE * plane.cells_shown]
-    if not small or len(small) > _MOST_RINGS:
+    ends = np.array([[[part.start, part.stop] for part in box] for box in boxes if box], dtype=np.int64)
+    ends = ends.reshape(-1, 2, 2).swapaxes(1, 2)
+    is_small = np.array(np.ptp(ends, axis=1).max(axis=1) < _VISIBLE * plane.cells_shown)
+    return np.asarray(ends[is_small] if is_small.sum() <= _MOST_RINGS else ends[:0])
+
+
+def _on_paper(plane: Plane, cells: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points, in cells from the lower corner, on paper, shape (n, 2)."""
+    return plane.frame.to_world((plane.x.lower, plane.y.lower) + cells * (plane.x.spacing, plane.y.spacing))
+
+
+def _ring_small_goals(plane: Plane, axes: Axes) -> None:
+    """Draw a ring around goals too small to be seen."""
+    boxes = _small_goals(plane)
+    if not len(boxes):
         return
-    middle = np.array([[(part.start + part.stop) / 2 for part in box] for box in small])
-    centres = plane.frame.to_world((plane.x.lower, plane.y.lower) + middle * (plane.x.spacing, plane.y.spacing))
+    centres = _on_paper(plane, boxes.mean(axis=1))
     for width, colour in ((2.6, "white"), (1.4, GOAL)):
         axes.scatter(
             centres[:, 0], centres[:, 1], s=70, marker="o", facecolor="none", edgecolor=colour, linewidth=width,
             zorder=3.5,
         )  # fmt: skip
+
+
+def at_small_goals(plane: Plane, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points on paper (n, 2), those at the border of a ringed goal moved to the middle of its ring."""
+    moved = points.copy()
+    own = (plane.frame.from_world(points) - (plane.x.lower, plane.y.lower)) / (plane.x.spacing, plane.y.spacing)
+    for box in _small_goals(plane):
+        near = np.all((own >= box[0] - 0.01) & (own <= box[1] + 0.01), axis=1)
+        moved[near] = _on_paper(plane, box.mean(axis=0)[np.newaxis])
+    return moved
 
 
 def finish(plane: Plane, axes: Axes, points: Sequence[NDArray[np.float64]] = (), columns: int = 3) -> None:

@@ -7,6 +7,7 @@ repeat what colours say.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -37,9 +38,14 @@ LINE_STYLES: tuple[str | tuple[int, tuple[float, ...]], ...] = (
     (0, (2, 1)),
 )
 
+_ENDS = {0.0: "#0072B2", 1.0: "#E69F00"}
+_BETWEEN = ("#000000", "#CC79A7", "#009E73", "#F0E442")
+_WIDTHS = (2.8, 1.7, 1.2)
+
 _MARKS: dict[str, dict[str, Any]] = {
     "start": {"s": 22, "marker": "o", "facecolor": "white", "edgecolor": "black", "linewidth": 0.8},
-    "goal": {"s": 70, "marker": "*", "facecolor": GOAL, "edgecolor": "black", "linewidth": 0.8},
+    "goal": {"s": 60, "marker": "*", "facecolor": GOAL, "edgecolor": "black", "linewidth": 0.8},
+    "end": {"s": 24, "marker": "*", "facecolor": "white", "edgecolor": "black", "linewidth": 0.6},
     "failure": {
         "s": 34,
         "marker": "x",
@@ -51,6 +57,7 @@ _MARKS: dict[str, dict[str, Any]] = {
 _AMONG_MANY: dict[str, dict[str, Any]] = {
     "start": {"s": 1.5, "facecolor": "black", "linewidth": 0.0},
     "goal": {"s": 8, "linewidth": 0.2},
+    "end": {"s": 6, "linewidth": 0.2},
     "failure": {"s": 4, "path_effects": []},
 }
 FEW = 40
@@ -61,6 +68,22 @@ SMALL = 7.0
 DPI = 200
 
 _GREEK = re.compile(r"(alpha|beta|gamma|theta|phi|psi|omega)(?:_(\w+))?")
+
+
+def blend_styles(blends: Sequence[float | None]) -> list[dict[str, Any]]:
+    """Return colour, line style and width of the paths of every k, in ascending order of k.
+
+    k = 0 is blue and k = 1 orange, as on the live page.  Later lines are narrower, so that none hides another.
+    """
+    between = [blend for blend in blends if blend not in _ENDS]
+    return [
+        {
+            "color": PATHS[0] if k is None else _ENDS.get(k) or _BETWEEN[between.index(k) % len(_BETWEEN)],
+            "linestyle": LINE_STYLES[rank % len(LINE_STYLES)],
+            "linewidth": 1.5 if len(blends) == 1 else _WIDTHS[min(rank, len(_WIDTHS) - 1)],
+        }
+        for rank, k in enumerate(blends)
+    ]
 
 
 def height_map() -> Colormap:
@@ -100,7 +123,7 @@ def add_swatch(axes: Axes, label: str, colour: str) -> None:
 
 
 def mark(places: ArrayLike, axes: Axes, kind: str, label: str | None = None) -> None:
-    """Mark starts, goals or failures, shape (n, 2); the legend calls them by their kind unless told otherwise."""
+    """Mark starts, goals, ends at goals or failures, shape (n, 2); the legend names the kind unless `label` does."""
     x, y = np.reshape(places, (-1, 2)).T
     if len(x):
         style = _MARKS[kind] if len(x) <= FEW else _MARKS[kind] | _AMONG_MANY[kind]

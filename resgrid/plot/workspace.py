@@ -25,7 +25,7 @@ from resgrid.planning.streamline import AnyPath, Polyline, Streamline
 from resgrid.planning.workspace import dense
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, caption_height, new_figure
 from resgrid.plot.panels import draw_space
-from resgrid.plot.paths import draw_line, draw_path, draw_separation
+from resgrid.plot.paths import MOST_ENDS, draw_line, draw_path, draw_separation
 from resgrid.plot.plane import kinds_of, paint, plane_of
 from resgrid.plot.style import (
     FAILURE,
@@ -102,7 +102,7 @@ def draw_robot(path: Way, scene: Scene, ax: Axes | None = None, *, ghosts: int =
         label = f"path of the {robot.reference}"
         axes.plot(tip[:, 0], tip[:, 1], color=PATHS[0], linewidth=1.4, zorder=6, path_effects=effects, label=label)
         mark(tip[:1], axes, "start", "")
-        mark(tip[-1:], axes, "goal", "")
+        mark(tip[-1:], axes, "end", "")
     if robot.base is not None:
         axes.scatter([robot.base[0]], [robot.base[1]], s=30, marker="s", facecolor="black", zorder=7, label="base")
     outlines = (shapely.get_coordinates(shape) for pose in shown for shape in robot.shapes_at(pose))
@@ -142,7 +142,8 @@ def draw_tips(paths: Sequence[Streamline], scene: Scene, ax: Axes | None = None)
     label = f"paths of the {robot.reference}"
     axes.add_collection(LineCollection(lines, colors=PATHS[0], linewidths=0.6, alpha=0.8, zorder=4, label=label))
     mark([line[0] for line in lines], axes, "start", "")
-    mark([line[-1] for line in lines], axes, "goal", "")
+    if len(lines) <= MOST_ENDS:
+        mark([line[-1] for line in lines], axes, "end", "")
     _frame(axes, scene, lines)
     refresh_legend(axes)
     return axes
@@ -175,7 +176,7 @@ def draw_pair(
     separating : sequence of Shape
         Obstacles of the workspace to be marked as those that separate.
     title, caption : str
-        Above and below the figure.
+        Above the figure.
 
     Returns
     -------

@@ -94,7 +94,7 @@ def test_an_animation_of_a_run_holds_its_lessons_and_its_end(run: rg.Run, tmp_pa
     middle = first.shape[1] // 2
     for frame in (first, last):
         for panel in (frame[:, :middle], frame[:, middle:]):
-            assert (panel == [230, 159, 0]).all(axis=2).any()  # the goal
+            assert (panel == [232, 73, 29]).all(axis=2).any()  # the goal
     changed = (first != last).any(axis=2)
     assert changed[:, :middle].any() and changed[:, middle:].any()
     near_blue = np.abs(first[:, :middle].astype(int) - [0, 114, 178]).sum(axis=2) < 120

@@ -4,11 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib import colormaps
+from matplotlib.colors import to_hex, to_rgb
 from matplotlib.contour import ContourSet
 from matplotlib.quiver import Quiver
 from support.spaces import space_of
 
 import resgrid as rg
+from resgrid.colours import HEIGHT
 from resgrid.plot.fields import current_arrows, nearest_to_middles
 from resgrid.plot.plane import block_colours, block_means
 from resgrid.plot.shading import add_border, fill_open_walls, nice_step, shading_of, span
@@ -49,7 +52,7 @@ def test_dots_on_paper_lie_where_the_cells_are(space: rg.ConfigurationSpace) -> 
     virtual = np.zeros(space.shape, dtype=bool)
     virtual[2, 3] = True
     axes = rg.draw(space, virtual=virtual)
-    for index, colour in {(2, 1): 0x3D, (6, 0): 0xE6, (5, 3): 0xC4, (0, 4): 255, (2, 3): 0x8C}.items():
+    for index, colour in {(2, 1): 0x3D, (6, 0): 0xE8, (5, 3): 0xC4, (0, 4): 255, (2, 3): 0x8C}.items():
         assert coloured(axes, tuple(space.centre(index)))[0] == colour
     assert legend_of(axes) == ["obstacle", "goal", "no way to a goal", "virtual obstacle"]
 
@@ -57,7 +60,7 @@ def test_dots_on_paper_lie_where_the_cells_are(space: rg.ConfigurationSpace) -> 
 def test_a_frame_turns_the_picture(space: rg.ConfigurationSpace) -> None:
     turned = rg.ConfigurationSpace(space.axes, space.cell, frame=rg.Frame(10.0, -5.0, np.pi / 6))
     axes = rg.draw(turned)
-    for index, colour in {(2, 1): 0x3D, (6, 0): 0xE6, (0, 4): 255}.items():
+    for index, colour in {(2, 1): 0x3D, (6, 0): 0xE8, (0, 4): 255}.items():
         assert coloured(axes, tuple(turned.centre(index)))[0] == colour
     assert axes.get_xlabel() == "x, world (m)"
 
@@ -68,6 +71,21 @@ def test_the_legend_says_where_obstacles_are_larger_than_they_are(radius: float,
     wall, goal = rg.Box((4, 0), (5, 1)), rg.GoalCell((0, 0))
     scene = rg.Scene(axes, robot=rg.PointRobot(radius), obstacles=[wall], goals=[goal])
     assert legend_of(rg.draw(rg.sample(scene))) == [name, "goal"]
+
+
+@pytest.mark.parametrize("scale", ["linear", "log"])
+def test_yellow_is_the_goal_on_every_scale(field: rg.Field, scale: str) -> None:
+    image = rg.draw(field, scale=scale).images[0]
+    goal, far = image.get_clim() if scale == "linear" else image.get_clim()[::-1]
+    assert [to_hex(image.to_rgba(value)) for value in (goal, far)] == [HEIGHT[0], HEIGHT[-1]]
+
+
+def test_the_colours_of_heights_are_uniform_to_the_eye() -> None:
+    stops = np.array([to_rgb(stop) for stop in HEIGHT])
+    distance = np.abs(stops[:, np.newaxis] - colormaps["viridis"].colors).sum(axis=2)
+    numbers = distance.argmin(axis=1)
+    assert distance.min(axis=1).max() < 0.02
+    assert numbers[0] == 255 and np.ptp(np.diff(numbers)) <= 2  # equidistant in viridis, from its yellow end
 
 
 def test_decades_are_shown_where_the_drop_spans_them(field: rg.Field) -> None:
@@ -202,7 +220,7 @@ def test_a_small_room_in_a_large_map_fills_the_picture() -> None:
     space = space_of(cell)
     axes = rg.draw(space)
     assert (*axes.get_xlim(), *axes.get_ylim()) == (38, 66, 18, 34)
-    assert coloured(axes, (50.5, 25.5)) == (0xE6, 0x9F, 0x00)
+    assert coloured(axes, (50.5, 25.5)) == (0xE8, 0x49, 0x1D)
     blocked = rg.streamline(solved(space), cell=(90, 70))  # outside the room, and still shown
     axes = rg.draw(blocked)
     assert (*axes.get_xlim(), *axes.get_ylim()) == (38, 90.5, 18, 70.5)

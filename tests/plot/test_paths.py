@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings, strategies as st
 from matplotlib.collections import LineCollection, PathCollection
+from matplotlib.colors import to_hex
 from support.spaces import space_of, spaces
 
 import resgrid as rg
@@ -41,6 +42,32 @@ def test_paths_of_one_blend_share_a_colour(field: rg.Field, neumann: rg.Field) -
     assert len(marks_of(axes)["start"]) == 2
     with pytest.raises(rg.InputError, match="1 values of k for 4 paths"):
         rg.draw(paths, k=[1.0])
+
+
+def test_no_blend_hides_another_and_the_legend_is_in_order_of_k(field: rg.Field) -> None:
+    paths = [rg.streamline(field, cell=(0, 4))] * 4
+    axes = rg.draw(paths, k=[0.98, 0.0, 0.5, 1.0])
+    lines = [c for c in axes.collections if isinstance(c, LineCollection)]
+    widths = [float(line.get_linewidth()[0]) for line in lines]
+    assert widths[0] > widths[1] > widths[2] >= widths[3]
+    assert [to_hex(lines[n].get_colors()[0]) for n in (0, 3)] == ["#0072b2", "#e69f00"]  # as on the live page
+    texts = [text.get_text() for text in axes.get_legend().get_texts()]
+    named = [text for text in texts if text.startswith("$k$")]
+    assert named == ["$k$ = 0 (Neumann)", "$k$ = 0.5", "$k$ = 0.98", "$k$ = 1 (Dirichlet)"]
+
+
+def test_an_end_lies_in_the_ring_of_a_small_goal() -> None:
+    cell = np.zeros((180, 60), dtype=np.uint8)
+    cell[40:42, 30] = rg.Cell.GOAL
+    field = rg.field(rg.solve(rg.compile_space(space_of(cell))))
+    paths = [rg.streamline(field, cell=cell) for cell in ((3, 5), (80, 50))]
+    marks = marks_of(rg.draw(paths))
+    np.testing.assert_allclose(marks["goal reached"], [[41.0, 30.5]])
+
+
+def test_ends_of_many_paths_do_not_hide_the_goals(field: rg.Field) -> None:
+    paths = [rg.streamline(field, cell=cell) for cell in np.argwhere(field.space.goal_connected)]
+    assert len(paths) > 12 and "goal reached" not in marks_of(rg.draw(paths))
 
 
 def test_failures_are_crosses_that_name_their_outcome(field: rg.Field) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import pi
 
 import numpy as np
@@ -101,10 +102,25 @@ def test_a_pair_has_the_workspace_left_and_the_configurations_right(arm, planner
     left, right = figure.axes
     assert [left.get_title(), right.get_title()] == ["Workspace", "Configuration space"]
     assert left.get_position().x1 < right.get_position().x0
-    assert figure.get_suptitle() == "Title"
+    assert figure.get_suptitle() == "Title\nCaption"
     pixels = right.images[-1].get_array()
     assert np.allclose(pixels[3, 3] / 255, to_rgba(VIRTUAL), atol=0.01)
     assert (pixels[..., 3] > 0).sum() == 1
+
+
+def test_titles_panels_and_legends_of_pairs_lie_below_each_other_on_the_page(arm, planner, run) -> None:
+    path = planner.path((-0.5, 0.6))
+    runs = [run, replace(run, field=replace(run.field, k=0.5)), replace(run, field=replace(run.field, k=0.0))]
+    for figure in (
+        rg.draw_pair(path, arm, title="Title", caption="Caption"), rg.draw_pair(path, arm, title="Title"),
+        rg.draw(run, title="Title", caption="Caption"), rg.draw(runs, title="Title"),
+    ):  # fmt: skip
+        figure.canvas.draw()
+        for axes in figure.axes:
+            legend = axes.get_legend().get_window_extent()
+            assert legend.y0 >= 0 and legend.y1 < axes.get_window_extent().y0
+            gap = figure._suptitle.get_window_extent().y0 - axes.title.get_window_extent().y1
+            assert 0 < gap < 40  # pixels at 200 dots per inch
 
 
 def test_what_separates_is_red_in_both_halves() -> None:
