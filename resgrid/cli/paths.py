@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import islice
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 import resgrid as rg
@@ -12,7 +13,7 @@ from resgrid.cli.scenes import Job, place_of, size_of
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from resgrid.io.paths import Route
     from resgrid.scene import Query
@@ -71,6 +72,7 @@ def answer_queries(job: Job, file: str, limit: int | None, output: str | None, u
     if output is not None:
         suffix_of(output, ("record",), "answers to queries")
     queries = list(islice(rg.read_queries(file), limit))
+    _require_own_map(job, queries, file)
     answers = []
     with stage(f"answer {len(queries)} queries", steps=len(queries)) as progress:
         for query in queries:
@@ -83,6 +85,21 @@ def answer_queries(job: Job, file: str, limit: int | None, output: str | None, u
     reached = sum(answer["outcome"] == "reached" for answer in answers)
     finish(data, [f"{reached} of {len(answers)} paths reach their goal"], written=output)
     return 0 if reached == len(answers) else NEGATIVE
+
+
+def _require_own_map(job: Job, queries: Sequence[Query], file: str) -> None:
+    """Refuse queries of another map, which may have the same size; a map from a pipe has no name."""
+    cells = job.scene.map
+    own = None if cells is None else Path(cells.table["file"])
+    if own is None or own.suffix != ".map":
+        return
+    for query in queries:
+        name = PurePosixPath(query.map.replace("\\", "/")).name
+        if name != own.name:
+            raise InputError(
+                f"{file}: these queries are for the map {name!r}, and this is {own.name!r}; give that map, "
+                "or rename this one if it is the same"
+            )
 
 
 def _answers(job: Job, query: Query, file: str) -> list[dict[str, Any]]:

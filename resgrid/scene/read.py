@@ -22,7 +22,7 @@ from resgrid.frame import Frame
 from resgrid.robots import ROBOTS, Robot
 from resgrid.scene.consistency import inconsistencies
 from resgrid.scene.maps.arrays import MapCells
-from resgrid.scene.maps.formats import COMMON, format_of, map_options, read_map
+from resgrid.scene.maps.formats import COMMON, format_of, map_options, read_map, warn_of_header
 from resgrid.scene.messages import Problem, report
 from resgrid.scene.scene import IN_FILES, LISTS, Scene, check_attributes, start_point
 from resgrid.scene.toml_lines import Path as KeyPath, key_lines
@@ -53,7 +53,8 @@ def read_scene(file: str | os.PathLike[str], **options: Any) -> Scene:
     Parameters
     ----------
     file : path-like
-        ``.toml`` is a scene; ``.yaml`` a ROS map, ``.map`` a MovingAI map, ``.npy`` an array, pictures are plain maps.
+        ``.toml`` is a scene; ``.yaml`` a ROS map, ``.map`` a MovingAI map, ``.3dmap`` one of voxels, ``.npy`` an array,
+        pictures are plain maps; a warning says so where the header of a ROS map lies beside a picture.
         Anything else is recognised by its first bytes.
     **options
         For maps, how to read them: ``format``, ``dialect``, ``unknown``, ``lethal``, ``least_conductivity``,
@@ -89,6 +90,8 @@ def read_document(file: str | os.PathLike[str], table: Mapping[str, Any]) -> Doc
     path = Path(file)
     if path.suffix.lower() != ".toml":
         map_table = {**table, "file": path.name, "format": format_of(path, table)}
+        if "format" not in table and map_table["format"] == "image":
+            warn_of_header(path)
         return Document({"schema": 1, "title": path.stem, "map": map_table}, str(path), path.parent, {})
     raw, lines = _toml(decode(read_bytes(path), path), str(path))
     if table and "map" not in raw:

@@ -17,8 +17,10 @@ from resgrid.scene.goals import Goal, GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.maps.formats import format_of
 from resgrid.scene.maps.pictures import THRESHOLD, read_raster
 from resgrid.scene.scene import Scene
-from resgrid.scene.world import cell_centre, check_cell, extent_of, located, to_space
+from resgrid.scene.world import cell_centre, check_cell, extent_of, located, to_space, unknown_cells
 from resgrid.space import Cell, ConfigurationSpace
+
+_AS_FREE = ", or take unknown cells as free (--unknown free)"
 
 
 def sample(scene: Scene, *, require_goal: bool = True, progress: Progress | None = None) -> ConfigurationSpace:
@@ -87,8 +89,10 @@ def _goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) 
     if single is not None:
         words, cell, point = single
         if blocked[cell]:
+            unseen = unknown_cells(scene.map, scene.axes)
+            place, choice = ("unknown space", _AS_FREE) if unseen is not None and unseen[cell] else ("an obstacle", "")
             remedy = _nearest_free(scene, blocked, cell)
-            raise InputError(f"{key}: {words} lies in an obstacle (cell {cell}); {remedy}")
+            raise InputError(f"{key}: {words} lies in {place} (cell {cell}); {remedy}{choice}")
         cells = np.zeros_like(blocked)
         cells[cell] = True
         return GoalCells(cells, np.array([point]))
@@ -99,10 +103,14 @@ def _goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) 
     if not met.any():
         raise InputError(f"{key}: this goal lies outside the grid ({extent_of(scene.axes)}); move it inside")
     if blocked[met].all():
-        raise InputError(
-            f"{key}: this goal lies inside an obstacle (all {int(met.sum())} cells of it); "
-            f"move or enlarge it, or {scene.robot.remedy}"
+        unseen = unknown_cells(scene.map, scene.axes)
+        is_unseen = unseen is not None and bool(unseen[met].all())
+        place, remedy = (
+            ("in unknown space", f"move it{_AS_FREE}")
+            if is_unseen
+            else ("inside an obstacle", f"move or enlarge it, or {scene.robot.remedy}")
         )
+        raise InputError(f"{key}: this goal lies {place} (all {int(met.sum())} cells of it); {remedy}")
     return GoalCells(met & ~blocked, points[~blocked[met]])
 
 
