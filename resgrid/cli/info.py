@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,10 +21,6 @@ if TYPE_CHECKING:
     from resgrid.spice.circuit import Circuit
 
 PACKAGES = ("numpy", "scipy", "numba", "networkx", "shapely", "matplotlib", "pydantic", "click", "rich")
-
-_WIDTH, _HEIGHT = 64, 24
-_KEY = "# obstacle, + partly, . free, G goal, S start"
-"""Of a sketch, in letters; and what these mean."""
 
 
 @verb(
@@ -65,10 +60,13 @@ def command(source: Source | None, schema: bool, shipped: bool, versions: bool) 
 
 def describe(job: Job) -> dict[str, Any]:
     """What there is in a scene, as ``--json`` gives it."""
+    from resgrid.cli.sketch import sketch
     from resgrid.scene.maps.formats import describe_map
+    from resgrid.scene.world import unknown_cells
 
     scene, space = job.scene, job.space
     starts = [scene.frame.from_world(start).tolist() for start in scene.starts]
+    drawn = sketch(space, starts, unknown_cells(scene.map, space.axes)) if space.ndim == 2 else None
     return {
         "title": scene.title,
         "source": scene.source,
@@ -79,7 +77,10 @@ def describe(job: Job) -> dict[str, Any]:
         ],
         "frame": {key: getattr(scene.frame, key) for key in ("x", "y", "yaw")},
         "map": None if scene.map is None else describe_map(scene.map),
-        "sketch": _sketch(space, starts) if space.ndim == 2 else None,
+        "sketch": None if drawn is None else drawn.rows,
+        "sketch_lower": None if drawn is None else list(drawn.lower),
+        "sketch_upper": None if drawn is None else list(drawn.upper),
+        "sketch_key": None if drawn is None else drawn.key,
         "cells": space.cell.size,
         **free_counts(space),
         "obstacle_cells": int((space.cell == rg.Cell.OBSTACLE).sum()),
@@ -92,26 +93,6 @@ def describe(job: Job) -> dict[str, Any]:
         "k": list(scene.k),
         **_cost(job),
     }
-
-
-def _sketch(space: rg.ConfigurationSpace, starts: Sequence[Sequence[float]]) -> list[str]:
-    """Rows of letters, the top one first: the first axis to the right, the second one upwards."""
-    import numpy as np
-    from PIL import Image
-
-    x, y = space.axes
-    # A letter is twice as high as it is wide, and axes of unlike units share the space evenly.
-    shape = (y.upper - y.lower) / (x.upper - x.lower) if x.unit == y.unit else 0.75
-    columns = max(min(_WIDTH, 2 * x.cells, ceil(2 * _HEIGHT / shape)), 1)
-    rows = min(max(round(columns * shape / 2), 1), _HEIGHT, y.cells)
-    pictures = (Image.fromarray((space.cell == code).astype(np.float32)) for code in (rg.Cell.OBSTACLE, rg.Cell.GOAL))
-    blocked, goal = (np.asarray(each.resize((rows, columns), Image.Resampling.BOX)) for each in pictures)
-    letters = np.where(blocked > 1 - 1e-5, "#", np.where(blocked == 0.0, ".", "+"))
-    letters[goal > 0] = "G"
-    for start in starts:
-        across, up = ((at - axis.lower) / (axis.upper - axis.lower) for at, axis in zip(start, space.axes, strict=True))
-        letters[min(int(across % 1.0 * columns), columns - 1), min(int(up % 1.0 * rows), rows - 1)] = "S"
-    return ["".join(row) for row in letters.T[::-1].tolist()]
 
 
 def _cost(job: Job) -> dict[str, Any]:
@@ -207,11 +188,12 @@ def installed_versions() -> dict[str, str | None]:
 
 
 def _map_lines(data: dict[str, Any]) -> Iterable[str]:
-    """How a map was read, and a sketch of it."""
+    """How a map was read."""
     words = data["map"] or {}
     if words:
-        rows = ", its top row at the largest y" if words["format"] != "npy" else ", its first index along x"
-        yield f"  map           {words['format']}{rows}: y points up"
+        rows = ", its first index along x" if words["format"] in ("npy", "voxels") else ", its top row at the largest y"
+        reader = f" as {words['dialect']} reads it (--map-dialect)" if "dialect" in words else ""
+        yield f"  map           {words['format']}{reader}{rows}: y points up"
     if "greys" in words:
         option = " (--threshold)" if words["format"] == "image" else ""
         yield "  grey          " + ", ".join(f"{low} to {high} {kind}" for low, high, kind in words["greys"]) + option
@@ -222,11 +204,18 @@ def _map_lines(data: dict[str, Any]) -> Iterable[str]:
     frame = data["frame"]
     if any(frame.values()):
         yield f"  frame         origin at ({frame['x']:g}, {frame['y']:g}), turned by {frame['yaw']:g} rad"
-    if data["sketch"] is not None:
-        across, up = data["axes"]
-        whose = " in the map's own frame" if frame["yaw"] else ""
-        yield f"  sketch        {across['name']} to the right, {up['name']} upwards{whose}: {_KEY}"
-        yield from (f"    {row}" for row in data["sketch"])
+
+
+def _sketch_lines(data: dict[str, Any]) -> Iterable[str]:
+    """The sketch of a space, and the part of it that is shown."""
+    across, up = data["axes"]
+    whose = " in the map's own frame" if data["frame"]["yaw"] else ""
+    yield f"  sketch        {across['name']} to the right, {up['name']} upwards{whose}: {data['sketch_key']}"
+    shown = list(zip(data["axes"], data["sketch_lower"], data["sketch_upper"], strict=True))
+    if any((axis["lower"], axis["upper"]) != (low, high) for axis, low, high in shown):
+        part = ", ".join(f"{axis['name']} {low:g} to {high:g} {axis['unit']}" for axis, low, high in shown)
+        yield f"                the known part alone: {part}; all cells around it are unknown"
+    yield from (f"    {row}" for row in data["sketch"])
 
 
 def _lines(data: dict[str, Any]) -> Iterable[str]:
@@ -238,6 +227,8 @@ def _lines(data: dict[str, Any]) -> Iterable[str]:
             f"{axis['cells']} cells of {axis['spacing']:.6g} {axis['unit']}{ring}"
         )
     yield from _map_lines(data)
+    if data["sketch"] is not None:
+        yield from _sketch_lines(data)
     lost = f", of which {data['unreachable_cells']:,} have no way to a goal" if data["goals"] else ""
     yield f"  free          {data['free_cells']:,}{lost}"
     yield f"  obstacle      {data['obstacle_cells']:,}"

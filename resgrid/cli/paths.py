@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import islice
-from pathlib import Path, PureWindowsPath
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 import resgrid as rg
@@ -106,7 +106,7 @@ def answer_queries(job: Job, file: str, limit: int | None, output: str | None, u
     if output is not None:
         suffix_of(output, ("record",), "answers to queries")
     queries = list(islice(rg.read_queries(file), limit))
-    _say_other_map(job, queries, file)
+    _require_own_map(job, queries, file)
     answers = []
     with stage(f"answer {len(queries)} queries", steps=len(queries)) as progress:
         for query in queries:
@@ -121,12 +121,19 @@ def answer_queries(job: Job, file: str, limit: int | None, output: str | None, u
     return 0 if reached == len(answers) else NEGATIVE
 
 
-def _say_other_map(job: Job, queries: Sequence[Query], file: str) -> None:
-    """Say so where queries name another map than the one that was read."""
-    own = "" if job.scene.map is None else Path(job.scene.map.table["file"]).stem
-    other = next((query.map for query in queries if PureWindowsPath(query.map).stem != own), None)
-    if own and other is not None:
-        say(f"{file} names the map {other!r}, and this is {own!r}: optimal lengths may not be those of this map")
+def _require_own_map(job: Job, queries: Sequence[Query], file: str) -> None:
+    """Refuse queries of another map, which may have the same size; a map from a pipe has no name."""
+    cells = job.scene.map
+    own = None if cells is None else Path(cells.table["file"])
+    if own is None or own.suffix != ".map":
+        return
+    for query in queries:
+        name = PurePosixPath(query.map.replace("\\", "/")).name
+        if name != own.name:
+            raise InputError(
+                f"{file}: these queries are for the map {name!r}, and this is {own.name!r}; give that map, "
+                "or rename this one if it is the same"
+            )
 
 
 def _answers(job: Job, query: Query, file: str) -> list[dict[str, Any]]:

@@ -96,7 +96,9 @@ def _draw(what: str, job: Job, plan: Plan, field: rg.Field | None) -> Any:
         case "paths" if lines:
             return _titled(rg.draw(lines, k=[line.field.k for line in lines]), job.scene.title)
         case "space" | "paths":
-            return rg.draw(job.space)
+            from resgrid.scene.world import unknown_cells
+
+            return rg.draw(job.space, unknown=unknown_cells(job.scene.map, job.space.axes))
     assert field is not None
     own = [line for line in lines if not line.field.is_flowing or line.field is field]
     return rg.draw_page(field, own, title=_title(job, plan, field))

@@ -17,12 +17,25 @@ from numpy.typing import NDArray
 
 from resgrid.errors import InputError
 from resgrid.plot.figures import PAGE, axes_or_new, figure_of, new_figure, panel_height
-from resgrid.plot.plane import Mask, Plane, draw_cells, draw_image, finish, kinds_of, leading_on, paint, plane_of
+from resgrid.plot.plane import (
+    Mask,
+    Plane,
+    draw_cells,
+    draw_image,
+    finish,
+    kinds_of,
+    leading_on,
+    paint,
+    plane_of,
+    unknown_cells,
+)
 from resgrid.plot.style import (
+    FREE,
     PATHS,
     SMALL,
     TEXT,
     add_colour_bar,
+    add_swatch,
     axis_label,
     dress,
     refresh_legend,
@@ -156,11 +169,19 @@ def draw_space(
     ax: Axes | None = None,
     *,
     virtual: NDArray[np.bool_] | None = None,
+    unknown: NDArray[np.bool_] | None = None,
     axis: int | None = None,
     indices: Sequence[int] | None = None,
 ) -> Axes | Figure:
-    """Draw obstacles, goals, the conductivity if there is one; obstacle cells that stand for no body are paler."""
-    return draw_panels(space, ax, draw_known, painter(*virtual_cells(virtual)), axis=axis, indices=indices)
+    """Draw obstacles, goals, the conductivity if there is one; unknown and virtual obstacle cells have own colours."""
+    painted = painter(*virtual_cells(virtual), *unknown_cells(space.cell, unknown))
+    return draw_panels(space, ax, _name_free_cells, draw_known, painted, axis=axis, indices=indices)
+
+
+def _name_free_cells(panel: Panel) -> None:
+    """Put the colour of free cells into the legend, unless the conductivity colours them."""
+    if panel.space.conductivity is None and (panel.of(panel.space.cell) == Cell.FREE).any():
+        add_swatch(panel.axes, "free", FREE)
 
 
 def painter(*masks: Mask) -> Layer:

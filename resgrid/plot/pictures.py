@@ -122,7 +122,8 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
     ==================  ===========================================  =================================================
     scene               workspace: obstacles, goals, starts; of
                         other than two axes its cells
-    space               cells and conductivity                       ``virtual`` (mask drawn paler); of three axes
+    space               cells and conductivity                       ``virtual``, ``unknown`` (masks of obstacle cells
+                                                                     with colours of their own); of three axes
                                                                      ``axis``, ``indices``, here and below
     field               potential of one to three axes, or currents  ``quantity`` ("potential", "currents"), ``scale``
                                                                      ("auto", "linear", "log": decades of the drop),

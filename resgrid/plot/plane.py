@@ -21,7 +21,7 @@ from resgrid.colours import GOAL
 from resgrid.errors import InputError
 from resgrid.frame import Frame
 from resgrid.grids import label_regions
-from resgrid.plot.style import OBSTACLE, UNREACHABLE, add_swatch, axis_label, dress, refresh_legend
+from resgrid.plot.style import OBSTACLE, UNKNOWN, UNREACHABLE, add_swatch, axis_label, dress, refresh_legend
 from resgrid.space import Cell, ConfigurationSpace
 
 MOST_CELLS = 1024
@@ -133,6 +133,11 @@ def kinds_of(cell: NDArray[np.uint8], connected: NDArray[np.bool_], obstacle: st
         (cell == Cell.GOAL, GOAL, "goal"),
         ((cell == Cell.FREE) & ~connected, UNREACHABLE, "no way to a goal"),
     ]
+
+
+def unknown_cells(cell: NDArray[np.uint8], unknown: NDArray[np.bool_] | None) -> list[Mask]:
+    """Return how obstacle cells that nobody has seen are painted, if it is known which."""
+    return [] if unknown is None else [((cell == Cell.OBSTACLE) & unknown, UNKNOWN, "unknown")]
 
 
 def draw_image(plane: Plane, values: NDArray[Any], axes: Axes, **style: Any) -> AxesImage:

@@ -25,6 +25,8 @@ from resgrid.colours import GOAL, HEIGHT
 
 OBSTACLE = "#3d3d3d"
 UNREACHABLE = "#c4c4c4"
+UNKNOWN = "#9db3c6"
+FREE = "#ffffff"
 NO_DROP = "#e8d3e4"
 FAILURE = "#B2182B"
 HIDDEN = "#b96b6b"

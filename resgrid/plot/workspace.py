@@ -26,7 +26,7 @@ from resgrid.planning.workspace import dense
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, caption_height, new_figure
 from resgrid.plot.panels import draw_space
 from resgrid.plot.paths import MOST_ENDS, draw_line, draw_path, draw_separation
-from resgrid.plot.plane import kinds_of, paint, plane_of
+from resgrid.plot.plane import kinds_of, paint, plane_of, unknown_cells
 from resgrid.plot.style import (
     FAILURE,
     HIDDEN,
@@ -246,7 +246,7 @@ def _draw_surroundings(scene: Scene, ax: Axes | None) -> Axes:
     if scene.map is not None:
         known = ConfigurationSpace(scene.map.axes, scene.map.cell, frame=scene.map.frame)
         obstacles, goals, _ = kinds_of(known.cell, known.cell != Cell.FREE)
-        paint(plane_of(known), axes, obstacles, goals)
+        paint(plane_of(known), axes, obstacles, goals, *unknown_cells(known.cell, scene.map.unknown))
     mark_shapes(scene.obstacles, axes, OBSTACLE, "obstacle", 2.0)
     mark_shapes(scene.hidden, axes, HIDDEN, "hidden obstacle", 2.4)
     mark_shapes(_goal_regions(scene), axes, GOAL, "goal", 1.5)

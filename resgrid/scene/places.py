@@ -15,10 +15,8 @@ from resgrid.frame import Frame
 from resgrid.grids import label_regions
 from resgrid.robots import PointRobot
 from resgrid.scene.maps.formats import format_of
-from resgrid.scene.maps.ros import occupancy_grid
-from resgrid.scene.maps.ros_dialects import UNKNOWN
 from resgrid.scene.scene import Scene
-from resgrid.scene.world import cell_centre, located, to_space
+from resgrid.scene.world import cell_centre, located, to_space, unknown_cells
 from resgrid.space import Cell
 
 
@@ -33,28 +31,21 @@ def map_format(scene: Scene) -> str | None:
 
 
 def is_unknown(scene: Scene, cell: tuple[int, ...]) -> bool:
-    """Return whether a cell, by its first two indices, is unknown in the scene's ROS map and therefore blocked."""
-    unknown = _unknown_cells(scene)
-    return unknown is not None and bool(unknown[cell[1], cell[0]])
+    """Return whether a cell is blocked because the scene's map does not know it."""
+    unknown = unknown_cells(scene.map, scene.axes)
+    return unknown is not None and bool(unknown[cell])
+
+
+def are_unknown(scene: Scene, cells: NDArray[np.bool_]) -> bool:
+    """Return whether all cells of a mask, in the shape of the space, are blocked because the map does not know them."""
+    unknown = unknown_cells(scene.map, scene.axes)
+    return unknown is not None and bool(unknown[cells].all())
 
 
 def has_unknown(scene: Scene) -> bool:
-    """Return whether the scene's ROS map has unknown cells, which are therefore blocked."""
-    unknown = _unknown_cells(scene)
+    """Return whether the scene's map has unknown cells, which are therefore blocked."""
+    unknown = unknown_cells(scene.map, scene.axes)
     return unknown is not None and bool(unknown.any())
-
-
-def _unknown_cells(scene: Scene) -> NDArray[np.bool_] | None:
-    """Unknown cells of the scene's map, shape (height, width), row 0 at the bottom; None if they are free."""
-    if scene.map is None or map_format(scene) != "ros" or not _on_map(scene):
-        return None
-    table = scene.map.table
-    if table.get("unknown") == "free":
-        return None
-    try:
-        return np.asarray(occupancy_grid(table["file"], table.get("dialect", "nav2")) == UNKNOWN)
-    except InputError:  # the map has changed since, or is gone
-        return None
 
 
 def why_blocked(scene: Scene, cell: tuple[int, ...]) -> str:

@@ -22,7 +22,7 @@ from resgrid.frame import Frame
 from resgrid.robots import ROBOTS, Robot
 from resgrid.scene.consistency import inconsistencies
 from resgrid.scene.maps.arrays import MapCells
-from resgrid.scene.maps.formats import COMMON, format_of, map_options, read_map
+from resgrid.scene.maps.formats import COMMON, format_of, map_options, read_map, warn_of_header
 from resgrid.scene.messages import Problem, report
 from resgrid.scene.scene import IN_FILES, LISTS, Scene, check_attributes, start_point
 from resgrid.scene.shipped import shipped_scene
@@ -54,7 +54,8 @@ def read_scene(file: str | os.PathLike[str], **options: Any) -> Scene:
     Parameters
     ----------
     file : path-like
-        ``.toml`` is a scene; ``.yaml`` a ROS map, ``.map`` a MovingAI map, ``.npy`` an array, pictures are plain maps.
+        ``.toml`` is a scene; ``.yaml`` a ROS map, ``.map`` a MovingAI map, ``.3dmap`` one of voxels, ``.npy`` an array,
+        pictures are plain maps; a warning says so where the header of a ROS map lies beside a picture.
         Anything else is recognised by its first bytes.  A name without a folder that is no file here means the shipped
         scene of that name, such as ``rooms``.
     **options
@@ -91,6 +92,8 @@ def read_document(file: str | os.PathLike[str], table: Mapping[str, Any]) -> Doc
     path = shipped_scene(file) or Path(file)
     if path.suffix.lower() != ".toml":
         map_table = {**table, "file": path.name, "format": format_of(path, table)}
+        if "format" not in table and map_table["format"] == "image":
+            warn_of_header(path)
         return Document({"schema": 1, "title": path.stem, "map": map_table}, str(path), path.parent, {})
     raw, lines = _toml(decode(read_bytes(path), path), str(path))
     if table and "map" not in raw:

@@ -16,7 +16,7 @@ from resgrid.robots.cells import joined
 from resgrid.scene.goals import Goal, GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.maps.formats import format_of
 from resgrid.scene.maps.pictures import THRESHOLD, read_raster
-from resgrid.scene.places import is_unknown, nearest_place, usable, why_blocked
+from resgrid.scene.places import are_unknown, is_unknown, nearest_place, usable, why_blocked
 from resgrid.scene.scene import Scene
 from resgrid.scene.world import check_cell, extent_of, located, to_space
 from resgrid.space import Cell, ConfigurationSpace
@@ -106,8 +106,9 @@ def _goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) 
     if not met.any():
         raise InputError(f"{key}: this goal lies outside the grid ({extent_of(scene.axes)}); move it inside")
     if blocked[met].all():
+        place = "in unknown space" if are_unknown(scene, met) else "inside an obstacle"
         raise InputError(
-            f"{key}: this goal lies inside an obstacle (all {int(met.sum())} cells of it); "
+            f"{key}: this goal lies {place} (all {int(met.sum())} cells of it); "
             f"{_remedies(scene, blocked, tuple(np.argwhere(met)[0].tolist()))}"
         )
     return GoalCells(met & ~blocked, points[~blocked[met]])

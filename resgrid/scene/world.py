@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from resgrid.axis import Axis, Point, split_points
 from resgrid.errors import InputError
 from resgrid.frame import Frame
 from resgrid.robots import Ball, Box, CellSet, HalfSpace, Polygon, Shape
+from resgrid.scene.maps.arrays import MapCells
 
 
 def located(axes: tuple[Axis, ...], frame: Frame, point: Point, key: str) -> tuple[tuple[int, ...], Point]:
@@ -22,6 +24,35 @@ def located(axes: tuple[Axis, ...], frame: Frame, point: Point, key: str) -> tup
     steps = zip(axes, cell.tolist(), local.tolist(), strict=True)
     within = tuple(axis.lower + (number + share) * axis.spacing for axis, number, share in steps)
     return tuple(cell.tolist()), within
+
+
+def unknown_cells(cells: MapCells | None, axes: tuple[Axis, ...]) -> NDArray[np.bool_] | None:
+    """Return the cells of a space that are obstacles because nobody has seen them, in the shape of its axes.
+
+    None where the map knows no such cells, takes them as free, or has other axes than the space.
+    """
+    if cells is None or cells.unknown is None or cells.table.get("unknown") == "free":
+        return None
+    planar = cells.unknown.ndim
+    if axes[:planar] != cells.axes:
+        return None
+    unknown = cells.unknown.reshape(cells.unknown.shape + (1,) * (len(axes) - planar))
+    return np.broadcast_to(unknown, tuple(axis.cells for axis in axes))
+
+
+def is_unknown(cells: MapCells | None, axes: tuple[Axis, ...], point: Point) -> bool:
+    """Return whether a point of the world lies in a cell that is an obstacle because nobody has seen it.
+
+    `axes`: those of the space; the point may leave out coordinates beyond the map's, such as a heading.
+    """
+    if cells is None or unknown_cells(cells, axes) is None:
+        return False
+    assert cells.unknown is not None
+    try:
+        cell, _ = located(cells.axes, cells.frame, tuple(point[: cells.unknown.ndim]), "")
+    except InputError:  # outside the map
+        return False
+    return bool(cells.unknown[cell])
 
 
 def extent_of(axes: tuple[Axis, ...]) -> str:

@@ -54,7 +54,7 @@ def test_dots_on_paper_lie_where_the_cells_are(space: rg.ConfigurationSpace) -> 
     axes = rg.draw(space, virtual=virtual)
     for index, colour in {(2, 1): 0x3D, (6, 0): 0xE8, (5, 3): 0xC4, (0, 4): 255, (2, 3): 0x8C}.items():
         assert coloured(axes, tuple(space.centre(index)))[0] == colour
-    assert legend_of(axes) == ["obstacle", "goal", "no way to a goal", "virtual obstacle"]
+    assert legend_of(axes) == ["free", "obstacle", "goal", "no way to a goal", "virtual obstacle"]
 
 
 def test_a_frame_turns_the_picture(space: rg.ConfigurationSpace) -> None:
@@ -70,7 +70,16 @@ def test_the_legend_says_where_obstacles_are_larger_than_they_are(radius: float,
     axes = [rg.Axis(name, 0, 6, 6) for name in "xy"]
     wall, goal = rg.Box((4, 0), (5, 1)), rg.GoalCell((0, 0))
     scene = rg.Scene(axes, robot=rg.PointRobot(radius), obstacles=[wall], goals=[goal])
-    assert legend_of(rg.draw(rg.sample(scene))) == [name, "goal"]
+    assert legend_of(rg.draw(rg.sample(scene))) == ["free", name, "goal"]
+
+
+def test_unknown_cells_have_a_colour_of_their_own(space: rg.ConfigurationSpace) -> None:
+    unknown = np.ones(space.shape, dtype=bool)  # only obstacle cells are painted
+    unknown[2, 3] = False
+    axes = rg.draw(space, unknown=unknown)
+    for index, colour in {(2, 1): 0x9D, (2, 3): 0x3D, (6, 0): 0xE6, (0, 4): 255}.items():
+        assert coloured(axes, tuple(space.centre(index)))[0] == colour
+    assert legend_of(axes) == ["free", "obstacle", "goal", "no way to a goal", "unknown"]
 
 
 @pytest.mark.parametrize("scale", ["linear", "log"])

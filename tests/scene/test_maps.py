@@ -1,15 +1,18 @@
 import io
+import struct
 import subprocess
 import sys
+import zlib
 
 import numpy as np
 import pytest
 from PIL import Image
 
 import resgrid as rg
-from resgrid.errors import InputError, ResgridError
+from resgrid.errors import BudgetError, InputError, ResgridError
 from resgrid.scene import read_queries, read_scene, sample
 from resgrid.scene.maps.formats import FORMATS, MapFormat
+from resgrid.scene.maps.pictures import read_raster
 from resgrid.scene.maps.pnm import read_pnm
 
 MAP = "type octile\nheight 3\nwidth 4\nmap\n.G@O\nTSW.\n....\n"
@@ -75,14 +78,70 @@ def test_queries(tmp_path):
     assert (first.map, first.start, first.goal, first.optimal_length) == ("a b.map", (0, 2), (3, 0), 3.82842712)
     assert (second.bucket, second.start, second.goal) == (3, (1, 1), (2, 0))
     for bad, expected in (
-        ("version 2\n", "line 1"),
-        ("0\ta\n", "line 1"),
+        ("version 2\n", "line 1: expected 'version 1' or 'version 0'"),
+        ("0\ta\n", "line 1: expected 9 fields"),
+        ("type octile\n", "line 1: expected 9 fields"),
+        ("0 gone.map 0 0 1 1 1\n", r"version 0 leaves out the size of its map, and .*gone\.map is not there"),
         ("version 1\n0 a.map 4 3 0 0 3 2\n", "line 2: expected 9 fields"),
         ("version 1\n0 a.map 4 3 0 0 3 3 1\n", r"line 2: the goal \(3, 3\) is outside"),
         ("version 1\n0 a.map 4 3 0 0 3 2 nan\n", "line 2: expected 9 fields"),
     ):
         with pytest.raises(InputError, match=expected):
             read_queries(write(tmp_path / "a.scen", bad))
+
+
+@pytest.mark.parametrize("first", ["", "version 0\n", "version 0.0\n"])
+def test_queries_of_version_0_have_the_size_of_their_map(tmp_path, first):
+    write(tmp_path / "a.map", MAP)
+    file = write(tmp_path / "a.scen", f"{first}0\tmaps/dao/a.map\t0\t0\t3\t2\t3.8\n1 a.map 1 1 2 2 1.5\n")
+    one, other = read_queries(file)
+    assert (one.width, one.height, one.start, one.goal, one.optimal_length) == (4, 3, (0, 2), (3, 0), 3.8)
+    assert (other.bucket, other.start, other.goal) == (1, (1, 1), (2, 0))
+    with pytest.raises(InputError, match=r"line 1: the goal \(3, 3\) is outside the 4 x 3 map"):
+        read_queries(write(tmp_path / "a.scen", "0 a.map 0 0 3 3 1\n"))
+
+
+def test_queries_of_version_1_need_no_line_that_says_so(tmp_path):
+    (query,) = read_queries(write(tmp_path / "a.scen", "0\ta b.map\t4\t3\t0\t0\t3\t2\t3.8\n"))
+    assert (query.map, query.start, query.goal) == ("a b.map", (0, 2), (3, 0))
+
+
+def test_letters_of_warehouses(tmp_path):
+    file = write(tmp_path / "w.map", "type octile\nheight 1\nwidth 4\nmap\nE.S@\n")
+    assert cells(file)[:, 0].tolist() == [0, 0, 0, 1]
+
+
+def test_voxel_maps(tmp_path):
+    file = write(tmp_path / "v.3dmap", "voxel 4 3 2\n1 2 0\n\n1 2 1\n3 0 0\n1 2 0\n")
+    space = sample(read_scene(file, goal=(0.5, 0.5, 1.5)))
+    assert np.argwhere(space.cell == 1).tolist() == [[1, 2, 0], [1, 2, 1], [3, 0, 0]]
+    assert np.argwhere(space.cell == 2).tolist() == [[0, 0, 1]]
+    assert [(axis.name, axis.upper, axis.unit) for axis in space.axes] == [
+        (n, u, "cell") for n, u in zip("xyz", (4, 3, 2), strict=True)
+    ]
+    assert (cells(write(tmp_path / "v.txt", file.read_text().replace("\n", "\r\n"))) == (space.cell == 1)).all()
+    assert not cells(write(tmp_path / "free.3dmap", "voxel 2 2 2")).any()
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", "line 1: expected 'voxel X Y Z'"),
+        ("voxel 4 3\n", "line 1"),
+        ("voxel 4 3 0\n", "line 1"),
+        ("voxel 4 3 -2\n", "line 1"),
+        ("voxel 100000 100000 100000\n", "GiB"),
+        ("voxel 4 3 2\n0 0 0\n4 0 0\n", "line 3: expected a voxel 'x y z' of 4 x 3 x 2, got '4 0 0'"),
+        ("voxel 4 3 2\n-1 0 0\n", "line 2"),
+        ("voxel 4 3 2\n0 0\n0 0\n0 0\n", "line 2"),
+        ("voxel 4 3 2\n0 0 0\n\n0 0 0 0\n", "line 4"),
+        ("voxel 4 3 2\n0 0 1.5\n", "line 2"),
+        ("voxel 4 3 2\n0 0 99999999999999999999\n", "line 2"),
+    ],
+)
+def test_voxel_maps_that_are_wrong(tmp_path, text, expected):
+    with pytest.raises(ResgridError, match=expected):
+        read_scene(write(tmp_path / "v.3dmap", text))
 
 
 @pytest.mark.parametrize("name", ["arena", "den312d", "random-32-32-20", "room-32-32-4", "maze-32-32-2"])
@@ -161,8 +220,6 @@ def test_damaged_pictures_are_refused(tmp_path, data):
 def test_pictures_of_absurd_size_are_refused(tmp_path):
     data = bytearray(png([[1]]))
     data[16:24] = (60000).to_bytes(4) + (60000).to_bytes(4)
-    import zlib
-
     data[29:33] = zlib.crc32(bytes(data[12:29])).to_bytes(4)
     with pytest.raises(ResgridError, match=r"60000 x 60000 = 3\.6e\+09 cells needs about .* GiB is free"):
         read_scene(write(tmp_path / "a.png", bytes(data)))
@@ -198,6 +255,107 @@ def test_deep_and_paletted_pictures(tmp_path):
     assert cells(write(tmp_path / "deep.png", stream.getvalue()))[:, 0].tolist() == [1, 1, 0, 0]
     assert cells(write(tmp_path / "p.png", png([[0, 255]], "P")))[:, 0].tolist() == [1, 0]
     assert cells(write(tmp_path / "1.png", png([[0, 255]], "1")))[:, 0].tolist() == [1, 0]
+
+
+def chunk(kind, data):
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+def raw_png(size, depth, colour, rows, key=None):
+    """A PNG to the letter; `rows`: bytes of each row; `key`: the transparent colour."""
+    header = struct.pack(">IIBBBBB", *size, depth, colour, 0, 0, 0)
+    transparent = b"" if key is None else chunk(b"tRNS", key)
+    data = zlib.compress(b"".join(b"\0" + row for row in rows))
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + transparent + chunk(b"IDAT", data) + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize(("colour", "channels"), [(0, 1), (2, 3), (4, 2), (6, 4)])
+def test_pngs_of_16_bits_a_channel_are_read_without_loss(tmp_path, colour, channels):
+    values = (np.arange(5 * 3 * channels).reshape(3, 5, channels) * 1093 % 65536).astype(np.uint16)
+    values[0, 0, -1] = 65534  # nearly opaque, and the lower byte says so
+    rows = [row.astype(">u2").tobytes() for row in values]
+    raster = read_raster(write(tmp_path / "a.png", raw_png((5, 3), 16, colour, rows)))
+    assert raster.maxval == 65535 and raster.values.tolist() == values.tolist()
+
+
+@pytest.mark.parametrize(
+    ("depth", "colour", "row", "key", "opacity"),
+    [
+        (16, 0, b"\x01\x02\x01\x03\x02\x02", b"\x01\x02", [0, 1, 1]),
+        (16, 2, bytes(range(6)) * 2 + bytes(6), bytes(range(6)), [0, 0, 1]),
+        (8, 0, b"\x07\x08\x07", b"\0\x07", [0, 1, 0]),
+        (8, 2, b"\x01\x02\x03\x01\x02\x04\x01\x02\x03", b"\0\x01\0\x02\0\x03", [0, 1, 0]),
+        (4, 0, b"\x5a\x50", b"\0\x05", [0, 1, 0]),
+        (2, 0, b"\x64", b"\0\x01", [0, 1, 0]),
+        (1, 0, b"\xa0", b"\0\x01", [0, 1, 0]),
+    ],
+)
+def test_the_transparent_colour_of_a_png(tmp_path, depth, colour, row, key, opacity):
+    raster = read_raster(write(tmp_path / "a.png", raw_png((3, 1), depth, colour, [row], key)))
+    assert raster.has_alpha and (raster.values[0, :, -1] // raster.maxval).tolist() == opacity
+
+
+@pytest.mark.parametrize(
+    ("data", "expected", "white"),
+    [
+        (b"P1\n# c\n3 2\n0 1 1\n1 0 0", [[[1], [0], [0]], [[0], [1], [1]]], 1),
+        (b"P1 3 2 011100", [[[1], [0], [0]], [[0], [1], [1]]], 1),
+        (b"P4 3 2\n\x60\x9ftrailing", [[[1], [0], [0]], [[0], [1], [1]]], 1),
+        (b"P3 2 1 9\n1 2 3 # c\n 7 8 9", [[[1, 2, 3], [7, 8, 9]]], 9),
+        (b"P6 2 1 255\n\1\2\3\4\5\6", [[[1, 2, 3], [4, 5, 6]]], 255),
+        (b"P6 1 1 300\n\0\1\0\2\1\0", [[[1, 2, 256]]], 300),
+    ],
+)
+def test_anymaps_to_the_letter(tmp_path, data, expected, white):
+    values, maxval = read_pnm(data, tmp_path)
+    assert (values.tolist(), maxval) == (expected, white)
+    assert read_raster(write(tmp_path / "a.ppm", data)).values.tolist() == expected
+
+
+@pytest.mark.parametrize(
+    "data",
+    [b"P1 3 2 01110", b"P1 3 2 011102", b"P4 9 2\n\0\0\0", b"P3 1 1 9\n1 2", b"P6 1 1 9\n\1\2", b"P6 1 1 9\n\1\2\x0a"],
+)
+def test_damaged_anymaps(tmp_path, data):
+    with pytest.raises(InputError, match=r"a\.ppm: .*(cut short|raster|above)"):
+        read_scene(write(tmp_path / "a.ppm", data))
+
+
+@pytest.mark.parametrize("suffix", ["jpg", "jpeg", "JPG", "dat"])
+def test_jpeg_maps(tmp_path, suffix):
+    stream = io.BytesIO()
+    Image.fromarray(np.repeat(np.array([[0, 255]], dtype=np.uint8), 8, axis=1)).save(stream, "jpeg", quality=95)
+    file = write(tmp_path / f"a.{suffix}", stream.getvalue())
+    assert cells(file)[:, 0].tolist() == [1] * 8 + [0] * 8
+    keys = "resolution: 1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\n"
+    write(tmp_path / "a.yaml", f"image: {file.name}\n{keys}")
+    assert cells(tmp_path / "a.yaml")[:, 0].tolist() == [1] * 8 + [0] * 8
+
+
+def test_free_memory_decides_the_size_of_pictures_and_no_fixed_limit(tmp_path, monkeypatch):
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 3)
+    assert cells(write(tmp_path / "a.png", png([[0, 255] * 20]))).shape == (40, 1)
+    assert Image.MAX_IMAGE_PIXELS == 3
+
+
+def test_memory_that_gives_out_is_one_message(tmp_path, monkeypatch):
+    def read(path):
+        raise MemoryError("Unable to allocate 1.00 TiB for an array with shape (1,)")
+
+    monkeypatch.setitem(FORMATS, "npy", MapFormat(read, (".npy",)))
+    with pytest.raises(BudgetError, match=r"a\.npy: the memory that this process may take is too small for this map"):
+        read_scene(write(tmp_path / "a.npy", b""))
+
+
+def test_a_picture_beside_its_header_is_read_with_a_warning(tmp_path):
+    file = write(tmp_path / "a.png", png([[0, 205, 255]]))
+    assert cells(file)[:, 0].tolist() == [1, 0, 0]
+    write(tmp_path / "a.yaml", "image: other.png\n")
+    assert cells(file)[:, 0].tolist() == [1, 0, 0]
+    write(tmp_path / "a.yaml", "image: a.png\n")
+    with pytest.warns(UserWarning, match=r"a\.png is read as a plain picture.*a\.yaml holds its resolution"):
+        assert cells(file)[:, 0].tolist() == [1, 0, 0]
+    assert cells(file, format="image")[:, 0].tolist() == [1, 0, 0]
 
 
 @pytest.mark.parametrize("name", ["maze_1", "umass_lpr", "c_space"])

@@ -11,6 +11,7 @@ from resgrid.errors import InputError
 from resgrid.scene import occupancy_grid, read_scene, sample
 from resgrid.scene.maps.ros import ros_greys
 from resgrid.scene.maps.ros_header import read_header
+from resgrid.scene.world import is_unknown, unknown_cells
 
 HEADER = {
     "image": "map.png",
@@ -386,3 +387,42 @@ def test_names_of_pictures_in_other_encodings(tmp_path):
     file = write_yaml(tmp_path)
     file.write_bytes(file.read_bytes().replace(b"map.png", b"caf\xe9.png"))
     assert occupancy_grid(file).tolist() == [[100, 0]]
+
+
+def test_unknown_cells_are_kept_in_the_map(tmp_path):
+    file = write(tmp_path, [[0, 205, 254], [254, 205, 254]], origin=f"[10, 20, {np.pi / 2}]")
+    scene = read_scene(file)
+    assert scene.map.unknown.tolist() == [[False, False], [True, True], [False, False]]
+    assert np.array_equal(unknown_cells(scene.map, scene.axes), scene.map.unknown)
+
+    def seen(point, scene=scene):
+        return is_unknown(scene.map, scene.axes, point)
+
+    # turned by 90 degrees: the map's x runs along y, its y against x
+    assert seen((9.75, 20.75)) and seen((9.25, 20.75)) and seen((9.25, 20.75, 1.0))
+    assert not seen((9.75, 20.25)) and not seen((9.75, 21.25)) and not seen((50.0, 50.0))
+    free = read_scene(file, unknown="free")
+    assert free.map.unknown.any() and unknown_cells(free.map, free.axes) is None and not seen((9.75, 20.75), free)
+    turning = scene.replace(robot=rg.PointRobot(0.1))
+    assert seen((9.75, 20.75), turning)
+    assert unknown_cells(None, scene.axes) is None and unknown_cells(scene.map, scene.axes[:1]) is None
+
+
+def test_goals_in_unknown_space_are_called_so(tmp_path):
+    pixels = np.full((4, 6), 254)
+    pixels[:, 3] = 205
+    pixels[:, 4] = 0
+    file = write(tmp_path, pixels)
+    with pytest.raises(InputError, match=r"lies in unknown space \(cell \(3, 1\)\).*, or take unknown cells as free"):
+        sample(read_scene(file, goal=(1.75, 0.75)))
+    with pytest.raises(
+        InputError, match=r"lies in an obstacle \(cell \(4, 1\)\); move it to a free place, the nearest is \S+ \S+$"
+    ):
+        sample(read_scene(file, goal=(2.25, 0.75)))
+    with pytest.raises(
+        InputError, match=r"this goal lies in unknown space \(all 2 cells of it\); move it, or take unknown"
+    ):
+        sample(read_scene(file, goal=rg.Box((1.6, 0.2), (1.9, 0.8))))
+    with pytest.raises(InputError, match="this goal lies inside an obstacle"):
+        sample(read_scene(file, goal=rg.Box((1.6, 0.2), (2.4, 0.8))))
+    assert sample(read_scene(file, goal=(1.75, 0.75), unknown="free")).goal_count == 1

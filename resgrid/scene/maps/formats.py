@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from inspect import signature
@@ -13,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from resgrid.errors import InputError, suggestion
+from resgrid.errors import BudgetError, InputError, suggestion
 from resgrid.files import read_bytes
 from resgrid.scene.maps.arrays import MapCells, placed_axes, read_npy
-from resgrid.scene.maps.movingai import PASSABLE, read_movingai
+from resgrid.scene.maps.movingai import PASSABLE, read_movingai, read_voxels
 from resgrid.scene.maps.pictures import THRESHOLD, read_epic, read_grey
 from resgrid.scene.maps.pnm import MAGICS
 from resgrid.scene.maps.ros import read_ros, ros_greys
@@ -49,10 +50,14 @@ PICTURES = (".png", ".pgm", ".pnm", ".ppm", ".pbm", ".bmp", ".gif", ".tif", ".ti
 FORMATS: dict[str, MapFormat] = {
     "ros": MapFormat(read_ros, (".yaml", ".yml")),
     "movingai": MapFormat(read_movingai, (".map",), (b"type ",)),
+    "voxels": MapFormat(read_voxels, (".3dmap",), (b"voxel ",)),
     "image": MapFormat(read_grey, PICTURES, (b"\x89PNG", b"BM", b"GIF8", b"\xff\xd8\xff", *MAGICS)),
     "epic": MapFormat(read_epic),
     "npy": MapFormat(read_npy, (".npy",), (b"\x93NUMPY",)),
 }
+_HEADER_BYTES = 1 << 16
+"""The part of a header in which the name of the picture is looked for."""
+
 _MAGIC = max(len(magic) for entry in FORMATS.values() for magic in entry.magic)
 COMMON = ("file", "format", "periodic", "headings")
 """Keys of a ``[map]`` table that no reader sees."""
@@ -81,8 +86,14 @@ def read_map(table: Mapping[str, Any]) -> MapCells:
             hint = suggestion(key, known) or f"it takes {', '.join(known)}"
             raise InputError(f"{path}: map.{key}: a map of format {name!r} takes no such option; {hint}")
     placing = {key: options.pop(key) for key in signature(placed_axes).parameters if key in options}
-    found = FORMATS[name].read(path, **options)
-    cells = found if isinstance(found, MapCells) else MapCells(placed_axes(found.shape, **placing), found)
+    try:
+        found = FORMATS[name].read(path, **options)
+        cells = found if isinstance(found, MapCells) else MapCells(placed_axes(found.shape, **placing), found)
+    except MemoryError:  # beyond a limit that the estimate does not know, such as that of ulimit -v
+        raise BudgetError(
+            f"{path}: the memory that this process may take is too small for this map; raise its limit (ulimit -v), "
+            "or cut the map to the part that you need"
+        ) from None
     return cells.read_by(table)
 
 
@@ -99,6 +110,19 @@ def format_of(path: Path, table: Mapping[str, Any]) -> str:
             return name
     known = ", ".join(suffix for entry in FORMATS.values() for suffix in entry.suffixes)
     raise InputError(f"{path}: this is no known kind of map; scenes end in .toml, maps in {known}, or give the format")
+
+
+def warn_of_header(path: Path) -> None:
+    """Warn that a picture is read as it stands though the header of a ROS map that names it lies in the same folder."""
+    for suffix in FORMATS["ros"].suffixes:
+        header = path.with_suffix(suffix)
+        if header.is_file() and path.name.encode() in read_bytes(header, first=_HEADER_BYTES):
+            warnings.warn(
+                f"{path} is read as a plain picture, in pixels, by its brightness alone; {header} holds its "
+                "resolution, origin and thresholds: give that file (--format image says that the picture is meant)",
+                stacklevel=3,
+            )
+            return
 
 
 def describe_map(cells: MapCells) -> dict[str, Any]:

@@ -1,15 +1,18 @@
-"""MovingAI benchmark maps (``.map``) and their scenarios (``.scen``).
+"""MovingAI benchmark maps (``.map``), their scenarios (``.scen``) and voxel maps (``.3dmap``).
 
-Format: N. Sturtevant, "Benchmarks for Grid-Based Pathfinding", IEEE Trans. Comput. Intell. AI in Games 4 (2012) 144,
-and https://movingai.com/benchmarks/formats.html.
+Formats: N. Sturtevant, "Benchmarks for Grid-Based Pathfinding", IEEE Trans. Comput. Intell. AI in Games 4 (2012) 144,
+and https://movingai.com/benchmarks/formats.html; scenarios of version 0: HOG2's ``ScenarioLoader.cpp``; voxel maps:
+D. Brewer and N. Sturtevant, "Benchmarks for Pathfinding in 3D Voxel Space", SoCS 2018, and HOG2's ``VoxelGrid.cpp``.
+The warehouses of the League of Robot Runners add two letters: ``E`` (emitter) and ``S`` (service), both free.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 
@@ -19,10 +22,11 @@ from resgrid.files import read_text
 from resgrid.scene.maps.arrays import MapCells, cells_from_rows, placed_axes
 from resgrid.space import Cell
 
-TERRAIN = ".G@OTSW"
-PASSABLE = ".GS"
+TERRAIN = ".G@OTSWE"
+PASSABLE = ".GSE"
 TYPES = ("octile", "tile", "octile_unicost")
-SCENARIO_FIELDS = 9
+SCENARIO_FIELDS = {9: "1", 7: "0"}
+"""Version of a scenario by the number of fields of its lines; version 0 leaves out the size of the map."""
 
 
 @dataclass(frozen=True)
@@ -77,13 +81,45 @@ def read_movingai(path: Path, passable: str = PASSABLE) -> MapCells:
     return MapCells(placed_axes(cell.shape), cell)
 
 
+def read_voxels(path: Path) -> MapCells:
+    """Read a MovingAI voxel map: free but for the voxels that it lists; a voxel is 1 x 1 x 1, in units of ``cell``."""
+    lines = read_text(path).split("\n")
+    words = lines[0].split()
+    sizes = [int(word) if word.isascii() and word.isdigit() and len(word) < 16 else 0 for word in words[1:]]
+    if words[:1] != ["voxel"] or len(sizes) != 3 or min(sizes) < 1:
+        raise InputError(f"{path}: line 1: expected 'voxel X Y Z', sizes of at least 1, got {lines[0][:40]!r}")
+    require_grid_memory(tuple(sizes), str(path))
+    cell = np.full(sizes, Cell.FREE, dtype=np.uint8)
+    if not any(line.strip() for line in lines[1:]):
+        return MapCells(placed_axes(cell.shape), cell)
+    try:
+        voxels = np.loadtxt(lines[1:], dtype=np.int64, comments=None, ndmin=2)
+    except (ValueError, OverflowError):
+        raise _first_misfit(lines, sizes, path) from None
+    if voxels.shape[1] != 3 or ((voxels < 0) | (voxels >= sizes)).any():
+        raise _first_misfit(lines, sizes, path)
+    cell[tuple(voxels.T)] = Cell.OBSTACLE
+    return MapCells(placed_axes(cell.shape), cell)
+
+
+def _first_misfit(lines: list[str], sizes: list[int], path: Path) -> InputError:
+    """The complaint about the first line of a voxel map that names no voxel of it."""
+    for number, line in enumerate(lines[1:], 2):
+        words = line.split()
+        is_place = len(words) == 3 and all(word.isascii() and word.isdigit() and len(word) < 16 for word in words)
+        if words and not (is_place and all(int(word) < size for word, size in zip(words, sizes, strict=True))):
+            size = " x ".join(map(str, sizes))
+            return InputError(f"{path}: line {number}: expected a voxel 'x y z' of {size}, got {line[:40]!r}")
+    return InputError(f"{path}: the voxels cannot be read")
+
+
 def read_queries(file: str | os.PathLike[str]) -> list[Query]:
-    r"""Read the problems of a MovingAI scenario file, version 1.
+    r"""Read the problems of a MovingAI scenario file, of version 1 or 0, with or without a line that says so.
 
     Parameters
     ----------
     file : path-like
-        The ``.scen`` file.
+        The ``.scen`` file.  In version 0 the size of a map is read from the map file, which lies in the same folder.
 
     Returns
     -------
@@ -106,9 +142,11 @@ def read_queries(file: str | os.PathLike[str]) -> list[Query]:
     path = Path(file)
     lines = read_text(path).split("\n")
     version = lines[0].split()
-    if len(version) != 2 or version[0] != "version" or version[1] not in ("1", "1.0"):
-        raise InputError(f"{path}: line 1: expected 'version 1', got {lines[0][:40]!r}; is this a scenario file?")
-    return [_query(line, path, number) for number, line in enumerate(lines[1:], 2) if line.strip()]
+    first = 1 if version[:1] == ["version"] else 0
+    if first and (len(version) != 2 or version[1] not in ("0", "0.0", "1", "1.0")):
+        raise InputError(f"{path}: line 1: expected 'version 1' or 'version 0', got {lines[0][:40]!r}")
+    sizes = _MapSizes(path)
+    return [_query(line, path, number, sizes) for number, line in enumerate(lines[first:], first + 1) if line.strip()]
 
 
 def _header(lines: list[str], path: Path) -> tuple[int, int, int]:
@@ -157,19 +195,43 @@ def _check_rows(rows: list[str], lines: list[str], path: Path, first: int, width
             raise InputError(f"{path}: line {number}: more rows than the header's height {height}")
 
 
-def _query(line: str, path: Path, number: int) -> Query:
+class _MapSizes(dict[str, tuple[int, int]]):
+    """Width and height of the maps that a scenario of version 0 names, each read once."""
+
+    def __init__(self, scenario: Path) -> None:
+        super().__init__()
+        self.scenario = scenario
+
+    def __missing__(self, name: str) -> tuple[int, int]:
+        named = self.scenario.parent / name
+        file = named if named.is_file() else self.scenario.parent / PurePosixPath(name).name
+        if not file.is_file():
+            raise InputError(
+                f"{self.scenario}: a scenario of version 0 leaves out the size of its map, and {file} is not there; "
+                "put the map file into the scenario's folder"
+            )
+        _, width, height = _header(read_text(file).split("\n", 9)[:9], file)
+        self[name] = width, height
+        return self[name]
+
+
+def _query(line: str, path: Path, number: int, sizes: Mapping[str, tuple[int, int]]) -> Query:
     words = [word.strip() for word in line.split("\t")]
-    words = words if len(words) == SCENARIO_FIELDS else line.split()
+    words = words if len(words) in SCENARIO_FIELDS else line.split()
     try:
-        bucket, width, height, start_x, start_y, goal_x, goal_y = (int(words[i]) for i in (0, 2, 3, 4, 5, 6, 7))
-        length = float(words[8])
-        if len(words) != SCENARIO_FIELDS or not isfinite(length) or length < 0:
+        if len(words) not in SCENARIO_FIELDS:
             raise ValueError
-    except (ValueError, IndexError):
+        bucket, *places = (int(word) for word in (words[0], *words[2:-1]))
+        length = float(words[-1])
+        if not isfinite(length) or length < 0:
+            raise ValueError
+    except ValueError:
         raise InputError(
             f"{path}: line {number}: expected 9 fields: bucket, map, width, height, start x, start y, goal x, goal y, "
-            f"optimal length; got {line[:60]!r}"
+            f"optimal length (or 7, without the size of the map); got {line[:60]!r}"
         ) from None
+    width, height, *ends = places if len(places) == 6 else (*sizes[words[1]], *places)
+    start_x, start_y, goal_x, goal_y = ends
     for name, x, y in (("start", start_x, start_y), ("goal", goal_x, goal_y)):
         if not (0 <= x < width and 0 <= y < height):
             raise InputError(f"{path}: line {number}: the {name} ({x}, {y}) is outside the {width} x {height} map")

@@ -1,0 +1,99 @@
+"""A sketch of a plane space in letters, for ``resgrid info``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import ceil
+from typing import TYPE_CHECKING
+
+import resgrid as rg
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+WIDTH, HEIGHT = 64, 24
+"""Most letters across and up."""
+
+MOSTLY = 0.5
+"""Share of unknown cells above which a sketch shows the known part alone."""
+
+MARGIN = 2
+"""Unknown cells around the known part."""
+
+
+@dataclass(frozen=True)
+class Sketch:
+    """Rows of letters, the top one first: the first axis to the right, the second one upwards.
+
+    `lower, upper`: corners of the part that is shown, in the coordinates of the space; `cropped`: whether it is a part.
+    """
+
+    rows: list[str]
+    lower: tuple[float, float]
+    upper: tuple[float, float]
+    cropped: bool
+    key: str
+
+
+def sketch(
+    space: rg.ConfigurationSpace, starts: Sequence[Sequence[float]], unknown: NDArray[np.bool_] | None
+) -> Sketch:
+    """Draw a space of two axes in letters; `unknown`: cells that are obstacles because nobody has seen them."""
+    import numpy as np
+
+    unseen = np.zeros(space.shape, dtype=np.bool_) if unknown is None else unknown & (space.cell == rg.Cell.OBSTACLE)
+    window = _window(space, unseen)
+    cropped = any(part.stop - part.start < size for part, size in zip(window, space.shape, strict=True))
+    x, y = (axis.edges[[part.start, part.stop]].tolist() for axis, part in zip(space.axes, window, strict=True))
+    letters = _letters(space, unseen, window)
+    for start in starts:
+        (across, up), (columns, rows) = (
+            ((at - low) / (high - low) for at, (low, high) in zip(start, (x, y), strict=True)),
+            letters.shape,
+        )
+        across, up = (part if cropped else part % 1.0 for part in (across, up))
+        if 0 <= across <= 1 and 0 <= up <= 1:
+            letters[min(int(across * columns), columns - 1), min(int(up * rows), rows - 1)] = "S"
+    key = "# obstacle, ? unknown, + partly, . free" if unseen.any() else "# obstacle, + partly, . free"
+    rows_of_text = ["".join(row) for row in letters.T[::-1].tolist()]
+    return Sketch(rows_of_text, (x[0], y[0]), (x[1], y[1]), cropped, f"{key}, G goal, S start")
+
+
+def _window(space: rg.ConfigurationSpace, unseen: NDArray[np.bool_]) -> tuple[slice, slice]:
+    """The cells to show: all, or where most are unknown the box around the others."""
+    import numpy as np
+
+    whole = slice(0, space.shape[0]), slice(0, space.shape[1])
+    if unseen.mean() <= MOSTLY or unseen.all():
+        return whole
+    used = [np.flatnonzero((~unseen).any(axis=1 - axis)) for axis in (0, 1)]
+    first, second = (
+        slice(max(int(where[0]) - MARGIN, 0), min(int(where[-1]) + 1 + MARGIN, size))
+        for where, size in zip(used, space.shape, strict=True)
+    )
+    return first, second
+
+
+def _letters(space: rg.ConfigurationSpace, unseen: NDArray[np.bool_], window: tuple[slice, slice]) -> NDArray[np.str_]:
+    """Letters (columns, rows from below) of the cells of a window, several cells to a letter or the reverse."""
+    import numpy as np
+    from PIL import Image
+
+    x, y = space.axes
+    cells = space.cell[window]
+    across, up = cells.shape
+    # A letter is twice as high as it is wide, and axes of unlike units share the space evenly.
+    shape = up * y.spacing / (across * x.spacing) if x.unit == y.unit else 0.75
+    columns = max(min(WIDTH, 2 * across, ceil(2 * HEIGHT / shape)), 1)
+    rows = min(max(round(columns * shape / 2), 1), HEIGHT, up)
+    masks = (cells == rg.Cell.OBSTACLE, unseen[window], cells == rg.Cell.GOAL)
+    blocked, unknown, goal = (
+        np.asarray(Image.fromarray(mask.astype(np.float32)).resize((rows, columns), Image.Resampling.BOX))
+        for mask in masks
+    )
+    letters = np.where(blocked > 1 - 1e-5, "#", np.where(blocked == 0.0, ".", "+"))
+    letters[unknown > 1 - 1e-5] = "?"
+    letters[goal > 0] = "G"
+    return letters
