@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.circuit.cancel import Exact
 from resgrid.circuit.equations import Equations, injected_currents
 from resgrid.circuit.operating_point import OperatingPoint, Readings
 from resgrid.circuit.sources import SourceForest, source_currents
@@ -199,7 +200,7 @@ def read_normwise(system: Equations, x: NDArray[np.float64], **told: Any) -> Ope
 
 
 def read_entrywise(
-    system: Equations, values: NodeValues, team: Team, falls: Falls | None = None, **told: Any
+    system: Equations, values: NodeValues, team: Team, falls: Falls | Exact | None = None, **told: Any
 ) -> tuple[OperatingPoint, NDArray[np.float64], bool]:
     """Read everything off the values of the nodes, or currents off falls across the resistors.
 
@@ -211,6 +212,9 @@ def read_entrywise(
     )
     upwards = np.sign(values.volts)
     falling = None if potential is None else upwards * potential if log_drop is None else -upwards * log_drop
+    exact = isinstance(falls, Exact)
+    if exact:
+        voltage, falling = falls.volts, None
     unknown = system.unknown if falls is None else np.where(falls.excused, -1, system.unknown)
     readings, residual, faint = _read(system.netlist, system.forest, unknown, values, team, falling, falls)
     point = OperatingPoint(
@@ -225,7 +229,7 @@ def _normwise_readings(system: Equations, heights: NDArray[np.float64]) -> Readi
 
 def _read(
     netlist: Netlist, forest: SourceForest, unknown: NDArray[np.int32], values: NodeValues, team: Team = ALONE,
-    falling: NDArray[np.float64] | None = None, falls: Falls | None = None,
+    falling: NDArray[np.float64] | None = None, falls: Falls | Exact | None = None,
 ) -> tuple[Readings, NDArray[np.float64], bool]:  # fmt: skip
     """Take currents from falls, or from differences of values, and sum them up at every node.
 
@@ -240,7 +244,8 @@ def _read(
     if falls is None:
         amps, exponent, heat, faint = _differences(values, netlist, team)
     else:
-        amps, exponent = netlist.conductance * falls.falls, np.zeros(len(ends), dtype=np.int64)
+        amps = falls.amps if isinstance(falls, Exact) else netlist.conductance * falls.falls
+        exponent = np.zeros(len(ends), dtype=np.int64)
         heat = float(amps @ falls.falls)
     plain = not exponent.any()
     frame, net, through = _sums(netlist, amps, exponent)
@@ -262,7 +267,9 @@ def _read(
     readings = Readings(
         resistor_current=amps if plain else amps * power(exponent),
         scaled=(amps, np.broadcast_to(np.int64(0), len(amps)) if plain else exponent),
-        source_current=source_currents(netlist, forest, -net_amps, through_amps),
+        source_current=(
+            falls.source_amps if isinstance(falls, Exact) else source_currents(netlist, forest, -net_amps, through_amps)
+        ),
         power=heat,
         kcl_residual=float(residual.max(initial=0.0)),
     )
