@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.equations import Equations
-from resgrid.circuit.sources import exact_source_currents, without_loops
+from resgrid.circuit.sources import sum_cuts, without_loops
 from resgrid.solvers.conserving import Column, fixed, nearest, scaled, substitute
 
 FLOOR = 1000
@@ -35,21 +35,23 @@ _NEAR = 20
 _MOST_STEPS = 200
 
 
-class Exact(NamedTuple):
-    """An operating point whose numbers are rounded once.
+class Balanced(NamedTuple):
+    """Voltages and currents that obey Kirchhoff's laws.
 
     `volts` (nodes,): above ground, NaN where a node floats; `heights` (nodes,): above the reference of the equations;
-    `falls` (resistors,): voltage of the first end above the second one; `amps` (resistors,): from the first end to the
-    second one; `source_amps` (sources,): into the plus terminal, NaN in a loop of sources; `excused` (nodes,): whether
-    all currents at a node are so close to the floor that some of them may count as zero, and others not.
+    `amps` (resistors,): from the first end to the second one; `source_amps` (sources,): into the plus terminal, NaN in
+    a loop of sources; `power`: in all resistors, in watts; `excused` (nodes,): whether all currents at a node are so
+    close to the floor that some of them may count as zero, and others not; `doubt`: bound on the error of a voltage
+    relative to the largest one, or of a current relative to the current through either end.
     """
 
     volts: NDArray[np.float64]
     heights: NDArray[np.float64]
-    falls: NDArray[np.float64]
     amps: NDArray[np.float64]
     source_amps: NDArray[np.float64]
+    power: float
     excused: NDArray[np.bool_]
+    doubt: float = 0.0
 
 
 class _Resistor(NamedTuple):
@@ -66,7 +68,7 @@ class _Resistor(NamedTuple):
     log: float
 
 
-def cancel(system: Equations, columns: list[Column]) -> Exact | None:
+def cancel(system: Equations, columns: list[Column]) -> Balanced | None:
     """Solve the equations; None where refinement does not converge, as where fractions of the factors underflow."""
     state = _begin(system)
     last = math.inf
@@ -155,9 +157,9 @@ class _State:
         for (source, target), amps in zip(netlist.current_nodes.tolist(), netlist.current_amps.tolist(), strict=True):
             outflow[source] += _units(amps, self.unit_amps)
             outflow[target] -= _units(amps, self.unit_amps)
-        return exact_source_currents(netlist, self.system.forest, outflow)
+        return sum_cuts(netlist, self.system.forest, outflow)
 
-    def rounded(self) -> Exact:
+    def rounded(self) -> Balanced:
         """Round all numbers once."""
         system, netlist = self.system, self.system.netlist
         falls, amps = np.zeros((2, len(netlist.conductance)))
@@ -178,8 +180,8 @@ class _State:
             levels[system.floating] = np.nan
         heights[system.undriven] = system.undriven_volts - system.reference
         volts[system.undriven] = system.undriven_volts
-        source_amps = without_loops(system.forest, source_amps)
-        return Exact(volts, heights, falls, amps, source_amps, through <= math.ldexp(least, _NEAR))
+        source_amps, excused = without_loops(system.forest, source_amps), through <= math.ldexp(least, _NEAR)
+        return Balanced(volts, heights, amps, source_amps, float(amps @ falls), excused)
 
 
 def _begin(system: Equations) -> _State:

@@ -81,24 +81,19 @@ def _solved(
         point, residual, faint = read_entrywise(system, values, team, **told)
     doubt, balanced = values.doubt, False
     if not point.readings.scaled[1].any() and (faint or doubt > CERTAIN or _asks_for_balance(system, point)):
-        from resgrid.circuit.cancel import cancel
         from resgrid.circuit.kirchhoff import balance
-        from resgrid.solvers.conserving import columns_of
 
         with _timed(seconds, "balance"):
-            direct = factor_laplacian(system.laplacian, "direct") if system.size else None
-            few = direct is None or direct.factors.symbolic.entries <= 50_000
-            exact = cancel(system, columns_of(direct.factors) if direct else []) if few else None
-            found = None if exact else balance(system)
-            if exact or found is not None:
+            found, direct = balance(system)
+            if found is not None:
                 proved = system.rails is not None and is_answer(watch.error, watch.bound)
                 if system.rails is None:
-                    values = values_above(system, exact.heights if exact else system.heights(found.heights))
+                    values = values_above(system, found.heights)
                 elif not watch.bound <= CERTAIN:
                     values = node_values(system, direct, Watch(), team)
-                again = read_entrywise(system, values, team, exact or found, **told)
+                again = read_entrywise(system, values, team, found, **told)
                 if not proved or again[0].kcl_residual <= max(point.kcl_residual, DIRECTION_RESIDUAL):
-                    (point, residual, _), doubt, balanced = again, 0.0 if exact else found.doubt, True
+                    (point, residual, _), doubt, balanced = again, found.doubt, True
     signed = point.log_drop is None and point.potential is None
     bound = np.inf if signed else watch.bound + np.finfo(np.float64).eps
     point = replace(point, iterations=watch.iterations, backward_error=watch.error, entry_error=bound)

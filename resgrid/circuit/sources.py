@@ -7,7 +7,7 @@ root of its own); a source that closes a loop must agree with the forest, and le
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TypeVar
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from resgrid.errors import CircuitError
 from resgrid.netlist import GROUND, Netlist
 
-_Amps = TypeVar("_Amps", int, float)
+_Amps = TypeVar("_Amps", int, float, Fraction)
 
 LOOP_TOLERANCE = 1e-12
 """Share of the largest voltage up to which the sources of a loop agree."""
@@ -141,14 +141,15 @@ def source_currents(
     return without_loops(forest, current)
 
 
-def exact_source_currents(netlist: Netlist, forest: SourceForest, outflow: list[int]) -> list[int]:
-    """Compute the currents of the voltage sources, (sources,), from exact net currents out of the nodes, (nodes,).
+def sum_cuts(netlist: Netlist, forest: SourceForest, outflow: Sequence[_Amps]) -> list[_Amps]:
+    """Sum exact net currents out of the nodes, (nodes,), to the currents of the voltage sources, (sources,).
 
     The current of a source that closes a loop counts as 0.
     """
     towards_roots = [(node, above, source) for node, above, source, _ in reversed(forest.ties)]
-    current = [0] * len(netlist.source_volts)
-    for source, amps in _cut_currents(netlist, towards_roots, dict(enumerate(outflow))):
+    current = [0 * outflow[GROUND]] * len(netlist.source_volts)
+    remaining = {node: outflow[node] for node in forest.order.tolist()}
+    for source, amps in _cut_currents(netlist, towards_roots, remaining):
         current[source] = amps
     return current
 
