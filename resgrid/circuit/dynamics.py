@@ -24,7 +24,15 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from resgrid.circuit.equations import across, contacts_of, injected_into_rows, matrix_of, parts_of, sum_by_row
+from resgrid.circuit.equations import (
+    across,
+    contacts_of,
+    injected_into_rows,
+    matrix_of,
+    parts_of,
+    refuse_floating_currents,
+    sum_by_row,
+)
 from resgrid.circuit.sources import SourceForest, tie_sources
 from resgrid.errors import AccuracyError, CircuitError, InputError
 from resgrid.netlist import Netlist
@@ -147,6 +155,7 @@ def dynamics_of(netlist: Netlist) -> Dynamics:
     elements = np.concatenate([netlist.resistor_nodes, capacitors])
     elements.flags.writeable = False
     parts = parts_of(netlist, elements, forest)
+    refuse_floating_currents(netlist, parts)
     size, row = parts.rows(~parts.floating, forest)
     fixed = np.where((row < 0) & (parts.of_node >= 0), np.nan, forest.offsets[0])
 

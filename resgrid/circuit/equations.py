@@ -163,6 +163,7 @@ def assemble(netlist: Netlist) -> Equations:
     """
     forest, ends = tie_sources(netlist), netlist.resistor_nodes
     parts = parts_of(netlist, ends, forest)
+    refuse_floating_currents(netlist, parts, unless_balanced=True)
     size, unknown = parts.rows(parts.driven, forest)
     lifted = bool(np.any((unknown[forest.order] >= 0) & (forest.height != 0)))
     some = np.arange(len(ends), dtype=np.int32) if lifted else parts.contacts
@@ -214,13 +215,7 @@ def matrix_of(
 
 
 def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest) -> Parts:
-    """Find the parts that elements and voltage sources join; none that floats may be fed.  Shapes: `elements` (m, 2).
-
-    Raises
-    ------
-    CircuitError
-        If a current source feeds a part that nothing ties to ground.
-    """
+    """Find the parts that elements and voltage sources join.  Shapes: `elements` (m, 2)."""
     from resgrid.circuit.kernels import join_parts, number_parts
 
     part = np.arange(netlist.node_count, dtype=np.int32)
@@ -242,16 +237,26 @@ def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest
     if forest.rest.any():
         least, most = _range(rest[tied], held, number)
         fed |= most > least
-    parts = Parts(part, lowest, highest, fed, contacts)
-    if np.any(fed & parts.floating):
-        into = netlist.current_nodes[netlist.current_amps != 0].ravel()
-        stuck = into[(part[into] >= 0) & parts.floating[part[into]]]
-        if stuck.size:
+    return Parts(part, lowest, highest, fed, contacts)
+
+
+def refuse_floating_currents(netlist: Netlist, parts: Parts, *, unless_balanced: bool = False) -> None:
+    """Raise CircuitError if current sources feed a floating part; or only if the sum of their currents is not zero."""
+    if not np.any(parts.fed & parts.floating):
+        return
+    node, amps = netlist.current_nodes.T.ravel(), np.outer([-1.0, 1.0], netlist.current_amps).ravel()
+    own = parts.of_node[node]
+    into = (own >= 0) & parts.floating[own] & (amps != 0.0)
+    for part in np.unique(own[into]).tolist():
+        here = into & (own == part)
+        total = math.fsum(amps[here].tolist())
+        if total or not unless_balanced:
+            name = netlist.node_name(int(node[here].min()))
             raise CircuitError(
-                f"a current source feeds node {netlist.node_name(int(stuck.min()))}, which nothing ties to ground: "
-                "its voltage has no bound, or none that is known; add a resistor to a rail or remove the source"
+                f"current sources feed node {name} and the nodes joined to it, {total:g} A in sum, which nothing ties "
+                "to ground: their voltages have no bound, or none that is known; add a resistor to a rail or remove a "
+                "source"
             )
-    return parts
 
 
 def _range(values: NDArray[np.float64], group: NDArray[np.int32], count: int) -> NDArray[np.float64]:

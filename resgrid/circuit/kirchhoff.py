@@ -8,6 +8,7 @@ falls are sums of the corrections' differences, so that one is known to its last
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
@@ -15,23 +16,34 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
+from resgrid.circuit.cancel import Balanced, cancel
 from resgrid.circuit.equations import Equations
+from resgrid.circuit.sources import sum_cuts, without_loops
 from resgrid.errors import BudgetError
+from resgrid.netlist import Netlist
 from resgrid.solvers.choose import factor_laplacian
+from resgrid.solvers.conserving import columns_of
 from resgrid.solvers.factor import DirectFactor
+from resgrid.solvers.supernodal import SupernodalFactors
+
+_FEW_ENTRIES, _MOST_ENTRIES = 50_000, 2_000_000
+"""Entries of factors up to which circuits are solved in integers at once, and at most: they take microseconds each."""
 
 _CERTAIN = 1e-9
-"""Share of the current through a node by which the last correction may have changed a current there."""
+"""Fraction of the current through a node by which the last correction may have changed a current there."""
 
 _LEAST, _FAINT, _NONE = 1e-280, 1e-30, 1e-28
-"""Shares of the largest current: below the first, currents count as none, for doubles end; below the second, those that
-cancellation hides do; below the third, KCL is not asked for where they do."""
+"""Fractions of the largest current: below the first, currents count as zero, for doubles end; below the second, those
+that cancellation hides do; below the third, KCL is not checked where they do."""
+
+_UNCHECKED = 1e-20
+"""Fraction of the largest current below which errors of currents are not bounded."""
 
 _DIGITS = 48
-"""Binary digits of a correction, counted from its largest entry: what only rounding tells apart is equal."""
+"""Binary digits of a correction, counted from its largest entry: less is a rounding error."""
 
 _NOISE = 2.0**-98
-"""Share of the currents at a node below which their sum is what double-doubles leave of none."""
+"""Fraction of the currents at a node below which their sum is a rounding error of double-doubles."""
 
 _MOST_VOLTS = 1e200
 """A correction from which on they make nothing better, only larger."""
@@ -39,27 +51,69 @@ _MOST_VOLTS = 1e200
 _MOST_STEPS = 30
 
 Doubled = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""Double-doubles: numbers and what they leave."""
+"""Double-doubles: numbers and their rounding errors."""
 
 
-class Falls(NamedTuple):
-    """Falls across resistors and the voltages that they make.
+def balance(system: Equations) -> tuple[Balanced | None, DirectFactor | None]:
+    """Find currents that balance at every row; none where there is too little memory for the factors.
 
-    `falls` (resistors,): voltage of the first end above the second one's; `heights` (n,): of the rows above the
-    reference, in volts; `doubt`: the most by which the last correction has changed a current, relative to what flows
-    through either end; `excused` (nodes,): whether a current counts as none there that others, of 1e-28 of the largest
-    at most, may not add up without; `factors`: those that they were found with, if there are rows.
+    Small circuits are solved in integers, and so are others where corrections in double-double leave doubt.  Returns
+    the factors as well, if there are rows.
+    """
+    if not system.size:
+        return cancel(system, []), None
+    try:
+        direct = factor_laplacian(system.laplacian, "direct")
+    except BudgetError:
+        return None, None
+    assert isinstance(direct, DirectFactor)
+    entries = direct.factors.symbolic.entries
+    found = None if entries <= _FEW_ENTRIES else _correct(system, direct.factors)
+    if found is None or (found.doubt > _CERTAIN and entries <= _MOST_ENTRIES):
+        found = cancel(system, columns_of(direct.factors)) or found or _correct(system, direct.factors)
+    return found, direct
+
+
+class _Falls(NamedTuple):
+    """Falls across resistors and the voltages that they make, in double-double.
+
+    `falls` (resistors,): voltage of the first end above the second one; `heights` (n,): of the rows above the
+    reference, in volts; `net, through` (n,): current into every row that does not leave it, and half of all currents
+    there; `doubt`: largest change of a current by the last correction, relative to the current through either end;
+    `faint` (resistors,): whether a current cannot be told from zero.
     """
 
-    falls: NDArray[np.float64]
-    heights: NDArray[np.float64]
+    falls: Doubled
+    heights: Doubled
+    net: NDArray[np.float64]
+    through: NDArray[np.float64]
     doubt: float
-    excused: NDArray[np.bool_]
-    factors: DirectFactor | None
+    faint: NDArray[np.bool_]
 
 
-def balance(system: Equations) -> Falls | None:
-    """Falls that balance at every row; None where there is too little memory for the factors."""
+def _correct(system: Equations, factors: SupernodalFactors) -> Balanced:
+    """Correct in double-double, and bound the errors."""
+    netlist, ends = system.netlist, system.netlist.resistor_nodes
+    found = _refined(system, factors)
+    falls, excused = found.falls, np.zeros(netlist.node_count, dtype=np.bool_)
+    amps = netlist.conductance * np.abs(falls[0])
+    if found.faint.any():
+        none_flows = _around(ends, netlist.node_count, amps <= amps[found.faint].max(), found.faint)
+        for part in falls:
+            part[none_flows] = 0.0
+        excused[ends[none_flows]] = True
+        excused &= np.bincount(ends.ravel(), np.repeat(amps, 2), netlist.node_count) <= _NONE * amps.max()
+    doubt = found.doubt
+    if netlist.cell_map is None:
+        doubt = max(doubt, _bound(system, factors, found))
+    heights, amps = system.heights(found.heights[0]), netlist.conductance * falls[0]
+    return Balanced(
+        system.above_ground(heights), heights, amps, _source_amps(system, falls), float(amps @ falls[0]), excused, doubt
+    )
+
+
+def _refined(system: Equations, factors: SupernodalFactors) -> _Falls:
+    """Add corrections until they change no current."""
     netlist, none, forest = system.netlist, np.zeros(system.size), system.forest
     ends, rows = netlist.resistor_nodes, system.unknown[netlist.resistor_nodes]
     offset, rest = forest.offsets
@@ -68,18 +122,11 @@ def balance(system: Equations) -> Falls | None:
     still[system.floating] = still[system.undriven] = True
     flows = ~still[ends].any(axis=1)
     one, other = ((flows * held[end], flows * rest[end]) for end in ends.T)
-    falls, excused = _plus(one, -other[0], -other[1]), np.zeros(netlist.node_count, dtype=np.bool_)
-    if not system.size:
-        return Falls(falls[0], none, 0.0, excused, None)
-    try:
-        direct = factor_laplacian(system.laplacian, "direct")
-    except BudgetError:
-        return None
-    assert isinstance(direct, DirectFactor)
-    heights, worst = (none - system.reference, none), np.inf
+    falls = _plus(one, -other[0], -other[1])
+    heights, worst, faint, least = (none - system.reference, none), np.inf, flows & False, flows & False
     net, through = _residual(system, rows, falls)
     for _ in range(_MOST_STEPS):
-        x = direct.factors.solve(net)
+        x = factors.solve(net)
         size = float(np.abs(x).max())
         if not size < _MOST_VOLTS:
             worst = np.inf
@@ -98,13 +145,35 @@ def balance(system: Equations) -> Falls | None:
         open_rows = np.abs(net) > np.maximum(_CERTAIN * through, _FAINT * through.max())
         if worst <= _CERTAIN and not ((faint & ~least).any() or open_rows.any()):
             break
-    faint |= least & (amps > 0.0)
-    if faint.any():
-        none_flows = _around(ends, netlist.node_count, amps <= amps[faint].max(), faint)
-        falls[0][none_flows] = 0.0
-        excused[ends[none_flows]] = True
-        excused &= np.bincount(ends.ravel(), np.repeat(amps, 2), netlist.node_count) <= _NONE * amps.max()
-    return Falls(falls[0], heights[0], worst, excused, direct)
+    return _Falls(falls, heights, net, through, worst, faint | (least & (falls[0] != 0.0)))
+
+
+def _bound(system: Equations, factors: SupernodalFactors, found: _Falls) -> float:
+    """Bound the errors of voltages relative to the largest one, and of currents relative to those at either end.
+
+    A wrong current into a row raises no voltage by more than the inverse matrix says, whose entries are not negative,
+    and moves no current by more than itself.
+    """
+    netlist, rows = system.netlist, system.unknown[system.netlist.resistor_nodes]
+    wrong = np.abs(found.net) + _NOISE * found.through
+    error = np.append(factors.solve(wrong), 0.0)
+    level = np.abs(system.above_ground(system.heights(found.heights[0])))
+    amps = netlist.conductance * np.abs(found.falls[0])
+    most = np.minimum(netlist.conductance * error[rows].sum(axis=1), wrong.sum())
+    beside = np.where(rows >= 0, np.append(found.through, 0.0)[rows], amps[:, np.newaxis]).min(axis=1)
+    beside = np.maximum(beside, _UNCHECKED * amps.max())
+    share = np.divide(most, beside, out=np.zeros_like(most), where=beside > 0.0)
+    return float(max(share.max(initial=0.0), error.max() / max(np.nanmax(level), np.finfo(np.float64).tiny)))
+
+
+def _source_amps(system: Equations, falls: Doubled) -> NDArray[np.float64]:
+    """Currents of the voltage sources, (sources,), from exact sums of what flows into their nodes."""
+    netlist = system.netlist
+    net, net_low, _ = _flows(netlist, netlist.resistor_nodes, netlist.current_nodes, netlist.node_count, falls)
+    outflow = [Fraction(0)] * netlist.node_count
+    for node in system.forest.order.tolist():
+        outflow[node] = -Fraction(net[node]) - Fraction(net_low[node])
+    return without_loops(system.forest, np.array([float(amps) for amps in sum_cuts(netlist, system.forest, outflow)]))
 
 
 def _plus(total: Doubled, more: NDArray[np.float64], more_low: NDArray[np.float64] | float = 0.0) -> Doubled:
@@ -129,11 +198,23 @@ def _around(
 def _residual(
     system: Equations, rows: NDArray[np.int32], falls: Doubled
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """What flows into every row beyond what flows out, and half of all that flows there; in amperes, (n,)."""
+    """Current into every row that does not leave it, and half of all currents there; in amperes, (n,)."""
+    fed = system.unknown[system.netlist.current_nodes]
+    net, _, total = _flows(system.netlist, rows, fed, system.size, falls)
+    return np.where(np.abs(net) > _NOISE * total, net, 0.0), 0.5 * total
+
+
+def _flows(
+    netlist: Netlist, ends: NDArray[np.int32], fed: NDArray[np.int32], count: int, falls: Doubled
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Sum the currents of resistors and current sources into nodes or rows, in double-double, and all magnitudes.
+
+    Shapes: `ends` (resistors, 2), `fed` (current sources, 2): numbers of nodes or rows; returns (count,) each.
+    """
     from resgrid.circuit.kernels import add_flows
 
-    netlist, amps = system.netlist, system.netlist.current_amps
-    net, net_low, total = np.zeros((3, system.size))
-    add_flows(rows, netlist.conductance, *falls, net, net_low, total)
-    add_flows(system.unknown[netlist.current_nodes], np.ones_like(amps), amps, np.zeros_like(amps), net, net_low, total)
-    return np.where(np.abs(net) > _NOISE * total, net, 0.0), 0.5 * total
+    net, net_low, total = np.zeros((3, count))
+    amps = netlist.current_amps
+    add_flows(ends, netlist.conductance, *falls, net, net_low, total)
+    add_flows(fed, np.ones_like(amps), amps, np.zeros_like(amps), net, net_low, total)
+    return net, net_low, total

@@ -18,7 +18,7 @@ from resgrid.circuit.equations import Equations, assemble, parts_of
 from resgrid.circuit.operating_point import OperatingPoint, Readings
 from resgrid.circuit.readout import DIRECTION_RESIDUAL, node_values, read_entrywise, read_normwise, values_above
 from resgrid.errors import AccuracyError
-from resgrid.netlist import Netlist
+from resgrid.netlist import GROUND, Netlist
 from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.extended import unscaled
 from resgrid.solvers.factor import EXACT_ROWS, Factor
@@ -29,6 +29,9 @@ from resgrid.solvers.team import Team
 
 _LOST = 1e-10
 """Share of the smallest source's voltage that rounding may leave of a sum."""
+
+_FEW = 500
+"""Nodes up to which circuits that are no grids are balanced in any case: it takes some milliseconds."""
 
 _STIFF = 1e-9
 """Ratio of conductances from which the rounding of the large ones may hide what the small ones carry."""
@@ -43,7 +46,8 @@ def solve_linear(
         with _timed(seconds, "assemble"):
             system = assemble(netlist)
         point = _solved(system, seconds, accuracy, method, rtol, team, Watch(progress))
-    if not np.isin(system.forest.order[system.forest.height != 0], system.floating).any():
+    driven = system.forest.order[system.forest.height != 0], netlist.current_nodes[netlist.current_amps != 0].ravel()
+    if not np.isin(np.concatenate(driven), system.floating).any():
         return point
     some = [np.isin(ends[:, 0], system.floating) for ends in (netlist.resistor_nodes, netlist.source_nodes)]
     loops = _tied_parts(system, *some)
@@ -80,13 +84,13 @@ def _solved(
         from resgrid.circuit.kirchhoff import balance
 
         with _timed(seconds, "balance"):
-            found = balance(system)
+            found, direct = balance(system)
             if found is not None:
                 proved = system.rails is not None and is_answer(watch.error, watch.bound)
                 if system.rails is None:
-                    values = values_above(system, system.heights(found.heights))
+                    values = values_above(system, found.heights)
                 elif not watch.bound <= CERTAIN:
-                    values = node_values(system, found.factors, Watch(), team)
+                    values = node_values(system, direct, Watch(), team)
                 again = read_entrywise(system, values, team, found, **told)
                 if not proved or again[0].kcl_residual <= max(point.kcl_residual, DIRECTION_RESIDUAL):
                     (point, residual, _), doubt, balanced = again, found.doubt, True
@@ -112,26 +116,37 @@ def _asks_for_balance(system: Equations, point: OperatingPoint) -> bool:
     many decades, or both signs drive: small circuits are balanced then.
     """
     forest, volts = system.forest, np.abs(system.netlist.source_volts)
-    lost = float(np.abs(forest.rest).max(initial=0.0))
+    lost, few = float(np.abs(forest.rest).max(initial=0.0)), system.size <= EXACT_ROWS
     if forest.lift > 0.0 or point.kcl_residual > DIRECTION_RESIDUAL:
         return True
-    if lost > 0.0 and (system.size <= EXACT_ROWS or lost > _LOST * volts[volts > 0.0].min()):
+    if system.netlist.cell_map is None and system.netlist.node_count <= _FEW:
         return True
-    if not 0 < system.size <= EXACT_ROWS:
+    if few and ((system.rails is None and point.potential is None) or np.any(forest.above > GROUND)):
+        return True
+    if lost > 0.0 and (few or lost > _LOST * volts[volts > 0.0].min()):
+        return True
+    if not (few and system.size):
         return False
     found = count_connections(system.laplacian)
-    mixed = point.log_drop is None and point.potential is None
-    return bool(mixed or found.smallest < _STIFF * found.largest)
+    return bool(found.smallest < _STIFF * found.largest)
 
 
 def _tied_parts(system: Equations, resistors: NDArray[np.bool_], sources: NDArray[np.bool_]) -> Netlist:
-    """The resistors and sources of what floats, each part tied to ground at one of its nodes."""
+    """The resistors and sources of what floats, each part tied to ground at one of its nodes.
+
+    The currents of current sources into a part add up to zero, so that nothing flows through its tie; their ends in
+    other places are ground here.
+    """
     netlist, part = system.netlist, parts_of(system.netlist, system.netlist.resistor_nodes, system.forest).of_node
     pins = system.floating[np.unique(part[system.floating], return_index=True)[1]]
     ends = np.concatenate([netlist.source_nodes[sources], np.outer(pins, [1, 0])])
     volts = np.append(netlist.source_volts[sources], 0.0 * pins)
-    kept = netlist.resistor_nodes[resistors]
-    return Netlist(netlist.node_count, kept, netlist.conductance[resistors], ends, volts)
+    inside = np.isin(netlist.current_nodes, system.floating)
+    fed = inside.any(axis=1)
+    return Netlist(
+        netlist.node_count, netlist.resistor_nodes[resistors], netlist.conductance[resistors], ends, volts,
+        current_nodes=np.where(inside, netlist.current_nodes, GROUND)[fed], current_amps=netlist.current_amps[fed],
+    )  # fmt: skip
 
 
 def _joined(whole: Readings, found: Readings, resistors: NDArray[np.bool_], sources: NDArray[np.bool_]) -> Readings:

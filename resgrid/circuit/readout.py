@@ -11,11 +11,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.circuit.cancel import Balanced
 from resgrid.circuit.equations import Equations, injected_currents
 from resgrid.circuit.operating_point import OperatingPoint, Readings
 from resgrid.circuit.sources import SourceForest, source_currents
@@ -27,9 +28,6 @@ from resgrid.solvers.laplacian import Rails
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.refine import minus, quotient
 from resgrid.solvers.team import ALONE, Team
-
-if TYPE_CHECKING:
-    from resgrid.circuit.kirchhoff import Falls
 
 OUT_OF_RANGE = (
     "a voltage exceeds 1.8e308 V, the range of double precision: the currents fed in are too large for the "
@@ -199,9 +197,9 @@ def read_normwise(system: Equations, x: NDArray[np.float64], **told: Any) -> Ope
 
 
 def read_entrywise(
-    system: Equations, values: NodeValues, team: Team, falls: Falls | None = None, **told: Any
+    system: Equations, values: NodeValues, team: Team, found: Balanced | None = None, **told: Any
 ) -> tuple[OperatingPoint, NDArray[np.float64], bool]:
-    """Read everything off the values of the nodes, or currents off falls across the resistors.
+    """Read everything off the values of the nodes, with the voltages and currents that have been found by balancing.
 
     `told`: what the point is to say of how it was solved.  Returns `residual` (nodes,), and whether currents that
     matter have few digits left.
@@ -211,8 +209,10 @@ def read_entrywise(
     )
     upwards = np.sign(values.volts)
     falling = None if potential is None else upwards * potential if log_drop is None else -upwards * log_drop
-    unknown = system.unknown if falls is None else np.where(falls.excused, -1, system.unknown)
-    readings, residual, faint = _read(system.netlist, system.forest, unknown, values, team, falling, falls)
+    unknown = system.unknown
+    if found is not None:
+        voltage, falling, unknown = found.volts, None, np.where(found.excused, -1, unknown)
+    readings, residual, faint = _read(system.netlist, system.forest, unknown, values, team, falling, found)
     point = OperatingPoint(
         system.netlist, voltage, log_drop, potential, readings, system.floating, system.undriven, **told
     )
@@ -225,9 +225,9 @@ def _normwise_readings(system: Equations, heights: NDArray[np.float64]) -> Readi
 
 def _read(
     netlist: Netlist, forest: SourceForest, unknown: NDArray[np.int32], values: NodeValues, team: Team = ALONE,
-    falling: NDArray[np.float64] | None = None, falls: Falls | None = None,
+    falling: NDArray[np.float64] | None = None, found: Balanced | None = None,
 ) -> tuple[Readings, NDArray[np.float64], bool]:  # fmt: skip
-    """Take currents from falls, or from differences of values, and sum them up at every node.
+    """Take currents that have been found, or differences of values, and sum them up at every node.
 
     What is ``falling`` (nodes,) falls along currents up to rounding, and along every one that matters after this:
     others are set to 0.  Nodes that floating sources join count as one.  Returns `residual` (nodes,), and whether
@@ -237,11 +237,10 @@ def _read(
     from resgrid.circuit.kernels import drop_unresolved
 
     ends, faint = netlist.resistor_nodes, np.zeros(0, dtype=np.int64)
-    if falls is None:
+    if found is None:
         amps, exponent, heat, faint = _differences(values, netlist, team)
     else:
-        amps, exponent = netlist.conductance * falls.falls, np.zeros(len(ends), dtype=np.int64)
-        heat = float(amps @ falls.falls)
+        amps, exponent, heat = found.amps, np.zeros(len(ends), dtype=np.int64), found.power
     plain = not exponent.any()
     frame, net, through = _sums(netlist, amps, exponent)
     if falling is not None:
@@ -262,7 +261,9 @@ def _read(
     readings = Readings(
         resistor_current=amps if plain else amps * power(exponent),
         scaled=(amps, np.broadcast_to(np.int64(0), len(amps)) if plain else exponent),
-        source_current=source_currents(netlist, forest, -net_amps, through_amps),
+        source_current=(
+            source_currents(netlist, forest, -net_amps, through_amps) if found is None else found.source_amps
+        ),
         power=heat,
         kcl_residual=float(residual.max(initial=0.0)),
     )

@@ -7,14 +7,18 @@ root of its own); a source that closes a loop must agree with the forest, and le
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import CircuitError
 from resgrid.netlist import GROUND, Netlist
+
+_Amps = TypeVar("_Amps", int, float, Fraction)
 
 LOOP_TOLERANCE = 1e-12
 """Share of the largest voltage up to which the sources of a loop agree."""
@@ -118,22 +122,49 @@ def tie_sources(netlist: Netlist) -> SourceForest:
 def source_currents(
     netlist: Netlist, forest: SourceForest, outflow: NDArray[np.float64], through: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Current into the plus terminal of every voltage source, from KCL on the forest.
+    """Compute the current into the plus terminal of every voltage source, from KCL on the forest.
 
-    It is summed on the side of a source where less flows, and less is lost to rounding: from the leaves of its tree and
-    from its root towards the node around which most flows.
+    Each sum is taken on the side of a source where less current flows, and rounding loses less: from the leaves of its
+    tree and from its root towards the node with the most current.
     Shapes: `outflow, through` (nodes,), the net current and half the sum of all magnitudes; returns (sources,).
     """
-    current, ties = np.full(len(netlist.source_volts), np.nan), forest.ties
+    ties = forest.ties
     remaining, flow = ({node: float(values[node]) for node in forest.order.tolist()} for values in (outflow, through))
     for node, above, _, _ in reversed(ties):
         flow[above] += flow[node]
     inwards = [(above, node, source) for node, above, source, base in ties if flow[node] > _MOST_OF_FLOW * flow[base]]
     turned = {source for _, _, source in inwards}
     outwards = [(node, above, source) for node, above, source, _ in reversed(ties) if source not in turned]
-    for node, other, source in outwards + inwards:
-        current[source] = remaining[node] * (-1.0 if netlist.source_nodes[source, 0] == node else 1.0)
+    current = np.full(len(netlist.source_volts), np.nan)
+    for source, amps in _cut_currents(netlist, outwards + inwards, remaining):
+        current[source] = amps
+    return without_loops(forest, current)
+
+
+def sum_cuts(netlist: Netlist, forest: SourceForest, outflow: Sequence[_Amps]) -> list[_Amps]:
+    """Sum exact net currents out of the nodes, (nodes,), to the currents of the voltage sources, (sources,).
+
+    The current of a source that closes a loop counts as 0.
+    """
+    towards_roots = [(node, above, source) for node, above, source, _ in reversed(forest.ties)]
+    current = [0 * outflow[GROUND]] * len(netlist.source_volts)
+    remaining = {node: outflow[node] for node in forest.order.tolist()}
+    for source, amps in _cut_currents(netlist, towards_roots, remaining):
+        current[source] = amps
+    return current
+
+
+def _cut_currents(
+    netlist: Netlist, steps: list[tuple[int, int, int]], remaining: dict[int, _Amps]
+) -> Iterator[tuple[int, _Amps]]:
+    """Sources and their currents: each carries all that remains of a node to the next node, in the order of steps."""
+    for node, other, source in steps:
+        yield source, -remaining[node] if netlist.source_nodes[source, 0] == node else remaining[node]
         remaining[other] += remaining[node]
+
+
+def without_loops(forest: SourceForest, current: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Set the currents of sources in loops to NaN, in place, with a warning."""
     if forest.loop.any():
         current[forest.loop] = np.nan
         warnings.warn(

@@ -57,13 +57,12 @@ def floating_loop() -> rg.Netlist:
 @pytest.mark.parametrize(
     "analyse",
     [
-        rg.solve,
         lambda netlist: rg.transient(netlist, [1.0]),
         lambda netlist: rg.study(netlist).settling(),
         lambda netlist: rg.study(netlist).noise(),
     ],
 )
-def test_a_current_within_a_floating_part_is_refused_everywhere(analyse: object) -> None:
+def test_a_current_within_a_floating_part_is_refused_over_time(analyse: object) -> None:
     assert callable(analyse)
     with pytest.raises(rg.CircuitError, match="nothing ties to ground"):
         analyse(floating_loop())

@@ -1,0 +1,236 @@
+"""Operating points whose voltages and currents cancel: each of them is computed to its last digit, however small.
+
+A level or a current that remains after large ones cancel is not the difference of rounded numbers.  Here voltages and
+currents are integers, in units far below the smallest value of interest, and residuals are exact.  Refinement with
+factors that conserve current (`resgrid.solvers.conserving`) gains about as many digits in each step as a double holds.
+It ends when the energy of the last correction proves every voltage and every current: to 2**-`_DIGITS` of itself, or
+to be below 2**-`FLOOR` of the largest one.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.circuit.equations import Equations
+from resgrid.circuit.sources import sum_cuts, without_loops
+from resgrid.solvers.conserving import Column, fixed, nearest, scaled, substitute
+
+FLOOR = 1000
+"""Binary digits: a voltage or a current below ``2**-FLOOR`` of the largest one counts as zero."""
+
+_DIGITS = 60
+"""Binary digits to which a value is proved before it is rounded to the 53 of a double."""
+
+_GUARD = 300
+"""Binary digits of the units below the floor, in addition to the range of the conductances."""
+
+_NEAR = 20
+"""Binary digits above the floor up to which the currents at a node may not add up: some of them are below it."""
+
+_MOST_STEPS = 200
+
+
+class Balanced(NamedTuple):
+    """Voltages and currents that obey Kirchhoff's laws.
+
+    `volts` (nodes,): above ground, NaN where a node floats; `heights` (nodes,): above the reference of the equations;
+    `amps` (resistors,): from the first end to the second one; `source_amps` (sources,): into the plus terminal, NaN in
+    a loop of sources; `power`: in all resistors, in watts; `excused` (nodes,): whether all currents at a node are so
+    close to the floor that some of them may count as zero, and others not; `doubt`: bound on the error of a voltage
+    relative to the largest one, or of a current relative to the current through either end.
+    """
+
+    volts: NDArray[np.float64]
+    heights: NDArray[np.float64]
+    amps: NDArray[np.float64]
+    source_amps: NDArray[np.float64]
+    power: float
+    excused: NDArray[np.bool_]
+    doubt: float = 0.0
+
+
+class _Resistor(NamedTuple):
+    """A resistor that may carry current: its number, its nodes, their rows (-1: known voltage), its conductance.
+
+    The conductance is ``siemens / 2**places``; `log` is its binary logarithm.
+    """
+
+    number: int
+    nodes: tuple[int, int]
+    rows: tuple[int, int]
+    siemens: int
+    places: int
+    log: float
+
+
+def cancel(system: Equations, columns: list[Column]) -> Balanced | None:
+    """Solve the equations; None where refinement does not converge, as where fractions of the factors underflow."""
+    state = _begin(system)
+    last = math.inf
+    for _ in range(_MOST_STEPS if system.size else 0):
+        power = state.correct(substitute(columns, state.net[:-1], state.unit_amps - state.unit_volts))
+        if power == -math.inf or state.proved(power):
+            break
+        if not power < last:
+            return None
+        last = power
+    return state.rounded()
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """Voltages and currents as integers, which corrections change in place.
+
+    `unit_volts, unit_amps`: binary logarithms of the units; `resistors`: those that may carry current; `volts`
+    (nodes,); `net` (n + 1,): current into every row beyond the current out of it; the last entry is not used.
+    """
+
+    system: Equations
+    unit_volts: int
+    unit_amps: int
+    resistors: list[_Resistor]
+    volts: list[int]
+    net: list[int]
+
+    def current(self, resistor: _Resistor, fall: int) -> int:
+        """Return the current of a resistor in units of current; less than a unit is lost."""
+        return fall * resistor.siemens >> resistor.places + self.unit_amps - self.unit_volts
+
+    def conduct(self, resistor: _Resistor, fall: int) -> None:
+        """Move current from the row of the first end to the row of the second one."""
+        amps, (first, second) = self.current(resistor, fall), resistor.rows
+        self.net[first] -= amps
+        self.net[second] += amps
+
+    def correct(self, rise: list[int]) -> float:
+        """Raise the rows' voltages (n,); return a bound on the square root of the correction's power, as a logarithm.
+
+        The logarithm is binary; the unit is that of voltages, times the square root of a siemens.
+        """
+        rise = [*rise, 0]
+        for node in np.flatnonzero(self.system.unknown >= 0).tolist():
+            self.volts[node] += rise[self.system.unknown[node]]
+        most = -math.inf
+        for each in self.resistors:
+            if change := rise[each.rows[0]] - rise[each.rows[1]]:
+                self.conduct(each, change)
+                most = max(most, 2.0 * change.bit_length() + each.log)
+        return 0.5 * (most + math.log2(max(len(self.resistors), 1)))
+
+    def proved(self, power: float) -> bool:
+        """Return whether errors of this power, as from `correct`, leave all values their digits.
+
+        A resistor of conductance g has an error of current of at most ``sqrt(g)`` times the square root of the power,
+        a node with a resistance R to the ground an error of voltage of ``sqrt(R)`` times that root.
+        """
+        solved = [each for each in self.resistors if each.rows[0] != each.rows[1]]
+        if not solved:
+            return True
+        currents = [_log(self.volts[each.nodes[0]] - self.volts[each.nodes[1]]) + each.log for each in self.resistors]
+        floor = max(currents) - FLOOR
+        for each, amps in zip(self.resistors, currents, strict=True):
+            if each.rows[0] != each.rows[1] and power + 0.5 * each.log > max(amps - _DIGITS, floor):
+                return False
+        logs = [each.log for each in solved]
+        error = power + 0.5 * (math.log2(self.system.size) - min(logs))
+        levels = [_log(self.volts[node]) for node in np.flatnonzero(self.system.unknown >= 0).tolist()]
+        least = max(map(_log, self.volts)) - FLOOR
+        if any(error > max(level - _DIGITS, least) for level in levels):
+            return False
+        error = power + 0.5 * max(logs) + math.log2(len(solved)) + self.unit_volts - self.unit_amps
+        cuts = [_log(amps) for amps in self.source_currents()]
+        floor += self.unit_volts - self.unit_amps
+        return all(error <= max(cut - _DIGITS, floor) for cut in cuts)
+
+    def source_currents(self) -> list[int]:
+        """Return the currents of the voltage sources, (sources,), in units of current."""
+        netlist, outflow = self.system.netlist, [0] * len(self.volts)
+        for each in self.resistors:
+            amps = self.current(each, self.volts[each.nodes[0]] - self.volts[each.nodes[1]])
+            outflow[each.nodes[0]] += amps
+            outflow[each.nodes[1]] -= amps
+        for (source, target), amps in zip(netlist.current_nodes.tolist(), netlist.current_amps.tolist(), strict=True):
+            outflow[source] += _units(amps, self.unit_amps)
+            outflow[target] -= _units(amps, self.unit_amps)
+        return sum_cuts(netlist, self.system.forest, outflow)
+
+    def rounded(self) -> Balanced:
+        """Round all numbers once."""
+        system, netlist = self.system, self.system.netlist
+        falls, amps = np.zeros((2, len(netlist.conductance)))
+        for each in self.resistors:
+            fall = self.volts[each.nodes[0]] - self.volts[each.nodes[1]]
+            falls[each.number] = nearest(fall, self.unit_volts)
+            amps[each.number] = nearest(fall * each.siemens, self.unit_volts - each.places)
+        source_amps = np.array([nearest(amps, self.unit_amps) for amps in self.source_currents()])
+        least = math.ldexp(max(np.abs(amps).max(initial=0.0), np.abs(source_amps).max(initial=0.0)), -FLOOR)
+        through = np.bincount(netlist.resistor_nodes.ravel(), np.repeat(np.abs(amps), 2), netlist.node_count)
+        falls[np.abs(amps) <= least] = 0.0
+        amps[np.abs(amps) <= least] = source_amps[np.abs(source_amps) <= least] = 0.0
+        reference = _units(system.reference, self.unit_volts)
+        volts = np.array([nearest(level, self.unit_volts) for level in self.volts])
+        heights = np.array([nearest(level - reference, self.unit_volts) for level in self.volts])
+        for levels in (volts, heights):
+            levels[np.abs(levels) <= math.ldexp(np.abs(levels).max(), -FLOOR)] = 0.0
+            levels[system.floating] = np.nan
+        heights[system.undriven] = system.undriven_volts - system.reference
+        volts[system.undriven] = system.undriven_volts
+        source_amps, excused = without_loops(system.forest, source_amps), through <= math.ldexp(least, _NEAR)
+        return Balanced(volts, heights, amps, source_amps, float(amps @ falls), excused)
+
+
+def _begin(system: Equations) -> _State:
+    """Set all rows to the reference voltage."""
+    netlist, unknown = system.netlist, system.unknown
+    still = np.zeros(netlist.node_count, dtype=np.bool_)
+    still[system.floating] = still[system.undriven] = True
+    flows = np.flatnonzero(~still[netlist.resistor_nodes].any(axis=1))
+    siemens, ends = netlist.conductance[flows].tolist(), netlist.resistor_nodes[flows]
+    least, most = math.frexp(min(siemens, default=1.0))[1], math.frexp(max(siemens, default=1.0))[1]
+    level, fed = np.abs(netlist.source_volts).sum(), np.abs(netlist.current_amps).max(initial=0.0)
+    largest = max(math.frexp(level)[1] + 1 + most, math.frexp(fed)[1])
+    unit_amps = largest - FLOOR - _GUARD - (most - least)
+    unit_volts = unit_amps - most
+    volts, reference = _offsets(system, unit_volts), _units(system.reference, unit_volts)
+    for node in np.flatnonzero(unknown >= 0).tolist():
+        volts[node] += reference
+    resistors = [
+        _Resistor(k, tuple(nodes), tuple(rows), *fixed(g), math.log2(g))
+        for k, nodes, rows, g in zip(flows.tolist(), ends.tolist(), unknown[ends].tolist(), siemens, strict=True)
+    ]
+    net = [0] * (system.size + 1)
+    rows = unknown[netlist.current_nodes].tolist()
+    for (source, target), amps in zip(rows, netlist.current_amps.tolist(), strict=True):
+        net[source] -= _units(amps, unit_amps)
+        net[target] += _units(amps, unit_amps)
+    state = _State(system, unit_volts, unit_amps, resistors, volts, net)
+    for each in resistors:
+        if each.rows[0] != each.rows[1]:
+            state.conduct(each, volts[each.nodes[0]] - volts[each.nodes[1]])
+    return state
+
+
+def _offsets(system: Equations, unit: int) -> list[int]:
+    """Return the voltage of every node above the root of its tree of sources, (nodes,), in units."""
+    netlist, offset = system.netlist, [0] * system.netlist.node_count
+    plus, volts = netlist.source_nodes[:, 0].tolist(), netlist.source_volts.tolist()
+    for node, above, source, _ in system.forest.ties:
+        rise = _units(volts[source], unit)
+        offset[node] = offset[above] + (rise if plus[source] == node else -rise)
+    return offset
+
+
+def _units(value: float, unit: int) -> int:
+    """Return a double as a multiple of ``2**unit``; less than a unit is lost."""
+    mantissa, places = fixed(value)
+    return scaled(mantissa, -places - unit)
+
+
+def _log(value: int) -> float:
+    """Return the binary logarithm of a magnitude, rounded down; -inf for 0."""
+    return value.bit_length() - 1.0 if value else -math.inf

@@ -1,0 +1,120 @@
+"""Levels and currents that remain after large ones cancel, against exact fractions.
+
+``RESGRID_CIRCUITS`` sets the number of random circuits, ``RESGRID_SEED`` their seed.
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from support.cancelling import cancelling_circuit
+from support.fractions_solver import Value, solve_exactly
+
+import resgrid as rg
+
+_SHARE = Fraction(1, 10**15)
+"""Promised relative error of every voltage and every current in circuits of few nodes."""
+
+_FLOOR = Fraction(1, 2**1000)
+"""Fraction of the largest voltage or current below which one may count as zero."""
+
+
+def assert_exact(netlist: rg.Netlist, point: rg.OperatingPoint) -> None:
+    exact = solve_exactly(netlist)
+    assert exact is not None
+    _assert_close(point.voltage, exact.voltage)
+    through = exact.resistor_current + exact.source_current
+    _assert_close(np.concatenate([point.resistor_current, point.source_current]), through)
+    assert point.kcl_residual < 1e-9
+
+
+def _assert_close(found: np.ndarray, wanted: list[Value]) -> None:
+    largest = max((abs(value) for value in wanted if value is not None), default=Fraction(0))
+    for value, exact in zip(found.tolist(), wanted, strict=True):
+        assert np.isnan(value) == (exact is None)
+        if exact is not None:
+            assert abs(Fraction(value) - exact) <= max(_SHARE * abs(exact), _FLOOR * largest), (value, float(exact))
+
+
+@pytest.mark.parametrize("part", range(8))
+def test_no_value_of_a_circuit_that_cancels_is_wrong_or_refused(part: int) -> None:
+    seed, count = int(os.environ.get("RESGRID_SEED", "0")), int(os.environ.get("RESGRID_CIRCUITS", "400"))
+    for number in range(part, count, 8):
+        netlist = cancelling_circuit(seed, number)
+        try:
+            with warnings.catch_warnings():
+                warnings.filterwarnings("ignore", "[0-9]+ voltage sources form loops")
+                point = rg.solve(netlist, method=("auto", "direct", "multigrid")[number % 3])
+        except rg.CircuitError as error:
+            exact = solve_exactly(netlist)
+            assert exact is None or ("no element touches ground" in str(error) and not any(exact.voltage))
+            continue
+        assert_exact(netlist, point)
+
+
+def test_sources_that_cancel_at_a_node_leave_dead_ends_without_current() -> None:
+    """The node between two sources of 1 mA passes on exactly nothing through its parallel resistors."""
+    netlist = rg.Netlist(
+        4, [[3, 1], [1, 2], [1, 0], [3, 0], [2, 1], [3, 0]], [0.0882, 0.0185, 0.003, 0.00343, 0.0135, 0.000179],
+        current_nodes=[[1, 0], [3, 2], [2, 0], [3, 0], [3, 0], [3, 0]],
+        current_amps=[1.0, 1e-3, 1e-3, -4.67, 1.3e-24, -10.567],
+    )  # fmt: skip
+    point = rg.solve(netlist)
+    assert_exact(netlist, point)
+    assert point.resistor_direction[[1, 4]].tolist() == [0, 0]
+
+
+def test_a_source_between_two_others_carries_the_small_difference() -> None:
+    netlist = rg.Netlist(
+        4, [[2, 3], [0, 1]], [1.0, 1.0], [[1, 0], [2, 1], [2, 3]], [1.0, 1.0, 1.0],
+        current_nodes=[[3, 0]], current_amps=[-2e-13],
+    )  # fmt: skip
+    point = rg.solve(netlist)
+    assert_exact(netlist, point)
+    assert point.source_current[1] == 2e-13
+
+
+@pytest.mark.parametrize("weak", [1e-5, 1.0, 50.0])
+def test_a_weak_resistor_beside_a_stiff_one_carries_its_part(weak: float) -> None:
+    netlist = rg.Netlist(
+        4, [[1, 0], [2, 1], [2, 1], [3, 2]], [1e-12, weak, 1e12, 1.0], current_nodes=[[3, 0]], current_amps=[-0.072]
+    )
+    point = rg.solve(netlist)
+    assert_exact(netlist, point)
+    assert point.resistor_direction.tolist() == [1, 1, 1, 1]
+
+
+def test_a_group_of_stiff_resistors_takes_its_level_from_weak_ones() -> None:
+    """Nodes 2 and 4 are at 0 V, as weak resistors say, while 1e13 A flow among their neighbours."""
+    netlist = rg.Netlist(
+        9, [[0, 1], [1, 2], [1, 3], [2, 4], [0, 5], [2, 6], [1, 7], [5, 8], [0, 6]],
+        [1e-12, 1e12, 1e-12, 1e12, 1.0, 1e12, 1e12, 1e12, 1e-12],
+        [[7, 6], [0, 5]], [22.27, 1.917], current_nodes=[[0, 5]], current_amps=[-0.07],
+    )  # fmt: skip
+    point = rg.solve(netlist)
+    assert_exact(netlist, point)
+    assert point.voltage[[2, 4]].tolist() == [0.0, 0.0]
+
+
+def test_a_balanced_current_source_in_a_floating_part_has_currents() -> None:
+    netlist = rg.Netlist(
+        7, [[1, 0], [2, 3], [3, 4], [4, 2], [5, 4], [5, 6]], [1.0, 1.0, 2.0, 4.0, 1e-12, 3.0],
+        [[1, 0], [5, 6]], [1.0, 2.0], current_nodes=[[2, 3], [0, 4], [2, 0]], current_amps=[0.3, 0.1, 0.1],
+    )  # fmt: skip
+    point = rg.solve(netlist)
+    assert point.floating.tolist() == [2, 3, 4, 5, 6]
+    assert_exact(netlist, point)
+
+
+@pytest.mark.parametrize("reach", [1, 2])
+def test_a_current_source_that_charges_a_floating_part_is_refused(reach: int) -> None:
+    netlist = rg.Netlist(
+        4, [[1, 0], [2, 3]], [1.0, 1.0], [[1, 0]], [1.0],
+        current_nodes=[[0, 2], [2, 3]][:reach], current_amps=[1e-3, 1.0][:reach],
+    )  # fmt: skip
+    with pytest.raises(rg.CircuitError, match=r"feed node node_2 .* 0.001 A in sum"):
+        rg.solve(netlist)
