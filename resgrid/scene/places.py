@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import count
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,20 +13,9 @@ from resgrid.errors import InputError
 from resgrid.frame import Frame
 from resgrid.grids import label_regions
 from resgrid.robots import PointRobot
-from resgrid.scene.maps.formats import format_of
 from resgrid.scene.scene import Scene
 from resgrid.scene.world import cell_centre, located, to_space, unknown_cells
 from resgrid.space import Cell
-
-
-def map_format(scene: Scene) -> str | None:
-    """Return the format of the scene's map; None without a map, or if its file is gone."""
-    if scene.map is None:
-        return None
-    try:
-        return format_of(Path(scene.map.table["file"]), scene.map.table)
-    except InputError:  # it came through a pipe
-        return None
 
 
 def is_unknown(scene: Scene, cell: tuple[int, ...]) -> bool:
