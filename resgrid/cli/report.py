@@ -115,11 +115,13 @@ def require_one_output(output: str | None) -> None:
 class Stage:
     """How far a stage is: by steps counted, by what an iteration says, or by the time it was estimated to take.
 
-    `seconds`: estimate for the whole stage; `steps`: number of equal steps.
+    `seconds`: estimate for the whole stage, unless it is below `PATIENCE`: such a stage is late by something else than
+    its size, such as kernels that are compiled; `steps`: number of equal steps.
     """
 
     def __init__(self, seconds: float | None = None, steps: int | None = None) -> None:
-        self._seconds, self._steps, self._done = seconds, steps, 0
+        self._seconds = seconds if seconds is not None and seconds >= PATIENCE else None
+        self._steps, self._done = steps, 0
         self._note = ""
         self._counted: tuple[float, int] | None = None
         self._begin = time.perf_counter()

@@ -157,8 +157,8 @@ def _piped_scene(source: Source) -> rg.Scene:
 
 
 FIRST_RUN = (
-    "the first solution after an installation also compiles its loops, once: half a minute to a minute, longer on a "
-    "busy machine ('python -m resgrid.warm' compiles all of them beforehand, on all cores)"
+    "the first solution after an installation also compiles its kernels, once: 10 to 60 s, longer on a busy machine "
+    "('python -m resgrid.warm' compiles all of them beforehand, on all cores)"
 )
 _KEPT_LOOP = "row_kernels.conductances_by_row*.nbi"
 

@@ -166,6 +166,15 @@ def test_what_an_earlier_run_had_counted_does_not_shorten_the_time_left(monkeypa
     assert stage.outlook() == "about 9 s left"
 
 
+@pytest.mark.parametrize(("estimate", "expected"), [(0.01, "5 s so far"), (2.0, "5 s so far, longer than expected")])
+def test_a_short_stage_that_waits_for_kernels_is_not_called_late(monkeypatch, estimate, expected):
+    now = [0.0]
+    monkeypatch.setattr(report, "time", SimpleNamespace(perf_counter=lambda: now[0]))
+    stage = report.Stage(estimate)
+    now[0] = 5.0
+    assert stage.outlook() == expected
+
+
 def test_a_bar_tells_the_time_left_on_a_terminal(tmp_path):
     script = """
 import sys, threading

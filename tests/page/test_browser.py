@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import random
 
 import numpy as np
@@ -293,8 +294,7 @@ def test_a_link_is_the_same_page_in_another_browser(served: LivePage, chromium: 
 def test_what_was_drawn_is_there_after_the_page_was_left(shown: Page):
     drag(shown, [(30, 30), (30, 50)])
     drawn = kept(shown)
-    until(shown, "(localStorage.getItem('resgrid drawing') ?? '').length > 0")
-    shown.wait_for_timeout(700)
+    until(shown, f"JSON.parse(localStorage.getItem('resgrid drawing') ?? '{{}}').scene === {json.dumps(drawn)}")
     shown.reload()
     settle(shown)
     assert kept(shown) == drawn

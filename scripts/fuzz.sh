@@ -1,0 +1,22 @@
+#!/bin/sh
+# Repeat every hypothesis test with random seeds, then read mutated decks and act at random on the live page.
+# Usage: scripts/fuzz.sh PYTHON, with SEED (default: random), ROUNDS of the tests, COUNT of decks, ACTIONS on the page.
+set -eu
+python=$1
+seed=${SEED:-$("$python" -c 'import secrets; print(secrets.randbelow(10**9))')}
+rounds=${ROUNDS:-5}
+echo "seed $seed (again: make fuzz SEED=$seed)"
+
+status=0
+round=0
+while [ "$round" -lt "$rounds" ]; do
+    here=$((seed + round))
+    echo "round $((round + 1)) of $rounds: --hypothesis-seed=$here"
+    "$python" -m pytest -q -n "${JOBS:-2}" -m hypothesis --hypothesis-profile=fuzz --hypothesis-seed="$here" || status=1
+    round=$((round + 1))
+done
+RESGRID_MUTATED_DECKS=${COUNT:-100000} "$python" -m pytest -q --hypothesis-profile=fuzz --hypothesis-seed="$seed" \
+    tests/spice/read/test_mutated_decks.py || status=1
+RESGRID_PAGE_ACTIONS=${ACTIONS:-10000} RESGRID_PAGE_SEED=$seed "$python" -m pytest -q -o log_cli=true -o log_cli_level=INFO \
+    tests/page/test_fuzzing.py || status=1
+exit "$status"
