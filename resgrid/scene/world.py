@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from resgrid.axis import Axis, Point, split_points
 from resgrid.errors import InputError
@@ -18,10 +19,19 @@ def located(axes: tuple[Axis, ...], frame: Frame, point: Point, key: str) -> tup
     except InputError:
         turned = "" if frame.is_world else f", which is {inside.round(6).tolist()} in the map's frame,"
         words = f"the point {list(point)}{turned} lies outside the grid ({extent_of(axes)})"
-        raise InputError(f"{key}: {words}; move it inside") from None
+        raise InputError(f"{key}: {words}; {_exchanged(axes, inside)}move it inside") from None
     steps = zip(axes, cell.tolist(), local.tolist(), strict=True)
     within = tuple(axis.lower + (number + share) * axis.spacing for axis, number, share in steps)
     return tuple(cell.tolist()), within
+
+
+def _exchanged(axes: tuple[Axis, ...], point: NDArray[np.float64]) -> str:
+    """That a point lies inside with its first two coordinates exchanged; empty if it does not."""
+    try:
+        split_points(axes, point[..., [1, 0, *range(2, len(axes))]])
+    except (InputError, IndexError):
+        return ""
+    return f"with {axes[0].name} and {axes[1].name} exchanged it lies inside; exchange them, or "
 
 
 def extent_of(axes: tuple[Axis, ...]) -> str:
