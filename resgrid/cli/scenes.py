@@ -87,6 +87,7 @@ def open_job(source: Source, *, require_goal: bool = True, method: str | None = 
     with stage("read the scene"):
         scene = _load_scene(source)
     _say_header(scene)
+    _say_degrees(scene)
     if method not in (None, "petsc"):
         from resgrid.compiler import require_room
         from resgrid.scene.sampling import remedy_of_size
@@ -111,6 +112,19 @@ def _say_header(scene: rg.Scene) -> None:
             if named.search(header.read_text("utf-8", "replace")):
                 say(
                     f"{picture.name} is read by its greys alone; {header.name} beside it says what they mean: give that"
+                )
+
+
+def _say_degrees(scene: rg.Scene) -> None:
+    """Say so where a start has an angle of more than two turns, which is most often one in degrees."""
+    turning = scene.robot.turning_length
+    for number, start in enumerate(scene.starts):
+        for axis, value in zip(scene.axes, start, strict=True):
+            angle = value if axis.unit == "rad" else value / turning if turning and axis is scene.axes[-1] else 0.0
+            if abs(angle) > 4 * math.pi:
+                turns, meant = f"{angle / math.tau:.3g} turns", f"{angle:g} degrees are {math.radians(angle):.6g} rad"
+                say(
+                    f"starts[{number}]: {axis.name} = {value:g} is an angle of {turns}: angles are in radians ({meant})"
                 )
 
 

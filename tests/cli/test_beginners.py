@@ -99,3 +99,12 @@ def test_kinds_have_articles_and_all_their_names():
         rg.draw(3)
     with pytest.raises(rg.InputError, match=r"lengths = 3 must be a list of finite numbers above 0"):
         rg.Arm(3)
+
+
+def test_an_angle_in_degrees_is_reported(call, scenes):
+    arm = scenes / "problem_two_goals.toml"
+    said = call("info", arm, "--start", "90,0").stderr
+    assert (
+        said == "starts[0]: theta_1 = 90 is an angle of 14.3 turns: angles are in radians (90 degrees are 1.5708 rad)\n"
+    )
+    assert call("info", arm, "--start", "1.5708,0").stderr == ""
