@@ -31,35 +31,30 @@ def map_format(scene: Scene) -> str | None:
         return None
 
 
-def is_unknown(scene: Scene, cell: tuple[int, ...]) -> bool:
-    """Return whether a cell, by its first two indices, is unknown in the scene's ROS map and therefore blocked."""
-    unknown = _unknown_cells(scene)
-    return unknown is not None and bool(unknown[cell[1], cell[0]])
+def unknown_cells(scene: Scene) -> NDArray[np.bool_] | None:
+    """Return the cells that are unknown in the scene's ROS map and therefore blocked, shape of the map; None if none.
 
-
-def has_unknown(scene: Scene) -> bool:
-    """Return whether the scene's ROS map has unknown cells, which are therefore blocked."""
-    unknown = _unknown_cells(scene)
-    return unknown is not None and bool(unknown.any())
-
-
-def _unknown_cells(scene: Scene) -> NDArray[np.bool_] | None:
-    """Unknown cells of the scene's map, shape (height, width), row 0 at the bottom; None if they are free."""
+    The map is read again; of a map that is gone nothing is known.
+    """
     if scene.map is None or map_format(scene) != "ros" or not _on_map(scene):
         return None
     table = scene.map.table
     if table.get("unknown") == "free":
         return None
     try:
-        return np.asarray(occupancy_grid(table["file"], table.get("dialect", "nav2")) == UNKNOWN)
-    except InputError:  # the map has changed since, or is gone
+        unknown = occupancy_grid(table["file"], table.get("dialect", "nav2")) == UNKNOWN
+    except InputError:
         return None
+    return unknown.T if unknown.any() else None
 
 
-def why_blocked(scene: Scene, cell: tuple[int, ...]) -> str:
-    """Return where a place in a blocked cell lies: in unknown space, in an obstacle, or too near to one."""
+def why_blocked(scene: Scene, cell: tuple[int, ...], unknown: NDArray[np.bool_] | None) -> str:
+    """Return where a place in a blocked cell lies: in unknown space, in an obstacle, or too near to one.
+
+    `unknown`: `unknown_cells` of the scene.
+    """
     words = f"(cell {cell})"
-    if is_unknown(scene, cell):
+    if unknown is not None and unknown[cell[:2]]:
         return f"lies in unknown space {words}"
     robot = scene.robot
     if isinstance(robot, PointRobot) and robot.radius and not _is_solid(scene, cell):

@@ -16,7 +16,7 @@ from resgrid.robots.cells import joined
 from resgrid.scene.goals import Goal, GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.maps.formats import format_of
 from resgrid.scene.maps.pictures import THRESHOLD, read_raster
-from resgrid.scene.places import is_unknown, nearest_place, usable, why_blocked
+from resgrid.scene.places import nearest_place, unknown_cells, usable, why_blocked
 from resgrid.scene.scene import Scene
 from resgrid.scene.world import check_cell, extent_of, located, to_space
 from resgrid.space import Cell, ConfigurationSpace
@@ -102,7 +102,9 @@ def _goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) 
     if single is not None:
         words, cell, point = single
         if blocked[cell]:
-            raise InputError(f"{key}: {words} {why_blocked(scene, cell)}; {_remedies(scene, blocked, cell)}")
+            unknown = unknown_cells(scene)
+            why = why_blocked(scene, cell, unknown)
+            raise InputError(f"{key}: {words} {why}; {_remedies(scene, blocked, cell, unknown)}")
         cells = np.zeros_like(blocked)
         cells[cell] = True
         return GoalCells(cells, np.array([point]))
@@ -115,7 +117,7 @@ def _goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) 
     if blocked[met].all():
         raise InputError(
             f"{key}: this goal lies inside an obstacle (all {int(met.sum())} cells of it); "
-            f"{_remedies(scene, blocked, tuple(np.argwhere(met)[0].tolist()))}"
+            f"{_remedies(scene, blocked, tuple(np.argwhere(met)[0].tolist()), unknown_cells(scene))}"
         )
     return GoalCells(met & ~blocked, points[~blocked[met]])
 
@@ -180,7 +182,9 @@ def _over_map(scene: Scene, values: NDArray[Any], what: str) -> NDArray[Any]:
     return np.broadcast_to(values.reshape(values.shape + (1,) * (scene.ndim - values.ndim)), shape)
 
 
-def _remedies(scene: Scene, blocked: NDArray[np.bool_], cell: tuple[int, ...]) -> str:
+def _remedies(
+    scene: Scene, blocked: NDArray[np.bool_], cell: tuple[int, ...], unknown: NDArray[np.bool_] | None
+) -> str:
     """What to do about a goal in a blocked cell: the nearest free place that starts reach, and options that free it."""
     allowed = usable(scene, blocked)
     place = nearest_place(allowed, cell, scene.axes, scene.frame)
@@ -191,7 +195,7 @@ def _remedies(scene: Scene, blocked: NDArray[np.bool_], cell: tuple[int, ...]) -
     else:
         whose = "that a start can reach" if scene.starts else "of the largest free region"
         parts = [f"move it to a free place {whose}, the nearest is {place}{_grey(scene, cell)}"]
-    if is_unknown(scene, cell):
+    if unknown is not None and unknown[cell[:2]]:
         parts.append("--unknown free makes unknown cells free")
     if scene.robot.remedy:
         parts.append(scene.robot.remedy)
