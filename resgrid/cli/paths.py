@@ -81,7 +81,7 @@ def _reached_line(route: Route) -> str:
     path = route.streamline
     assert path is not None and path.goal is not None
     regions = path.space.goal_count
-    of_several = f" of 0 to {regions - 1}" if regions > 1 else ""
+    of_several = f" (regions count from 0 to {regions - 1})" if regions > 1 else ""
     head = f"start {place_of(route.start)}, k = {route.k:g}: reached goal {path.goal}{of_several}"
     size = counted(len(path.cells), "cell")
     time = "" if route.duration is None else f", {route.duration:.4g} s"

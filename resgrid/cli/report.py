@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 import threading
 import time
@@ -268,6 +269,8 @@ def failure_of(error: Exception) -> Failure:
         return Failure(INTERRUPTED, kind, "interrupted")
     if isinstance(error, click.ClickException):
         message, context = error.format_message(), getattr(error, "ctx", None)
+        if re.fullmatch(r"Got unexpected extra arguments? \([-\d., ]+\)", message.rstrip(".")):
+            message += "; numbers of one option are joined by commas, without spaces, such as 3,4"
         if context and kind != "NoArgsIsHelpError":
             message = f"{message.rstrip('.')}; see '{context.command_path} --help'"
         return Failure(USAGE, kind, message)

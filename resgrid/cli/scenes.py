@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import math
 import os
+import re
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -84,6 +86,8 @@ def open_job(source: Source, *, require_goal: bool = True, method: str | None = 
     """Read a scene with its changes, and cut it into cells, if what its method takes fits in memory."""
     with stage("read the scene"):
         scene = _load_scene(source)
+    _say_header(scene)
+    _say_degrees(scene)
     if method not in (None, "petsc"):
         from resgrid.compiler import require_room
         from resgrid.scene.sampling import remedy_of_size
@@ -93,6 +97,35 @@ def open_job(source: Source, *, require_goal: bool = True, method: str | None = 
     with stage("cut it into cells", seconds=3e-7 * cells) as progress:
         space = rg.sample(scene, require_goal=require_goal, progress=progress.count)
     return Job(scene, space, source.threads, method or "auto", ranks)
+
+
+def _say_header(scene: rg.Scene) -> None:
+    """Say so where a picture is read by its greys alone, and a ROS map beside it says what they mean."""
+    from resgrid.scene.places import map_format
+
+    if scene.map is None or map_format(scene) != "image":
+        return
+    picture = Path(scene.map.table["file"])
+    named = re.compile(rf"^image:.*\b{re.escape(picture.name)}\b", re.MULTILINE)
+    for header in (picture.with_suffix(".yaml"), picture.with_suffix(".yml")):
+        with contextlib.suppress(OSError):
+            if named.search(header.read_text("utf-8", "replace")):
+                say(
+                    f"{picture.name} is read by its greys alone; {header.name} beside it says what they mean: give that"
+                )
+
+
+def _say_degrees(scene: rg.Scene) -> None:
+    """Say so where a start has an angle of more than two turns, which is most often one in degrees."""
+    turning = scene.robot.turning_length
+    for number, start in enumerate(scene.starts):
+        for axis, value in zip(scene.axes, start, strict=True):
+            angle = value if axis.unit == "rad" else value / turning if turning and axis is scene.axes[-1] else 0.0
+            if abs(angle) > 4 * math.pi:
+                turns, meant = f"{angle / math.tau:.3g} turns", f"{angle:g} degrees are {math.radians(angle):.6g} rad"
+                say(
+                    f"starts[{number}]: {axis.name} = {value:g} is an angle of {turns}: angles are in radians ({meant})"
+                )
 
 
 def _load_scene(source: Source) -> rg.Scene:
@@ -196,8 +229,10 @@ def _observe(name: str, function: Callable[..., Any], *arguments: Any, iterates:
 def require_starts(scene: rg.Scene) -> None:
     """Refuse a scene without a start."""
     if not scene.starts:
-        where = scene.source or "scene"
-        raise InputError(f"{where}: there is no start; add starts = [[...]] to the scene, or say --start X,Y")
+        from resgrid.scene.sampling import adding
+
+        remedy = adding(scene, "starts = [[...]]", "--start")
+        raise InputError(f"{scene.source or 'scene'}: there is no start; {remedy}")
 
 
 def size_of(shape: Sequence[int]) -> str:
@@ -279,6 +314,9 @@ def say_unheeded(job: Job, form: Form | Literal["chip"], *, k: Sequence[float] =
     keys = [] if form == "chip" else [f"chip.{key}" for key in keys_not_held(scene.chip, form)]
     if keys:
         say(f"not heeded: {', '.join(keys)}: {_WHY[form]}")
+    if scene.map is not None and "headings" in scene.map.table and scene.robot.turning_length is None:
+        keys.append("map.headings")
+        say("not heeded: map.headings: this robot does not turn")
     if form != "grid":
         k = several_k(scene)
     if k:

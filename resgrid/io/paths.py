@@ -240,16 +240,15 @@ def route_record(route: Route, *, points: bool = True) -> dict[str, Any]:
 
 
 def _routes_table(routes: Sequence[Route]) -> dict[str, list[Any]]:
-    """One row a point, route after route."""
-    table: dict[str, list[Any]] = {name: [] for name in _OWN[".csv"]}
+    """One row a point, route after route; empty where a route has no such column."""
+    names = max((list(route.columns) for route in routes), key=len, default=[])
+    table: dict[str, list[Any]] = {name: [] for name in (*_OWN[".csv"], *names)}
     for number, route in enumerate(routes):
-        columns: dict[str, list[Any]] = {name: column.tolist() for name, column in route.columns.items()}
-        count = len(next(iter(columns.values())))
-        head: dict[str, list[Any]] = {
-            "path": [number] * count, "k": [_number(route.k)] * count, "outcome": [route.outcome or ""] * count,
-        }  # fmt: skip
-        for name, column in (head | columns).items():
-            table.setdefault(name, []).extend(column)
+        count = len(points_of(route.path))
+        for name, value in (("path", number), ("k", _number(route.k)), ("outcome", route.outcome or "")):
+            table[name] += [value] * count
+        for name in names:
+            table[name] += route.columns[name].tolist() if name in route.columns else [math.nan] * count
     return table
 
 

@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 
 from resgrid.errors import ResgridError
 from resgrid.planning.reasons import TROUBLES, nearest_start
@@ -15,7 +15,7 @@ from resgrid.robots import PointRobot
 from resgrid.scene import GoalCell, GoalJoints, Scene, sample
 from resgrid.scene.goals import Goal
 from resgrid.scene.overrides import apply_overrides
-from resgrid.scene.places import has_unknown, is_unknown, why_blocked
+from resgrid.scene.places import has_unknown, why_blocked
 from resgrid.scene.world import cell_centre, located
 from resgrid.space import Cell, ConfigurationSpace
 
@@ -35,14 +35,19 @@ class Advisor:
     scene: Scene
     _spaces: dict[str, ConfigurationSpace | None] = field(default_factory=dict, init=False)
 
+    @cached_property
+    def _has_unknown(self) -> bool:
+        return has_unknown(self.scene)
+
     def reason(self, path: Streamline) -> str | None:
         """Return why a path from a start of the scene reaches no goal, with remedies; None if it reaches one."""
         if path.outcome not in (Outcome.START_BLOCKED, Outcome.NO_PATH):
             return path.reason
         cell = tuple(path.cells[0].tolist())
         is_blocked = path.outcome is Outcome.START_BLOCKED
-        parts = [f"the start {why_blocked(self.scene, cell)}" if is_blocked else TROUBLES[path.outcome]]
-        remedies = list(self._remedies(path, unknown=is_blocked and is_unknown(self.scene, cell)))
+        why = f"the start {why_blocked(self.scene, cell)}" if is_blocked else TROUBLES[path.outcome]
+        parts = [why]
+        remedies = list(self._remedies(path, unknown="unknown space" in why))
         parts += [nearest_start(path.space, cell), *remedies]
         if not remedies and not is_blocked:
             parts.append("open a way")
@@ -51,7 +56,7 @@ class Advisor:
     def _remedies(self, path: Streamline, *, unknown: bool) -> Iterator[str]:
         """Changes of the scene that open a path."""
         scene = self.scene
-        if unknown or has_unknown(scene):
+        if self._has_unknown:
             helps = self._helps("unknown", partial(apply_overrides, scene, {"map.unknown": "free"}), path)
             if unknown or helps:
                 yield "--unknown free makes unknown cells free" + (" and opens a path" if helps else "")

@@ -26,6 +26,7 @@ def reason_of(outcome: str, space: ConfigurationSpace, cell: tuple[int, ...]) ->
 
 
 def nearest_start(space: ConfigurationSpace, cell: tuple[int, ...]) -> str:
-    """Return where the nearest place with a path to a goal is, in words; empty if there is none."""
+    """Return where the nearest place, or configuration, with a path to a goal is; empty if there is none."""
     place = nearest_place(space.goal_connected, cell, space.axes, space.frame)
-    return f"the nearest place with a path to a goal is {place}" if place else ""
+    kind = "place" if space.robot is None or space.robot.moves_in_workspace else "configuration"
+    return f"the nearest {kind} with a path to a goal is {place}" if place else ""

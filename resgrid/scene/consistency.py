@@ -96,7 +96,8 @@ def _coordinates(robot: Robot | type[Robot] | None, ndim: int, values: Mapping[P
             other = {Box: "box", Ball: "sphere"}.get(type(shape), "boxes")
             yield path, f"a shape of the plane needs 2 axes, and there are {ndim}; use {other} instead"
         else:
-            yield (*path, *key), f"needs {allowed[0]} coordinates{meaning}, got {count}"
+            hint = "; decimals have a point: 0.5, not 0,5" if count == 2 * allowed[0] else ""
+            yield (*path, *key), f"needs {allowed[0]} coordinates{meaning}, got {count}{hint}"
 
 
 def _allowed(robot: Robot | type[Robot], ndim: int, key: str, value: Any) -> tuple[tuple[int, ...], str]:

@@ -40,6 +40,8 @@ def complaint(detail: ErrorDetails) -> str:
     """What is wrong with a value, and what it may be."""
     if detail["type"] == "literal_error":
         return _choice(detail)
+    if _COMPLAINTS.get(detail["type"]) == _LIST and detail["loc"][0] == "starts" and len(detail["loc"]) == 2:
+        return f"must be a point, as in starts = [[1, 2]], got {shown(detail)}"
     if _COMPLAINTS.get(detail["type"]) == _LIST and isinstance(detail["input"], Mapping):
         return f"must be a list of tables: write [[{key_path(detail['loc'])}]], or put [ ] around the table"
     if detail["type"] in _COMPLAINTS:
@@ -50,7 +52,8 @@ def complaint(detail: ErrorDetails) -> str:
 
 def unknown(words: str, given: Any, choice: str, options: Sequence[str]) -> str:
     """That something is none of its options, and which of them was probably meant."""
-    near = suggestion(given, options) if isinstance(given, str) else ""
+    meant = _ALIASES.get(given.lower(), given) if isinstance(given, str) else ""
+    near = suggestion(meant, options)
     return f"{words} is unknown: it may be {choice}{near and f'; {near}'}"
 
 
@@ -69,6 +72,9 @@ def _choice(detail: ErrorDetails) -> str:
         return f"must be the number {detail['input']}, without quotes, got {shown(detail)}"
     return unknown(shown(detail), detail["input"], " or ".join(options), options)
 
+
+_ALIASES = {"ros2": "nav2", "ros": "nav2"}
+"""Names that people use for options of another name."""
 
 _NUMBER = "must be a number, got {shown}"
 _WHOLE = "must be a whole number, got {shown}"

@@ -251,7 +251,7 @@ def _ground(
 
 def _one_ground(raw: Mapping[str, Any], robot: Robot | None) -> list[Problem]:
     if "grid" in raw and "map" in raw and (robot is None or robot.moves_in_workspace):
-        return [(("map",), "a scene has either a [grid] or a [map]; remove one of them")]
+        return [(("map",), "a map brings its own cells, so a scene has either a [grid] or a [map]; remove one of them")]
     if "map" in raw and "grid" not in raw and robot is not None:
         try:
             robot.axes_on_map((), 1)

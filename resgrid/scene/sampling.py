@@ -69,11 +69,18 @@ def sample(scene: Scene, *, require_goal: bool = True, progress: Progress | None
     every = joined(blocked.shape, goals)
     cell[every.cells] = Cell.GOAL
     if require_goal and not (cell == Cell.GOAL).any():
-        raise InputError(f"{where}: there is no goal; add a [[goal]] to the scene, or say --goal X,Y")
+        raise InputError(f"{where}: there is no goal; {adding(scene, 'a [[goal]]', '--goal')}")
     for number, start in enumerate(scene.starts):
         located(scene.axes, scene.frame, start, f"{where}: starts[{number}]")
     costs = _conductivity(scene)
     return ConfigurationSpace(scene.axes, cell, costs, frame=scene.frame, goal_points=every.points, robot=scene.robot)
+
+
+def adding(scene: Scene, key: str, option: str) -> str:
+    """How to add a key to a scene; to a map only by an option."""
+    said = f"say {option} X,Y"
+    is_map = scene.map is not None and scene.source is not None and Path(scene.source).suffix.lower() != ".toml"
+    return said if is_map else f"add {key} to the scene, or {said}"
 
 
 def remedy_of_size(scene: Scene) -> str:
@@ -95,7 +102,8 @@ def _goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) 
     if single is not None:
         words, cell, point = single
         if blocked[cell]:
-            raise InputError(f"{key}: {words} {why_blocked(scene, cell)}; {_remedies(scene, blocked, cell)}")
+            why = why_blocked(scene, cell)
+            raise InputError(f"{key}: {words} {why}; {_remedies(scene, blocked, cell)}")
         cells = np.zeros_like(blocked)
         cells[cell] = True
         return GoalCells(cells, np.array([point]))

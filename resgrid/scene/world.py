@@ -20,14 +20,14 @@ def located(axes: tuple[Axis, ...], frame: Frame, point: Point, key: str) -> tup
     except InputError:
         turned = "" if frame.is_world else f", which is {inside.round(6).tolist()} in the map's frame,"
         words = f"the point {list(point)}{turned} lies outside the grid ({extent_of(axes)})"
-        raise InputError(f"{key}: {words}; move it inside") from None
+        raise InputError(f"{key}: {words}; {_exchanged(axes, inside)}move it inside") from None
     steps = zip(axes, cell.tolist(), local.tolist(), strict=True)
     within = tuple(axis.lower + (number + share) * axis.spacing for axis, number, share in steps)
     return tuple(cell.tolist()), within
 
 
 def unknown_cells(cells: MapCells | None, axes: tuple[Axis, ...]) -> NDArray[np.bool_] | None:
-    """Return the cells of a space that are obstacles because nobody has seen them, in the shape of its axes.
+    """Return the cells of a space that are blocked because the map does not know them, in the shape of its axes.
 
     None where the map knows no such cells, takes them as free, or has other axes than the space.
     """
@@ -40,19 +40,13 @@ def unknown_cells(cells: MapCells | None, axes: tuple[Axis, ...]) -> NDArray[np.
     return np.broadcast_to(unknown, tuple(axis.cells for axis in axes))
 
 
-def is_unknown(cells: MapCells | None, axes: tuple[Axis, ...], point: Point) -> bool:
-    """Return whether a point of the world lies in a cell that is an obstacle because nobody has seen it.
-
-    `axes`: those of the space; the point may leave out coordinates beyond the map's, such as a heading.
-    """
-    if cells is None or unknown_cells(cells, axes) is None:
-        return False
-    assert cells.unknown is not None
+def _exchanged(axes: tuple[Axis, ...], point: NDArray[np.float64]) -> str:
+    """That a point lies inside with its first two coordinates exchanged; empty if it does not."""
     try:
-        cell, _ = located(cells.axes, cells.frame, tuple(point[: cells.unknown.ndim]), "")
-    except InputError:  # outside the map
-        return False
-    return bool(cells.unknown[cell])
+        split_points(axes, point[..., [1, 0, *range(2, len(axes))]])
+    except (InputError, IndexError):
+        return ""
+    return f"with {axes[0].name} and {axes[1].name} exchanged it lies inside; exchange them, or "
 
 
 def extent_of(axes: tuple[Axis, ...]) -> str:

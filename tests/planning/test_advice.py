@@ -114,6 +114,6 @@ def test_a_path_in_python_knows_the_nearest_place_too() -> None:
 def test_several_goals_are_named_by_region_and_place(tmp_path: Path) -> None:
     file = ros_map(tmp_path, ["......", "......"])
     result = call("path", file, "--goal", "0.05,0.05", "--goal", "0.55,0.15", "--start", "0.45,0.05")
-    assert "reached goal 1 of 0 to 1 at (0.55, 0.15), length" in result.stdout
+    assert "reached goal 1 (regions count from 0 to 1) at (0.55, 0.15), length" in result.stdout
     result = call("path", file, "--goal", "0.05,0.05", "--start", "0.45,0.05")
     assert "reached goal 0 at (0.05, 0.05), length" in result.stdout

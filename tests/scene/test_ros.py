@@ -11,7 +11,8 @@ from resgrid.errors import InputError
 from resgrid.scene import occupancy_grid, read_scene, sample
 from resgrid.scene.maps.ros import ros_greys
 from resgrid.scene.maps.ros_header import read_header
-from resgrid.scene.world import is_unknown, unknown_cells
+from resgrid.scene.places import is_unknown
+from resgrid.scene.world import located, unknown_cells
 
 HEADER = {
     "image": "map.png",
@@ -396,11 +397,12 @@ def test_unknown_cells_are_kept_in_the_map(tmp_path):
     assert np.array_equal(unknown_cells(scene.map, scene.axes), scene.map.unknown)
 
     def seen(point, scene=scene):
-        return is_unknown(scene.map, scene.axes, point)
+        cell, _ = located(scene.axes, scene.frame, point, "start")
+        return is_unknown(scene, cell)
 
     # turned by 90 degrees: the map's x runs along y, its y against x
-    assert seen((9.75, 20.75)) and seen((9.25, 20.75)) and seen((9.25, 20.75, 1.0))
-    assert not seen((9.75, 20.25)) and not seen((9.75, 21.25)) and not seen((50.0, 50.0))
+    assert seen((9.75, 20.75)) and seen((9.25, 20.75))
+    assert not seen((9.75, 20.25)) and not seen((9.75, 21.25))
     free = read_scene(file, unknown="free")
     assert free.map.unknown.any() and unknown_cells(free.map, free.axes) is None and not seen((9.75, 20.75), free)
     turning = scene.replace(robot=rg.PointRobot(0.1))

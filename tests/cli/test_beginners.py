@@ -1,0 +1,110 @@
+"""Mistakes of a first day: one message each, with a remedy that works in that situation, and no file."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import resgrid as rg
+from resgrid.arguments import with_article
+
+HEAD = "image: map.pgm\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+
+
+@pytest.fixture
+def desk(tmp_path, monkeypatch, scenes):
+    """The working folder, with a scene, a ROS map of 3 m x 2 m and a benchmark map."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "lesson.toml").write_text((scenes / "lesson.toml").read_text())
+    cell = np.full((20, 30), 254, np.uint8)
+    cell[5:15, 15], cell[:3] = 0, 205
+    Image.fromarray(cell).save("map.pgm")
+    (tmp_path / "map.yaml").write_text(HEAD)
+    (tmp_path / "arena.map").write_text("type octile\nheight 2\nwidth 4\nmap\n....\n....\n")
+    (tmp_path / "arena.scen").write_text("version 1\n0\tmaps/other.map\t4\t2\t0\t0\t3\t1\t4\n")
+    return tmp_path
+
+
+MISTAKES = {
+    "path map.yaml": ["map.yaml: there is no goal; say --goal X,Y"],
+    "path map.yaml --goal 0.5,0.5": ["map.yaml: there is no start; say --start X,Y"],
+    "path lesson.toml --set starts=[]": ["add starts = [[...]] to the scene, or say --start X,Y"],
+    "path lesson.toml --set starts=[1,2]": ["must be a point, as in starts = [[1, 2]]"],
+    "path map.yaml --goal 0.5,0.5 --start 0.5,2.9": ["outside the grid", "with x and y exchanged it lies inside"],
+    "path map.yaml --goal 0.5,0.5 --start 0,5,2,9": ["needs 2 coordinates", "decimals have a point"],
+    "path map.yaml --goal 0.5 0.5 --start 1,1": ["joined by commas", "--help"],
+    "path map.yaml --goal 0.5,0.5 --start 1,1 --map-dialect ros2": ["did you mean 'nav2"],
+    "path map.yaml --goal 0.5,0.5 --start 1,1 --set grid.cells=9": ["a map brings its own cells"],
+    "path map.yaml --goal 0.5,0.5 --start 1,1 -o path.txt": ["must end in .csv, .json, .npz or .yaml"],
+    "path map.yaml --goal 1.55,1 --start 1,1": ["lies in an obstacle", "that a start can reach, the nearest is (1."],
+    "path map.yaml --goal 1,1.95 --start 1,1": ["lies in unknown space", "--unknown free"],
+    "path map.yaml --goal 1.3,1 --start 1,1 --robot-radius 0.3": ["too near to an obstacle", "radius smaller"],
+}
+
+
+@pytest.mark.parametrize("words", MISTAKES)
+def test_a_mistake_has_one_message(call, desk, words):
+    before = set(desk.iterdir())
+    result = call(*words.split())
+    assert result.exit_code == 2 and result.stdout == ""
+    assert result.stderr.startswith("resgrid: error: ") and result.stderr.count("resgrid: error") == 1
+    for word in MISTAKES[words]:
+        assert word in result.stderr
+    assert set(desk.iterdir()) == before
+
+
+def test_a_map_that_does_not_fit_is_not_told_to_have_larger_cells(call, desk, monkeypatch):
+    monkeypatch.setattr("resgrid.budget.available_memory", lambda: 4000)
+    refused = call("path", "map.yaml", "--goal", "0.5,0.5", "--start", "1,1")
+    assert refused.exit_code == 4
+    assert "crop the map" in refused.stderr and "resolution" in refused.stderr
+    assert "larger cells" not in refused.stderr
+    scene = call("path", "lesson.toml")
+    assert scene.exit_code == 4 and "take fewer, larger cells" in scene.stderr
+
+
+def test_keys_and_files_that_make_no_difference_are_reported(call, desk):
+    words = ("path", "map.yaml", "--goal", "0.5,0.5", "--start", "1,1", "--set", "map.headings=9")
+    assert "not heeded: map.headings: this robot does not turn" in call(*words).stderr
+    said = call("path", "map.pgm", "--goal", "5,5", "--start", "9,9").stderr
+    assert said == "map.pgm is read by its greys alone; map.yaml beside it says what they mean: give that\n"
+    said = call("path", "arena.map", "--queries", "arena.scen").stderr
+    assert "arena.scen names the map 'maps/other.map', and this is 'arena'" in said
+
+
+def test_a_study_reports_options_under_its_own_names(scenes):
+    study = rg.study(rg.read_scene(scenes / "lesson.toml"))
+    for ask, message in (
+        (lambda: study.yields(trails=3), r"^yields\(\) has no option 'trails'; did you mean 'trials'\?$"),
+        (lambda: study.settling(bit=3), r"^settling\(\) has no option 'bit'; did you mean 'bits'"),
+        (lambda: study.power(foo=1), r"^power\(\) has no option 'foo'"),
+        (lambda: study.yields(3), r"^yields\(\) takes no arguments by position, got 1; give these by name: chip"),
+        (lambda: rg.plan(study.scene, boundry="x"), r"^plan\(\) has no option 'boundry'; did you mean 'boundary'"),
+        (
+            lambda: rg.Scene((rg.Axis("x", 0, 1, 3),), gaols=()),
+            r"^Scene\(\) has no option 'gaols'; did you mean 'goals'",
+        ),
+    ):
+        with pytest.raises(TypeError, match=message):
+            ask()
+    with pytest.raises(rg.InputError, match=r"no option 'boundery': did you mean 'boundary'"):
+        rg.study(study.scene, boundery="x")
+
+
+def test_kinds_have_articles_and_all_their_names():
+    names = ("int", "ndarray", "Axis", "unit", "Field", "float", "ufunc", "Arm", "user", "list")
+    assert [with_article(name).split()[0] for name in names] == ["an", "an", "an", "a", "a", "a", "a", "an", "a", "a"]
+    with pytest.raises(rg.InputError, match=r"^an int has no picture"):
+        rg.draw(3)
+    with pytest.raises(rg.InputError, match=r"lengths = 3 must be a list of finite numbers above 0"):
+        rg.Arm(3)
+
+
+def test_an_angle_in_degrees_is_reported(call, scenes):
+    arm = scenes / "problem_two_goals.toml"
+    said = call("info", arm, "--start", "90,0").stderr
+    assert (
+        said == "starts[0]: theta_1 = 90 is an angle of 14.3 turns: angles are in radians (90 degrees are 1.5708 rad)\n"
+    )
+    assert call("info", arm, "--start", "1.5708,0").stderr == ""
