@@ -185,12 +185,12 @@ def analyse_yield_loss(
 
     base = served["", 0]
     causes = [
-        _cause(name, keys, base, served[name, 0], share_of(served[name, 0]), starts)
+        _cause(name, keys, base, served[name, 0], share_of(served[name, 0]), (starts, count))
         for name, (keys, _) in removed.items()
     ]
     causes.sort(key=lambda cause: -cause.gain)
     limits = (find_limit(mismatches, target, bisected, every=False), listed(offsets), listed(bits))
-    return YieldLoss(share_of(base), tuple(causes), limits, target, len(base.counts), confidence)
+    return YieldLoss(share_of(base), tuple(causes), limits, target, count, confidence)
 
 
 def usual_trials(space: ConfigurationSpace) -> int:
@@ -213,12 +213,16 @@ def _without(chip: Chip) -> dict[str, tuple[tuple[str, ...], Chip]]:
     return found
 
 
-def _cause(name: str, keys: tuple[str, ...], base: Served, other: Served, share: Proportion, starts: int) -> Cause:
-    """Compare the yields with and without an effect chip by chip."""
+def _cause(
+    name: str, keys: tuple[str, ...], base: Served, other: Served, share: Proportion, size: tuple[int, int]
+) -> Cause:
+    """Compare the yields with and without an effect chip by chip; `size`: numbers of starts and of chips."""
+    starts, trials = size
     differences = (other.counts - base.counts) / starts  # one chip stands for all where nothing is random
-    random = base.random or other.random
-    low, high = paired_interval(differences, share.confidence) if random else (float(differences[0]),) * 2
-    return Cause(name, keys, share, float(differences.mean()), low, high, int(np.count_nonzero(differences)))
+    changed, mean = int(np.count_nonzero(differences)), float(differences.mean())
+    if not (base.random or other.random):
+        return Cause(name, keys, share, mean, mean, mean, changed * trials)
+    return Cause(name, keys, share, mean, *paired_interval(differences, share.confidence), changed)
 
 
 def paired_interval(differences: NDArray[np.float64], confidence: float) -> tuple[float, float]:

@@ -138,6 +138,14 @@ def test_an_ideal_chip_loses_nothing() -> None:
     assert "no single effect" in report_section("yield_loss", rg.study(cells(), rg.Chip()), Effort(trials=4)).text[0]
 
 
+def test_chips_that_are_all_the_same_have_exact_gains() -> None:
+    loss = rg.study(cells(16), rg.Chip(readout=rg.Readout(bits=8))).yield_loss(trials=4, target=0.9)
+    (cause,) = loss.causes
+    assert (cause.name, cause.changed, cause.share.value) == ("quantization", 4, 1.0)
+    assert cause.low == cause.gain == cause.high > 0
+    assert cause.gain == pytest.approx(1.0 - loss.overall.value)
+
+
 def test_the_numbers_are_those_of_the_seed() -> None:
     study = rg.study(cells(), CHIP)
     told: list[tuple[int, int]] = []
