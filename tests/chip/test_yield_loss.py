@@ -115,7 +115,7 @@ def test_a_limit_that_is_not_reached_at_zero_says_so() -> None:
     mismatch, offset, _ = loss.limits
     for limit in (mismatch, offset):
         assert (limit.reached, limit.value, limit.beyond) == (False, None, None)
-        assert "not reached even at zero" in limit.answer
+        assert "not reached even with zero" in limit.answer
         assert "other causes dominate" in limit.figure.definition
         tried = dict(limit.tried)
         assert tried[limit.tolerated].value >= tried[0.0].value - 0.01
