@@ -85,18 +85,20 @@ class Limit:
     def remark(self) -> str:
         """The yields on both sides of the limit, or the reason why there is no limit."""
         if not self.reached:
-            text = f"not reached even at {_IDEAL[self.name]}, where the yield is {self.share}: other causes dominate"
+            text = f"not reached even with {_IDEAL[self.name]}, where the yield is {self.share}: other causes dominate"
             if self.tolerated is None:
                 return text
             cost = f"{100 * (1 - self.target):.3g} percentage point{'s' * (self.target < 0.99)}"
-            return f"{text}; {self._text(self.tolerated)} costs at most {cost} more"
+            return f"{text}; {self._text(self.tolerated)} would cost at most {cost} more"
         if self.beyond is None or self.beyond_share is None:
             return f"where the yield is {self.share}; no worse value was tried"
         here, next_one = _distinguished(self.share.value, self.beyond_share.value)
         return f"where the yield is {here} (at {self._text(self.beyond)} it is {next_one})"
 
     def _text(self, value: float) -> str:
-        """Return a value for people, a mismatch in per cent."""
+        """Return a value for people."""
+        if self.name == "fewest_bits":
+            return f"{value} bit{'s' * (value != 1)}"
         return f"{100 * value:.3g} %" if self.name == "largest_mismatch" else formatted(value, _WORDS[self.name][1])
 
 
@@ -114,7 +116,11 @@ _WORDS = {
     "largest_offset": ("largest standard deviation of the read-out's offset", "V"),
     "fewest_bits": ("fewest bits of the converter", "bit"),
 }
-_IDEAL = {"largest_mismatch": "zero", "largest_offset": "zero", "fewest_bits": "an ideal converter"}
+_IDEAL = {
+    "largest_mismatch": "zero mismatch",
+    "largest_offset": "zero offset",
+    "fewest_bits": "an ideal converter",
+}
 
 
 @dataclass(frozen=True)

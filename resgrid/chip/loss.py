@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import Executor
-from contextlib import closing
 from dataclasses import asdict, dataclass
 from typing import Annotated, Any
 
@@ -22,7 +21,7 @@ from resgrid.chip.figures import Figure, Proportion, Result
 from resgrid.chip.limits import Ladder, Limit, bits_ladder, find_limit, mismatch_ladder, offset_ladder
 from resgrid.chip.points import Served, groups_of, run_groups
 from resgrid.chip.yields import Progress, overall_share
-from resgrid.errors import InputError
+from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import Netlist
 from resgrid.scene.chip import Chip
 from resgrid.space import ConfigurationSpace
@@ -142,7 +141,8 @@ def analyse_yield_loss(
     """Switch each effect of a chip off in turn, and find how large mismatch and offset may be, and how few the bits.
 
     Each yield is that of `yields` for the chip without the effect, chip by chip with the same random numbers.  The
-    limits change one value of the chip and leave all others as they are.
+    limits change one value of the chip and leave all others as they are.  An effect without which the chip has no
+    operating point, or cannot be described, is left out.
 
     `target`: yield that the limits reach; `trials`: chips of each kind, by default 400, fewer for grids of more than
     2600 cells; `confidence`: of the intervals; `executor`: trials are shared among its workers, and the numbers do not
@@ -169,10 +169,15 @@ def analyse_yield_loss(
     def share_of(result: Served) -> Proportion:
         return overall_share(result.counts, starts, confidence, random=result.random)
 
-    with closing(run_groups(groups, starts, executor)) as results:
-        for group in results:
-            served |= group
-            tell(share_of(next(iter(group.values()))))
+    for group in groups:
+        try:
+            (results,) = run_groups([group], starts, executor)
+        except CircuitError:
+            if ("", 0) in group.keys:
+                raise
+            continue  # without this effect, the chip has no operating point
+        served |= results
+        tell(share_of(next(iter(results.values()))))
 
     def bisected(rung: int) -> Proportion:
         point = {rung: mismatches.chip_with(mismatches.values[rung])}
@@ -185,12 +190,13 @@ def analyse_yield_loss(
 
     base = served["", 0]
     causes = [
-        _cause(name, keys, base, served[name, 0], share_of(served[name, 0]), starts)
+        _cause(name, keys, base, served[name, 0], share_of(served[name, 0]), (starts, count))
         for name, (keys, _) in removed.items()
+        if (name, 0) in served
     ]
     causes.sort(key=lambda cause: -cause.gain)
     limits = (find_limit(mismatches, target, bisected, every=False), listed(offsets), listed(bits))
-    return YieldLoss(share_of(base), tuple(causes), limits, target, len(base.counts), confidence)
+    return YieldLoss(share_of(base), tuple(causes), limits, target, count, confidence)
 
 
 def usual_trials(space: ConfigurationSpace) -> int:
@@ -213,12 +219,16 @@ def _without(chip: Chip) -> dict[str, tuple[tuple[str, ...], Chip]]:
     return found
 
 
-def _cause(name: str, keys: tuple[str, ...], base: Served, other: Served, share: Proportion, starts: int) -> Cause:
-    """Compare the yields with and without an effect chip by chip."""
+def _cause(
+    name: str, keys: tuple[str, ...], base: Served, other: Served, share: Proportion, size: tuple[int, int]
+) -> Cause:
+    """Compare the yields with and without an effect chip by chip; `size`: numbers of starts and of chips."""
+    starts, trials = size
     differences = (other.counts - base.counts) / starts  # one chip stands for all where nothing is random
-    random = base.random or other.random
-    low, high = paired_interval(differences, share.confidence) if random else (float(differences[0]),) * 2
-    return Cause(name, keys, share, float(differences.mean()), low, high, int(np.count_nonzero(differences)))
+    changed, mean = int(np.count_nonzero(differences)), float(differences.mean())
+    if not (base.random or other.random):
+        return Cause(name, keys, share, mean, mean, mean, changed * trials)
+    return Cause(name, keys, share, mean, *paired_interval(differences, share.confidence), changed)
 
 
 def paired_interval(differences: NDArray[np.float64], confidence: float) -> tuple[float, float]:

@@ -25,6 +25,7 @@ class Group(NamedTuple, Generic[Key]):
     """Points whose chips have the same circuit, and differ in their read-outs only: these chips are solved once."""
 
     keys: list[Key]
+    random: list[bool]
     series: Series
 
 
@@ -41,10 +42,7 @@ def groups_of(netlist: Netlist, points: Mapping[Key, Chip], trials: int) -> list
     for key, chip in points.items():
         load = Readout(input_resistance=chip.readout.input_resistance)
         kinds.setdefault(dataclasses.replace(chip, readout=load), []).append(key)
-    return [
-        Group(keys, _series(netlist, kind, [points[key].readout for key in keys], trials))
-        for kind, keys in kinds.items()
-    ]
+    return [_group(netlist, kind, keys, [points[key].readout for key in keys], trials) for kind, keys in kinds.items()]
 
 
 def run_groups(
@@ -52,17 +50,19 @@ def run_groups(
 ) -> Generator[dict[Key, Served], None, None]:
     """Try the chips of all groups; yield the counts of one group after the other."""
     with closing(run_series([group.series for group in groups], starts, executor, journal)) as results:
-        for keys, series in groups:
+        for keys, random, series in groups:
             counts = np.array([served.sum(axis=1) for served, _ in islice(results, series.trials)])
-            yield {key: Served(count, series.random) for key, count in zip(keys, counts.T, strict=True)}
+            points = zip(keys, random, counts.T, strict=True)
+            yield {key: Served(count if differ else count[:1], differ) for key, differ, count in points}
 
 
-def _series(netlist: Netlist, kind: Chip, readouts: Sequence[Readout], trials: int) -> Series:
+def _group(netlist: Netlist, kind: Chip, keys: list[Key], readouts: Sequence[Readout], trials: int) -> Group[Key]:
     """Return the trials of one kind of chip, seen by several read-outs."""
     cells = netlist.cells
-    random = differs(kind) or any(item.offset or item.noise_bandwidth for item in readouts)
+    random = [differs(kind) or bool(item.offset or item.noise_bandwidth) for item in readouts]
 
     def prepared() -> Experiment:
         return prepare(ideal_netlist(cells.space, kind, cells.wiring), kind, readouts)
 
-    return Series(trials if random else 1, len(readouts), prepared, f"chips of {kind},", random=random)
+    series = Series(trials if any(random) else 1, len(readouts), prepared, f"chips of {kind},", random=any(random))
+    return Group(keys, random, series)

@@ -219,13 +219,14 @@ def prepare(
 def run_trials(experiment: Experiment, numbers: Sequence[int]) -> list[NDArray[np.uint8]]:
     """Which starts are served, for every read-out of every chip: bits, shape (readouts, bytes) (`unpacked`)."""
     base = experiment.seed if isinstance(experiment.seed, tuple) else (experiment.seed,)
-    results = []
+    results: list[NDArray[np.uint8]] = []
+    starts = int(experiment.starts.sum())
     for begin in range(0, len(numbers), _TOGETHER):
         seeds = [(*base, number) for number in numbers[begin : begin + _TOGETHER]]
-        served = np.zeros((len(seeds), len(experiment.converters), int(experiment.starts.sum())), dtype=np.bool_)
+        served = np.zeros((len(seeds), len(experiment.converters), -(-starts // 8)), dtype=np.uint8)
         for trial, readout, cells in _walks(experiment, seeds):
-            served[trial, readout] = cells[experiment.starts]
-        results += list(np.packbits(served, axis=-1))
+            served[trial, readout] = np.packbits(cells[experiment.starts])
+        results += list(served)
     return results
 
 

@@ -115,7 +115,7 @@ def test_a_limit_that_is_not_reached_at_zero_says_so() -> None:
     mismatch, offset, _ = loss.limits
     for limit in (mismatch, offset):
         assert (limit.reached, limit.value, limit.beyond) == (False, None, None)
-        assert "not reached even at zero" in limit.answer
+        assert "not reached even with zero" in limit.answer
         assert "other causes dominate" in limit.figure.definition
         tried = dict(limit.tried)
         assert tried[limit.tolerated].value >= tried[0.0].value - 0.01
@@ -136,6 +136,14 @@ def test_an_ideal_chip_loses_nothing() -> None:
     assert loss.causes == ()
     assert loss.overall.value == 1.0
     assert "no single effect" in report_section("yield_loss", rg.study(cells(), rg.Chip()), Effort(trials=4)).text[0]
+
+
+def test_chips_that_are_all_the_same_have_exact_gains() -> None:
+    loss = rg.study(cells(16), rg.Chip(readout=rg.Readout(bits=8))).yield_loss(trials=4, target=0.9)
+    (cause,) = loss.causes
+    assert (cause.name, cause.changed, cause.share.value) == ("quantization", 4, 1.0)
+    assert cause.low == cause.gain == cause.high > 0
+    assert cause.gain == pytest.approx(1.0 - loss.overall.value)
 
 
 def test_the_numbers_are_those_of_the_seed() -> None:
