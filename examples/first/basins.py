@@ -35,9 +35,13 @@ assert 0.0 <= np.nanmin(chance[free]) <= np.nanmax(chance[free]) <= 1.0
 axes = rg.draw(space)
 picture = np.where(free, basin, np.nan).T
 x, y = space.axes
-axes.imshow(
+image = axes.imshow(
     picture, origin="lower", extent=(x.lower, x.upper, y.lower, y.upper), cmap="Pastel1", vmin=0, vmax=8, zorder=1
 )
+for goal in range(space.goal_count):
+    centre = space.centre(np.argwhere(space.goal_region == goal)).mean(axis=0)
+    axes.text(*centre, goal, ha="center", va="center", fontsize=8, zorder=9)
+    axes.plot([], [], "s", color=image.to_rgba(goal), label=f"served by goal {goal}")
 rg.draw(planner.paths(scene.starts), axes)
 axes.set_title("Basins of the two goals", fontsize=9)
 rg.save_figure(axes, "out/basins.png")

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import importlib
 import math
 import os
-import re
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -86,7 +84,6 @@ def open_job(source: Source, *, require_goal: bool = True, method: str | None = 
     """Read a scene with its changes, and cut it into cells, if what its method takes fits in memory."""
     with stage("read the scene"):
         scene = _load_scene(source)
-    _say_header(scene)
     _say_degrees(scene)
     if method not in (None, "petsc"):
         from resgrid.compiler import require_room
@@ -97,22 +94,6 @@ def open_job(source: Source, *, require_goal: bool = True, method: str | None = 
     with stage("cut it into cells", seconds=3e-7 * cells) as progress:
         space = rg.sample(scene, require_goal=require_goal, progress=progress.count)
     return Job(scene, space, source.threads, method or "auto", ranks)
-
-
-def _say_header(scene: rg.Scene) -> None:
-    """Say so where a picture is read by its greys alone, and a ROS map beside it says what they mean."""
-    from resgrid.scene.places import map_format
-
-    if scene.map is None or map_format(scene) != "image":
-        return
-    picture = Path(scene.map.table["file"])
-    named = re.compile(rf"^image:.*\b{re.escape(picture.name)}\b", re.MULTILINE)
-    for header in (picture.with_suffix(".yaml"), picture.with_suffix(".yml")):
-        with contextlib.suppress(OSError):
-            if named.search(header.read_text("utf-8", "replace")):
-                say(
-                    f"{picture.name} is read by its greys alone; {header.name} beside it says what they mean: give that"
-                )
 
 
 def _say_degrees(scene: rg.Scene) -> None:

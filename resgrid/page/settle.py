@@ -24,8 +24,11 @@ _RATIO = 1.4
 """Ratio of successive times."""
 
 _MOST_MOMENTS = 80
-_STEPS = 6
-"""Coarse steps of backward Euler between two moments; fine ones are half as long."""
+_STEPS = ((0.1, 12), (0.02, 6), (0.0, 3))
+"""Coarse steps of backward Euler to the next moment, by the largest logarithm of fine over coarse levels so far.
+
+Fine steps are half as long.
+"""
 
 _VISIBLE = 0.004
 """Difference to the steady picture, as a fraction of its scale, below which the circuit rests."""
@@ -142,11 +145,14 @@ def _levels(netlist: Netlist, start: NDArray[np.float64], unit: float) -> Iterat
     times = unit * _FIRST * np.array([0.0, *_RATIO ** np.arange(1, _MOST_MOMENTS + 1)])
     coarse = fine = start
     highest = max(1.0, float(start.max()))  # the maximum principle
+    error = np.inf
     for begin, end in pairwise(times):
-        coarse = _advanced(netlist, coarse, end - begin, _STEPS)
-        fine = _advanced(netlist, fine, end - begin, 2 * _STEPS)
+        steps = next(count for least, count in _STEPS if error >= least)
+        coarse = _advanced(netlist, coarse, end - begin, steps)
+        fine = _advanced(netlist, fine, end - begin, 2 * steps)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             ratio = fine / coarse
+            error = float(np.abs(np.log(ratio[np.isfinite(ratio) & (ratio > 0.0)])).max(initial=0.0))
         level = np.where(np.isfinite(ratio) & (ratio > 0.5) & (ratio < 2.0), fine * ratio, fine)
         yield np.minimum(level, highest)
 

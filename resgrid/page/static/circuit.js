@@ -15,7 +15,7 @@ const SUPPLY = new Path2D("M7 0V7A7 7 0 0 1 7 21A7 7 0 0 1 7 7M7 21V28M0 28H14M2
 export function engineering(value, unit, digits = 4) {
   if (!Number.isFinite(value)) return "–";
   if (value === 0) return `0 ${unit}`;
-  const power = Math.min(9, Math.floor(Math.log10(Math.abs(value)) / 3) * 3);
+  const rounded = Number(value.toPrecision(digits)), power = Math.min(9, Math.floor(Math.log10(Math.abs(rounded)) / 3) * 3);
   if (power < -24) return `${value.toExponential(2)} ${unit}`;
   return `${Number((value / 10 ** power).toPrecision(digits))} ${"yzafpnµm kMG"[power / 3 + 8].trim()}${unit}`;
 }

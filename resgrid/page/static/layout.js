@@ -72,7 +72,7 @@ export const choicesOf = (choices) => make("div", { className: "choices" }, ...c
 const SENTENCES = [
   "Every cell is a node of a grid of resistors: obstacles are tied to one rail, goals to the other, and current runs between them.",
   "The dots drift along that current, and a robot that follows it reaches a goal: the potential has no other place to rest.",
-  "Draw walls, drag the goal (red) and the starts (white): the circuit is solved anew while you draw.",
+  "Draw walls, drag the goal (red) and the starts (white): the circuit is solved again while you draw.",
   "With k = 1 obstacles repel, with k = 0 they are open and paths graze them; colours show how far the potential has dropped.",
   "Let go, and the field is solved until every direction is safe; ✓ means that the path was then certified, step by step.",
 ];

@@ -400,6 +400,6 @@ function verdict(frame, { goals }) {
   const reached = frame.paths.filter((path) => path.outcome === "reached").length;
   if (!frame.paths.length) return "direction-safe field; no start";
   const goal = goals.length === 1 ? "the goal" : "a goal";
-  if (reached === frame.paths.length) return `✓ certified: ${reached === 1 ? "the path reaches" : `all ${reached} paths reach`} ${goal}`;
+  if (reached === frame.paths.length) return `✓ certified: ${["no path reaches", "the path reaches", "both paths reach"][reached] ?? `all ${reached} paths reach`} ${goal}`;
   return `✓ certified: ${reached} of ${frame.paths.length} starts ${reached === 1 ? "reaches" : "reach"} ${goal}`;
 }

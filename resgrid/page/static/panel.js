@@ -168,13 +168,16 @@ export class Panel {
   }
 }
 
+/** @param {number} decades */
+const signed = (decades) => (Math.abs(decades) < 0.005 ? "0" : decades.toFixed(2).replace("-", "−"));
+
 /** What is known of a cell before the field has settled, as rows.
  * @param {{time: number, volts: number, decades: number | null}} moment @param {number[]} cell @param {Scene} scene */
 export function momentRows({ time, volts, decades }, cell, scene) {
   const rows = [["cell", cell.join(", ")], ["centre", placeOf(centreOf(scene, cell), scene)]];
   if (!Number.isFinite(volts)) return [...rows, ["", "no voltage of its own"]];
   rows.push([`V at ${engineering(time, "s", 3)}`, engineering(volts, "V")]);
-  if (decades != null) rows.push(["drop, log₁₀", decades.toFixed(2)]);
+  if (decades != null) rows.push(["drop, log₁₀", signed(decades)]);
   return rows;
 }
 
@@ -183,7 +186,7 @@ export function rowsOf(about, scene) {
   const rows = [["cell", about.cell.join(", ")], ["centre", placeOf(about.centre, scene)]];
   if (about.kind !== "free" || about.potential == null) return [...rows, ["", about.kind === "free" ? "cut off" : about.kind]];
   rows.push(["V", engineering(about.volts, "V")]);
-  if (about.drop_decades != null) rows.push(["drop, log₁₀", about.drop_decades.toFixed(2)]);
+  if (about.drop_decades != null) rows.push(["drop, log₁₀", signed(about.drop_decades)]);
   ["left", "right", "below", "above"].forEach((side, n) => {
     const amperes = about.amperes[n] * (n % 2 ? 1 : -1), word = amperes > 0 ? "out" : amperes < 0 ? "in" : "";
     rows.push([side, `${word} ${engineering(Math.abs(amperes), "A")}`]);

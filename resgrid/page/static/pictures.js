@@ -57,11 +57,12 @@ function veil(value) {
 export function traceEquipotentials(context, { nx, ny, picture, scale }) {
   const range = scale.high - scale.low, step = STEPS.find((one) => range / one <= 24) ?? 1000;
   const values = Float32Array.from(picture, (value) => (value === NOTHING ? NaN : (scale.low + (value / (NOTHING - 1)) * range) / step));
+  const highest = (scale.high - 1e-3 * range) / step; // at the end of the scale there are plateaus
   for (let i = 0; i + 1 < nx; i++) {
     for (let j = 0; j + 1 < ny; j++) {
       const at = i * ny + j, a = values[at], b = values[at + ny], c = values[at + ny + 1], d = values[at + 1];
       const top = Math.floor(Math.max(a, b, c, d));
-      for (let level = Math.floor(Math.min(a, b, c, d)) + 1; level <= top; level++) {
+      for (let level = Math.floor(Math.min(a, b, c, d)) + 1; level <= top && level < highest; level++) {
         const sides = JOINED[(a >= level ? 1 : 0) | (b >= level ? 2 : 0) | (c >= level ? 4 : 0) | (d >= level ? 8 : 0)];
         const share = (/** @type {number} */ from, /** @type {number} */ to) => (level - from) / (to - from);
         sides.forEach((side, n) => {
