@@ -91,12 +91,8 @@ def _refuse_files(document: Mapping[str, Any]) -> None:
 
 def _refuse_foreign_picture(map_file: Path, files: Sequence[File]) -> None:
     """The picture of a ROS map is one of the files that came with it."""
-    import yaml
+    from resgrid.scene.maps.yaml_cpp import read_mapping
 
-    try:
-        table = yaml.safe_load(map_file.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"{map_file.name}: this is not YAML: {error}") from None
-    picture = table.get("image") if isinstance(table, dict) else None
+    picture = read_mapping(map_file, ("image",)).get("image")
     if picture not in [file.name for file in files]:
         raise InputError(f"{map_file.name} shows {picture!r}: drop this picture together with it")

@@ -372,6 +372,11 @@ def test_arrays(tmp_path):
     for array in (codes, codes.astype(np.uint8), np.asfortranarray(codes)):
         np.save(tmp_path / "a.npy", array)
         assert cells(tmp_path / "a.npy").tolist() == codes.tolist()
+    for version in ((1, 0), (2, 0), (3, 0)):
+        for kind in (">i8", "<u2", "i1", ">u4"):
+            with (tmp_path / "a.npy").open("wb") as file:
+                np.lib.format.write_array(file, np.asfortranarray(codes).astype(kind), version)
+            assert cells(tmp_path / "a.npy").tolist() == codes.tolist()
     np.save(tmp_path / "a.npy", np.zeros((2, 3, 4, 5), dtype=bool))
     assert cells(tmp_path / "a.npy").shape == (2, 3, 4, 5)
     assert read_scene(tmp_path / "a.npy", goal=(0.5, 1.5, 2.5, 3.5)).ndim == 4

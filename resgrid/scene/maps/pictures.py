@@ -72,10 +72,20 @@ class Raster:
         luma //= 1000
         return luma
 
+    @property
+    def bytes(self) -> NDArray[np.int32]:
+        """Values from 0 to 255, shape as `values`: of 16 bits the higher byte, as libpng and OpenCV cut them off."""
+        return self._bytes(self.values)
+
     def _channel(self, number: int) -> NDArray[np.int32]:
         """Values of one channel, from 0 to 255."""
-        values = self.values[..., number].astype(np.int32)
-        return values if self.maxval == 255 else values * 255 // self.maxval
+        return self._bytes(self.values[..., number])
+
+    def _bytes(self, values: NDArray[np.uint16]) -> NDArray[np.int32]:
+        whole = values.astype(np.int32)
+        if self.maxval == 65535:
+            whole >>= 8
+        return whole if self.maxval in (255, 65535) else whole * 255 // self.maxval
 
 
 def read_grey(path: Path, threshold: Annotated[int, Ge(0), Le(65536)] = THRESHOLD) -> NDArray[np.uint8]:

@@ -109,8 +109,7 @@ def _as_nav2_jazzy(raster: Raster, header: RosHeader) -> NDArray[np.int8]:
 
 
 def _as_ros1(raster: Raster, header: RosHeader) -> NDArray[np.int8]:
-    channels = raster.values.astype(np.int64)
-    channels = channels if raster.maxval == 255 else channels * 255 // raster.maxval
+    channels = raster.bytes
     if channels.shape[2] == 2:
         channels = channels[..., [0, 0, 0, 1]]
     count = channels.shape[2]
