@@ -64,9 +64,9 @@ def open_files(files: Sequence[File] | None) -> Drawing:
                 raise InputError(f"{file.name}: the page opens {', '.join(_SUFFIXES)}")
             (Path(folder) / file.name).write_bytes(_bytes(file))
         first = min(files, key=lambda file: _SUFFIXES.index(Path(file.name).suffix.lower())).name
-        if first.lower().endswith((".yaml", ".yml")):
-            _refuse_foreign_picture(Path(folder) / first, files)
         try:
+            if first.lower().endswith((".yaml", ".yml")):
+                _refuse_foreign_picture(Path(folder) / first, files)
             if first.lower().endswith(".toml"):
                 _refuse_files(tomllib.loads((Path(folder) / first).read_text(encoding="utf-8")))
             return drawing_of(read_scene(Path(folder) / first))

@@ -486,7 +486,7 @@ def test_options_of_a_reader_are_keys_of_the_map(tmp_path):
 
 
 @pytest.mark.parametrize("mode", ["L", "RGBA"])
-@pytest.mark.parametrize("kind", ["image", "epic", "ros"])
+@pytest.mark.parametrize("kind", ["image", "epic", "ros", "costs"])
 def test_reading_a_picture_takes_no_more_memory_than_it_asks_for(tmp_path, monkeypatch, mode, kind):
     """The estimate, by which maps are refused beforehand, against what is truly taken."""
     import tracemalloc
@@ -497,13 +497,15 @@ def test_reading_a_picture_takes_no_more_memory_than_it_asks_for(tmp_path, monke
     monkeypatch.setattr(budget, "require_memory", lambda needed, *_: asked.append(needed))
     file = tmp_path / "map.png"
     Image.new(mode, (400, 300), "white").save(file)
-    if kind == "ros":
+    options = {"format": kind}
+    if kind in ("ros", "costs"):
+        options = {"least_conductivity": 0.1} if kind == "costs" else {}
         keys = "resolution: 1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\nmode: scale\n"
         file = tmp_path / "map.yaml"
         file.write_text(f"image: map.png\n{keys}")
-    read_scene(file, format=kind)  # once, so that nothing is imported while memory is counted
+    read_scene(file, **options)  # once, so that nothing is imported while memory is counted
     tracemalloc.start()
-    read_scene(file, format=kind)
+    read_scene(file, **options)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak <= max(asked) + 200_000

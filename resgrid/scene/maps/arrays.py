@@ -142,7 +142,9 @@ def _check_npy(data: bytes, path: Path) -> None:
     except Exception as error:  # a damaged header goes through Python's own tokenizer, which raises what it likes
         raise InputError(f"{path}: this is not an .npy file that can be read ({error})") from None
     if dtype.kind not in "bui":
-        raise InputError(f"{path}: cells are whole numbers or truth values, this array holds {dtype}; save it with .astype(np.uint8)")
+        raise InputError(
+            f"{path}: cells are whole numbers or truth values, this array holds {dtype}; save it with .astype(np.uint8)"
+        )
     if not 1 <= len(shape) <= MAX_DIMENSIONS or min(shape) < 1:
         raise InputError(f"{path}: the array has shape {shape}; a map has 1 to {MAX_DIMENSIONS} axes, none empty")
     require_grid_memory(shape, str(path))

@@ -50,10 +50,10 @@ class Raster:
     """A picture.
 
     `values` (height, width, channels): the top row first; 1 (grey), 2 (grey, alpha), 3 (red, green, blue) or 4
-    channels; `maxval`: the value of white, and of opaque.
+    channels; `maxval`: the value of white, and of opaque; up to 255 in uint8, above in uint16.
     """
 
-    values: NDArray[np.uint16]
+    values: NDArray[np.uint8] | NDArray[np.uint16]
     maxval: int
 
     @property
@@ -81,7 +81,7 @@ class Raster:
         """Values of one channel, from 0 to 255."""
         return self._bytes(self.values[..., number])
 
-    def _bytes(self, values: NDArray[np.uint16]) -> NDArray[np.int32]:
+    def _bytes(self, values: NDArray[Any]) -> NDArray[np.int32]:
         whole = values.astype(np.int32)
         if self.maxval == 65535:
             whole >>= 8
@@ -163,7 +163,7 @@ def _raster(image: Image, data: bytes, path: Path) -> Raster:
         return Raster(_transparent(_deep_values(image, data, layout, path), image.info.get("transparency")), 65535)
     if layout in ((2, 0), (4, 0)) and "transparency" in image.info:  # Pillow scales the greys, and not this one
         image.info["transparency"] *= 255 // (2 ** layout[0] - 1)
-    values = np.asarray(image.convert(_plain_mode(image))).astype(np.uint16)
+    values = np.asarray(image.convert(_plain_mode(image)))
     return Raster(values if values.ndim == 3 else values[..., np.newaxis], 255)
 
 

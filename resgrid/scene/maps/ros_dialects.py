@@ -48,6 +48,23 @@ QUANTUM = 65535
 """White, and opaque, in GraphicsMagick."""
 
 
+ROWS = 64
+"""Rows of a colour picture that are converted together, so that their intermediate values take little memory."""
+
+
+def occupancies(raster: Raster, header: RosHeader, dialect: Dialect) -> NDArray[np.int8]:
+    """Return the occupancies (height, width) of a picture by a dialect, the top row first."""
+    convert = CONVERTERS[dialect]
+    if raster.values.shape[2] == 1:  # each grey value is converted once
+        every = np.arange(raster.maxval + 1, dtype=np.uint16).reshape(1, -1, 1)
+        return np.asarray(convert(Raster(every, raster.maxval), header)[0][raster.values[..., 0]])
+    result = np.empty(raster.values.shape[:2], dtype=np.int8)
+    for first in range(0, len(result), ROWS):
+        rows = slice(first, first + ROWS)
+        result[rows] = convert(Raster(raster.values[rows], raster.maxval), header)
+    return result
+
+
 class Converter(Protocol):
     """Occupancies (height, width) of a picture, the top row first."""
 
