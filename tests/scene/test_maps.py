@@ -56,6 +56,7 @@ def test_movingai_letters(tmp_path):
         (MAP.replace("height 3\n", ""), "'height N'"),
         (MAP.replace("height 3", "height 1000000000").replace("width 4", "width 1000000000"), "width"),
         (MAP.replace("octile", "hex"), "line 1: type 'hex' is not square"),
+        (MAP.replace("width 4", "width 4\nheight 3"), "line 4: 'height' stands in the header twice"),
         (MAP.replace("\nmap\n", "\n"), "line 4: expected"),
         ("type octile\n", "expected|does not end"),
         ("", "expected|does not end"),

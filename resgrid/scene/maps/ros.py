@@ -20,7 +20,6 @@ from resgrid.scene.maps.ros_header import NEWEST, Dialect, RosHeader, picture_of
 from resgrid.scene.messages import unknown as unknown_word
 from resgrid.space import Cell
 
-
 COSTS_BYTES = 40
 """Memory of a pixel while occupancies are turned into conductivities."""
 
