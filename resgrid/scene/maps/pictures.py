@@ -50,11 +50,18 @@ class Raster:
     """A picture.
 
     `values` (height, width, channels): the top row first; 1 (grey), 2 (grey, alpha), 3 (red, green, blue) or 4
-    channels; `maxval`: the value of white, and of opaque; up to 255 in uint8, above in uint16.
+    channels; `maxval`: the value of white, and of opaque; up to 255 in uint8, above in uint16; `numbers` (height,
+    width): of the colours in the palette, if there is one.
     """
 
     values: NDArray[np.uint8] | NDArray[np.uint16]
     maxval: int
+    numbers: NDArray[np.uint8] | None = None
+
+    def rows(self, first: int, last: int) -> Raster:
+        """Return the rows from `first` to before `last`."""
+        numbers = None if self.numbers is None else self.numbers[first:last]
+        return Raster(self.values[first:last], self.maxval, numbers)
 
     @property
     def has_alpha(self) -> bool:
@@ -164,7 +171,14 @@ def _raster(image: Image, data: bytes, path: Path) -> Raster:
     if layout in ((2, 0), (4, 0)) and "transparency" in image.info:  # Pillow scales the greys, and not this one
         image.info["transparency"] *= 255 // (2 ** layout[0] - 1)
     values = np.asarray(image.convert(_plain_mode(image)))
-    return Raster(values if values.ndim == 3 else values[..., np.newaxis], 255)
+    numbers = np.asarray(image) if image.mode == "P" and _keeps_palette(image) else None
+    return Raster(values if values.ndim == 3 else values[..., np.newaxis], 255, numbers)
+
+
+def _keeps_palette(image: Image) -> bool:
+    """Return whether at most one colour of a palette is transparent, and that wholly: SDL_image then keeps it."""
+    opacity = image.info.get("transparency", b"")
+    return not isinstance(opacity, bytes) or opacity.replace(b"\xff", b"") in (b"", b"\0")
 
 
 def _png_layout(data: bytes) -> tuple[int, int] | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -120,7 +121,14 @@ def occupancy_grid(file: str | os.PathLike[str], dialect: Dialect = NEWEST) -> N
 
 
 def _occupancy(path: Path, header: RosHeader, dialect: Dialect, pixel: int = BYTES_PER_PIXEL) -> NDArray[np.int8]:
-    raster = read_raster(picture_of(path, header.image), pixel)
+    picture = picture_of(path, header.image)
+    raster = read_raster(picture, pixel)
+    if dialect == "ros1" and raster.numbers is not None:
+        warnings.warn(
+            f"{picture}: map_server of ROS 1 takes the numbers of the colours in a palette for greys, and so does this "
+            "map; save the picture without a palette",
+            stacklevel=2,
+        )
     return occupancies(raster, header, dialect)[::-1].copy()
 
 

@@ -26,6 +26,7 @@ raw                    the grey; above 100 unknown   the mean, rounded; above   
                                                      100 unknown                   signed byte
 a raw cell above 100   unknown                       unknown                       255 unknown, others
                                                                                    occupied (costmap_2d)
+a palette              its colours                   its colours                   the numbers of its colours
 ``negate`` and raw     ignored                       ignored                       negated too
 ``negate``             number or truth value         number or truth value         number
 ``mode``               any case                      any case                      lower case
@@ -60,8 +61,7 @@ def occupancies(raster: Raster, header: RosHeader, dialect: Dialect) -> NDArray[
         return np.asarray(convert(Raster(every, raster.maxval), header)[0][raster.values[..., 0]])
     result = np.empty(raster.values.shape[:2], dtype=np.int8)
     for first in range(0, len(result), ROWS):
-        rows = slice(first, first + ROWS)
-        result[rows] = convert(Raster(raster.values[rows], raster.maxval), header)
+        result[first : first + ROWS] = convert(raster.rows(first, first + ROWS), header)
     return result
 
 
@@ -126,11 +126,13 @@ def _as_nav2_jazzy(raster: Raster, header: RosHeader) -> NDArray[np.int8]:
 
 
 def _as_ros1(raster: Raster, header: RosHeader) -> NDArray[np.int8]:
-    channels = raster.bytes
+    channels, has_alpha = raster.bytes, raster.has_alpha
+    if raster.numbers is not None:
+        channels, has_alpha = raster.numbers[..., np.newaxis].astype(np.int32), False
     if channels.shape[2] == 2:
         channels = channels[..., [0, 0, 0, 1]]
     count = channels.shape[2]
-    averaged = count if header.mode == "trinary" or not raster.has_alpha else count - 1
+    averaged = count if header.mode == "trinary" or not has_alpha else count - 1
     mean = channels[..., :averaged].sum(axis=2) / averaged
     if header.negate:
         mean = 255 - mean
