@@ -27,7 +27,7 @@ def located(axes: tuple[Axis, ...], frame: Frame, point: Point, key: str) -> tup
 
 
 def unknown_cells(cells: MapCells | None, axes: tuple[Axis, ...]) -> NDArray[np.bool_] | None:
-    """Return the cells of a space that are obstacles because nobody has seen them, in the shape of its axes.
+    """Return the cells of a space that are obstacles because their occupancy is unknown, in the shape of its axes.
 
     None where the map knows no such cells, takes them as free, or has other axes than the space.
     """
@@ -41,7 +41,7 @@ def unknown_cells(cells: MapCells | None, axes: tuple[Axis, ...]) -> NDArray[np.
 
 
 def is_unknown(cells: MapCells | None, axes: tuple[Axis, ...], point: Point) -> bool:
-    """Return whether a point of the world lies in a cell that is an obstacle because nobody has seen it.
+    """Return whether a point of the world lies in a cell that is an obstacle because its occupancy is unknown.
 
     `axes`: those of the space; the point may leave out coordinates beyond the map's, such as a heading.
     """

@@ -49,7 +49,7 @@ class MapCells:
     conductivity : ndarray of float64 or None
         Of its cells; None where the map says nothing of costs.
     unknown : ndarray of bool or None
-        Cells that nobody has seen, whether they are obstacles or free in `cell`; None where the format knows none.
+        Cells of unknown occupancy, which `cell` holds as obstacles or as free; None where the format has none.
     table : mapping
         The ``[map]`` table it came from; ``file`` is an absolute path.
     """
