@@ -40,7 +40,7 @@ class Sketch:
 def sketch(
     space: rg.ConfigurationSpace, starts: Sequence[Sequence[float]], unknown: NDArray[np.bool_] | None
 ) -> Sketch:
-    """Draw a space of two axes in letters; `unknown`: cells that are obstacles because nobody has seen them."""
+    """Draw a space of two axes in letters; `unknown`: cells of unknown occupancy."""
     import numpy as np
 
     unseen = np.zeros(space.shape, dtype=np.bool_) if unknown is None else unknown & (space.cell == rg.Cell.OBSTACLE)

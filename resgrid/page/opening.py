@@ -68,9 +68,9 @@ def open_files(files: Sequence[File] | None) -> Drawing:
                 raise InputError(f"{file.name}: the page opens {', '.join(_SUFFIXES)}")
             (Path(folder) / file.name).write_bytes(_bytes(file))
         first = min(files, key=lambda file: _SUFFIXES.index(Path(file.name).suffix.lower())).name
-        if first.lower().endswith((".yaml", ".yml")):
-            _refuse_foreign_picture(Path(folder) / first, files)
         try:
+            if first.lower().endswith((".yaml", ".yml")):
+                _refuse_foreign_picture(Path(folder) / first, files)
             if first.lower().endswith(".toml"):
                 _refuse_files(tomllib.loads((Path(folder) / first).read_text(encoding="utf-8")))
             return drawing_of(read_scene(Path(folder) / first))
@@ -95,12 +95,8 @@ def _refuse_files(document: Mapping[str, Any]) -> None:
 
 def _refuse_foreign_picture(map_file: Path, files: Sequence[File]) -> None:
     """The picture of a ROS map is one of the files that came with it."""
-    import yaml
+    from resgrid.scene.maps.yaml_cpp import read_mapping
 
-    try:
-        table = yaml.safe_load(map_file.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"{map_file.name}: this is not YAML: {error}") from None
-    picture = table.get("image") if isinstance(table, dict) else None
+    picture = read_mapping(map_file, ("image",)).get("image")
     if picture not in [file.name for file in files]:
         raise InputError(f"{map_file.name} shows {picture!r}: drop this picture together with it")

@@ -136,7 +136,7 @@ def kinds_of(cell: NDArray[np.uint8], connected: NDArray[np.bool_], obstacle: st
 
 
 def unknown_cells(cell: NDArray[np.uint8], unknown: NDArray[np.bool_] | None) -> list[Mask]:
-    """Return how obstacle cells that nobody has seen are painted, if it is known which."""
+    """Return the mask of obstacle cells of unknown occupancy, with its colour and name."""
     return [] if unknown is None else [((cell == Cell.OBSTACLE) & unknown, UNKNOWN, "unknown")]
 
 

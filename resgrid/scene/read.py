@@ -55,7 +55,7 @@ def read_scene(file: str | os.PathLike[str], **options: Any) -> Scene:
     ----------
     file : path-like
         ``.toml`` is a scene; ``.yaml`` a ROS map, ``.map`` a MovingAI map, ``.3dmap`` one of voxels, ``.npy`` an array,
-        pictures are plain maps; a warning says so where the header of a ROS map lies beside a picture.
+        pictures are plain maps; a warning says so where the header of a ROS map lies in the folder of a picture.
         Anything else is recognised by its first bytes.  A name without a folder that is no file here means the shipped
         scene of that name, such as ``rooms``.
     **options

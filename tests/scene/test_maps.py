@@ -56,6 +56,7 @@ def test_movingai_letters(tmp_path):
         (MAP.replace("height 3\n", ""), "'height N'"),
         (MAP.replace("height 3", "height 1000000000").replace("width 4", "width 1000000000"), "width"),
         (MAP.replace("octile", "hex"), "line 1: type 'hex' is not square"),
+        (MAP.replace("width 4", "width 4\nheight 3"), "line 4: 'height' stands in the header twice"),
         (MAP.replace("\nmap\n", "\n"), "line 4: expected"),
         ("type octile\n", "expected|does not end"),
         ("", "expected|does not end"),
@@ -372,6 +373,11 @@ def test_arrays(tmp_path):
     for array in (codes, codes.astype(np.uint8), np.asfortranarray(codes)):
         np.save(tmp_path / "a.npy", array)
         assert cells(tmp_path / "a.npy").tolist() == codes.tolist()
+    for version in ((1, 0), (2, 0), (3, 0)):
+        for kind in (">i8", "<u2", "i1", ">u4"):
+            with (tmp_path / "a.npy").open("wb") as file:
+                np.lib.format.write_array(file, np.asfortranarray(codes).astype(kind), version)
+            assert cells(tmp_path / "a.npy").tolist() == codes.tolist()
     np.save(tmp_path / "a.npy", np.zeros((2, 3, 4, 5), dtype=bool))
     assert cells(tmp_path / "a.npy").shape == (2, 3, 4, 5)
     assert read_scene(tmp_path / "a.npy", goal=(0.5, 1.5, 2.5, 3.5)).ndim == 4
@@ -481,7 +487,7 @@ def test_options_of_a_reader_are_keys_of_the_map(tmp_path):
 
 
 @pytest.mark.parametrize("mode", ["L", "RGBA"])
-@pytest.mark.parametrize("kind", ["image", "epic", "ros"])
+@pytest.mark.parametrize("kind", ["image", "epic", "ros", "costs"])
 def test_reading_a_picture_takes_no_more_memory_than_it_asks_for(tmp_path, monkeypatch, mode, kind):
     """The estimate, by which maps are refused beforehand, against what is truly taken."""
     import tracemalloc
@@ -492,13 +498,15 @@ def test_reading_a_picture_takes_no_more_memory_than_it_asks_for(tmp_path, monke
     monkeypatch.setattr(budget, "require_memory", lambda needed, *_: asked.append(needed))
     file = tmp_path / "map.png"
     Image.new(mode, (400, 300), "white").save(file)
-    if kind == "ros":
+    options = {"format": kind}
+    if kind in ("ros", "costs"):
+        options = {"least_conductivity": 0.1} if kind == "costs" else {}
         keys = "resolution: 1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\nmode: scale\n"
         file = tmp_path / "map.yaml"
         file.write_text(f"image: map.png\n{keys}")
-    read_scene(file, format=kind)  # once, so that nothing is imported while memory is counted
+    read_scene(file, **options)  # once, so that nothing is imported while memory is counted
     tracemalloc.start()
-    read_scene(file, format=kind)
+    read_scene(file, **options)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak <= max(asked) + 200_000

@@ -186,6 +186,24 @@ def test_colours_were_averaged_without_weights(tmp_path):
     assert occupancy_grid(file, "nav2-jazzy").tolist() == [[100, round(100 * scaled[1]), round(100 * scaled[2])]]
 
 
+def test_palettes(tmp_path):
+    picture = Image.fromarray(np.array([[0, 1, 2]], dtype=np.uint8), "P")
+    picture.putpalette([255, 255, 255, 0, 0, 0, 254, 254, 254])
+    file = write(tmp_path, [[0]])
+    picture.save(tmp_path / "map.png")
+    assert occupancy_grid(file).tolist() == occupancy_grid(file, "nav2-jazzy").tolist() == [[0, 100, 0]]
+    with pytest.warns(UserWarning, match="numbers of the colours in a palette"):
+        assert occupancy_grid(file, "ros1").tolist() == [[100, 100, 100]]
+    picture.save(tmp_path / "map.png", transparency=bytes([255, 0, 255]))
+    for mode in ("trinary", "scale", "raw"):
+        with pytest.warns(UserWarning, match="numbers of the colours in a palette"):
+            expected = [[0, 1, 2]] if mode == "raw" else [[100, 100, 100]]
+            assert occupancy_grid(write_yaml(tmp_path, mode=mode), "ros1").tolist() == expected
+    file = write_yaml(tmp_path)
+    picture.save(tmp_path / "map.png", transparency=bytes([255, 128, 0]))  # SDL_image turns this into colours
+    assert occupancy_grid(file, "ros1").tolist() == [[0, 100, -1]]
+
+
 def test_cells_lie_where_the_origin_says(tmp_path):
     file = write(tmp_path, [[0, 254, 254], [254, 254, 205]], origin="[-1.5, 2, 0]")
     scene = read_scene(file)

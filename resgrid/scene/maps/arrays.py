@@ -22,8 +22,12 @@ from resgrid.frozen import frozen
 from resgrid.robots import CellSet, Robot
 from resgrid.space import MAX_DIMENSIONS, Cell
 
-HEADER_READERS = {(1, 0): "read_array_header_1_0", (2, 0): "read_array_header_2_0"}
-
+HEADER_READERS = {
+    (1, 0): "read_array_header_1_0",
+    (2, 0): "read_array_header_2_0",
+    (3, 0): "read_array_header_2_0",  # differs only in the encoding of names of fields, and cells have none
+}
+"""The function of `numpy.lib.format` that reads the header of a version."""
 
 HEADINGS = 36
 """Cells of the third axis of a turning robot on a map that does not say."""
@@ -45,7 +49,7 @@ class MapCells:
     conductivity : ndarray of float64 or None
         Of its cells; None where the map says nothing of costs.
     unknown : ndarray of bool or None
-        Cells that nobody has seen, whether they are obstacles or free in `cell`; None where the format knows none.
+        Cells of unknown occupancy, which `cell` holds as obstacles or as free; None where the format has none.
     table : mapping
         The ``[map]`` table it came from; ``file`` is an absolute path.
     """
@@ -138,7 +142,9 @@ def _check_npy(data: bytes, path: Path) -> None:
     except Exception as error:  # a damaged header goes through Python's own tokenizer, which raises what it likes
         raise InputError(f"{path}: this is not an .npy file that can be read ({error})") from None
     if dtype.kind not in "bui":
-        raise InputError(f"{path}: cells are whole numbers or truth values, this array holds {dtype}")
+        raise InputError(
+            f"{path}: cells are whole numbers or truth values, this array holds {dtype}; save it with .astype(np.uint8)"
+        )
     if not 1 <= len(shape) <= MAX_DIMENSIONS or min(shape) < 1:
         raise InputError(f"{path}: the array has shape {shape}; a map has 1 to {MAX_DIMENSIONS} axes, none empty")
     require_grid_memory(shape, str(path), remedy=SMALLER_MAP)

@@ -161,6 +161,8 @@ def _header(lines: list[str], path: Path) -> tuple[int, int, int]:
             )
         if words[0] == "type" and words[1] not in TYPES:
             raise InputError(f"{path}: line {number}: type {words[1]!r} is not square; it may be {', '.join(TYPES)}")
+        if words[0] in values:
+            raise InputError(f"{path}: line {number}: {words[0]!r} stands in the header twice; remove one")
         values[words[0]] = words[1]
     raise InputError(f"{path}: the header does not end with a line 'map'; is this a MovingAI map?")
 

@@ -50,11 +50,18 @@ class Raster:
     """A picture.
 
     `values` (height, width, channels): the top row first; 1 (grey), 2 (grey, alpha), 3 (red, green, blue) or 4
-    channels; `maxval`: the value of white, and of opaque.
+    channels; `maxval`: the value of white, and of opaque; up to 255 in uint8, above in uint16; `numbers` (height,
+    width): of the colours in the palette, if there is one.
     """
 
-    values: NDArray[np.uint16]
+    values: NDArray[np.uint8] | NDArray[np.uint16]
     maxval: int
+    numbers: NDArray[np.uint8] | None = None
+
+    def rows(self, first: int, last: int) -> Raster:
+        """Return the rows from `first` to before `last`."""
+        numbers = None if self.numbers is None else self.numbers[first:last]
+        return Raster(self.values[first:last], self.maxval, numbers)
 
     @property
     def has_alpha(self) -> bool:
@@ -72,10 +79,20 @@ class Raster:
         luma //= 1000
         return luma
 
+    @property
+    def bytes(self) -> NDArray[np.int32]:
+        """Values from 0 to 255, shape as `values`: of 16 bits the higher byte, as libpng and OpenCV cut them off."""
+        return self._bytes(self.values)
+
     def _channel(self, number: int) -> NDArray[np.int32]:
         """Values of one channel, from 0 to 255."""
-        values = self.values[..., number].astype(np.int32)
-        return values if self.maxval == 255 else values * 255 // self.maxval
+        return self._bytes(self.values[..., number])
+
+    def _bytes(self, values: NDArray[Any]) -> NDArray[np.int32]:
+        whole = values.astype(np.int32)
+        if self.maxval == 65535:
+            whole >>= 8
+        return whole if self.maxval in (255, 65535) else whole * 255 // self.maxval
 
 
 def read_grey(path: Path, threshold: Annotated[int, Ge(0), Le(65536)] = THRESHOLD) -> NDArray[np.uint8]:
@@ -151,10 +168,20 @@ def _raster(image: Image, data: bytes, path: Path) -> Raster:
     layout = _png_layout(data)
     if image.mode in DEEP or layout in ((16, 2), (16, 4), (16, 6)):
         return Raster(_transparent(_deep_values(image, data, layout, path), image.info.get("transparency")), 65535)
-    if layout in ((2, 0), (4, 0)) and "transparency" in image.info:  # Pillow scales the greys, and not this one
-        image.info["transparency"] *= 255 // (2 ** layout[0] - 1)
-    values = np.asarray(image.convert(_plain_mode(image))).astype(np.uint16)
-    return Raster(values if values.ndim == 3 else values[..., np.newaxis], 255)
+    if layout is not None and layout[1] == 0:
+        key = image.info.pop("transparency", None)  # in units of the file, whereas Pillow has scaled the greys
+        grey = np.asarray(image.convert("L"))[..., np.newaxis]
+        top = 2 ** layout[0] - 1
+        return Raster(_transparent(grey, None if key is None else min(key, top) * (255 // top)), 255)
+    values = np.asarray(image.convert(_plain_mode(image)))
+    numbers = np.asarray(image) if image.mode == "P" and _keeps_palette(image) else None
+    return Raster(values if values.ndim == 3 else values[..., np.newaxis], 255, numbers)
+
+
+def _keeps_palette(image: Image) -> bool:
+    """Return whether at most one colour of a palette is transparent, and that wholly: SDL_image then keeps it."""
+    opacity = image.info.get("transparency", b"")
+    return not isinstance(opacity, bytes) or opacity.replace(b"\xff", b"") in (b"", b"\0")
 
 
 def _png_layout(data: bytes) -> tuple[int, int] | None:
@@ -175,8 +202,8 @@ def _deep_values(image: Image, data: bytes, layout: tuple[int, int] | None, path
         with _any_size():
             lower = Pillow.open(BytesIO(data))
         assert isinstance(lower, ImageFile.ImageFile)
-        (tile,) = lower.tile
-        lower.tile = [tile._replace(args=_DEEP_COLOURS[str(tile.args)])]
+        ((codec, extent, offset, unpacking),) = lower.tile
+        lower.tile = [(codec, extent, offset, _DEEP_COLOURS[str(unpacking)])]  # type: ignore[list-item]  # before 11
         return _joined(np.asarray(image), np.asarray(lower))
     deep: NDArray[Any] = np.asarray(image).astype(np.int64)
     if deep.min() < 0 or deep.max() > 65535:
@@ -195,12 +222,12 @@ def _with_layout(data: bytes, depth: int, colour: int) -> bytes:
     return data[:12] + header + struct.pack(">I", zlib.crc32(header)) + data[33:]
 
 
-def _transparent(values: NDArray[np.uint16], key: Any) -> NDArray[np.uint16]:
+def _transparent(values: NDArray[Any], key: Any) -> NDArray[Any]:
     """Values with an opacity that is 0 where the colour is the transparent one, if there is one."""
     if key is None:
         return values
-    opaque = (values != np.atleast_1d(np.array(key, dtype=np.uint16))).any(axis=2)
-    return np.dstack([values, np.where(opaque, np.uint16(65535), np.uint16(0))])
+    opaque = (values != np.atleast_1d(np.array(key))).any(axis=2)
+    return np.dstack([values, np.where(opaque, np.iinfo(values.dtype).max, 0).astype(values.dtype)])
 
 
 def _plain_mode(image: Image) -> str:

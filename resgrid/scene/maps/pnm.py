@@ -39,7 +39,7 @@ class _Header(NamedTuple):
         return 3 if self.kind in (3, 6) else 1
 
 
-def read_pnm(data: bytes, path: Path, bytes_per_pixel: int = BYTES_PER_CELL) -> tuple[NDArray[np.uint16], int]:
+def read_pnm(data: bytes, path: Path, bytes_per_pixel: int = BYTES_PER_CELL) -> tuple[NDArray[Any], int]:
     """Return the values (height, width, channels) of an anymap, and the value of white.
 
     Blanks, tabs, line ends and comments (from ``#`` to the end of the line) may stand between the numbers of the
@@ -61,7 +61,7 @@ def read_pnm(data: bytes, path: Path, bytes_per_pixel: int = BYTES_PER_CELL) -> 
         raise InputError(
             f"{path}: pixel {int(values.argmax()) // channels} is {values.max()}, above the maximum {maxval}"
         )
-    return values.reshape(height, width, channels).astype(np.uint16), maxval
+    return values.reshape(height, width, channels).astype(np.uint8 if maxval < 256 else np.uint16), maxval
 
 
 def _read_header(data: bytes, path: Path) -> _Header:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -14,14 +15,14 @@ from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.frame import Frame
 from resgrid.scene.maps.arrays import MapCells
-from resgrid.scene.maps.pictures import Raster, read_raster
-from resgrid.scene.maps.ros_dialects import CONVERTERS, UNKNOWN
+from resgrid.scene.maps.pictures import BYTES_PER_PIXEL, Raster, read_raster
+from resgrid.scene.maps.ros_dialects import CONVERTERS, UNKNOWN, occupancies
 from resgrid.scene.maps.ros_header import NEWEST, Dialect, RosHeader, picture_of, read_header
 from resgrid.scene.messages import unknown as unknown_word
 from resgrid.space import Cell
 
-BYTES_PER_PIXEL = 96
-"""Memory of a picture while it is turned into occupancies."""
+COSTS_BYTES = 40
+"""Memory of a pixel while occupancies are turned into conductivities."""
 
 
 def read_ros(
@@ -46,23 +47,23 @@ def read_ros(
         Values below lethal as cost; an occupancy p conducts this to the power of p / lethal.
     """
     header = read_header(path, dialect)
-    occupancy = _occupancy(path, header, dialect)
+    occupancy = _occupancy(path, header, dialect, BYTES_PER_PIXEL if least_conductivity is None else COSTS_BYTES)
     occupied = _is_occupied(occupancy, header, lethal)
-    cell = np.where(occupied, Cell.OBSTACLE, Cell.FREE).astype(np.uint8)
-    cell[occupancy == UNKNOWN] = Cell.OBSTACLE if unknown == "obstacle" else Cell.FREE
+    unseen = occupancy == UNKNOWN
+    cell = np.where(occupied, np.uint8(Cell.OBSTACLE), np.uint8(Cell.FREE))
+    cell[unseen] = Cell.OBSTACLE if unknown == "obstacle" else Cell.FREE
     conductivity = None
     if least_conductivity is not None:
         share = np.clip(occupancy, 0, None) / _lethal(header, lethal)
         conductivity = np.ascontiguousarray(np.where(occupied, 1.0, least_conductivity**share).T)
     axes, frame = _place(header, cell.shape)
-    unseen = np.ascontiguousarray((occupancy == UNKNOWN).T)
-    return MapCells(axes, np.ascontiguousarray(cell.T), frame, conductivity, unseen)
+    return MapCells(axes, np.ascontiguousarray(cell.T), frame, conductivity, np.ascontiguousarray(unseen.T))
 
 
 def ros_greys(path: Path, dialect: Dialect = NEWEST, lethal: int | None = None) -> list[str]:
     """What each grey value of an opaque picture means in a ROS map."""
     header = read_header(path, dialect)
-    occupancy = CONVERTERS[dialect](Raster(np.arange(256, dtype=np.uint16).reshape(1, 256, 1), 255), header)
+    occupancy = occupancies(Raster(np.arange(256, dtype=np.uint8).reshape(1, 256, 1), 255), header, dialect)
     words = np.where(_is_occupied(occupancy, header, lethal), "obstacle", "free")
     return [str(word) for word in np.where(occupancy == UNKNOWN, "unknown", words)[0]]
 
@@ -119,9 +120,16 @@ def occupancy_grid(file: str | os.PathLike[str], dialect: Dialect = NEWEST) -> N
     return _occupancy(Path(file), read_header(Path(file), dialect), dialect)
 
 
-def _occupancy(path: Path, header: RosHeader, dialect: Dialect) -> NDArray[np.int8]:
-    raster = read_raster(picture_of(path, header.image), BYTES_PER_PIXEL)
-    return CONVERTERS[dialect](raster, header)[::-1].copy()
+def _occupancy(path: Path, header: RosHeader, dialect: Dialect, pixel: int = BYTES_PER_PIXEL) -> NDArray[np.int8]:
+    picture = picture_of(path, header.image)
+    raster = read_raster(picture, pixel)
+    if dialect == "ros1" and raster.numbers is not None:
+        warnings.warn(
+            f"{picture}: map_server of ROS 1 takes the numbers of the colours in a palette for greys, and so does this "
+            "map; save the picture without a palette",
+            stacklevel=2,
+        )
+    return occupancies(raster, header, dialect)[::-1].copy()
 
 
 def _place(header: RosHeader, shape: tuple[int, ...]) -> tuple[tuple[Axis, ...], Frame]:

@@ -26,6 +26,7 @@ raw                    the grey; above 100 unknown   the mean, rounded; above   
                                                      100 unknown                   signed byte
 a raw cell above 100   unknown                       unknown                       255 unknown, others
                                                                                    occupied (costmap_2d)
+a palette              its colours                   its colours                   the numbers of its colours
 ``negate`` and raw     ignored                       ignored                       negated too
 ``negate``             number or truth value         number or truth value         number
 ``mode``               any case                      any case                      lower case
@@ -46,6 +47,22 @@ from resgrid.scene.maps.ros_header import Dialect, RosHeader
 OCCUPIED, FREE, UNKNOWN = 100, 0, -1
 QUANTUM = 65535
 """White, and opaque, in GraphicsMagick."""
+
+
+ROWS = 64
+"""Rows of a colour picture that are converted together, so that their intermediate values take little memory."""
+
+
+def occupancies(raster: Raster, header: RosHeader, dialect: Dialect) -> NDArray[np.int8]:
+    """Return the occupancies (height, width) of a picture by a dialect, the top row first."""
+    convert = CONVERTERS[dialect]
+    if raster.values.shape[2] == 1:  # each grey value is converted once
+        every = np.arange(raster.maxval + 1, dtype=np.uint16).reshape(1, -1, 1)
+        return np.asarray(convert(Raster(every, raster.maxval), header)[0][raster.values[..., 0]])
+    result = np.empty(raster.values.shape[:2], dtype=np.int8)
+    for first in range(0, len(result), ROWS):
+        result[first : first + ROWS] = convert(raster.rows(first, first + ROWS), header)
+    return result
 
 
 class Converter(Protocol):
@@ -109,12 +126,13 @@ def _as_nav2_jazzy(raster: Raster, header: RosHeader) -> NDArray[np.int8]:
 
 
 def _as_ros1(raster: Raster, header: RosHeader) -> NDArray[np.int8]:
-    channels = raster.values.astype(np.int64)
-    channels = channels if raster.maxval == 255 else channels * 255 // raster.maxval
+    channels, has_alpha = raster.bytes, raster.has_alpha
+    if raster.numbers is not None:
+        channels, has_alpha = raster.numbers[..., np.newaxis].astype(np.int32), False
     if channels.shape[2] == 2:
         channels = channels[..., [0, 0, 0, 1]]
     count = channels.shape[2]
-    averaged = count if header.mode == "trinary" or not raster.has_alpha else count - 1
+    averaged = count if header.mode == "trinary" or not has_alpha else count - 1
     mean = channels[..., :averaged].sum(axis=2) / averaged
     if header.negate:
         mean = 255 - mean

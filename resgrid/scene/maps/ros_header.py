@@ -114,7 +114,7 @@ def read_header(path: Path, dialect: Dialect) -> RosHeader:
 
 
 def picture_of(path: Path, image: str) -> Path:
-    r"""Return the picture of a map: the named file, or, where there is none, its namesake beside the map.
+    r"""Return the picture of a map: the named file, or, where there is none, the file of that name in the map's folder.
 
     A map that was made on another computer names a place of that computer (``/home/ann/room.pgm``,
     ``maps\room.pgm``).  A warning says so.
