@@ -41,8 +41,9 @@ class Balanced(NamedTuple):
     `volts` (nodes,): above ground, NaN where a node floats; `heights` (nodes,): above the reference of the equations;
     `amps` (resistors,): from the first end to the second one; `source_amps` (sources,): into the plus terminal, NaN in
     a loop of sources; `power`: in all resistors, in watts; `excused` (nodes,): whether all currents at a node are so
-    close to the floor that some of them may count as zero, and others not; `doubt`: bound on the error of a voltage
-    relative to the largest one, or of a current relative to the current through either end.
+    close to the floor that some of them may count as zero, and others not; `entry_error`: bound on the relative error
+    of every voltage above ground and above the reference; infinite where there is none; `doubt`: bound on the error of
+    a voltage relative to the largest one, or of a current relative to the current through either end.
     """
 
     volts: NDArray[np.float64]
@@ -51,6 +52,7 @@ class Balanced(NamedTuple):
     source_amps: NDArray[np.float64]
     power: float
     excused: NDArray[np.bool_]
+    entry_error: float = float(np.finfo(np.float64).eps)
     doubt: float = 0.0
 
 
@@ -128,24 +130,47 @@ class _State:
         A resistor of conductance g has an error of current of at most ``sqrt(g)`` times the square root of the power,
         a node with a resistance R to the ground an error of voltage of ``sqrt(R)`` times that root.
         """
-        solved = [each for each in self.resistors if each.rows[0] != each.rows[1]]
-        if not solved:
+        logs = [each.log for each in self.resistors if each.rows[0] != each.rows[1]]
+        if not logs:
             return True
-        currents = [_log(self.volts[each.nodes[0]] - self.volts[each.nodes[1]]) + each.log for each in self.resistors]
-        floor = max(currents) - FLOOR
-        for each, amps in zip(self.resistors, currents, strict=True):
-            if each.rows[0] != each.rows[1] and power + 0.5 * each.log > max(amps - _DIGITS, floor):
+        return (
+            self._proves_currents(power)
+            and self._proves_voltages(power + 0.5 * (math.log2(self.system.size) - min(logs)))
+            and self._proves_cuts(power + 0.5 * max(logs) + math.log2(len(logs)) + self.unit_volts - self.unit_amps)
+        )
+
+    def _proves_currents(self, power: float) -> bool:
+        logs = [_log(self.volts[each.nodes[0]] - self.volts[each.nodes[1]]) + each.log for each in self.resistors]
+        floor = max(max(logs) - FLOOR, self.floor + self.unit_amps - self.unit_volts)
+        return all(
+            power + 0.5 * each.log <= max(amps - _DIGITS, floor)
+            for each, amps in zip(self.resistors, logs, strict=True)
+            if each.rows[0] != each.rows[1]
+        )
+
+    def _proves_voltages(self, error: float) -> bool:
+        solved_for = np.flatnonzero(self.system.unknown >= 0).tolist()
+        for reference in self.references():
+            floor = max(_log(volts - reference) for volts in self.volts) - FLOOR
+            if any(error > max(_log(self.volts[node] - reference) - _DIGITS, floor) for node in solved_for):
                 return False
-        logs = [each.log for each in solved]
-        error = power + 0.5 * (math.log2(self.system.size) - min(logs))
-        levels = [_log(self.volts[node]) for node in np.flatnonzero(self.system.unknown >= 0).tolist()]
-        least = max(map(_log, self.volts)) - FLOOR
-        if any(error > max(level - _DIGITS, least) for level in levels):
-            return False
-        error = power + 0.5 * max(logs) + math.log2(len(solved)) + self.unit_volts - self.unit_amps
-        cuts = [_log(amps) for amps in self.source_currents()]
-        floor += self.unit_volts - self.unit_amps
-        return all(error <= max(cut - _DIGITS, floor) for cut in cuts)
+        return True
+
+    def _proves_cuts(self, error: float) -> bool:
+        logs = [_log(amps) for amps in self.source_currents()]
+        floor = max(max(logs, default=-math.inf) - FLOOR, self.floor)
+        return all(error <= max(amps - _DIGITS, floor) for amps in logs)
+
+    @property
+    def floor(self) -> int:
+        """Binary logarithm, in units of current, below which all currents are zero, whatever the largest one is."""
+        return _GUARD // 2
+
+    def references(self) -> list[int]:
+        """Return the voltages that others are counted from: ground, the reference of the equations, both rails."""
+        rails = self.system.rails
+        known = [0.0, self.system.reference, *([rails.low, rails.high] if rails else [])]
+        return sorted({_units(volts, self.unit_volts) for volts in known})
 
     def source_currents(self) -> list[int]:
         """Return the currents of the voltage sources, (sources,), in units of current."""
@@ -169,6 +194,7 @@ class _State:
             amps[each.number] = nearest(fall * each.siemens, self.unit_volts - each.places)
         source_amps = np.array([nearest(amps, self.unit_amps) for amps in self.source_currents()])
         least = math.ldexp(max(np.abs(amps).max(initial=0.0), np.abs(source_amps).max(initial=0.0)), -FLOOR)
+        least = max(least, nearest(1 << self.floor, self.unit_amps))
         through = np.bincount(netlist.resistor_nodes.ravel(), np.repeat(np.abs(amps), 2), netlist.node_count)
         falls[np.abs(amps) <= least] = 0.0
         amps[np.abs(amps) <= least] = source_amps[np.abs(source_amps) <= least] = 0.0

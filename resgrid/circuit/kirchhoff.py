@@ -26,8 +26,8 @@ from resgrid.solvers.conserving import columns_of
 from resgrid.solvers.factor import DirectFactor
 from resgrid.solvers.supernodal import SupernodalFactors
 
-_FEW_ENTRIES, _MOST_ENTRIES = 50_000, 2_000_000
-"""Entries of factors up to which circuits are solved in integers at once, and at most: they take microseconds each."""
+_FEW_ENTRIES, _MOST_ENTRIES = 10_000, 2_000_000
+"""Entries of factors up to which circuits are solved in integers at once (30 ms), and at most (some seconds)."""
 
 _CERTAIN = 1e-9
 """Fraction of the current through a node by which the last correction may have changed a current there."""
@@ -57,8 +57,9 @@ Doubled = tuple[NDArray[np.float64], NDArray[np.float64]]
 def balance(system: Equations) -> tuple[Balanced | None, DirectFactor | None]:
     """Find currents that balance at every row; none where there is too little memory for the factors.
 
-    Small circuits are solved in integers, and so are others where corrections in double-double leave doubt.  Returns
-    the factors as well, if there are rows.
+    Small circuits are solved in integers, and so are others where corrections in double-double leave doubt; potentials
+    of cells are corrected in double-double first, whatever their number.  Returns the factors as well, if there are
+    rows.
     """
     if not system.size:
         return cancel(system, []), None
@@ -68,10 +69,18 @@ def balance(system: Equations) -> tuple[Balanced | None, DirectFactor | None]:
         return None, None
     assert isinstance(direct, DirectFactor)
     entries = direct.factors.symbolic.entries
-    found = None if entries <= _FEW_ENTRIES else _correct(system, direct.factors)
+    few = entries <= _FEW_ENTRIES and not _is_field(system)
+    found = None if few else _correct(system, direct.factors)
     if found is None or (found.doubt > _CERTAIN and entries <= _MOST_ENTRIES):
         found = cancel(system, columns_of(direct.factors)) or found or _correct(system, direct.factors)
     return found, direct
+
+
+def _is_field(system: Equations) -> bool:
+    """Return whether cells have a potential: between two rails, or above one with currents of one sign."""
+    if system.netlist.cell_map is None or system.rails is not None:
+        return system.netlist.cell_map is not None
+    return not (np.any(system.drive < 0.0) and np.any(system.drive > 0.0))
 
 
 class _Falls(NamedTuple):
@@ -104,12 +113,11 @@ def _correct(system: Equations, factors: SupernodalFactors) -> Balanced:
         excused[ends[none_flows]] = True
         excused &= np.bincount(ends.ravel(), np.repeat(amps, 2), netlist.node_count) <= _NONE * amps.max()
     doubt = found.doubt
-    if netlist.cell_map is None:
+    if not _is_field(system):
         doubt = max(doubt, _bound(system, factors, found))
     heights, amps = system.heights(found.heights[0]), netlist.conductance * falls[0]
-    return Balanced(
-        system.above_ground(heights), heights, amps, _source_amps(system, falls), float(amps @ falls[0]), excused, doubt
-    )
+    power, source_amps = float(amps @ falls[0]), _source_amps(system, falls)
+    return Balanced(system.above_ground(heights), heights, amps, source_amps, power, excused, np.inf, doubt)
 
 
 def _refined(system: Equations, factors: SupernodalFactors) -> _Falls:

@@ -79,8 +79,11 @@ def _solved(
         del factors
     with _timed(seconds, "read"):
         point, residual, faint = read_entrywise(system, values, team, **told)
+    signed = point.log_drop is None and point.potential is None
+    bound = np.inf if signed else watch.bound + np.finfo(np.float64).eps
     doubt, balanced = values.doubt, False
-    if not point.readings.scaled[1].any() and (faint or doubt > CERTAIN or _asks_for_balance(system, point)):
+    in_range = system.rails is None or not point.readings.scaled[1].any()
+    if in_range and (faint or doubt > CERTAIN or _asks_for_balance(system, point)):
         from resgrid.circuit.kirchhoff import balance
 
         with _timed(seconds, "balance"):
@@ -94,8 +97,7 @@ def _solved(
                 again = read_entrywise(system, values, team, found, **told)
                 if not proved or again[0].kcl_residual <= max(point.kcl_residual, DIRECTION_RESIDUAL):
                     (point, residual, _), doubt, balanced = again, found.doubt, True
-    signed = point.log_drop is None and point.potential is None
-    bound = np.inf if signed else watch.bound + np.finfo(np.float64).eps
+                    bound = bound if system.rails is not None else min(bound, found.entry_error)
     point = replace(point, iterations=watch.iterations, backward_error=watch.error, entry_error=bound)
     if not balanced and not is_answer(point.backward_error, point.entry_error):
         raise AccuracyError(

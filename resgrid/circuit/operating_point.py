@@ -61,6 +61,7 @@ class OperatingPoint:
         Currents, power and KCL residual, at hand or to be read: the point has each reading as a property.
     floating : ndarray of int64
         Nodes that no path of resistors or voltage sources ties to ground; their voltages are NaN, currents known.
+        The currents of current sources into each floating part add up to zero.
     undriven : ndarray of int64
         Nodes of parts that a single rail holds and no current drives: they are flat, at that rail's voltage.
     method : str
@@ -76,8 +77,9 @@ class OperatingPoint:
     entry_error : float
         No drop ``u``, be it the smallest, is off by a larger share of itself (with one rail: no height above it), as
         the violations of KCL prove (`resgrid.solvers.refine`); the rounding of its logarithm to a double not counted.
-        Infinite where nothing is proved: of normwise answers, of currents of both signs beside a single rail, of
-        circuits with nonlinear resistors, and where parts of the circuit carry no current.
+        Of small circuits without two rails it holds for voltages above ground as well.  Infinite where nothing is
+        proved: of normwise answers, of circuits with nonlinear resistors, of larger circuits with currents of both
+        signs beside a single rail, and of those where parts carry no current.
     nonlinear_amps : ndarray of float64, shape (nonlinear resistors,)
         Current from a nonlinear resistor's first node to its second, in amperes (0 where it underflows).
     nonlinear_log_amps : ndarray of float64, shape (nonlinear resistors,)

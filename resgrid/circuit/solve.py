@@ -48,10 +48,12 @@ def solve(
     accuracy : {"direction", "normwise"}
         ``"direction"``: at every node KCL holds to 1e-6 of the current through that same node, however small that is
         beside others, or `AccuracyError` is raised; so the way down is right everywhere.  Where voltages tell no
-        currents (stiff ties to a rail, flat dead ends, floating sources), these are found as differences by a direct
-        method, a stage of its own (``"balance"``); currents below 1e-28 of the largest may count as none.  Where the
-        circuit has two rails, or one and currents of one sign, ``entry_error`` says how far entries may be off, some
-        1e-8 of themselves; where parts carry no current, KCL proves less or nothing of entries.
+        currents (stiff ties to a rail, flat dead ends, sources that oppose each other), these are found as differences
+        by a direct method, a stage of its own (``"balance"``).  In small circuits (meshes of up to some 800 nodes)
+        every voltage and current is then right to the rounding of a double; below 2**-1000 of the largest it may
+        count as zero, in fields of cells below 1e-28 of the largest current.  ``entry_error`` bounds the relative
+        errors of voltages; of larger circuits it does so where there are two rails, or one and currents of one sign
+        (some 1e-8), unless parts carry no current.
         ``"normwise"``: only the backward error is held below ``rtol``.
     method : {"auto", "direct", "multigrid"}
         How to solve; ``"auto"`` chooses by size and shape (`resgrid.solvers.choose.choose_method`); the operating point
@@ -78,7 +80,8 @@ def solve(
         If an option is unknown, or this is no circuit.
     CircuitError
         If sources contradict each other, nothing drives the chip of a space (any other circuit is at rest then),
-        nothing touches ground, or current sources exceed what nonlinear resistors carry.
+        nothing touches ground, currents of current sources into a floating part do not add up to zero, or current
+        sources exceed what nonlinear resistors carry.
     AccuracyError
         If the promised accuracy is not reached; it carries the best answer.
     BudgetError
