@@ -13,7 +13,17 @@
 
 from __future__ import annotations
 
-from resgrid.spice.dialects.record import FUNCTIONS, SUFFIXES, Dialect, Quirks, ReadingRules, Statements, Words
+from resgrid.spice.dialects.record import (
+    FUNCTIONS,
+    LTSPICE_COMMANDS,
+    SUFFIXES,
+    Dialect,
+    Quirks,
+    ReadingRules,
+    Refusals,
+    Statements,
+    Words,
+)
 
 _WORDS = Words(
     functions=frozenset(
@@ -67,5 +77,6 @@ HSPICE = Dialect(
         holds_initial=True,
         inductor_keys=frozenset({"r"}),
         words=_WORDS,
+        refusals=Refusals(foreign_commands=LTSPICE_COMMANDS | {".step"}, blank_names="unsure", letters="unsure"),
     ),
 )

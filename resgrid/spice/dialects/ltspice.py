@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 
-from resgrid.spice.dialects.record import ARCS, FUNCTIONS, Dialect, Quirks, ReadingRules, Statements, Words
+from resgrid.spice.dialects.record import ARCS, FUNCTIONS, Dialect, Quirks, ReadingRules, Refusals, Statements, Words
 
 _WORDS = Words(
     functions=frozenset(
@@ -71,5 +71,6 @@ LTSPICE = Dialect(
         inductor_keys=frozenset({"rser", "ipk"}),
         capacitor_keys=frozenset({"rser", "v", "irms"}),
         words=_WORDS,
+        refusals=Refusals(blank_names="unsure"),
     ),
 )

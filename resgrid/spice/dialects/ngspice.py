@@ -83,7 +83,7 @@ _REFUSALS = Refusals(
         .sampling .savebias .step .unprotect .variation .wave .wcase
         """.split()  # noqa: SIM905
     ),
-    blank_names=True,
+    blank_names="fails",
     encodings=frozenset({"latin-1", "utf-16", "cr"}),
     commas=True,
 )

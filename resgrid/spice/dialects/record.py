@@ -101,14 +101,18 @@ class Words:
 
 @dataclass(frozen=True, eq=False)
 class Refusals:
-    """Text that is read here, but stops the simulator, which then gives no answer.
+    """Text that is read here, but stops the simulator, which then gives no answer, or of which that is not known.
 
     Attributes
     ----------
     commands : frozenset of str
         Commands that end the run.
-    blank_names : bool
-        Whether a quoted name may not hold a blank.
+    foreign_commands : frozenset of str
+        Commands that the manual does not have.
+    blank_names : {"", "fails", "unsure"}
+        Consequence of a blank in a quoted name.
+    letters : {"", "unsure"}
+        Consequence of letters beyond ASCII.
     encodings : frozenset of str
         Encodings of files that end the run: ``"latin-1"``, ``"utf-16"``, ``"cr"`` (carriage returns between lines).
     commas : bool
@@ -116,9 +120,15 @@ class Refusals:
     """
 
     commands: frozenset[str] = frozenset()
-    blank_names: bool = False
+    foreign_commands: frozenset[str] = frozenset()
+    blank_names: Literal["", "fails", "unsure"] = ""
+    letters: Literal["", "unsure"] = ""
     encodings: frozenset[str] = frozenset()
     commas: bool = False
+
+
+LTSPICE_COMMANDS = frozenset({".backanno", ".loadbias", ".machine", ".savebias", ".wave"})
+"""Commands of LTspice alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,8 +144,8 @@ class ReadingRules:
     `resgrid.spice.read.expressions.FUNCTIONS` they are; `model_factor`: whether the ``r`` of a resistor's model
     multiplies; `lengths_twice`: whether a model's ``narrow`` and ``short`` are taken off at both ends; `annotations`:
     what may be written behind an element without meaning anything to a simulation; `flags`: words of that kind;
-    `operators`: operators that are not what `resgrid.spice.read.expressions` takes their symbols for; `narrow_parser`: whether signs after operators
-    and choices within choices are misread; `puts_in_text`: whether functions, and what an ``X`` line gives, are put
+    `operators`: operators that are not what `resgrid.spice.read.expressions` takes their symbols for;
+    `narrow_parser`: whether signs after operators and choices within choices are misread; `puts_in_text`: whether functions, and what an ``X`` line gives, are put
     in as text: their names are looked up where they land; `replaces_multipliers`: whether ``m=`` of an ``X`` line
     takes the place of ``m=`` within, and does not reach switches; `end_is_comment`: whether what stands after
     ``.end`` is read; `first_counts`: whether the first of several models of one name counts, and the first of several

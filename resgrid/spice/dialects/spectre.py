@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 
-from resgrid.spice.dialects.record import Dialect, Quirks, ReadingRules, Statements, Words
+from resgrid.spice.dialects.record import LTSPICE_COMMANDS, Dialect, Quirks, ReadingRules, Refusals, Statements, Words
 
 _RESERVED = frozenset(
     """
@@ -138,8 +138,14 @@ SPECTRE = Dialect(
         instances=True,
         inductor_keys=frozenset({"r"}),
         words=_WORDS,
+        refusals=Refusals(letters="unsure"),
         spice=ReadingRules(
-            name="spectre", comments=("//", ";"), dollar_comments=True, grounds=frozenset({"0"}), words=_WORDS
+            name="spectre",
+            comments=("//", ";"),
+            dollar_comments=True,
+            grounds=frozenset({"0"}),
+            words=_WORDS,
+            refusals=Refusals(foreign_commands=LTSPICE_COMMANDS | {".step"}, blank_names="unsure", letters="unsure"),
         ),
     ),
 )

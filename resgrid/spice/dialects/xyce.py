@@ -13,7 +13,18 @@ from __future__ import annotations
 
 import math
 
-from resgrid.spice.dialects.record import ARCS, FUNCTIONS, SUFFIXES, Dialect, Quirks, ReadingRules, Statements, Words
+from resgrid.spice.dialects.record import (
+    ARCS,
+    FUNCTIONS,
+    LTSPICE_COMMANDS,
+    SUFFIXES,
+    Dialect,
+    Quirks,
+    ReadingRules,
+    Refusals,
+    Statements,
+    Words,
+)
 
 _VARIABLES = {
     "time": "the time",
@@ -73,5 +84,6 @@ XYCE = Dialect(
         model_factor=True,
         off_ohms=1e6,
         words=_WORDS,
+        refusals=Refusals(foreign_commands=LTSPICE_COMMANDS, blank_names="unsure", letters="unsure"),
     ),
 )

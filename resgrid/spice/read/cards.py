@@ -115,6 +115,8 @@ def _check_letters(text: str, spot: Spot, source: Source, rules: ReadingRules, d
     if letters and latin and "latin-1" in rules.refusals.encodings:
         text = f"{rules.name} stops at letters beyond ASCII that are not UTF-8: save the file as UTF-8"
         diagnostics.refuse(spot, text)
+    elif letters and rules.refusals.letters:
+        diagnostics.doubt(spot, f"it is not known here whether {rules.name} reads letters beyond ASCII")
 
 
 def _joined(pieces: list[tuple[int, int, str]], source: Source, rules: ReadingRules) -> Card:

@@ -170,6 +170,8 @@ class Collector:
                 diagnostics.error(card.error(0, f"{rules.name} has no .alter: remove it and what follows"))
             diagnostics.warn(card.spot(), "what follows .alter is another run, and is not read")
             return "stop"
+        if word in rules.refusals.foreign_commands:
+            diagnostics.doubt(card.spot(), f"the manual of {rules.name} has no command {word}")
         if word in (".step", ".data"):
             self.contents.note_swept(card)
         if word in _BLOCKS:

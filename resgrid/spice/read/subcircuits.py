@@ -81,8 +81,7 @@ class Expander:
             try:
                 letter = letter_of(card, scope.block)
                 if card.rules.refusals.blank_names and (match := _BLANK_NAME.search(card.text)):
-                    text = f"{card.rules.name} cuts the quoted name {match.group()} at its blank, and stops"
-                    scope.diagnostics.refuse(card.spot(match.start()), text)
+                    self._note_blank(card, match.group(), match.start())
                 if letter == "x":
                     call = self._call(card, scope.block)
                     if call.name.lower() in names:
@@ -101,6 +100,15 @@ class Expander:
                 f"{', '.join(sorted(set(elements.nodes.clashes)))} and nodes that differ by case alone are different "
                 f"nodes in {self.contents.rules.name}, one here: rename some"
             )
+
+    def _note_blank(self, card: Card, name: str, offset: int) -> None:
+        """Note a blank in a quoted name, by its consequence for the dialect's simulator."""
+        rules, diagnostics = card.rules, self.contents.diagnostics
+        if rules.refusals.blank_names == "fails":
+            diagnostics.refuse(card.spot(offset), f"{rules.name} cuts the quoted name {name} at its blank, and stops")
+        else:
+            text = f"it is not known here whether {rules.name} reads the blank in the quoted name {name}"
+            diagnostics.doubt(card.spot(offset), text)
 
     def check_size(self, limit: int | None) -> None:
         """Refuse decks that call themselves or grow beyond measure, before anything is expanded."""
