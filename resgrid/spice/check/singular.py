@@ -21,12 +21,12 @@ Singular = Literal["yes", "no", "unknown"]
 
 
 def singularity(circuit: Circuit) -> Singular:
-    """Return whether elimination finds a zero pivot in a floating part of a circuit.
+    r"""Return whether elimination finds a zero pivot in a floating part of a circuit.
 
     Examples
     --------
     >>> import io
-    >>> deck = "* t\\nV1 in 0 1\\nR1 in 0 1k\\nR2 a b {}\\n"
+    >>> deck = "* t\nV1 in 0 1\nR1 in 0 1k\nR2 a b {}\n"
     >>> [singularity(Circuit.of(rg.read_spice(io.StringIO(deck.format(ohms))))) for ohms in ("1k", "49")]
     ['yes', 'no']
     """

@@ -29,14 +29,18 @@
   ``m=`` of an ``X`` line takes the place of that of the elements within; ``.end`` ends nothing; ``.temp`` counts before
   ``.option temp``; the first of two models counts; ``rsh`` counts before ``r``.  Where nobody can have meant it (a
   parameter that means another one where it lands), the deck is refused.
-- Names of numparam's functions (``fmathS`` in ``src/frontend/numparam/xpressn.c``) are functions wherever they stand in
-  an expression: ``.param max=5`` is lost, ``{max*100}`` is 0, ``{100*max}`` an error.  ``temper`` is the simulation
+- Names of numparam's functions (``fmathS`` in ``src/frontend/numparam/xpressn.c``) are functions wherever they stand
+  in an expression: ``.param max=5`` is lost, ``{max*100}`` is 0, ``{100*max}`` an error. ``temper`` is the simulation
   temperature whatever ``.param`` says, in the values of R, C, L and models only (``inp_fix_temper_in_param`` and
-  ``b_transformation_wanted`` in ``inpcom.c``); ``time`` and ``hertz`` make a resistor fail; ``{last}`` is a word of
-  ``.meas``.  Constants (``pi``, ``e``, ``boltz``) are known to its commands and B elements, not to ``.param``.
+  ``b_transformation_wanted`` in ``inpcom.c``), where a B element evaluates it: without ``int``, ``arctan``, ``%``, a
+  backslash and without a third argument of ``min`` and ``max``; ``time`` and ``hertz`` make a resistor fail;
+  ``{last}`` is a word of ``.meas``. Constants (``pi``, ``e``, ``boltz``) are known to its commands and B elements, not
+  to ``.param``.
 - The name of a parameter ends at the first character that is no letter, digit or underscore: ``.param a.b=5`` defines
   ``a`` (``getword``).  ``min(a,b,c)`` compares ``a`` and ``c``.  An unquoted value ends at a blank, unless it is alone
   on its line and begins with a number.
+- Every parameter is evaluated, needed or not.  A second definition of one makes ngspice forget another one, where that
+  stands in a line without braces.
 - No ``.meas`` is computed in a batch that writes a raw file, so that it is asked in a control block.
 
 Engines: up to version 41 it orders its matrix by Markowitz's rule with linear searches; from version 42 on it has KLU,
@@ -67,6 +71,7 @@ _WORDS = Words(
     temperature=frozenset({"temper"}),
     variables={"time": "the time", "hertz": "the frequency", "last": "a word of .meas"},
     temperature_in_values=True,
+    cold=frozenset({"int", "arctan", "%", "\\"}),
     loose="numeric",
     loose_functions=True,
     redefines_functions=True,
@@ -86,6 +91,8 @@ _REFUSALS = Refusals(
     blank_names="fails",
     encodings=frozenset({"latin-1", "utf-16", "cr"}),
     commas=True,
+    idle_parameters=True,
+    redefinitions=True,
 )
 
 _STATEMENTS = Statements(

@@ -41,6 +41,7 @@ class Contents:
     _temperatures: dict[str, tuple[Card, Token]] = field(default_factory=dict)
     _spellings: dict[str, str] = field(default_factory=dict)
     _swept: dict[str, tuple[str, Spot]] = field(default_factory=dict)
+    _redefined: str = ""
 
     def __post_init__(self) -> None:
         self.open = [self.top]
@@ -75,7 +76,7 @@ class Contents:
             stated = self._stated("temp", scope)
             return dialect.nominal_temperature if stated is None else stated
 
-        return BuiltIns(self.rules.words, dialect.label, temperature, nominal, self._swept)
+        return BuiltIns(self.rules, dialect.label, temperature, nominal, self._swept, self._redefined)
 
     def note_swept(self, card: Card) -> None:
         """Remember the names in a command that sweeps parameters."""
@@ -147,8 +148,13 @@ class Contents:
             self._refuse_name(card, setting.key, setting.offset)
             self._spell(card, card.text[setting.offset : setting.offset + len(setting.key)], setting.offset)
             if setting.key in parameters:
-                self.diagnostics.warn(card.spot(setting.offset), "a parameter is defined again: the last counts")
+                self._note_redefined(card, setting)
             parameters[setting.key] = Definition(card, setting.values[0])
+
+    def _note_redefined(self, card: Card, setting: Setting) -> None:
+        """Note a second definition of a parameter."""
+        self._redefined = self._redefined or setting.key
+        self.diagnostics.warn(card.spot(setting.offset), "a parameter is defined again: the last counts")
 
     def _function(self, card: Card) -> None:
         """``.func f(x, y) {body}`` and ``.param f(x, y) = 'body'``."""

@@ -23,7 +23,7 @@ from resgrid.spice.read.cards import (
     without_parentheses,
 )
 from resgrid.spice.read.models import RESISTOR_KINDS, SWITCH_KINDS, modelled_resistor, modelled_switch
-from resgrid.spice.read.scopes import Block, Model, Scope
+from resgrid.spice.read.scopes import Block, Model, Scope, Watch
 from resgrid.spice.read.tables import Elements
 from resgrid.spice.read.waveforms import SourceValue, source_value
 
@@ -162,7 +162,9 @@ def _values_of(
         if pair.key not in known:
             theirs = {ours: key for key, ours in _SPECTRE_KEYS.items()} if card.rules.instances else {}
             names = ", ".join(sorted(theirs.get(key, key) for key in known))
-            raise card.error(pair.offset, f"{pair.key!r} is not understood here; known are {names}")
+            label = DIALECTS[card.rules.name].label
+            text = f"{pair.key!r} is not understood here (by the rules of {label}); known are {names}"
+            raise card.error(pair.offset, text)
         if pair.key in values:
             raise card.error(pair.offset, f"{pair.key!r} is given twice")
         with scope.watched() as watch:
@@ -170,6 +172,19 @@ def _values_of(
         if watch.used and pair.key not in _WARM_KEYS:
             refuse_temperature(card, pair.offset, f"{pair.key}=")
     return values
+
+
+def _refuse_cold(card: Card, watch: Watch, ohms: float | None) -> None:
+    """Raise CardError for a resistance that the dialect's simulator does not evaluate at a temperature."""
+    words = card.rules.words
+    if not watch.used or not words.temperature_in_values:
+        return
+    name = min(words.temperature)
+    if watch.cold:
+        text = f"{card.rules.name} does not know {watch.cold} in an expression of {name}: write it otherwise"
+        raise card.error(None, text)
+    if ohms == 0:
+        raise card.error(None, f"{card.rules.name} has no answer for an expression of {name} that is 0 ohm")
 
 
 def refuse_temperature(card: Card, offset: int | None, what: str) -> None:
@@ -185,6 +200,7 @@ def _read_resistor(card: Card, scope: Scope, elements: Elements) -> None:
     with scope.watched() as watch:
         element = _cut(card, scope, "r resistance l w")
         model, ohms = _model_and_value(element, scope, RESISTOR_KINDS, "resistance", "r", "resistance")
+    _refuse_cold(card, watch, ohms)
     if card.rules.spaced_lists:
         _refuse_unspaced(card, element.pairs)
     first, second, nominal, exponential = 0.0, 0.0, math.nan, 0.0

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from resgrid.errors import BudgetError
-from resgrid.spice.dialects.record import Words
+from resgrid.spice.dialects.record import ReadingRules, Words
 from resgrid.spice.read.cards import Card, Setting, Token
 from resgrid.spice.read.diagnostics import CardError, Diagnostics, Spot
 from resgrid.spice.read.expressions import ExpressionError, Lookup, ReservedNameError, evaluate, folded_name
@@ -15,6 +15,8 @@ from resgrid.spice.read.numerals import parse_numeral
 
 MAX_CHAIN = 40
 """How deep parameters may refer to each other (in order of their lines they may do so without end)."""
+
+_MOST_NOTED = 5
 
 MAX_CALLS = 10_000
 """How many calls of the deck's functions one value may take."""
@@ -79,24 +81,43 @@ class Block:
         return block if block is not None or self.outer is None else self.outer.block(name)
 
 
+@dataclass
+class Watch:
+    """What an evaluation used: the simulation temperature, and a function or operator that does not go with it."""
+
+    used: bool = False
+    cold: str = ""
+
+    def add(self, other: Watch) -> None:
+        """Take up what another evaluation used."""
+        self.used |= other.used
+        self.cold = self.cold or other.cold
+
+
 @dataclass(eq=False)
 class BuiltIns:
     """Reserved names of a dialect and their values in one deck.
 
-    `words`: the dialect's names; `label`: the simulator's name; `temperature, nominal`: functions that return the
-    simulation and the nominal temperature in degrees Celsius, given the deck's own scope; `swept`: names that a command
-    sweeps, with the command and its place; `used`: whether the simulation temperature was looked up since this flag was
-    cleared.
+    `rules`: the dialect's, with its names; `label`: the simulator's name; `temperature, nominal`: functions that
+    return the simulation and the nominal temperature in degrees Celsius, given the deck's own scope; `swept`: names
+    that a command sweeps, with the command and its place; `redefined`: a parameter that is defined twice, if there
+    is one; `watch`: what the present evaluation used.
     """
 
-    words: Words
+    rules: ReadingRules
     label: str
     temperature: Callable[[Scope], float]
     nominal: Callable[[Scope], float]
     swept: Mapping[str, tuple[str, Spot]] = field(default_factory=dict)
-    used: bool = False
+    redefined: str = ""
+    watch: Watch = field(default_factory=Watch)
     _known: dict[str, float] = field(default_factory=dict)
     _busy: bool = False
+
+    @property
+    def words(self) -> Words:
+        """The dialect's names."""
+        return self.rules.words
 
     def value(self, name: str, scope: Scope) -> float | None:
         """Return the value of a built-in name, or None for other names; raise ReservedNameError where there is none."""
@@ -128,7 +149,7 @@ class BuiltIns:
 
     def _celsius(self, name: str, scope: Scope) -> float:
         kind = "nominal" if name in self.words.nominal else "temperature"
-        self.used |= kind == "temperature"
+        self.watch.used |= kind == "temperature"
         if kind not in self._known:
             if self._busy:
                 raise ReservedNameError(f"the temperature of the deck is defined by {name!r} itself: write the number")
@@ -138,13 +159,6 @@ class BuiltIns:
             finally:
                 self._busy = False
         return self._known[kind]
-
-
-@dataclass
-class Watch:
-    """Whether the simulation temperature was used."""
-
-    used: bool = False
 
 
 @dataclass(eq=False)
@@ -157,7 +171,7 @@ class Scope:
     given: Mapping[str, float] = field(default_factory=dict)
     built_ins: BuiltIns | None = None
     _known: dict[str, float] = field(default_factory=dict)
-    _warm: set[str] = field(default_factory=set)  # parameters whose value depends on the simulation temperature
+    _warm: dict[str, Watch] = field(default_factory=dict)  # parameters that depend on the simulation temperature
     _busy: list[str] = field(default_factory=list)
     _deep: bool = False
     _calls: int = 0  # of functions, for one value; counted by the outermost scope
@@ -172,6 +186,21 @@ class Scope:
             except (ExpressionError, CardError, ReservedNameError):
                 continue  # reported where it is used
         self._deep = True
+        if self.built_ins is not None and self.built_ins.rules.refusals.idle_parameters:
+            self._note_idle()
+
+    def _note_idle(self) -> None:
+        """Note parameters without a value, at which the simulator stops whether or not they are needed."""
+        idle = [name for name in self.block.parameters if name not in self._known and name not in self.given]
+        for name in idle[:_MOST_NOTED]:
+            definition = self.block.parameters[name]
+            try:
+                self.parameter(name)
+            except (ExpressionError, CardError, ReservedNameError) as error:
+                if "statistical" not in str(error):
+                    label = definition.card.rules.name
+                    text = f"the parameter {name} has no value, and {label} may stop at it even if nothing needs it"
+                    self.diagnostics.doubt(definition.card.spot(definition.token.offset), text)
 
     def parameter(self, name: str) -> float | None:
         """Value of a parameter, here or further out; None if there is none."""
@@ -179,7 +208,7 @@ class Scope:
             return self.given[name]
         if name in self._known:
             if self.built_ins is not None and name in self._warm:
-                self.built_ins.used = True
+                self.built_ins.watch.add(self._warm[name])
             return self._known[name]
         definition = self.block.parameters.get(name)
         if definition is None:
@@ -192,7 +221,7 @@ class Scope:
         with self.watched() as watch:
             self._known[name] = self._value_of(definition, name, self.named)
         if watch.used:
-            self._warm.add(name)
+            self._warm[name] = watch
         return self._known[name]
 
     def defines(self, name: str) -> bool:
@@ -207,16 +236,18 @@ class Scope:
 
     @contextmanager
     def watched(self) -> Iterator[Watch]:
-        """Record whether the simulation temperature is used within the block."""
+        """Record what evaluations within the block use; what depends on the temperature reaches the block around."""
         watch, built_ins = Watch(), self.built_ins
-        before = built_ins is not None and built_ins.used
-        if built_ins is not None:
-            built_ins.used = False
+        if built_ins is None:
+            yield watch
+            return
+        around, built_ins.watch = built_ins.watch, watch
         try:
             yield watch
         finally:
-            if built_ins is not None:
-                watch.used, built_ins.used = built_ins.used, built_ins.used or before
+            built_ins.watch = around
+            if watch.used:
+                around.add(watch)
 
     def function(self, name: str, values: list[float], lookup: Lookup) -> float | None:
         """Value of a function that the deck defines, None if it does not; ``lookup`` knows names where it is called."""
@@ -225,6 +256,7 @@ class Scope:
             return home.function(name, values, lookup)
         definition = self.block.functions.get(name)
         if definition is None:
+            self._note_cold(name if len(values) < 3 or name not in ("min", "max") else f"{name} of three arguments")
             return None
         key = f"{name}()"
         if len(values) != len(definition.arguments):
@@ -248,7 +280,14 @@ class Scope:
         finally:
             self._busy.pop()
 
+    def _note_cold(self, name: str) -> None:
+        """Note a function or operator that the dialect does not have in expressions of the temperature."""
+        if self.built_ins is not None and (name in self.built_ins.words.cold or " of three " in name):
+            self.built_ins.watch.add(Watch(cold=name))
+
     def _evaluated(self, card: Card, token: Token, lookup: Lookup) -> float:
+        for operator in card.rules.words.cold & set(token.text):
+            self._note_cold(operator)
         try:
             return evaluate(token.text, card.rules, lookup, self.function)
         except ExpressionError as error:
@@ -289,6 +328,12 @@ class Scope:
             value = lookup(name)
         except ReservedNameError as reserved:
             raise card.error(token.offset, str(reserved)) from None
+        if card.rules.refusals.redefinitions and self.built_ins is not None and self.built_ins.redefined:
+            text = (
+                f"{card.rules.name} may forget {token.text!r} here, for {self.built_ins.redefined} is defined twice: "
+                f"write {{{token.text}}}, or delete the first definition"
+            )
+            raise card.error(token.offset, text)
         if value is None:
             raise card.error(token.offset, f"{token.text!r} is neither a number nor a parameter nor a known model")
         return value
