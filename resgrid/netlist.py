@@ -61,6 +61,9 @@ class CellMap:
         The cell face each nonlinear resistor crosses, numbered as those of the resistors.
     nonlinear_upward : ndarray of bool, shape (nonlinear resistors,)
         Whether its first node is on the lower side of the face.
+    rail_nodes : mapping of str to ndarray of int32, shape of the space
+        Where a rail has resistance, by the rail's name: the node of the rail at every cell, -1 where the cell's own
+        node is on the rail.
     """
 
     space: ConfigurationSpace
@@ -73,6 +76,7 @@ class CellMap:
     goal_nodes: tuple[int, ...]
     nonlinear_face: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     nonlinear_upward: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, dtype=np.bool_))
+    rail_nodes: Mapping[str, NDArray[np.int32]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ("node", "free_node"):
@@ -216,7 +220,11 @@ class Netlist:
         return self.cell_map
 
     def node_name(self, node: int) -> str:
-        """Name of a node: ``0`` for ground, ``n_12_7`` for a cell, ``obstacle``, ``goal_0``, otherwise ``node_5``."""
+        """Return the name of a node.
+
+        ``0`` is ground, ``n_12_7`` a cell, ``obstacle`` and ``goal_0`` are rails, ``obstacle_12_7`` is a rail at a
+        cell, and other nodes are ``node_5``.
+        """
         check_whole("node", node, 0)
         return self.names_of(np.array([node]))[0]
 
@@ -262,7 +270,13 @@ class Netlist:
         names = [template % index for index in zip(*(c.tolist() for c in coordinates), strict=True)]
         rails = {GROUND: "0", cells.obstacle_node: "obstacle"}
         rails.update({node: f"goal_{region}" for region, node in enumerate(cells.goal_nodes)})
-        for position in np.flatnonzero(cell < 0).tolist():
+        unnamed = np.flatnonzero(cell < 0)
+        if unnamed.size:
+            for rail, mesh in cells.rail_nodes.items():
+                at = np.argwhere(mesh >= 0)
+                places = ("".join(f"_{index}" for index in place) for place in at.tolist())
+                rails.update(zip(mesh[mesh >= 0].tolist(), (rail + place for place in places), strict=True))
+        for position in unnamed.tolist():
             node = int(wanted[position])
             names[position] = rails.get(node, f"node_{node}")
         return names

@@ -86,7 +86,7 @@ def _check_rules(source: Source, given: bool) -> int:
     circuit: rg.Netlist | Circuit
     unheeded: dict[str, list[str]] = {}
     if given:
-        circuit = open_deck(source)
+        circuit = open_deck(source, names=False)
     else:
         job = open_job(source)
         unheeded = say_unheeded(job, "circuit")
@@ -135,7 +135,7 @@ def _check_deck(source: Source, limits: dict[str, Any]) -> Agreement:
             _forecast(written, limits)
         with stage("simulate"):
             return rg.check_deck(path, **limits)
-    deck = open_deck(source)
+    deck = open_deck(source, names=False)
     violations = [violation for violation in rg.check_rules(deck) if violation.rule != "reading"]
     for violation in violations:
         if violation.severity != "info":

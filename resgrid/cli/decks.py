@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -44,14 +44,18 @@ def refuse_scene_options(source: Source) -> None:
         raise InputError(f"{source.file} is a deck: options that change a scene do nothing to it; remove them")
 
 
-def open_deck(source: Source) -> Circuit:
-    """Read a deck, or a network as if it were one."""
+def open_deck(source: Source, *, names: bool = True) -> Circuit:
+    """Read a deck, or a network as if it were one; with ``names``, names that are given twice are noted."""
     refuse_scene_options(source)
     path = Path(source.file)
     size = path.stat().st_size if path.is_file() else 0
     with stage("read the deck", seconds=0.5 + _READ_SECONDS * size):
         circuit = sys.stdin.buffer if source.file == "-" else path
         deck = rg.read_spice(circuit, dialect=source.dialect, root=source.root)
+    if names:
+        from resgrid.spice.check.rules import repeated_names
+
+        deck = replace(deck, notes=(*deck.notes, *repeated_names(deck)))
     _say_notes(deck)
     return deck
 

@@ -53,6 +53,8 @@ class Note:
         Counted from 1; column 0 means the whole line.
     text : str
         What was noted.
+    outcome : {"", "fails", "unsure"}
+        Consequence for the deck's own simulator: no answer, or perhaps another one.
     """
 
     severity: Severity
@@ -60,6 +62,7 @@ class Note:
     line: int
     column: int
     text: str
+    outcome: Literal["", "fails", "unsure"] = ""
 
     @property
     def place(self) -> str:

@@ -171,6 +171,9 @@ def _droop(netlist: Netlist, rail: str, ohms: float) -> Netlist:
     netlist, numbers = add_nodes(netlist, int((~on_rail).sum()))
     mesh = cells.node.copy()
     mesh[~on_rail] = numbers
+    own_nodes = np.where(on_rail, np.int32(-1), mesh)
+    rail_nodes = {**cells.rail_nodes, "obstacle" if rail == "obstacle" else "goal_0": own_nodes}
+    netlist = netlist.replace(cell_map=dataclasses.replace(cells, rail_nodes=rail_nodes))
     local = np.full(netlist.node_count, -1, dtype=np.int64)
     local[cells.node[own]] = mesh[own]
     resistor_nodes = netlist.resistor_nodes.copy()

@@ -7,7 +7,7 @@ changed circuit is solved too, and the largest difference is the error to expect
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -18,10 +18,12 @@ from resgrid.circuit.solve import solve
 from resgrid.errors import ResgridError
 from resgrid.netlist import GROUND, Netlist, add_elements, select_elements
 from resgrid.spice.check.connection import Loops, loops_of
+from resgrid.spice.check.rereading import first_difference, reread
 from resgrid.spice.check.rules import check_rules
+from resgrid.spice.check.singular import singularity
 from resgrid.spice.circuit import TOLERANCE, Circuit, Violation, connected_parts, rebase
 from resgrid.spice.dialects import DIALECTS
-from resgrid.spice.dialects.record import Basis, Quirks
+from resgrid.spice.dialects.record import Basis, Dialect, Quirks
 from resgrid.spice.read.numerals import Numeral, parse_numeral
 
 Outcome = Literal["right", "wrong", "fails", "unsure"]
@@ -30,6 +32,7 @@ _Result = tuple[Outcome, float | None, str | None, tuple[str, ...]]
 _LARGEST = 300_000
 _SAFE_SPREAD = 1e12
 _ROUNDING = 2.0**-52
+_SHOWN = 3
 
 
 @dataclass(frozen=True)
@@ -83,7 +86,7 @@ def predict_simulators(
     Parameters
     ----------
     circuit : Netlist or Circuit
-        A deck is judged as it was written, a netlist as the deck that resgrid writes of it.
+        Of a deck the file is judged, as each simulator would read it; a netlist as the deck that resgrid writes of it.
     violations : tuple of Violation, optional
         From `check_rules`, if they are known.
 
@@ -103,10 +106,8 @@ def predict_simulators(
     circuit = Circuit.of(circuit)
     errors = [item for item in violations or check_rules(circuit) if item.severity == "error"]
     if circuit.is_deck:
-        duplicates = tuple(error.place for error in errors if error.rule == "names")
-        right = _voltages(circuit.netlist) if circuit.node_count <= _LARGEST else None
-        case = _Case(circuit, duplicates, loops_of(circuit), right)
-        outcomes = [_of_deck(dialect.quirks, case) for dialect in DIALECTS.values()]
+        case = _case_of(circuit, errors)
+        outcomes = [_of_file(dialect, case) for dialect in DIALECTS.values()]
     else:
         outcomes = [_of_netlist(dialect.quirks, circuit.resistance, errors) for dialect in DIALECTS.values()]
     return tuple(
@@ -126,6 +127,43 @@ def _of_netlist(quirks: Quirks, resistance: NDArray[np.float64], errors: list[Vi
     return "unsure" if doubts else "right", None, None, doubts
 
 
+def _of_file(dialect: Dialect, case: _Case) -> _Result:
+    """Judge the file that a simulator would be given: how it reads it, then what it makes of the circuit."""
+    label = dialect.label
+    found = reread(case.deck, dialect)
+    if found.circuit is None:
+        if found.fails:
+            return "fails", None, None, (found.why,)
+        return "unsure", None, None, (f"this file is not read by the rules of {label}: {found.why}",)
+    stops = [note for note in found.circuit.notes if note.outcome == "fails"]
+    if stops:
+        return "fails", None, None, tuple(str(note) for note in stops[:_SHOWN])
+    if found.circuit is case.deck:
+        outcome, error, worst, reasons = _of_deck(dialect.quirks, case)
+    else:
+        own = _case_of(found.circuit, check_rules(found.circuit))
+        if own.voltage is not None and case.voltage is not None:
+            difference = first_difference((case.deck, found.circuit), (case.voltage, own.voltage))
+            if difference is not None:
+                return "wrong", _finite(difference[1]), difference[0], (f"{label} reads another circuit in this file",)
+        outcome, error, worst, reasons = _of_deck(dialect.quirks, own)
+    doubts = tuple(str(note) for note in found.circuit.notes if note.outcome == "unsure")[:_SHOWN]
+    if doubts and outcome == "right":
+        outcome = "unsure"
+    return outcome, error, worst, (*reasons, *doubts)
+
+
+def _finite(volts: float) -> float | None:
+    return volts if np.isfinite(volts) else None
+
+
+def _case_of(deck: Circuit, violations: Iterable[Violation]) -> _Case:
+    """Solve a deck once for all simulators."""
+    duplicates = tuple(item.place for item in violations if item.severity == "error" and item.rule == "names")
+    right = _voltages(deck.netlist) if deck.node_count <= _LARGEST else None
+    return _Case(deck, duplicates, loops_of(deck), right)
+
+
 def _of_deck(quirks: Quirks, case: _Case) -> _Result:
     fatal = [
         f"a loop of voltage sources leaves no answer ({case.deck.place_of('voltage source', number)})"
@@ -137,9 +175,17 @@ def _of_deck(quirks: Quirks, case: _Case) -> _Result:
         return "fails", None, None, tuple(fatal)
     lost = _lost_to_title(case.deck)
     resistance, raised = _raised(quirks, case.deck)
-    siemens, shunts = _shunt(quirks, case)
+    siemens, shunts, shunt_doubts = _shunt(quirks, case)
     reasons = (*(f"the first line is taken for the title, so {name} is lost" for name in lost[:1]), *raised, *shunts)
-    doubts = _doubts(quirks, case, resistance)
+    doubts = (*_doubts(quirks, case, resistance), *shunt_doubts)
+    trapped = case.deck.trapped_sources
+    if trapped.size:
+        name = case.deck.element_name("current source", int(trapped[0]))
+        text = f"{name} feeds a floating part, which lets no current out: no answer exists"
+        if quirks.floating == "unknown":
+            doubts += (text,)
+        else:
+            reasons += (text,)
     if not reasons:
         return "unsure" if doubts else "right", None, None, doubts
     got = None if case.voltage is None else _voltages(lambda: _simulated(case.deck, lost, resistance, siemens))
@@ -243,9 +289,9 @@ def _raised(quirks: Quirks, deck: Circuit) -> tuple[NDArray[np.float64], tuple[s
     return np.where(low, least, resistance), (reason,)
 
 
-def _shunt(quirks: Quirks, case: _Case) -> tuple[float, tuple[str, ...]]:
-    """The conductance that a simulator adds from every node to ground, in siemens, and why."""
-    siemens, reasons = 0.0, []
+def _shunt(quirks: Quirks, case: _Case) -> tuple[float, tuple[str, ...], tuple[str, ...]]:
+    """The conductance that a simulator adds from every node to ground, in siemens, why, and what is uncertain of it."""
+    siemens, reasons, doubts = 0.0, [], []
     for option, unit in quirks.shunt_options.items():
         value = _option(case.deck, option)
         if value:
@@ -255,12 +301,14 @@ def _shunt(quirks: Quirks, case: _Case) -> tuple[float, tuple[str, ...]]:
     if floating and quirks.floating == "everywhere":
         given = (_option(case.deck, option) for option in quirks.gmin_options)
         gmin = next((value for value in given if value), quirks.gmin)
-        siemens += gmin
-        reasons.append(
-            f"{floating:,} floating nodes: the answer comes, with exit status 0, as if {gmin:g} S led from "
-            "every node to ground"
-        )
-    return siemens, tuple(reasons)
+        text = f"as if {gmin:g} S led from every node to ground"
+        singular = singularity(case.deck)
+        if singular == "yes":
+            siemens += gmin
+            reasons.append(f"{floating:,} floating nodes: the answer comes, with exit status 0, {text}")
+        elif singular == "unknown":
+            doubts.append(f"{floating:,} floating nodes: rounding decides whether the answer comes {text}")
+    return siemens, tuple(reasons), tuple(doubts)
 
 
 def _option(deck: Circuit, name: str) -> float:

@@ -9,14 +9,14 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.netlist import Netlist
 from resgrid.spice.check import connection
-from resgrid.spice.circuit import LISTED, SEVERITIES, SHOWN, Circuit, Severity, Violation, some
+from resgrid.spice.circuit import LISTED, SEVERITIES, SHOWN, Circuit, Note, Severity, Violation, some
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.dialects.record import ReadingRules
 
@@ -220,6 +220,30 @@ def alike(circuit: Circuit) -> Iterator[Violation]:
                 "decks number them apart (the sidecar holds the map); rename them to keep their names",
                 tuple(twice[:LISTED]) if kind == "node" else (),
             )
+
+
+def repeated_names(circuit: Circuit) -> tuple[Note, ...]:
+    r"""Return a warning for every kind of element of a deck in which names are given twice.
+
+    Examples
+    --------
+    >>> import io
+    >>> deck = rg.read_spice(io.StringIO("title\nV1 a 0 1\nR1 a 0 1\nr1 a 0 1\n"))
+    >>> print(repeated_names(deck)[0])
+    <text>:4: 1 resistor names are given twice (r1); ngspice does not run such a deck; all of them count here
+    """
+    own = DIALECTS.get(circuit.dialect)
+    if own is None:
+        return ()
+    fails = own.quirks.duplicates == "fails"
+    what = f"{own.label} does not run such a deck" if fails else f"it is not known here which of them {own.label} keeps"
+    outcome: Literal["fails", "unsure"] = "fails" if fails else "unsure"
+    notes = []
+    for violation in alike(circuit):
+        file, _, line = violation.place.rpartition(":")
+        text = f"{violation.message.partition(';')[0]}; {what}; all of them count here"
+        notes.append(Note("warning", file, int(line), 0, text, outcome))
+    return tuple(notes)
 
 
 def misread(circuit: Circuit) -> Iterator[Violation]:

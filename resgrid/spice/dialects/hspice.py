@@ -5,12 +5,38 @@
 - A behavioural current is a G element, ``cur='...'``; it has no B element.
 - ``.end`` ends a simulation, and what follows is the next one: decks are included last.
 - ``gauss(nominal, relative variation, sigma)`` and ``agauss`` draw anew wherever an element refers to them.
+- ``time``, ``temper`` and ``hertz`` are variables of the simulator (HSPICE Simulation and Analysis User Guide, "HSPICE
+  special variables"); a deck that redefines one is rejected, and so is a function of a built-in name.  An expression
+  with blanks stands in quotes.
 - Resistances are raised to ``RESMIN`` (1e-5 ohm); ``gmin`` is put at the floating nodes only, and it says so.
 """
 
 from __future__ import annotations
 
-from resgrid.spice.dialects.record import FUNCTIONS, SUFFIXES, Dialect, Quirks, ReadingRules, Statements
+from resgrid.spice.dialects.record import (
+    FUNCTIONS,
+    LTSPICE_COMMANDS,
+    SUFFIXES,
+    Dialect,
+    Quirks,
+    ReadingRules,
+    Refusals,
+    Statements,
+    Words,
+)
+
+_WORDS = Words(
+    functions=frozenset(
+        """
+        abs acos acosh agauss asin asinh atan atanh aunif ceil cos cosh db exp floor gauss int limit ln log log10 max
+        min nint pow pwr sgn sign sin sinh sqrt tan tanh unif
+        """.split()  # noqa: SIM905
+    ),
+    temperature=frozenset({"temper"}),
+    variables={"time": "the time", "hertz": "the frequency"},
+    undefinable=frozenset({"time", "temper", "hertz"}),
+    loose="tight",
+)
 
 HSPICE = Dialect(
     name="hspice",
@@ -49,5 +75,8 @@ HSPICE = Dialect(
         lengths_twice=True,
         refused_elements={"s": "an S element, which HSPICE takes for scattering parameters"},
         holds_initial=True,
+        inductor_keys=frozenset({"r"}),
+        words=_WORDS,
+        refusals=Refusals(foreign_commands=LTSPICE_COMMANDS | {".step"}, blank_names="unsure", letters="unsure"),
     ),
 )

@@ -7,11 +7,31 @@
 - ``;`` begins a comment anywhere in a line, ``*`` at its start.
 - ``gauss(sigma)`` and ``mc(value, tolerance)`` take new values for every element and step, but the same ones in every
   run unless its control panel says otherwise; there is no seed statement.
+- ``pi`` is a constant and ``temp`` the simulation temperature (LTspice help, ".PARAM" and ".STEP", and its list of
+  functions); a deck that redefines one of them, or ``time``, is rejected, for its help does not say which one counts.
+- Values behind ``.param name=`` need no braces (LTspice help, ".PARAM": ``z=1k*tan(pi/4+.1)``).
 """
 
 from __future__ import annotations
 
-from resgrid.spice.dialects.record import ARCS, FUNCTIONS, Dialect, Quirks, ReadingRules, Statements
+import math
+
+from resgrid.spice.dialects.record import ARCS, FUNCTIONS, Dialect, Quirks, ReadingRules, Refusals, Statements, Words
+
+_WORDS = Words(
+    functions=frozenset(
+        """
+        abs absdelay acos acosh arccos arccosh arcsin arcsinh arctan arctanh asin asinh atan atan2 atanh buf cbrt ceil
+        cos cosh ddt delay exp fabs flat floor gauss hypot idt idtmod if int inv limit ln log log10 max mc min pow pwr
+        pwrs rand random round sdt sgn sin sinh sqrt table tan tanh u uramp white
+        """.split()  # noqa: SIM905
+    ),
+    constants={"pi": math.pi},
+    temperature=frozenset({"temp"}),
+    variables={"time": "the time", "freq": "the frequency"},
+    undefinable=frozenset({"pi", "temp", "time"}),
+    loose="any",
+)
 
 LTSPICE = Dialect(
     name="ltspice",
@@ -45,7 +65,12 @@ LTSPICE = Dialect(
         },
         infix_suffixes=True,
         annotations=frozenset({"tol", "pwr", "mfg", "pn", "type"}),
+        flags=frozenset({"noiseless"}),
         series_resistance=True,
         inductor_ohms=1e-3,
+        inductor_keys=frozenset({"rser", "ipk"}),
+        capacitor_keys=frozenset({"rser", "v", "irms"}),
+        words=_WORDS,
+        refusals=Refusals(blank_names="unsure"),
     ),
 )

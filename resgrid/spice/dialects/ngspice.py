@@ -29,6 +29,18 @@
   ``m=`` of an ``X`` line takes the place of that of the elements within; ``.end`` ends nothing; ``.temp`` counts before
   ``.option temp``; the first of two models counts; ``rsh`` counts before ``r``.  Where nobody can have meant it (a
   parameter that means another one where it lands), the deck is refused.
+- Names of numparam's functions (``fmathS`` in ``src/frontend/numparam/xpressn.c``) are functions wherever they stand
+  in an expression: ``.param max=5`` is lost, ``{max*100}`` is 0, ``{100*max}`` an error. ``temper`` is the simulation
+  temperature whatever ``.param`` says, in the values of R, C, L and models only (``inp_fix_temper_in_param`` and
+  ``b_transformation_wanted`` in ``inpcom.c``), where a B element evaluates it: without ``int``, ``arctan``, ``%``, a
+  backslash and without a third argument of ``min`` and ``max``; ``time`` and ``hertz`` make a resistor fail;
+  ``{last}`` is a word of ``.meas``. Constants (``pi``, ``e``, ``boltz``) are known to its commands and B elements, not
+  to ``.param``.
+- The name of a parameter ends at the first character that is no letter, digit or underscore: ``.param a.b=5`` defines
+  ``a`` (``getword``).  ``min(a,b,c)`` compares ``a`` and ``c``.  An unquoted value ends at a blank, unless it is alone
+  on its line and begins with a number.
+- Every parameter is evaluated, needed or not.  A second definition of one makes ngspice forget another one, where that
+  stands in a line without braces.
 - No ``.meas`` is computed in a batch that writes a raw file, so that it is asked in a control block.
 
 Engines: up to version 41 it orders its matrix by Markowitz's rule with linear searches; from version 42 on it has KLU,
@@ -37,7 +49,51 @@ as has ``eecircuit``, its WebAssembly.
 
 from __future__ import annotations
 
-from resgrid.spice.dialects.record import FUNCTIONS, Costs, Dialect, Quirks, ReadingRules, Statements
+from resgrid.spice.dialects.record import (
+    FUNCTIONS,
+    SUFFIXES,
+    Costs,
+    Dialect,
+    Quirks,
+    ReadingRules,
+    Refusals,
+    Statements,
+    Words,
+)
+
+_WORDS = Words(
+    functions=frozenset(
+        """
+        sqr sqrt sin cos exp ln arctan abs pow pwr max min int log log10 sinh cosh tanh ternary_fcn agauss sgn gauss
+        unif aunif limit ceil floor asin acos atan asinh acosh atanh tan nint
+        """.split()  # noqa: SIM905
+    ),
+    temperature=frozenset({"temper"}),
+    variables={"time": "the time", "hertz": "the frequency", "last": "a word of .meas"},
+    temperature_in_values=True,
+    cold=frozenset({"int", "arctan", "%", "\\"}),
+    loose="numeric",
+    loose_functions=True,
+    redefines_functions=True,
+    ends_of_three=True,
+    exponential_coefficient=True,
+    model_aliases={"resistance": "r"},
+    inner_names=True,
+    joins_brackets=True,
+)
+_REFUSALS = Refusals(
+    commands=frozenset(
+        """
+        .backanno .connect .data .enddata .fft .global_param .graph .hb .loadbias .machine .mc .preprocess .protect
+        .sampling .savebias .step .unprotect .variation .wave .wcase
+        """.split()  # noqa: SIM905
+    ),
+    blank_names="fails",
+    encodings=frozenset({"latin-1", "utf-16", "cr"}),
+    commas=True,
+    idle_parameters=True,
+    redefinitions=True,
+)
 
 _STATEMENTS = Statements(
     first=("* ngspice -n -b -r {results}.raw {deck}.ngspice",),
@@ -122,6 +178,9 @@ NGSPICE = Dialect(
         spaced_lists=True,
         scale_key=True,
         refused_options=frozenset({"rseries"}),
+        suffixes={letters: power for letters, power in SUFFIXES.items() if letters != "\N{GREEK SMALL LETTER MU}"},
+        words=_WORDS,
+        refusals=_REFUSALS,
     ),
 )
 

@@ -38,35 +38,140 @@ ARCS = {"arctan": "atan", "arcsin": "asin", "arccos": "acos"}
 
 
 @dataclass(frozen=True, eq=False)
+class Words:
+    """Reserved names of one dialect, and how expressions are written in it.
+
+    Names are in lower case.
+
+    Attributes
+    ----------
+    functions : frozenset of str
+        Names that the simulator reads as functions, whether or not they are evaluated here.  A parameter of such a name
+        is rejected where an expression refers to it.
+    constants : mapping of str to float
+        Built-in constants.
+    temperature : frozenset of str
+        Names of the simulation temperature, in degrees Celsius.
+    nominal : frozenset of str
+        Names of the nominal temperature, in degrees Celsius.
+    variables : mapping of str to str
+        Built-in variables that have no value here, and what they are.
+    undefinable : frozenset of str
+        Names that no parameter, argument or function may have.  Other reserved names are rejected where they are used.
+    parameter : str
+        Regular expression for the name of a parameter.
+    temperature_in_values : bool
+        Whether the temperature is known in the values of resistors, capacitors, inductors and models only.
+    cold : frozenset of str
+        Functions and operators that the simulator does not have in an expression of the temperature.
+    loose : {"", "tight", "numeric", "any"}
+        Unquoted expressions behind ``name=``: not read, read without blanks outside parentheses, also read with blanks
+        if the card has one definition that begins with a number, read up to the next name.
+    loose_functions : bool
+        Whether the body of a function needs neither braces nor quotes.
+    redefines_functions : bool
+        Whether a function of the deck takes the place of a built-in one.
+    ends_of_three : bool
+        Whether ``min`` and ``max`` of three arguments compare the first and the last.
+    exponential_coefficient : bool
+        Whether ``tce=`` of a resistor multiplies by ``1.01**(tce (T - Tnom))``.
+    model_aliases : mapping of str to str
+        Further names for parameters of resistors' models.
+    inner_names : bool
+        Whether a name in the values of an ``X`` line that is unknown there is looked up in the subcircuit.
+    joins_brackets : bool
+        Whether parentheses directly behind a word belong to the name of a node.
+    """
+
+    functions: frozenset[str] = frozenset()
+    constants: Mapping[str, float] = field(default_factory=dict)
+    temperature: frozenset[str] = frozenset()
+    nominal: frozenset[str] = frozenset()
+    variables: Mapping[str, str] = field(default_factory=dict)
+    undefinable: frozenset[str] = frozenset()
+    parameter: str = r"[^\W\d]\w*"
+    temperature_in_values: bool = False
+    cold: frozenset[str] = frozenset()
+    loose: Literal["", "tight", "numeric", "any"] = ""
+    loose_functions: bool = False
+    redefines_functions: bool = False
+    ends_of_three: bool = False
+    exponential_coefficient: bool = False
+    model_aliases: Mapping[str, str] = field(default_factory=dict)
+    inner_names: bool = False
+    joins_brackets: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Refusals:
+    """Text that is read here, but stops the simulator, which then gives no answer, or of which that is not known.
+
+    Attributes
+    ----------
+    commands : frozenset of str
+        Commands that end the run.
+    foreign_commands : frozenset of str
+        Commands that the manual does not have.
+    blank_names : {"", "fails", "unsure"}
+        Consequence of a blank in a quoted name.
+    letters : {"", "unsure"}
+        Consequence of letters beyond ASCII.
+    encodings : frozenset of str
+        Encodings of files that end the run: ``"latin-1"``, ``"utf-16"``, ``"cr"`` (carriage returns between lines).
+    commas : bool
+        Whether a comma directly behind a value, in front of the next name, ends the run.
+    idle_parameters : bool
+        Whether a parameter without a value ends the run even if nothing refers to it.
+    redefinitions : bool
+        Whether the run may end where a parameter is defined twice.
+    """
+
+    commands: frozenset[str] = frozenset()
+    foreign_commands: frozenset[str] = frozenset()
+    blank_names: Literal["", "fails", "unsure"] = ""
+    letters: Literal["", "unsure"] = ""
+    encodings: frozenset[str] = frozenset()
+    commas: bool = False
+    idle_parameters: bool = False
+    redefinitions: bool = False
+
+
+LTSPICE_COMMANDS = frozenset({".backanno", ".loadbias", ".machine", ".savebias", ".wave"})
+"""Commands of LTspice alone."""
+
+
+@dataclass(frozen=True, eq=False)
 class ReadingRules:
     """How decks of one dialect are read.
 
     `name`: the dialect; `signs`: what only its decks hold, in lower case, and `suffix`: what their names end in;
-    `comments`: marks that end a line wherever they stand; `dollar_comments`: whether ``$`` after a blank or a comma,
-    or first in a line, ends it too; `suffixes`: power of ten of a suffix; `infix_suffixes`: whether ``4k7`` is 4700;
-    `d_exponents`: whether ``1d3`` is 1000; `milli_mil`: whether ``mil`` is milli in expressions, 25.4e-6 elsewhere;
-    `grounds`: names of node 0, in lower case; `no_grounds`: names that are ground elsewhere; `powers`: operators that
-    raise to a power; `functions`: what functions in expressions are called and which of
+    `comments`: marks that end a line wherever they stand; `dollar_comments`: whether ``$`` after a blank or a
+    comma, or first in a line, ends it too; `suffixes`: power of ten of a suffix; `infix_suffixes`: whether ``4k7``
+    is 4700; `d_exponents`: whether ``1d3`` is 1000; `milli_mil`: whether ``mil`` is milli in expressions, 25.4e-6
+    elsewhere; `grounds`: names of node 0, in lower case; `no_grounds`: names that are ground elsewhere; `powers`:
+    operators that raise to a power; `functions`: what functions in expressions are called and which of
     `resgrid.spice.read.expressions.FUNCTIONS` they are; `model_factor`: whether the ``r`` of a resistor's model
-    multiplies; `lengths_twice`: whether a model's ``narrow`` and ``short`` are taken off at both ends; `annotations`:
-    what may be written behind an element without meaning anything to a simulation; `operators`: operators that are
-    not what `resgrid.spice.read.expressions` takes their symbols for; `narrow_parser`: whether signs after operators
-    and choices within choices are misread; `puts_in_text`: whether functions, and what an ``X`` line gives, are put
-    in as text: their names are looked up where they land; `replaces_multipliers`: whether ``m=`` of an ``X`` line
-    takes the place of ``m=`` within, and does not reach switches; `end_is_comment`: whether what stands after
-    ``.end`` is read; `first_counts`: whether the first of several models of one name counts, and the first of several
-    options on a line; `temp_command_first`: whether ``.temp`` counts before ``.option temp``, wherever they stand;
-    `braced_temperatures`: whether a temperature must be a number, or stand in braces; `sheet_first`: whether a
-    model's ``rsh`` counts before its ``r``, even without length and width; `models_first`: whether a model's name is
-    overlooked after a value that does not begin with a digit; `ignored_model_keys`: parameters of resistors' models
-    that others obey, and what to write instead (nothing: they are obeyed, and not read here); `spaced_lists`: whether
-    the values of ``tc=`` are parted by blanks, without parentheses; `scale_key`: whether ``scale=`` of a resistor is
-    obeyed; `refused_options`: options that change the circuit in a way that is not followed here; `refused_elements`:
-    what else a letter means; `series_resistance`: whether voltage sources may have ``rser=``; `inductor_ohms`: what
-    an inductor has unless it says ``rser=0``; `off_ohms`: resistance of a switch that is off; `holds_initial`:
-    whether ``.ic`` holds nodes at the operating point; `instances`: whether elements are instances of a master, as in
-    Spectre, whose names and suffixes differ by case, too; `spice`: how such a deck is read behind ``simulator
-    lang=spice``.
+    multiplies; `lengths_twice`: whether a model's ``narrow`` and ``short`` are taken off at both ends;
+    `annotations`: what may be written behind an element without meaning anything to a simulation; `flags`: words of
+    that kind; `operators`: operators that are not what `resgrid.spice.read.expressions` takes their symbols for;
+    `narrow_parser`: whether signs after operators and choices within choices are misread; `puts_in_text`: whether
+    functions, and what an ``X`` line gives, are put in as text: their names are looked up where they land;
+    `replaces_multipliers`: whether ``m=`` of an ``X`` line takes the place of ``m=`` within, and does not reach
+    switches; `end_is_comment`: whether what stands after ``.end`` is read; `first_counts`: whether the first of
+    several models of one name counts, and the first of several options on a line; `temp_command_first`: whether
+    ``.temp`` counts before ``.option temp``, wherever they stand; `braced_temperatures`: whether a temperature must
+    be a number, or stand in braces; `sheet_first`: whether a model's ``rsh`` counts before its ``r``, even without
+    length and width; `models_first`: whether a model's name is overlooked after a value that does not begin with a
+    digit; `ignored_model_keys`: parameters of resistors' models that others obey, and what to write instead
+    (nothing: they are obeyed, and not read here); `spaced_lists`: whether the values of ``tc=`` are parted by
+    blanks, without parentheses; `scale_key`: whether ``scale=`` of a resistor is obeyed; `refused_options`: options
+    that change the circuit in a way that is not followed here; `refused_elements`: what else a letter means;
+    `series_resistance`: whether voltage sources may have ``rser=``; `inductor_ohms`: what an inductor has unless it
+    says ``rser=0``; `inductor_keys, capacitor_keys`: series resistances and parasitics that an inductor and a
+    capacitor may have; `off_ohms`: resistance of a switch that is off; `holds_initial`: whether ``.ic`` holds nodes
+    at the operating point; `instances`: whether elements are instances of a master, as in Spectre, whose names and
+    suffixes differ by case, too; `spice`: how such a deck is read behind ``simulator lang=spice``; `words`:
+    reserved names and how expressions are written; `refusals`: text that stops the simulator itself.
     """
 
     name: str
@@ -85,6 +190,7 @@ class ReadingRules:
     model_factor: bool = False
     lengths_twice: bool = False
     annotations: frozenset[str] = frozenset()
+    flags: frozenset[str] = frozenset()
     operators: Mapping[str, str] = field(default_factory=dict)
     narrow_parser: bool = False
     puts_in_text: bool = False
@@ -102,10 +208,14 @@ class ReadingRules:
     refused_elements: Mapping[str, str] = field(default_factory=dict)
     series_resistance: bool = False
     inductor_ohms: float = 0.0
+    inductor_keys: frozenset[str] = frozenset()
+    capacitor_keys: frozenset[str] = frozenset()
     off_ohms: float = 1e12
     holds_initial: bool = False
     instances: bool = False
     spice: ReadingRules | None = None
+    words: Words = field(default_factory=Words)
+    refusals: Refusals = field(default_factory=Refusals)
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,16 @@
   every resistor becomes one.
 - It has no end statement and no measurements of its own (those belong to MDL): decks hold analyses only.
 - ``gmin`` is put at the floating nodes only, and it says so.
+- ``temp``, ``tnom``, ``scale``, ``scalem``, ``freq`` and ``time`` are predefined parameters, ``M_...`` and ``P_...``
+  constants (Spectre Circuit Simulator Reference, "Expressions"); a deck that redefines one, or gives a parameter a word
+  of the language as its name, is rejected.
 """
 
 from __future__ import annotations
 
-from resgrid.spice.dialects.record import Dialect, Quirks, ReadingRules, Statements
+import math
+
+from resgrid.spice.dialects.record import LTSPICE_COMMANDS, Dialect, Quirks, ReadingRules, Refusals, Statements, Words
 
 _RESERVED = frozenset(
     """
@@ -18,6 +23,47 @@ _RESERVED = frozenset(
     nodeset or parameters paramset plot print protect pwr real return save section sens simulator statistics
     subckt to truncate unprotect vary info altergroup ahdl_include include
     """.split()  # noqa: SIM905
+)
+
+_CONSTANTS = {
+    "M_E": math.e,
+    "M_LOG2E": math.log2(math.e),
+    "M_LOG10E": math.log10(math.e),
+    "M_LN2": math.log(2),
+    "M_LN10": math.log(10),
+    "M_PI": math.pi,
+    "M_TWO_PI": 2 * math.pi,
+    "M_PI_2": math.pi / 2,
+    "M_PI_4": math.pi / 4,
+    "M_1_PI": 1 / math.pi,
+    "M_2_PI": 2 / math.pi,
+    "M_2_SQRTPI": 2 / math.sqrt(math.pi),
+    "M_SQRT2": math.sqrt(2),
+    "M_SQRT1_2": math.sqrt(0.5),
+    "M_DEGPERRAD": 180 / math.pi,
+    "P_CELSIUS0": 273.15,
+}
+_VARIABLES = {
+    "time": "the time",
+    "freq": "the frequency",
+    "scale": "the scale of lengths",
+    "scalem": "the scale of models' lengths",
+    **dict.fromkeys(
+        ("P_Q", "P_C", "P_K", "P_H", "P_EPS0", "P_U0"), "a constant of physics, whose digits differ between versions"
+    ),
+}
+_WORDS = Words(
+    functions=frozenset(
+        """
+        abs acos acosh asin asinh atan atan2 atanh ceil cos cosh exp floor fmod hypot int log log10 max min pow sin
+        sinh sqrt tan tanh
+        """.split()  # noqa: SIM905
+    ),
+    constants=_CONSTANTS,
+    temperature=frozenset({"temp"}),
+    nominal=frozenset({"tnom"}),
+    variables=_VARIABLES,
+    undefinable=frozenset({"temp", "tnom", *_VARIABLES, *_CONSTANTS, *_RESERVED}) - {"info", "or", "and"},
 )
 
 SPECTRE = Dialect(
@@ -90,6 +136,16 @@ SPECTRE = Dialect(
         grounds=frozenset({"0"}),
         ignored_model_keys=dict.fromkeys(("rsh", "l", "w", "narrow", "short", "etch", "etchl", "scaler"), ""),
         instances=True,
-        spice=ReadingRules(name="spectre", comments=("//", ";"), dollar_comments=True, grounds=frozenset({"0"})),
+        inductor_keys=frozenset({"r"}),
+        words=_WORDS,
+        refusals=Refusals(letters="unsure"),
+        spice=ReadingRules(
+            name="spectre",
+            comments=("//", ";"),
+            dollar_comments=True,
+            grounds=frozenset({"0"}),
+            words=_WORDS,
+            refusals=Refusals(foreign_commands=LTSPICE_COMMANDS | {".step"}, blank_names="unsure", letters="unsure"),
+        ),
     ),
 )

@@ -3,12 +3,46 @@
 - Expressions go in braces, subcircuit parameters behind ``PARAMS:``, in the definition and in every instance.
 - Nothing is printed but what ``.PRINT`` asks for; an operating point is a ``.DC`` sweep of one step.
 - ``gnd`` is a node like any other, unless ``.PREPROCESS REPLACEGROUND TRUE`` is there.
+- ``TIME, FREQ, HERTZ, VT, TEMP, TEMPER, GMIN`` may not be names of parameters (Xyce Reference Guide, ".PARAM");
+  ``PI`` and ``CTOK`` are tokens of its expressions (``src/UtilityPKG/ExpressionSrc/ExpressionLexer.l``).  A function is
+  one only if a parenthesis follows, so that a parameter may be called ``max``.
 - A random function in an expression is a new draw for every element under ``.SAMPLING`` with ``useExpr=true``.
 """
 
 from __future__ import annotations
 
-from resgrid.spice.dialects.record import ARCS, FUNCTIONS, SUFFIXES, Dialect, Quirks, ReadingRules, Statements
+import math
+
+from resgrid.spice.dialects.record import (
+    ARCS,
+    FUNCTIONS,
+    LTSPICE_COMMANDS,
+    SUFFIXES,
+    Dialect,
+    Quirks,
+    ReadingRules,
+    Refusals,
+    Statements,
+    Words,
+)
+
+_VARIABLES = {
+    "time": "the time",
+    "freq": "the frequency",
+    "hertz": "the frequency",
+    "vt": "the thermal voltage, by constants that differ between versions",
+    "gmin": "the conductance that .options device sets",
+    "onoise": "a result of .noise",
+    "inoise": "a result of .noise",
+    "poly": "a word of controlled sources",
+}
+_CONSTANTS = {"pi": math.pi, "ctok": 273.15, "constctok": 273.15}
+_WORDS = Words(
+    constants=_CONSTANTS,
+    temperature=frozenset({"temp", "temper"}),
+    variables=_VARIABLES,
+    undefinable=frozenset({"temp", "temper", *_VARIABLES, *_CONSTANTS}),
+)
 
 _SWEEP = ".dc {source} {volts} {volts} 1.0"
 
@@ -49,5 +83,7 @@ XYCE = Dialect(
         },
         model_factor=True,
         off_ohms=1e6,
+        words=_WORDS,
+        refusals=Refusals(foreign_commands=LTSPICE_COMMANDS, blank_names="unsure", letters="unsure"),
     ),
 )

@@ -24,10 +24,11 @@ from resgrid.spice.read.tables import WIDTHS, Elements, LateNames, NodeTable, Pa
 def assemble_deck(collector: Collector, source: Source, limit: int | None) -> Circuit:
     """Make the deck of everything that was collected."""
     contents, diagnostics = collector.contents, collector.contents.diagnostics
-    scope = Scope(contents.top, diagnostics)
+    scope = Scope(contents.top, diagnostics, built_ins=contents.built_ins())
     temperature, nominal = (contents.temperature(key, scope) for key in ("temp", "tnom"))
     usual = DIALECTS[contents.rules.name].nominal_temperature
-    expander = Expander(contents, usual if nominal is None else nominal)
+    reference = usual if nominal is None else nominal
+    expander = Expander(contents, reference, (usual if temperature is None else temperature) - reference)
     elements = expander.elements()
     elements.nodes.of("0", 0)
     for plain in collector.plain:
@@ -76,7 +77,8 @@ def _settle_title(contents: Contents, scope: Scope, elements: Elements, expander
         return
     doubts = Diagnostics()
     trial = expander.elements()
-    Expander(contents, expander.nominal).fill(Scope(contents.top, doubts), trial, [first])
+    alone = Scope(contents.top, doubts, built_ins=contents.built_ins())
+    Expander(contents, expander.nominal, expander.heating).fill(alone, trial, [first])
     reads = not doubts.errors
     wired = any(name in elements.nodes.number for name in trial.nodes.number if name not in contents.grounds)
     if reads and wired:

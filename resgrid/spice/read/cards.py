@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import NamedTuple
 
 from resgrid.spice.dialects.record import ReadingRules
@@ -69,6 +70,8 @@ def cards(lines: Iterable[Line], source: Source, rules: ReadingRules, diagnostic
             glued = glued and not language.instances  # Spectre's mark joins the next line, and there is nothing on it
             continue
         column = len(text) - len(text.lstrip()) + 1
+        if not text.isascii():
+            _check_letters(text.rstrip(" \t"), Spot(source.name, number), source, language, diagnostics)
         change = _LANGUAGE.fullmatch(text) if rules.spice is not None and not glued else None
         continues = bare[0] == "+"
         if (continues or glued) and not pieces:
@@ -94,6 +97,26 @@ def cards(lines: Iterable[Line], source: Source, rules: ReadingRules, diagnostic
             glued = False
     if pieces:
         yield _joined(pieces, source, language)
+
+
+_WIDE_BLANK = re.compile(r"[^\S\x00-\x7f]")
+_MICRO = "\N{MICRO SIGN}"
+
+
+def _check_letters(text: str, spot: Spot, source: Source, rules: ReadingRules, diagnostics: Diagnostics) -> None:
+    """Reject blanks beyond ASCII, which simulators take for letters; note bytes that stop the dialect's simulator."""
+    blank = _WIDE_BLANK.search(text)
+    if blank is not None:
+        place, character = Spot(spot.file, spot.line, blank.start() + 1), f"U+{ord(blank.group()):04X}"
+        words = f"a blank that is no ASCII one ({character}): simulators take it for a letter; replace it"
+        diagnostics.error(CardError(place, words))
+    letters = {letter for letter in text if letter > "\x7f"} - {_MICRO}
+    latin = max(letters, default="") <= "\xff" and text.encode() not in source.data
+    if letters and latin and "latin-1" in rules.refusals.encodings:
+        text = f"{rules.name} stops at letters beyond ASCII that are not UTF-8: save the file as UTF-8"
+        diagnostics.refuse(spot, text)
+    elif letters and rules.refusals.letters:
+        diagnostics.doubt(spot, f"it is not known here whether {rules.name} reads letters beyond ASCII")
 
 
 def _joined(pieces: list[tuple[int, int, str]], source: Source, rules: ReadingRules) -> Card:
@@ -231,7 +254,35 @@ def split_positional(tokens: list[Token]) -> tuple[list[Token], list[Token]]:
 
 def split_call(tokens: list[Token]) -> tuple[list[Token], list[Token]]:
     """The same for the first line of a subcircuit, and a call of it: parentheses and ``params:`` say nothing."""
-    positional, tail = split_positional(without_parentheses(tokens))
+    positional, tail = split_positional(tokens)
+    positional = without_parentheses(positional)
     if positional and positional[-1].text.lower() == "params:":
         positional.pop()
-    return positional, tail
+    opened = sum(token.is_mark("(") - token.is_mark(")") for token in tail)
+    return positional, tail[:-1] if opened < 0 and tail[-1].is_mark(")") else tail
+
+
+def joined_names(card: Card, tokens: list[Token], count: int) -> list[Token]:
+    """Join words and the parentheses directly behind them among the first names of a card: ``Net-(R1-Pad2)``."""
+    if not card.rules.words.joins_brackets or "(" not in card.text:
+        return tokens
+    joined: list[Token] = []
+    i = 0
+    while i < len(tokens):
+        stop = i + 1
+        if len(joined) < count and tokens[i].kind == "word":
+            while stop + 2 < len(tokens) and _is_tight(tokens[stop - 1 : stop + 3]):
+                stop += 3
+        end = tokens[stop - 1].offset + len(tokens[stop - 1].text)
+        joined.append(
+            tokens[i] if stop == i + 1 else Token("word", card.text[tokens[i].offset : end], tokens[i].offset)
+        )
+        i = stop
+    return joined
+
+
+def _is_tight(tokens: list[Token]) -> bool:
+    """Return whether four tokens are a word, and a word in parentheses directly behind it."""
+    kinds = [token.text if token.kind == "mark" else token.kind for token in tokens]
+    adjoin = all(after.offset == token.offset + len(token.text) for token, after in pairwise(tokens))
+    return kinds[1:] == ["(", "word", ")"] and adjoin

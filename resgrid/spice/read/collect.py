@@ -27,11 +27,18 @@ _ANALYSES = frozenset(
 _OUTPUTS = frozenset(".save .print .plot .probe .meas .measure .width .graph .wave .backanno".split())  # noqa: SIM905
 _HARMLESS = _ANALYSES | _OUTPUTS | {".end", ".control"}
 """What may stand after ``.end`` without changing the circuit."""
-_HINTS = frozenset((".nodeset", ".ic", ".protect", ".unprotect", ".prot", ".unprot", ".csparam", ".machine"))
+_HINTS = frozenset(
+    ".nodeset .ic .protect .unprotect .prot .unprot .csparam .machine .savebias .loadbias".split()  # noqa: SIM905
+)
 _SWEEPS = frozenset((".step", ".data", ".enddata", ".mc", ".wcase", ".variation", ".sampling"))
 _CONDITIONS = frozenset((".if", ".elseif", ".else", ".endif"))
 _BLOCKS = {".control": ".endc", ".data": ".enddata"}
 """Commands whose lines are skipped, and where they end."""
+_CHANGING = frozenset(
+    "alter altermod alterparam mc_source reset source remcirc codemodel setseed".split()  # noqa: SIM905
+)
+"""Commands of a control block after which the circuit is another one."""
+_SETS_TEMPERATURE = re.compile(r"(set|option|options)\s+temp\b", re.IGNORECASE)
 _INCLUSIONS = frozenset((".lib", ".inc", ".include", ".incl"))
 _STATEMENTS = frozenset((*COMMANDS, *_ANALYSES, *_OUTPUTS, *_INCLUSIONS, *_HINTS, ".control", ".end"))
 
@@ -54,6 +61,7 @@ class Collector:
 
     def deck(self, source: Source) -> None:
         """Collect the deck itself: its first line is a title, unless it is plainly something else."""
+        self._note_oddities(source)
         start = source.data.index(b"\n") + 1
         line = decode(source.data[:start])
         continued = source.data[start : start + _LOOKED_AT].lstrip(b" \t\n")[:1] == b"+"
@@ -71,6 +79,14 @@ class Collector:
         self._including.append((source, None))
         self._take(stream, source)
         self._including.pop()
+
+    def _note_oddities(self, source: Source) -> None:
+        """Note encodings and line ends that stop the dialect's simulator."""
+        rules = self.contents.rules
+        for oddity in sorted(source.oddities & rules.refusals.encodings):
+            what = "UTF-16" if oddity == "utf-16" else "lines that end in carriage returns alone"
+            text = f"{rules.name} does not read {what}: save the file as UTF-8 with line feeds"
+            self.contents.diagnostics.refuse(Spot(source.name, 1), text)
 
     def _role(self, line: str, continued: bool) -> str:
         """What a first line is: a title, a command, perhaps an element, or the name of a language."""
@@ -147,11 +163,17 @@ class Collector:
         rules, diagnostics = self.contents.rules, self.contents.diagnostics
         if word == ".end":
             return "end" if rules.end_is_comment else "stop"
+        if word in rules.refusals.commands:
+            diagnostics.refuse(card.spot(), f"{rules.name} knows no command {word}, and stops at it")
         if word == ".alter":
             if rules.end_is_comment:
                 diagnostics.error(card.error(0, f"{rules.name} has no .alter: remove it and what follows"))
             diagnostics.warn(card.spot(), "what follows .alter is another run, and is not read")
             return "stop"
+        if word in rules.refusals.foreign_commands:
+            diagnostics.doubt(card.spot(), f"the manual of {rules.name} has no command {word}")
+        if word in (".step", ".data"):
+            self.contents.note_swept(card)
         if word in _BLOCKS:
             self._skip(card, stream, _BLOCKS[word])
         if rules.instances and _opened(card) > 0:
@@ -168,7 +190,7 @@ class Collector:
         """Note a command that does not change the operating point, or refuse it."""
         diagnostics, shown = self.contents.diagnostics, spectre.command_of(card, word)
         if word == ".control":
-            diagnostics.inform(card.spot(), "the commands of .control ... .endc are not run")
+            pass  # noted where it is skipped
         elif word == ".ic" and card.rules.holds_initial:
             diagnostics.warn(card.spot(), "HSPICE holds nodes at their .ic; not done here")
         elif word in _ANALYSES or word in _OUTPUTS or word in _HINTS:
@@ -184,9 +206,20 @@ class Collector:
 
     def _skip(self, card: Card, stream: Iterable[Card], until: str) -> None:
         self._skipping = True
-        if not any(skipped.first_word == until for skipped in stream):
+        changing: list[str] = []
+        for skipped in stream:
+            if skipped.first_word == until:
+                break
+            if skipped.first_word in _CHANGING or _SETS_TEMPERATURE.match(skipped.text):
+                changing.append(skipped.first_word)
+        else:
             raise card.error(0, f"{card.text.split()[0]} has no {until}")
         self._skipping = False
+        if until == ".endc" and changing:
+            text = f"the commands of .control ... .endc are not run: {changing[0]} changes the circuit there, not here"
+            self.contents.diagnostics.doubt(card.spot(), text)
+        elif until == ".endc":
+            self.contents.diagnostics.inform(card.spot(), "the commands of .control ... .endc are not run")
 
     def _skip_braces(self, card: Card, stream: Iterable[Card]) -> None:
         if not any(depth <= 0 for depth in accumulate(map(_opened, chain([card], stream)))):
@@ -213,6 +246,7 @@ class Collector:
                 "included once"
             )
         inner = self.library.open(path, name)
+        self._note_oddities(inner)
         if section is None:
             included = self._cards(self._lines(inner, 0), inner)
         else:

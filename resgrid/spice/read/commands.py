@@ -8,12 +8,15 @@ from dataclasses import dataclass, field
 
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.dialects.record import ReadingRules
-from resgrid.spice.read.cards import Card, Token, settings, split_call, tokenise
-from resgrid.spice.read.diagnostics import CardError, Diagnostics
+from resgrid.spice.read.assignments import assignments, misplaced_comma
+from resgrid.spice.read.cards import Card, Setting, Token, settings, split_call, tokenise
+from resgrid.spice.read.diagnostics import CardError, Diagnostics, Spot
+from resgrid.spice.read.expressions import folded_name
 from resgrid.spice.read.models import RESISTOR_KINDS, SWITCH_KINDS
-from resgrid.spice.read.scopes import Block, Definition, Model, Scope
+from resgrid.spice.read.scopes import Block, BuiltIns, Definition, Model, Scope
 from resgrid.spice.read.spectre import word_for
 
+_WITH_UNIT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?[A-Za-z]*")
 _PLAIN_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 
@@ -37,6 +40,8 @@ class Contents:
     options: dict[str, str] = field(default_factory=dict)
     _temperatures: dict[str, tuple[Card, Token]] = field(default_factory=dict)
     _spellings: dict[str, str] = field(default_factory=dict)
+    _swept: dict[str, tuple[str, Spot]] = field(default_factory=dict)
+    _redefined: str = ""
 
     def __post_init__(self) -> None:
         self.open = [self.top]
@@ -49,12 +54,34 @@ class Contents:
 
     def temperature(self, key: str, scope: Scope) -> float | None:
         """The deck's temperature (``temp``) or nominal temperature (``tnom``), in degrees Celsius, if it says one."""
-        stated = self._temperatures.get(f".{key}") or self._temperatures.get(key)
         try:
-            return None if stated is None else scope.number(*stated)
+            return self._stated(key, scope)
         except CardError as error:
             self.diagnostics.error(error)
             return None
+
+    def _stated(self, key: str, scope: Scope) -> float | None:
+        stated = self._temperatures.get(f".{key}") or self._temperatures.get(key)
+        return None if stated is None else scope.number(*stated)
+
+    def built_ins(self) -> BuiltIns:
+        """Return the values of the dialect's reserved names in this deck."""
+        dialect = DIALECTS[self.rules.name]
+
+        def nominal(scope: Scope) -> float:
+            stated = self._stated("tnom", scope)
+            return dialect.nominal_temperature if stated is None else stated
+
+        def temperature(scope: Scope) -> float:
+            stated = self._stated("temp", scope)
+            return dialect.nominal_temperature if stated is None else stated
+
+        return BuiltIns(self.rules, dialect.label, temperature, nominal, self._swept, self._redefined)
+
+    def note_swept(self, card: Card) -> None:
+        """Remember the names in a command that sweeps parameters."""
+        command, *words = card.text.lower().split()
+        self._swept.update({word: (command, card.spot()) for word in words if word.isidentifier()})
 
     def _spell(self, card: Card, name: str, offset: int) -> None:
         """Refuse names that differ by case alone, where they differ."""
@@ -74,15 +101,32 @@ class Contents:
         folded = [port.lower() for port in block.ports]
         if len(set(folded)) != len(folded):
             raise card.error(name.offset, f"the subcircuit {name.text} has two terminals of one name")
-        if not self.rules.grounds.isdisjoint(folded):
-            text = f"the subcircuit {name.text} has ground among its terminals; ground is global"
-            raise card.error(name.offset, text)
         if name.text.lower() in outer.blocks:
             raise card.error(name.offset, f"the subcircuit {name.text} is defined twice")
         outer.blocks[name.text.lower()] = block
-        for setting in settings(card, tail):
+        pairs = assignments(card, tail)
+        self.note_comma(card, pairs)
+        for setting in pairs:
+            self._refuse_name(card, setting.key, setting.offset)
             block.defaults.add(setting.key)
             block.parameters[setting.key] = Definition(card, setting.values[0])
+
+    def note_comma(self, card: Card, pairs: list[Setting]) -> None:
+        """Note a comma between definitions that stops the dialect's simulator."""
+        place = misplaced_comma(card, pairs) if card.rules.refusals.commas else None
+        if place is not None:
+            text = f"{card.rules.name} stops at a comma directly behind a value: write a blank instead"
+            self.diagnostics.refuse(card.spot(place), text)
+
+    def _refuse_name(self, card: Card, key: str, offset: int) -> None:
+        """Raise CardError for a name that no parameter, argument or function of the dialect may have."""
+        words, label = card.rules.words, DIALECTS[card.rules.name].label
+        name = card.text[offset : offset + len(key)]
+        if re.fullmatch(words.parameter, name) is None:
+            text = f"{name!r} is no name of a parameter in {label}: use letters, digits and underscores"
+            raise card.error(offset, text)
+        if folded_name(name, card.rules.instances) in words.undefinable:
+            raise card.error(offset, f"{name!r} is a reserved name of {label}: rename the parameter")
 
     def _ends(self, card: Card) -> None:
         words = card.text.split()
@@ -94,15 +138,23 @@ class Contents:
 
     def _parameters(self, card: Card) -> None:
         tokens = tokenise(card)[1:]
-        if any(token.is_mark("(") for token in tokens) and not card.rules.instances:
+        if len(tokens) > 1 and tokens[0].kind == "word" and tokens[1].is_mark("(") and not card.rules.instances:
             self._function(card)
             return
         parameters = self.block.parameters
-        for setting in settings(card, tokens):
+        pairs = assignments(card, tokens, blanks=True)
+        self.note_comma(card, pairs)
+        for setting in pairs:
+            self._refuse_name(card, setting.key, setting.offset)
             self._spell(card, card.text[setting.offset : setting.offset + len(setting.key)], setting.offset)
             if setting.key in parameters:
-                self.diagnostics.warn(card.spot(setting.offset), "a parameter is defined again: the last counts")
+                self._note_redefined(card, setting)
             parameters[setting.key] = Definition(card, setting.values[0])
+
+    def _note_redefined(self, card: Card, setting: Setting) -> None:
+        """Note a second definition of a parameter."""
+        self._redefined = self._redefined or setting.key
+        self.diagnostics.warn(card.spot(setting.offset), "a parameter is defined again: the last counts")
 
     def _function(self, card: Card) -> None:
         """``.func f(x, y) {body}`` and ``.param f(x, y) = 'body'``."""
@@ -111,11 +163,26 @@ class Contents:
         if len(tokens) < 4 or texts[1] != "(" or ")" not in texts:
             raise card.error(0, "a function is defined like this: .func f(x) {2*x}")
         close = texts.index(")")
-        body = [token for token in tokens[close + 1 :] if not token.is_mark("=")]
-        if len(body) != 1 or body[0].kind == "mark":
-            raise card.error(body[0].offset if body else 0, "the body of a function stands in braces or quotes, once")
+        body = tokens[close + 1 :]
+        body = body[1:] if body and body[0].is_mark("=") else body
         arguments = tuple(text.lower() for text in texts[2:close])
-        self.block.functions[texts[0].lower()] = Definition(card, body[0], arguments)
+        for token in (tokens[0], *tokens[2:close]):
+            self._refuse_name(card, token.text, token.offset)
+        name, words = texts[0].lower(), card.rules.words
+        if name in words.functions | card.rules.functions.keys() and not words.redefines_functions:
+            text = f"{texts[0]} is a function of {DIALECTS[card.rules.name].label} itself: rename the function"
+            raise card.error(tokens[0].offset, text)
+        self.block.functions[name] = Definition(card, self._body(card, body), arguments)
+
+    def _body(self, card: Card, body: list[Token]) -> Token:
+        """Return the expression of a function, which stands in quotes except where the dialect needs none."""
+        if len(body) == 1 and body[0].kind != "mark":
+            return body[0]
+        loose = body and all(token.kind in ("word", "mark") for token in body)
+        if not loose or not card.rules.words.loose_functions:
+            raise card.error(body[0].offset if body else 0, "the body of a function stands in braces or quotes, once")
+        begin, end = body[0].offset, body[-1].offset + len(body[-1].text)
+        return Token("expression", card.text[begin:end], begin)
 
     def _model(self, card: Card) -> None:
         tokens = tokenise(card)[1:]
@@ -183,7 +250,10 @@ class Contents:
         self._set_temperature(".temp" if self.rules.temp_command_first else "temp", card, tokens[0])
 
     def _set_temperature(self, key: str, card: Card, token: Token) -> None:
-        if token.kind == "word" and self.rules.braced_temperatures and _PLAIN_NUMBER.fullmatch(token.text) is None:
+        unit = _WITH_UNIT.match(token.text) if token.kind == "word" and key[0] != "." else None
+        if unit is not None and self.rules.braced_temperatures:  # ngspice drops what follows a number and its suffix
+            token = token._replace(text=unit.group())
+        elif token.kind == "word" and self.rules.braced_temperatures and _PLAIN_NUMBER.fullmatch(token.text) is None:
             text = f"{self.rules.name} ignores a temperature that is no plain number: use braces"
             raise card.error(token.offset, text)
         self._temperatures[key] = (card, token)

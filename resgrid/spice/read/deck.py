@@ -11,6 +11,7 @@ from typing import IO
 from resgrid.errors import InputError
 from resgrid.spice.circuit import Circuit
 from resgrid.spice.dialects import DIALECTS, dialect_named
+from resgrid.spice.dialects.record import ReadingRules
 from resgrid.spice.networks.circuitscape import read_circuitscape
 from resgrid.spice.networks.edges import is_edge_list, read_edges
 from resgrid.spice.networks.graphs import GRAPH_SUFFIXES, read_graph
@@ -111,12 +112,17 @@ def read_with(
     root: str | os.PathLike[str] | None = None,
     max_elements: int | None = None,
     least_bytes: int = LEAST_BYTES,
+    rules: ReadingRules | None = None,
 ) -> Circuit:
-    """Read a deck as `read_spice`; files of at least so many bytes go through the compiled loops."""
+    """Read a deck as `read_spice`; files of at least ``least_bytes`` go through the compiled loops.
+
+    ``rules`` takes the place of the dialect's rules.
+    """
     if dialect != "auto":
         dialect_named(dialect)
     library, source = _open(path, root)
-    rules = dialect_named(_dialect_of(source) if dialect == "auto" else dialect).reading
+    if rules is None:
+        rules = dialect_named(_dialect_of(source) if dialect == "auto" else dialect).reading
     collector = Collector(library, Contents(rules, Diagnostics()), quick=len(source.data) >= least_bytes)
     try:
         collector.deck(source)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 from resgrid.errors import InputError
 from resgrid.spice.circuit import Note, Severity
@@ -40,6 +41,7 @@ class Diagnostics:
 
     errors: list[str] = field(default_factory=list)
     _notes: dict[tuple[Severity, str], tuple[Spot, int]] = field(default_factory=dict)
+    _outcomes: dict[str, Literal["fails", "unsure"]] = field(default_factory=dict)
 
     def error(self, error: CardError) -> None:
         """Keep an error; gives up when there are too many."""
@@ -57,6 +59,16 @@ class Diagnostics:
         """Note something that simulators disagree about, or that was probably not meant."""
         self._note("warning", spot, text, count)
 
+    def refuse(self, spot: Spot, text: str) -> None:
+        """Note text that is read here, but stops the dialect's own simulator."""
+        self._outcomes[text] = "fails"
+        self._note("warning", spot, text, 1)
+
+    def doubt(self, spot: Spot, text: str) -> None:
+        """Note text that is not followed here, with which the dialect's own simulator finds perhaps another answer."""
+        self._outcomes[text] = "unsure"
+        self._note("warning", spot, text, 1)
+
     def inform(self, spot: Spot, text: str) -> None:
         """Note something that is merely worth knowing."""
         self._note("info", spot, text, 1)
@@ -69,6 +81,13 @@ class Diagnostics:
     def notes(self) -> tuple[Note, ...]:
         """Everything that was noted, in the order in which it first was."""
         return tuple(
-            Note(severity, spot.file, spot.line, spot.column, text if count == 1 else f"{text} ({count} times)")
+            Note(
+                severity,
+                spot.file,
+                spot.line,
+                spot.column,
+                text if count == 1 else f"{text} ({count} times)",
+                self._outcomes.get(text, ""),
+            )
             for (severity, text), (spot, count) in self._notes.items()
         )

@@ -12,9 +12,18 @@ from functools import lru_cache, partial
 from resgrid.spice.circuit import rebase_one
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.read import spectre
-from resgrid.spice.read.cards import Card, Setting, Token, settings, split_positional, tokenise, without_parentheses
+from resgrid.spice.read.cards import (
+    Card,
+    Setting,
+    Token,
+    joined_names,
+    settings,
+    split_positional,
+    tokenise,
+    without_parentheses,
+)
 from resgrid.spice.read.models import RESISTOR_KINDS, SWITCH_KINDS, modelled_resistor, modelled_switch
-from resgrid.spice.read.scopes import Block, Model, Scope
+from resgrid.spice.read.scopes import Block, Model, Scope, Watch
 from resgrid.spice.read.tables import Elements
 from resgrid.spice.read.waveforms import SourceValue, source_value
 
@@ -41,6 +50,9 @@ REFUSED = {
 """Elements that are not linear resistive ones, by their letter."""
 
 _SEVERAL = frozenset({"tc"})
+_WARM_KEYS = frozenset({"r", "resistance", "c", "l"})
+"""Keys of a value, which may depend on the simulation temperature in every dialect."""
+
 _FREE_KEYS = frozenset({"ac", "noisy", "noise", "ic", "temp_ac", "isnoisy"})
 _VALUE_KEYS = frozenset({"tc", "tc1", "tc2", "m", "scale", "temp", "dtemp"})
 _SPECTRE_KEYS = {"trise": "dtemp"}
@@ -95,6 +107,7 @@ def read_element(card: Card, letter: str, scope: Scope, elements: Elements) -> N
 
 def read_nodes(card: Card, tokens: list[Token], count: int) -> tuple[list[str], list[Token]]:
     """Take the names of the terminals, which may stand in parentheses or quotes, and return what follows them."""
+    tokens = joined_names(card, tokens, count + 1)
     names: list[str] = []
     i = 1
     while len(names) < count and i < len(tokens):
@@ -131,7 +144,8 @@ def _cut(card: Card, scope: Scope, known: str = "") -> Element:
         nodes, rest = read_nodes(card, tokens, 2)
         positional, tail = split_positional(rest)
         pairs = settings(card, tail, _SEVERAL)
-    keys = _values_of(card, pairs, _VALUE_KEYS | set(known.split()), scope) if known else {}
+    tce = {"tce"} if card.rules.words.exponential_coefficient and "r" in known.split() else set()
+    keys = _values_of(card, pairs, _VALUE_KEYS | set(known.split()) | tce, scope) if known else {}
     return Element(card, tokens[0].text, nodes, positional, pairs, keys)
 
 
@@ -148,26 +162,57 @@ def _values_of(
         if pair.key not in known:
             theirs = {ours: key for key, ours in _SPECTRE_KEYS.items()} if card.rules.instances else {}
             names = ", ".join(sorted(theirs.get(key, key) for key in known))
-            raise card.error(pair.offset, f"{pair.key!r} is not understood here; known are {names}")
+            label = DIALECTS[card.rules.name].label
+            text = f"{pair.key!r} is not understood here (by the rules of {label}); known are {names}"
+            raise card.error(pair.offset, text)
         if pair.key in values:
             raise card.error(pair.offset, f"{pair.key!r} is given twice")
-        values[pair.key] = [scope.number(card, token) for token in pair.values]
+        with scope.watched() as watch:
+            values[pair.key] = [scope.number(card, token) for token in pair.values]
+        if watch.used and pair.key not in _WARM_KEYS:
+            refuse_temperature(card, pair.offset, f"{pair.key}=")
     return values
 
 
+def _refuse_cold(card: Card, watch: Watch, ohms: float | None) -> None:
+    """Raise CardError for a resistance that the dialect's simulator does not evaluate at a temperature."""
+    words = card.rules.words
+    if not watch.used or not words.temperature_in_values:
+        return
+    name = min(words.temperature)
+    if watch.cold:
+        text = f"{card.rules.name} does not know {watch.cold} in an expression of {name}: write it otherwise"
+        raise card.error(None, text)
+    if ohms == 0:
+        raise card.error(None, f"{card.rules.name} has no answer for an expression of {name} that is 0 ohm")
+
+
+def refuse_temperature(card: Card, offset: int | None, what: str) -> None:
+    """Raise CardError where the dialect's simulator does not know the temperature in an expression."""
+    words = card.rules.words
+    if words.temperature_in_values:
+        name = min(words.temperature)
+        text = f"{card.rules.name} does not know {name} in {what}, only in values of R, C and L: write the number"
+        raise card.error(offset, text)
+
+
 def _read_resistor(card: Card, scope: Scope, elements: Elements) -> None:
-    element = _cut(card, scope, "r resistance l w")
+    with scope.watched() as watch:
+        element = _cut(card, scope, "r resistance l w")
+        model, ohms = _model_and_value(element, scope, RESISTOR_KINDS, "resistance", "r", "resistance")
+    _refuse_cold(card, watch, ohms)
     if card.rules.spaced_lists:
         _refuse_unspaced(card, element.pairs)
-    model, ohms = _model_and_value(element, scope, RESISTOR_KINDS, "resistance", "r", "resistance")
-    first, second, nominal = 0.0, 0.0, math.nan
+    first, second, nominal, exponential = 0.0, 0.0, math.nan, 0.0
     if model is not None:
         length, width = (element.keys[key][0] if key in element.keys else None for key in ("l", "w"))
-        ohms, first, second, nominal = modelled_resistor(model, scope, ohms, length, width, card)
+        ohms, first, second, nominal, exponential = modelled_resistor(model, scope, ohms, length, width, card)
     elif ohms is None:
         raise card.error(None, f"{element.name} has no value: give it ohms, r=, or a model")
     elif "l" in element.keys or "w" in element.keys:
         raise card.error(None, "l and w mean something together with a model only")
+    if "scale" in element.keys and watch.used and card.rules.words.temperature_in_values:
+        raise card.error(None, f"{card.rules.name} drops scale= with an expression of the temperature: multiply there")
     several = element.keys.get("tc", [])
     if len(several) > 2:
         raise card.error(None, f"tc= takes one or two values, not {len(several)}")
@@ -180,6 +225,16 @@ def _read_resistor(card: Card, scope: Scope, elements: Elements) -> None:
         raise card.error(None, f"{element.name} has {ohms} ohm")
     own = element.value("temp", elements.nominal + element.value("dtemp", 0.0))
     shift = own - (elements.nominal if math.isnan(nominal) else nominal)
+    exponential = element.value("tce", exponential)
+    if exponential:
+        if watch.used:
+            raise card.error(
+                None, f"{card.rules.name} drops tce= with an expression of the temperature: multiply there"
+            )
+        heating = 0.0 if "temp" in element.keys else elements.heating
+        ohms *= 1.01 ** (exponential * (shift + heating))
+        scope.diagnostics.warn(card.spot(), "tce= is evaluated at the temperature of the deck, and at no other")
+        first = second = 0.0
     if shift and (first or second):
         ohms, first, second = rebase_one(ohms, first, second, shift)
     if "temp" in element.keys:
@@ -208,6 +263,8 @@ def _model_and_value(
     """
     card, model, values = element.card, None, []
     for token in element.positional:
+        if token.kind == "word" and token.text.lower() in card.rules.flags:
+            continue
         named = scope.block.model(token.text.lower()) if token.kind == "word" else None
         if named is None:
             values.append(scope.number(card, token))
@@ -244,7 +301,10 @@ def _read_source(kind: str, card: Card, scope: Scope, elements: Elements) -> Non
     else:
         name = tokens[0].text
         nodes, rest = read_nodes(card, tokens, 2)
-        source = source_value(card, rest, scope)
+        with scope.watched() as watch:
+            source = source_value(card, rest, scope)
+        if watch.used:
+            refuse_temperature(card, None, f"{name}")
     value = source.volts_or_amps
     if kind == "current source":
         value *= multiplier(card, source.count)
@@ -259,7 +319,7 @@ def _read_source(kind: str, card: Card, scope: Scope, elements: Elements) -> Non
 
 
 def _read_capacitor(card: Card, scope: Scope, elements: Elements) -> None:
-    element = _cut(card, scope, "c l w rser v irms")
+    element = _cut(card, scope, " ".join(("c l w", *card.rules.capacitor_keys)))
     model, farads = _model_and_value(element, scope, frozenset({"c", "cap", "capacitor"}), "capacitance", "c")
     if farads is None:
         if model is None:
@@ -273,7 +333,7 @@ def _read_capacitor(card: Card, scope: Scope, elements: Elements) -> None:
 
 
 def _read_inductor(card: Card, scope: Scope, elements: Elements) -> None:
-    element = _cut(card, scope, "l nt rser ipk r")
+    element = _cut(card, scope, " ".join(("l nt", *card.rules.inductor_keys)))
     model, henries = _model_and_value(element, scope, frozenset({"l", "ind", "inductor"}), "", "l")
     if henries is None and model is None:
         raise card.error(None, f"{element.name} has no value")

@@ -30,6 +30,7 @@ _TOKEN = re.compile(
     r"|(?P<name>[A-Za-z_][\w.$#@]*)"
     r"|(?P<operator>\*\*|==|!=|<>|<=|>=|&&|\|\||[-+*/%\\^!<>?:(),])|(?P<end>$))"
 )
+_NAME = re.compile(r"(?<![\w.])[^\W\d]\w*")
 _PRODUCT = 5
 _POWERS = frozenset({"**", "^"})
 _STATISTICS = frozenset(
@@ -46,6 +47,10 @@ class ExpressionError(ValueError):
     def __init__(self, offset: int, text: str) -> None:
         super().__init__(text)
         self.offset = offset
+
+
+class ReservedNameError(ValueError):
+    """A name that the simulator reserves, and why it has no value here."""
 
 
 class _Token(NamedTuple):
@@ -70,27 +75,46 @@ def evaluate(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> floa
     """
     if len(text) > MAX_LENGTH:
         raise ExpressionError(0, f"an expression of {len(text)} characters; at most {MAX_LENGTH} are read")
-    names = _names(text)
+    names = _names(text, rules.instances)
     if names is not None:
-        values = tuple(map(lookup, names))
+        try:
+            values = tuple(map(lookup, names))
+        except ReservedNameError:
+            return _value(text, rules, lookup, call)  # where the error gets its place
         if None not in values:
             return _value_with(text, rules, values)
     return _value(text, rules, lookup, call)
 
 
 @lru_cache(maxsize=4096)
-def _names(text: str) -> tuple[str, ...] | None:
+def _names(text: str, exact: bool) -> tuple[str, ...] | None:
     """Parameters that an expression refers to; None if it calls functions, which may be the deck's own."""
     tokens = _tokens(text)
     if any(token.kind == "name" and after.text == "(" for token, after in pairwise(tokens)):
         return None
-    return tuple(token.text.lower() for token in tokens if token.kind == "name")
+    return tuple(folded_name(token.text, exact) for token in tokens if token.kind == "name")
+
+
+def names_in(text: str) -> frozenset[str]:
+    """Return the names in an expression, of parameters and functions, in lower case."""
+    return frozenset(match.group().lower() for match in _NAME.finditer(text))
+
+
+def folded_name(name: str, exact: bool) -> str:
+    """Return a name in lower case, but those of Spectre's constants as they are written.
+
+    Examples
+    --------
+    >>> folded_name("W", True), folded_name("M_PI", True), folded_name("M_PI", False)
+    ('w', 'M_PI', 'm_pi')
+    """
+    return name if exact and name[:2] in ("M_", "P_") else name.lower()
 
 
 @lru_cache(maxsize=65536)
 def _value_with(text: str, rules: ReadingRules, values: tuple[float, ...]) -> float:
     """Value of an expression without functions, given those of its parameters."""
-    given = dict(zip(_names(text) or (), values, strict=True))
+    given = dict(zip(_names(text, rules.instances) or (), values, strict=True))
     return _value(text, rules, given.get, lambda *_: None)
 
 
@@ -240,7 +264,10 @@ class _Reader:
         raise ExpressionError(token.offset, f"a number or a name was expected, found {token.shown}")
 
     def _parameter(self, token: _Token) -> float:
-        value = self.lookup(token.text.lower())
+        try:
+            value = self.lookup(folded_name(token.text, self.rules.instances))
+        except ReservedNameError as reserved:
+            raise ExpressionError(token.offset, str(reserved)) from None
         if value is None:
             command = "parameters" if self.rules.instances else ".param"
             raise ExpressionError(token.offset, f"there is no parameter {token.text!r}; define it with {command}")
@@ -258,6 +285,9 @@ class _Reader:
 
     def _arguments(self) -> list[float]:
         self.position += 1
+        if self._now.text == ")":
+            self.position += 1
+            return []
         values = [self.choice()]
         while self._now.text == ",":
             self.position += 1
@@ -299,6 +329,12 @@ def _built_in(token: _Token, values: list[float], rules: ReadingRules) -> float:
     if own is None:
         raise _no_function(token, rules)
     count, function = FUNCTIONS[own]
+    if own in ("min", "max") and len(values) == 3 and rules.words.ends_of_three:
+        ends = [values[0], values[2]]
+        if function(*ends) != function(*values):
+            text = f"{rules.name} compares the first and the last argument of {token.text} only: nest two calls"
+            raise ExpressionError(token.offset, text)
+        values = ends
     if len(values) != count:
         raise ExpressionError(token.offset, f"{token.text} takes {count} argument(s), not {len(values)}")
     try:

@@ -12,6 +12,7 @@ from resgrid.files import read_bytes
 
 MAX_BYTES = 2**31 - 2**20
 MAX_FILES = 200
+_LOOKED_AT = 4096
 
 _BOMS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be"))
 
@@ -21,13 +22,15 @@ class Source:
     """One file's content.
 
     `number`: its index among the files of the deck; `name`: as displayed; `path`: where it lies, links resolved; None
-    for text without a file; `data`: UTF-8 (or Latin-1) without byte order mark, LF line ends, ending in one.
+    for text without a file; `data`: UTF-8 (or Latin-1) without byte order mark, LF line ends, ending in one;
+    `oddities`: what was changed for that, of ``"utf-16"`` and ``"cr"`` (line ends of carriage returns alone).
     """
 
     number: int
     name: str
     path: Path | None
     data: bytes
+    oddities: frozenset[str] = frozenset()
 
 
 @dataclass
@@ -41,7 +44,7 @@ class Library:
         """Take up a file's content."""
         if len(self.sources) >= MAX_FILES:
             raise InputError(f"{name}: more than {MAX_FILES} files are included")
-        source = Source(len(self.sources), name, path, normalise(data, name))
+        source = Source(len(self.sources), name, path, normalise(data, name), oddities_of(data))
         self.sources.append(source)
         return source
 
@@ -91,7 +94,7 @@ def deck_bytes(path: Path, name: str) -> bytes:
 
 def normalise(data: bytes, name: str) -> bytes:
     """Make text of bytes: no byte order mark, LF line ends, a final one; not decoded yet."""
-    mark, coding = next(((mark, coding) for mark, coding in _BOMS if data.startswith(mark)), (b"", ""))
+    mark, coding = coding_of(data)
     data = data[len(mark) :] if mark else data
     if coding.startswith("utf-16"):
         data = data.decode(coding, "replace").encode()
@@ -101,6 +104,32 @@ def normalise(data: bytes, name: str) -> bytes:
     if b"\r" in data:
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     return data if data.endswith(b"\n") else data + b"\n"
+
+
+def coding_of(data: bytes) -> tuple[bytes, str]:
+    """Return a file's byte order mark and encoding; UTF-16 without a mark shows by zeros in every second byte.
+
+    Examples
+    --------
+    >>> coding_of("R1 a 0 1k".encode("utf-16-le")), coding_of(b"R1 a 0 1k")
+    ((b'', 'utf-16-le'), (b'', ''))
+    """
+    for mark, coding in _BOMS:
+        if data.startswith(mark):
+            return mark, coding
+    head = data[: 2 * _LOOKED_AT]
+    even, odd = head[0::2].count(0), head[1::2].count(0)
+    if head and len(data) % 2 == 0 and (even == 0) != (odd == 0) and max(even, odd) > len(head) / 4:
+        return b"", "utf-16-le" if odd else "utf-16-be"
+    return b"", ""
+
+
+def oddities_of(data: bytes) -> frozenset[str]:
+    """Return the oddities of a file, as in `Source`."""
+    found = {"utf-16"} if coding_of(data)[1].startswith("utf-16") else set[str]()
+    if b"\r" in data and b"\n" not in data:
+        found.add("cr")
+    return frozenset(found)
 
 
 def decode(data: bytes) -> str:

@@ -41,26 +41,30 @@ def model_values(model: Model, scope: Scope, known: frozenset[str]) -> dict[str,
             raise model.card.error(setting.offset, f"{setting.key} of a model is not read; write the resistance, r")
         if own is not None:
             raise model.card.error(setting.offset, f"{rules.name} ignores {setting.key}; write {own}, or leave it out")
-        key = _ALIASES.get(setting.key, setting.key)
+        key = rules.words.model_aliases.get(setting.key, _ALIASES.get(setting.key, setting.key))
         if key in _IGNORED_KEYS:
             continue
         if key not in known:
             text = f"{setting.key} is no parameter that a model of kind {model.kind} can have here"
             raise model.card.error(setting.offset, text)
+        if key in values:
+            raise model.card.error(setting.offset, f"{key} of the model {model.name} is given twice: leave one out")
         values[key] = home.number(model.card, setting.values[0])
     return values
 
 
 def modelled_resistor(
     model: Model, scope: Scope, ohms: float | None, length: float | None, width: float | None, card: Card
-) -> tuple[float, float, float, float]:
-    """Resistance of a resistor with a model, its temperature coefficients, and the temperature they count from."""
-    values = model_values(model, scope, _RESISTOR_KEYS)
+) -> tuple[float, float, float, float, float]:
+    """Return ohms, tc1, tc2 of a resistor with a model, the temperature that they count from, and tce."""
+    exponential = card.rules.words.exponential_coefficient
+    values = model_values(model, scope, _RESISTOR_KEYS | ({"tce"} if exponential else set()))
     if ohms is None:
         ohms = _from_model(values, length, width, card, model)
     elif card.rules.model_factor:
         ohms *= values.get("r", 1.0)
-    return ohms, values.get("tc1", 0.0), values.get("tc2", 0.0), values.get("tnom", math.nan)
+    first, second = values.get("tc1", 0.0), values.get("tc2", 0.0)
+    return ohms, first, second, values.get("tnom", math.nan), values.get("tce", 0.0)
 
 
 def _from_model(values: dict[str, float], length: float | None, width: float | None, card: Card, model: Model) -> float:

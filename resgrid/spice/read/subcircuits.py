@@ -11,10 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import BudgetError, InputError
-from resgrid.spice.read.cards import Card, Setting, settings, split_call, tokenise
+from resgrid.spice.read.assignments import assignments
+from resgrid.spice.read.cards import Card, Setting, joined_names, split_call, tokenise
 from resgrid.spice.read.commands import Contents
 from resgrid.spice.read.diagnostics import CardError
-from resgrid.spice.read.elements import letter_of, multiplier, read_element
+from resgrid.spice.read.elements import letter_of, multiplier, read_element, refuse_temperature
+from resgrid.spice.read.expressions import names_in
 from resgrid.spice.read.scopes import Block, Scope
 from resgrid.spice.read.spectre import PRIMITIVES, word_for
 from resgrid.spice.read.tables import RESISTIVE, WIDTHS, Elements, NodeTable, Part, order_of, widened
@@ -25,6 +27,8 @@ FREE_GROWTH, MAX_GROWTH = 500_000, 5000
 """Elements that a deck may grow to whatever its size, and per card beyond."""
 
 _OWN_MULTIPLIER = re.compile(r"^[^vs].*[\s,]m\s*=", re.IGNORECASE)
+
+_BLANK_NAME = re.compile(r'"[^"]*\s[^"]*"')
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,11 +56,13 @@ class Flat:
 class Expander:
     """Flattens blocks, each once per set of parameters.
 
-    `nominal`: the deck's nominal temperature, in degrees Celsius; `used`: names of blocks that are called.
+    `nominal`: the deck's nominal temperature, in degrees Celsius; `heating`: how far its temperature lies above
+    that, in kelvin; `used`: names of blocks that are called.
     """
 
     contents: Contents
     nominal: float
+    heating: float = 0.0
     used: set[str] = field(default_factory=set)
     _flats: dict[tuple[Scope, Block, tuple[tuple[str, float], ...]], Flat] = field(default_factory=dict)
     _calls: dict[Card, Call] = field(default_factory=dict)
@@ -64,7 +70,8 @@ class Expander:
 
     def elements(self) -> Elements:
         """Elements of a block, none yet."""
-        return Elements(NodeTable(self.contents.grounds, exact=self.contents.rules.instances), self.nominal)
+        nodes = NodeTable(self.contents.grounds, exact=self.contents.rules.instances)
+        return Elements(nodes, self.nominal, self.heating)
 
     def fill(self, scope: Scope, elements: Elements, cards: Iterable[Card]) -> None:
         """Read the cards of a block into its elements, calls expanded."""
@@ -73,6 +80,8 @@ class Expander:
         for card in cards:
             try:
                 letter = letter_of(card, scope.block)
+                if card.rules.refusals.blank_names and (match := _BLANK_NAME.search(card.text)):
+                    self._note_blank(card, match.group(), match.start())
                 if letter == "x":
                     call = self._call(card, scope.block)
                     if call.name.lower() in names:
@@ -91,6 +100,15 @@ class Expander:
                 f"{', '.join(sorted(set(elements.nodes.clashes)))} and nodes that differ by case alone are different "
                 f"nodes in {self.contents.rules.name}, one here: rename some"
             )
+
+    def _note_blank(self, card: Card, name: str, offset: int) -> None:
+        """Note a blank in a quoted name, by its consequence for the dialect's simulator."""
+        rules, diagnostics = card.rules, self.contents.diagnostics
+        if rules.refusals.blank_names == "fails":
+            diagnostics.refuse(card.spot(offset), f"{rules.name} cuts the quoted name {name} at its blank, and stops")
+        else:
+            text = f"it is not known here whether {rules.name} reads the blank in the quoted name {name}"
+            diagnostics.doubt(card.spot(offset), text)
 
     def check_size(self, limit: int | None) -> None:
         """Refuse decks that call themselves or grow beyond measure, before anything is expanded."""
@@ -128,7 +146,8 @@ class Expander:
     def _call(self, card: Card, block: Block) -> Call:
         if card in self._calls:
             return self._calls[card]
-        positional, tail = split_call(tokenise(card))
+        tokens = tokenise(card)
+        positional, tail = split_call(joined_names(card, tokens, len(tokens)))
         if len(positional) < 2 or any(token.kind not in ("word", "string") for token in positional):
             raise card.error(None, f"{card.text.split()[0]} needs its nodes and the name of a subcircuit")
         instance, *terminals, name = positional
@@ -141,23 +160,26 @@ class Expander:
         if len(nodes) != len(target.ports):
             text = f"{instance.text} has {len(nodes)} node(s), but {target.name} has {len(target.ports)}"
             raise card.error(name.offset, text)
-        call = Call(card, instance.text, nodes, target, tuple(settings(card, tail)))
+        for port, node in zip(target.ports, nodes, strict=True):
+            grounds = self.contents.grounds - self.contents.common
+            if port.lower() in grounds and node.lower() not in grounds:
+                text = f"the terminal {port} of {target.name} is ground itself, and {node} is not: rename the terminal"
+                raise card.error(name.offset, text)
+        pairs = assignments(card, tail)
+        self.contents.note_comma(card, pairs)
+        call = Call(card, instance.text, nodes, target, tuple(pairs))
         self._calls[card] = call
         return call
 
     def _given(self, call: Call, scope: Scope) -> tuple[dict[str, float], float]:
+        """Return the values that a call gives to the subcircuit's parameters, and the number of copies in parallel."""
         rules, block = call.card.rules, call.block
         given: dict[str, float] = {}
         factor = 1.0
         named: dict[str, set[str]] = {}
-        for setting in call.given:
+        for setting in self._ordered(call, scope):
             names = named.setdefault(setting.key, set())
-
-            def looked_up(name: str, names: set[str] = names) -> float | None:
-                names.add(name)
-                return scope.parameter(name)
-
-            value = scope.number(call.card, setting.values[0], looked_up)
+            value = self._given_value(call, setting, scope, given, names)
             if setting.key == "m" and "m" not in block.defaults:
                 factor = multiplier(call.card, value)
                 if rules.replaces_multipliers:
@@ -171,9 +193,51 @@ class Expander:
             self._refuse_captured(call, scope, given, named)
         return given, factor
 
+    def _given_value(
+        self, call: Call, setting: Setting, scope: Scope, given: dict[str, float], names: set[str]
+    ) -> float:
+        """Evaluate one value of a call; enter the names that it refers to."""
+        inner: list[Scope] = []
+
+        def looked_up(name: str) -> float | None:
+            names.add(name)
+            value = scope.named(name)
+            if value is None and call.card.rules.words.inner_names and name != setting.key:
+                inner[:] = inner or [Scope(call.block, scope.diagnostics, scope, given)]
+                return inner[0].named(name)
+            return value
+
+        with scope.watched() as watch:
+            value = scope.number(call.card, setting.values[0], looked_up)
+        if watch.used:
+            refuse_temperature(call.card, setting.offset, f"{setting.key}= of {call.name}")
+        return value
+
+    def _ordered(self, call: Call, scope: Scope) -> list[Setting]:
+        """Return what a call gives, the last of several values of one name, each behind those that it refers to."""
+        last = {setting.key: setting for setting in call.given}
+        if not call.card.rules.words.inner_names or len(last) < 2:
+            return list(last.values())
+        ordered: dict[str, Setting] = {}
+
+        def visit(setting: Setting, path: tuple[str, ...]) -> None:
+            for name in sorted(names_in(setting.values[0].text)):
+                if name in last and name not in ordered and name not in path and not scope.defines(name):
+                    visit(last[name], (*path, name))
+            ordered.setdefault(setting.key, setting)
+
+        for setting in last.values():
+            visit(setting, (setting.key,))
+        return list(ordered.values())
+
     def _refuse_captured(self, call: Call, scope: Scope, given: dict[str, float], named: dict[str, set[str]]) -> None:
         """Refuse names in what a call gives that mean another value in the subcircuit, where they are looked up."""
-        doubtful = [(s, n) for s in call.given for n in named[s.key] - {s.key} if n in call.block.parameters]
+        doubtful = [
+            (setting, name)
+            for setting in call.given
+            for name in named[setting.key] - {setting.key}
+            if name in call.block.parameters and scope.defines(name)
+        ]
         if not doubtful:
             return
         inside = Scope(call.block, scope.diagnostics, scope, given)

@@ -148,11 +148,13 @@ Row = tuple[str, tuple[int, ...], tuple[float, ...], tuple[int, int]]
 class Elements:
     """Everything that a block holds: elements that came one by one, and in bulk.
 
-    `nominal`: the temperature at which resistors have their values, in degrees Celsius.
+    `nominal`: the temperature at which resistors have their values, in degrees Celsius; `heating`: how far the deck's
+    temperature lies above it, in kelvin.
     """
 
     nodes: NodeTable
     nominal: float
+    heating: float = 0.0
     rows: dict[str, list[Row]] = field(default_factory=lambda: {kind: [] for kind in WIDTHS})
     parts: dict[str, list[Part]] = field(default_factory=lambda: {kind: [] for kind in WIDTHS})
 

@@ -196,6 +196,7 @@ def result_in(folder: Path, simulator: str, version: str, status: int) -> Simula
     for name, kind, value in zip(raw.names, raw.kinds, raw.values[0].tolist(), strict=True):
         if kind in read:  # n_0_0 from v(n_0_0), v_obstacle from i(v_obstacle) or v_obstacle#branch
             inner = name[2:-1] if name[1:2] == "(" and name.endswith(")") else name
+            inner += ")" * (inner.count("(") - inner.count(")"))  # v(net-(r1) is what it writes for net-(r1)
             read[kind][inner.removesuffix("#branch")] = value
     return Simulation(read["voltage"], read["current"], simulator, version, complaints)
 

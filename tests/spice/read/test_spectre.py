@@ -19,8 +19,8 @@ global 0 vdd!
 parameters rload=2k \\
            half = rload/2
 subckt divider (in out)
-parameters r=1 scale=2.0
-r1 (in out) resistor r=r*scale
+parameters r=1 factor=2.0
+r1 (in out) resistor r=r*factor
 r2 (out 0) resistor r=r tc1=1e-3 m=2  // two in parallel
 ends divider
 model thin resistor tc1=2e-3
@@ -28,7 +28,7 @@ v1 (vdd! 0) vsource dc=1.5 type=dc
 i1 (0 b) isource dc=1m m=2
 x1 (vdd! mid) divider r=half
 x2 (mid
-+   b) divider r=(rload + 1K) scale=3
++   b) divider r=(rload + 1K) factor=3
 r3 b 0 thin r=1M
 c1 (b 0) capacitor c=1p
 l1 (b c) inductor l=1n

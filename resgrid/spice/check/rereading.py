@@ -1,0 +1,78 @@
+"""A deck's file as other simulators read it: the same bytes, by the rules of another dialect."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.errors import ResgridError
+from resgrid.spice.circuit import TOLERANCE, Circuit
+from resgrid.spice.dialects import DIALECTS
+from resgrid.spice.dialects.record import Dialect
+from resgrid.spice.read.deck import read_with
+
+_MOST_BYTES = 20_000_000
+"""Size of the files of a deck, in bytes, beyond which they are not read again."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rereading:
+    """A deck's file by the rules of a simulator.
+
+    `circuit`: what these rules make of it, None where they make nothing; `why`: the first error then; `fails`: whether
+    the simulator certainly gives no answer.
+    """
+
+    circuit: Circuit | None
+    why: str = ""
+    fails: bool = False
+
+
+def reread(deck: Circuit, dialect: Dialect) -> Rereading:
+    """Read the file of a deck by the rules of a dialect; a deck without a file is taken as it was read."""
+    if dialect.name == deck.dialect or deck.dialect not in DIALECTS:
+        return Rereading(deck)
+    if DIALECTS[deck.dialect].reading.instances and not dialect.reading.instances:
+        return Rereading(None, f"the file is in the language of {DIALECTS[deck.dialect].label}", fails=True)
+    files = [Path(name) for name in deck.files]
+    if not _are_small(files):
+        return Rereading(deck)
+    rules = dialect.reading.spice or dialect.reading
+    try:
+        root = os.path.commonpath([file.resolve().parent for file in files])
+        return Rereading(read_with(files[0], dialect=dialect.name, root=root, rules=rules))
+    except ResgridError as error:
+        return Rereading(None, str(error).splitlines()[0])
+
+
+def first_difference(
+    names: tuple[Circuit, Circuit], volts: tuple[NDArray[np.float64], NDArray[np.float64]]
+) -> tuple[str, float] | None:
+    """Return the node whose voltage differs most between two readings of a file, and by how much; None without one.
+
+    Shapes: `volts` (nodes,) each.
+    """
+    first, second = (
+        {name.lower(): value for name, value in zip(circuit.node_names, found.tolist(), strict=True)}
+        for circuit, found in zip(names, volts, strict=True)
+    )
+    size = float(np.nanmax(np.abs(volts[0]), initial=0.0))
+    shared = [name for name in first if name in second and np.isfinite(first[name])]
+    errors = {name: abs(first[name] - second[name]) for name in shared if np.isfinite(second[name])}
+    worst = max(errors, key=lambda name: errors[name], default="")
+    if worst and errors[worst] > TOLERANCE * size:
+        return worst, errors[worst]
+    missing = [name for name in first if np.isfinite(first[name]) and not np.isfinite(second.get(name, np.nan))]
+    return (missing[0], np.inf) if missing else None
+
+
+def _are_small(files: list[Path]) -> bool:
+    """Return whether files can be read once more."""
+    try:
+        return bool(files) and sum(file.stat().st_size for file in files) <= _MOST_BYTES
+    except OSError:
+        return False

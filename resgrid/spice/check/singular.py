@@ -1,0 +1,61 @@
+"""Whether elimination finds the matrix of a circuit singular where a part of it floats.
+
+A floating part has a singular block.  Elimination as in ngspice's Sparse 1.3 multiplies by the reciprocal of the pivot,
+so that rounding may leave a small last pivot instead of zero: the block is then solved as if it were regular, with any
+voltages in it and right ones elsewhere.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.spice.circuit import Circuit
+
+_MOST = 50
+"""Number of floating parts that are examined."""
+
+Singular = Literal["yes", "no", "unknown"]
+
+
+def singularity(circuit: Circuit) -> Singular:
+    r"""Return whether elimination finds a zero pivot in a floating part of a circuit.
+
+    Examples
+    --------
+    >>> import io
+    >>> deck = "* t\nV1 in 0 1\nR1 in 0 1k\nR2 a b {}\n"
+    >>> [singularity(Circuit.of(rg.read_spice(io.StringIO(deck.format(ohms))))) for ohms in ("1k", "49")]
+    ['yes', 'no']
+    """
+    if not circuit.is_floating.any():
+        return "no"
+    parts, sizes = np.unique(circuit.part[circuit.is_floating], return_counts=True)
+    if sizes.min() == 1:
+        return "yes"
+    if len(parts) > _MOST:
+        return "unknown"
+    found = {_of_part(circuit, np.flatnonzero(circuit.part == part)) for part in parts.tolist()}
+    return "yes" if "yes" in found else "unknown" if "unknown" in found else "no"
+
+
+def _of_part(circuit: Circuit, nodes: NDArray[np.int64]) -> Singular:
+    """Return the answer for one floating part.  Shapes: `nodes` (n,)."""
+    inside = {kind: np.isin(ends, nodes).all(axis=1) for kind, ends in circuit.ends.items()}
+    if inside["nonlinear resistor"].any():
+        return "unknown"
+    if not inside["resistor"].any():  # one node, or nodes that sources alone join: sums of ones, which are exact
+        return "yes"
+    if len(nodes) > 2 or inside["voltage source"].any():
+        return "unknown"
+    ohms = circuit.resistance[inside["resistor"]]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        conductances = 1.0 / ohms
+    # The order of summation in the simulator is not known; both orders have to agree.
+    totals = {float(sum(order)) for order in (conductances.tolist(), conductances[::-1].tolist())}
+    pivots = {total - total * (1.0 / total) * total if total else 0.0 for total in totals}
+    if not np.isfinite(list(pivots)).all():
+        return "unknown"
+    return "yes" if pivots == {0.0} else "unknown" if 0.0 in pivots else "no"
