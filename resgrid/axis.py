@@ -83,8 +83,13 @@ class Axis:
         return np.linspace(self.lower, self.upper, self.cells + 1)
 
 
-def split_points(axes: Sequence[Axis], point: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Cells and positions within them, in [0, 1], of points in axis units (..., ndim); `ConfigurationSpace.split`."""
+def split_points(
+    axes: Sequence[Axis], point: ArrayLike, reach: ArrayLike | None = None
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Cells and positions within them, in [0, 1], of points in axis units (..., ndim); `ConfigurationSpace.split`.
+
+    `reach` (ndim,): as of `rounding_errors`; a point that lies outside by no more than that error is on the border.
+    """
     points = np.asarray(point, dtype=np.float64)
     if points.shape[-1:] != (len(axes),):
         raise InputError(f"a point of this space has {len(axes)} coordinates, got {points.tolist()!r}")
@@ -92,7 +97,7 @@ def split_points(axes: Sequence[Axis], point: ArrayLike) -> tuple[NDArray[np.int
     scaled = (points - lower) / spacing
     with np.errstate(invalid="ignore"):
         scaled = np.where([axis.periodic for axis in axes], np.mod(scaled, size), scaled)
-    slack = [4 * np.spacing(max(abs(axis.lower), abs(axis.upper))) / axis.spacing for axis in axes]
+    slack = rounding_errors(axes, reach)
     inside = np.all((scaled >= np.negative(slack)) & (scaled <= size + slack), axis=-1)
     if not np.all(inside):
         wrong = np.atleast_2d(points)[~np.atleast_1d(inside)][0]
@@ -102,7 +107,21 @@ def split_points(axes: Sequence[Axis], point: ArrayLike) -> tuple[NDArray[np.int
     return cells, np.clip(scaled - cells, 0.0, 1.0)
 
 
-def rounding(axes: Sequence[Axis]) -> NDArray[np.float64]:
-    """Share of a cell's width by which coordinates may be off, (ndim,): 1e-9, or, far from 0, what they round to."""
-    largest = np.array([max(abs(axis.lower), abs(axis.upper)) for axis in axes])
-    return np.asarray(np.maximum(1e-9, 8 * np.spacing(largest) / [axis.spacing for axis in axes]))
+def rounding_errors(axes: Sequence[Axis], reach: ArrayLike | None = None) -> NDArray[np.float64]:
+    """Return the largest rounding error of coordinates as fractions of a cell's width, shape (ndim,).
+
+    `reach` (ndim,): largest size of a coordinate on its way between world and space (`Frame.reach`); that of the axes
+    by default.
+    """
+    largest = largest_coordinates(axes) if reach is None else np.asarray(reach, dtype=np.float64)
+    return np.asarray(8 * np.spacing(largest) / [axis.spacing for axis in axes])
+
+
+def rounding(axes: Sequence[Axis], reach: ArrayLike | None = None) -> NDArray[np.float64]:
+    """Return the tolerance for positions as fractions of a cell's width: 1e-9, or `rounding_errors` if that is more."""
+    return np.asarray(np.maximum(1e-9, rounding_errors(axes, reach)))
+
+
+def largest_coordinates(axes: Sequence[Axis]) -> NDArray[np.float64]:
+    """Return the largest absolute value on every axis, shape (ndim,)."""
+    return np.array([max(abs(float(axis.lower)), abs(float(axis.upper))) for axis in axes])

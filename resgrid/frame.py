@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import cos, sin
+from math import cos, hypot, sin
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import checked
-from resgrid.axis import Coordinate
+from resgrid.axis import Axis, Coordinate, largest_coordinates
 from resgrid.errors import InputError
 
 
@@ -90,6 +91,20 @@ class Frame:
         """Components along the axes of vectors given in the world, shape (..., ndim)."""
         world = np.array(vectors, dtype=np.float64)
         return world if self.yaw == 0 else self._turned(world, self._rotation)
+
+    def reach(self, axes: Sequence[Axis]) -> NDArray[np.float64]:
+        """Return the largest size of a coordinate on its way between world and space, per axis, shape (ndim,).
+
+        Its spacing in floating point bounds the rounding error of `to_world` and `from_world`: a map in UTM coordinates
+        of 5e6 m rounds to 1e-9 m, however near 0 its own axes lie.
+        """
+        largest = largest_coordinates(axes)
+        if self.is_world:
+            return largest
+        offset = np.abs((self.x, self.y, self.yaw * (self.turning_length or 0.0))[: len(largest)])
+        if self.yaw != 0:
+            largest[:2], offset[:2] = hypot(*largest[:2]), hypot(*offset[:2])
+        return np.asarray(largest + offset)
 
     @cached_property
     def _rotation(self) -> NDArray[np.float64]:

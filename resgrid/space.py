@@ -12,13 +12,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import checked, real_numbers
-from resgrid.axis import Axis, rounding, split_points
+from resgrid.axis import Axis, rounding, rounding_errors, split_points
 from resgrid.errors import InputError
 from resgrid.frame import Frame
 from resgrid.frozen import frozen, picture_html
 from resgrid.grids import box_around, label_regions
 
 MAX_DIMENSIONS = 4
+_COARSEST = 0.125
+"""Largest rounding error of a coordinate, as a fraction of a cell's width."""
 
 
 class Cell(IntEnum):
@@ -107,11 +109,13 @@ class ConfigurationSpace:
             "cell": cells,
             "conductivity": None if conductivity is None else _checked_conductivity(cells.shape, conductivity),
             "frame": _checked_frame(axes, Frame() if frame is None else frame),
-            "goal_points": None if goal_points is None else _checked_goal_points(axes, cells, goal_points),
+            "goal_points": None,
             "robot": robot,
         }
         for name, part in parts.items():
             object.__setattr__(self, name, part)
+        if goal_points is not None:
+            object.__setattr__(self, "goal_points", _checked_goal_points(self, goal_points))
 
     def __repr__(self) -> str:
         cells = " x ".join(map(str, self.shape))
@@ -271,12 +275,30 @@ class ConfigurationSpace:
 
         This is the grid's own arithmetic: what comes from a person goes through `from_world` first.
         """
-        return split_points(self.axes, point)
+        return split_points(self.axes, point, self.frame.reach(self.axes))
+
+    @cached_property
+    def rounding(self) -> NDArray[np.float64]:
+        """Tolerance for positions as fractions of a cell's width, shape (ndim,).
+
+        It is 1e-9, or the rounding error of coordinates far from the origin of the axes or of the world.
+        """
+        return rounding(self.axes, self.frame.reach(self.axes))
+
+    @cached_property
+    def rounding_errors(self) -> NDArray[np.float64]:
+        """Largest rounding error of coordinates as fractions of a cell's width, shape (ndim,)."""
+        return rounding_errors(self.axes, self.frame.reach(self.axes))
 
 
 def _checked_frame(axes: tuple[Axis, ...], frame: Frame) -> Frame:
     if not frame.is_world and len(axes) != (2 if frame.turning_length is None else 3):
         raise InputError(f"only a plane may be moved or turned in the world, and this space has {len(axes)} axes")
+    if not frame.is_world and np.any(rounding_errors(axes, frame.reach(axes)) > _COARSEST):
+        raise InputError(
+            f"the frame lies so far from the world's origin ({frame.x:g}, {frame.y:g}) that rounding cannot tell cells "
+            "apart; move the origin of the world towards the map"
+        )
     return frame
 
 
@@ -307,14 +329,13 @@ def _checked_conductivity(shape: tuple[int, ...], value: ArrayLike) -> NDArray[n
     return conductivity
 
 
-def _checked_goal_points(axes: tuple[Axis, ...], cell: NDArray[np.uint8], value: ArrayLike) -> NDArray[np.float64]:
+def _checked_goal_points(space: ConfigurationSpace, value: ArrayLike) -> NDArray[np.float64]:
     points = np.array(value, dtype=np.float64, order="C")
-    cells = np.argwhere(cell == Cell.GOAL)
+    cells = np.argwhere(space.cell == Cell.GOAL)
     if points.shape != cells.shape:
         raise InputError(f"goal_points have shape {points.shape}, but the goal cells need {cells.shape}")
-    lower, step = np.array([(axis.lower, axis.spacing) for axis in axes]).T
-    local = (points - lower) / step - cells
-    outside = np.any(np.abs(local - 0.5) > 0.5 + rounding(axes), axis=1)
+    local = (points - space.lower) / space.spacing - cells
+    outside = np.any(np.abs(local - 0.5) > 0.5 + space.rounding, axis=1)
     outside |= np.isinf(points).any(axis=1) | (np.isnan(points).any(axis=1) != np.isnan(points).all(axis=1))
     if outside.any():
         first = int(np.argmax(outside))

@@ -151,5 +151,5 @@ def _line(start: Sequence[float], run: rg.Run) -> str:
     solves = counted(len(run.lessons), "re-solve")
     learnt = f", {counted(int(run.learnt.sum()), 'cell')} learnt in {solves}" if run.lessons else ""
     contacts = f", {counted(len(run.contacts.step), 'contact')}" if len(run.contacts.step) else ""
-    why = "" if str(run.ending) == "arrived" else f": {run.message}"
+    why = "" if str(run.ending) == "arrived" and not run.goal_distance > 0 else f": {run.message}"
     return f"{head}{contacts}{learnt}{why}"

@@ -162,7 +162,10 @@ class Controller:
                 raise InputError(
                     f"the configuration {point.tolist()} is not finite: stop the robot, check its encoders"
                 )
-            self.field.space.split(point)
+            space = self.field.space
+            cell, local = space.split(point)  # raises, unless rounding alone took the point across the border
+            within = np.clip(local, space.rounding_errors, 1.0 - space.rounding_errors)
+            return self.seen(space.lower + (cell + within) * space.spacing)
         return Nominal(_PLACES[status], velocity, np.inf)
 
     def limited(self, velocity: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -55,7 +55,8 @@ def contact_forces(
     if found is None:
         return np.zeros_like(velocity), forces, False
     forces[used, 0] = found[: len(used)] / unit[: len(used)]
-    forces[used[rubs], 1] = (found[plus] - found[minus]) / unit[plus]
+    most_tangential = friction * forces[used[rubs], 0]  # rounding may leave a force outside the cone of friction
+    forces[used[rubs], 1] = np.clip((found[plus] - found[minus]) / unit[plus], -most_tangential, most_tangential)
     return velocity + speed * (found @ give), forces * (speed / most), True
 
 

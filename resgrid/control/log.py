@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.control.contact import Contacts
+from resgrid.control.goal_distance import goal_distance
 from resgrid.control.plant import PAIR, Plant
 from resgrid.frame import Frame
 from resgrid.frozen import frozen, picture_html
@@ -18,6 +19,9 @@ from resgrid.scene.scene import Scene
 from resgrid.space import ConfigurationSpace
 
 Vector = NDArray[np.float64]
+
+_AT_GOAL = 1e-8
+"""Distance from a goal that counts as none, as a fraction of the robot's motion across a cell."""
 
 
 class Mode(IntEnum):
@@ -153,6 +157,10 @@ class Run:
     penetration : float
         Deepest entry of the robot into an obstacle, in any row and on the straight lines between rows, under exact
         geometry, in metres; a run with any has the ending ``"entered"``, whatever else it came to.
+    goal_distance : float
+        Distance from the nearest goal at the end, 0 inside it: for a goal that is a place, of the robot's reference
+        point (an arm's tip) in metres; for a cell or joint angles, in axis units; NaN where it is not known.  A robot
+        that does not know its configuration exactly may arrive in a goal cell and still be outside the goal.
     unsolved : int
         Steps in which no contact forces could be solved for, so that the robot stood still.
     scene : Scene or None
@@ -183,6 +191,7 @@ class Run:
     space: ConfigurationSpace
     field: Field
     penetration: float
+    goal_distance: float = float("nan")
     unsolved: int = 0
     scene: Scene | None = None
 
@@ -241,10 +250,15 @@ class Recorder:
         penetration = plant.deepest(places)
         if penetration > 0.0:
             end, goal = End(Ending.ENTERED, f"the robot entered an obstacle by {penetration:.3g} m"), None
+        away = goal_distance(space, places[-1], scene)
+        if not away > _AT_GOAL * (plant.cell_motion + float(np.linalg.norm(space.spacing))):
+            away = min(away, 0.0)  # rounding error; NaN stays
+        outside = end.ending is Ending.ARRIVED and away > 0.0
+        message = f"the robot is in a goal cell, but {away:.3g} outside the goal itself" if outside else end.message
         unsolved = f"; in {self._unsolved} steps no contact forces were known, and the robot stood still"
         return Run(
             ending=end.ending,
-            message=end.message + (unsolved if self._unsolved else ""),
+            message=message + (unsolved if self._unsolved else ""),
             goal=goal,
             time=np.array(time),
             configuration=space.to_world(places),
@@ -258,6 +272,7 @@ class Recorder:
             space=space,
             field=field,
             penetration=penetration,
+            goal_distance=away,
             unsolved=self._unsolved,
             scene=scene,
         )

@@ -74,6 +74,7 @@ def run_record(run: Run) -> dict[str, Any]:
         "contacts": len(run.contacts.step),
         "parts_touched": np.unique(run.contacts.part),
         "penetration": run.penetration,
+        "goal_distance": run.goal_distance,
         "unsolved": run.unsolved,
     }
 

@@ -31,7 +31,10 @@ def resample(drawing: Drawing) -> Drawing:
     fresh = drawing_of(build_scene(drawing.world, "the workspace", Path()))
     if fresh.axes != drawing.axes:
         raise InputError("the workspace has other joints than the drawing")
-    return replace(drawing, cell=fresh.cell, level=fresh.level, palette=fresh.palette, world=fresh.world)
+    return replace(
+        drawing, cell=fresh.cell, level=fresh.level, palette=fresh.palette, world=fresh.world,
+        goal_points=fresh.goal_points,
+    )  # fmt: skip
 
 
 def poses(frame: Frame) -> list[list[Any]]:

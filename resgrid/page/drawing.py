@@ -23,6 +23,11 @@ MOST_CELLS = 1 << 20
 """Cells of the largest grid that the page draws."""
 
 _LEVELS = 64
+_MOST_GOAL_POINTS = 50_000
+"""Goal cells with a point of their own; with more, messages would grow too long, and cells are goals as a whole."""
+
+_INSIDE = 1e-9
+"""Distance from the border of its cell, as a fraction of the cell's width, so that a point belongs to that cell."""
 
 
 @frozen
@@ -34,7 +39,8 @@ class Drawing:
     (n, 2): in axis units; `k`: share of the Dirichlet field; `wall`: ohms before the obstacle rail, 0 for none;
     `driven`: whether the first start drives open obstacles in place of the uniform drive; `chip`: the scene's table;
     `world`: of an arm the document of its scene, from whose workspace the cells were sampled; `broken`: resistors that
-    are open, as cells (i, j) and the axis across whose lower face they lie.
+    are open, as cells (i, j) and the axis across whose lower face they lie; `goal_points`: configurations that solve
+    the goal, where it is more than a cell: cell numbers in C order, and points in axis units.
     """
 
     title: str
@@ -50,12 +56,17 @@ class Drawing:
     chip: Mapping[str, Any] | None = None
     world: Mapping[str, Any] | None = None
     broken: tuple[tuple[int, int, int], ...] = ()
+    goal_points: tuple[tuple[int, float, float], ...] = ()
 
     @property
     def space(self) -> ConfigurationSpace:
-        """Its cells, as they were drawn."""
+        """Its cells, as they were drawn; paths end where the scene's own do (`ConfigurationSpace.goal_points`)."""
         costs = np.array(self.palette)[self.level] if self.level.any() or self.palette[0] != 1.0 else None
-        return ConfigurationSpace(self.axes, self.cell, costs)
+        points = np.full((*self.cell.shape, 2), np.nan)
+        for number, *point in self.goal_points:
+            points.reshape(-1, 2)[number] = point
+        own = points[self.cell == Cell.GOAL] if self.goal_points else None
+        return ConfigurationSpace(self.axes, self.cell, costs, goal_points=own)
 
     @property
     def problem(self) -> Problem:
@@ -91,7 +102,10 @@ class Drawing:
         document["sampling"] = "centre"
         document["grid"] = {"axes": [_axis_table(axis) for axis in self.axes]}
         document["obstacle"] = [self._rectangle(*box) for box in boxes(self.cell == Cell.OBSTACLE)]
-        document["goal"] = [{"cell": cell} for cell in np.argwhere(self.cell == Cell.GOAL).tolist()]
+        points = {number: {"point": point} for number, *point in self.goal_points}
+        numbers = np.flatnonzero(self.cell == Cell.GOAL).tolist()
+        cells = np.argwhere(self.cell == Cell.GOAL).tolist()
+        document["goal"] = [points.get(number, {"cell": cell}) for number, cell in zip(numbers, cells, strict=True)]
         document["area"] = [
             {**self._rectangle(*box), "conductivity": value}
             for number, value in enumerate(self.palette)
@@ -159,6 +173,7 @@ def drawing_of(scene: Scene) -> Drawing:
         chip=_changed(chip),
         broken=tuple(tuple(place) for place in broken),
         world=None if scene.robot.base is None or scene.map is not None else document,
+        goal_points=_goal_points(space),
     )
 
 
@@ -183,7 +198,20 @@ def drawing_of_space(space: ConfigurationSpace) -> Drawing:
     check_size(list(space.shape))
     palette, level = _palette(space)
     edge: tuple[EdgeRule, ...] = tuple("periodic" if axis.periodic else "obstacle" for axis in space.axes)
-    return Drawing("", space.axes, edge, space.cell, level, palette, np.empty((0, 2)))
+    none = np.empty((0, 2))
+    return Drawing("", space.axes, edge, space.cell, level, palette, none, goal_points=_goal_points(space))
+
+
+def _goal_points(space: ConfigurationSpace) -> tuple[tuple[int, float, float], ...]:
+    """Goal cells with a configuration that solves the goal: their numbers, and points 1e-9 of a cell inside them."""
+    cells = np.argwhere(space.cell == Cell.GOAL)
+    points = space.goal_point(cells)
+    known = ~np.isnan(points).any(axis=1) & (len(cells) <= _MOST_GOAL_POINTS)
+    local = np.clip((points - space.lower) / space.spacing - cells, _INSIDE, 1.0 - _INSIDE)
+    inside = space.lower + (cells + local) * space.spacing
+    numbers = np.flatnonzero(space.cell == Cell.GOAL)
+    rows = zip(numbers[known].tolist(), inside[known].tolist(), strict=True)
+    return tuple((number, x, y) for number, (x, y) in rows)
 
 
 def blank(cells: int = 96) -> Drawing:

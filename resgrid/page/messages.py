@@ -58,6 +58,7 @@ class DrawingHead(Table):
     chip: dict[str, Any] = Field(default_factory=dict)
     world: dict[str, Any] | None = None
     broken: Annotated[list[Annotated[tuple[int, int, int], Strict(False)]], Len(0, 1000)] = Field(default_factory=list)
+    goal_points: list[Annotated[tuple[int, float, float], Strict(False)]] = Field(default_factory=list)
 
 
 class File(Table):
@@ -115,7 +116,7 @@ def read_drawing(head: DrawingHead | None, body: bytes) -> Drawing:
     keys = {
         key: value
         for key, value in head.model_dump().items()
-        if key not in {"axes", "edge", "palette", "starts", "broken"}
+        if key not in {"axes", "edge", "palette", "starts", "broken", "goal_points"}
     }
     return Drawing(
         axes=tuple(Axis(**axis.model_dump()) for axis in head.axes),
@@ -124,6 +125,9 @@ def read_drawing(head: DrawingHead | None, body: bytes) -> Drawing:
         level=level,
         palette=tuple(head.palette),
         broken=tuple(head.broken),
+        goal_points=tuple(
+            row for row in head.goal_points if 0 <= row[0] < code.size and code.flat[row[0]] == Cell.GOAL
+        ),
         starts=np.array(head.starts, dtype=np.float64).reshape(-1, 2),
         **keys,
     )
@@ -146,6 +150,7 @@ def write_drawing(drawing: Drawing) -> tuple[dict[str, Any], bytes]:
         "driven": drawing.driven,
         "chip": dict(drawing.chip or {}),
         "broken": [list(place) for place in drawing.broken],
+        "goal_points": [list(row) for row in drawing.goal_points],
         "world": None if drawing.world is None else dict(drawing.world),
     }
     return {"drawing": head, "goals": goals}, (drawing.cell | drawing.level << 2).tobytes()

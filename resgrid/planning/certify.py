@@ -9,7 +9,6 @@ from numbers import Integral, Real
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.axis import rounding
 from resgrid.errors import CertificateError, InputError
 from resgrid.planning.clearance import clearance_of, face_shares
 from resgrid.planning.streamline import AnyPath, Outcome, Streamline, length_of
@@ -95,9 +94,9 @@ def _check_kinds(path: Streamline) -> None:
             raise CertificateError(f"{name} is no number: {getattr(path, name)!r}")
     if path.goal is not None and (isinstance(path.goal, bool) or not isinstance(path.goal, Integral)):
         raise CertificateError(f"goal is no number of a region: {path.goal!r}")
-    within = np.abs(_local(path) - 0.5) <= 0.5 + rounding(space.axes)
+    within = np.abs(_local(path) - 0.5) <= 0.5 + space.rounding
     _require(within, lambda number: f"point {number} lies outside its cell {_plain(path.point_cells[number])}")
-    if leg and np.any(np.abs(points[-1:] - last) > rounding(space.axes) * space.spacing):
+    if leg and np.any(np.abs(points[-1:] - last) > space.rounding * space.spacing):
         raise CertificateError(f"the path ends at {points[-1].tolist()}, not at the goal point {last[0].tolist()}")
 
 
@@ -165,7 +164,7 @@ def _check_crossings(path: Streamline) -> tuple[NDArray[np.int64], NDArray[np.in
 
     leads = (changed.sum(axis=1) == 1) & (beyond == there[number, axis])
     _require(leads, lambda step: f"step {step}: the face that was crossed does not lead from {between(step)}")
-    on_face = np.abs(entered - (side < 0)) <= rounding(space.axes)[axis]
+    on_face = np.abs(entered - (side < 0)) <= space.rounding[axis]
     _require(on_face, lambda step: f"step {step}: the crossing does not lie on the face between its cells")
     along = side * path.field.faces_of(here)[0][(side > 0).astype(np.int64), number, axis] > 0
     _require(along, lambda step: f"step {step}: no current runs from {between(step)}")
@@ -193,9 +192,9 @@ def _check_descent(path: Streamline) -> None:
 def _check_extent(path: Streamline) -> None:
     """Length and clearance, from the points in coordinates without a seam."""
     space, field, line = path.space, path.field, path.line
-    slack = 2.0 * float(np.linalg.norm(rounding(space.axes) * space.spacing))
+    slack = 2.0 * float(np.linalg.norm(space.rounding * space.spacing))
     length = length_of(line)
-    if not abs(length - path.length) <= slack * len(line):
+    if not abs(length - path.length) <= slack * len(path.axis_points):
         raise CertificateError(f"the length is {length}, not {path.length}")
     clearance = clearance_of(line, space, field.edge, field.obstacle_reach)
     if clearance != path.clearance and not abs(clearance - path.clearance) <= slack:
@@ -220,7 +219,7 @@ def _check_motion(path: Streamline, axis: Integers, side: Integers) -> None:
     positions that a point may stand for.
     """
     local = _local(path)
-    steps, slack = np.arange(len(axis)), _SLACK * rounding(path.space.axes)
+    steps, slack = np.arange(len(axis)), _SLACK * path.space.rounding
     direction, log_current = path.field.faces_of(path.cells[:-1].astype(np.int64))
     scale = log_current.max(axis=(0, 2))
     lower, upper = direction * np.exp(log_current - scale[:, np.newaxis])
@@ -352,7 +351,7 @@ def certify_free(path: AnyPath) -> None:
 
 def _check_segments(scaled: NDArray[np.float64], space: ConfigurationSpace) -> None:
     """Refuse points outside the grid, and segments around an axis so long that nobody could look at all their cells."""
-    slack = rounding(space.axes)
+    slack = space.rounding
     outside = np.any(~space.periodic & ((scaled < -slack) | (scaled > space.shape + slack)), axis=1)
     if outside.any():
         raise CertificateError(f"point {int(np.argmax(outside))} lies outside the grid")
@@ -365,7 +364,7 @@ def _touched(start: NDArray[np.float64], end: NDArray[np.float64], space: Config
     border = np.concatenate([[0.0], face_shares(start, end), [1.0]])
     shares = np.concatenate([border, (border[:-1] + border[1:]) / 2])
     at = start + shares[:, np.newaxis] * (end - start)
-    rim = rounding(space.axes)
+    rim = space.rounding
     options = np.stack([np.floor(at - rim), np.floor(at + rim)]).astype(np.int64)
     corners = [options[np.array(pick), :, np.arange(len(start))].T for pick in product((0, 1), repeat=len(start))]
     return set(map(tuple, np.concatenate(corners).tolist()))
@@ -381,7 +380,7 @@ def _free(cells: Cells, space: ConfigurationSpace) -> Cells:
 
 
 def _holds(cell: tuple[int, ...], point: NDArray[np.float64], space: ConfigurationSpace) -> bool:
-    return bool(np.all(np.abs(point - cell - 0.5) <= 0.5 + rounding(space.axes)))
+    return bool(np.all(np.abs(point - cell - 0.5) <= 0.5 + space.rounding))
 
 
 def _joined(start: Cells, among: Cells) -> Cells:

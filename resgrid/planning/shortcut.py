@@ -10,12 +10,11 @@ from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from resgrid.arguments import Natural, NotNegative
-from resgrid.axis import rounding
 from resgrid.errors import InputError
 from resgrid.planning.certify import certify_free
 from resgrid.planning.clearance import clearance_of
 from resgrid.planning.fields import Field
-from resgrid.planning.streamline import Outcome, ShortPath, Streamline, length_of
+from resgrid.planning.streamline import Outcome, ShortPath, Streamline, distinct_rows, length_of
 from resgrid.space import Cell
 
 Sight = Callable[[NDArray[np.float64], NDArray[np.float64]], bool]
@@ -76,6 +75,7 @@ def shorten(
         raise InputError(f"this path ended with '{path.outcome}': only one that reached a goal can be shortened")
     clear = _line_of_sight(path.field, default_clearance(path) if clearance is None else clearance)
     points = _greedy(_random_chords(_greedy(path.line, clear), clear, rounds, seed), clear)
+    points = points[distinct_rows(points, 0.5 * path.space.rounding * path.space.spacing)]
     short = ShortPath(
         axis_points=points,
         length=min(length_of(points), length_of(path.line)),
@@ -100,7 +100,8 @@ def _line_of_sight(field: Field, clearance: float) -> Sight:
     blocked = (space.cell == Cell.OBSTACLE).ravel()
     free = ~blocked
     shape, periodic = np.array(space.shape, dtype=np.int64), space.periodic
-    lower, spacing, rim = space.lower, space.spacing, float(rounding(space.axes).max())
+    lower, spacing = space.lower, space.spacing
+    rim = 2.0 * float(space.rounding.max())  # so that certify_free also passes what was rounded to world coordinates
 
     def clear(start: NDArray[np.float64], end: NDArray[np.float64]) -> bool:
         if not kernels.segment_is_free((start - lower) / spacing, (end - lower) / spacing, free, shape, periodic, rim):

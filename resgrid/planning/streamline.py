@@ -59,10 +59,11 @@ class Streamline:
     axis_points : ndarray of float64, shape (n, ndim)
         The start; every crossing of a cell face, the last one on the goal cell's; and the configuration within the
         goal cell that solves the goal, where the space names one (``ConfigurationSpace.goal_points``).  In axis units,
-        as they were computed, each within its cell.
+        as they were computed, each within its cell.  Where the streamline starts on a face, or passes through an edge
+        or a corner, several of them coincide; `points` and `line` hold each place once.
     cells : ndarray of int64, shape (m, ndim)
-        The cells visited, from the start's to the goal cell entered.  Point ``i`` is where cell ``i`` is entered; with
-        a last leg, straight from there to the goal, there is one point more than cells, in the last cell too.
+        The cells visited, from the start's to the goal cell entered.  Row ``i`` of `axis_points` is where cell ``i`` is
+        entered; with a last leg, straight from there to the goal, there is one row more than cells, in the last cell.
     outcome : Outcome
         How it ended.
     goal : int or None
@@ -108,7 +109,7 @@ class Streamline:
     def __repr__(self) -> str:
         end = f"{self.outcome}" + ("" if self.goal is None else f" goal {self.goal}")
         measures = f"length {self.length:.4g}, clearance {self.clearance:.4g}"
-        return f"<Streamline {end}: {len(self.axis_points):,} points, {measures}>"
+        return f"<Streamline {end}: {len(self.line):,} points, {measures}>"
 
     _repr_html_ = picture_html
 
@@ -119,8 +120,8 @@ class Streamline:
 
     @cached_property
     def points(self) -> NDArray[np.float64]:
-        """The same points in the world, shape (n, ndim)."""
-        return _in_world(self.axis_points, self.space)
+        """Places that the streamline passes, each once, in the world, shape (m, ndim), m <= n."""
+        return _in_world(self.axis_points[self._places], self.space)
 
     @property
     def reason(self) -> str | None:
@@ -135,12 +136,22 @@ class Streamline:
 
     @property
     def point_cells(self) -> NDArray[np.int64]:
-        """The cell of every point, shape (n, ndim); segment ``i`` runs in the cell of point ``i``."""
+        """Cell of every row of `axis_points`, shape (n, ndim); the segment that begins there runs in it."""
         return np.concatenate([self.cells, self.cells[-1:]])[: len(self.axis_points)]
 
     @cached_property
     def line(self) -> NDArray[np.float64]:
-        """Its points in axis units, continuous across periodic seams, shape (n, ndim).
+        """Places that the streamline passes, each once, in axis units, continuous across seams, shape (m, ndim)."""
+        return np.asarray(self._crossings[self._places])
+
+    @cached_property
+    def _places(self) -> NDArray[np.int64]:
+        """Rows of `axis_points` that remain where several coincide within rounding, shape (m,)."""
+        return distinct_rows(self._crossings, 0.5 * self.space.rounding * self.space.spacing)
+
+    @cached_property
+    def _crossings(self) -> NDArray[np.float64]:
+        """All rows of `axis_points`, continuous across periodic seams, shape (n, ndim).
 
         Nothing is guessed from distances: a point that enters a cell on its lower face came upwards, one on its upper
         face downwards, so every step across a seam is known, in a ring of two cells too.
@@ -289,6 +300,25 @@ def robot_of(path: AnyPath) -> Robot:
     if not isinstance(robot, Robot):
         raise InputError(f"the robot of this space is {with_article(type(robot).__name__)}, which is no resgrid.Robot")
     return robot
+
+
+def distinct_rows(points: NDArray[np.float64], tolerance: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the rows that remain when rows within a tolerance of the one kept before are left out.
+
+    The first and the last row remain; if the whole path lies within the tolerance, the first alone.
+    Shapes: `points` (n, ndim); `tolerance` (ndim,); returns (m,), ascending.
+    """
+    kept, row = np.ones(len(points), dtype=np.bool_), 0
+    for near in (np.flatnonzero(np.all(np.abs(np.diff(points, axis=0)) <= tolerance, axis=1)) + 1).tolist():
+        if near <= row:
+            continue
+        row, reference = near, points[near - 1]
+        while row < len(points) and np.all(np.abs(points[row] - reference) <= tolerance):
+            kept[row] = False
+            row += 1
+    rows = np.flatnonzero(kept)
+    rows[1:][-1:] = len(points) - 1
+    return rows
 
 
 def length_of(points: NDArray[np.float64]) -> float:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.arguments import NotNegative, check_number, per_axis
 from resgrid.errors import InputError
 from resgrid.frozen import frozen
-from resgrid.planning.streamline import AnyPath, Polyline, robot_of, unwrap
+from resgrid.planning.streamline import AnyPath, Polyline, distinct_rows, robot_of, unwrap
 from resgrid.space import ConfigurationSpace
 
 Limits = float | Sequence[float] | NDArray[np.float64]
@@ -195,8 +195,7 @@ def _load(name: str, limits: Limits, path: AnyPath) -> Load:
 
 def _distinct(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """The points without repetitions of the one before."""
-    moved = np.any(np.diff(points, axis=0) != 0, axis=1)
-    return np.asarray(points[np.append(True, moved)])
+    return np.asarray(points[distinct_rows(points, np.zeros(points.shape[1]))])
 
 
 def _straightened(points: NDArray[np.float64], within: float) -> NDArray[np.float64]:

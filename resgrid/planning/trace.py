@@ -223,18 +223,22 @@ def basins(field: Field) -> NDArray[np.int32]:
 def start_cells(
     space: ConfigurationSpace, points: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Cell and position within it of a start, all (n, ndim); one on a border is in a free cell if it touches one."""
+    """Return cells and positions within them of starts, all (n, ndim).
+
+    A start in an obstacle cell belongs to a free neighbour if it lies on their common border, rounding error included.
+    """
     cells, local = space.split(points)
-    size = np.array(space.shape)
-    for step in product((0, 1), repeat=space.ndim):
+    size, slack = np.array(space.shape), space.rounding_errors
+    for step in sorted(product((0, -1, 1), repeat=space.ndim), key=np.count_nonzero):
         beyond = np.array(step)
-        touched = (space.cell[tuple(cells.T)] == Cell.OBSTACLE) & np.all((local == 0) | (beyond == 0), axis=1)
-        neighbour = cells - beyond
-        touched &= np.all((neighbour >= 0) | space.periodic, axis=1)
+        on_border = (beyond == 0) | np.where(beyond < 0, local <= slack, local >= 1.0 - slack)
+        touched = (space.cell[tuple(cells.T)] == Cell.OBSTACLE) & np.all(on_border, axis=1)
+        neighbour = cells + beyond
+        touched &= np.all(((neighbour >= 0) & (neighbour < size)) | space.periodic, axis=1)
         neighbour %= size
         touched &= space.cell[tuple(neighbour.T)] != Cell.OBSTACLE
         cells[touched] = neighbour[touched]
-        local[touched] = np.where(beyond == 1, 1.0, local[touched])
+        local[touched] = np.where(beyond == 0, local[touched], np.where(beyond < 0, 1.0, 0.0))
     return cells, local
 
 

@@ -16,7 +16,7 @@ def located(axes: tuple[Axis, ...], frame: Frame, point: Point, key: str) -> tup
     """Cell that a point of the world lies in, and the point in the coordinates of the space."""
     inside = frame.from_world(point)
     try:
-        cell, local = split_points(axes, inside)
+        cell, local = split_points(axes, inside, frame.reach(axes))
     except InputError:
         turned = "" if frame.is_world else f", which is {inside.round(6).tolist()} in the map's frame,"
         words = f"the point {list(point)}{turned} lies outside the grid ({extent_of(axes)})"

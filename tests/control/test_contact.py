@@ -11,6 +11,7 @@ from support.robots import BAR
 
 from resgrid.axis import Axis
 from resgrid.control.contact import Surroundings, solve_contacts, surroundings
+from resgrid.control.forces import contact_forces
 from resgrid.control.plant import PAIR, make_plant, plant_of
 from resgrid.errors import InputError
 from resgrid.robots import (
@@ -160,6 +161,21 @@ def test_a_force_inside_the_friction_cone_sticks() -> None:
         assert felt.sticking.tolist() == [sticks]
         np.testing.assert_allclose(felt.velocity, [0.0 if sticks else 1 - mu, 0.0], atol=1e-12)
         np.testing.assert_allclose(felt.force, [[-1.0 if sticks else -mu, 1.0]], atol=1e-12)
+
+
+def test_no_force_leaves_the_cone_of_friction() -> None:
+    """Rounding included: a contact without normal force rubs nothing, and is none that presses."""
+    rng = np.random.default_rng(5)
+    for _ in range(400):
+        count, ndim = int(rng.integers(1, 7)), int(rng.integers(2, 4))
+        normal, tangent = rng.normal(size=(2, count, ndim)) * 10 ** rng.uniform(-3, 1, size=(2, count, 1))
+        if count > 1 and rng.random() < 0.5:
+            normal[1] = normal[0] * rng.uniform(0.5, 2.0) + 10 ** rng.uniform(-12, -6) * rng.normal(size=ndim)
+        mu = float(rng.uniform(0.05, 1.5))
+        velocity, none = rng.normal(size=ndim), np.zeros(count)
+        _, forces, _ = contact_forces(normal, tangent, none, velocity, np.eye(ndim), mu)
+        assert np.all(forces[:, 0] >= 0.0)
+        assert np.all(np.abs(forces[:, 1]) <= mu * forces[:, 0] * (1.0 + 1e-15))
 
 
 @settings(max_examples=100)

@@ -44,6 +44,39 @@ def test_an_example_is_the_same_scene_after_it_was_saved(name, tmp_path):
     same(drawing_of(rg.read_scene(file)), drawing)
 
 
+@pytest.mark.parametrize("name", examples())
+def test_the_page_and_the_command_line_follow_the_same_path(name, tmp_path):
+    """A path goes on to the point that solves the goal, on the page, in the file that it saves, and in the scene."""
+    scene = open_example(name)
+    if scene.drive == "start":
+        return
+    drawing = replace(drawing_of(scene), k=0.0)
+    head, body = write_drawing(drawing)
+    shown = solve_drawing(read_drawing(DrawingHead.model_validate(head["drawing"]), body), exact=True).paths
+    file = tmp_path / "scene.toml"
+    file.write_bytes(save(drawing, "toml")[1])
+    own, saved = (rg.plan(each, k=0.0).paths() for each in (scene, rg.read_scene(file)))
+    assert [path.outcome for path in shown] == [path.outcome for path in own] == [path.outcome for path in saved]
+    for others in (own, saved):
+        np.testing.assert_allclose([path.length for path in shown], [path.length for path in others], rtol=1e-8)
+        for path, other in zip(shown, others, strict=True):
+            np.testing.assert_allclose(
+                path.axis_points, other.axis_points, rtol=0, atol=1e-8 * path.space.spacing.max()
+            )
+
+
+def test_a_goal_that_is_painted_over_keeps_the_points_of_its_other_cells():
+    drawing = drawing_of(open_example("rooms"))
+    numbers = [number for number, *_ in drawing.goal_points]
+    assert numbers == np.flatnonzero(drawing.cell == rg.Cell.GOAL).tolist()
+    cell = drawing.cell.copy()
+    cell.flat[numbers[::2]] = rg.Cell.FREE
+    head, body = write_drawing(replace(drawing, cell=cell))
+    assert [number for number, *_ in read_drawing(DrawingHead.model_validate(head["drawing"]), body).goal_points] == (
+        numbers[1::2]
+    )
+
+
 def test_there_are_examples_and_each_is_a_plane():
     assert {"rooms", "lesson", "ring"} <= set(examples())
     assert "voxels" not in examples()

@@ -155,7 +155,7 @@ def test_nonsense_gets_a_clear_answer_and_harms_nothing(served, head, said):
         (lambda head, body: (head, body[:-1]), "bytes"),
         (lambda head, body: (head, b"\xff" + body[1:]), "none of free"),
         (lambda head, body: (head | {"chip": {"resistance": "soft"}}, body), "resistance"),
-        (lambda head, body: (head | {"edge": ["open", "open"]}, body), "k = 0"),
+        (lambda head, body: (head | {"goal_points": [[54, 0.5, 0.5]]}, body), "does not lie in its cell"),
     ],
 )
 def test_a_wrong_drawing_gets_a_clear_answer(served, change, said):
@@ -165,6 +165,18 @@ def test_a_wrong_drawing_gets_a_clear_answer(served, change, said):
         socket.recv(timeout=PATIENCE)
         answer, _ = ask(socket, {"type": "solve", "drawing": drawing}, body)
         assert said in answer["error"] and answer["kind"] != "fault"
+
+
+def test_a_grid_that_nothing_drives_has_an_outcome(served):
+    """Without an obstacle and with open edges nothing flows at k = 1; the message names what helps."""
+    request, body = about("solve", blank(8))
+    drawing = request["drawing"] | {"edge": ["open", "open"]}
+    with dial(served) as socket:
+        socket.recv(timeout=PATIENCE)
+        (path,) = ask(socket, {"type": "solve", "drawing": drawing}, body)[0]["paths"]
+        assert path["outcome"] == "no_current" and "k = 0" in path["message"]
+        (path,) = ask(socket, {"type": "solve", "drawing": drawing | {"k": 0.5}}, body)[0]["paths"]
+        assert path["outcome"] == "reached"
 
 
 def test_a_huge_message_is_refused_and_others_are_served(served):

@@ -47,6 +47,16 @@ def test_a_ball_of_voxels() -> None:
     assert off[~model & (np.abs(distance - 8.5) < 0.5)].mean() < 2.0
 
 
+@pytest.mark.parametrize(("radius", "mean"), [(5, 8.0), (9, 7.3), (12.5, 6.5)])
+def test_the_honest_limits_on_a_ball(radius: float, mean: float) -> None:
+    """As documented: 6 to 8 degrees on average beside a ball, single cells up to 31, and 1 to 2 degrees farther out."""
+    model, distance, true = ball(radius, 3, margin=3)
+    off = degrees_off(rg.surface_normals(model), true)
+    beside = off[binary_dilation(model) & ~model]
+    assert 6.0 < beside.mean() < mean and 15.0 < beside.max() < 31.0
+    assert 0.5 < off[~model & (np.abs(distance - radius - 2.5) < 0.5)].mean() < 1.9
+
+
 def test_the_gradient_is_that_of_a_dense_laplacian() -> None:
     """Central differences of a potential found with no code of the package, on cells twice as long as wide."""
     rng = np.random.default_rng(3)

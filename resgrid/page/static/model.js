@@ -16,6 +16,7 @@
  * @property {object | null} world of an arm, the document of its scene
  * @property {Uint8Array} cells one byte a cell, x first: 1 for an obstacle, + 4 x number of its conductivity
  * @property {number[][]} goals cell numbers of every goal; goals stand on top of cells
+ * @property {number[][]} [goal_points] cell numbers of goals that are more than a cell, each with the point where a path ends
  */
 
 export const OBSTACLE = 1;

@@ -348,9 +348,9 @@ export class Page {
     const { scene } = this.model;
     if (!scene?.world) return;
     try {
-      const { palette, goals, cells } = readScene(...await this.wire.ask({ type: "world" }, scene));
+      const { palette, goals, cells, goal_points } = readScene(...await this.wire.ask({ type: "world" }, scene));
       const now = this.model.scene;
-      if (now?.world && areSame(["axes"], now, scene) && areSame(["robot"], now.world, scene.world)) this.model.show({ palette, goals, cells });
+      if (now?.world && areSame(["axes"], now, scene) && areSame(["robot"], now.world, scene.world)) this.model.show({ palette, goals, cells, goal_points });
     } catch (error) {
       this.#complain(error);
     }

@@ -71,7 +71,10 @@ export const withGoal = (scene, cell) => ({ ...scene, goals: [...scene.goals, [n
 /** @param {Scene} scene @param {number[]} cell */
 export const withStart = (scene, cell) => ({ ...scene, starts: [...scene.starts, centreOf(scene, cell)] });
 /** @param {Scene} scene @param {"goals" | "starts"} list @param {number} number */
-export const without = (scene, list, number) => ({ ...scene, [list]: scene[list].filter((_, n) => n !== number) });
+export const without = (scene, list, number) => ({ ...(list === "goals" ? whole(scene, number) : scene), [list]: scene[list].filter((_, n) => n !== number) });
+
+/** A scene in which the cells of a goal are the goal as a whole. @param {Scene} scene @param {number} number @returns {Scene} */
+const whole = (scene, number) => ({ ...scene, goal_points: (scene.goal_points ?? []).filter(([cell]) => !scene.goals[number].includes(cell)) });
 
 /** A goal moved by whole cells, as far as it stays on the grid. @param {Scene} scene @param {number} number @param {number[]} by */
 export function goalMoved(scene, number, by) {
@@ -82,7 +85,7 @@ export function goalMoved(scene, number, by) {
     return Math.max(-Math.min(...places), Math.min(sizeOf(scene)[a] - 1 - Math.max(...places), step));
   });
   const moved = cells.map((cell) => numberOf(scene, /** @type {number[]} */ (insideOf(scene, [cell[0] + within[0], cell[1] + within[1]]))));
-  return { ...scene, goals: scene.goals.map((goal, n) => (n === number ? moved : goal)) };
+  return { ...whole(scene, number), goals: scene.goals.map((goal, n) => (n === number ? moved : goal)) };
 }
 
 /** A start moved to the centre of a cell. @param {Scene} scene @param {number} number @param {number[]} cell */

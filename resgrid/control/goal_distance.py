@@ -1,0 +1,76 @@
+"""How far a robot is from the goal region itself: a goal cell may hold configurations that do not solve the goal."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.control.exits import goal_offset
+from resgrid.robots import Ball, Box, Robot, Shape
+from resgrid.robots.geometry import Part, obstacles_of
+from resgrid.scene.goals import Goal, GoalCell, GoalJoints, GoalPoint
+from resgrid.scene.scene import Scene
+from resgrid.scene.world import to_space
+from resgrid.space import Cell, ConfigurationSpace
+
+Vector = NDArray[np.float64]
+
+
+def goal_distance(space: ConfigurationSpace, configuration: Vector, scene: Scene | None) -> float:
+    """Return the distance of a configuration in axis units, shape (ndim,), from the nearest goal; 0 inside one.
+
+    For a goal that is a place (a shape or a point of the workspace) this is the distance of the robot's reference
+    point, an arm's tip, from it, in units of the workspace.  For a cell or joint angles it is a distance in axis units.
+    Without a scene it is the distance to the point of the space's own goal cell; NaN outside all goal cells.
+    """
+    if scene is not None and scene.goals:
+        return min(_distance(scene, space, goal, configuration) for goal in scene.goals)
+    cell = tuple(space.split(_wrapped(space, configuration))[0].tolist())
+    if space.cell[cell] != Cell.GOAL:
+        return float("nan")
+    return float(np.linalg.norm(goal_offset(space, _wrapped(space, configuration))))
+
+
+def _distance(scene: Scene, space: ConfigurationSpace, goal: Goal, configuration: Vector) -> float:
+    """The distance of a configuration from one goal of a scene."""
+    robot, frame, width = scene.robot, space.frame, space.spacing
+    match goal:
+        case GoalCell(cell):
+            corner = space.lower + np.array(cell) * width
+            return _from_box(space, configuration, corner, corner + width)
+        case GoalJoints(lower, upper):
+            shape: Shape = Box(lower, upper)
+            is_place = not frame.is_world
+        case GoalPoint(point):
+            place = tuple(np.asarray(frame.from_world(point)).tolist())
+            if robot.base is None and len(place) == space.ndim != 2:
+                return _from_box(space, configuration, np.array(place), np.array(place))
+            return _from_place(robot, space, Ball(place, 0.0), configuration)
+        case _:
+            shape, is_place = goal, goal.ndim == 2
+    if is_place:
+        return _from_place(robot, space, to_space(shape, frame), configuration)
+    return _from_box(space, configuration, *map(np.array, shape.bounds))
+
+
+def _from_place(robot: Robot, space: ConfigurationSpace, shape: Shape, configuration: Vector) -> float:
+    """Distance of the robot's reference point from a shape of the workspace along the axes."""
+    import shapely
+
+    at = robot.reference_point(_wrapped(space, configuration)[np.newaxis])
+    point = Part(np.asarray(shapely.points(at)), 0.0)
+    copies = obstacles_of([shape], robot.workspace_axes(space.axes))
+    return min((float(copy.distance(point)[0]) for copy in copies), default=float("nan"))
+
+
+def _from_box(space: ConfigurationSpace, configuration: Vector, lower: Vector, upper: Vector) -> float:
+    """Distance from a box in configuration space, in axis units; the shorter way around periodic axes."""
+    turn = np.where(space.periodic, space.upper - space.lower, 0.0)
+    at = _wrapped(space, configuration) + np.multiply.outer([-1.0, 0.0, 1.0], turn)
+    return float(np.linalg.norm(np.maximum(np.maximum(lower - at, at - upper), 0.0).min(axis=0)))
+
+
+def _wrapped(space: ConfigurationSpace, configuration: Vector) -> Vector:
+    """The configuration within the range of periodic axes."""
+    turn = space.upper - space.lower
+    return np.asarray(np.where(space.periodic, space.lower + np.mod(configuration - space.lower, turn), configuration))
