@@ -91,7 +91,7 @@ def _require_own_map(job: Job, queries: Sequence[Query], file: str) -> None:
     """Refuse queries of another map, which may have the same size; a map from a pipe has no name."""
     cells = job.scene.map
     own = None if cells is None else Path(cells.table["file"])
-    if own is None or own.suffix != ".map":
+    if own is None or own.suffix.lower() != ".map":
         return
     for query in queries:
         name = PurePosixPath(query.map.replace("\\", "/")).name

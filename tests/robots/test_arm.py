@@ -397,6 +397,7 @@ def test_progress_is_told_up_to_the_end():
         (lambda: Arm((1.0,), (float("nan"),)), r"widths\[0\] = nan"),
         (lambda: Arm((1.0, 1.0), (0.1,)), "needs 2 widths"),
         (lambda: Arm((1.0,), limits=((2.0, 1.0),)), r"links\[0\]: limits = \[2.0, 1.0\] are reversed"),
+        (lambda: Arm((1.0,), limits=((1.0, 1.0),)), r"links\[0\]: limits = \[1.0, 1.0\] leave the joint no room"),
         (lambda: Arm((1.0,), base=(0.0, float("inf"))), "base"),
         (lambda: Arm((1.0,), angles="both"), "'relative' or 'absolute'"),
         (lambda: Arm((1.0, 1.0), singularity_cells=1, singularity_width=0.1), "not both"),
