@@ -203,7 +203,8 @@ def _deep_values(image: Image, data: bytes, layout: tuple[int, int] | None, path
             lower = Pillow.open(BytesIO(data))
         assert isinstance(lower, ImageFile.ImageFile)
         ((codec, extent, offset, unpacking),) = lower.tile
-        lower.tile = [(codec, extent, offset, _DEEP_COLOURS[str(unpacking)])]  # type: ignore[list-item]  # before 11
+        # A plain tuple: before version 11 Pillow has no other.
+        lower.tile = [(codec, extent, offset, _DEEP_COLOURS[str(unpacking)])]  # type: ignore[list-item]
         return _joined(np.asarray(image), np.asarray(lower))
     deep: NDArray[Any] = np.asarray(image).astype(np.int64)
     if deep.min() < 0 or deep.max() > 65535:
