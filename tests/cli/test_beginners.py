@@ -70,7 +70,7 @@ def test_keys_and_files_that_make_no_difference_are_reported(call, desk):
     said = call("path", "map.pgm", "--goal", "5,5", "--start", "9,9").stderr
     assert "map.yaml" in said
     said = call("path", "arena.map", "--queries", "arena.scen").stderr
-    assert "arena.scen names the map 'maps/other.map', and this is 'arena'" in said
+    assert "these queries are for the map 'other.map', and this is 'arena.map'" in said
 
 
 def test_a_study_reports_options_under_its_own_names(scenes):
