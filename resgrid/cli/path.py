@@ -132,4 +132,11 @@ def _timed(route: Route, speed: tuple[float, ...], acceleration: tuple[float, ..
     """A route with its times, at `rate` samples a second if that is given."""
     velocity, change = (limits[0] if len(limits) == 1 else limits for limits in (speed, acceleration))
     motion = rg.time_path(cast("AnyPath", route.path), velocity_limits=velocity, acceleration_limits=change or None)
-    return replace(route, path=motion if rate is None else motion.resampled(rate))
+    whole = replace(route, path=motion)
+    if rate is None:
+        return whole
+    sampled = replace(route, path=motion.resampled(rate))
+    if sampled.clearance == 0.0 != whole.clearance and route.reached:
+        place = f"start {place_of(route.start)}, k = {route.k:g}"
+        say(f"{place}: straight lines between samples at --rate {rate:g} meet an obstacle; give a higher rate")
+    return sampled

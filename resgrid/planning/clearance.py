@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -88,11 +86,14 @@ def _nearest_centres(space: ConfigurationSpace, clear: NDArray[np.bool_]) -> NDA
 def split_at_faces(points: NDArray[np.float64], space: ConfigurationSpace) -> NDArray[np.float64]:
     """A polyline (n, ndim) in units of cells (m, ndim), with a point wherever it crosses a border between cells."""
     scaled = (points - space.lower) / space.spacing
-    parts = [scaled[:1]]
-    for start, end in pairwise(scaled):
-        shares = np.append(face_shares(start, end), 1.0)
-        parts.append(start + shares[:, np.newaxis] * (end - start))
-    return np.concatenate(parts)
+    cells_touched = np.ceil(np.maximum(scaled[:-1], scaled[1:])) - np.floor(np.minimum(scaled[:-1], scaled[1:]))
+    parts, done = [], 0
+    for number in np.flatnonzero(np.any(cells_touched > 1, axis=1)).tolist():  # the others stay within one cell
+        start, end = scaled[number], scaled[number + 1]
+        shares = face_shares(start, end)
+        parts += [scaled[done : number + 1], start + shares[:, np.newaxis] * (end - start)]
+        done = number + 1
+    return np.concatenate([*parts, scaled[done:]])
 
 
 def face_shares(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -62,6 +62,12 @@ def test_the_figures_of_a_timed_path_are_those_of_its_points(answer, scenes, tmp
             assert path["clearance"] == pytest.approx(clearance_from(points, space), abs=1e-9)
 
 
+def test_samples_that_are_too_few_are_reported(call, scenes):
+    words = ("path", scenes / "rooms.toml", "--k", "1", "--shorten", "--speed", "0.8")
+    assert "straight lines between samples at --rate 0.2 meet an obstacle" in call(*words, "--rate", "0.2").stderr
+    assert call(*words, "--rate", "20").stderr == ""
+
+
 def test_a_clearance_of_ones_own_is_kept_or_the_streamlines(answer, lesson):
     plain = answer("path", lesson)["paths"][0]
     kept = answer("path", lesson, "--shorten", "--keep-clearance", "0.3")["paths"][0]
