@@ -164,6 +164,7 @@ def _check_start(space: ConfigurationSpace, cell: tuple[int, ...]) -> None:
     if len(cell) != space.ndim or not all(0 <= i < n for i, n in zip(cell, space.shape, strict=True)):
         raise InputError(f"the start cell {cell} is not in the grid of {space.shape} cells")
     if space.cell[cell] != Cell.FREE:
-        raise InputError(f"the start cell {cell} is an {Cell(space.cell[cell]).name.lower()} cell; it must be free")
+        kind = "an obstacle cell" if space.cell[cell] == Cell.OBSTACLE else "a goal cell"
+        raise InputError(f"the start cell {cell} is {kind}; it must be free")
     if not space.goal_connected[cell]:
         raise CircuitError(f"nothing is driven: no path of free cells joins the start cell {cell} to a goal")
