@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     "run",
     examples=(
         "resgrid run rooms.toml",
-        "resgrid run map.yaml --goal 5,0 --start=-5,-4 --robot-radius 0.3 --k 0.9 -o out/mine",
+        "resgrid run map.yaml --goal 5,0 --start=-5,-4 --robot-radius 0.3 -o out/mine",
     ),
 )
 @with_source()
