@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from resgrid.arguments import Between, Count
 from resgrid.chip.build import chip_keys, chip_with
-from resgrid.chip.figures import Figure, Proportion, Result
+from resgrid.chip.figures import Figure, Proportion, Result, table_lines
 from resgrid.chip.limits import Ladder, Limit, bits_ladder, find_limit, mismatch_ladder, offset_ladder
-from resgrid.chip.points import Served, groups_of, run_groups
+from resgrid.chip.points import Noises, Served, groups_of, run_groups
 from resgrid.chip.yields import Progress, overall_share
 from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import Netlist
@@ -44,8 +44,8 @@ EFFECTS: dict[str, dict[str, Any]] = {
 }
 """Effects of a chip, and the keys of its description without each of them."""
 
-_MOST_TRIALS, _LEAST_TRIALS, _CELLS = 400, 16, 2**20
-"""Default number of chips; large grids have fewer, for about a million cells of chips altogether.
+_MOST_TRIALS, _LEAST_TRIALS, _CELLS = 400, 16, 2**18
+"""Default number of chips; large grids have fewer, for about 260,000 cells of all chips of a kind.
 
 At least 381 chips without a failure are needed for a Wilson interval at 95 % that lies above 99 %.
 """
@@ -145,7 +145,7 @@ def analyse_yield_loss(
     operating point, or cannot be described, is left out.
 
     `target`: yield that the limits reach; `trials`: chips of each kind, by default 400, fewer for grids of more than
-    2600 cells; `confidence`: of the intervals; `executor`: trials are shared among its workers, and the numbers do not
+    650 cells; `confidence`: of the intervals; `executor`: trials are shared among its workers, and the numbers do not
     depend on it; `progress`: called after every kind of chip with the trials done, those expected, and a yield.
     """
     chip, space = chip or Chip(), netlist.cells.space
@@ -156,7 +156,8 @@ def analyse_yield_loss(
     points = {("", 0): chip} | {(name, 0): other for name, (_, other) in removed.items()}
     for ladder in (offsets, bits):
         points |= {(ladder.name, rung): ladder.chip_with(value) for rung, value in enumerate(ladder.values)}
-    groups = groups_of(netlist, points, count)
+    known: Noises = {}  # mismatch does not change the noise of the flawless chip
+    groups = groups_of(netlist, points, count, known)
     served: dict[tuple[str, int], Served] = {}
     done, expected = 0, (len(groups) + _BISECTED) * count
 
@@ -180,8 +181,10 @@ def analyse_yield_loss(
         tell(share_of(next(iter(results.values()))))
 
     def bisected(rung: int) -> Proportion:
+        if rung == 0 and ("mismatch", 0) in served:
+            return share_of(served["mismatch", 0])
         point = {rung: mismatches.chip_with(mismatches.values[rung])}
-        (group,) = run_groups(groups_of(netlist, point, count), starts, executor)
+        (group,) = run_groups(groups_of(netlist, point, count, known), starts, executor)
         tell(share_of(group[rung]))
         return share_of(group[rung])
 
@@ -247,3 +250,63 @@ def paired_interval(differences: NDArray[np.float64], confidence: float) -> tupl
         return -1.0, 1.0
     half = float(stdtrit(trials - 1, 0.5 + 0.5 * confidence) * differences.std(ddof=1) / np.sqrt(trials))
     return max(mean - half, -1.0), min(mean + half, 1.0)
+
+
+def loss_sentences(result: YieldLoss) -> tuple[str, ...]:
+    """Return what causes of yield loss mean for the chip, the answer first."""
+    mismatch = (cause for cause in result.causes if cause.name == "mismatch")
+    return (
+        _largest_loss(result),
+        *(f"Without its mismatch, the yield would change by {_change(cause)} percentage points." for cause in mismatch),
+        *(f"{_LIMITS[limit.name]} for {100 * limit.target:.4g} %: {limit.answer}." for limit in result.limits),
+        f"Each effect was switched off alone on the same {result.trials} dies, with the same offsets and noise "
+        f"otherwise; the intervals of the changes are those of paired differences at {100 * result.confidence:.4g} %. "
+        "Effects act together, so that changes do not add up.",
+    )
+
+
+def loss_table(result: YieldLoss) -> tuple[str, ...]:
+    """Return the causes as a table in Markdown, line by line."""
+    rows = (
+        (
+            f"{cause.name} ({', '.join(f'`{key}`' for key in cause.keys)})",
+            f"{100 * cause.share.value:.1f} %",
+            _change(cause),
+            f"{cause.changed}",
+        )
+        for cause in result.causes
+    )
+    return tuple(
+        table_lines(("switched off", "yield", "change, in points", f"chips changed, of {result.trials}"), rows)
+    )
+
+
+_LIMITS = {
+    "largest_mismatch": "Largest mismatch",
+    "largest_offset": "Largest offset",
+    "fewest_bits": "Fewest bits",
+}
+
+
+def _largest_loss(result: YieldLoss) -> str:
+    """Name the effects that surely cost yield, the largest first."""
+    now = f"{100 * result.overall.value:.1f} %"
+    losses = [cause for cause in result.causes if cause.low > 0]
+    if not losses:
+        return f"The yield is {now}; no single effect surely costs any of it."
+    first, *others = (f"{cause.name} ({_points(cause.gain)} points)" for cause in losses[:3])
+    also = f", then {' and '.join(others)}" if others else ""
+    return f"The yield is {now}; most is gained without {first}{also}."
+
+
+def _change(cause: Cause) -> str:
+    """Return the change of a yield with its interval, in percentage points."""
+    if not cause.changed:
+        return "0.00 (no chip changes)"
+    return f"{_points(cause.gain)} ({_points(cause.low)} to {_points(cause.high)})"
+
+
+def _points(share: float) -> str:
+    """Return a change of a yield in percentage points; no minus before zero."""
+    text = f"{100 * share:+.2f}"
+    return "0.00" if float(text) == 0 else text

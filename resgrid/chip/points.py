@@ -18,6 +18,7 @@ from resgrid.journal import Journal
 from resgrid.netlist import Netlist
 from resgrid.scene.chip import Chip, Readout
 
+Noises = dict[tuple[Chip, float], NDArray[np.float64]]
 Key = TypeVar("Key", bound=Hashable)
 
 
@@ -36,13 +37,18 @@ class Served(NamedTuple):
     random: bool
 
 
-def groups_of(netlist: Netlist, points: Mapping[Key, Chip], trials: int) -> list[Group[Key]]:
-    """Group points by the circuit of their chips."""
+def groups_of(
+    netlist: Netlist, points: Mapping[Key, Chip], trials: int, known: Noises | None = None
+) -> list[Group[Key]]:
+    """Group points by the circuit of their chips; `known`: noise of flawless chips, as in `prepare`."""
     kinds: dict[Chip, list[Key]] = {}
     for key, chip in points.items():
         load = Readout(input_resistance=chip.readout.input_resistance)
         kinds.setdefault(dataclasses.replace(chip, readout=load), []).append(key)
-    return [_group(netlist, kind, keys, [points[key].readout for key in keys], trials) for kind, keys in kinds.items()]
+    return [
+        _group(netlist, kind, keys, [points[key].readout for key in keys], trials, known)
+        for kind, keys in kinds.items()
+    ]
 
 
 def run_groups(
@@ -56,13 +62,15 @@ def run_groups(
             yield {key: Served(count if differ else count[:1], differ) for key, differ, count in points}
 
 
-def _group(netlist: Netlist, kind: Chip, keys: list[Key], readouts: Sequence[Readout], trials: int) -> Group[Key]:
+def _group(
+    netlist: Netlist, kind: Chip, keys: list[Key], readouts: Sequence[Readout], trials: int, known: Noises | None
+) -> Group[Key]:
     """Return the trials of one kind of chip, seen by several read-outs."""
     cells = netlist.cells
     random = [differs(kind) or bool(item.offset or item.noise_bandwidth) for item in readouts]
 
     def prepared() -> Experiment:
-        return prepare(ideal_netlist(cells.space, kind, cells.wiring), kind, readouts)
+        return prepare(ideal_netlist(cells.space, kind, cells.wiring), kind, readouts, known=known)
 
     series = Series(trials if any(random) else 1, len(readouts), prepared, f"chips of {kind},", random=any(random))
     return Group(keys, random, series)

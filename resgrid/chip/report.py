@@ -15,7 +15,7 @@ from resgrid.chip.build import value_text
 from resgrid.chip.criticality import Criticality
 from resgrid.chip.exploration import Sweep
 from resgrid.chip.figures import Figure, Result, figure_lines, formatted, table_lines
-from resgrid.chip.loss import Cause, YieldLoss, usual_trials
+from resgrid.chip.loss import loss_sentences, loss_table, usual_trials
 from resgrid.chip.precision import Precision
 from resgrid.chip.studies import Study, study
 from resgrid.die import end_names
@@ -122,68 +122,11 @@ def yield_loss_section(chip: Study, effort: Effort) -> Section:
     """What each effect costs, and how large mismatch and offset may be."""
     trials = min(usual_trials(chip.ideal.cells.space), effort.trials)
     result = chip.yield_loss(trials=trials, executor=effort.executor, progress=effort.progress)
-    text = (
-        _largest_loss(result),
-        *_loss_by_mismatch(result),
-        *(f"{_LIMITS[limit.name]} for {100 * limit.target:.4g} %: {limit.answer}." for limit in result.limits),
-        f"Each effect was switched off alone on the same {result.trials} dies, with the same offsets and noise "
-        f"otherwise; the intervals of the changes are those of paired differences at {result.confidence:.0%}. Effects "
-        "act together, so that changes do not add up.",
-    )
-    section = _section("yield_loss", result, text)
+    section = _section("yield_loss", result, loss_sentences(result))
     if not result.causes:
         return section
-    rows = (
-        (
-            f"{cause.name} ({', '.join(f'`{key}`' for key in cause.keys)})",
-            f"{100 * cause.share.value:.1f} %",
-            _change(cause),
-            f"{cause.changed}",
-        )
-        for cause in result.causes
-    )
-    head = ("switched off", "yield", "change, in points", f"chips changed, of {result.trials}")
     picture = Picture("yield_loss", "change of the yield when an effect is switched off", result, is_map=False)
-    return replace(section, table=tuple(table_lines(head, rows)), pictures=(picture,))
-
-
-_LIMITS = {
-    "largest_mismatch": "Largest mismatch",
-    "largest_offset": "Largest offset",
-    "fewest_bits": "Fewest bits",
-}
-
-
-def _largest_loss(result: YieldLoss) -> str:
-    """Name the effects that surely cost yield, the largest first."""
-    now = f"{100 * result.overall.value:.1f} %"
-    losses = [cause for cause in result.causes if cause.low > 0]
-    if not losses:
-        return f"The yield is {now}; no single effect surely costs any of it."
-    first, *others = (f"{cause.name} ({_points(cause.gain)} points)" for cause in losses[:3])
-    also = f", then {' and '.join(others)}" if others else ""
-    return f"The yield is {now}; most is gained without {first}{also}."
-
-
-def _loss_by_mismatch(result: YieldLoss) -> tuple[str, ...]:
-    """Say whether the mismatch of the chip matters."""
-    cause = next((cause for cause in result.causes if cause.name == "mismatch"), None)
-    if cause is None:
-        return ()
-    return (f"Without its mismatch, the yield would change by {_change(cause)} percentage points.",)
-
-
-def _change(cause: Cause) -> str:
-    """Return the change of a yield with its interval, in percentage points."""
-    if not cause.changed:
-        return "0.00 (no chip changes)"
-    return f"{_points(cause.gain)} ({_points(cause.low)} to {_points(cause.high)})"
-
-
-def _points(share: float) -> str:
-    """Return a change of a yield in percentage points; no minus before zero."""
-    text = f"{100 * share:+.2f}"
-    return "0.00" if float(text) == 0 else text
+    return replace(section, table=loss_table(result), pictures=(picture,))
 
 
 def precision_section(chip: Study, _effort: Effort) -> Section:
@@ -374,7 +317,9 @@ def seconds_needed(name: str, chip: Study, effort: Effort) -> float:
     """Roughly how long an analysis takes."""
     nodes = chip.netlist.node_count
     known = {"settling": 1 + 2e-5 * nodes, "noise": 1 + 2e-4 * nodes, "sensitivity": 1 + 1e-4 * nodes, "yield": 2.0}
-    return known.get(name, {"exploration": 5.0, "yield_loss": 5.0, "defects": effort.seconds}.get(name, 0.0))
+    return known.get(
+        name, {"exploration": 5.0, "yield_loss": 3 + 6e-3 * nodes, "defects": effort.seconds}.get(name, 0.0)
+    )
 
 
 def checkpoints_beside(folder: Path, chip: Study, sweep: Sequence[Sweep]) -> dict[str, Path]:

@@ -13,7 +13,7 @@ import base64
 import dataclasses
 import hashlib
 import zlib
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, MutableMapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass
@@ -187,16 +187,25 @@ def prepare(
     readouts: Sequence[Readout],
     seed: Seed | None = None,
     starts: NDArray[np.bool_] | None = None,
+    known: MutableMapping[tuple[Chip, float], NDArray[np.float64]] | None = None,
 ) -> Experiment:
-    """Do once what all trials share.  Shapes: `starts` as the space."""
+    """Precompute everything that does not depend on the trial.
+
+    Shapes: `starts` as the space.  `known`: noise of flawless chips of the same space, by the chip and the bandwidth;
+    new ones are added.
+    """
     cells = cells_with_nodes(netlist, "robots that see the read-out")
     mask = cells.space.goal_connected if starts is None else cells.space.goal_connected & starts
     if not mask.any():
         raise InputError("there is no start: no free cell has a way to a goal")
-    nominal = build_chip(netlist, dataclasses.replace(chip, mismatch=None, pelgrom=None, defects=Defects()))
-    op = solve(nominal)
-    bands = {readout.noise_bandwidth for readout in readouts} - {None}
-    noise = {band: _noise(op, chip, band) for band in bands if band is not None}
+    flawless = dataclasses.replace(chip, mismatch=None, pelgrom=None, defects=Defects())
+    op = solve(build_chip(netlist, flawless))
+    bands = {readout.noise_bandwidth for readout in readouts if readout.noise_bandwidth is not None}
+    known = {} if known is None else known
+    for band in bands:
+        if (flawless, band) not in known:
+            known[flawless, band] = _noise(op, chip, band)
+    noise = {band: known[flawless, band] for band in bands}
     converters = tuple(
         None if _is_ideal(readout) else converter_of(readout, cells, noise.get(readout.noise_bandwidth or 0.0))
         for readout in readouts
