@@ -108,6 +108,8 @@ class Contents:
         self.note_comma(card, pairs)
         for setting in pairs:
             self._refuse_name(card, setting.key, setting.offset)
+            if setting.key in block.parameters:
+                self._note_redefined(card, setting)
             block.defaults.add(setting.key)
             block.parameters[setting.key] = Definition(card, setting.values[0])
 
@@ -152,7 +154,9 @@ class Contents:
             parameters[setting.key] = Definition(card, setting.values[0])
 
     def _note_redefined(self, card: Card, setting: Setting) -> None:
-        """Note a second definition of a parameter."""
+        """Note a second definition of a parameter; raise CardError in a dialect that does not allow one."""
+        if card.rules.instances:
+            raise card.error(setting.offset, f"the parameter {setting.key} is defined twice: delete one definition")
         self._redefined = self._redefined or setting.key
         self.diagnostics.warn(card.spot(setting.offset), "a parameter is defined again: the last counts")
 
