@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from support.circuits import random_grid
 
+from resgrid.errors import BudgetError
 from resgrid.spice.check.predictions import Prediction, predict_simulators
 from resgrid.spice.circuit import Circuit
 from resgrid.spice.read.deck import read_spice
@@ -153,7 +154,10 @@ def test_a_file_that_ngspice_does_not_run_is_predicted_to_fail(tmp_path: Path, c
     for dialect in ("ngspice", "ltspice"):  # the file is judged, not the circuit that was read
         verdict = verdict_of(read_spice(path, dialect=dialect))
         assert verdict.outcome == "fails" and reason in " ".join(verdict.reasons), verdict
-    assert not simulate(content, direct=True).voltage
+    try:
+        assert not simulate(content, direct=True, timeout=3.0).voltage
+    except BudgetError:
+        assert "comma" in reason  # ngspice does not come to an end
 
 
 @pytest.mark.parametrize(
@@ -187,10 +191,9 @@ def test_no_simulator_is_right_where_no_answer_exists(tmp_path: Path, simulator:
     ("parts", "outcome"),
     [
         ("rx a b 1k\n", "wrong"),  # 1k times its reciprocal is 1
-        ("rx a b 49\n", "right"),  # 49 times its reciprocal is not, and the last pivot is not zero
-        ("rx a b 49\ncx c n1 1u\n", "wrong"),
-        ("rx a b 49\nry b c 49\n", "unsure"),
-        ("vx a b 1\n", "wrong"),
+        ("rx a b 93\n", "right"),  # 93 times its reciprocal is not, and the last pivot is not zero
+        ("rx a b 93\ncx c n1 1u\n", "wrong"),
+        ("rx a b 93\nry b c 93\n", "unsure"),
     ],
 )
 def test_rounding_decides_what_floating_nodes_cost(tmp_path: Path, parts: str, outcome: str) -> None:

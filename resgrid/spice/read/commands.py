@@ -117,7 +117,9 @@ class Contents:
         """Note a comma between definitions that stops the dialect's simulator."""
         place = misplaced_comma(card, pairs) if card.rules.refusals.commas else None
         if place is not None:
-            text = f"{card.rules.name} stops at a comma directly behind a value: write a blank instead"
+            text = (
+                f"{card.rules.name} does not come to an end at a comma directly behind a value: write a blank instead"
+            )
             self.diagnostics.refuse(card.spot(place), text)
 
     def _refuse_name(self, card: Card, key: str, offset: int) -> None:
