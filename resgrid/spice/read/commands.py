@@ -178,7 +178,14 @@ class Contents:
         if name in words.functions | card.rules.functions.keys() and not words.redefines_functions:
             text = f"{texts[0]} is a function of {DIALECTS[card.rules.name].label} itself: rename the function"
             raise card.error(tokens[0].offset, text)
-        self.block.functions[name] = Definition(card, self._body(card, body), arguments)
+        expression = self._body(card, body)
+        called = [
+            argument for argument in arguments if re.search(rf"\b{argument}\s*\(", expression.text, re.IGNORECASE)
+        ]
+        if called and card.rules.puts_in_text:
+            text = f"{card.rules.name} puts the argument {called[0]} in the place of the function, too: rename it"
+            raise card.error(expression.offset, text)
+        self.block.functions[name] = Definition(card, expression, arguments)
 
     def _body(self, card: Card, body: list[Token]) -> Token:
         """Return the expression of a function, which stands in quotes except where the dialect needs none."""

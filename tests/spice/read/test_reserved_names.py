@@ -93,6 +93,7 @@ REFUSED = {
         ".subckt s p q int=1\nR1 p q {100*int}\n.ends\nX1 in a s int=2",
         "rename the parameter",
     ),
+    "an argument that is called": (".func f(max) {max(max,5)}\nR1 in a {f(1k)}", "puts the argument max in the place"),
     "the time": (".param time=5\nR1 in a {time}", "'time' is a reserved name of ngspice"),
     "the frequency, undefined": ("R1 in a {hertz}", "write the number that is meant"),
     "an undefined function name": ("R1 in a {5*max}", "write max(...)"),
