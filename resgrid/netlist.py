@@ -62,8 +62,7 @@ class CellMap:
     nonlinear_upward : ndarray of bool, shape (nonlinear resistors,)
         Whether its first node is on the lower side of the face.
     rail_nodes : mapping of str to ndarray of int32, shape of the space
-        Where a rail has resistance, by the rail's name: the node of the rail at every cell, -1 where the cell's own
-        node is on the rail.
+        Of a rail with resistance: its node at every cell, -1 where the cell's own node is on the rail.
     """
 
     space: ConfigurationSpace
@@ -220,11 +219,7 @@ class Netlist:
         return self.cell_map
 
     def node_name(self, node: int) -> str:
-        """Return the name of a node.
-
-        ``0`` is ground, ``n_12_7`` a cell, ``obstacle`` and ``goal_0`` are rails, ``obstacle_12_7`` is a rail at a
-        cell, and other nodes are ``node_5``.
-        """
+        """Return the name of a node: ``0``, a cell ``n_12_7``, rails ``obstacle``, ``goal_0_3_4``, or ``node_5``."""
         check_whole("node", node, 0)
         return self.names_of(np.array([node]))[0]
 
@@ -268,16 +263,13 @@ class Netlist:
         coordinates = np.unravel_index(np.maximum(cell, 0), cells.space.shape)
         template = "n" + "_%d" * cells.space.ndim
         names = [template % index for index in zip(*(c.tolist() for c in coordinates), strict=True)]
-        rails = {GROUND: "0", cells.obstacle_node: "obstacle"}
-        rails.update({node: f"goal_{region}" for region, node in enumerate(cells.goal_nodes)})
-        unnamed = np.flatnonzero(cell < 0)
-        if unnamed.size:
-            for rail, mesh in cells.rail_nodes.items():
-                at = np.argwhere(mesh >= 0)
-                places = ("".join(f"_{index}" for index in place) for place in at.tolist())
-                rails.update(zip(mesh[mesh >= 0].tolist(), (rail + place for place in places), strict=True))
-        for position in unnamed.tolist():
-            node = int(wanted[position])
+        goals = {node: f"goal_{region}" for region, node in enumerate(cells.goal_nodes)}
+        rails = {GROUND: "0", cells.obstacle_node: "obstacle"} | goals
+        unnamed = np.flatnonzero(cell < 0).tolist()
+        for rail, mesh in cells.rail_nodes.items() if unnamed else ():
+            places = np.argwhere(mesh >= 0).tolist()
+            rails |= {int(mesh[tuple(place)]): "_".join(map(str, (rail, *place))) for place in places}
+        for position, node in zip(unnamed, wanted[unnamed].tolist(), strict=True):
             names[position] = rails.get(node, f"node_{node}")
         return names
 

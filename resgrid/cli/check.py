@@ -58,7 +58,8 @@ def command(source: Source, rules: bool, deck: str | None, tolerance: float, tim
     simulator could not be given the deck itself: of another dialect, with a control block, with files from elsewhere.
     Then what was read is simulated, and that is no agreement.
 
-    --rules checks the electrical rules instead, and says for each simulator whether it would get the answer right.
+    --rules checks the electrical rules instead, and says for each simulator whether it would get the answer right: the
+    file of a DECK is read by the rules of every simulator, and text that stops one is reported.
     """
     from resgrid.spice.run import engine_named
 

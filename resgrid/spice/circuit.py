@@ -184,12 +184,8 @@ class Circuit:
     given: Netlist | None = None
 
     def __post_init__(self) -> None:
-        for array in (
-            self.resistance,
-            self.is_inductor,
-            *(getattr(self, name) for name in _SHARED),
-            *self.place.values(),
-        ):
+        shared = (getattr(self, name) for name in _SHARED)
+        for array in (self.resistance, self.is_inductor, *shared, *self.place.values()):
             if array is not None:
                 array.flags.writeable = False
 

@@ -51,6 +51,19 @@ def island(tmp_path: Path) -> Path:
     return path
 
 
+def test_solve_reports_what_the_simulator_does_not_run_or_changes(tmp_path, call):
+    twice = tmp_path / "twice.cir"
+    twice.write_text("* t\nV1 in 0 1\nR1 in a 1k\nr1 in a 1k\nR2 a 0 1k\n.op\n.end\n")
+    for verb in ("solve", "info"):
+        result = call(verb, twice)
+        assert result.exit_code == 0
+        assert f"{twice}:4: 1 resistor names are given twice (r1); ngspice does not run such a deck" in result.stderr
+    changed = tmp_path / "changed.cir"
+    changed.write_text("* t\nV1 in 0 1\nR1 in a 1k\nR2 a 0 1k\n.control\nalter r2 3k\nop\n.endc\n.end\n")
+    result = call("solve", changed)
+    assert f"{changed}:5: the commands of .control ... .endc are not run: alter changes the circuit" in result.stderr
+
+
 def test_solve_lists_the_worst_drops(answer, call, deck):
     data = answer("solve", deck)
     assert (data["nodes"], data["resistors"], data["voltage_sources"], data["current_sources"]) == (6, 3, 3, 1)

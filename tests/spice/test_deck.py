@@ -11,6 +11,7 @@ from hypothesis import given, strategies as st
 from support.circuits import dense_solution, ladder, random_grid
 from support.spaces import space_of
 
+import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import Netlist
@@ -187,3 +188,15 @@ def test_many_equal_names_are_numbered_fast() -> None:
 
 def test_a_legal_name_keeps_its_place_before_a_mapped_one() -> None:
     assert legal_names(["N1", "n1", "n1"], "n") == ["n1_2", "n1", "n1_3"]
+
+
+def test_nodes_of_rails_are_named_by_rail_and_cell(tmp_path: Path, scenes: Path) -> None:
+    scene = rg.read_scene(scenes / "lesson.toml")
+    chip = rg.Chip(rail_resistance=0.5, goal_switch_on=10.0, goal_switch_off=1e10, obstacle_switch_on=1e3)
+    study = rg.study(rg.sample(scene), chip)
+    written = rg.write_spice(study.netlist, tmp_path / "chip.cir")
+    deck = rg.read_spice(written.path)
+    names = set(deck.node_names)
+    assert {"obstacle", "goal_0", "obstacle_0_0", "goal_0_0_0"} <= names
+    assert not [name for name in names if name.startswith("node_")]
+    assert rg.check_deck(written.path).agrees

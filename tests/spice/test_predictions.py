@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from support.circuits import random_grid
 
+from resgrid.errors import BudgetError
 from resgrid.spice.check.predictions import Prediction, predict_simulators
 from resgrid.spice.circuit import Circuit
 from resgrid.spice.read.deck import read_spice
@@ -129,6 +130,78 @@ def test_a_resistor_that_drowns_the_others_makes_simulators_err(tmp_path: Path, 
     deck = deck_of(tmp_path, text)
     assert (verdict_of(deck).outcome == "unsure") == drowned, verdict_of(deck)
     assert (measured_error(text, deck) > 1e-8) == drowned
+
+
+LADDER = b"* t\nV1 in 0 1\nR1 in a 1k\nR2 a 0 1k\n%s.op\n.end\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (LADDER % b'R3 a "b c" 1k\nR4 "b c" 0 1k\n', "cuts the quoted name"),
+        (LADDER % b"R3 a n\xe4 1k\nR4 n\xe4 0 1k\n", "not UTF-8"),
+        (LADDER % b".backanno\n", "knows no command .backanno"),
+        (LADDER % b".step param x 1 2 1\n", "knows no command .step"),
+        (LADDER % b".param p=1, q=2\n", "a comma directly behind a value"),
+        ((LADDER % b"").decode().encode("utf-16"), "does not read UTF-16"),
+        ((LADDER % b"").replace(b"\n", b"\r"), "carriage returns alone"),
+        (LADDER % b"r1 a 0 1k\n", "a name is given twice"),
+    ],
+)
+def test_a_file_that_ngspice_does_not_run_is_predicted_to_fail(tmp_path: Path, content: bytes, reason: str) -> None:
+    path = tmp_path / "deck.cir"
+    path.write_bytes(content)
+    for dialect in ("ngspice", "ltspice"):  # the file is judged, not the circuit that was read
+        verdict = verdict_of(read_spice(path, dialect=dialect))
+        assert verdict.outcome == "fails" and reason in " ".join(verdict.reasons), verdict
+    try:
+        assert not simulate(content, direct=True, timeout=3.0).voltage
+    except BudgetError:
+        assert "comma" in reason  # ngspice does not come to an end
+
+
+@pytest.mark.parametrize(
+    "extra", [b"* \xe4\n", b"R3 a 0 1k ; \xe4\n", b"R\xb53 a 0 1k\n", b'R3 "b" 0 1k\nR4 "b" a 1k\n']
+)
+def test_a_file_with_harmless_oddities_is_predicted_right(tmp_path: Path, extra: bytes) -> None:
+    path = tmp_path / "deck.cir"
+    path.write_bytes(LADDER % extra)
+    assert verdict_of(read_spice(path)).outcome == "right"
+    assert simulate(LADDER % extra, direct=True).voltage
+
+
+def test_the_file_is_read_by_the_rules_of_every_simulator(tmp_path: Path) -> None:
+    deck = deck_of(tmp_path, "* t\nv1 in 0 1\nr1 in a '20*temper'\nr2 a gnd 1k\n.op\n.end\n")
+    assert verdict_of(deck).outcome == "right"
+    assert verdict_of(deck, "hspice").outcome == "wrong"  # 25 degrees there
+    assert verdict_of(deck, "ltspice").outcome == "unsure" and "temper" in verdict_of(deck, "ltspice").reasons[0]
+    assert "is not ground" not in str(verdict_of(deck, "ltspice"))
+    changed = deck_of(tmp_path, "* t\nv1 in 0 1\nr1 in a 1k\nr2 a 0 1k\n.control\nalter r2 3k\nop\n.endc\n.end\n")
+    assert verdict_of(changed).outcome == "unsure" and "alter" in verdict_of(changed).reasons[0]
+
+
+@pytest.mark.parametrize("simulator", ["ngspice", "hspice", "spectre", "ltspice", "xyce"])
+def test_no_simulator_is_right_where_no_answer_exists(tmp_path: Path, simulator: str) -> None:
+    deck = deck_of(tmp_path, "* t\nv1 a 0 1\nr1 a 0 1k\ni1 0 b 1u\nr2 b c 1k\n.op\n.end\n")
+    assert verdict_of(deck, simulator).outcome in ("wrong", "unsure")
+    assert "no answer exists" in str(verdict_of(deck, simulator))
+
+
+@pytest.mark.parametrize(
+    ("parts", "outcome"),
+    [
+        ("rx a b 1k\n", "wrong"),  # 1k times its reciprocal is 1
+        ("rx a b 93\n", "right"),  # 93 times its reciprocal is not, and the last pivot is not zero
+        ("rx a b 93\ncx c n1 1u\n", "wrong"),
+        ("rx a b 93\nry b c 93\n", "unsure"),
+    ],
+)
+def test_rounding_decides_what_floating_nodes_cost(tmp_path: Path, parts: str, outcome: str) -> None:
+    text = f"* t\nv1 n0 0 1\n{GRID}{parts}.op\n.end\n"
+    deck = deck_of(tmp_path, text)
+    assert verdict_of(deck).outcome == outcome
+    if outcome != "unsure":
+        assert (measured_error(text, deck) > 1e-9) == (outcome == "wrong")
 
 
 @given(st.integers(0, 10_000))

@@ -27,7 +27,7 @@ def singularity(circuit: Circuit) -> Singular:
     --------
     >>> import io
     >>> deck = "* t\nV1 in 0 1\nR1 in 0 1k\nR2 a b {}\n"
-    >>> [singularity(Circuit.of(rg.read_spice(io.StringIO(deck.format(ohms))))) for ohms in ("1k", "49")]
+    >>> [singularity(Circuit.of(rg.read_spice(io.StringIO(deck.format(ohms))))) for ohms in ("1k", "93")]
     ['yes', 'no']
     """
     if not circuit.is_floating.any():

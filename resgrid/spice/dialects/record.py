@@ -119,7 +119,7 @@ class Refusals:
     encodings : frozenset of str
         Encodings of files that end the run: ``"latin-1"``, ``"utf-16"``, ``"cr"`` (carriage returns between lines).
     commas : bool
-        Whether a comma directly behind a value, in front of the next name, ends the run.
+        Whether a comma directly behind a value, in front of the next name, leaves no answer.
     idle_parameters : bool
         Whether a parameter without a value ends the run even if nothing refers to it.
     redefinitions : bool

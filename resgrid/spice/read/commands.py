@@ -108,6 +108,8 @@ class Contents:
         self.note_comma(card, pairs)
         for setting in pairs:
             self._refuse_name(card, setting.key, setting.offset)
+            if setting.key in block.parameters:
+                self._note_redefined(card, setting)
             block.defaults.add(setting.key)
             block.parameters[setting.key] = Definition(card, setting.values[0])
 
@@ -115,7 +117,9 @@ class Contents:
         """Note a comma between definitions that stops the dialect's simulator."""
         place = misplaced_comma(card, pairs) if card.rules.refusals.commas else None
         if place is not None:
-            text = f"{card.rules.name} stops at a comma directly behind a value: write a blank instead"
+            text = (
+                f"{card.rules.name} does not come to an end at a comma directly behind a value: write a blank instead"
+            )
             self.diagnostics.refuse(card.spot(place), text)
 
     def _refuse_name(self, card: Card, key: str, offset: int) -> None:
@@ -152,7 +156,9 @@ class Contents:
             parameters[setting.key] = Definition(card, setting.values[0])
 
     def _note_redefined(self, card: Card, setting: Setting) -> None:
-        """Note a second definition of a parameter."""
+        """Note a second definition of a parameter; raise CardError in a dialect that does not allow one."""
+        if card.rules.instances:
+            raise card.error(setting.offset, f"the parameter {setting.key} is defined twice: delete one definition")
         self._redefined = self._redefined or setting.key
         self.diagnostics.warn(card.spot(setting.offset), "a parameter is defined again: the last counts")
 
@@ -172,7 +178,14 @@ class Contents:
         if name in words.functions | card.rules.functions.keys() and not words.redefines_functions:
             text = f"{texts[0]} is a function of {DIALECTS[card.rules.name].label} itself: rename the function"
             raise card.error(tokens[0].offset, text)
-        self.block.functions[name] = Definition(card, self._body(card, body), arguments)
+        expression = self._body(card, body)
+        called = [
+            argument for argument in arguments if re.search(rf"\b{argument}\s*\(", expression.text, re.IGNORECASE)
+        ]
+        if called and card.rules.puts_in_text:
+            text = f"{card.rules.name} puts the argument {called[0]} in the place of the function, too: rename it"
+            raise card.error(expression.offset, text)
+        self.block.functions[name] = Definition(card, expression, arguments)
 
     def _body(self, card: Card, body: list[Token]) -> Token:
         """Return the expression of a function, which stands in quotes except where the dialect needs none."""

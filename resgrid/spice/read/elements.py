@@ -23,8 +23,9 @@ from resgrid.spice.read.cards import (
     without_parentheses,
 )
 from resgrid.spice.read.models import RESISTOR_KINDS, SWITCH_KINDS, modelled_resistor, modelled_switch
-from resgrid.spice.read.scopes import Block, Model, Scope, Watch
+from resgrid.spice.read.scopes import Block, Model, Scope
 from resgrid.spice.read.tables import Elements
+from resgrid.spice.read.temperature import refuse_cold, refuse_temperature
 from resgrid.spice.read.waveforms import SourceValue, source_value
 
 REFUSED = {
@@ -174,33 +175,11 @@ def _values_of(
     return values
 
 
-def _refuse_cold(card: Card, watch: Watch, ohms: float | None) -> None:
-    """Raise CardError for a resistance that the dialect's simulator does not evaluate at a temperature."""
-    words = card.rules.words
-    if not watch.used or not words.temperature_in_values:
-        return
-    name = min(words.temperature)
-    if watch.cold:
-        text = f"{card.rules.name} does not know {watch.cold} in an expression of {name}: write it otherwise"
-        raise card.error(None, text)
-    if ohms == 0:
-        raise card.error(None, f"{card.rules.name} has no answer for an expression of {name} that is 0 ohm")
-
-
-def refuse_temperature(card: Card, offset: int | None, what: str) -> None:
-    """Raise CardError where the dialect's simulator does not know the temperature in an expression."""
-    words = card.rules.words
-    if words.temperature_in_values:
-        name = min(words.temperature)
-        text = f"{card.rules.name} does not know {name} in {what}, only in values of R, C and L: write the number"
-        raise card.error(offset, text)
-
-
 def _read_resistor(card: Card, scope: Scope, elements: Elements) -> None:
     with scope.watched() as watch:
         element = _cut(card, scope, "r resistance l w")
         model, ohms = _model_and_value(element, scope, RESISTOR_KINDS, "resistance", "r", "resistance")
-    _refuse_cold(card, watch, ohms)
+    refuse_cold(card, watch, ohms)
     if card.rules.spaced_lists:
         _refuse_unspaced(card, element.pairs)
     first, second, nominal, exponential = 0.0, 0.0, math.nan, 0.0

@@ -256,7 +256,7 @@ class Scope:
             return home.function(name, values, lookup)
         definition = self.block.functions.get(name)
         if definition is None:
-            self._note_cold(name if len(values) < 3 or name not in ("min", "max") else f"{name} of three arguments")
+            self._note_cold(_shown_call(name, values))
             return None
         key = f"{name}()"
         if len(values) != len(definition.arguments):
@@ -282,7 +282,7 @@ class Scope:
 
     def _note_cold(self, name: str) -> None:
         """Note a function or operator that the dialect does not have in expressions of the temperature."""
-        if self.built_ins is not None and (name in self.built_ins.words.cold or " of three " in name):
+        if self.built_ins is not None and (name in self.built_ins.words.cold or " of " in name):
             self.built_ins.watch.add(Watch(cold=name))
 
     def _evaluated(self, card: Card, token: Token, lookup: Lookup) -> float:
@@ -337,3 +337,10 @@ class Scope:
         if value is None:
             raise card.error(token.offset, f"{token.text!r} is neither a number nor a parameter nor a known model")
         return value
+
+
+def _shown_call(name: str, values: list[float]) -> str:
+    """Return the name of a function, with what is special in its arguments."""
+    if name in ("min", "max") and len(values) == 3:
+        return f"{name} of three arguments"
+    return f"{name} of a negative number" if name in ("pow", "pwr") and values and values[0] < 0 else name

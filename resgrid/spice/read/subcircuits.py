@@ -15,11 +15,12 @@ from resgrid.spice.read.assignments import assignments
 from resgrid.spice.read.cards import Card, Setting, joined_names, split_call, tokenise
 from resgrid.spice.read.commands import Contents
 from resgrid.spice.read.diagnostics import CardError
-from resgrid.spice.read.elements import letter_of, multiplier, read_element, refuse_temperature
+from resgrid.spice.read.elements import letter_of, multiplier, read_element
 from resgrid.spice.read.expressions import names_in
 from resgrid.spice.read.scopes import Block, Scope
 from resgrid.spice.read.spectre import PRIMITIVES, word_for
 from resgrid.spice.read.tables import RESISTIVE, WIDTHS, Elements, NodeTable, Part, order_of, widened
+from resgrid.spice.read.temperature import refuse_temperature
 
 MAX_DEPTH = 50
 MAX_ELEMENTS = 20_000_000

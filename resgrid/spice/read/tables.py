@@ -56,7 +56,7 @@ class NodeTable:
         if self._entered < count:
             later = self.names[self._entered :]
             self._number.update(zip(map(str.lower, later), range(self._entered, count), strict=True))
-            self._number.update(dict.fromkeys(self.aliases, 0))
+            self._number.update(dict.fromkeys(self.aliases, self._number.get("0", 0)))
             self._entered = count
         return self._number
 
