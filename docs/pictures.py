@@ -130,7 +130,7 @@ PAGES = {
     "rooms": ("rooms", (50.5, 60.5), ""),
     "circuit": ("lesson", (3.0, 5.5), ""),
     "arm": ("chair", None, ""),
-    "settling": ("rooms", (50.5, 60.5), "8"),
+    "settling": ("rooms", (50.5, 60.5), "16"),
 }
 """Pictures of the live page: the scene, the cells' point that the pointer is on, and a moment of the film."""
 

@@ -36,7 +36,7 @@ assert speed.max() <= 1.0 + 1e-9
 rg.write_path(motion, "out/path.csv")
 axes = rg.draw(rg.sample(scene))
 rg.draw(path, axes)
-points = axes.scatter(*positions.T, c=speed, s=4, cmap="viridis", zorder=6)
+points = axes.scatter(*positions.T, c=speed, s=4, cmap="BuPu", zorder=6)
 axes.figure.colorbar(points, ax=axes, label="speed [m/s]")
 axes.set_title("The streamline, and the timed path", fontsize=9)
 rg.save_figure(axes, "out/timed.png")

@@ -94,8 +94,8 @@ def height_map() -> Colormap:
 
 
 def strength_map() -> Colormap:
-    """Return the colours of a strength on white paper, such as a current: pale where weak, dark purple where strong."""
-    return LinearSegmentedColormap.from_list("strength", mpl.colormaps["magma_r"](np.linspace(0.2, 0.85, 64)), N=256)
+    """Return the colours of a strength on white paper: pale blue where it is weak, dark purple where strong."""
+    return LinearSegmentedColormap.from_list("strength", mpl.colormaps["BuPu"](np.linspace(0.3, 1.0, 64)), N=256)
 
 
 def axis_label(axis: Axis, *, world: bool = False, of_map: bool = False) -> str:

@@ -1,5 +1,6 @@
 """Files of pictures: whole, without dates, the same bytes every time; and what is imported for them."""
 
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -51,3 +52,12 @@ def test_computing_never_imports_matplotlib_and_drawing_never_pyplot() -> None:
         "assert 'matplotlib' in sys.modules and 'matplotlib.pyplot' not in sys.modules\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_the_pictures_that_the_guide_keeps_are_small_and_drawn_by_a_script() -> None:
+    docs = Path(__file__).parents[2] / "docs"
+    script = runpy.run_path(str(docs / "pictures.py"))
+    drawn = {"rooms.png", "blend_k.png", "motion.webp", *(f"live_{name}.webp" for name in script["PAGES"])}
+    kept = {file.name for file in docs.iterdir() if file.suffix in {".png", ".webp"}}
+    assert kept == drawn
+    assert all((docs / name).stat().st_size < 1.5e6 for name in kept)
