@@ -10,6 +10,7 @@ import math
 
 from resgrid.spice.read.cards import Card
 from resgrid.spice.read.scopes import Model, Scope
+from resgrid.spice.read.temperature import refuse_cold
 
 RESISTOR_KINDS = frozenset({"r", "res", "resistor"})
 SWITCH_KINDS = frozenset({"sw", "vswitch"})
@@ -49,7 +50,12 @@ def model_values(model: Model, scope: Scope, known: frozenset[str]) -> dict[str,
             raise model.card.error(setting.offset, text)
         if key in values:
             raise model.card.error(setting.offset, f"{key} of the model {model.name} is given twice: leave one out")
-        values[key] = home.number(model.card, setting.values[0])
+        with home.watched() as watch:
+            values[key] = home.number(model.card, setting.values[0])
+        refuse_cold(model.card, watch, values[key] if key == "r" else None)
+        if watch.used and rules.words.temperature_in_values:
+            text = f"{rules.name} rounds an expression of the temperature in a model to about seven digits"
+            scope.diagnostics.doubt(model.card.spot(setting.offset), text)
     return values
 
 

@@ -190,12 +190,12 @@ class Scope:
             self._note_idle()
 
     def _note_idle(self) -> None:
-        """Note parameters without a value, at which the simulator stops whether or not they are needed."""
-        idle = [name for name in self.block.parameters if name not in self._known and name not in self.given]
+        """Note definitions without a value, at which the simulator stops whether or not they are needed."""
+        idle = [name for name in self.block.parameters if name not in self._known]
         for name in idle[:_MOST_NOTED]:
             definition = self.block.parameters[name]
             try:
-                self.parameter(name)
+                self._value_of(definition, name, self.named)
             except (ExpressionError, CardError, ReservedNameError) as error:
                 if "statistical" not in str(error):
                     label = definition.card.rules.name
