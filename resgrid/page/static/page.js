@@ -162,6 +162,7 @@ export class Page {
     this.root.dataset.theme = theme;
     this.view.dark = this.world.dark = theme === "dark";
     this.view.refresh();
+    this.settling.refresh();
   }
 
   /** @param {"certified" | "preview" | "busy" | "error"} state @param {string} text */
