@@ -185,6 +185,13 @@ def test_the_grid_settles(shown: Page):
     shown.mouse.move(*point_on(shown, (50.5, 50.6)))
     until(shown, "document.getElementById('card').textContent.includes('V at')")
     assert shown.inner_text("#card") != early
+    still(shown)
+    moment, light = shown.evaluate(PIXELS), shown.evaluate("document.getElementById('scope').toDataURL()")
+    shown.get_by_role("button", name="Dark or light").click()
+    assert shown.evaluate("document.getElementById('scope').toDataURL()") != light
+    shown.get_by_role("button", name="Dark or light").click()
+    shown.wait_for_timeout(200)
+    assert shown.evaluate(PIXELS) == moment  # another theme shows the same moment
     shown.locator("#moment").fill("100")
     shown.mouse.move(*point_on(shown, (50.5, 50.5)))
     until(shown, "document.getElementById('card').textContent.includes('converter bits')")

@@ -12,7 +12,7 @@ from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import resgrid as rg
-from resgrid.page.drawing import Drawing, blank, boxes, drawing_of, drawing_of_space
+from resgrid.page.drawing import Drawing, blank, boxes, drawing_of, drawing_of_space, is_same_circuit
 from resgrid.page.frames import describe
 from resgrid.page.messages import DrawingHead, read_drawing, write_drawing
 from resgrid.page.opening import examples, open_example
@@ -187,3 +187,34 @@ def test_what_cannot_be_drawn_is_refused(scenes: Path):
         drawing_of_space(rg.ConfigurationSpace([rg.Axis("x", 0, 1, 3)], [0, 1, 2]))
     with pytest.raises(rg.InputError, match="no goal"):
         solve_drawing(replace(blank(8), cell=np.zeros((8, 8), np.uint8)), exact=True)
+
+
+@pytest.mark.parametrize(
+    ("values", "shown"), [([0, 0.5, 1], 1.0), ([0.98, 0.5, 1], 0.98), ([0], 0.0), ([0.3], 0.3), ([], 1.0)]
+)
+def test_a_scene_opens_with_obstacles_on_their_rail_where_it_offers_that(
+    scenes: Path, values: list[float], shown: float
+) -> None:
+    scene = rg.read_scene(scenes / "lesson.toml", **({"k": values} if values else {}))
+    assert drawing_of(scene).k == shown
+
+
+def test_drawings_of_one_circuit_are_known() -> None:
+    first = blank(12)
+    walled = first.cell.copy()
+    walled[3, 3] = rg.Cell.OBSTACLE
+    alike = [
+        replace(first, title="Other"),
+        replace(first, starts=first.starts + 1.0),
+        replace(first, palette=(1.0, 0.1)),
+    ]
+    other = [
+        replace(first, cell=walled), replace(first, k=0.5), replace(first, wall=10.0),
+        replace(first, broken=((2, 2, 0),)),
+        replace(first, chip={"resistance": 5.0}), replace(first, level=first.level + np.uint8(1), palette=(1.0, 0.1)),
+        blank(13), replace(first, edge=("open", "obstacle")),
+    ]  # fmt: skip
+    assert all(is_same_circuit(first, drawing) for drawing in alike)
+    assert not any(is_same_circuit(first, drawing) for drawing in other)
+    driven = replace(first, driven=True, k=0.0)
+    assert not is_same_circuit(driven, replace(driven, starts=driven.starts + 1.0))

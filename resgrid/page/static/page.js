@@ -6,7 +6,7 @@ import { contentsOf, documentIn, openLinking, openNew, openSaving } from "./file
 import { readFrame, readLines } from "./frame.js";
 import { HTML, make, openTour, partsOf } from "./layout.js";
 import { insideOf, keepScene, keptScene, Model, readScene, sizeOf } from "./model.js";
-import { momentRows, Panel, rowsOf } from "./panel.js";
+import { momentRows, Panel, rowsOf, verdictOf } from "./panel.js";
 import { Settling } from "./settling.js";
 import { faceAt } from "./shapes.js";
 import { Tools, TOOLS } from "./tools.js";
@@ -162,6 +162,7 @@ export class Page {
     this.root.dataset.theme = theme;
     this.view.dark = this.world.dark = theme === "dark";
     this.view.refresh();
+    this.settling.refresh();
   }
 
   /** @param {"certified" | "preview" | "busy" | "error"} state @param {string} text */
@@ -285,7 +286,7 @@ export class Page {
     this.world.poses = frame.poses.find((poses) => poses.length > 1) ?? [];
     this.panel.showFrame(frame, scene);
     const current = frame.exact && scene === this.model.scene;
-    this.#tell(current ? "certified" : "preview", current ? verdict(frame, scene) : "preview, not certified: let go");
+    this.#tell(current ? "certified" : "preview", current ? verdictOf(frame, scene) : "preview, not certified: let go");
   }
 
   /** Paths to compare with, and those alone: of the chip without flaws, and of both ends of k. */
@@ -394,12 +395,3 @@ export class Page {
 
 /** Whether two scenes agree in some properties. @param {string[]} keys @param {any} one @param {any} other */
 const areSame = (keys, one, other) => keys.every((key) => one[key] === other[key]);
-
-/** @param {Frame} frame @param {Scene} scene */
-function verdict(frame, { goals }) {
-  const reached = frame.paths.filter((path) => path.outcome === "reached").length;
-  if (!frame.paths.length) return "direction-safe field; no start";
-  const goal = goals.length === 1 ? "the goal" : "a goal";
-  if (reached === frame.paths.length) return `✓ certified: ${["no path reaches", "the path reaches", "both paths reach"][reached] ?? `all ${reached} paths reach`} ${goal}`;
-  return `✓ certified: ${reached} of ${frame.paths.length} starts ${reached === 1 ? "reaches" : "reach"} ${goal}`;
-}

@@ -194,3 +194,12 @@ export function rowsOf(about, scene) {
   if (about.bits != null) rows.push(["converter bits", about.bits.toFixed(1)]);
   return [...rows, ...about.proved.map((/** @type {string} */ text) => [about.exact ? `✓ ${text}` : text])];
 }
+
+/** What became of all paths, in a few words. @param {Frame} frame @param {Scene} scene */
+export function verdictOf(frame, { goals }) {
+  const reached = frame.paths.filter((path) => path.outcome === "reached").length;
+  if (!frame.paths.length) return "direction-safe field; no start";
+  const goal = goals.length === 1 ? "the goal" : "a goal";
+  if (reached === frame.paths.length) return `✓ certified: ${["no path reaches", "the path reaches", "both paths reach"][reached] ?? `all ${reached} paths reach`} ${goal}`;
+  return `✓ certified: ${reached} of ${frame.paths.length} starts ${reached === 1 ? "reaches" : "reach"} ${goal}`;
+}

@@ -48,7 +48,7 @@ export class Settling {
   /** The pointer is on another cell. @param {number[] | null} cell */
   point(cell) {
     this.#pointed = cell;
-    this.#paint();
+    this.refresh();
   }
 
   /** Time, volts and decades of the drop of a cell at the moment shown; null where the settled field is shown.
@@ -68,7 +68,7 @@ export class Settling {
   #pin(cell) {
     const isSame = this.#pinned?.every((part, a) => part === cell[a]);
     this.#pinned = this.view.pinned = isSame ? null : cell;
-    this.#paint();
+    this.refresh();
   }
 
   /** @param {import("./wire.js").Wire} wire */
@@ -110,12 +110,12 @@ export class Settling {
     this.input("moment").value = String(number);
     this.get("time").textContent = isLast ? `${engineering(film.times[number], "s", 3)}: settled` : engineering(film.times[number], "s", 3);
     this.view.setMoment(isLast ? null : { picture: film.pictures[number] });
-    this.#paint();
+    this.refresh();
     this.moved();
   }
 
   /** Draw the voltage of the cells that are pointed at or pinned, or else of the first start. */
-  #paint() {
+  refresh() {
     const film = this.#film, { scene } = this.model;
     if (!film || !scene) return;
     const [start] = scene.starts, cells = [this.#pointed, this.#pinned].filter((cell) => cell !== null);

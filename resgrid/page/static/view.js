@@ -58,10 +58,10 @@ export class View extends Surface {
     this.#isStale = true;
   }
 
-  /** Paint everything anew: another theme, other things shown. */
+  /** Paint everything again: another theme, other things shown. */
   refresh() {
     if (this.scene) paintCells(this.#cells, this.scene, this.dark);
-    this.setMoment(null);
+    this.#isStale = true;
   }
 
   resized() {
