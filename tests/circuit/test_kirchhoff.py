@@ -21,10 +21,8 @@ def assert_right(netlist: rg.Netlist, point: rg.OperatingPoint) -> None:
     for found, exact in zip((point.voltage, point.resistor_current), exact_currents(netlist), strict=True):
         largest = max(map(abs, exact))
         for value, wanted in zip(np.nan_to_num(found).tolist(), exact, strict=True):
-            assert abs(Fraction(value) - wanted) <= max(abs(wanted) * Fraction(1, 10**15), largest * _LEAST), (
-                value,
-                float(wanted),
-            )
+            most = max(abs(wanted) * Fraction(1, 10**15), largest * _LEAST)
+            assert abs(Fraction(value) - wanted) <= most, (value, float(wanted))
 
 
 @st.composite
