@@ -3,8 +3,8 @@
 A level or a current that remains after large ones cancel is not the difference of rounded numbers.  Here voltages and
 currents are integers, in units far below the smallest value of interest, and residuals are exact.  Refinement with
 factors that conserve current (`resgrid.solvers.conserving`) gains about as many digits in each step as a double holds.
-It ends when the energy of the last correction proves every voltage and every current: to 2**-`_DIGITS` of itself, or
-to be below 2**-`FLOOR` of the largest one.
+It ends when the energy of the last correction proves every voltage and every current: to 60 binary digits, or to lie
+below a floor, a tiny fraction of the largest one.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ from resgrid.circuit.equations import Equations
 from resgrid.circuit.sources import sum_cuts, without_loops
 from resgrid.solvers.conserving import Column, fixed, nearest, scaled, substitute
 
-FLOOR = 1000
-"""Binary digits: a voltage or a current below ``2**-FLOOR`` of the largest one counts as zero."""
+_DEEP, _SHALLOW, _FEW = 1000, 200, 1000
+"""Binary digits of the floor: a voltage or a current that lies so far below the largest one counts as zero; more of
+them up to so many rows, for each step of refinement gains some fifty."""
 
 _DIGITS = 60
 """Binary digits to which a value is proved before it is rounded to the 53 of a double."""
@@ -88,11 +89,13 @@ def cancel(system: Equations, columns: list[Column]) -> Balanced | None:
 class _State:
     """Voltages and currents as integers, which corrections change in place.
 
-    `unit_volts, unit_amps`: binary logarithms of the units; `resistors`: those that may carry current; `volts`
+    `depth`: of the floor below the largest voltage or current, in binary digits; `unit_volts, unit_amps`: binary
+    logarithms of the units; `resistors`: those that may carry current; `volts`
     (nodes,); `net` (n + 1,): current into every row beyond the current out of it; the last entry is not used.
     """
 
     system: Equations
+    depth: int
     unit_volts: int
     unit_amps: int
     resistors: list[_Resistor]
@@ -141,7 +144,7 @@ class _State:
 
     def _proves_currents(self, power: float) -> bool:
         logs = [_log(self.volts[each.nodes[0]] - self.volts[each.nodes[1]]) + each.log for each in self.resistors]
-        floor = max(max(logs) - FLOOR, self.floor + self.unit_amps - self.unit_volts)
+        floor = max(max(logs) - self.depth, self.floor + self.unit_amps - self.unit_volts)
         return all(
             power + 0.5 * each.log <= max(amps - _DIGITS, floor)
             for each, amps in zip(self.resistors, logs, strict=True)
@@ -151,14 +154,14 @@ class _State:
     def _proves_voltages(self, error: float) -> bool:
         solved_for = np.flatnonzero(self.system.unknown >= 0).tolist()
         for reference in self.references():
-            floor = max(_log(volts - reference) for volts in self.volts) - FLOOR
+            floor = max(_log(volts - reference) for volts in self.volts) - self.depth
             if any(error > max(_log(self.volts[node] - reference) - _DIGITS, floor) for node in solved_for):
                 return False
         return True
 
     def _proves_cuts(self, error: float) -> bool:
         logs = [_log(amps) for amps in self.source_currents()]
-        floor = max(max(logs, default=-math.inf) - FLOOR, self.floor)
+        floor = max(max(logs, default=-math.inf) - self.depth, self.floor)
         return all(error <= max(amps - _DIGITS, floor) for amps in logs)
 
     @property
@@ -193,7 +196,7 @@ class _State:
             falls[each.number] = nearest(fall, self.unit_volts)
             amps[each.number] = nearest(fall * each.siemens, self.unit_volts - each.places)
         source_amps = np.array([nearest(amps, self.unit_amps) for amps in self.source_currents()])
-        least = math.ldexp(max(np.abs(amps).max(initial=0.0), np.abs(source_amps).max(initial=0.0)), -FLOOR)
+        least = math.ldexp(max(np.abs(amps).max(initial=0.0), np.abs(source_amps).max(initial=0.0)), -self.depth)
         least = max(least, nearest(1 << self.floor, self.unit_amps))
         through = np.bincount(netlist.resistor_nodes.ravel(), np.repeat(np.abs(amps), 2), netlist.node_count)
         falls[np.abs(amps) <= least] = 0.0
@@ -202,7 +205,7 @@ class _State:
         volts = np.array([nearest(level, self.unit_volts) for level in self.volts])
         heights = np.array([nearest(level - reference, self.unit_volts) for level in self.volts])
         for levels in (volts, heights):
-            levels[np.abs(levels) <= math.ldexp(np.abs(levels).max(), -FLOOR)] = 0.0
+            levels[np.abs(levels) <= math.ldexp(np.abs(levels).max(), -self.depth)] = 0.0
             levels[system.floating] = np.nan
         heights[system.undriven] = system.undriven_volts - system.reference
         volts[system.undriven] = system.undriven_volts
@@ -220,7 +223,8 @@ def _begin(system: Equations) -> _State:
     least, most = math.frexp(min(siemens, default=1.0))[1], math.frexp(max(siemens, default=1.0))[1]
     level, fed = np.abs(netlist.source_volts).sum(), np.abs(netlist.current_amps).max(initial=0.0)
     largest = max(math.frexp(level)[1] + 1 + most, math.frexp(fed)[1])
-    unit_amps = largest - FLOOR - _GUARD - (most - least)
+    depth = _DEEP if system.size <= _FEW else _SHALLOW
+    unit_amps = largest - depth - _GUARD - (most - least)
     unit_volts = unit_amps - most
     volts, reference = _offsets(system, unit_volts), _units(system.reference, unit_volts)
     for node in np.flatnonzero(unknown >= 0).tolist():
@@ -234,7 +238,7 @@ def _begin(system: Equations) -> _State:
     for (source, target), amps in zip(rows, netlist.current_amps.tolist(), strict=True):
         net[source] -= _units(amps, unit_amps)
         net[target] += _units(amps, unit_amps)
-    state = _State(system, unit_volts, unit_amps, resistors, volts, net)
+    state = _State(system, depth, unit_volts, unit_amps, resistors, volts, net)
     for each in resistors:
         if each.rows[0] != each.rows[1]:
             state.conduct(each, volts[each.nodes[0]] - volts[each.nodes[1]])

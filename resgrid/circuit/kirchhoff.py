@@ -1,8 +1,9 @@
-"""Currents that obey Kirchhoff's current law at every node, where differences of its voltages do not tell them.
+"""Currents that obey Kirchhoff's current law at every node, where differences of voltages do not give them.
 
-Stiff ties to a rail, flat dead ends, balanced loops: what flows there is some 1e-16 of what the voltages are, or less.
-Voltages are sums of corrections, each of which makes up for what the others leave of Kirchhoff's law, node by node;
-falls are sums of the corrections' differences, so that one is known to its last digit, however small.
+Stiff ties to a rail, flat dead ends, balanced loops, sources that oppose each other: currents there are 1e-16 of the
+currents that voltages would suggest, or less.  Small circuits are solved in integers (`resgrid.circuit.cancel`).  Here
+voltages of larger ones are sums of corrections, each of which removes the currents that the corrections before it leave
+unbalanced.  Falls are sums of the corrections' differences, so that each is known to its own last digit.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ _LOST = 1e-10
 """Share of the smallest source's voltage that rounding may leave of a sum."""
 
 _FEW = 500
-"""Nodes up to which circuits that are no grids are balanced in any case: it takes some milliseconds."""
+"""Number of nodes up to which circuits are balanced in any case, unless they are grids: it takes some milliseconds."""
 
 _STIFF = 1e-9
 """Ratio of conductances from which the rounding of the large ones may hide what the small ones carry."""
@@ -111,11 +111,11 @@ def _solved(
 
 
 def _asks_for_balance(system: Equations, point: OperatingPoint) -> bool:
-    """Whether differences of voltages may not tell all currents.
+    """Return whether voltages and currents may be small differences of large ones, which rounding hides.
 
-    They do not where currents do not add up; rounding may hide some where floating sources drive others around, where
-    voltages are sums of sources' with small ones among them, and where voltages are any sums, conductances differ by
-    many decades, or both signs drive: small circuits are balanced then.
+    Every small circuit is balanced, unless it is a grid of cells, and every circuit whose currents do not add up or in
+    which floating sources drive currents around.  Others are balanced if sources in series add up to rounded voltages,
+    and, up to some size, if currents of both signs drive them or conductances differ by many orders of magnitude.
     """
     forest, volts = system.forest, np.abs(system.netlist.source_volts)
     lost, few = float(np.abs(forest.rest).max(initial=0.0)), system.size <= EXACT_ROWS

@@ -211,7 +211,11 @@ def read_entrywise(
     falling = None if potential is None else upwards * potential if log_drop is None else -upwards * log_drop
     unknown = system.unknown
     if found is not None:
-        voltage, falling, unknown = found.volts, None, np.where(found.excused, -1, unknown)
+        unknown = np.where(found.excused, -1, unknown)
+        if system.rails is None or np.isfinite(found.entry_error):
+            voltage = found.volts
+        if system.netlist.cell_map is None:  # falls tell voltages apart that are the same doubles
+            falling = None
     readings, residual, faint = _read(system.netlist, system.forest, unknown, values, team, falling, found)
     point = OperatingPoint(
         system.netlist, voltage, log_drop, potential, readings, system.floating, system.undriven, **told

@@ -118,3 +118,29 @@ def test_a_current_source_that_charges_a_floating_part_is_refused(reach: int) ->
     )  # fmt: skip
     with pytest.raises(rg.CircuitError, match=r"feed node node_2 .* 0.001 A in sum"):
         rg.solve(netlist)
+
+
+def test_a_large_group_of_stiff_resistors_takes_its_level_from_weak_ones() -> None:
+    """A mesh, the same from both ends: opposite nodes are at opposite voltages."""
+    side = 40
+    mesh = 1 + np.arange(side * side).reshape(side, side)
+    sides = ((mesh[1:], mesh[:-1]), (mesh[:, 1:], mesh[:, :-1]))
+    pairs = np.concatenate([np.stack([a.ravel(), b.ravel()], axis=1) for a, b in sides])
+    ties = [[mesh[0, 0], 0], [mesh[-1, -1], 0], [mesh[0, -1], 0], [mesh[-1, 0], 0]]
+    source = [[mesh[7, 11], mesh[-8, -12]]]
+    conductance = np.append(np.full(len(pairs), 1e12), [1e-12] * 4)
+    point = rg.solve(rg.Netlist(side * side + 1, np.concatenate([pairs, ties]), conductance, source, [22.3]))
+    volts = point.voltage[1:]
+    np.testing.assert_allclose(volts, -volts[::-1], rtol=1e-12, atol=0)
+    np.testing.assert_allclose(point.resistor_current[-4:] * 1e12, volts[np.subtract(ties, 1)[:, 0]], rtol=1e-12)
+
+
+def test_source_currents_of_large_circuits_keep_the_small_difference() -> None:
+    """Beside 1 A in each of its neighbours, a source between two others carries 2e-13 A."""
+    chain = np.arange(4, 30_000)
+    netlist = rg.Netlist(
+        30_000, np.concatenate([[[2, 3], [0, 1]], np.stack([chain, np.append(0, chain[:-1])], axis=1)]),
+        np.ones(len(chain) + 2), [[1, 0], [2, 1], [2, 3]], [1.0, 1.0, 1.0],
+        current_nodes=[[3, 0], [0, 29_999]], current_amps=[-2e-13, 1e-3],
+    )  # fmt: skip
+    assert rg.solve(netlist).source_current == pytest.approx([-1.0, 2e-13, -1.0], rel=1e-12)

@@ -1,4 +1,4 @@
-"""Every current is right beside what flows through its own nodes, or the answer is refused: against exact fractions."""
+"""Every current is right, or the answer is refused: against exact fractions."""
 
 from __future__ import annotations
 
@@ -12,25 +12,17 @@ from support.spaces import serpentine, space_of
 
 import resgrid as rg
 
-_LEAST = Fraction(1, 10**28)
-"""Share of the largest current below which one may count as none."""
+_LEAST = Fraction(1, 2**1000)
+"""Fraction of the largest current or voltage below which one may count as zero."""
 
 
 def assert_right(netlist: rg.Netlist, point: rg.OperatingPoint) -> None:
-    """Each current, beside what flows through the lesser of its ends; and each voltage beside the largest one."""
-    voltage, current = exact_currents(netlist)
-    through = [Fraction(0)] * netlist.node_count
-    flows = zip(netlist.resistor_nodes.tolist(), current, strict=True)
-    fed = zip(netlist.current_nodes.tolist(), map(Fraction, netlist.current_amps.tolist()), strict=True)
-    for ends, amps in [*flows, *fed]:
-        for node in ends:
-            through[node] += abs(amps) / 2
-    largest = max(map(abs, current))
-    for (a, b), told, amps in zip(netlist.resistor_nodes.tolist(), point.resistor_current, current, strict=True):
-        most = max(Fraction(3e-6) * min(through[a], through[b]), largest * _LEAST)
-        assert abs(Fraction(float(told)) - amps) <= most, (a, b, told, float(amps))
-    error = [abs(Fraction(float(told)) - volts) for told, volts in zip(point.voltage, voltage, strict=True)]
-    assert max(error) <= 1e-9 * max(map(abs, voltage))
+    """Compare each current and each voltage of a small circuit with the exact one, to a few roundings of itself."""
+    for found, exact in zip((point.voltage, point.resistor_current), exact_currents(netlist), strict=True):
+        largest = max(map(abs, exact))
+        for value, wanted in zip(np.nan_to_num(found).tolist(), exact, strict=True):
+            most = max(abs(wanted) * Fraction(1, 10**15), largest * _LEAST)
+            assert abs(Fraction(value) - wanted) <= most, (value, float(wanted))
 
 
 @st.composite
@@ -62,12 +54,9 @@ def stiff_circuits(draw: st.DrawFn) -> rg.Netlist:
 
 @settings(max_examples=400)
 @given(stiff_circuits(), st.sampled_from(["auto", "direct", "multigrid"]))
-def test_currents_of_stiff_circuits_are_right_or_refused(netlist: rg.Netlist, method: str) -> None:
+def test_currents_of_stiff_circuits_are_right(netlist: rg.Netlist, method: str) -> None:
     try:
         point = rg.solve(netlist, method=method)
-    except rg.AccuracyError:
-        assert np.ptp(np.log10(netlist.conductance)) > 10
-        return
     except rg.CircuitError as error:
         assert "touches ground" in str(error)
         return
