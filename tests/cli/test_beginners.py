@@ -34,7 +34,7 @@ MISTAKES = {
     "path map.yaml --goal 0.5,0.5 --start 0.5,2.9": ["outside the grid", "with x and y exchanged it lies inside"],
     "path map.yaml --goal 0.5,0.5 --start 0,5,2,9": ["needs 2 coordinates", "decimals have a point"],
     "path map.yaml --goal 0.5 0.5 --start 1,1": ["joined by commas", "--help"],
-    "path map.yaml --goal 0.5,0.5 --start 1,1 --map-dialect ros2": ["did you mean 'nav2"],
+    "path map.yaml --goal 0.5,0.5 --start 1,1 --map-dialect ros2": ["it may be nav2 or"],
     "path map.yaml --goal 0.5,0.5 --start 1,1 --set grid.cells=9": ["a map brings its own cells"],
     "path map.yaml --goal 0.5,0.5 --start 1,1 -o path.txt": ["must end in .csv, .json, .npz or .yaml"],
     "path map.yaml --goal 1.55,1 --start 1,1": ["lies in an obstacle", "that a start can reach, the nearest is (1."],

@@ -74,7 +74,7 @@ def test_a_start_without_a_path_ends_with_one_and_still_writes(call, room, tmp_p
 def test_starts_that_cannot_drive_leave_a_map(call, room, tmp_path):
     words = ("--boundary", "neumann", "--drive", "start", "--start", "5.5,0.5", "-o", tmp_path / "out")
     assert call("run", room, *words).exit_code == 1
-    assert names(tmp_path / "out") == {"paths.png", "paths.csv", "paths.json", "summary.json"}
+    assert names(tmp_path / "out") == {"page.png", "paths.csv", "paths.json", "summary.json"}
 
 
 def test_a_scene_without_starts_is_no_failure(call, lesson, tmp_path):

@@ -433,14 +433,15 @@ def test_goals_in_unknown_space_are_called_so(tmp_path):
     pixels[:, 3] = 205
     pixels[:, 4] = 0
     file = write(tmp_path, pixels)
-    with pytest.raises(InputError, match=r"lies in unknown space \(cell \(3, 1\)\).*, or take unknown cells as free"):
+    with pytest.raises(InputError, match=r"lies in unknown space \(cell \(3, 1\)\); .*; --unknown free"):
         sample(read_scene(file, goal=(1.75, 0.75)))
     with pytest.raises(
-        InputError, match=r"lies in an obstacle \(cell \(4, 1\)\); move it to a free place, the nearest is \S+ \S+$"
+        InputError,
+        match=r"lies in an obstacle \(cell \(4, 1\)\); move it to a free place of the .*, the nearest is \S+ \S+$",
     ):
         sample(read_scene(file, goal=(2.25, 0.75)))
     with pytest.raises(
-        InputError, match=r"this goal lies in unknown space \(all 2 cells of it\); move it, or take unknown"
+        InputError, match=r"this goal lies in unknown space \(all 2 cells of it\); move it .*; --unknown free"
     ):
         sample(read_scene(file, goal=rg.Box((1.6, 0.2), (1.9, 0.8))))
     with pytest.raises(InputError, match="this goal lies inside an obstacle"):
