@@ -5,12 +5,12 @@
 # make check   lint, formatting, types (of the page's modules as well), import order
 # make format  apply the formatter and the safe fixes
 # make bench   run resgrid and its peers, installed into .venv-bench, in turn (BENCH=full: large sizes; SECTIONS="plane memory")
-# make fuzz    repeat the tests of laws with random seeds, read mutated decks, and act at random on the live page
-#              (SEED, ROUNDS, COUNT, ACTIONS; the seed is printed)
-# make golden  write the decks in netlists/ anew
+# make fuzz    repeat the tests of laws with random seeds, read mutated decks, act at random on the live page, and solve
+#              circuits that cancel (SEED, ROUNDS, COUNT, ACTIONS, CIRCUITS; the seed is printed)
+# make golden  write the decks in netlists/ again
 # make docs    build the site into docs/_build/html, offline; any warning is an error
-# make look     open every page of the site in Chromium, and tell what is too wide, broken or without a name
-# make reference  write docs/reference/scene.md anew
+# make look     open every page of the site in Chromium, and report elements that are too wide, broken or unnamed
+# make reference  write docs/reference/scene.md again
 # make clean   remove what was made here
 
 PYTHON ?= python3

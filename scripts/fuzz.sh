@@ -1,6 +1,7 @@
 #!/bin/sh
-# Repeat every hypothesis test with random seeds, then read mutated decks and act at random on the live page.
-# Usage: scripts/fuzz.sh PYTHON, with SEED (default: random), ROUNDS of the tests, COUNT of decks, ACTIONS on the page.
+# Repeat every hypothesis test with random seeds, then read mutated decks, act at random on the live page,
+# and solve circuits whose values cancel.  Usage: scripts/fuzz.sh PYTHON, with SEED (default: random), ROUNDS of the
+# tests, COUNT of decks, ACTIONS on the page, and CIRCUITS.
 set -eu
 python=$1
 seed=${SEED:-$("$python" -c 'import secrets; print(secrets.randbelow(10**9))')}
@@ -19,4 +20,5 @@ RESGRID_MUTATED_DECKS=${COUNT:-100000} "$python" -m pytest -q --hypothesis-profi
     tests/spice/read/test_mutated_decks.py || status=1
 RESGRID_PAGE_ACTIONS=${ACTIONS:-10000} RESGRID_PAGE_SEED=$seed "$python" -m pytest -q -o log_cli=true -o log_cli_level=INFO \
     tests/page/test_fuzzing.py || status=1
+RESGRID_CIRCUITS=${CIRCUITS:-20000} RESGRID_SEED=$seed "$python" -m pytest -q tests/circuit/test_cancellation.py || status=1
 exit "$status"

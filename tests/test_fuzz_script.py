@@ -12,7 +12,7 @@ PROJECT = Path(__file__).resolve().parents[1]
 
 PYTHON = """#!/bin/sh
 case "$1" in -c) echo 4711; exit;; esac
-echo "$RESGRID_MUTATED_DECKS $RESGRID_PAGE_ACTIONS $RESGRID_PAGE_SEED $*" >> {log}
+echo "$RESGRID_MUTATED_DECKS $RESGRID_PAGE_ACTIONS $RESGRID_PAGE_SEED $RESGRID_CIRCUITS $RESGRID_SEED $*" >> {log}
 case "$*" in *{failing}*) exit 1;; esac
 """
 
@@ -37,9 +37,10 @@ def test_every_part_has_the_printed_seed(given: dict[str, str], seed: int, tmp_p
     assert all("--hypothesis-profile=fuzz" in call for call in calls[:3])
     assert calls[2].startswith("50 ") and "test_mutated_decks.py" in calls[2]
     assert f" 10000 {seed} " in calls[3] and "test_fuzzing.py" in calls[3]
+    assert f" 20000 {seed} " in calls[4] and "test_cancellation.py" in calls[4]
 
 
-@pytest.mark.parametrize("failing", ["-m hypothesis", "test_mutated_decks", "test_fuzzing"])
+@pytest.mark.parametrize("failing", ["-m hypothesis", "test_mutated_decks", "test_fuzzing", "test_cancellation"])
 def test_a_part_that_fails_stops_no_other(failing: str, tmp_path: Path) -> None:
     code, _, calls = fuzz(tmp_path, failing, ROUNDS="2")
-    assert code == 1 and len(calls) == 4
+    assert code == 1 and len(calls) == 5
