@@ -33,6 +33,9 @@ _GUARD = 300
 _NEAR = 20
 """Binary digits above the floor up to which the currents at a node may not add up: some of them are below it."""
 
+_LEAST_AMPS = -2200
+"""Binary logarithm of the smallest current that doubles make, in amperes: the largest one where nothing flows."""
+
 _TINY = float(np.finfo(np.float64).tiny)
 """Smallest number that a double holds with all its digits."""
 
@@ -231,9 +234,11 @@ def _begin(system: Equations) -> _State:
     siemens, ends = netlist.conductance[flows].tolist(), netlist.resistor_nodes[flows]
     least, most = math.frexp(min(siemens, default=1.0))[1], math.frexp(max(siemens, default=1.0))[1]
     level, fed = np.abs(netlist.source_volts).sum(), np.abs(netlist.current_amps).max(initial=0.0)
-    largest = max(math.frexp(level)[1] + 1 + most, math.frexp(fed)[1])
+    largest = max(
+        math.frexp(level)[1] + 1 + most if level else -math.inf, math.frexp(fed)[1] if fed else -math.inf, _LEAST_AMPS
+    )
     depth = _DEEP if system.size <= _FEW else _SHALLOW
-    unit_amps = largest - depth - _GUARD - (most - least)
+    unit_amps = int(largest) - depth - _GUARD - (most - least)
     unit_volts = unit_amps - most
     volts, reference = _offsets(system, unit_volts), _units(system.reference, unit_volts)
     for node in np.flatnonzero(unknown >= 0).tolist():

@@ -180,3 +180,18 @@ def test_a_circuit_near_the_end_of_doubles_is_not_refused() -> None:
     assert exact is not None
     current = [float(amps or 0) for amps in exact.resistor_current]
     assert rg.solve(netlist).resistor_current == pytest.approx(current, rel=1e-15, abs=1e-323)
+
+
+@pytest.mark.parametrize("volts", [1.0, 1e-250, 1e-290])
+def test_small_voltages_have_all_their_digits_without_a_current_source(volts: float) -> None:
+    """A floating source on a chain of 1e-12 S, a dead end beside it: no voltage is too small for its circuit."""
+    netlist = rg.Netlist(
+        8,
+        [[4, 3], [1, 5], [5, 6], [7, 0], [6, 4], [2, 7], [3, 2]],
+        [1e-12, 3.0, 1.0, 1e12, 1e-12, 1.0, 1.0],
+        source_nodes=[[5, 3]],
+        source_volts=[volts],
+    )
+    point = rg.solve(netlist)
+    assert_exact(netlist, point)
+    assert point.entry_error < 1e-15
