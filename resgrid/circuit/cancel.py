@@ -33,6 +33,12 @@ _GUARD = 300
 _NEAR = 20
 """Binary digits above the floor up to which the currents at a node may not add up: some of them are below it."""
 
+_LEAST_AMPS = -2200
+"""Binary logarithm of the smallest current that doubles make, in amperes: the largest one where nothing flows."""
+
+_TINY = float(np.finfo(np.float64).tiny)
+"""Smallest number that a double holds with all its digits."""
+
 _MOST_STEPS = 200
 
 
@@ -42,9 +48,11 @@ class Balanced(NamedTuple):
     `volts` (nodes,): above ground, NaN where a node floats; `heights` (nodes,): above the reference of the equations;
     `amps` (resistors,): from the first end to the second one; `source_amps` (sources,): into the plus terminal, NaN in
     a loop of sources; `power`: in all resistors, in watts; `excused` (nodes,): whether all currents at a node are so
-    close to the floor that some of them may count as zero, and others not; `entry_error`: bound on the relative error
+    close to the floor, or to the
+    range of doubles, that some of them may count as zero, and others not; `entry_error`: bound on the relative error
     of every voltage above ground and above the reference; infinite where there is none; `doubt`: bound on the error of
-    a voltage relative to the largest one, or of a current relative to the current through either end.
+    a voltage relative to the largest one, or of a current relative to the current through either end;
+    `floor`: fraction of the largest voltage or current below which others may count as zero.
     """
 
     volts: NDArray[np.float64]
@@ -55,6 +63,7 @@ class Balanced(NamedTuple):
     excused: NDArray[np.bool_]
     entry_error: float = float(np.finfo(np.float64).eps)
     doubt: float = 0.0
+    floor: float = 0.0
 
 
 class _Resistor(NamedTuple):
@@ -209,8 +218,11 @@ class _State:
             levels[system.floating] = np.nan
         heights[system.undriven] = system.undriven_volts - system.reference
         volts[system.undriven] = system.undriven_volts
-        source_amps, excused = without_loops(system.forest, source_amps), through <= math.ldexp(least, _NEAR)
-        return Balanced(volts, heights, amps, source_amps, float(amps @ falls), excused)
+        source_amps, excused = (
+            without_loops(system.forest, source_amps),
+            through <= math.ldexp(max(least, _TINY), _NEAR),
+        )
+        return Balanced(volts, heights, amps, source_amps, float(amps @ falls), excused, floor=2.0**-self.depth)
 
 
 def _begin(system: Equations) -> _State:
@@ -222,9 +234,11 @@ def _begin(system: Equations) -> _State:
     siemens, ends = netlist.conductance[flows].tolist(), netlist.resistor_nodes[flows]
     least, most = math.frexp(min(siemens, default=1.0))[1], math.frexp(max(siemens, default=1.0))[1]
     level, fed = np.abs(netlist.source_volts).sum(), np.abs(netlist.current_amps).max(initial=0.0)
-    largest = max(math.frexp(level)[1] + 1 + most, math.frexp(fed)[1])
+    largest = max(
+        math.frexp(level)[1] + 1 + most if level else -math.inf, math.frexp(fed)[1] if fed else -math.inf, _LEAST_AMPS
+    )
     depth = _DEEP if system.size <= _FEW else _SHALLOW
-    unit_amps = largest - depth - _GUARD - (most - least)
+    unit_amps = int(largest) - depth - _GUARD - (most - least)
     unit_volts = unit_amps - most
     volts, reference = _offsets(system, unit_volts), _units(system.reference, unit_volts)
     for node in np.flatnonzero(unknown >= 0).tolist():

@@ -54,6 +54,61 @@ def number_parts(part: Indices) -> int:
 
 
 @inlined
+def _close_component(pairs: Indices, last: int, root: int, edges: Integers, top: int, currentless: Bools) -> int:
+    """Mark a component, the topmost edges down to the last one, unless it touches the root twice; return the rest."""
+    first, contacts = top, 0
+    while first == top or edges[first] != last:
+        first -= 1
+        k = edges[first]
+        contacts += pairs[k, 0] == root or pairs[k, 1] == root
+    for place in range(first, top):
+        currentless[edges[place]] = contacts < 2
+    return first
+
+
+@kernel
+def mark_currentless(
+    pairs: Indices, start: Integers, edge: Integers, place: Integers, order: Integers, low: Integers, entry: Integers,
+    path: Integers, edges: Integers, currentless: Bools,
+) -> None:  # fmt: skip
+    """Mark the resistors that lie on no path between two places that drive current, in place.
+
+    A resistor carries current only in a biconnected component (Hopcroft and Tarjan, Commun. ACM 16, 1973, 372) of the
+    vertex that stands for all these places, and only if two resistors join the component to that vertex.  Resistors
+    without a path to that vertex are not marked.
+    Shapes: `pairs` (m, 2): rows, and n for that vertex; `start` (n + 2,), `edge` (2 m,): the resistors at every vertex;
+    `place` (n + 1,): a copy of ``start``; `order, low, entry, path` (n + 1,): -1; `edges` (m,): memory.
+    """
+    root = len(start) - 2
+    path[0], order[root], low[root] = root, 0, 0
+    depth, top, found = 1, 0, 1
+    while depth:
+        v = path[depth - 1]
+        if place[v] < start[v + 1]:
+            k = edge[place[v]]
+            place[v] += 1
+            w = pairs[k, 0] + pairs[k, 1] - v
+            new = order[w] < 0
+            if k == entry[v] or not (new or order[w] < order[v]):
+                continue
+            edges[top] = k
+            top += 1
+            if new:
+                order[w], low[w], entry[w], path[depth] = found, found, k, w
+                found, depth = found + 1, depth + 1
+            else:
+                low[v] = min(low[v], order[w])
+        elif v == root:
+            depth = 0
+        else:
+            depth -= 1
+            above = path[depth - 1]
+            low[above] = min(low[above], low[v])
+            if low[v] >= order[above]:
+                top = _close_component(pairs, entry[v], root, edges, top, currentless)
+
+
+@inlined
 def _fall(
     a: float, a_low: float, a_down: bool, b: float, b_low: float, b_down: bool, noise: float, noise_down: float
 ) -> float:

@@ -90,7 +90,8 @@ class _Falls(NamedTuple):
     `falls` (resistors,): voltage of the first end above the second one; `heights` (n,): of the rows above the
     reference, in volts; `net, through` (n,): current into every row that does not leave it, and half of all currents
     there; `doubt`: largest change of a current by the last correction, relative to the current through either end;
-    `faint` (resistors,): whether a current cannot be told from zero.
+    `faint` (resistors,): whether a current cannot be told from zero; `currentless` (resistors,): whether it is zero
+    whatever the conductances are.
     """
 
     falls: Doubled
@@ -99,6 +100,7 @@ class _Falls(NamedTuple):
     through: NDArray[np.float64]
     doubt: float
     faint: NDArray[np.bool_]
+    currentless: NDArray[np.bool_]
 
 
 def _correct(system: Equations, factors: SupernodalFactors) -> Balanced:
@@ -129,7 +131,8 @@ def _refined(system: Equations, factors: SupernodalFactors) -> _Falls:
     held = np.where(system.unknown >= 0, offset, np.nan_to_num(system.known_voltages()))
     still = np.zeros(netlist.node_count, dtype=np.bool_)
     still[system.floating] = still[system.undriven] = True
-    flows = ~still[ends].any(axis=1)
+    currentless = _currentless(system, rows)
+    flows = ~still[ends].any(axis=1) & ~currentless
     one, other = ((flows * held[end], flows * rest[end]) for end in ends.T)
     falls = _plus(one, -other[0], -other[1])
     heights, worst, faint, least = (none - system.reference, none), np.inf, flows & False, flows & False
@@ -143,7 +146,7 @@ def _refined(system: Equations, factors: SupernodalFactors) -> _Falls:
         digit = math.ldexp(1.0, math.frexp(size)[1] - _DIGITS) or 1.0
         x = np.rint(x / digit) * digit
         first, second = np.append(x, 0.0)[rows.T]
-        change = _plus((first, np.zeros(len(rows))), -second)
+        change = _plus((np.where(currentless, 0.0, first), np.zeros(len(rows))), np.where(currentless, 0.0, -second))
         falls, heights = _plus(falls, *change), _plus(heights, x)
         net, through = _residual(system, rows, falls)
         amps, moved = netlist.conductance * np.abs(falls[0]), netlist.conductance * np.abs(change[0])
@@ -154,7 +157,33 @@ def _refined(system: Equations, factors: SupernodalFactors) -> _Falls:
         open_rows = np.abs(net) > np.maximum(_CERTAIN * through, _FAINT * through.max())
         if worst <= _CERTAIN and not ((faint & ~least).any() or open_rows.any()):
             break
-    return _Falls(falls, heights, net, through, worst, faint | (least & (falls[0] != 0.0)))
+    return _Falls(falls, heights, net, through, worst, faint | (least & (falls[0] != 0.0)), currentless)
+
+
+def _currentless(system: Equations, rows: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Return which resistors of a circuit other than a field carry no current whatever the conductances are.
+
+    These are dead ends: every way to what drives the circuit leads through one and the same row.
+    """
+    currentless = np.zeros(len(rows), dtype=np.bool_)
+    if _is_field(system):
+        return currentless
+    from resgrid.circuit.kernels import mark_currentless
+
+    netlist, forest = system.netlist, system.forest
+    lifted = forest.order[(forest.height != 0.0) | (forest.rest != 0.0)]
+    drives = np.unique(system.unknown[np.concatenate([netlist.current_nodes.ravel(), lifted])])
+    drives = drives[drives >= 0]
+    joined = np.stack([drives, np.full_like(drives, system.size)], axis=1)
+    between = np.flatnonzero(rows[:, 0] != rows[:, 1])
+    pairs = np.concatenate([np.where(rows[between] < 0, system.size, rows[between]), joined]).astype(np.int32)
+    start = np.concatenate([[0], np.cumsum(np.bincount(pairs.ravel(), minlength=system.size + 1))])
+    edge, marks = np.argsort(pairs.ravel(), kind="stable") // 2, np.zeros(len(pairs), dtype=np.bool_)
+    place, (order, low, entry, path) = start[:-1].copy(), np.full((4, system.size + 1), -1)
+    edges = np.empty(len(pairs), dtype=np.int64)
+    mark_currentless(pairs, start, edge, place, order, low, entry, path, edges, marks)
+    currentless[between] = marks[: len(between)]
+    return currentless
 
 
 def _bound(system: Equations, factors: SupernodalFactors, found: _Falls) -> float:
@@ -171,7 +200,7 @@ def _bound(system: Equations, factors: SupernodalFactors, found: _Falls) -> floa
     most = np.minimum(netlist.conductance * error[rows].sum(axis=1), wrong.sum())
     beside = np.where(rows >= 0, np.append(found.through, 0.0)[rows], amps[:, np.newaxis]).min(axis=1)
     beside = np.maximum(beside, _UNCHECKED * amps.max())
-    share = np.divide(most, beside, out=np.zeros_like(most), where=beside > 0.0)
+    share = np.divide(most, beside, out=np.zeros_like(most), where=(beside > 0.0) & ~found.currentless)
     return float(max(share.max(initial=0.0), error.max() / max(np.nanmax(level), np.finfo(np.float64).tiny)))
 
 

@@ -82,19 +82,20 @@ def _solved(
     signed = point.log_drop is None and point.potential is None
     bound = np.inf if signed else watch.bound + np.finfo(np.float64).eps
     doubt, balanced = values.doubt, False
-    in_range = system.rails is None or not point.readings.scaled[1].any()
-    if in_range and (faint or doubt > CERTAIN or _asks_for_balance(system, point)):
+    deep = point.readings if system.rails is not None and point.readings.scaled[1].any() else None
+    may_balance = deep is None or system.netlist.cell_map is None
+    if may_balance and (faint or doubt > CERTAIN or _asks_for_balance(system, point)):
         from resgrid.circuit.kirchhoff import balance
 
         with _timed(seconds, "balance"):
             found, direct = balance(system)
-            if found is not None:
+            if found is not None and (deep is None or np.isfinite(found.entry_error)):
                 proved = system.rails is not None and is_answer(watch.error, watch.bound)
                 if system.rails is None:
                     values = values_above(system, found.heights)
                 elif not watch.bound <= CERTAIN:
                     values = node_values(system, direct, Watch(), team)
-                again = read_entrywise(system, values, team, found, **told)
+                again = read_entrywise(system, values, team, found, deep, **told)
                 if not proved or again[0].kcl_residual <= max(point.kcl_residual, DIRECTION_RESIDUAL):
                     (point, residual, _), doubt, balanced = again, found.doubt, True
                     bound = bound if system.rails is not None else min(bound, found.entry_error)

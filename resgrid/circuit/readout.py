@@ -197,10 +197,12 @@ def read_normwise(system: Equations, x: NDArray[np.float64], **told: Any) -> Ope
 
 
 def read_entrywise(
-    system: Equations, values: NodeValues, team: Team, found: Balanced | None = None, **told: Any
-) -> tuple[OperatingPoint, NDArray[np.float64], bool]:
+    system: Equations, values: NodeValues, team: Team, found: Balanced | None = None, deep: Readings | None = None,
+    **told: Any,
+) -> tuple[OperatingPoint, NDArray[np.float64], bool]:  # fmt: skip
     """Read everything off the values of the nodes, with the voltages and currents that have been found by balancing.
 
+    `deep`: readings of the values alone, for voltages and currents so small that balancing counts them as zero;
     `told`: what the point is to say of how it was solved.  Returns `residual` (nodes,), and whether currents that
     matter have few digits left.
     """
@@ -213,10 +215,15 @@ def read_entrywise(
     if found is not None:
         unknown = np.where(found.excused, -1, unknown)
         if system.rails is None or np.isfinite(found.entry_error):
-            voltage = found.volts
+            lost = (
+                (found.volts == 0.0) & (np.abs(voltage) <= _least(found.volts, found.floor))
+                if deep is not None
+                else False
+            )
+            voltage = np.where(lost, voltage, found.volts)
         if system.netlist.cell_map is None:  # falls tell voltages apart that are the same doubles
             falling = None
-    readings, residual, faint = _read(system.netlist, system.forest, unknown, values, team, falling, found)
+    readings, residual, faint = _read(system.netlist, system.forest, unknown, values, team, falling, found, deep)
     point = OperatingPoint(
         system.netlist, voltage, log_drop, potential, readings, system.floating, system.undriven, **told
     )
@@ -230,6 +237,7 @@ def _normwise_readings(system: Equations, heights: NDArray[np.float64]) -> Readi
 def _read(
     netlist: Netlist, forest: SourceForest, unknown: NDArray[np.int32], values: NodeValues, team: Team = ALONE,
     falling: NDArray[np.float64] | None = None, found: Balanced | None = None,
+    deep: Readings | None = None,
 ) -> tuple[Readings, NDArray[np.float64], bool]:  # fmt: skip
     """Take currents that have been found, or differences of values, and sum them up at every node.
 
@@ -245,6 +253,8 @@ def _read(
         amps, exponent, heat, faint = _differences(values, netlist, team)
     else:
         amps, exponent, heat = found.amps, np.zeros(len(ends), dtype=np.int64), found.power
+        if deep is not None:
+            amps, exponent = _deepened(amps, found.floor, *deep.scaled)
     plain = not exponent.any()
     frame, net, through = _sums(netlist, amps, exponent)
     if falling is not None:
@@ -295,6 +305,19 @@ def _differences(
         amps *= power(exponent)
         exponent[:] = 0
     return amps, exponent, heat, np.flatnonzero(faint)
+
+
+def _deepened(
+    amps: NDArray[np.float64], floor: float, deep: NDArray[np.float64], exponent: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Replace currents that count as zero by ``deep * 2**(256 exponent)`` where that lies below the floor, too."""
+    lost = (amps == 0.0) & (np.abs(deep * power(exponent)) <= _least(amps, floor))
+    return np.where(lost, deep, amps), np.where(lost, exponent, 0)
+
+
+def _least(values: NDArray[np.float64], floor: float) -> float:
+    """Return the magnitude up to which values may have been counted as zero."""
+    return float(np.nanmax(np.abs(values), initial=0.0)) * floor
 
 
 def _sums(

@@ -7,7 +7,7 @@ root of its own); a source that closes a loop must agree with the forest, and le
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TypeVar
@@ -21,7 +21,7 @@ from resgrid.netlist import GROUND, Netlist
 _Amps = TypeVar("_Amps", int, float, Fraction)
 
 LOOP_TOLERANCE = 1e-12
-"""Share of the largest voltage up to which the sources of a loop agree."""
+"""Fraction of the largest source voltage of a loop up to which the sources of that loop agree."""
 
 _MOST_OF_FLOW = 0.6
 """Share of what flows in a tree of sources from which its lower part is the louder one."""
@@ -173,10 +173,45 @@ def without_loops(forest: SourceForest, current: NDArray[np.float64]) -> NDArray
     return current
 
 
+def contradictions(
+    forest: SourceForest, forest_volts: NDArray[np.float64], ends: NDArray[np.int32], volts: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return the voltage by which each source contradicts the forest, and whether its loop does not tolerate that.
+
+    The tolerance is a fraction of the largest source voltage of the loop: sources elsewhere, or those that lift the
+    whole loop above ground, may be larger by many orders of magnitude.
+    Shapes: `forest_volts` (sources of the forest,); `ends` (sources, 2); `volts` and both results (sources,).
+    """
+    (plus, minus), (plus_rest, minus_rest) = (level[ends.T] for level in forest.offsets)
+    left_over = np.abs(plus - minus - volts + (plus_rest - minus_rest))
+    largest = max(np.abs(part).max(initial=0.0) for part in (forest_volts, volts))
+    bad = left_over > LOOP_TOLERANCE * np.abs(volts)
+    doubtful = np.flatnonzero(bad & (left_over <= LOOP_TOLERANCE * largest))
+    if doubtful.size:
+        above = {node: (parent, abs(float(forest_volts[source]))) for node, parent, source, _ in forest.ties}
+        for number in doubtful.tolist():
+            first, second = ends[number].tolist()
+            bad[number] = left_over[number] > LOOP_TOLERANCE * _largest_between(above, first, second)
+    return left_over, bad
+
+
+def _largest_between(above: Mapping[int, tuple[int, float]], first: int, second: int) -> float:
+    """Return the largest voltage on the way between two nodes of a tree, given each node's parent and voltage to it."""
+    largest_to, largest = {first: 0.0}, 0.0
+    while first in above:
+        first, step = above[first]
+        largest = max(largest, step)
+        largest_to[first] = largest
+    largest = 0.0
+    while second not in largest_to:
+        second, step = above[second]
+        largest = max(largest, step)
+    return max(largest, largest_to[second])
+
+
 def _check_loops(netlist: Netlist, forest: SourceForest) -> None:
-    plus, minus = forest.offsets[0][netlist.source_nodes.T]
-    left_over, scale = np.abs(plus - minus - netlist.source_volts), np.abs(netlist.source_volts).max()
-    bad = np.flatnonzero(forest.loop & (left_over > LOOP_TOLERANCE * scale))
+    left_over, contradicts = contradictions(forest, netlist.source_volts, netlist.source_nodes, netlist.source_volts)
+    bad = np.flatnonzero(forest.loop & contradicts)
     if bad.size:
         source = int(bad[0])
         names = netlist.names_of(netlist.source_nodes[source])

@@ -144,3 +144,54 @@ def test_source_currents_of_large_circuits_keep_the_small_difference() -> None:
         current_nodes=[[3, 0], [0, 29_999]], current_amps=[-2e-13, 1e-3],
     )  # fmt: skip
     assert rg.solve(netlist).source_current == pytest.approx([-1.0, 2e-13, -1.0], rel=1e-12)
+
+
+def test_currents_below_the_range_of_doubles_leave_others_their_digits() -> None:
+    """A source of 1 nV on 1 V drives 1 nA beside a ladder along which currents fall to 1e-372 A."""
+    resistors = [(2, 1, 1.0)]
+    for node in range(3, 19):
+        resistors += [(node - 1 if node > 3 else 1, node, 1e-12), (node, 0, 1e12)]
+    netlist = rg.Netlist(
+        19,
+        [resistor[:2] for resistor in resistors],
+        [resistor[2] for resistor in resistors],
+        source_nodes=[[1, 0], [2, 1]],
+        source_volts=[1.0, 1e-9],
+    )
+    point = rg.solve(netlist)
+    assert point.resistor_current[0] == 1e-9
+    assert point.source_current[1] == -1e-9
+    rungs = point.resistor_log_current[2::2] / np.log(10.0)
+    assert rungs == pytest.approx(-12.0 - 24.0 * np.arange(16), rel=1e-12)
+
+
+def test_a_circuit_near_the_end_of_doubles_is_not_refused() -> None:
+    """Currents of 1e-312 A have few digits left, so that their sums at a node say nothing."""
+    resistors = [(5, 4, 1.0), (4, 1, 2e12), (5, 1, 1e12), (0, 3, 0.1), (2, 3, 1e11), (5, 3, 1e12), (9, 4, 1e-12)]
+    resistors += [(1, 4, 1e-12), (6, 2, 0.1), (7, 2, 1.0), (7, 3, 1e11), (8, 0, 0.1), (9, 0, 2e-12)]
+    netlist = rg.Netlist(
+        10,
+        [resistor[:2] for resistor in resistors],
+        [resistor[2] for resistor in resistors],
+        source_nodes=[[1, 0], [2, 1]],
+        source_volts=[1e-300, 0.0],
+    )
+    exact = solve_exactly(netlist)
+    assert exact is not None
+    current = [float(amps or 0) for amps in exact.resistor_current]
+    assert rg.solve(netlist).resistor_current == pytest.approx(current, rel=1e-15, abs=1e-323)
+
+
+@pytest.mark.parametrize("volts", [1.0, 1e-250, 1e-290])
+def test_small_voltages_have_all_their_digits_without_a_current_source(volts: float) -> None:
+    """A floating source on a chain of 1e-12 S, a dead end beside it: no voltage is too small for its circuit."""
+    netlist = rg.Netlist(
+        8,
+        [[4, 3], [1, 5], [5, 6], [7, 0], [6, 4], [2, 7], [3, 2]],
+        [1e-12, 3.0, 1.0, 1e12, 1e-12, 1.0, 1.0],
+        source_nodes=[[5, 3]],
+        source_volts=[volts],
+    )
+    point = rg.solve(netlist)
+    assert_exact(netlist, point)
+    assert point.entry_error < 1e-15

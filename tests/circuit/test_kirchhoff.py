@@ -228,3 +228,32 @@ def test_sources_that_nearly_cancel_at_a_node_are_summed_exactly() -> None:
     chain = rg.Netlist(4, [[2, 1], [1, 0], [2, 3]], np.ones(3), current_nodes=[[0, 3]] * 4, current_amps=amps)
     exact = float(sum(map(Fraction, amps)))
     np.testing.assert_allclose(rg.solve(chain).resistor_current, [exact, exact, -exact], rtol=1e-12)
+
+
+def test_dead_ends_of_a_large_mesh_carry_nothing_and_leave_no_doubt() -> None:
+    """Stubs and rings on single nodes of a mesh have no current, whatever rounding leaves of their falls.
+
+    Its factors are beyond those of small circuits, and bounded errors of all others must not rest on these currents.
+    """
+    from resgrid.circuit.equations import assemble
+    from resgrid.circuit.kirchhoff import balance
+
+    side, rng = 40, np.random.default_rng(0)
+    node = np.arange(side * side).reshape(side, side)
+    pairs = [*zip(node[1:].ravel(), node[:-1].ravel(), strict=True)]
+    pairs += [*zip(node[:, 1:].ravel(), node[:, :-1].ravel(), strict=True)]
+    mesh, count = len(pairs), side * side
+    for at in rng.choice(side * side, 200, replace=False).tolist():
+        pairs += [(at, count), (count, count + 1), (count + 1, at), (count + 1, count + 2)]
+        count += 3
+    netlist = rg.Netlist(
+        count, pairs, rng.uniform(0.5, 2.0, len(pairs)), source_nodes=[[side - 1, 0], [777, 0]], source_volts=[1.0, 0.5]
+    )
+    found, _ = balance(assemble(netlist))
+    assert found is not None
+    assert found.doubt < 1e-9
+    assert not np.isfinite(found.entry_error)  # not solved in integers
+    assert not found.amps[mesh:].any()
+    assert found.amps[:mesh].all()
+    point = rg.solve(netlist)
+    assert point.resistor_current == pytest.approx(found.amps, rel=1e-9)

@@ -165,20 +165,51 @@ def test_a_loop_contradicts_itself_where_it_has_no_solution(volts: float, contra
             solve(netlist)
 
 
+@pytest.mark.parametrize(
+    "loop", [[(2, 2, 1e-9)], [(2, 1, 1e-9), (2, 1, 2e-9)], [(3, 2, 1e-9), (3, 1, 3e-9), (2, 1, 1e-9)]]
+)
+def test_a_large_source_outside_a_loop_hides_no_contradiction(loop: list[tuple[int, int, float]]) -> None:
+    sources = [(1, 0, 1e6), *loop]
+    netlist = Netlist(
+        4,
+        [[2, 0], [3, 1], [2, 3]],
+        np.ones(3),
+        source_nodes=[source[:2] for source in sources],
+        source_volts=[source[2] for source in sources],
+    )
+    assert any(violation.severity == "error" for violation in check_rules(netlist))
+    with pytest.raises(CircuitError, match=r"contradicts the other sources by 1e-09 V"):
+        solve(netlist)
+
+
+def test_a_small_loop_that_agrees_on_a_large_source_is_solved() -> None:
+    sources = [(1, 0, 1e6), (2, 1, 1e-9), (3, 2, 2e-9), (3, 1, 3e-9)]
+    netlist = Netlist(
+        4,
+        [[2, 1], [3, 0]],
+        np.ones(2),
+        source_nodes=[source[:2] for source in sources],
+        source_volts=[source[2] for source in sources],
+    )
+    with pytest.warns(UserWarning, match="undetermined"):
+        assert solve(netlist).resistor_current[0] == 1e-9
+
+
 @given(st.lists(st.tuples(st.integers(0, 7), st.integers(0, 7), st.integers(-3, 3)), max_size=14))
 @settings(max_examples=200)
 def test_contradictions_are_those_of_linear_algebra(sources: list[tuple[int, int, int]]) -> None:
     """A source closes a loop if its row depends on those before it, and contradicts if its volts do not."""
     ends = np.array([(a, b) for a, b, _ in sources], dtype=np.int64).reshape(-1, 2)
     volts = np.array([v for *_, v in sources], dtype=np.float64)
-    rest = loop_voltages(ends, volts, 8)
+    rest, closing, bad = loop_voltages(ends, volts, 8)
     rows = np.zeros((len(ends), 8))
     np.add.at(rows, (np.arange(len(ends)), ends[:, 0]), 1.0)
     np.add.at(rows, (np.arange(len(ends)), ends[:, 1]), -1.0)
     for i in range(len(ends)):
         before = np.linalg.matrix_rank(rows[:i]) if i else 0
-        assert np.isnan(rest[i]) == (np.linalg.matrix_rank(rows[: i + 1]) > before)
-        kept = [j for j in range(i) if np.isnan(rest[j])]
-        if not np.isnan(rest[i]):
+        assert closing[i] == (np.linalg.matrix_rank(rows[: i + 1]) == before)
+        kept = [j for j in range(i) if not closing[j]]
+        if closing[i]:
             solution = np.linalg.lstsq(rows[kept], volts[kept], rcond=None)[0] if kept else np.zeros(8)
-            assert rest[i] == pytest.approx(rows[i] @ solution - volts[i], abs=1e-9)
+            assert rest[i] == pytest.approx(abs(rows[i] @ solution - volts[i]), abs=1e-9)
+            assert bad[i] == (rest[i] > 1e-9)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.sources import LOOP_TOLERANCE, tie_sources
+from resgrid.circuit.sources import contradictions, tie_sources
 from resgrid.netlist import GROUND, Netlist
 from resgrid.spice.circuit import CONDUCTING, SHOWN, Circuit, Severity, Violation, some
 
@@ -108,25 +108,24 @@ def loops_of(circuit: Circuit) -> Loops:
     order = np.argsort(circuit.is_inductor, kind="stable")
     ends = np.concatenate([circuit.source_nodes[order], circuit.resistor_nodes[zero]])
     volts = np.concatenate([circuit.source_volts[order], np.zeros(len(zero))])
-    rest = loop_voltages(ends, volts, circuit.node_count)
+    rest, closing, bad = loop_voltages(ends, volts, circuit.node_count)
     number = np.concatenate([order, zero])
-    closing = ~np.isnan(rest)
-    with np.errstate(invalid="ignore"):
-        bad = closing & (np.abs(rest) > LOOP_TOLERANCE * np.max(np.abs(volts), initial=0.0))
     place = np.flatnonzero(closing & ~bad)
     own, short = number[place[place < sources]], number[place[place >= sources]]
     is_inductor = circuit.is_inductor[own]
-    contradictions = tuple(
-        ("voltage source" if i < sources else "resistor", int(number[i]), float(abs(rest[i])))
+    contradicting = tuple(
+        ("voltage source" if i < sources else "resistor", int(number[i]), float(rest[i]))
         for i in np.flatnonzero(bad).tolist()
     )
-    return Loops(own[~is_inductor], own[is_inductor], short, contradictions)
+    return Loops(own[~is_inductor], own[is_inductor], short, contradicting)
 
 
-def loop_voltages(ends: NDArray[np.int32], volts: NDArray[np.float64], node_count: int) -> NDArray[np.float64]:
-    """Voltage by which each source contradicts those before it, NaN where it closes no loop.
+def loop_voltages(
+    ends: NDArray[np.int32], volts: NDArray[np.float64], node_count: int
+) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return by how many volts each source contradicts those before it, whether it closes a loop, and in contradiction.
 
-    Shapes: `ends` (sources, 2); `volts` and the returned (sources,).
+    Shapes: `ends` (sources, 2); `volts` and all three results (sources,).
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import minimum_spanning_tree
@@ -138,10 +137,10 @@ def loop_voltages(ends: NDArray[np.int32], volts: NDArray[np.float64], node_coun
     tree = minimum_spanning_tree(rank.tocsr()).data.astype(np.int64) - 1  # earlier sources first
     no_resistors = np.empty((0, 2), dtype=np.int32), np.empty(0)
     forest = tie_sources(Netlist(node_count, *no_resistors, source_nodes=ends[tree], source_volts=volts[tree]))
-    plus, minus = forest.offsets[0][ends.T]
-    rest = plus - minus - volts
-    rest[tree] = np.nan
-    return np.asarray(rest)
+    rest, bad = contradictions(forest, volts[tree], ends, volts)
+    closing = np.ones(len(volts), dtype=np.bool_)
+    closing[tree] = False
+    return rest, closing, closing & bad
 
 
 def source_loops(circuit: Circuit) -> Iterator[Violation]:
