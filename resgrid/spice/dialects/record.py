@@ -85,6 +85,8 @@ class Words:
         Names that the simulator misreads as those of a ``"node"``, a ``"model"`` or a ``"subcircuit"``.
     common_nodes : frozenset of str
         Nodes that all subcircuits share without ``.global``.
+    true_above_half : bool
+        Whether conditions are true above one half, and not wherever they differ from zero.
     drops_quotes : bool
         Whether double quotes are dropped, so that an expression within them is misread, except in calls and first lines
         of subcircuits.
@@ -109,6 +111,7 @@ class Words:
     joins_brackets: bool = False
     misread: Mapping[str, frozenset[str]] = field(default_factory=dict)
     common_nodes: frozenset[str] = frozenset()
+    true_above_half: bool = False
     drops_quotes: bool = False
 
 
