@@ -15,9 +15,17 @@ import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import Netlist
+from resgrid.spice.run.ngspice import simulate
 from resgrid.spice.write.files import write_spice
 from resgrid.spice.write.flat import flatten, resistances
 from resgrid.spice.write.names import legal_names
+
+
+def test_names_that_ngspice_misreads_are_not_written() -> None:
+    netlist = Netlist(3, [[1, 2], [2, 0]], [1e-3, 1e-3], source_nodes=[[1, 0]], source_volts=[1.0])
+    deck = flatten(netlist.replace(node_names=("0", "temper", "Temper")))
+    assert deck.node_names == ["temper_2", "temper_3"]
+    assert simulate(deck.text.encode()).voltage == pytest.approx({"temper_2": 1.0, "temper_3": 0.5})
 
 
 def test_a_ladder_is_written_as_by_hand() -> None:

@@ -141,6 +141,20 @@ def test_a_hanging_simulator_is_ended(tmp_path: Path, monkeypatch: pytest.Monkey
         os.kill(int(pid.read_text()), 0)
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="another process is limited on Linux only")
+def test_the_system_ends_a_simulator_whose_parent_was_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    limit = tmp_path / "limit"
+    wait = (
+        "import resource\n"
+        "while resource.getrlimit(resource.RLIMIT_CPU)[1] == resource.RLIM_INFINITY: time.sleep(0.01)\n"
+        f"pathlib.Path({str(limit)!r}).write_text(str(resource.getrlimit(resource.RLIMIT_CPU)))"
+    )
+    body = f"if '--version' not in sys.argv:\n    exec({wait!r})"
+    monkeypatch.setenv("RESGRID_NGSPICE", str(program(tmp_path, body)))
+    simulate(FLOATING, timeout=90.5)
+    assert limit.read_text() == "(92, 92)"
+
+
 def test_ctrl_c_ends_the_simulator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pid = tmp_path / "pid"
     hang = program(

@@ -31,6 +31,7 @@ _WORDS = Words(
     variables={"time": "the time", "freq": "the frequency"},
     undefinable=frozenset({"pi", "temp", "time"}),
     loose="any",
+    true_above_half=True,
 )
 
 LTSPICE = Dialect(
@@ -56,7 +57,7 @@ LTSPICE = Dialect(
             **FUNCTIONS,
             **ARCS,
             "log": "ln",
-            "if": "if",
+            "if": "if_half",
             "limit": "limit",
             "round": "nint",
             "u": "step",

@@ -39,6 +39,11 @@
 - The name of a parameter ends at the first character that is no letter, digit or underscore: ``.param a.b=5`` defines
   ``a`` (``getword``).  ``min(a,b,c)`` compares ``a`` and ``c``.  An unquoted value ends at a blank, unless it is alone
   on its line and begins with a number.
+- ``gnd`` between blanks, commas or parentheses becomes ``0`` in every line, in expressions as well
+  (``inp_fix_gnd_name``). A line with the word ``temper`` becomes a B element, whatever the word names. A model called
+  ``r`` is overlooked. The node ``null`` is the same one in every subcircuit (``gettrans`` in ``subckt.c``).
+- Double quotes are dropped before expressions are looked for: ``"300+200"`` is 200 (39). Calls and first lines of
+  subcircuits are read as meant.
 - Every parameter is evaluated, needed or not.  A second definition of one makes ngspice forget another one, where that
   stands in a line without braces.
 - No ``.meas`` is computed in a batch that writes a raw file, so that it is asked in a control block.
@@ -69,7 +74,7 @@ _WORDS = Words(
         """.split()  # noqa: SIM905
     ),
     temperature=frozenset({"temper"}),
-    variables={"time": "the time", "hertz": "the frequency", "last": "a word of .meas"},
+    variables={"time": "the time", "hertz": "the frequency", "last": "a word of .meas", "gnd": "ground"},
     temperature_in_values=True,
     cold=frozenset({"int", "arctan", "%", "\\"}),
     loose="numeric",
@@ -80,6 +85,13 @@ _WORDS = Words(
     model_aliases={"resistance": "r"},
     inner_names=True,
     joins_brackets=True,
+    misread={
+        "node": frozenset({"temper"}),
+        "model": frozenset({"gnd", "hertz", "r", "temper", "time"}),
+        "subcircuit": frozenset({"gnd", "temper"}),
+    },
+    common_nodes=frozenset({"null"}),
+    drops_quotes=True,
 )
 _REFUSALS = Refusals(
     commands=frozenset(
@@ -132,7 +144,7 @@ _STATEMENTS = Statements(
 NGSPICE = Dialect(
     name="ngspice",
     label="ngspice",
-    reserved=frozenset({"gnd"}),
+    reserved=frozenset({"gnd", "temper"}),
     statements=_STATEMENTS,
     quirks=Quirks(
         basis="measured",

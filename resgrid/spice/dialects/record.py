@@ -81,6 +81,15 @@ class Words:
         Whether a name in the values of an ``X`` line that is unknown there is looked up in the subcircuit.
     joins_brackets : bool
         Whether parentheses directly behind a word belong to the name of a node.
+    misread : mapping of str to frozenset of str
+        Names that the simulator misreads as those of a ``"node"``, a ``"model"`` or a ``"subcircuit"``.
+    common_nodes : frozenset of str
+        Nodes that all subcircuits share without ``.global``.
+    true_above_half : bool
+        Whether conditions are true above one half, and not wherever they differ from zero.
+    drops_quotes : bool
+        Whether double quotes are dropped, so that an expression within them is misread, except in calls and first lines
+        of subcircuits.
     """
 
     functions: frozenset[str] = frozenset()
@@ -100,6 +109,10 @@ class Words:
     model_aliases: Mapping[str, str] = field(default_factory=dict)
     inner_names: bool = False
     joins_brackets: bool = False
+    misread: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    common_nodes: frozenset[str] = frozenset()
+    true_above_half: bool = False
+    drops_quotes: bool = False
 
 
 @dataclass(frozen=True, eq=False)

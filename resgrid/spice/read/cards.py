@@ -184,6 +184,12 @@ def _cut(text: str) -> tuple[Token, ...]:
     )
 
 
+def refuse_quotes(card: Card, token: Token) -> None:
+    """Raise CardError for a value in double quotes where the dialect's simulator drops them."""
+    if token.kind == "string" and card.rules.words.drops_quotes:
+        raise card.error(token.offset, f"{card.rules.name} misreads a value in double quotes: write it in braces")
+
+
 def without_parentheses(tokens: Iterable[Token]) -> list[Token]:
     """Tokens, parentheses left out."""
     return [token for token in tokens if not token.is_mark("()")]

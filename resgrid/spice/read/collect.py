@@ -116,7 +116,10 @@ class Collector:
 
     def _lines(self, source: Source, start: int) -> Iterator[tuple[int, str]]:
         """Lines that need a closer look."""
-        if not self.quick or self.contents.rules.instances:
+        words = self.contents.rules.words
+        misread = words.misread.get("node", frozenset()) | words.common_nodes
+        lower = source.data.lower() if self.quick and misread else b""
+        if not self.quick or self.contents.rules.instances or any(name.encode() in lower for name in misread):
             return plain_lines(source.data, start)
         self.plain.append(PlainCards(source, start, self.contents.rules))
         return self.plain[-1].others(lambda: len(self.contents.open) == 1 and not self._skipping)

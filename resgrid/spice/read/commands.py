@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.dialects.record import ReadingRules
 from resgrid.spice.read.assignments import assignments, misplaced_comma
-from resgrid.spice.read.cards import Card, Setting, Token, settings, split_call, tokenise
+from resgrid.spice.read.cards import Card, Setting, Token, refuse_quotes, settings, split_call, tokenise
 from resgrid.spice.read.diagnostics import CardError, Diagnostics, Spot
 from resgrid.spice.read.expressions import folded_name
 from resgrid.spice.read.models import RESISTOR_KINDS, SWITCH_KINDS
@@ -46,6 +46,7 @@ class Contents:
     def __post_init__(self) -> None:
         self.open = [self.top]
         self.grounds = self.rules.grounds
+        self.common |= self.rules.words.common_nodes
 
     @property
     def block(self) -> Block:
@@ -98,6 +99,8 @@ class Contents:
         block = Block(name.text, outer, [token.text for token in positional[1:]], spot=card.spot())
         self.open.append(block)
         self._spell(card, name.text, name.offset)
+        self.refuse_misread(card, "subcircuit", positional[:1])
+        self.refuse_misread(card, "node", positional[1:])
         folded = [port.lower() for port in block.ports]
         if len(set(folded)) != len(folded):
             raise card.error(name.offset, f"the subcircuit {name.text} has two terminals of one name")
@@ -132,6 +135,13 @@ class Contents:
         if folded_name(name, card.rules.instances) in words.undefinable:
             raise card.error(offset, f"{name!r} is a reserved name of {label}: rename the parameter")
 
+    def refuse_misread(self, card: Card, kind: str, names: list[Token]) -> None:
+        """Raise CardError for a name that the dialect's simulator misreads."""
+        misread = card.rules.words.misread.get(kind, frozenset())
+        for token in names:
+            if token.text.lower() in misread:
+                raise card.error(token.offset, f"{card.rules.name} misreads a {kind} called {token.text!r}: rename it")
+
     def _ends(self, card: Card) -> None:
         words = card.text.split()
         if len(self.open) == 1:
@@ -149,6 +159,7 @@ class Contents:
         pairs = assignments(card, tokens, blanks=True)
         self.note_comma(card, pairs)
         for setting in pairs:
+            refuse_quotes(card, setting.values[0])
             self._refuse_name(card, setting.key, setting.offset)
             self._spell(card, card.text[setting.offset : setting.offset + len(setting.key)], setting.offset)
             if setting.key in parameters:
@@ -190,6 +201,7 @@ class Contents:
     def _body(self, card: Card, body: list[Token]) -> Token:
         """Return the expression of a function, which stands in quotes except where the dialect needs none."""
         if len(body) == 1 and body[0].kind != "mark":
+            refuse_quotes(card, body[0])
             return body[0]
         loose = body and all(token.kind in ("word", "mark") for token in body)
         if not loose or not card.rules.words.loose_functions:
@@ -202,6 +214,8 @@ class Contents:
         if len(tokens) < 2 or tokens[0].kind != "word" or tokens[1].kind != "word":
             raise card.error(0, f"{word_for(card.rules, '.model')} needs a name and a kind")
         models, name, kind = self.block.models, tokens[0].text.lower(), tokens[1].text.lower()
+        if kind in RESISTOR_KINDS:
+            self.refuse_misread(card, "model", tokens[:1])
         if name in models:
             counts = "first" if self.rules.first_counts else "last"
             self.diagnostics.warn(card.spot(), f"a model is defined again: the {counts} one counts")

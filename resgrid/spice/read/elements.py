@@ -25,7 +25,7 @@ from resgrid.spice.read.cards import (
 from resgrid.spice.read.models import RESISTOR_KINDS, SWITCH_KINDS, modelled_resistor, modelled_switch
 from resgrid.spice.read.scopes import Block, Model, Scope
 from resgrid.spice.read.tables import Elements
-from resgrid.spice.read.temperature import refuse_cold, refuse_temperature
+from resgrid.spice.read.temperature import refuse_cold, refuse_dropped, refuse_temperature
 from resgrid.spice.read.waveforms import SourceValue, source_value
 
 REFUSED = {
@@ -180,6 +180,8 @@ def _read_resistor(card: Card, scope: Scope, elements: Elements) -> None:
         element = _cut(card, scope, "r resistance l w")
         model, ohms = _model_and_value(element, scope, RESISTOR_KINDS, "resistance", "r", "resistance")
     refuse_cold(card, watch, ohms)
+    parts = {*element.keys, *(["model"] if model is not None else [])}
+    refuse_dropped(card, watch, parts, element.nodes, elements.nominal)
     if card.rules.spaced_lists:
         _refuse_unspaced(card, element.pairs)
     first, second, nominal, exponential = 0.0, 0.0, math.nan, 0.0
@@ -190,8 +192,6 @@ def _read_resistor(card: Card, scope: Scope, elements: Elements) -> None:
         raise card.error(None, f"{element.name} has no value: give it ohms, r=, or a model")
     elif "l" in element.keys or "w" in element.keys:
         raise card.error(None, "l and w mean something together with a model only")
-    if "scale" in element.keys and watch.used and card.rules.words.temperature_in_values:
-        raise card.error(None, f"{card.rules.name} drops scale= with an expression of the temperature: multiply there")
     several = element.keys.get("tc", [])
     if len(several) > 2:
         raise card.error(None, f"tc= takes one or two values, not {len(several)}")

@@ -168,6 +168,7 @@ class _Reader:
                     self._now.offset, f"{self.rules.name} misreads a choice within a choice: {_PARENS}"
                 )
             self.position += 1
+            self._check_truth(value)
             this = self.choice(within=True)
             self._expect(":")
             that = self.choice()
@@ -197,8 +198,16 @@ class _Reader:
             right = self._binary(own_level + 1)
             if token.text in ("/", "\\", "%") and right == 0:
                 raise ExpressionError(token.offset, "division by zero")
+            if token.text in ("&&", "||"):
+                self._check_truth(left, right)
             left = float(function(left, right))
         return left
+
+    def _check_truth(self, *values: float) -> None:
+        """Refuse conditions between 0 and one half, or below 0, where the dialect's boundary is one half."""
+        if self.rules.words.true_above_half and any(bool(value) != (value > 0.5) for value in values):
+            label = self.rules.name
+            raise ExpressionError(self._now.offset, f"{label} takes values above 0.5 for true: write a comparison")
 
     def _signed(self) -> float:
         sign = self._now
@@ -209,7 +218,9 @@ class _Reader:
             self._refuse_misread(sign)
         self.position += 1
         if sign.text == "!":
-            return float(not self._signed())
+            negated = self._signed()
+            self._check_truth(negated)
+            return float(not negated)
         value = self._binary(_PRODUCT) if leads else self._signed()
         return -value if sign.text == "-" else value
 
@@ -370,6 +381,7 @@ FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {
     **{name: (1, function) for name, function in _ONE_ARGUMENT.items()},
     **{name: (2, function) for name, function in _TWO_ARGUMENTS.items()},
     "if": (3, lambda condition, this, that: this if condition else that),
+    "if_half": (3, lambda condition, this, that: this if condition > 0.5 else that),
     "limit": (3, lambda x, low, high: min(max(x, min(low, high)), max(low, high))),
 }
 """Functions of expressions: number of arguments, and what they compute."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from resgrid.errors import BudgetError
 from resgrid.spice.dialects.record import ReadingRules, Words
-from resgrid.spice.read.cards import Card, Setting, Token
+from resgrid.spice.read.cards import Card, Setting, Token, refuse_quotes
 from resgrid.spice.read.diagnostics import CardError, Diagnostics, Spot
 from resgrid.spice.read.expressions import ExpressionError, Lookup, ReservedNameError, evaluate, folded_name
 from resgrid.spice.read.numerals import parse_numeral
@@ -307,11 +307,13 @@ class Scope:
         computed = lookup is not None
         lookup = lookup or self.named
         self.outermost._calls = 0
-        if token.kind in ("expression", "string"):
+        if token.kind == "expression" or (token.kind == "string" and (computed or not card.rules.words.drops_quotes)):
             return self._evaluated(card, token, lookup)
         if token.kind == "mark":
             raise card.error(token.offset, f"{token.text!r} was not expected here; a value was")
         numeral = parse_numeral(token.text, card.rules, computed=computed)
+        if numeral is None:
+            refuse_quotes(card, token)
         if isinstance(numeral, str):
             raise card.error(token.offset, numeral)
         if numeral is not None:

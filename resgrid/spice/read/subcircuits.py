@@ -29,7 +29,7 @@ FREE_GROWTH, MAX_GROWTH = 500_000, 5000
 
 _OWN_MULTIPLIER = re.compile(r"^[^vs].*[\s,]m\s*=", re.IGNORECASE)
 
-_BLANK_NAME = re.compile(r'"[^"]*\s[^"]*"')
+_BLANK = re.compile(r"\s")
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +81,7 @@ class Expander:
         for card in cards:
             try:
                 letter = letter_of(card, scope.block)
-                if card.rules.refusals.blank_names and (match := _BLANK_NAME.search(card.text)):
-                    self._note_blank(card, match.group(), match.start())
+                self._judge_names(card, letter)
                 if letter == "x":
                     call = self._call(card, scope.block)
                     if call.name.lower() in names:
@@ -101,6 +100,18 @@ class Expander:
                 f"{', '.join(sorted(set(elements.nodes.clashes)))} and nodes that differ by case alone are different "
                 f"nodes in {self.contents.rules.name}, one here: rename some"
             )
+
+    def _judge_names(self, card: Card, letter: str) -> None:
+        """Raise CardError for a node whose name the dialect's simulator misreads; note blanks in quoted names."""
+        misread = card.rules.words.misread.get("node", ())
+        if any(name in card.text.lower() for name in misread):
+            tokens = [token for token in tokenise(card)[1:] if token.kind != "mark"]
+            self.contents.refuse_misread(card, "node", tokens if letter == "x" else tokens[:2])
+        if card.rules.refusals.blank_names and '"' in card.text:
+            for token in tokenise(card):
+                if token.kind == "string" and _BLANK.search(token.text):
+                    self._note_blank(card, f'"{token.text}"', token.offset - 1)
+                    break
 
     def _note_blank(self, card: Card, name: str, offset: int) -> None:
         """Note a blank in a quoted name, by its consequence for the dialect's simulator."""
@@ -274,7 +285,8 @@ class Expander:
         shared = next((port for port in block.ports if port.lower() in contents.common), None)
         if shared is not None:
             command = word_for(contents.rules, ".global")
-            words = f"{shared} is a terminal of {block.name} and {command}; simulators differ on that: rename one"
+            kind = command if shared.lower() not in contents.rules.words.common_nodes else "a node of all subcircuits"
+            words = f"{shared} is a terminal of {block.name} and {kind}; simulators differ on that: rename one"
             raise CardError(block.spot, words)
         scope = Scope(block, outer.diagnostics, outer, given)
         elements = self.elements()

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 import os
 import re
 import shutil
 import signal
 import subprocess
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +21,9 @@ from resgrid.errors import BudgetError, InputError, ToolMissingError
 from resgrid.files import temporary_folder
 from resgrid.spice.run.rawfile import RawFile, read_rawfile
 
+if sys.platform == "linux":
+    import resource
+
 EXECUTABLE_VARIABLE = "RESGRID_NGSPICE"
 _INSTALL = (
     "the circuit simulator {name} is not installed: 'sudo apt-get install ngspice' (Debian, Ubuntu), "
@@ -27,6 +33,7 @@ _DECK, RAW, _LOG = "deck.cir", "operating_point.raw", "log.txt"
 _RUN = '* operating point of {deck}\n.include "{deck}"\n.options klu\n.op\n.end\n'
 _PLOT = "Operating Point"
 _MAX_LOG = 2**20
+_MAX_SECONDS = 2**31
 _MAX_COMPLAINTS = 10
 MAX_ASCENT = 8
 """How many ``..`` the name of an included file may hold: so deep lies the folder that such a deck is run in."""
@@ -150,12 +157,15 @@ def run_quietly(
     With ``cwd`` it runs in another folder than that of the log.
     """
     environment = {key: value for key, value in os.environ.items() if not key.startswith(("SPICE", "NGSPICE"))}
+    environment |= {"LC_ALL": "C"}
+    if name == "ngspice":
+        environment |= {"OMP_NUM_THREADS": "1"}  # so that its processor time is at most the time that passes
     with (folder / _LOG).open("wb") as log:
         try:
             process = subprocess.Popen(
                 command,
                 cwd=cwd or folder,
-                env={**environment, "LC_ALL": "C"},
+                env=environment,
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
@@ -163,6 +173,7 @@ def run_quietly(
             )
         except OSError as error:
             raise ToolMissingError(f"cannot run {command[0]}: {error.strerror}; install {name} anew") from error
+        _limit_processor_time(process.pid, timeout * (1 if name == "ngspice" else os.cpu_count() or 1))
         try:
             return process.wait(timeout)
         except subprocess.TimeoutExpired as error:
@@ -176,6 +187,15 @@ def run_quietly(
                 else:  # Windows
                     process.kill()
                 process.wait()
+
+
+def _limit_processor_time(pid: int, seconds: float) -> None:
+    """Let the system end a process that computes longer, for a killed parent cannot; on Linux only."""
+    if sys.platform != "linux":
+        return
+    limit = min(math.ceil(seconds) + 1, _MAX_SECONDS)
+    with contextlib.suppress(OSError, ValueError):  # it has ended, or a lower limit holds
+        resource.prlimit(pid, resource.RLIMIT_CPU, (limit, limit))
 
 
 def _read_log(folder: Path) -> str:

@@ -45,6 +45,7 @@ FOLLOWED = {
     "temperature in a parameter": ".temp 127\n.param q='temper-27' p='500*(1+0.01*q)'\nR1 in a {p}",
     "temperature in a subcircuit": ".temp 50\n.subckt s p q\nR1 p q '20*temper'\n.ends\nX1 in a s",
     "temperature in a function": ".temp 50\n.func f(x) {x*temper}\nR1 in a {f(20)}",
+    "temperature and a coefficient": ".temp 50\nR1 in a '20*temper' tc1=0.01 tc2=1e-4 m=2",
     "temperature in a model": ".temp 50\n.model m r r='20*temper'\nR1 in a m",
     "an unused function name": ".param max=5\nR1 in a 1k",
     "a function of a built-in name": ".func max(x,y) {x+y}\nR1 in a {max(500,500)}",
@@ -68,6 +69,14 @@ FOLLOWED = {
     "a terminal called gnd": ".subckt s p gnd\nR1 p gnd 1k\n.ends\nX1 a 0 s\nX2 a gnd s\nR3 in a 1k",
     "other values of the line": ".subckt s p n W=1 nf=1 t=1\nR1 p n t\n.ends\nX1 in a s t='25*W/nf' W=80 nf=2",
     "a value of the subcircuit": ".subckt s p n t=1 W=7\nR1 p n t\n.ends\nX1 in a s t='25*W'",
+    "the node null in a subcircuit": (
+        ".subckt s p q\nR1 p null 1k\nR2 null q 100\n.ends\nX1 in 0 s\nX2 a 0 s\nR3 in a 1k"
+    ),
+    "a plain number in double quotes": 'R1 in a "1k" m="2"',
+    "expressions in double quotes in a call": (
+        '.param w=250\n.subckt s p q r="100*3" t=1\nR1 p q {r+t}\n.ends\nX1 in a s t="w*2"'
+    ),
+    "temper as part of a name": "R1 in n_temper 1k\nRtemper n_temper temper1 1k\nR3 temper1 a {100+temper}",
     "gnd inside nested subcircuits": (
         ".subckt t a b\nR1 a m 1k\nR2 m b 1k\n.ends\n.subckt u a b\nR1 a m 100\nR2 m b 100\n.ends\n"
         ".subckt w a b\nR1 a m 300\nR2 m b 300\n.ends\n"
@@ -108,6 +117,12 @@ REFUSED = {
     "temper and int": ("R1 in a 'int(temper)'", "does not know int in an expression of temper"),
     "temper and a remainder": ("R1 in a 'temper%5'", "does not know % in an expression of temper"),
     "temper and scale": ("R1 in a '20*temper' scale=2", "drops scale="),
+    "temper and tc": (".temp 50\nR1 in a '20*temper' tc=0.01", "drops tc="),
+    "temper and dtemp": ("R1 in a '20*temper' dtemp=20 tc1=0.01", "drops dtemp="),
+    "temper and temp": ("R1 in a '20*temper' temp=50 tc1=0.01", "drops temp="),
+    "temper and a model": (".temp 50\n.model m r tc1=0.01\nR1 in a m r='20*temper'", "drops the model"),
+    "temper and tc1": (".options tnom=20\nR1 in a '20*temper' tc1=0.01", "counts tc1= and tc2= from 27 degrees"),
+    "temper and parentheses": ("R1 in Net-(R1-Pad2) '20*temper'\nR3 Net-(R1-Pad2) a 1k", "misreads the parentheses"),
     "temper without braces": ("R1 in a temper", "within braces only"),
     "blanks before another definition": (".param q=3 p = 500 + 500\nR1 in a {p}", "ends the value"),
     "blanks in a call": (".subckt s p q r=1\nR1 p q {r}\n.ends\nX1 in a s r=500 + 500", "ends the value"),
@@ -120,6 +135,21 @@ REFUSED = {
         "ngspice may forget 'p' here, for q is defined twice",
     ),
     "a no-break space": ("R1\u00a0in a 1k", "U+00A0"),
+    "gnd in an expression": (".param gnd=500\nR1 in a '10+abs(gnd)'", "'gnd' is a reserved name of ngspice (ground)"),
+    "a model called gnd": (".model gnd r rsh=100\nR1 in a gnd l=10u w=2u", "misreads a model called 'gnd'"),
+    "a subcircuit called gnd": (".subckt gnd p q\nR1 p q 1k\n.ends\nX1 in a gnd", "a subcircuit called 'gnd'"),
+    "a model called r": (".model r r tc1=0.1\n.temp 50\nR1 in a 1k r", "misreads a model called 'r'"),
+    "a model called time": (".model time r rsh=100\nR1 in a time l=10u w=2u", "misreads a model called 'time'"),
+    "a node called temper": ("R1 in temper 1k\nR3 Temper a 1k", "misreads a node called 'temper'"),
+    "a terminal called temper": (".subckt s p temper\nR1 p temper 1k\n.ends\nX1 in a s", "called 'temper'"),
+    "a subcircuit called temper": (".subckt temper p q\nR1 p q 1k\n.ends\nX1 in a temper", "called 'temper'"),
+    "a terminal called null": (".subckt s p null\nR1 p null 1k\n.ends\nX1 in a s", "null is a terminal of s"),
+    "an expression in double quotes": ('R1 in a "300+200"', "misreads a value in double quotes: write it in braces"),
+    "a parameter in double quotes": ('.param p="300+200"\nR1 in a {p}', "misreads a value in double quotes"),
+    "a name in double quotes": ('.param p=500\nR1 in a r="p"', "misreads a value in double quotes"),
+    "a function in double quotes": ('.func f(x) "x*2"\nR1 in a {f(250)}', "misreads a value in double quotes"),
+    "a model's value in double quotes": ('.model m r r="300+200"\nR1 in a m', "misreads a value in double quotes"),
+    "a source in double quotes": ('R1 in a 1k\nI1 0 a "1e-3+1e-3"', "misreads a value in double quotes"),
     "a parameter of .step": (".step param x 1 2 1\nR1 in a {x}", "'x' is given by .step (<text>:3) only"),
 }
 
@@ -137,13 +167,37 @@ def test_what_ngspice_would_misread_is_refused(name: str) -> None:
         "a name with a point",  # the rest of the name is lost
         "a name with a dollar",
         "temper and scale",
+        "temper and tc",
+        "temper and dtemp",
+        "temper and temp",
+        "temper and tc1",
+        "temper and a model",
         "blanks before another definition",  # 500
         "blanks in a call",
         "a middle argument",
         "a terminal called gnd that is not",
         "a bare name and a second definition",
         "a no-break space",
+        "gnd in an expression",  # 10
+        "a model called gnd",  # 1 milliohm
+        "a model called r",  # its coefficient is lost
+        "a terminal called null",
+        "an expression in double quotes",  # 200
+        "a parameter in double quotes",
+        "a model's value in double quotes",
     }
+
+
+def test_names_that_ngspice_misreads_are_refused_in_long_decks(tmp_path: Path) -> None:
+    filler = "".join(f"R{i} n{i} 0 1k\n" for i in range(9, 5000))
+    path = tmp_path / "deck.cir"
+    path.write_text(f"{HEAD}{filler}R1 in temper 1k{TAIL}")
+    with pytest.raises(InputError, match="misreads a node called 'temper'"):
+        rg.read_spice(path)
+
+
+def test_a_quoted_value_between_others_is_no_quoted_blank() -> None:
+    assert not [note for note in read(f'{HEAD}R1 in a r="1k" m="2"{TAIL}').notes if note.outcome]
 
 
 OTHERS = [
@@ -155,6 +209,10 @@ OTHERS = [
     ("ltspice", ".param max=5\nR1 in a {max*2}", "LTspice takes 'max' for its function"),
     ("ltspice", ".func max(x) {x}\nR1 in a {max(1)}", "is a function of LTspice itself"),
     ("ltspice", "R1 in a 1k noiseless\n.savebias f\n.loadbias f", 1000.0),
+    ("ltspice", "R1 in a {if(0.4,1,2)+if(-3,10,20)+if(0.6,100,200)+if(2>1,1k,2k)}", 1122.0),
+    ("ltspice", "R1 in a {0.4 ? 1k : 2k}", "takes values above 0.5 for true"),
+    ("ltspice", "R1 in a {1k*(0.4 && 1)}", "takes values above 0.5 for true"),
+    ("xyce", "R1 in a {if(0.4,1,2)+(0.4 ? 10 : 20)}", 11.0),
     ("ltspice", ".param e=2 k=3\nR1 in a {e*k}", 6.0),
     ("xyce", "R1 in a {100*PI}", 100 * math.pi),
     ("xyce", ".options device temp=50\nR1 in a {10*TEMP+10*TEMPER+CtoK}", 1273.15),
