@@ -83,6 +83,16 @@ def _album(job: Job, plan: Plan) -> Iterator[tuple[str, str, str, rg.Field | Non
 
 def _draw(what: str, job: Job, plan: Plan, field: rg.Field | None) -> Any:
     """One of `PICTURES`, as an ax or a figure."""
+    picture = _drawn(what, job, plan, field)
+    if what in ("page", "potential", "currents", "paths"):
+        from resgrid.plot.panels import paint_unknown
+        from resgrid.scene.world import unknown_cells
+
+        paint_unknown(picture, job.space, unknown_cells(job.scene.map, job.space.axes))
+    return picture
+
+
+def _drawn(what: str, job: Job, plan: Plan, field: rg.Field | None) -> Any:
     lines = plan.streamlines
     match what:
         case "robot":
