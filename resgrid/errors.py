@@ -134,5 +134,6 @@ def suggestion(name: str, known: Iterable[str]) -> str:
     from difflib import get_close_matches
 
     kin = name.rstrip("0123456789")
-    near = get_close_matches(name, [other for other in known if other.rstrip("0123456789") != kin or kin == name], 1)
+    candidates = [other for other in known if other.rstrip("0123456789") != kin or kin == name]
+    near = [other for other in candidates if other.lower() == name.lower()] or get_close_matches(name, candidates, 1)
     return f"did you mean {near[0]!r}?" if near else ""

@@ -12,7 +12,7 @@ import resgrid as rg
 from resgrid.cli.decks import is_deck, open_deck, refuse_scene_options, solve_deck
 from resgrid.cli.options import POSITIVE, Source, Suggested, share, verb, with_source
 from resgrid.cli.report import NEGATIVE, NOT_VERIFIED, counted, detail, finish, say, stage
-from resgrid.cli.scenes import open_job, say_unheeded
+from resgrid.cli.scenes import open_job, report_ignored
 from resgrid.errors import InputError, ResgridError, ToolMissingError
 
 if TYPE_CHECKING:
@@ -78,19 +78,19 @@ def command(source: Source, rules: bool, deck: str | None, tolerance: float, tim
         agreement = _check_deck(source, limits)
         finish(agreement_data(agreement), agreement_lines(agreement))
     else:
-        agreement, unheeded = _check_scene(source, deck, limits)
-        finish(agreement_data(agreement) | unheeded, agreement_lines(agreement))
+        agreement, ignored = _check_scene(source, deck, limits)
+        finish(agreement_data(agreement) | ignored, agreement_lines(agreement))
     return NOT_VERIFIED if agreement.agrees is None else 0 if agreement.agrees else NEGATIVE
 
 
 def _check_rules(source: Source, given: bool) -> int:
     circuit: rg.Netlist | Circuit
-    unheeded: dict[str, list[str]] = {}
+    ignored: dict[str, list[str]] = {}
     if given:
         circuit = open_deck(source, names=False)
     else:
         job = open_job(source)
-        unheeded = say_unheeded(job, "circuit")
+        ignored = report_ignored(job, "circuit")
         circuit = job.compile(job.problem.only_wiring()[1], scaled=False)
     with stage("check the rules"):
         violations = rg.check_rules(circuit)
@@ -102,18 +102,18 @@ def _check_rules(source: Source, given: bool) -> int:
         "findings": [dataclasses.asdict(violation) for violation in violations],
         "simulators": [dataclasses.asdict(prediction) for prediction in predictions],
     }
-    finish(data | unheeded, _rules_lines(violations, predictions))
+    finish(data | ignored, _rules_lines(violations, predictions))
     return 0 if passes else NEGATIVE
 
 
 def _check_scene(source: Source, deck: str | None, limits: dict[str, Any]) -> tuple[Agreement, dict[str, list[str]]]:
     """A scene is held against its own deck, or against one that is given."""
     job = open_job(source)
-    unheeded = say_unheeded(job, "circuit")
+    ignored = report_ignored(job, "circuit")
     op = job.solve(job.problem.only_wiring()[1])
     _forecast(op.netlist, limits)
     with stage("simulate"):
-        return rg.check_deck(deck or op, reference=op if deck else None, **limits), unheeded
+        return rg.check_deck(deck or op, reference=op if deck else None, **limits), ignored
 
 
 def _check_deck(source: Source, limits: dict[str, Any]) -> Agreement:

@@ -24,7 +24,7 @@ from resgrid.cli.options import (
     with_source,
 )
 from resgrid.cli.report import NEGATIVE, NOT_VERIFIED, compute, finish, stage
-from resgrid.cli.scenes import Job, open_job, say_unheeded
+from resgrid.cli.scenes import Job, open_job, report_ignored
 from resgrid.errors import InputError
 from resgrid.files import SUMMARY, whole_folder
 
@@ -102,7 +102,7 @@ def command(
         job = open_job(source)
         study = _open(job)
         effort = replace(effort, executor=workers, checkpoints=checkpoints_beside(folder, study, effort.sweep))
-        unheeded = say_unheeded(job, "chip")
+        ignored = report_ignored(job, "chip")
         sections = [_analyse(name, study, effort, work) for name in only]
         with stage("write the decks"):
             decks = described_files(study.write_decks(work, dialect=dialect), dialect)
@@ -110,7 +110,7 @@ def command(
         verdict = _verdict("op.cir", agreement)
         lines = {f"{name}.jsonl": path for name, path in effort.checkpoints.items() if name in only and path.exists()}
         files = dict.fromkeys(lines, "a line for every chip that was tried") | decks
-        data = _summary(study, job, sections, files, verdict) | unheeded
+        data = _summary(study, job, sections, files, verdict) | ignored
         text = report_markdown(study, sections, decks, verdict)
         (work / "report.md").write_text(text, encoding="utf-8")
         (work / "report.html").write_text(html_page(study.title, text), encoding="utf-8")

@@ -12,7 +12,7 @@ import click
 import resgrid as rg
 from resgrid.cli.options import Source, dialect_option, output_option, verb, with_source
 from resgrid.cli.report import finish, say, stage, verbosity
-from resgrid.cli.scenes import Job, element_counts, open_job, say_unheeded
+from resgrid.cli.scenes import Job, element_counts, open_job, report_ignored
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def command(source: Source, output: str | None, dialect: str, form: Form) -> int
     if form == "cells":
         _require_tiles(job.scene.chip)
     name, wiring = job.problem.only_wiring()
-    unheeded = say_unheeded(job, "circuit" if form == "flat" else "tiles")
+    ignored = report_ignored(job, "circuit" if form == "flat" else "tiles")
     if printed and not verbosity().json:
         deck = flatten(job.compile(wiring), dialect=dialect, title=_title(job, name))
         click.echo(deck.text, nl=False)
@@ -63,7 +63,7 @@ def command(source: Source, output: str | None, dialect: str, form: Form) -> int
     if form == "cells":
         job, assumed = _assume_switches(job, wiring.boundary)
     op = job.solve(wiring)
-    data: dict[str, Any] = {"chip": name, "dialect": dialect, **element_counts(op.netlist), **unheeded}
+    data: dict[str, Any] = {"chip": name, "dialect": dialect, **element_counts(op.netlist), **ignored}
     if output is not None:
         written = write_deck(output, job, name, op, dialect, form)
         more = {"companion": written.companion, "chip": written.chip, "pattern": written.pattern}

@@ -12,7 +12,7 @@ import click
 import resgrid as rg
 from resgrid.cli.options import NUMBERS, WRITTEN, Source, output_option, verb, with_source
 from resgrid.cli.report import NEGATIVE, counted, finish, say, stage
-from resgrid.cli.scenes import open_job, place_of, require_starts, say_unheeded
+from resgrid.cli.scenes import open_job, place_of, report_ignored, require_starts
 from resgrid.errors import InputError
 from resgrid.scene import Control
 from resgrid.scene.table import described_keys
@@ -88,7 +88,7 @@ def command(
     require_starts(scene)
     own = scene.k[:1] if scene.control.k is None else (scene.control.k,)
     shares: tuple[float | None, ...] = (scene.k if "k" in source.changes else own) or (None,)
-    unheeded = say_unheeded(job, "grid", k=tuple(k for k in scene.k if k not in shares))
+    ignored = report_ignored(job, "grid", k=tuple(k for k in scene.k if k not in shares))
     if (picture or animate or wavefront) and len(shares) * len(scene.starts) > 1:
         say("of several runs, the first is drawn; choose one with --start X,Y and --k K")
     runs: list[tuple[Simulation, rg.Run]] = []
@@ -113,7 +113,7 @@ def command(
         for start, (sim, run) in zip(starts, runs, strict=True)
     ]
     lines = (_line(start, run) for start, (_, run) in zip(starts, runs, strict=True))
-    finish({"scene": scene.title, "runs": records, **unheeded}, lines, written=output)
+    finish({"scene": scene.title, "runs": records, **ignored}, lines, written=output)
     return 0 if all(str(run.ending) == "arrived" for _, run in runs) else NEGATIVE
 
 

@@ -11,7 +11,7 @@ import resgrid as rg
 from resgrid.cli.decks import is_deck, open_deck, solve_deck
 from resgrid.cli.options import Source, dialect_option, output_option, verb, with_source
 from resgrid.cli.report import finish, say, stage
-from resgrid.cli.scenes import element_counts, open_job, say_unheeded
+from resgrid.cli.scenes import element_counts, open_job, report_ignored
 from resgrid.errors import InputError
 from resgrid.spice.dialects import DECK_SUFFIXES, OWN_SUFFIXES
 
@@ -49,7 +49,7 @@ def command(source: Source, output: str, dialect: str | None, bare: bool) -> int
     if is_network and (dialect is not None or bare):
         raise InputError(f"-o {output}: this is no deck, so it has no dialect and no sidecar; leave the option out")
     alone = bare or output == "-"
-    netlist, title, op, unheeded = _circuit(source, solve=not (alone or is_network))
+    netlist, title, op, ignored = _circuit(source, solve=not (alone or is_network))
     data: dict[str, Any] = {"file": output, **element_counts(netlist)}
     missing: Mapping[str, int] = {}
     if is_network:
@@ -66,19 +66,19 @@ def command(source: Source, output: str, dialect: str | None, bare: bool) -> int
         why = f"{output} has no place for them" if is_network else "a simulator would fail on them"
         say(f"left out, for {why}: {kinds}")
     data["left_out"] = {f"{kind.replace(' ', '_')}s": count for kind, count in missing.items()}
-    finish(data | unheeded, written=output)
+    finish(data | ignored, written=output)
     return 0
 
 
 def _circuit(
     source: Source, *, solve: bool
 ) -> tuple[rg.Netlist, str | None, rg.OperatingPoint | None, dict[str, list[str]]]:
-    """The netlist, its title, where it is asked for its solution, and what was not heeded of a scene."""
+    """Return the netlist, its title, its solution if asked for, and the ignored keys of a scene."""
     if not is_deck(source):
         job = open_job(source)
-        unheeded = say_unheeded(job, "circuit")
+        ignored = report_ignored(job, "circuit")
         op = job.solve(job.problem.only_wiring()[1])
-        return op.netlist, job.scene.title, op, unheeded
+        return op.netlist, job.scene.title, op, ignored
     deck = open_deck(source)
     if not solve:
         return deck.netlist(), deck.title, None, {}

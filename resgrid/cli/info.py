@@ -12,7 +12,7 @@ import resgrid as rg
 from resgrid.cli.decks import deck_data, is_deck, open_deck
 from resgrid.cli.options import Source, verb, with_source
 from resgrid.cli.report import counted, finish
-from resgrid.cli.scenes import Job, free_counts, open_job, say_unheeded, several_k, size_of
+from resgrid.cli.scenes import Job, free_counts, open_job, report_ignored, several_k, size_of
 from resgrid.errors import CircuitError, InputError, ToolMissingError
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def command(source: Source | None, schema: bool, shipped: bool, versions: bool) 
         finish(data, _deck_lines(data))
     elif source is not None:
         job = open_job(source, require_goal=False)
-        data = describe(job) | say_unheeded(job, "grid", k=several_k(job.scene))
+        data = describe(job) | report_ignored(job, "grid", k=several_k(job.scene))
         finish(data, _lines(data))
     return 0
 

@@ -27,6 +27,16 @@ else:
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
+def _example(param: click.Parameter | None) -> str:
+    """Return the expected form of an option's numbers, by its metavar: X,Y for places, K for blends."""
+    metavar = (param.metavar if isinstance(param, click.Option) else None) or ""
+    if metavar == "K":
+        return "a number from 0 to 1, such as 0.9, or several separated by commas"
+    if metavar == "X,Y":
+        return "numbers separated by commas, such as 3,4"
+    return "a number, or several separated by commas, such as 0.5,1"
+
+
 class Numbers(_Type):
     """Finite numbers with commas; one number is a list of one."""
 
@@ -40,7 +50,7 @@ class Numbers(_Type):
         try:
             numbers = tuple(float(word) for word in value.split(","))
         except ValueError:
-            raise InputError(f"{option} {value!r}: expected numbers separated by commas, such as 3,4") from None
+            raise InputError(f"{option} {value!r}: expected {_example(param)}") from None
         if not all(abs(number) < float("inf") for number in numbers):
             raise InputError(f"{option} {value!r}: expected finite numbers")
         return numbers
@@ -175,7 +185,8 @@ _REPORT_OPTIONS: tuple[Decorator, ...] = (
 _SCENE_OPTIONS: tuple[Decorator, ...] = (
     _key("--boundary", type=Suggested("rule", "dirichlet", "neumann", "wall"),
          help="What obstacles are: dirichlet (a rail), neumann (open) or wall (a rail behind a resistance)."),
-    _key("--drive", type=Suggested("drive", "uniform", "start"), help="What drives open obstacles."),
+    _key("--drive", type=Suggested("drive", "uniform", "start"),
+         help="What drives open obstacles: uniform (a current into every free cell) or start (the start on a rail)."),
     _key("--edge", type=Suggested("rule", "obstacle", "open"),
          help="The grid's border: obstacle or open; one per axis with commas."),
     _key("--resistance", metavar="OHMS", help="Resistance between neighbours, such as 10k."),

@@ -12,7 +12,7 @@ import resgrid as rg
 from resgrid.cli.options import NUMBERS, POSITIVE, Amount, Source, output_option, verb, with_method, with_source
 from resgrid.cli.paths import answer_queries, plan_routes, route_lines
 from resgrid.cli.report import NEGATIVE, finish, say
-from resgrid.cli.scenes import open_job, place_of, require_starts, say_unheeded
+from resgrid.cli.scenes import open_job, place_of, report_ignored, require_starts
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
@@ -75,11 +75,11 @@ def command(
     if output is not None and queries is None:
         check_routes_file(output)
     job = open_job(source, require_goal=queries is None, method=method, ranks=ranks)
-    unheeded = say_unheeded(job, "grid")
+    ignored = report_ignored(job, "grid")
     if queries is not None:
         if shorten or speed:
             raise InputError("--queries answers with lengths alone: leave out --shorten and --speed")
-        return answer_queries(job, queries, limit, output, unheeded)
+        return answer_queries(job, queries, limit, output, ignored)
     require_starts(job.scene)
     _check_limits("--speed", speed, job.space)
     _check_limits("--acceleration", acceleration, job.space)
@@ -92,7 +92,7 @@ def command(
     if speed:
         routes = [_timed(route, speed, acceleration, rate) for route in routes]
     written = output is not None and _write(routes, output)
-    data = {"scene": job.scene.title, "paths": [route_record(route) for route in routes], **unheeded}
+    data = {"scene": job.scene.title, "paths": [route_record(route) for route in routes], **ignored}
     finish(data, route_lines(routes), written=output if written else None)
     return 0 if plan.complete else NEGATIVE
 

@@ -99,7 +99,7 @@ def _figures(length: float, clearance: float | None, path: rg.Streamline) -> str
     return f"length {length:.6g}{unit}{clear}"
 
 
-def answer_queries(job: Job, file: str, limit: int | None, output: str | None, unheeded: dict[str, list[str]]) -> int:
+def answer_queries(job: Job, file: str, limit: int | None, output: str | None, ignored: dict[str, list[str]]) -> int:
     """Answer the queries of a MovingAI scenario file on one map."""
     from resgrid.io.tables import suffix_of, write
 
@@ -113,7 +113,7 @@ def answer_queries(job: Job, file: str, limit: int | None, output: str | None, u
             with quietly():
                 answers.extend(_answers(job, query, file))
             progress.advance()
-    data = {"scene": job.scene.title, "queries": file, "paths": answers, **unheeded}
+    data = {"scene": job.scene.title, "queries": file, "paths": answers, **ignored}
     if output is not None:
         write(output, {"record": lambda: data}, "answers to queries")
     reached = sum(answer["outcome"] == "reached" for answer in answers)

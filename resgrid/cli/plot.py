@@ -12,7 +12,7 @@ import resgrid as rg
 from resgrid.cli.options import Source, output_option, verb, with_source
 from resgrid.cli.paths import Plan, plan_routes
 from resgrid.cli.report import finish, stage
-from resgrid.cli.scenes import Job, open_job, say_unheeded
+from resgrid.cli.scenes import Job, open_job, report_ignored
 from resgrid.errors import InputError
 
 PICTURES = ("page", "space", "potential", "currents", "paths", "circuit", "slices", "robot")
@@ -46,14 +46,14 @@ def command(source: Source, output: str, what: str) -> int:
         raise InputError(f"--what {what}: it needs two axes, and this space has {job.space.ndim}; 'page' shows up to 3")
     if what == "slices" and job.space.ndim < 3:
         raise InputError(f"--what slices: a space of {job.space.ndim} axes is not cut into slices; draw 'potential'")
-    unheeded = say_unheeded(job, "grid", k=() if what == "space" else job.scene.k[1:])
+    ignored = report_ignored(job, "grid", k=() if what == "space" else job.scene.k[1:])
     plan = Plan({}, [], []) if what == "space" else plan_routes(job)
     if not plan.fields and what != "space":
         raise InputError("no start can be driven, so there is no field to draw: use --drive uniform, or add a start")
     with stage("draw the picture"):
         picture = _draw(what, job, plan, plan.fields[0] if plan.fields else None)
         emit(output, render_figure(picture, suffix))
-    finish({"file": output, "what": what, **unheeded}, written=output)
+    finish({"file": output, "what": what, **ignored}, written=output)
     return 0
 
 
@@ -83,6 +83,16 @@ def _album(job: Job, plan: Plan) -> Iterator[tuple[str, str, str, rg.Field | Non
 
 def _draw(what: str, job: Job, plan: Plan, field: rg.Field | None) -> Any:
     """One of `PICTURES`, as an ax or a figure."""
+    picture = _drawn(what, job, plan, field)
+    if what in ("page", "potential", "currents", "paths"):
+        from resgrid.plot.panels import paint_unknown
+        from resgrid.scene.world import unknown_cells
+
+        paint_unknown(picture, job.space, unknown_cells(job.scene.map, job.space.axes))
+    return picture
+
+
+def _drawn(what: str, job: Job, plan: Plan, field: rg.Field | None) -> Any:
     lines = plan.streamlines
     match what:
         case "robot":

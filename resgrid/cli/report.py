@@ -271,6 +271,8 @@ def failure_of(error: Exception) -> Failure:
         message, context = error.format_message(), getattr(error, "ctx", None)
         if re.fullmatch(r"Got unexpected extra arguments? \([-\d., ]+\)", message.rstrip(".")):
             message += "; numbers of one option are joined by commas, without spaces, such as 3,4"
+        if re.fullmatch(r"No such option:? '?-[\d.].*", message):
+            message = f"{message.rstrip('.')}: a place that begins with a minus sign is written --start=-1.5,2"
         if context and kind != "NoArgsIsHelpError":
             message = f"{message.rstrip('.')}; see '{context.command_path} --help'"
         return Failure(USAGE, kind, message)

@@ -15,7 +15,7 @@ from resgrid.cli.options import Source, dialect_option, folder_of, output_option
 from resgrid.cli.paths import Plan, plan_routes, route_lines
 from resgrid.cli.plot import draw_all
 from resgrid.cli.report import NEGATIVE, NOT_VERIFIED, counted, finish, stage
-from resgrid.cli.scenes import Job, open_job, say_unheeded, size_of, solution_summary
+from resgrid.cli.scenes import Job, open_job, report_ignored, size_of, solution_summary
 from resgrid.files import SUMMARY, whole_folder
 
 if TYPE_CHECKING:
@@ -48,12 +48,12 @@ def command(source: Source, output: str | None, asked: bool | None, dialect: str
     folder = folder_of(output, source)
     with whole_folder(folder) as work:
         job = open_job(source)
-        unheeded = say_unheeded(job, "grid")
+        ignored = report_ignored(job, "grid")
         plan = plan_routes(job)
         circuits = {name: _described(job, op) for name, op in plan.operating_points.items()}
         files = _write_all(work, job, plan, circuits, dialect)
         checks = {name: check_written(work / f"{name}.cir", op.netlist, asked, folder) for name, op in circuits.items()}
-        data = _summary(job, plan, circuits, files, checks) | unheeded
+        data = _summary(job, plan, circuits, files, checks) | ignored
         (work / SUMMARY).write_text(json_text(data) + "\n", encoding="utf-8")
     finish({"folder": folder, **data}, _lines(job, plan, folder, files, checks))
     verdicts = [check.agrees for check in checks.values() if not isinstance(check, str)]

@@ -1,4 +1,4 @@
-"""Scenes on the command line: read, changed as options say, cut into cells; what a verb does not heed is named."""
+"""Scenes on the command line: read, changed as options say, cut into cells; keys that a verb ignores are reported."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ def _named_file(name: str) -> str | Path:
         near = suggestion(name.removesuffix(".toml"), shipped_scenes())
         raise InputError(f"{name}: there is no such file; {near or 'check the name and the folder'}")
     if shipped is not None:
-        say(f"{name} is no file here; reading the shipped scene {shipped}")
+        say(f"{name} is not a file in this folder; reading the shipped scene {shipped}")
     return shipped or name
 
 
@@ -278,7 +278,7 @@ def ranked_summary(name: str, ranked: Ranked) -> dict[str, Any]:
     }
 
 
-_READ = "they say how voltages are read, and a circuit holds no meter; 'resgrid chip' heeds them"
+_READ = "they say how voltages are read, and a circuit holds no meter; 'resgrid chip' applies them"
 _WHY = {
     "circuit": _READ,
     "tiles": _READ,
@@ -287,33 +287,33 @@ _WHY = {
 }
 
 
-def say_unheeded(job: Job, form: Form | Literal["chip"], *, k: Sequence[float] = ()) -> dict[str, list[str]]:
-    """Name the keys of a scene that make no difference to what a verb makes of it."""
+def report_ignored(job: Job, form: Form | Literal["chip"], *, k: Sequence[float] = ()) -> dict[str, list[str]]:
+    """Report the keys of a scene that a verb ignores, with reasons, and return them for JSON."""
     from resgrid.chip.build import keys_not_held
 
     scene, problem = job.scene, job.problem
     keys = [] if form == "chip" else [f"chip.{key}" for key in keys_not_held(scene.chip, form)]
     if keys:
-        say(f"not heeded: {', '.join(keys)}: {_WHY[form]}")
+        say(f"ignored: {', '.join(keys)}: {_WHY[form]}")
     if scene.map is not None and "headings" in scene.map.table and scene.robot.turning_length is None:
         keys.append("map.headings")
-        say("not heeded: map.headings: this robot does not turn")
+        say("ignored: map.headings: this robot does not turn")
     if form != "grid":
         k = several_k(scene)
     if k:
         say(
-            f"not heeded: k = {', '.join(f'{share:g}' for share in k)}: this is one chip or one blend; choose it with "
+            f"ignored: k = {', '.join(f'{share:g}' for share in k)}: this is one chip or one blend; choose it with "
             "--boundary or --k ('resgrid run' makes them all)"
         )
     wirings = problem.wirings.values() if form == "grid" else [problem.only_wiring()[1]]
     drive = scene.drive is not None and not any(wiring.is_driven for wiring in wirings)
     if drive:
-        say(f"not heeded: drive = {scene.drive!r}: here obstacles are a rail, and that drives the grid")
+        say(f"ignored: drive = {scene.drive!r}: here obstacles are a rail, and that drives the grid")
     wall = form != "chip" and scene.chip.wall_resistance is not None
     if wall and not any(wiring.boundary == "wall" for wiring in wirings):
         keys.append("chip.wall_resistance")
-        say("not heeded: chip.wall_resistance: obstacles have walls where boundary = 'wall'")
-    return {"not_heeded": [*keys, *(["k"] if k else []), *(["drive"] if drive else [])]}
+        say("ignored: chip.wall_resistance: obstacles have walls where boundary = 'wall'")
+    return {"ignored": [*keys, *(["k"] if k else []), *(["drive"] if drive else [])]}
 
 
 def several_k(scene: rg.Scene) -> tuple[float, ...]:

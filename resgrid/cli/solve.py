@@ -12,7 +12,7 @@ import resgrid as rg
 from resgrid.cli.decks import deck_data, is_deck, open_deck, solve_deck
 from resgrid.cli.options import Source, Suggested, output_option, verb, with_method, with_source
 from resgrid.cli.report import finish, stage
-from resgrid.cli.scenes import open_job, ranked_summary, say_unheeded, size_of, solution_summary
+from resgrid.cli.scenes import open_job, ranked_summary, report_ignored, size_of, solution_summary
 from resgrid.errors import InputError
 
 
@@ -57,16 +57,16 @@ def command(
         lines = _deck_lines(data)
     else:
         job = open_job(source, method=method, ranks=ranks)
-        unheeded = say_unheeded(job, "circuit")
+        ignored = report_ignored(job, "circuit")
         name, wiring = job.problem.only_wiring()
         about, title = {}, job.scene.title
         if method == "petsc":
             ranked = job.solve_ranked(wiring)
-            answer, data = ranked.field, ranked_summary(name, ranked) | unheeded
+            answer, data = ranked.field, ranked_summary(name, ranked) | ignored
             lines = _ranked_lines(data, job.space.shape)
         else:
             answer = op = job.solve(wiring)
-            data = solution_summary(name, op, job.space) | unheeded
+            data = solution_summary(name, op, job.space) | ignored
             lines = _scene_lines(data, job.space.shape)
     if output is not None:
         with stage("write the solution"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from resgrid.wiring import EdgeRule, Wiring
 
 if TYPE_CHECKING:
     from resgrid.planning.road import Problem
+    from resgrid.robots import Robot
     from resgrid.scene import Scene
 
 MOST_CELLS = 1 << 20
@@ -60,13 +62,20 @@ class Drawing:
 
     @property
     def space(self) -> ConfigurationSpace:
-        """Its cells, as they were drawn; paths end where the scene's own do (`ConfigurationSpace.goal_points`)."""
+        """Return the cells as drawn; paths end where the scene's own do (`ConfigurationSpace.goal_points`)."""
         costs = np.array(self.palette)[self.level] if self.level.any() or self.palette[0] != 1.0 else None
         points = np.full((*self.cell.shape, 2), np.nan)
         for number, *point in self.goal_points:
             points.reshape(-1, 2)[number] = point
         own = points[self.cell == Cell.GOAL] if self.goal_points else None
-        return ConfigurationSpace(self.axes, self.cell, costs, goal_points=own)
+        return ConfigurationSpace(self.axes, self.cell, costs, goal_points=own, robot=self._robot)
+
+    @cached_property
+    def _robot(self) -> Robot | None:
+        """The arm of the drawing; None where cells are places."""
+        from resgrid.scene.schema import robot_of
+
+        return None if self.world is None else robot_of(self.world.get("robot", {}))
 
     @property
     def problem(self) -> Problem:

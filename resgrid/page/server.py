@@ -104,16 +104,39 @@ def _is_own(socket: WebSocket) -> bool:
 
 
 async def _talk(socket: WebSocket, first: Drawing, read_only: bool, executor: Executor) -> None:
-    """Answer one browser's requests, one after the other: where many wait, every browser has its turn."""
+    """Answer one browser's requests, one after the other: where many wait, every browser has its turn.
+
+    A film is made meanwhile, one at a time, so that a change of the drawing does not wait for it.
+    """
     loop = asyncio.get_running_loop()
+    sending = asyncio.Lock()
+    film: asyncio.Task[None] | None = None
+    session: Session | None = None
+
+    async def answer(talk: Session, message: bytes) -> None:
+        reply = await loop.run_in_executor(executor, talk.answer, message)
+        async with sending:
+            await socket.send_bytes(reply)
+
     try:
         session = await loop.run_in_executor(executor, _begin, first, read_only)
         await socket.send_bytes(await loop.run_in_executor(executor, session.hello))
         while True:
             message = await socket.receive_bytes()
-            await socket.send_bytes(await loop.run_in_executor(executor, session.answer, message))
+            if not session.is_film(message):
+                await answer(session, message)
+                continue
+            if film is not None:
+                await film
+            session.begin_film()
+            film = asyncio.create_task(answer(session, message))
     except (WebSocketDisconnect, KeyError):  # closed, or a text message, which no page sends
         return
+    finally:
+        if session is not None:
+            session.leave()
+        if film is not None:
+            await asyncio.gather(film, return_exceptions=True)
 
 
 def _begin(first: Drawing, read_only: bool) -> Session:

@@ -6,6 +6,7 @@ Only the last frames are kept, so that a page goes on from where it was when the
 from __future__ import annotations
 
 import logging
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -35,6 +36,8 @@ class Session:
         self.settled: Frame | None = None
         self.before: Frame | None = None
         self.exact_seconds = float("inf")
+        self._has_left = self._is_filming = False
+        self._newer: Drawing | None = None
         self._warm = WarmFields()
 
     def hello(self) -> bytes:
@@ -77,7 +80,10 @@ class Session:
                 from resgrid.page.settle import settle
 
                 drawing = self._drawing(request, body)
-                return settle(drawing, self._origin(drawing))
+                try:
+                    return settle(drawing, self._origin(drawing), lambda: self._is_wanted(drawing))
+                finally:
+                    self._is_filming = False
             case "save":
                 from resgrid.page.saving import save
 
@@ -106,8 +112,31 @@ class Session:
         points = list(self.before.solution.operating_points.values())
         return points[0] if len(points) == 1 else None
 
+    def is_film(self, message: bytes) -> bool:
+        """Return whether a message asks for the film of settling, which may take many seconds."""
+        head = message[4 : 4 + int.from_bytes(message[:4], "little")]
+        if b'"settle"' not in head:  # most messages; a head may hold whole files
+            return False
+        with suppress(InputError):
+            return read_request(message)[0].type == "settle"
+        return False
+
+    def begin_film(self) -> None:
+        """Let drawings of another circuit that are solved from now on end the film that is asked for next."""
+        self._is_filming, self._newer = True, None
+
+    def leave(self) -> None:
+        """End a film under way, because nothing waits for it any more."""
+        self._has_left = True
+
+    def _is_wanted(self, drawing: Drawing) -> bool:
+        """Return whether the film of a drawing is still of the circuit on the page."""
+        return not self._has_left and (self._newer is None or is_same_circuit(self._newer, drawing))
+
     def _solve(self, drawing: Drawing, exact: bool) -> Reply:
         """Solve as asked; in haste, direction-safe all the same where that was quick enough before."""
+        if self._is_filming:
+            self._newer = drawing
         self.frame = solve_drawing(drawing, exact=exact or self.exact_seconds < PATIENCE, warm=self._warm)
         if self.frame.exact:
             self.exact_seconds = self.frame.seconds

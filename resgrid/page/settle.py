@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import islice, pairwise
 from typing import Any
 
@@ -34,11 +34,14 @@ _VISIBLE = 0.004
 """Difference to the steady picture, as a fraction of its scale, below which the circuit rests."""
 
 
-def settle(drawing: Drawing, before: OperatingPoint | None) -> tuple[dict[str, Any], list[bytes]]:
+def settle(
+    drawing: Drawing, before: OperatingPoint | None, is_wanted: Callable[[], bool] = lambda: True
+) -> tuple[dict[str, Any], list[bytes]]:
     """Return times in seconds, pictures uint16 (times, nx, ny) and volts float32 (times, nx, ny).
 
     The pictures have the scale of the steady field, and the last one is the steady field.  The circuit starts from the
-    operating point `before`, or from rest without one, or where the change since then cannot be seen.
+    operating point `before`, or from rest without one, or where the change since then cannot be seen.  `is_wanted` is
+    called before every moment; InputError if it returns False.
     """
     if not drawing.driven and 0.0 < drawing.k < 1.0:
         raise InputError("a blend is two chips: choose k = 0 or k = 1 to see one settle")
@@ -52,9 +55,9 @@ def settle(drawing: Drawing, before: OperatingPoint | None) -> tuple[dict[str, A
     if not 0.0 < farads < 1.0:
         raise InputError("chip.capacitance: settling needs one, in farads")
     first = _RATIO * _FIRST * op.netlist.cells.wiring.resistance * farads
-    film = None if before is None else _film(frame, op, before, farads)
+    film = None if before is None else _film(frame, op, before, farads, is_wanted)
     if film is None:
-        film = _film(frame, op, None, farads)
+        film = _film(frame, op, None, farads, is_wanted)
         before = None
     if film is None:
         raise InputError("nothing settles here: no voltage changes")
@@ -65,7 +68,7 @@ def settle(drawing: Drawing, before: OperatingPoint | None) -> tuple[dict[str, A
 
 
 def _film(
-    frame: Frame, op: OperatingPoint, before: OperatingPoint | None, farads: float
+    frame: Frame, op: OperatingPoint, before: OperatingPoint | None, farads: float, is_wanted: Callable[[], bool]
 ) -> tuple[NDArray[np.uint16], NDArray[np.float64]] | None:
     """Return pictures and volts (times, nx, ny) until the circuit rests; None where it rests from the start."""
     cells, wiring = op.netlist.cells, frame.field.wiring
@@ -90,6 +93,8 @@ def _film(
         return None
     pictures, volts = [], []
     for level in islice(_levels(netlist, start, wiring.resistance * farads), _MOST_MOMENTS):
+        if not is_wanted():
+            raise InputError("the drawing has changed: this film is of the drawing before")
         at_cells = level[cells.node]
         pictures.append(picture(at_cells))
         volts.append(goal + wiring.supply * (1.0 - at_cells if is_drop else at_cells))

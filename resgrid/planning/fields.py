@@ -209,7 +209,7 @@ def field(op: OperatingPoint | WarmPoint) -> Field:
         from resgrid.circuit.update import WarmPoint
 
         if not isinstance(op, WarmPoint):
-            raise InputError(f"op = {op!r} must be an OperatingPoint (rg.solve(netlist)) or what a warm start found")
+            raise InputError(f"op = {op!r} must be an OperatingPoint (rg.solve(netlist)), or a solution of a WarmStart")
         return read_cells(op.space, op.wiring, op.voltage)
     cells = op.netlist.cells
     if op.potential is None or op.method == "none":

@@ -72,7 +72,7 @@ def shorten(
     (0.415, 0.251, 0.207)
     """
     if path.outcome is not Outcome.REACHED:
-        raise InputError(f"this path ended with '{path.outcome}': only one that reached a goal can be shortened")
+        raise InputError(f"this path ended with '{path.outcome}': only a path that reached a goal can be shortened")
     clear = _line_of_sight(path.field, default_clearance(path) if clearance is None else clearance)
     points = _greedy(_random_chords(_greedy(path.line, clear), clear, rounds, seed), clear)
     points = points[distinct_rows(points, 0.5 * path.space.rounding * path.space.spacing)]

@@ -87,7 +87,7 @@ def draw_power(result: Power, ax: Axes | None = None, *, quantity: Literal["heat
     worst = worst[result.resistor[worst] > 0]
     lines = draw_resistors(netlist, worst, axes)
     lines.set(color=FAILURE, linewidth=2.0, label=f"the {len(worst)} hottest resistors")
-    axes.set_title(f"{format_quantity(result.total, 'W', 3)} in all", fontsize=TEXT)
+    axes.set_title(f"{format_quantity(result.total, 'W', 3)} in total", fontsize=TEXT)
     refresh_legend(axes)
     return axes
 

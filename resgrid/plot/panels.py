@@ -184,6 +184,15 @@ def _name_free_cells(panel: Panel) -> None:
         add_swatch(panel.axes, "free", FREE)
 
 
+def paint_unknown(picture: Axes | Figure, space: ConfigurationSpace, unknown: NDArray[np.bool_] | None) -> None:
+    """Paint unknown cells over the obstacles in every panel of a picture of a space with two axes."""
+    masks = unknown_cells(space.cell, unknown)
+    for axes in figure_of(picture).axes if masks and space.ndim == 2 else ():
+        if axes.get_legend() is not None:  # a colour bar has none
+            paint(plane_of(space), axes, *masks)
+            refresh_legend(axes)
+
+
 def painter(*masks: Mask) -> Layer:
     """A layer of painted cells."""
     return lambda panel: panel.paint(*masks)

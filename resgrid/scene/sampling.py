@@ -182,6 +182,13 @@ def _over_map(scene: Scene, values: NDArray[Any], what: str) -> NDArray[Any]:
     return np.broadcast_to(values.reshape(values.shape + (1,) * (scene.ndim - values.ndim)), shape)
 
 
+def _frees_point(scene: Scene, cell: tuple[int, ...]) -> bool:
+    """Return whether a smaller robot may free a cell: for a disc, whether a point at its centre is free there."""
+    if not isinstance(scene.robot, PointRobot):
+        return True
+    return not PointRobot().occupancy(scene.axes, _obstacles(scene), "centre")[cell]
+
+
 def _remedies(scene: Scene, blocked: NDArray[np.bool_], cell: tuple[int, ...]) -> str:
     """What to do about a goal in a blocked cell: the nearest free place that starts reach, and options that free it."""
     allowed = usable(scene, blocked)
@@ -195,7 +202,7 @@ def _remedies(scene: Scene, blocked: NDArray[np.bool_], cell: tuple[int, ...]) -
         parts = [f"move it to a free place {whose}, the nearest is {place}{_grey(scene, cell)}"]
     if is_unknown(scene, cell):
         parts.append("--unknown free makes unknown cells free")
-    if scene.robot.remedy:
+    if scene.robot.remedy and _frees_point(scene, cell):
         parts.append(scene.robot.remedy)
         if scene.sampling == "conservative" and isinstance(scene.robot, PointRobot):
             is_free = not scene.robot.occupancy(scene.axes, _obstacles(scene), "centre")[cell]

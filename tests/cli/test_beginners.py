@@ -36,6 +36,9 @@ MISTAKES = {
     "path map.yaml --goal 0.5 0.5 --start 1,1": ["joined by commas", "--help"],
     "path map.yaml --goal 0.5,0.5 --start 1,1 --map-dialect ros2": ["it may be nav2 or"],
     "path map.yaml --goal 0.5,0.5 --start 1,1 --set grid.cells=9": ["a map brings its own cells"],
+    "path map.yaml --goal 0.5,0.5 --start -1.5 -0.5": ["No such option '-0'", "is written --start=-1.5,2"],
+    "path map.yaml --goal 0.5,0.5 --start 1,1 --k 99%": ["expected a number from 0 to 1, such as 0.9"],
+    "path map.yaml --goal 0.5,0.5 --start 1,1 --speed fast": ["expected a number, or several separated by commas"],
     "path map.yaml --goal 0.5,0.5 --start 1,1 -o path.txt": ["must end in .csv, .json, .npz or .yaml"],
     "path map.yaml --goal 1.55,1 --start 1,1": ["lies in an obstacle", "that a start can reach, the nearest is (1."],
     "path map.yaml --goal 1,1.95 --start 1,1": ["lies in unknown space", "--unknown free"],
@@ -54,6 +57,16 @@ def test_a_mistake_has_one_message(call, desk, words):
     assert set(desk.iterdir()) == before
 
 
+def test_a_smaller_robot_is_recommended_only_where_a_point_is_free(call, desk):
+    refused = call("path", "map.yaml", "--goal", "1,1.95", "--start", "1,1", "--robot-radius", "0.3")
+    assert refused.exit_code == 2 and "unknown space" in refused.stderr and "radius" not in refused.stderr
+    refused = call("path", "map.yaml", "--goal", "1.55,1", "--start", "1,1", "--robot-radius", "0.1")
+    assert refused.exit_code == 2 and "in an obstacle" in refused.stderr and "radius" not in refused.stderr
+    freed = call("path", "map.yaml", "--goal", "1.3,1", "--start", "1,1", "--robot-radius", "0.3")
+    assert "radius smaller" in freed.stderr
+    assert call("path", "map.yaml", "--goal", "1.3,1", "--start", "1,1").exit_code == 0
+
+
 def test_a_map_that_does_not_fit_is_not_told_to_have_larger_cells(call, desk, monkeypatch):
     monkeypatch.setattr("resgrid.budget.available_memory", lambda: 4000)
     refused = call("path", "map.yaml", "--goal", "0.5,0.5", "--start", "1,1")
@@ -66,7 +79,7 @@ def test_a_map_that_does_not_fit_is_not_told_to_have_larger_cells(call, desk, mo
 
 def test_keys_and_files_that_make_no_difference_are_reported(call, desk):
     words = ("path", "map.yaml", "--goal", "0.5,0.5", "--start", "1,1", "--set", "map.headings=9")
-    assert "not heeded: map.headings: this robot does not turn" in call(*words).stderr
+    assert "ignored: map.headings: this robot does not turn" in call(*words).stderr
     said = call("path", "map.pgm", "--goal", "5,5", "--start", "9,9").stderr
     assert "map.yaml" in said
     said = call("path", "arena.map", "--queries", "arena.scen").stderr
@@ -80,6 +93,7 @@ def test_a_study_reports_options_under_its_own_names(scenes):
         (lambda: study.settling(bit=3), r"^settling\(\) has no option 'bit'; did you mean 'bits'"),
         (lambda: study.power(foo=1), r"^power\(\) has no option 'foo'"),
         (lambda: study.yields(3), r"^yields\(\) takes no arguments by position, got 1; give these by name: chip"),
+        (lambda: rg.plan(study.scene, K=1), r"^plan\(\) has no option 'K'; did you mean 'k'\?$"),
         (lambda: rg.plan(study.scene, boundry="x"), r"^plan\(\) has no option 'boundry'; did you mean 'boundary'"),
         (
             lambda: rg.Scene((rg.Axis("x", 0, 1, 3),), gaols=()),

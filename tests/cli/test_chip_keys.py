@@ -1,4 +1,4 @@
-"""Every key of [chip] is heeded by every verb, refused by name, or said not to be: the list is made from the schema."""
+"""Every key of [chip] is applied by every verb, rejected by name, or reported as ignored; the list is the schema's."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ KEYS: dict[str, tuple[dict[str, Any], Any]] = {
 HARMLESS_TO_FIELDS = {
     "resistance": "the potential is a share of the supply, currents are in units of supply / R",
     "supply": "the same",
-    "wall_resistance": "it is heeded",
+    "wall_resistance": "it is applied",
     "capacitance": "no current flows through it once the grid has settled",
 }
 TWO_CHIPS = [
@@ -133,15 +133,15 @@ def test_tiles_hold_it_or_refuse_it(call, answer, tmp_path, scenes_of) -> None:
         "".join((tmp_path / f"{name}.cir{suffix}").read_text() for suffix in ("", ".chip", ".pattern"))
         for name in ("before", "after")
     )
-    assert (one.replace("before", "after") == other) is (f"chip.{key}" in data["not_heeded"]) is (key in READING)
+    assert (one.replace("before", "after") == other) is (f"chip.{key}" in data["ignored"]) is (key in READING)
     assert f"chip.{key}" not in data["assumed"]
 
 
 @each_key
 @pytest.mark.parametrize("verb", ["path", "info"])
-def test_fields_and_paths_heed_it_or_say_not(answer, call, scenes_of, verb) -> None:
+def test_fields_and_paths_apply_it_or_report_it(answer, call, scenes_of, verb) -> None:
     key, _, after = scenes_of
-    assert (f"chip.{key}" in answer(verb, after)["not_heeded"]) is (key not in HARMLESS_TO_FIELDS)
+    assert (f"chip.{key}" in answer(verb, after)["ignored"]) is (key not in HARMLESS_TO_FIELDS)
     assert (f"chip.{key}" in call(verb, after).stderr) is (key not in HARMLESS_TO_FIELDS)
 
 
@@ -156,26 +156,26 @@ def test_every_verb_means_the_same_circuit(answer, call, tmp_path, chip, boundar
     if boundary == "wall":
         ran = answer("run", scene, "-o", out, "--no-check")
         assert (out / "wall.cir").read_text().splitlines()[1:] == lines
-        assert set(ran["not_heeded"]) == ideal
+        assert set(ran["ignored"]) == ideal
     else:
-        assert answer("chip", scene, "-o", out, "--only", "power", "--no-check")["not_heeded"] == []
+        assert answer("chip", scene, "-o", out, "--only", "power", "--no-check")["ignored"] == []
         assert (out / "op.cir").read_text().splitlines()[1:] == lines
     checked = answer("check", scene, "--deck", deck, "--tolerance", 1e-6)
     solved = answer("solve", scene, "-o", tmp_path / "a.npz")
-    assert set(solved["not_heeded"]) == set(checked["not_heeded"]) == {f"chip.{key}" for key in READING} | unused
+    assert set(solved["ignored"]) == set(checked["ignored"]) == {f"chip.{key}" for key in READING} | unused
     assert checked["agrees"]
     told = json.loads(deck.with_name("a.cir.json").read_text())["nodes"]
     potential = np.load(tmp_path / "a.npz")["potential"]
     volts = [told[name]["voltage"] for name in ("n_0_0", "n_1_1", "n_5_4")]
     share = [potential[cell] for cell in ((0, 0), (1, 1), (5, 4))]
     assert (share[1] - share[2]) / (share[0] - share[2]) == pytest.approx((volts[1] - volts[2]) / (volts[0] - volts[2]))
-    assert set(answer("control", scene)["not_heeded"]) == ideal
-    assert set(answer("plot", scene, "-o", tmp_path / "a.png", "--what", "space")["not_heeded"]) == ideal
+    assert set(answer("control", scene)["ignored"]) == ideal
+    assert set(answer("plot", scene, "-o", tmp_path / "a.png", "--what", "space")["ignored"]) == ideal
 
 
 def test_an_ideal_chip_has_nothing_to_say(answer, call, lesson, tmp_path) -> None:
     for words in (("compile",), ("solve",), ("path",), ("info",), ("check", "--rules")):
-        assert answer(words[0], lesson, *words[1:])["not_heeded"] == []
+        assert answer(words[0], lesson, *words[1:])["ignored"] == []
     assert call("solve", lesson).stderr == ""
     data = answer("compile", lesson, "--form", "cells", "-o", tmp_path / "a.cir")
     assert data["assumed"] == {
@@ -194,12 +194,12 @@ def test_blends_that_a_verb_leaves_out_are_named(call, room, tmp_path, verb) -> 
         "check": ("--rules",),
     }
     result = call(verb, room, *words.get(verb, ()), "--json")
-    assert "k" in json.loads(result.stdout)["not_heeded"]
+    assert "k" in json.loads(result.stdout)["ignored"]
     assert "k = " in result.stderr
 
 
 @pytest.mark.parametrize("verb", ["solve", "path", "info"])
 def test_a_drive_of_what_a_rail_drives_is_named(answer, room, verb) -> None:
     words = (verb, room, "--start", "0.5,0.5", "--set", "boundary=neumann", "--set", "drive=uniform")
-    assert answer(*words, "--k", 1)["not_heeded"] == ["drive"]
-    assert answer(*words)["not_heeded"] == []
+    assert answer(*words, "--k", 1)["ignored"] == ["drive"]
+    assert answer(*words)["ignored"] == []

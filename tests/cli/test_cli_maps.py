@@ -65,8 +65,10 @@ def test_goals_in_unknown_space_are_called_so(call, seen):
     assert "lies in an obstacle" in call("info", seen, "--goal", "11.25,14").stderr
 
 
-def test_a_picture_of_the_space_tells_unknown_cells_apart(call, seen, tmp_path):
-    assert call("plot", seen, "--what", "space", "-o", tmp_path / "space.png").exit_code == 0
+@pytest.mark.parametrize("what", ["space", "page", "potential", "currents", "paths"])
+def test_pictures_tell_unknown_cells_apart(call, seen, tmp_path, what):
+    words = () if what == "space" else ("--goal", "12,14.5", "--start", "9.5,12.5")
+    assert call("plot", seen, *words, "--what", what, "-o", tmp_path / "space.png").exit_code == 0
     pixels = np.asarray(Image.open(tmp_path / "space.png").convert("RGB")).reshape(-1, 3)
     for colour in ((0x9D, 0xB3, 0xC6), (0x3D, 0x3D, 0x3D)):
         assert (pixels == colour).all(axis=1).sum() > 500

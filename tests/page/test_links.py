@@ -85,7 +85,7 @@ def test_every_verb_takes_the_chip_with_the_resistors_broken_on_the_page(tmp_pat
     assert len(chip.conductance) == len(ideal.conductance) - 2
     frame = solve_drawing(drawing, exact=True)
     np.testing.assert_array_equal(frame.field.potential, rg.field(rg.solve(chip)).potential)
-    assert "chip.defects.open_at" in answer("path", link(drawing.document()))["not_heeded"]
+    assert "chip.defects.open_at" in answer("path", link(drawing.document()))["ignored"]
 
 
 def test_an_arm_stays_an_arm_until_its_cells_are_painted_over():

@@ -11,7 +11,7 @@ from matplotlib.quiver import Quiver
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.colours import HEIGHT
+from resgrid.colours import GOAL, HEIGHT
 from resgrid.plot.fields import current_arrows, nearest_to_middles
 from resgrid.plot.plane import block_colours, block_means
 from resgrid.plot.shading import add_border, fill_open_walls, nice_step, shading_of, span
@@ -77,7 +77,7 @@ def test_unknown_cells_have_a_colour_of_their_own(space: rg.ConfigurationSpace) 
     unknown = np.ones(space.shape, dtype=bool)  # only obstacle cells are painted
     unknown[2, 3] = False
     axes = rg.draw(space, unknown=unknown)
-    for index, colour in {(2, 1): 0x9D, (2, 3): 0x3D, (6, 0): 0xE6, (0, 4): 255}.items():
+    for index, colour in {(2, 1): 0x9D, (2, 3): 0x3D, (6, 0): int(GOAL[1:3], 16), (0, 4): 255}.items():
         assert coloured(axes, tuple(space.centre(index)))[0] == colour
     assert legend_of(axes) == ["free", "obstacle", "goal", "no way to a goal", "unknown"]
 

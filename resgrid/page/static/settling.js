@@ -76,6 +76,7 @@ export class Settling {
     const { scene } = this.model, button = this.input("settle");
     if (!scene) return;
     button.disabled = true;
+    button.textContent = "computing the film …";
     try {
       const [{ times, from_rest: isFromRest }, { buffer, byteOffset }] = await wire.ask({ type: "settle" }, scene);
       if (scene !== this.model.scene || !this.view.frame) return;
@@ -87,8 +88,11 @@ export class Settling {
       this.get("origin").textContent = isFromRest ? "from rest, rails switched on" : "from the field before the last change";
       this.input("moment").max = String(pictures.length - 1);
       this.#play(performance.now());
+    } catch (error) {
+      if (scene === this.model.scene) throw error; // otherwise the film of a past drawing, which is not missed
     } finally {
       button.disabled = false;
+      button.textContent = "Let it settle";
     }
   }
 

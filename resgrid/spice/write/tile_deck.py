@@ -118,13 +118,13 @@ def _has_switched_links(tiles: Tiles) -> bool:
     return "internodal_switch_on" in tiles.ohms
 
 
-def _heeds_neighbours(tiles: Tiles) -> bool:
+def _depends_on_neighbours(tiles: Tiles) -> bool:
     return tiles.wiring.boundary in ("neumann", "wall")
 
 
 def _subcircuit(rules: Dialect, tiles: Tiles, master: str, axes: Sequence[int], spread: float) -> Iterator[str]:
     defaults: dict[str, float | int] = {"state": 0}
-    if _heeds_neighbours(tiles):
+    if _depends_on_neighbours(tiles):
         defaults |= {_state_beside(tiles, axis): 0 for axis in axes}
     usual = {name: ohms for axis in axes for name, (_, ohms) in _parameters(tiles, axis).items()}
     defaults |= {name: ohms for name, ohms in usual.items() if name.startswith("resistance")}
@@ -196,7 +196,7 @@ def _instances(
             if number < 0:
                 continue
             nodes.append(f"n_{labels[beyond[number]]}")
-            if _heeds_neighbours(tiles):
+            if _depends_on_neighbours(tiles):
                 values[_state_beside(tiles, axis)] = states[beyond[number]]
             values |= {name: repr(ohms[number]) for name, (ohms, most) in usual[axis].items() if ohms[number] != most}
         given = "".join(f" {name}={value}" for name, value in values.items())
