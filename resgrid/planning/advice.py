@@ -64,7 +64,7 @@ class Advisor:
         if is_coarse and self._helps("sampling", partial(scene.replace, sampling="centre"), path):
             yield "--set sampling=centre opens a path, for it judges a cell by its centre alone"
         if isinstance(scene.robot, PointRobot) and scene.robot.radius:
-            if self._helps("robot", partial(dataclasses.replace, scene, robot=PointRobot()), path):
+            if self._helps("robot", partial(dataclasses.replace, scene, robot=scene.robot.shrunk), path):
                 yield scene.robot.remedy
         elif scene.robot.remedy:
             yield scene.robot.remedy

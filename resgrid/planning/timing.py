@@ -32,6 +32,9 @@ _STRAIGHT = 1e-12
 _MOMENT = 1e-13
 _MOST_SAMPLES = 10_000_000
 
+_LEAST_STEP = 1e-3
+"""Shortest last step of a sampled motion, as a fraction of the sampling period."""
+
 
 @frozen
 @dataclass(frozen=True, eq=False)
@@ -98,14 +101,20 @@ class Trajectory:
         return position, velocity
 
     def sample(self, rate: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """So many times a second and the end (m,), with positions and velocities there, both (m, ndim)."""
+        """So many times a second and the end (m,), with positions and velocities there, both (m, ndim).
+
+        A time that precedes the end by less than a thousandth of a period is left out: the same place twice, or a step
+        whose acceleration is a quotient of rounding errors, would follow.
+        """
         check_number("rate", rate, "a positive number of samples a second", above=0.0)
         if rate * self.duration > _MOST_SAMPLES:
             raise InputError(
                 f"{rate:g} samples a second for {self.duration:g} s are more than {_MOST_SAMPLES:,}; lower the rate"
             )
         steps = np.arange(int(np.floor(rate * self.duration)) + 1) / rate
-        times = np.append(steps[steps < self.duration], self.duration)
+        apart = (self.duration - steps) * rate >= _LEAST_STEP
+        apart[0] = self.duration > 0
+        times = np.append(steps[apart], self.duration)
         return times, *self.at(times)
 
     def resampled(self, rate: float) -> Trajectory:

@@ -55,6 +55,11 @@ class PointRobot(Robot):
         """What to do where it does not fit; empty for a point."""
         return "make the robot's radius smaller" if self.radius else ""
 
+    @property
+    def shrunk(self) -> PointRobot:
+        """A robot of a thousandth of the radius; where it does not fit either, a smaller radius does not help."""
+        return PointRobot(self.radius / 1000)
+
     def parts(self, configurations: NDArray[np.float64]) -> list[Part]:
         """The point with its radius; see `Robot.parts`."""
         import shapely

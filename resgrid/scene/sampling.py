@@ -202,11 +202,14 @@ def _remedies(scene: Scene, blocked: NDArray[np.bool_], cell: tuple[int, ...]) -
         parts = [f"move it to a free place {whose}, the nearest is {place}{_grey(scene, cell)}"]
     if is_unknown(scene, cell):
         parts.append("--unknown free makes unknown cells free")
-    if scene.robot.remedy and _frees_point(scene, cell):
+    if isinstance(scene.robot, PointRobot) and scene.robot.radius:
+        obstacles = _obstacles(scene)
+        if not scene.robot.shrunk.occupancy(scene.axes, obstacles, scene.sampling)[cell]:
+            parts.append(scene.robot.remedy)
+        if scene.sampling == "conservative" and not scene.robot.occupancy(scene.axes, obstacles, "centre")[cell]:
+            parts.append("--set sampling=centre frees it")
+    elif scene.robot.remedy and _frees_point(scene, cell):
         parts.append(scene.robot.remedy)
-        if scene.sampling == "conservative" and isinstance(scene.robot, PointRobot):
-            is_free = not scene.robot.occupancy(scene.axes, _obstacles(scene), "centre")[cell]
-            parts += ["--set sampling=centre frees it"] * is_free
     return "; ".join(parts)
 
 

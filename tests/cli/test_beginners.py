@@ -67,6 +67,13 @@ def test_a_smaller_robot_is_recommended_only_where_a_point_is_free(call, desk):
     assert call("path", "map.yaml", "--goal", "1.3,1", "--start", "1,1").exit_code == 0
 
 
+def test_a_smaller_radius_is_offered_only_where_it_frees_the_goal(call, desk):
+    for goal, helps in (("1.55,1", False), ("1.3,1", True)):
+        words = f"path map.yaml --goal {goal} --start 1,1 --robot-radius"
+        assert ("radius smaller" in call(*words.split(), "0.3").stderr) is helps
+        assert (call(*words.split(), "0.0001").exit_code == 0) is helps
+
+
 def test_a_map_that_does_not_fit_is_not_told_to_have_larger_cells(call, desk, monkeypatch):
     monkeypatch.setattr("resgrid.budget.available_memory", lambda: 4000)
     refused = call("path", "map.yaml", "--goal", "0.5,0.5", "--start", "1,1")

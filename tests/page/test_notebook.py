@@ -104,5 +104,5 @@ def test_the_module_draws_the_page_for_a_comm(chromium: Browser):
 
 def test_without_its_extra_it_says_what_to_type(monkeypatch):
     monkeypatch.setitem(sys.modules, "resgrid.page.notebook", None)
-    with pytest.raises(rg.ToolMissingError, match=r"resgrid\[notebook\]"):
+    with pytest.raises(rg.ToolMissingError, match="anywidget"):
         rg.live(widget=True)

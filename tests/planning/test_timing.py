@@ -165,6 +165,21 @@ def test_a_resampled_motion_is_the_same_motion(acceleration: float | None, rate:
     assert np.diff(again.times)[:-1] == pytest.approx(1 / rate)
 
 
+@pytest.mark.parametrize("acceleration", [None, 1.0], ids=["velocities", "accelerations"])
+def test_samples_do_not_repeat_the_end(acceleration: float | None) -> None:
+    """Durations such as 0.351 s are a whole number of periods but for rounding."""
+    for thousandths in range(1, 400):
+        line = rg.Polyline([(0.05, 1), (0.05 + thousandths / 1000, 1)], PLANE)
+        motion = rg.time_path(line, velocity_limits=1.0, acceleration_limits=acceleration)
+        for rate in (1e-4, 10.0, 20.0, 1000.0):
+            again = motion.resampled(rate)
+            step = np.diff(again.times)
+            assert again.times[0] == 0
+            assert again.duration == motion.duration
+            assert len(step) == 1 or step.min() >= 1e-3 / rate
+            assert (np.diff(again.positions[:, 0]) > 0).all()
+
+
 def test_absurd_rates_are_refused() -> None:
     motion = rg.time_path(rg.Polyline([(0, 0), (1, 1)], PLANE), velocity_limits=1)
     for rate in (0, -1, float("nan"), float("inf"), 1e30):

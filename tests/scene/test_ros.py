@@ -447,3 +447,20 @@ def test_goals_in_unknown_space_are_called_so(tmp_path):
     with pytest.raises(InputError, match="this goal lies inside an obstacle"):
         sample(read_scene(file, goal=rg.Box((1.6, 0.2), (2.4, 0.8))))
     assert sample(read_scene(file, goal=(1.75, 0.75), unknown="free")).goal_count == 1
+
+
+@pytest.mark.parametrize("top_down", [False, True])
+def test_the_fourth_byte_of_a_bmp_without_masks_is_opacity(tmp_path, top_down):
+    """GraphicsMagick takes it so; Pillow writes it from RGBA, and drops it when it reads."""
+    pixels = [[[0, 0, 0, 255], [255, 255, 255, 255]], [[255, 255, 255, 0], [0, 0, 0, 0]]]
+    Image.fromarray(np.array(pixels, np.uint8), "RGBA").save(tmp_path / "map.bmp")
+    if top_down:
+        data = bytearray((tmp_path / "map.bmp").read_bytes())
+        data[22:26], first = (-2).to_bytes(4, "little", signed=True), int.from_bytes(data[10:14], "little")
+        data[first : first + 16] = data[first + 8 : first + 16] + data[first : first + 8]
+        (tmp_path / "map.bmp").write_bytes(data)
+    file = write_yaml(tmp_path, image="map.bmp")
+    assert occupancy_grid(file).tolist() == [[-1, -1], [100, 0]]
+    assert occupancy_grid(file, "nav2-jazzy").tolist() == [[-1, 100], [100, 0]]  # means 191.25, 0, 63.75, 255
+    file = write_yaml(tmp_path, image="map.bmp", mode="scale")
+    assert occupancy_grid(file, "nav2-jazzy").tolist() == [[-1, -1], [100, 0]]

@@ -173,9 +173,24 @@ def _raster(image: Image, data: bytes, path: Path) -> Raster:
         grey = np.asarray(image.convert("L"))[..., np.newaxis]
         top = 2 ** layout[0] - 1
         return Raster(_transparent(grey, None if key is None else min(key, top) * (255 // top)), 255)
+    if image.mode == "RGB" and _has_spare_bytes(data):
+        return Raster(_with_spare_bytes(image, data), 255)
     values = np.asarray(image.convert(_plain_mode(image)))
     numbers = np.asarray(image) if image.mode == "P" and _keeps_palette(image) else None
     return Raster(values if values.ndim == 3 else values[..., np.newaxis], 255, numbers)
+
+
+def _has_spare_bytes(data: bytes) -> bool:
+    """Return whether a BMP has 32 bits a pixel without masks: the fourth byte, which Pillow drops, is the opacity."""
+    return data.startswith(b"BM") and data[14] >= 40 and data[28:30] == b"\x20\0" and not any(data[30:34])
+
+
+def _with_spare_bytes(image: Image, data: bytes) -> NDArray[np.uint8]:
+    """Values (height, width, 4) of a BMP of 32 bits a pixel: red, green, blue and opacity."""
+    first, height = struct.unpack("<I", data[10:14])[0], struct.unpack("<i", data[22:26])[0]
+    rows = np.frombuffer(data, np.uint8, 4 * image.width * image.height, first)
+    opacity = rows.reshape(image.height, image.width, 4)[:: -1 if height > 0 else 1, :, 3]
+    return np.dstack([np.asarray(image), opacity])
 
 
 def _keeps_palette(image: Image) -> bool:
