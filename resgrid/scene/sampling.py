@@ -182,13 +182,6 @@ def _over_map(scene: Scene, values: NDArray[Any], what: str) -> NDArray[Any]:
     return np.broadcast_to(values.reshape(values.shape + (1,) * (scene.ndim - values.ndim)), shape)
 
 
-def _frees_point(scene: Scene, cell: tuple[int, ...]) -> bool:
-    """Return whether a smaller robot may free a cell: for a disc, whether a point at its centre is free there."""
-    if not isinstance(scene.robot, PointRobot):
-        return True
-    return not PointRobot().occupancy(scene.axes, _obstacles(scene), "centre")[cell]
-
-
 def _remedies(scene: Scene, blocked: NDArray[np.bool_], cell: tuple[int, ...]) -> str:
     """What to do about a goal in a blocked cell: the nearest free place that starts reach, and options that free it."""
     allowed = usable(scene, blocked)
@@ -208,7 +201,7 @@ def _remedies(scene: Scene, blocked: NDArray[np.bool_], cell: tuple[int, ...]) -
             parts.append(scene.robot.remedy)
         if scene.sampling == "conservative" and not scene.robot.occupancy(scene.axes, obstacles, "centre")[cell]:
             parts.append("--set sampling=centre frees it")
-    elif scene.robot.remedy and _frees_point(scene, cell):
+    elif scene.robot.remedy:
         parts.append(scene.robot.remedy)
     return "; ".join(parts)
 
