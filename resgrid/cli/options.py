@@ -34,7 +34,7 @@ def _example(param: click.Parameter | None) -> str:
         return "a number from 0 to 1, such as 0.9, or several separated by commas"
     if metavar == "X,Y":
         return "numbers separated by commas, such as 3,4"
-    return "a number, or several separated by commas, such as 0.5,1"
+    return "one number, or numbers separated by commas, such as 0.5,1"
 
 
 class Numbers(_Type):

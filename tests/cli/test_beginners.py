@@ -38,7 +38,7 @@ MISTAKES = {
     "path map.yaml --goal 0.5,0.5 --start 1,1 --set grid.cells=9": ["a map brings its own cells"],
     "path map.yaml --goal 0.5,0.5 --start -1.5 -0.5": ["No such option '-0'", "is written --start=-1.5,2"],
     "path map.yaml --goal 0.5,0.5 --start 1,1 --k 99%": ["expected a number from 0 to 1, such as 0.9"],
-    "path map.yaml --goal 0.5,0.5 --start 1,1 --speed fast": ["expected a number, or several separated by commas"],
+    "path map.yaml --goal 0.5,0.5 --start 1,1 --speed fast": ["expected one number, or numbers separated by commas"],
     "path map.yaml --goal 0.5,0.5 --start 1,1 -o path.txt": ["must end in .csv, .json, .npz or .yaml"],
     "path map.yaml --goal 1.55,1 --start 1,1": ["lies in an obstacle", "that a start can reach, the nearest is (1."],
     "path map.yaml --goal 1,1.95 --start 1,1": ["lies in unknown space", "--unknown free"],
