@@ -248,7 +248,7 @@ class Recorder:
         time, configuration, believed, velocity, mode, torque, push = zip(*self._rows, strict=True)
         places = np.array(configuration)
         penetration = plant.deepest(places)
-        if penetration > 0.0:
+        if penetration > 0.0 and end.ending is not Ending.START_BLOCKED:
             end, goal = End(Ending.ENTERED, f"the robot entered an obstacle by {penetration:.3g} m"), None
         away = goal_distance(space, places[-1], scene)
         if not away > _AT_GOAL * (plant.cell_motion + float(np.linalg.norm(space.spacing))):

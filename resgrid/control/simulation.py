@@ -27,7 +27,7 @@ from resgrid.planning.trace import one_start
 from resgrid.scene import sample
 from resgrid.scene.control import Control
 from resgrid.scene.scene import Scene
-from resgrid.space import ConfigurationSpace
+from resgrid.space import Cell, ConfigurationSpace
 
 
 @checked
@@ -152,7 +152,7 @@ class Simulation:
         noise = per_axis("noise", control.noise if noise is None else noise, ndim, "a finite number")
         sensor = Sensor(self.plant, bias, noise, rng)
         push_at = force_of(pushes, ndim)
-        body = Body(self.plant, self._checked_start(start), self.step, self.margin)
+        body = Body(self.plant, self._checked_start(start, exact=sensor.exact), self.step, self.margin)
         live = LiveMap(self.controller, self._grid())
         loop = Loop(self.plant, body, sensor, live, push_at, rng, friction=self.friction, learn=self.learn)
         end, goal = loop.run(max_steps), None
@@ -161,13 +161,15 @@ class Simulation:
         field = live.controller.field
         return loop.recorder.run(end, goal, tuple(loop.lessons), field, live.space, self.plant, self.scene)
 
-    def _checked_start(self, start: ArrayLike | None) -> NDArray[np.float64]:
-        """A start along the axes that is not inside an obstacle; to touch one is not to be inside."""
+    def _checked_start(self, start: ArrayLike | None, *, exact: bool) -> NDArray[np.float64]:
+        """Return a start along the axes; InputError if it lies in an obstacle that is not on the map."""
         if start is None:
             if self.scene is None or not self.scene.starts:
                 raise InputError("run() needs a start: give one, or a scene that has starts")
             start = self.scene.starts[0]
         point = one_start(self.space, start, None)
+        if exact and self.space.cell[tuple(self.space.split(point)[0].tolist())] == Cell.OBSTACLE:
+            return point  # the run ends at once: start_blocked
         if self.plant.axis_penetration(point[np.newaxis])[0] > 0:
             inside = next(
                 number

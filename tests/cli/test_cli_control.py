@@ -188,3 +188,11 @@ def test_options_stand_in_for_keys_of_the_control_table(answer, hidden) -> None:
     slower = answer("control", hidden, "--speed", 0.25)["runs"][0]
     assert slower["time"] > 1.5 * told["time"]
     assert answer("control", hidden, "--set", "control.k=0.8")["runs"][0]["k"] == 0.8
+
+
+def test_a_start_in_an_obstacle_of_the_map_is_an_outcome(answer, scenes) -> None:
+    """As for path: exit code 1, and the other starts have their runs."""
+    starts = ("--start", "2.5,4.5", "--start", "7.5,0.5")
+    runs = answer("control", scenes / "lesson.toml", *starts, "--k", 1, code=1)["runs"]
+    assert [run["outcome"] for run in runs] == ["start_blocked", "arrived"]
+    assert runs[0]["time"] == 0 and "obstacle in the map" in runs[0]["message"]

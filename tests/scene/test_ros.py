@@ -464,3 +464,14 @@ def test_the_fourth_byte_of_a_bmp_without_masks_is_opacity(tmp_path, top_down):
     assert occupancy_grid(file, "nav2-jazzy").tolist() == [[-1, 100], [100, 0]]  # means 191.25, 0, 63.75, 255
     file = write_yaml(tmp_path, image="map.bmp", mode="scale")
     assert occupancy_grid(file, "nav2-jazzy").tolist() == [[-1, -1], [100, 0]]
+
+
+def test_the_opacity_of_grey_pngs_was_not_read_up_to_jazzy(tmp_path):
+    """As GraphicsMagick 1.3.40 answers: the fourth value of a mean is 255, and no cell of mode scale is transparent."""
+    pixels = np.array([[[253, 124], [0, 56], [255, 0], [128, 10]]], np.uint8)
+    file = write_yaml(tmp_path, free_thresh=0.05, occupied_thresh=0.5)
+    Image.fromarray(pixels, "LA").save(tmp_path / "map.png")
+    assert occupancy_grid(file, "nav2-jazzy").tolist() == [[0, 100, 0, -1]]
+    assert occupancy_grid(file).tolist() == [[-1, -1, -1, -1]]
+    file = write_yaml(tmp_path, free_thresh=0.25, mode="scale")
+    assert occupancy_grid(file, "nav2-jazzy").tolist() == [[0, 100, 0, 62]]

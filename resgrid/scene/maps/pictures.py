@@ -51,17 +51,19 @@ class Raster:
 
     `values` (height, width, channels): the top row first; 1 (grey), 2 (grey, alpha), 3 (red, green, blue) or 4
     channels; `maxval`: the value of white, and of opaque; up to 255 in uint8, above in uint16; `numbers` (height,
-    width): of the colours in the palette, if there is one.
+    width): of the colours in the palette, if there is one; `is_grey_alpha`: whether the file is a
+    PNG of grey and opacity.
     """
 
     values: NDArray[np.uint8] | NDArray[np.uint16]
     maxval: int
     numbers: NDArray[np.uint8] | None = None
+    is_grey_alpha: bool = False
 
     def rows(self, first: int, last: int) -> Raster:
         """Return the rows from `first` to before `last`."""
         numbers = None if self.numbers is None else self.numbers[first:last]
-        return Raster(self.values[first:last], self.maxval, numbers)
+        return Raster(self.values[first:last], self.maxval, numbers, self.is_grey_alpha)
 
     @property
     def has_alpha(self) -> bool:
@@ -167,7 +169,8 @@ def _raster(image: Image, data: bytes, path: Path) -> Raster:
         raise InputError(f"{path}: a picture of floating-point values is no map; save it with 8 or 16 bits")
     layout = _png_layout(data)
     if image.mode in DEEP or layout in ((16, 2), (16, 4), (16, 6)):
-        return Raster(_transparent(_deep_values(image, data, layout, path), image.info.get("transparency")), 65535)
+        deep = _transparent(_deep_values(image, data, layout, path), image.info.get("transparency"))
+        return Raster(deep, 65535, is_grey_alpha=layout == (16, 4))
     if layout is not None and layout[1] == 0:
         key = image.info.pop("transparency", None)  # in units of the file, whereas Pillow has scaled the greys
         grey = np.asarray(image.convert("L"))[..., np.newaxis]
@@ -177,7 +180,7 @@ def _raster(image: Image, data: bytes, path: Path) -> Raster:
         return Raster(_with_spare_bytes(image, data), 255)
     values = np.asarray(image.convert(_plain_mode(image)))
     numbers = np.asarray(image) if image.mode == "P" and _keeps_palette(image) else None
-    return Raster(values if values.ndim == 3 else values[..., np.newaxis], 255, numbers)
+    return Raster(values if values.ndim == 3 else values[..., np.newaxis], 255, numbers, layout == (8, 4))
 
 
 def _has_spare_bytes(data: bytes) -> bool:

@@ -26,6 +26,7 @@ raw                    the grey; above 100 unknown   the mean, rounded; above   
                                                      100 unknown                   signed byte
 a raw cell above 100   unknown                       unknown                       255 unknown, others
                                                                                    occupied (costmap_2d)
+opacity of grey PNGs   as of colours                 taken as opaque               as of colours
 a palette              its colours                   its colours                   the numbers of its colours
 ``negate`` and raw     ignored                       ignored                       negated too
 ``negate``             number or truth value         number or truth value         number
@@ -107,7 +108,9 @@ def _as_nav2_jazzy(raster: Raster, header: RosHeader) -> NDArray[np.int8]:
     colour = quanta[..., :-1] if raster.has_alpha else quanta
     if colour.shape[2] == 1:
         colour = colour[..., [0, 0, 0]]
-    opacity = quanta[..., -1] if raster.has_alpha else np.full(colour.shape[:2], QUANTUM)
+    # GraphicsMagick keeps PNGs of grey and opacity as a palette, and Color objects from a palette are opaque.
+    is_read = raster.has_alpha and not raster.is_grey_alpha
+    opacity = quanta[..., -1] if is_read else np.full(colour.shape[:2], QUANTUM)
     total, count = colour.sum(axis=2), 3
     if header.mode == "trinary" and raster.has_alpha:
         total, count = total + opacity, 4
