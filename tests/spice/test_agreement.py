@@ -399,3 +399,12 @@ def test_what_is_no_file_or_no_deck_is_checked_as_it_was_read(tmp_path: Path) ->
         agreement = rg.check_deck(circuit)
         assert not agreement.verified and why in agreement.remark
         assert agreement.as_read is not None and agreement.as_read.agrees
+
+
+def test_a_deck_that_ngspice_does_not_run_is_not_verified(tmp_path: Path) -> None:
+    deck = tmp_path / "step.cir"
+    sweep = ".param p=1k\n.step param p 1k 2k 1k\n"
+    deck.write_text(f"* a sweep\nV1 in 0 1\n{sweep}R1 in a {{p}}\nR2 a 0 1k\n.end\n")
+    agreement = check_deck(deck)
+    assert not agreement.verified and agreement.agrees is not True
+    assert any("left no raw file" in finding for finding in agreement.findings)

@@ -27,7 +27,7 @@ from resgrid.spice.write.sidecar import Expected, expect
 
 _TAKES_FILES = "ngspice"
 _ANALYSIS = re.compile(
-    rb"\.(?:op|tran|ac|dc|noise|tf|pz|sens|disto|four|fourier|meas|measure|print|plot|probe|save|step|sp|pss|end)\b",
+    rb"\.(?:op|tran|ac|dc|noise|tf|pz|sens|disto|four|fourier|meas|measure|print|plot|probe|save|sp|pss|end)\b",
     re.IGNORECASE,
 )
 _INCLUDING = re.compile(rb"^\s*\.(inc|lib)\w*", re.IGNORECASE | re.MULTILINE)

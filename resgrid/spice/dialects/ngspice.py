@@ -105,6 +105,13 @@ _REFUSALS = Refusals(
     commas=True,
     idle_parameters=True,
     redefinitions=True,
+    keys={
+        "r": frozenset({"ic", "isnoisy", "temp_ac"}),
+        "c": frozenset({"ac", "isnoisy", "noise", "noisy", "temp_ac"}),
+        "l": frozenset({"ac", "isnoisy", "noise", "noisy", "temp_ac"}),
+        "v": frozenset({"m"}),
+    },
+    commands_in_comments=rb"^[ \t]*\*#",
 )
 
 _STATEMENTS = Statements(

@@ -137,6 +137,10 @@ class Refusals:
         Whether a parameter without a value ends the run even if nothing refers to it.
     redefinitions : bool
         Whether the run may end where a parameter is defined twice.
+    keys : mapping of str to frozenset of str
+        Keys at which the run ends, by the letter of the element that has them.
+    commands_in_comments : bytes
+        Regular expression of comments that are commands, which are not run here; empty without such comments.
     """
 
     commands: frozenset[str] = frozenset()
@@ -147,6 +151,8 @@ class Refusals:
     commas: bool = False
     idle_parameters: bool = False
     redefinitions: bool = False
+    keys: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    commands_in_comments: bytes = b""
 
 
 LTSPICE_COMMANDS = frozenset({".backanno", ".loadbias", ".machine", ".savebias", ".wave"})

@@ -87,6 +87,12 @@ class Collector:
             what = "UTF-16" if oddity == "utf-16" else "lines that end in carriage returns alone"
             text = f"{rules.name} does not read {what}: save the file as UTF-8 with line feeds"
             self.contents.diagnostics.refuse(Spot(source.name, 1), text)
+        commands = rules.refusals.commands_in_comments
+        found = re.search(commands, source.data, re.MULTILINE) if commands else None
+        if found is not None:
+            spot = Spot(source.name, source.data.count(b"\n", 0, found.start()) + 1)
+            text = f"a comment that begins with *# is a command of {rules.name}, which is not run here"
+            self.contents.diagnostics.doubt(spot, text)
 
     def _role(self, line: str, continued: bool) -> str:
         """What a first line is: a title, a command, perhaps an element, or the name of a language."""

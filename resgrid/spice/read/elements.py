@@ -150,11 +150,19 @@ def _cut(card: Card, scope: Scope, known: str = "") -> Element:
     return Element(card, tokens[0].text, nodes, positional, pairs, keys)
 
 
+def _note_key(card: Card, key: str, offset: int, scope: Scope) -> None:
+    """Note a key at which the dialect's simulator stops."""
+    text = f"{card.rules.name} knows no {key}= of {card.text[0].upper()}, and stops at it"
+    scope.diagnostics.refuse(card.spot(offset), text)
+
+
 def _values_of(
     card: Card, pairs: list[Setting], known: frozenset[str] | set[str], scope: Scope
 ) -> dict[str, list[float]]:
     values: dict[str, list[float]] = {}
     for pair in pairs:
+        if pair.key in card.rules.refusals.keys.get(card.text[0].lower(), ()):
+            _note_key(card, pair.key, pair.offset, scope)
         if pair.key in card.rules.annotations:
             scope.diagnostics.inform(card.spot(pair.offset), f"{pair.key}= changes nothing at direct current")
             continue
@@ -289,6 +297,8 @@ def _read_source(kind: str, card: Card, scope: Scope, elements: Elements) -> Non
         value *= multiplier(card, source.count)
     elif source.count != 1:
         multiplier(card, source.count)
+        if "m" in card.rules.refusals.keys.get("v", ()):
+            _note_key(card, "m", 0, scope)
         scope.diagnostics.inform(card.spot(), "m= changes nothing in a voltage source")
     if source.series:
         inner = f"{name}.rser"

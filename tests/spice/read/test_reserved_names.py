@@ -343,3 +343,26 @@ def test_decks_with_reserved_names_have_the_value_of_the_manual_or_are_refused(d
             assert found == pytest.approx(expected, rel=1e-12), text
         outcomes["right"] += 1
     assert min(outcomes.values()) > 3, outcomes
+
+
+@pytest.mark.parametrize(
+    ("lines", "says"),
+    [
+        ("R1 in a 1k ic=3", "ngspice knows no ic= of R, and stops at it"),
+        ("R1 in a 1k temp_ac=3", "ngspice knows no temp_ac= of R"),
+        ("R1 in a 1k\nC1 a 0 1p noisy=0", "ngspice knows no noisy= of C"),
+        ("R1 in a 1k\nV2 b 0 1 m=2\nR3 b 0 1k", "ngspice knows no m= of V"),
+    ],
+)
+def test_keys_that_stop_ngspice_are_noted(lines: str, says: str) -> None:
+    text = f"{HEAD}{lines}{TAIL}"
+    assert [note.outcome for note in read(text).notes if note.text.startswith(says)] == ["fails"]
+    assert ngspice_voltage(text) is None
+    assert not [note for note in read(text, "hspice").notes if note.outcome]
+
+
+@pytest.mark.parametrize("comment", ["*#set temp=50", "  *# set temp=50"])
+def test_commands_in_comments_of_ngspice_are_noted(comment: str) -> None:
+    deck = read(f"{HEAD}R1 in a 1k tc1=0.01\n{comment}{TAIL}")
+    assert [(note.line, note.outcome) for note in deck.notes if "*#" in note.text] == [(4, "unsure")]
+    assert not [note for note in read(f"{HEAD}R1 in a 1k\n* # plain{TAIL}").notes if note.outcome]
