@@ -14,6 +14,7 @@ from resgrid.cli.options import Source, dialect_option, output_option, verb, wit
 from resgrid.cli.report import finish, say, stage, verbosity
 from resgrid.cli.scenes import Job, element_counts, open_job, report_ignored
 from resgrid.errors import InputError
+from resgrid.spice.dialects import DECK_SUFFIXES
 
 if TYPE_CHECKING:
     from resgrid.spice.write.files import Form, WrittenDeck
@@ -50,6 +51,8 @@ def command(source: Source, output: str | None, dialect: str, form: Form) -> int
     printed = output in (None, "-")
     if printed and form == "cells":
         raise InputError("--form cells makes three files (deck, chip and pattern); name the deck with -o FILE")
+    if not printed and Path(str(output)).suffix.lower() not in DECK_SUFFIXES:
+        raise InputError(f"-o {output}: the name of a deck must end in {', '.join(DECK_SUFFIXES)}")
     job = open_job(source)
     if form == "cells":
         _require_tiles(job.scene.chip)

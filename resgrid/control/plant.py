@@ -198,7 +198,9 @@ class Plant:
 def plant_of(scene: Scene) -> Plant:
     """The plant of a scene."""
     if scene.ndim != 2 and scene.robot.moves_in_workspace:
-        raise InputError(f"contact is known in the plane alone, and this scene has {scene.ndim} axes")
+        raise InputError(
+            f"contacts need a scene in the plane; this scene has {scene.ndim} ax{'is' if scene.ndim == 1 else 'es'}"
+        )
     for number, shape in enumerate(scene.hidden):
         is_point = isinstance(shape, Ball) and shape.radius == 0
         is_line = isinstance(shape, Box) and any(a == b for a, b in zip(shape.lower, shape.upper, strict=True))

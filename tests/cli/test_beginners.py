@@ -27,6 +27,7 @@ def desk(tmp_path, monkeypatch, scenes):
 
 
 MISTAKES = {
+    "compile lesson.toml -o deck.png": ["-o deck.png: the name of a deck must end in .cir"],
     "path map.yaml": ["map.yaml: there is no goal; say --goal X,Y"],
     "path map.yaml --goal 0.5,0.5": ["map.yaml: there is no start; say --start X,Y"],
     "path lesson.toml --set starts=[]": ["add starts = [[...]] to the scene, or say --start X,Y"],
