@@ -79,25 +79,11 @@ def tie_sources(netlist: Netlist) -> SourceForest:
     nodes = netlist.source_nodes.max(axis=1)
     leaf = (netlist.source_nodes.min(axis=1) == GROUND) & (nodes != GROUND)
     leaf &= np.bincount(netlist.source_nodes.ravel(), minlength=netlist.node_count)[nodes] == 1
-    beside: dict[int, list[int]] = {GROUND: []}  # other sources at every node
-    ends, volts = netlist.source_nodes.tolist(), netlist.source_volts.tolist()
-    for number in np.flatnonzero(~leaf).tolist():
-        for end in ends[number]:
-            beside.setdefault(end, []).append(number)
-    exact: dict[int, float | Fraction] = {}  # sums of volts that cancel do so to the last digit
-    ties: list[tuple[int, int, int, int]] = []
-    for first in sorted(beside):
-        if first in exact:
-            continue
-        exact[first], tree = 0.0, [(first, first, -1, -1)]
-        for node, *_ in tree:  # which grows
-            for number in beside[node]:
-                plus, minus = ends[number]
-                other, step = (plus, volts[number]) if minus == node else (minus, -volts[number])
-                if other not in exact:
-                    exact[other] = Fraction(exact[node]) + Fraction(step) if exact[node] else step
-                    tree.append((other, first, node, number))
-        ties += tree
+    others, ends, volts = np.flatnonzero(~leaf), netlist.source_nodes.tolist(), netlist.source_volts.tolist()
+    ties, exact = _grow_trees(others.tolist(), ends, volts)
+    if sum(source >= 0 for *_, source in ties) < len(others):  # loops, each closed by its largest source
+        kept = _smallest_forest(others[np.argsort(np.abs(netlist.source_volts[others]), kind="stable")].tolist(), ends)
+        ties, exact = _grow_trees(sorted(kept), ends, volts)
     order, base, above, source = np.array(ties, dtype=np.int64).T
     try:
         height, closing = np.array([float(exact[node]) for node, *_ in ties]), ~leaf
@@ -117,6 +103,55 @@ def tie_sources(netlist: Netlist) -> SourceForest:
         _check_loops(netlist, forest)
         _mark_loops(netlist, forest)
     return forest
+
+
+def _grow_trees(
+    sources: Sequence[int], ends: Sequence[Sequence[int]], volts: Sequence[float]
+) -> tuple[list[tuple[int, int, int, int]], dict[int, float | Fraction]]:
+    """Return the nodes that sources tie, in order (node, first node of its tree, parent, source), and their voltages.
+
+    Voltages are counted from the first node of the tree; sums that cancel do so to the last digit.
+    """
+    beside: dict[int, list[int]] = {GROUND: []}
+    for number in sources:
+        for end in ends[number]:
+            beside.setdefault(end, []).append(number)
+    exact: dict[int, float | Fraction] = {}
+    ties: list[tuple[int, int, int, int]] = []
+    for first in sorted(beside):
+        if first in exact:
+            continue
+        exact[first], tree = 0.0, [(first, first, -1, -1)]
+        for node, *_ in tree:  # which grows
+            for number in beside[node]:
+                plus, minus = ends[number]
+                other, step = (plus, volts[number]) if minus == node else (minus, -volts[number])
+                if other not in exact:
+                    exact[other] = Fraction(exact[node]) + Fraction(step) if exact[node] else step
+                    tree.append((other, first, node, number))
+        ties += tree
+    return ties, exact
+
+
+def _smallest_forest(sources: Sequence[int], ends: Sequence[Sequence[int]]) -> list[int]:
+    """Return the sources that join parts, taken in the given order: Kruskal's minimum spanning forest.
+
+    With the smallest sources first, no large source within a loop hides that small ones contradict each other.
+    """
+    parent: dict[int, int] = {}
+
+    def part_of(node: int) -> int:
+        while (above := parent.setdefault(node, node)) != node:
+            parent[node] = node = parent[above]
+        return node
+
+    kept = []
+    for number in sources:
+        plus, minus = (part_of(node) for node in ends[number])
+        if plus != minus:
+            parent[plus] = minus
+            kept.append(number)
+    return kept
 
 
 def source_currents(

@@ -37,7 +37,7 @@ def test_a_zero_volt_source_is_an_ammeter() -> None:
 
 
 def test_a_contradictory_loop_is_refused_and_named() -> None:
-    with pytest.raises(CircuitError, match=r"source 1 between nodes node_1 and node_2 contradicts .* by 1 V"):
+    with pytest.raises(CircuitError, match=r"source 2 between nodes node_2 and 0 contradicts .* by 1 V"):
         solve(circuit(3, [(1, 0, 1.0)], [(1, 0, 2.0), (1, 2, 1.0), (2, 0, 2.0)]))
 
 
@@ -176,3 +176,11 @@ def test_currents_that_cancel_at_ground_hide_no_smaller_one() -> None:
     netlist = circuit(3, [(1, 2, 1.0)], [(1, 0, 3.3)])
     point = solve(netlist.replace(current_nodes=[(1, 0), (2, 0), (2, 0)], current_amps=[1e-20, -1e-3, 1e-3]))
     assert point.source_current == pytest.approx([-1e-20], rel=1e-9)
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2, 3, 4), (4, 3, 2, 1, 0), (3, 4, 0, 2, 1)])
+def test_a_large_source_within_a_loop_hides_no_contradiction_of_small_ones(order: tuple[int, ...]) -> None:
+    sources = [(5, 3, 1e6), (5, 6, -1e-9), (4, 6, 1e-9), (4, 5, 2.1e-9), (4, 3, 1e6 + 2.1e-9)]  # 4-5-6: by 1e-10 V
+    netlist = circuit(7, [(node, 0, 1e3) for node in range(1, 7)], [sources[number] for number in order])
+    with pytest.raises(CircuitError, match=r"contradicts the other sources by 1(\.0*\d*)?e-10 V"):
+        solve(netlist)
