@@ -262,7 +262,7 @@ class _Crew:
         elif isinstance(error, BrokenExecutor):
             self._blame(task, error)
             self._renew(error)
-        elif type(error).__name__ in _LOST:
+        elif type(error).__name__ in _LOST or _is_lost_by_dask(error):
             self._blame(task, error)
         elif type(error).__name__ == "KilledWorker":  # of all that waited on workers that died: dask tried again itself
             task.strikes = max(task.strikes, _STRIKES - 2)
@@ -301,6 +301,15 @@ class _Crew:
             with contextlib.suppress(NotImplementedError):  # parsl's do not know how
                 future.cancel()
         self._shut()
+
+
+def _is_lost_by_dask(error: BaseException) -> bool:
+    """Return whether dask forgot a task while it fetched the result: it then unpacks an answer that holds none."""
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    place = "" if trace is None else trace.tb_frame.f_globals.get("__name__", "")
+    return isinstance(error, ValueError) and "to unpack" in str(error) and place == "distributed.cfexecutor"
 
 
 def _given_up(executor: Executor, why: object) -> WorkerError:

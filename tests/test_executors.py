@@ -6,6 +6,7 @@ import os
 import signal
 import threading
 import time
+from collections.abc import Callable
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
@@ -68,6 +69,29 @@ def test_items_that_kill_every_worker_are_named(kind: str, tmp_path: Path) -> No
     words = str(caught.value).split()
     first, last = (int(words[words.index("chips") + k]) for k in (1, 3))
     assert first <= 7 <= last
+
+
+def test_a_task_that_dask_forgets_is_sent_again() -> None:
+    """While dask cancels tasks of a dead worker, it may unpack an answer that is none; the task's own errors count."""
+    cascade: dict[str, object] = {"__name__": "distributed.cfexecutor"}
+    exec("def fetch(result):\n    typ, exc, tb = result", cascade)
+
+    class Forgetful(ThreadPoolExecutor):
+        forgotten = False
+
+        def submit(self, function: Callable[..., Any], /, *given: Any, **options: Any) -> Future[Any]:
+            if self.forgotten:
+                return super().submit(function, *given, **options)
+            self.forgotten = True
+            return super().submit(cascade["fetch"], (1, 2))
+
+    def unpacked(_offset: object, _items: object) -> None:
+        _first, _second, _third = (1, 2)
+
+    with Forgetful(1) as executor:
+        assert list(in_order([Part(sums, {"offset": 1}, range(3))], executor)) == [1, 2, 3]
+        with pytest.raises(ValueError, match="to unpack"):
+            list(in_order([Part(unpacked, {"offset": 1}, range(3))], executor))
 
 
 def test_an_executor_that_cannot_be_made_anew_says_so() -> None:

@@ -178,7 +178,7 @@ def test_bad_input_is_one_clear_message(call, hidden, words, says) -> None:
 def test_a_scene_without_a_start_or_beyond_the_plane_is_refused(call, hidden, scenes) -> None:
     hidden.write_text(ROOM.replace("starts = [[4.2, 7.2]]\n", ""))
     assert "there is no start" in call("control", hidden).stderr
-    assert "in the plane alone" in call("control", scenes / "voxels.toml").stderr
+    assert "a scene in the plane" in call("control", scenes / "voxels.toml").stderr
 
 
 def test_options_stand_in_for_keys_of_the_control_table(answer, hidden) -> None:

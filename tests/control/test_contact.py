@@ -291,7 +291,7 @@ def test_penetration_is_what_radii_overlap() -> None:
 
 def test_scenes_that_cannot_be_touched_are_refused() -> None:
     cube = tuple(Axis(name, 0, 4, 4) for name in "xyz")
-    with pytest.raises(InputError, match="in the plane alone"):
+    with pytest.raises(InputError, match="a scene in the plane"):
         plant_of(Scene(cube))
     with pytest.raises(InputError, match=r"hidden\[1\].*thicker"):
         plant_of(Scene(PLANE, hidden=(SOLIDS[0], Box((0.0, 0.0), (0.0, 1.0)))))

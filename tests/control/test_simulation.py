@@ -284,7 +284,7 @@ def test_impossible_simulations_are_refused(scenes) -> None:
     for options, says in (({"friction": -1.0}, "friction"), ({"step": 0.9}, "step = 0.9 .* at most 0.5")):
         with pytest.raises(InputError, match=says):
             hiding([], **options)
-    with pytest.raises(InputError, match="in the plane alone"):
+    with pytest.raises(InputError, match="a scene in the plane"):
         simulation(read_scene(scenes / "voxels.toml"))
 
 

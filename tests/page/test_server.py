@@ -102,7 +102,9 @@ def test_failed_paths_have_the_reasons_of_the_command_line(scenes, name):
         scene = scene.replace(starts=((1.5, 5.0),))
     drawing = drawing_of(scene)
     reasons = [path.reason for path in solve_drawing(drawing, exact=True).paths if path.reason]
-    assert reasons == [path.reason for path in rg.plan(scene, k=drawing.k).paths() if path.reason] != []
+    full = [path.reason for path in rg.plan(scene, k=drawing.k).paths() if path.reason]
+    radius = "; make the robot's radius smaller" if name == "rooms" else ""  # a drawing holds cells, not the radius
+    assert [reason + radius for reason in reasons] == full != []
 
 
 def test_a_change_of_the_drawing_does_not_wait_for_a_film(served):
