@@ -67,8 +67,9 @@ def test_a_path_goes_on_from_the_face_straight_to_the_goal_point(space: Configur
         if path.outcome is not Outcome.REACHED or np.isnan(goal).any():
             np.testing.assert_array_equal(path.points, before.points)
             continue
-        np.testing.assert_array_equal(path.points, np.concatenate([before.points, goal[np.newaxis]]))
         leg = np.linalg.norm(goal - before.points[-1])
+        until = -1 if np.all(np.abs(goal - before.points[-1]) <= 0.5 * space.rounding * space.spacing) else None
+        np.testing.assert_array_equal(path.points, np.concatenate([before.points[:until], goal[np.newaxis]]))
         assert path.length == pytest.approx(before.length + leg)
         assert many.length[number] == pytest.approx(path.length)
         assert path.clearance <= before.clearance * (1 + 1e-9)
