@@ -49,7 +49,7 @@ test: $(INSTALLED_DEV) warm
 	$(BIN)/python -m pytest -n $(JOBS)
 
 warm: | $(INSTALLED)
-	$(BIN)/python -m resgrid.warm
+	$(BIN)/python -m resgrid.cli.warm
 
 targets: $(INSTALLED_DEV)
 	for target in $(TARGETS); do \

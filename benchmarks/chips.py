@@ -19,14 +19,14 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from benchmarks.rows import Row, Scale, Spread
-from resgrid.axis import Axis
-from resgrid.chip.studies import study
+from resgrid.chip.study_analyses import study
+from resgrid.circuit.batch import solve_many
 from resgrid.circuit.equations import assemble
-from resgrid.circuit.many import solve_many
 from resgrid.circuit.solve import solve
-from resgrid.netlist import Netlist
+from resgrid.core.axis import Axis
+from resgrid.core.netlist import Netlist
+from resgrid.core.space import ConfigurationSpace
 from resgrid.scene.chip import Chip
-from resgrid.space import ConfigurationSpace
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 _BLOCKS = 10

@@ -1,6 +1,6 @@
 """What ``method="auto"`` loses against the best method: resgrid's own methods on circuits of every kind, in turn.
 
-The constants in `resgrid.solvers.choose` were fitted to these runs.
+The constants in `resgrid.solvers.method_choice` were fitted to these runs.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from benchmarks.layouts import as_space, boxes, maze
 from benchmarks.rows import Row, Scale
 from benchmarks.timing import spread
 from resgrid.circuit.solve import solve
-from resgrid.compiler import compile_space
+from resgrid.core.compiler import compile_space
+from resgrid.core.netlist import Netlist
+from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import ResgridError
-from resgrid.netlist import Netlist
-from resgrid.space import Cell, ConfigurationSpace
 
 METHODS = ("auto", "direct", "multigrid")
 

@@ -14,21 +14,21 @@ import numpy as np
 import shapely.affinity
 
 import resgrid as rg
-from resgrid.axis import Axis
 from resgrid.circuit.solve import solve
-from resgrid.compiler import compile_space
 from resgrid.control.controller import make_controller
-from resgrid.control.log import Ending, Run
+from resgrid.control.external_forces import random_pushes
 from resgrid.control.plant import make_plant
-from resgrid.control.pushes import random_pushes
+from resgrid.control.run_log import Ending, Run
 from resgrid.control.simulation import Simulation, simulation
-from resgrid.grids import label_regions
-from resgrid.planning.road import solve_field
+from resgrid.core.axis import Axis
+from resgrid.core.compiler import compile_space
+from resgrid.core.regions import label_regions
+from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.wiring import Wiring
+from resgrid.planning.pipeline import solve_field
 from resgrid.planning.trace import streamline
 from resgrid.robots import Arm, Ball, Box, DiscRobot, PointRobot, Polygon, PolygonRobot, Robot, Shape, to_shapely
 from resgrid.scene import read_scene
-from resgrid.space import Cell, ConfigurationSpace
-from resgrid.wiring import Wiring
 
 SCENES = Path(__file__).parents[1] / "examples" / "scenes"
 

@@ -18,7 +18,7 @@ from benchmarks.rows import RATIO, Row, Scale
 from benchmarks.simulators import simulators
 from benchmarks.timing import alternating, spread, timed
 from resgrid.circuit.solve import solve
-from resgrid.netlist import Netlist
+from resgrid.core.netlist import Netlist
 from resgrid.spice.read.deck import read_spice
 from resgrid.spice.write.flat import flatten, resistances
 

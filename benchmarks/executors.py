@@ -22,9 +22,9 @@ from typing import Any
 
 from benchmarks.chips import grid
 from benchmarks.rows import Row, Scale, Spread
-from resgrid.chip.studies import study
+from resgrid._internal.executors import open_executor
+from resgrid.chip.study_analyses import study
 from resgrid.scene.chip import Chip, Readout
-from resgrid.workers import open_executor
 
 _NAMES = ("processes", "loky", "dask", "mpi", "parsl")
 _PARSL = """import parsl

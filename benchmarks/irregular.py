@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.netlist import GROUND, Netlist
+from resgrid.core.netlist import GROUND, Netlist
 
 
 def power_grid(nodes: int, seed: int, layers: int = 4) -> Netlist:

@@ -66,8 +66,8 @@ def _solved(space: rg.ConfigurationSpace, who: str) -> tuple[rg.Field, int, str]
     if who == ENGINE:
         op = rg.solve(rg.compile_space(space, boundary="neumann"))
         return rg.field(op), 0, f"{op.method}, {op.iterations} iterations"
-    from resgrid.planning.ranked import solve_ranked
-    from resgrid.wiring import Wiring
+    from resgrid.core.wiring import Wiring
+    from resgrid.planning.petsc_fields import solve_ranked
 
     found = solve_ranked(space, Wiring("neumann"), RANKS)
     share = np.count_nonzero(found.field.safe) / np.count_nonzero(space.goal_connected)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.axis import Axis
-from resgrid.space import Cell, ConfigurationSpace
+from resgrid.core.axis import Axis
+from resgrid.core.space import Cell, ConfigurationSpace
 
 
 def boxes(size: int, dimensions: int, seed: int, share: float = 0.2) -> ConfigurationSpace:

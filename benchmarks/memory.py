@@ -86,7 +86,7 @@ def measure(how: str, problem: Problem) -> dict[str, object]:
 def _method(problem: Problem) -> str:
     """The method that a problem of this size gets: its kernels are to be compiled before anything is counted."""
     from resgrid.circuit.equations import assemble
-    from resgrid.solvers.choose import choose_method
+    from resgrid.solvers.method_choice import choose_method
 
     return choose_method(assemble(problem.netlist()).laplacian).method
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from benchmarks.problems import NETLISTS, Problem
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
-from resgrid.compiler import compile_space
-from resgrid.netlist import Netlist
-from resgrid.space import ConfigurationSpace
+from resgrid.core.compiler import compile_space
+from resgrid.core.netlist import Netlist
+from resgrid.core.space import ConfigurationSpace
 
 
 @dataclass(frozen=True, eq=False)

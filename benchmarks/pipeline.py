@@ -12,10 +12,10 @@ from benchmarks.problems import equations
 from benchmarks.rows import Row, Scale
 from benchmarks.timing import Job, alternating, repeated, scaled, spread, timed
 from resgrid.circuit.solve import solve
-from resgrid.compiler import compile_space
-from resgrid.netlist import Netlist
+from resgrid.core.compiler import compile_space
+from resgrid.core.netlist import Netlist
+from resgrid.core.space import ConfigurationSpace
 from resgrid.planning.trace import streamlines
-from resgrid.space import ConfigurationSpace
 
 PRODUCTS = "products"
 BOUNDARIES = ("dirichlet", "neumann")

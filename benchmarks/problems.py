@@ -11,9 +11,9 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from benchmarks import irregular, layouts
-from resgrid.compiler import compile_space
-from resgrid.netlist import GROUND, Netlist
-from resgrid.space import ConfigurationSpace
+from resgrid.core.compiler import compile_space
+from resgrid.core.netlist import GROUND, Netlist
+from resgrid.core.space import ConfigurationSpace
 
 SPACES: dict[str, Callable[[int, int, int], ConfigurationSpace]] = {
     "rectangles": lambda size, _, seed: layouts.boxes(size, 2, seed),

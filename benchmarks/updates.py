@@ -12,10 +12,10 @@ from benchmarks.problems import Problem
 from benchmarks.rows import Row, Scale
 from benchmarks.timing import alternating, spread, timed
 from resgrid.circuit.solve import factor, solve
-from resgrid.circuit.update import WarmPoint, WarmStart
-from resgrid.compiler import compile_space
-from resgrid.solvers.team import Team
-from resgrid.space import Cell, ConfigurationSpace
+from resgrid.circuit.warm_start import WarmPoint, WarmStart
+from resgrid.core.compiler import compile_space
+from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.solvers.threads import ThreadTeam
 
 RTOL = 1e-8
 BOUNDARIES = ("dirichlet", "neumann")
@@ -80,7 +80,7 @@ def _stream_rows(scale: Scale) -> list[Row]:
     a, b, c = np.ones((3, size))
     rows = []
     for count, who in enumerate(_WHO, 1):
-        with Team(count) as team:
+        with ThreadTeam(count) as team:
             job = partial(team.over, size, lambda piece: np.add(a[piece], b[piece], out=c[piece]))
             rates = [1e-9 * 3 * a.nbytes / timed(job) for _ in range(1 + scale.rounds)][1:]
         rows.append(Row("stream", None, spread(rates), "GB/s", who))

@@ -18,10 +18,10 @@ from matplotlib.patheffects import Normal, Stroke
 from PIL import Image
 
 import resgrid as rg
-from resgrid.page.drawing import drawing_of
-from resgrid.page.frames import picture_of
-from resgrid.page.settle import settle
-from resgrid.page.solving import solve_drawing
+from resgrid.live_page.drawing import drawing_of
+from resgrid.live_page.frames import picture_of
+from resgrid.live_page.settle import settle
+from resgrid.live_page.solving import solve_drawing
 from resgrid.plot import new_figure, render_figure
 
 DOCS = Path(__file__).resolve().parent

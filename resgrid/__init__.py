@@ -20,7 +20,7 @@ from typing import Any
 
 import lazy_loader
 
-from resgrid.frozen import show_with
+from resgrid._internal.values import show_with
 
 _public, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
 __all__ += ["__version__"]
@@ -35,7 +35,7 @@ def __getattr__(name: str) -> Any:
 
         hint = suggestion(name, __all__) or "dir(resgrid) lists its names"
         raise AttributeError(f"module 'resgrid' has no attribute {name!r}; {hint}")
-    from resgrid.arguments import guarded
+    from resgrid._internal.validation import guarded
 
     globals()[name] = guarded(name, _public(name))
     return globals()[name]

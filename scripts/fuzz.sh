@@ -19,6 +19,6 @@ done
 RESGRID_MUTATED_DECKS=${COUNT:-100000} "$python" -m pytest -q --hypothesis-profile=fuzz --hypothesis-seed="$seed" \
     tests/spice/read/test_mutated_decks.py || status=1
 RESGRID_PAGE_ACTIONS=${ACTIONS:-10000} RESGRID_PAGE_SEED=$seed "$python" -m pytest -q -o log_cli=true -o log_cli_level=INFO \
-    tests/page/test_fuzzing.py || status=1
+    tests/live_page/test_fuzzing.py || status=1
 RESGRID_CIRCUITS=${CIRCUITS:-20000} RESGRID_SEED=$seed "$python" -m pytest -q tests/circuit/test_cancellation.py || status=1
 exit "$status"

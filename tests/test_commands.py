@@ -21,9 +21,9 @@ from support.shown import PROJECT, Piece, fragments, helps, pages, runs_resgrid,
 
 from resgrid.cli import main
 from resgrid.cli.entry import VERBS
-from resgrid.page.live import LivePage
+from resgrid.live_page.live import LivePage
 from resgrid.scene.overrides import document_of
-from resgrid.scene.read import read_scene
+from resgrid.scene.reading import read_scene
 
 ELSEWHERE = {
     "srun resgrid chip chip.toml --only yield --most 1000000 --executor mpi -o report": "needs Slurm",

@@ -9,10 +9,10 @@ from support.spaces import space_of, spaces
 import resgrid as rg
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import factor, solve
-from resgrid.compiler import compile_space
+from resgrid.core.compiler import compile_space
+from resgrid.core.netlist import Netlist
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import CircuitError
-from resgrid.netlist import Netlist
-from resgrid.space import ConfigurationSpace
 
 BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 2.0}]
 

@@ -1,4 +1,4 @@
-"""The one-way house: imports only point downwards."""
+"""Imports only point downwards."""
 
 from __future__ import annotations
 

@@ -27,12 +27,12 @@ def test_the_demo_installs_the_live_page_and_compiles_no_kernel_beforehand() -> 
     commands = printed("demo")
     assert "--editable '.[live]'" in commands
     assert "resgrid run examples/scenes/rooms.toml" in commands
-    assert "resgrid.warm" not in commands
+    assert "resgrid.cli.warm" not in commands
 
 
 def test_all_kernels_are_compiled_before_the_tests_and_by_a_target_of_its_own() -> None:
-    assert printed("test").index("-m resgrid.warm") < printed("test").index("-m pytest")
-    assert "-m resgrid.warm" in printed("warm")
+    assert printed("test").index("-m resgrid.cli.warm") < printed("test").index("-m pytest")
+    assert "-m resgrid.cli.warm" in printed("warm")
 
 
 def test_pip_shows_its_work_on_a_terminal_only() -> None:

@@ -9,12 +9,12 @@ from scipy import ndimage
 
 import resgrid as rg
 from resgrid.circuit.solve import solve
-from resgrid.compiler import compile_space
+from resgrid.core.compiler import compile_space
+from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.planning.certify import certify
 from resgrid.planning.fields import Field
 from resgrid.planning.trace import streamline, streamlines
 from resgrid.scene import GoalCell, read_queries, read_scene, sample
-from resgrid.space import Cell, ConfigurationSpace
 
 MAPS = {
     "nav2/turtlebot3/map.yaml": {},

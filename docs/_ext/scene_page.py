@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from resgrid.scene.schema import KINDS, SHAPES, TABLES, SceneFile
-from resgrid.scene.table import Table
+from resgrid.scene.table_models import TableModel
 
 _HEAD = """# Scene files
 
@@ -54,7 +54,7 @@ def scene_reference() -> str:
     return "\n".join(parts) + "\n"
 
 
-def _table(heading: str, table: type[Table]) -> list[str]:
+def _table(heading: str, table: type[TableModel]) -> list[str]:
     schema = table.model_json_schema()
     needed = schema.get("required", ())
     rows = [

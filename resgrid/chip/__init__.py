@@ -15,5 +15,5 @@ ANALYSES = (
 )
 """Every analysis, in the order of the report; see `resgrid.chip.report`."""
 
-# The passes are loaded when they are asked for: the names above cost nothing.
-__getattr__, _, _ = lazy_loader.attach(__name__, ["passes"])
+# The effects are loaded when they are asked for: the names above cost nothing.
+__getattr__, _, _ = lazy_loader.attach(__name__, ["effects"])

@@ -10,19 +10,19 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid import die
-from resgrid.chip import passes
-from resgrid.chip.figures import formatted
-from resgrid.chip.passes import Faults, InternodalSwitches, Mismatch, Pass
-from resgrid.chip.passes.base import checked
-from resgrid.die import seed_of
+from resgrid.chip import effects
+from resgrid.chip.effects import Effect, Faults, InternodalSwitches, Mismatch
+from resgrid.chip.effects.base import checked
+from resgrid.chip.figures_of_merit import formatted
+from resgrid.core import random_sites
+from resgrid.core.netlist import Netlist
+from resgrid.core.random_sites import seed_of
+from resgrid.core.space import ConfigurationSpace
+from resgrid.core.wiring import Wiring, wiring_of
 from resgrid.errors import InputError, suggestion
-from resgrid.netlist import Netlist
-from resgrid.planning.road import compile_circuit
+from resgrid.planning.pipeline import compile_circuit
 from resgrid.scene.chip import Chip
-from resgrid.scene.table import described_keys
-from resgrid.space import ConfigurationSpace
-from resgrid.wiring import Wiring, wiring_of
+from resgrid.scene.table_models import described_keys
 
 Form = Literal["circuit", "tiles", "grid"]
 """The netlist that `build_chip` makes; the array of tiles with its pattern; the ideal grid that paths follow."""
@@ -40,7 +40,7 @@ _HELD = {
 }
 
 
-def build_chip(netlist: Netlist, chip: Chip | Iterable[Pass], seed: Any = None) -> Netlist:
+def build_chip(netlist: Netlist, chip: Chip | Iterable[Effect], seed: Any = None) -> Netlist:
     """Give an ideal netlist everything that a chip's description says.
 
     Parameters
@@ -49,7 +49,7 @@ def build_chip(netlist: Netlist, chip: Chip | Iterable[Pass], seed: Any = None) 
         Compiled with the chip's resistance and supply; with ``rails="cells"`` for switches, rails, capacitors and
         loads.
     chip : Chip or iterable of passes
-        Its description, or its effects one after the other (`resgrid.passes`).
+        Its description, or its effects one after the other (`resgrid.chip.effects`).
     seed : int, sequence of int or numpy.random.SeedSequence, optional
         Which chip of the kind; the description's by default.
 
@@ -73,7 +73,7 @@ def build_chip(netlist: Netlist, chip: Chip | Iterable[Pass], seed: Any = None) 
     >>> float((real.conductance[:144] / ideal.conductance).std().round(3))
     0.01
     """
-    for effect in checked(passes.of_chip(chip, seed) if isinstance(chip, Chip) else chip):
+    for effect in checked(effects.of_chip(chip, seed) if isinstance(chip, Chip) else chip):
         netlist = effect.apply(netlist)
     return netlist
 
@@ -97,12 +97,12 @@ def conductance_samples(netlist: Netlist, seeds: Iterable[Any], *, chip: Chip) -
         raise InputError(
             "chips with defects or saturation differ in more than their conductances; build them one by one"
         )
-    effects = passes.of_chip(chip)
+    chain = effects.of_chip(chip)
     model = Mismatch.of(chip, chip.seed)
-    before = 0 if model is None else effects.index(model)
-    drawn = circuit = build_chip(netlist, effects[:before])
+    before = 0 if model is None else chain.index(model)
+    drawn = circuit = build_chip(netlist, chain[:before])
     switch = np.zeros(len(drawn.conductance))
-    for effect in effects[before:]:
+    for effect in chain[before:]:
         if isinstance(effect, Mismatch):
             continue
         without, circuit = circuit, effect.apply(circuit)
@@ -113,9 +113,11 @@ def conductance_samples(netlist: Netlist, seeds: Iterable[Any], *, chip: Chip) -
     samples = np.tile(circuit.conductance, (len(seeds), 1))
     if model is None:
         return circuit, samples
-    deviation, places = model.deviation(drawn), die.places(drawn)[0]
+    deviation, places = model.deviation(drawn), random_sites.places(drawn)[0]
     for row, seed in zip(samples, seeds, strict=True):
-        factors = np.append(die.mismatch_factors(die.place_count(drawn), deviation, seed), 1.0)[places]
+        factors = np.append(random_sites.mismatch_factors(random_sites.place_count(drawn), deviation, seed), 1.0)[
+            places
+        ]
         own = row[: len(switch)]
         own[:] = 1 / ((1 / own - switch) * factors + switch) if switch.any() else own / factors
     return circuit, samples
@@ -181,4 +183,4 @@ def _matters(chip: Chip, key: str, usual: Any) -> bool:
         other = chip_with(chip, {key: usual})
     except InputError:  # other keys rest on it
         return True
-    return key in (*_SCALE, *READING) or passes.of_chip(other) != passes.of_chip(chip)
+    return key in (*_SCALE, *READING) or effects.of_chip(other) != effects.of_chip(chip)

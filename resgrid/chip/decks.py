@@ -16,15 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.chip.build import build_chip
-from resgrid.chip.figures import defined
+from resgrid.chip.effects.values import Temperature
+from resgrid.chip.figures_of_merit import defined
 from resgrid.chip.noise import ROOM, analyse_noise
-from resgrid.chip.passes.values import Temperature
 from resgrid.chip.settling import Settling
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
 from resgrid.circuit.transient import transient
+from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
-from resgrid.netlist import Netlist
 from resgrid.scene.chip import Chip
 from resgrid.spice.analyses import Analysis, NoiseAnalysis, Probe, TemperatureAnalysis, TransientAnalysis
 from resgrid.spice.write.files import WrittenDeck, write_spice

@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from resgrid.chip.modes import slowest_modes
+from resgrid.chip.time_constants import slowest_modes
 from resgrid.circuit.dynamics import Dynamics, factor_resolvent
 from resgrid.errors import AccuracyError
-from resgrid.solvers.columns import (
+from resgrid.solvers.laplacian import Laplacian
+from resgrid.solvers.selected_inverse import (
     estimate_diagonal,
     inverse_diagonal,
     positive_inverse_diagonal,
     symmetric_factors,
 )
-from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.supernodal import SupernodalFactors, factor_supernodes
 
 _WEAK = 1e-3

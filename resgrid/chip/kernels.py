@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inner, kernel, makes_arrays
+from resgrid._internal.jit import inner, kernel, makes_arrays
 
 Floats = NDArray[np.float64]
 

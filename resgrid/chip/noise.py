@@ -16,13 +16,13 @@ import numpy as np
 from annotated_types import Ge
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import Natural, Positive
-from resgrid.chip.figures import Figure, Result, defined
+from resgrid._internal.validation import Natural, Positive
+from resgrid.chip.figures_of_merit import Figure, Result, defined
 from resgrid.chip.impedance import estimate, find_exactly, inverse_columns, resistive_parts
 from resgrid.circuit.dynamics import Dynamics, dynamics_of, require_grounded
+from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
-from resgrid.netlist import Netlist
-from resgrid.solvers.columns import positive_inverse_diagonal, random_signs
+from resgrid.solvers.selected_inverse import positive_inverse_diagonal, random_signs
 from resgrid.solvers.supernodal import SupernodalFactors, factor_supernodes
 
 BOLTZMANN = 1.380649e-23

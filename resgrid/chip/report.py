@@ -11,17 +11,17 @@ from typing import Any
 
 import numpy as np
 
+from resgrid.chip.adc_resolution import Precision
 from resgrid.chip.build import value_text
-from resgrid.chip.criticality import Criticality
-from resgrid.chip.exploration import Sweep
-from resgrid.chip.figures import Figure, Result, figure_lines, formatted, table_lines
-from resgrid.chip.loss import loss_sentences, loss_table, usual_trials
-from resgrid.chip.precision import Precision
-from resgrid.chip.studies import Study, study
-from resgrid.die import end_names
+from resgrid.chip.fault_analysis import Criticality
+from resgrid.chip.figures_of_merit import Figure, Result, figure_lines, formatted, table_lines
+from resgrid.chip.study_analyses import Study, study
+from resgrid.chip.sweeps import Sweep
+from resgrid.chip.yield_loss import loss_sentences, loss_table, usual_trials
+from resgrid.core.random_sites import end_names
 from resgrid.errors import CircuitError
 from resgrid.scene.chip import Chip
-from resgrid.scene.table import described_keys
+from resgrid.scene.table_models import described_keys
 
 _EXPLORED = 32
 _DECKS = (

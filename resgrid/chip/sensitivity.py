@@ -22,18 +22,18 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from resgrid.chip.figures import Figure, Result, defined
-from resgrid.chip.precision import Steps, steps_of
+from resgrid.chip.adc_resolution import Steps, steps_of
+from resgrid.chip.figures_of_merit import Figure, Result, defined
 from resgrid.circuit.equations import assemble
 from resgrid.circuit.linear import CircuitFactor, factor_circuit
 from resgrid.circuit.nonlinear import small_signal
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.die import end_names, ends_of
+from resgrid.core.random_sites import end_names, ends_of
+from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import AccuracyError, InputError
 from resgrid.planning.trace import cell_indices
-from resgrid.solvers.extended import Scaled, logarithm, power
-from resgrid.solvers.monitor import Watch
-from resgrid.space import Cell, ConfigurationSpace
+from resgrid.solvers.progress import ProgressMonitor
+from resgrid.solvers.scaled import Scaled, logarithm, power
 
 _WORST = 10
 
@@ -244,7 +244,7 @@ class Adjoint:
         diagonal, edges = matrix.diagonal, matrix.edges
         bound = 0.0
         for part in (np.maximum(rhs, 0.0), np.maximum(-rhs, 0.0)):
-            watch = Watch()
+            watch = ProgressMonitor()
             x, error = factors.factors.solve_nonnegative(part, watch=watch) if part.any() else (Scaled.of(part), 0.0)
             parts.append(x)
             residual += error * (diagonal * x.plain + edges @ x.plain + part)

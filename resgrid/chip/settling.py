@@ -10,9 +10,10 @@ import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import Count, Positive
-from resgrid.chip.figures import Figure, Result
-from resgrid.chip.modes import (
+from resgrid._internal.validation import Count, Positive
+from resgrid.chip.figures_of_merit import Figure, Result
+from resgrid.chip.modal_response import SPAN, Motion, motions
+from resgrid.chip.time_constants import (
     Solver,
     accurate_solver,
     fastest_time_constant,
@@ -20,7 +21,6 @@ from resgrid.chip.modes import (
     require_charge,
     slowest_modes,
 )
-from resgrid.chip.motion import SPAN, Motion, motions
 from resgrid.circuit.dynamics import (
     Dynamics,
     dynamics_of,
@@ -31,8 +31,8 @@ from resgrid.circuit.dynamics import (
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve as solve_circuit
 from resgrid.circuit.transient import initial_voltages
+from resgrid.core.netlist import Netlist
 from resgrid.errors import AccuracyError, InputError
-from resgrid.netlist import Netlist
 
 Floats = NDArray[np.float64]
 

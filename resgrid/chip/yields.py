@@ -14,15 +14,15 @@ import numpy as np
 from annotated_types import Gt, Lt
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import Between, Count
-from resgrid.chip.figures import Figure, Proportion, Result, defined, effective_trials, proportion, wilson
-from resgrid.chip.trials import Series, prepare, run_series
-from resgrid.die import seed_of
+from resgrid._internal.checkpoints import Journal
+from resgrid._internal.validation import Between, Count
+from resgrid.chip.figures_of_merit import Figure, Proportion, Result, defined, effective_trials, proportion, wilson
+from resgrid.chip.monte_carlo import Series, prepare, run_series
+from resgrid.core.netlist import Netlist
+from resgrid.core.random_sites import seed_of
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
-from resgrid.journal import Journal
-from resgrid.netlist import Netlist
 from resgrid.scene.chip import Chip
-from resgrid.space import ConfigurationSpace
 
 Progress = Callable[[int, int, Proportion], None]
 """Called after every batch: trials done, trials expected in all, and the overall yield so far."""

@@ -34,14 +34,14 @@ from resgrid.circuit.equations import (
     sum_by_row,
 )
 from resgrid.circuit.sources import SourceForest, tie_sources
+from resgrid.core.netlist import Netlist
 from resgrid.errors import AccuracyError, CircuitError, InputError
-from resgrid.netlist import Netlist
-from resgrid.solvers.choose import factor_laplacian
-from resgrid.solvers.extended import Scaled
-from resgrid.solvers.factor import Factor
+from resgrid.solvers.factors import Factor
 from resgrid.solvers.laplacian import EdgeList, Laplacian, Rows
-from resgrid.solvers.monitor import Watch
-from resgrid.solvers.refine import CERTAIN, corrected, imbalance, is_answer, minus, quotient, scaled_currents
+from resgrid.solvers.method_choice import factor_laplacian
+from resgrid.solvers.progress import ProgressMonitor
+from resgrid.solvers.refinement import CERTAIN, corrected, imbalance, is_answer, minus, quotient, scaled_currents
+from resgrid.solvers.scaled import Scaled
 
 _EPS = float(np.finfo(np.float64).eps)
 _DOUBT = 1e-6
@@ -253,7 +253,7 @@ def _entrywise(factors: Factor, drive: NDArray[np.float64], rounding: NDArray[np
 
     Shapes: `drive` (n,); `rounding` (n,): what it may be off by; returns (n,).
     """
-    watch, x, doubt = Watch(), Scaled.of(np.zeros(len(drive))), 0.0
+    watch, x, doubt = ProgressMonitor(), Scaled.of(np.zeros(len(drive))), 0.0
     parts = _of_residual(factors, drive, np.zeros(len(drive)), x, watch)
     x = best = minus(*parts)
     cancelled = quotient(parts, x)
@@ -278,7 +278,7 @@ def _entrywise(factors: Factor, drive: NDArray[np.float64], rounding: NDArray[np
 
 
 def _of_residual(
-    factors: Factor, drive: NDArray[np.float64], rounding: NDArray[np.float64], x: Scaled, watch: Watch
+    factors: Factor, drive: NDArray[np.float64], rounding: NDArray[np.float64], x: Scaled, watch: ProgressMonitor
 ) -> list[Scaled]:
     """Solutions for the residual's positive part, and for what is negative of it; both with what rounding may hide."""
     laplacian, r, e = factors.laplacian, np.empty(len(drive)), np.zeros(len(drive), dtype=np.int64)

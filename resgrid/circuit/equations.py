@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.sources import SourceForest, tie_sources
+from resgrid.core.netlist import GROUND, Netlist
 from resgrid.errors import CircuitError
-from resgrid.netlist import GROUND, Netlist
 from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian, Rails
 
 _MANY = 20_000
@@ -29,7 +29,7 @@ def across(voltage: NDArray[np.float64], ends: NDArray[np.int32]) -> NDArray[np.
     return np.asarray(np.nan_to_num(first - second))
 
 
-class Contacts(NamedTuple):
+class RailContacts(NamedTuple):
     """Through which elements known voltages drive the rows, and where floating sources lift one end over the other.
 
     `element, row` (c,); `volts` (c,): what the row sees behind the element, in volts, above the reference of equations
@@ -60,7 +60,7 @@ class Equations:
     forest: SourceForest
     unknown: NDArray[np.int32]
     laplacian: Laplacian
-    contacts: Contacts
+    contacts: RailContacts
     feed: NDArray[np.float64]
     injected: NDArray[np.float64]
     reference: float
@@ -199,7 +199,7 @@ def assemble(netlist: Netlist) -> Equations:
 
 
 def matrix_of(
-    netlist: Netlist, listed: EdgeList, contacts: Contacts, size: int, rails: Rails | None = None
+    netlist: Netlist, listed: EdgeList, contacts: RailContacts, size: int, rails: Rails | None = None
 ) -> tuple[Laplacian, NDArray[np.float64]]:
     """The matrix for elements between a netlist's nodes, on the grid whose cells these are, if there is one.
 
@@ -269,14 +269,14 @@ def _range(values: NDArray[np.float64], group: NDArray[np.int32], count: int) ->
 
 def contacts_of(
     ends: NDArray[np.int32], some: NDArray[np.int32], unknown: NDArray[np.int32], forest: SourceForest
-) -> Contacts:
+) -> RailContacts:
     """Look at some of the elements.  Shapes: `ends` (m, 2), `some` (k,): their numbers."""
     first, second = np.take(ends, some, axis=0).T
     i, j = np.take(unknown, first), np.take(unknown, second)
     offset = forest.offsets[0]
     volts = np.take(offset, second) - np.take(offset, first)
     tied, joined = (i < 0) != (j < 0), np.flatnonzero((i >= 0) & (j >= 0) & (i != j) & (volts != 0))
-    return Contacts(
+    return RailContacts(
         element=np.concatenate([some[tied], some[joined], some[joined]]),
         row=np.concatenate([np.maximum(i, j)[tied], i[joined], j[joined]]),
         volts=np.concatenate([np.where(i >= 0, volts, -volts)[tied], volts[joined], -volts[joined]]),

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inlined, kernel
-from resgrid.solvers.extended import Floats, Indices, Integers, Scaled
-from resgrid.solvers.extended_kernels import _canonical, _shift, _sum, _two_product, _two_sum
-from resgrid.solvers.row_kernels import find
+from resgrid._internal.jit import inlined, kernel
+from resgrid.solvers.csr_kernels import find
+from resgrid.solvers.scaled import Floats, Indices, Integers, Scaled
+from resgrid.solvers.scaled_kernels import _canonical, _shift, _sum, _two_product, _two_sum
 
 Bools = NDArray[np.bool_]
 

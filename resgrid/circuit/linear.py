@@ -15,17 +15,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.circuit.equations import Equations, assemble, parts_of
-from resgrid.circuit.operating_point import OperatingPoint, Readings
-from resgrid.circuit.readout import DIRECTION_RESIDUAL, node_values, read_entrywise, read_normwise, values_above
+from resgrid.circuit.operating_point import BranchCurrents, OperatingPoint
+from resgrid.circuit.postprocess import DIRECTION_RESIDUAL, node_values, read_entrywise, read_normwise, values_above
+from resgrid.core.netlist import GROUND, Netlist
 from resgrid.errors import AccuracyError
-from resgrid.netlist import GROUND, Netlist
-from resgrid.solvers.choose import factor_laplacian
-from resgrid.solvers.extended import unscaled
-from resgrid.solvers.factor import EXACT_ROWS, Factor
+from resgrid.solvers.factors import EXACT_ROWS, Factor
 from resgrid.solvers.laplacian import count_connections
-from resgrid.solvers.monitor import Progress, Watch
-from resgrid.solvers.refine import CERTAIN, is_answer
-from resgrid.solvers.team import Team
+from resgrid.solvers.method_choice import factor_laplacian
+from resgrid.solvers.progress import Progress, ProgressMonitor
+from resgrid.solvers.refinement import CERTAIN, is_answer
+from resgrid.solvers.scaled import unscaled
+from resgrid.solvers.threads import ThreadTeam
 
 _LOST = 1e-10
 """Share of the smallest source's voltage that rounding may leave of a sum."""
@@ -42,10 +42,10 @@ def solve_linear(
 ) -> OperatingPoint:
     """Find the operating point of a netlist without nonlinear resistors; options and errors are `resgrid.solve`'s."""
     seconds: dict[str, float] = {}
-    with Team(threads) as team:
+    with ThreadTeam(threads) as team:
         with _timed(seconds, "assemble"):
             system = assemble(netlist)
-        point = _solved(system, seconds, accuracy, method, rtol, team, Watch(progress))
+        point = _solved(system, seconds, accuracy, method, rtol, team, ProgressMonitor(progress))
     driven = system.forest.order[system.forest.height != 0], netlist.current_nodes[netlist.current_amps != 0].ravel()
     if not np.isin(np.concatenate(driven), system.floating).any():
         return point
@@ -56,7 +56,13 @@ def solve_linear(
 
 
 def _solved(
-    system: Equations, seconds: dict[str, float], accuracy: str, method: str, rtol: float, team: Team, watch: Watch
+    system: Equations,
+    seconds: dict[str, float],
+    accuracy: str,
+    method: str,
+    rtol: float,
+    team: ThreadTeam,
+    watch: ProgressMonitor,
 ) -> OperatingPoint:
     with _timed(seconds, "factor"):
         factors = factor_laplacian(system.laplacian, method, accuracy=accuracy, team=team) if system.size else None
@@ -85,7 +91,7 @@ def _solved(
     deep = point.readings if system.rails is not None and point.readings.scaled[1].any() else None
     may_balance = deep is None or system.netlist.cell_map is None
     if may_balance and (faint or doubt > CERTAIN or _asks_for_balance(system, point)):
-        from resgrid.circuit.kirchhoff import balance
+        from resgrid.circuit.current_recovery import balance
 
         with _timed(seconds, "balance"):
             found, direct = balance(system)
@@ -94,7 +100,7 @@ def _solved(
                 if system.rails is None:
                     values = values_above(system, found.heights)
                 elif not watch.bound <= CERTAIN:
-                    values = node_values(system, direct, Watch(), team)
+                    values = node_values(system, direct, ProgressMonitor(), team)
                 again = read_entrywise(system, values, team, found, deep, **told)
                 if not proved or again[0].kcl_residual <= max(point.kcl_residual, DIRECTION_RESIDUAL):
                     (point, residual, _), doubt, balanced = again, found.doubt, True
@@ -152,13 +158,15 @@ def _tied_parts(system: Equations, resistors: NDArray[np.bool_], sources: NDArra
     )  # fmt: skip
 
 
-def _joined(whole: Readings, found: Readings, resistors: NDArray[np.bool_], sources: NDArray[np.bool_]) -> Readings:
+def _joined(
+    whole: BranchCurrents, found: BranchCurrents, resistors: NDArray[np.bool_], sources: NDArray[np.bool_]
+) -> BranchCurrents:
     """Readings with those of some resistors and sources, which are 0 in the whole."""
     amps, exponent, through = whole.scaled[0].copy(), whole.scaled[1].copy(), whole.source_current.copy()
     amps[resistors], exponent[resistors] = found.scaled
     through[sources] = found.source_current[: np.count_nonzero(sources)]
     residual = max(whole.kcl_residual, found.kcl_residual)
-    return Readings(unscaled(amps, exponent), (amps, exponent), through, whole.power + found.power, residual)
+    return BranchCurrents(unscaled(amps, exponent), (amps, exponent), through, whole.power + found.power, residual)
 
 
 @contextmanager

@@ -29,11 +29,11 @@ from scipy import sparse
 from resgrid.circuit.equations import Equations, across, assemble
 from resgrid.circuit.linear import solve_linear
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.circuit.readout import DIRECTION_RESIDUAL
+from resgrid.circuit.postprocess import DIRECTION_RESIDUAL
+from resgrid.core.netlist import Netlist, add_elements, crossed_by, select_elements
 from resgrid.errors import AccuracyError, CircuitError
-from resgrid.netlist import Netlist, add_elements, crossed_by, select_elements
-from resgrid.solvers.choose import factor_laplacian
-from resgrid.solvers.monitor import Progress
+from resgrid.solvers.method_choice import factor_laplacian
+from resgrid.solvers.progress import Progress
 
 _MANY_STEPS, MOST_STEPS = 20, 200
 """Steps after which a cut may be overloaded, and at most."""
@@ -175,7 +175,7 @@ def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
     saturation, steps with the secant conductances take turns with such steps: they minimise a quadratic above the
     co-content that touches it (as iteratively reweighted least squares do), so that the co-content falls as well.
     """
-    circuit = _Circuit.of(netlist, method)
+    circuit = _NonlinearCircuit.of(netlist, method)
     x, at_rest = np.zeros(circuit.system.size), False
     residuals: list[float] = []
     steps: list[float] = []
@@ -237,7 +237,7 @@ class _Law(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class _Circuit:
+class _NonlinearCircuit:
     """Kirchhoff's current law for the rows of a nodal system, each element with its own law; linear resistors first.
 
     `method`: how linear systems are solved; `incidence` (elements, n): from rows to what they add to the voltages
@@ -251,7 +251,7 @@ class _Circuit:
     lift: NDArray[np.float64]
 
     @classmethod
-    def of(cls, netlist: Netlist, method: str) -> _Circuit:
+    def of(cls, netlist: Netlist, method: str) -> _NonlinearCircuit:
         own = _Law.of(netlist)
         system = assemble(linear_netlist(netlist, own.siemens))
         siemens, ends = system.netlist.conductance, system.netlist.resistor_nodes

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid._internal.values import frozen, lock, picture_html
+from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
-from resgrid.frozen import frozen, lock, picture_html
-from resgrid.netlist import Netlist
-from resgrid.solvers.extended import Numbers, logarithm
+from resgrid.solvers.scaled import Numbers, logarithm
 
 _DIRECT_CURRENT = (
     "node_count", "resistor_nodes", "conductance", "source_nodes", "source_volts", "current_nodes", "current_amps",
@@ -22,7 +22,7 @@ _DIRECT_CURRENT = (
 """Parts of a netlist that direct currents depend on."""
 
 
-class Readings(NamedTuple):
+class BranchCurrents(NamedTuple):
     """What the ammeters read, and whether it adds up.
 
     `resistor_current, source_current, power, kcl_residual`: as the attributes of `OperatingPoint`; `scaled`: mantissas
@@ -57,7 +57,7 @@ class OperatingPoint:
     potential : ndarray of float64, shape (nodes,), or None
         With two rails ``1 - u``, taken from whichever of both is smaller.  With one rail and currents of one sign the
         height above (or below) that rail, scaled to a maximum of 1.  None otherwise.
-    ammeters : Readings, or callable
+    ammeters : BranchCurrents, or callable
         Currents, power and KCL residual, at hand or to be read: the point has each reading as a property.
     floating : ndarray of int64
         Nodes that no path of resistors or voltage sources ties to ground; their voltages are NaN, currents known.
@@ -76,10 +76,10 @@ class OperatingPoint:
         nonlinear resistors it is the last linear system's.
     entry_error : float
         No drop ``u``, be it the smallest, is off by a larger share of itself (with one rail: no height above it), as
-        the violations of KCL prove (`resgrid.solvers.refine`); the rounding of its logarithm to a double not counted.
-        Of small circuits without two rails it holds for voltages above ground as well.  Infinite where nothing is
-        proved: of normwise answers, of circuits with nonlinear resistors, of larger circuits with currents of both
-        signs beside a single rail, and of those where parts carry no current.
+        the violations of KCL prove (`resgrid.solvers.refinement`); the rounding of its logarithm to a double is not
+        counted.  Of small circuits without two rails it holds for voltages above ground as well.  Infinite where
+        nothing is proved: of normwise answers, of circuits with nonlinear resistors, of larger circuits with
+        currents of both signs beside a single rail, and of those where parts carry no current.
     nonlinear_amps : ndarray of float64, shape (nonlinear resistors,)
         Current from a nonlinear resistor's first node to its second, in amperes (0 where it underflows).
     nonlinear_log_amps : ndarray of float64, shape (nonlinear resistors,)
@@ -101,7 +101,7 @@ class OperatingPoint:
     voltage: NDArray[np.float64]
     log_drop: NDArray[np.float64] | None
     potential: NDArray[np.float64] | None
-    ammeters: Readings | Callable[[], Readings]
+    ammeters: BranchCurrents | Callable[[], BranchCurrents]
     floating: NDArray[np.int64]
     undriven: NDArray[np.int64]
     method: str
@@ -128,9 +128,9 @@ class OperatingPoint:
         return one is other or all(np.array_equal(getattr(one, part), getattr(other, part)) for part in _DIRECT_CURRENT)
 
     @cached_property
-    def readings(self) -> Readings:
+    def readings(self) -> BranchCurrents:
         """What the ammeters read; two threads that ask at once may both take it, and find the same."""
-        taken = self.ammeters if isinstance(self.ammeters, Readings) else self.ammeters()
+        taken = self.ammeters if isinstance(self.ammeters, BranchCurrents) else self.ammeters()
         lock(taken)
         return taken
 

@@ -6,22 +6,22 @@ from typing import Protocol
 
 import numpy as np
 
-from resgrid.arguments import check_whole, with_article
+from resgrid._internal.validation import check_whole, with_article
 from resgrid.circuit.equations import assemble
 from resgrid.circuit.linear import CircuitFactor, factor_circuit, solve_linear
 from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
-from resgrid.netlist import Netlist
-from resgrid.solvers.choose import check_method
-from resgrid.solvers.factor import check_rtol
-from resgrid.solvers.monitor import Progress, Watch
+from resgrid.solvers.factors import check_rtol
+from resgrid.solvers.method_choice import check_method
+from resgrid.solvers.progress import Progress, ProgressMonitor
 
 ACCURACIES = ("direction", "normwise")
 PETSC = "petsc"
 """The method of `resgrid.plan` that takes a space to other processes, without a netlist."""
 
 
-class Deck(Protocol):
+class CircuitLike(Protocol):
     """A circuit as somebody wrote it, such as `resgrid.read_spice` returns."""
 
     def netlist(self) -> Netlist:
@@ -30,7 +30,7 @@ class Deck(Protocol):
 
 
 def solve(
-    netlist: Netlist | Deck,
+    netlist: Netlist | CircuitLike,
     *,
     accuracy: str = "direction",
     method: str = "auto",
@@ -56,8 +56,8 @@ def solve(
         (some 1e-8), unless parts carry no current.
         ``"normwise"``: only the backward error is held below ``rtol``.
     method : {"auto", "direct", "multigrid"}
-        How to solve; ``"auto"`` chooses by size and shape (`resgrid.solvers.choose.choose_method`); the operating point
-        says what it chose.
+        How to solve; ``"auto"`` chooses by size and shape (`resgrid.solvers.method_choice.choose_method`); the
+        operating point reports the choice.
     rtol : float
         Backward error for ``"normwise"``.
     threads : int
@@ -104,7 +104,7 @@ def solve(
     return solve_linear(netlist, accuracy=accuracy, method=method, rtol=rtol, threads=threads, progress=progress)
 
 
-def factor(netlist: Netlist | Deck, *, method: str = "auto") -> CircuitFactor:
+def factor(netlist: Netlist | CircuitLike, *, method: str = "auto") -> CircuitFactor:
     """Factor a netlist once, for many right-hand sides.
 
     Parameters
@@ -193,7 +193,7 @@ def scale_drive(netlist: Netlist, op: OperatingPoint) -> Netlist:
     return netlist.replace(current_amps=netlist.current_amps * factor)
 
 
-def _netlist_of(circuit: Netlist | Deck) -> Netlist:
+def _netlist_of(circuit: Netlist | CircuitLike) -> Netlist:
     make = getattr(circuit, "netlist", None)
     netlist = make() if callable(make) else circuit
     if not isinstance(netlist, Netlist):
@@ -212,4 +212,4 @@ def _check_options(accuracy: str, method: str, rtol: float, threads: int, progre
     check_method(method)
     check_rtol(rtol)
     check_whole("threads", threads, 1)
-    Watch(progress)
+    ProgressMonitor(progress)

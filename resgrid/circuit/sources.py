@@ -15,8 +15,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.core.netlist import GROUND, Netlist
 from resgrid.errors import CircuitError
-from resgrid.netlist import GROUND, Netlist
 
 _Amps = TypeVar("_Amps", int, float, Fraction)
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from resgrid.circuit.dynamics import Dynamics, slope
 from resgrid.errors import AccuracyError, BudgetError
-from resgrid.solvers.factor import Factor
+from resgrid.solvers.factors import Factor
 
 Method = Literal["backward_euler", "trapezoidal", "tr-bdf2"]
 

@@ -10,15 +10,15 @@ import numpy as np
 from annotated_types import Ge, Lt
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import Positive, real_numbers
+from resgrid._internal.validation import Positive, real_numbers
+from resgrid._internal.values import frozen
 from resgrid.circuit.dynamics import Dynamics, dynamics_of, energy_delivered, factor_resolvent, initial_state
 from resgrid.circuit.equations import across
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.stepping import RTOL, Method, advance, controlled_steps, fixed_steps, rate_of
+from resgrid.core.netlist import CellMap, Netlist
 from resgrid.errors import InputError
-from resgrid.frozen import frozen
-from resgrid.netlist import CellMap, Netlist
-from resgrid.solvers.factor import Factor
+from resgrid.solvers.factors import Factor
 
 Solver = Literal["auto", "direct", "multigrid"]
 

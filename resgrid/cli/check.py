@@ -10,16 +10,16 @@ import click
 
 import resgrid as rg
 from resgrid.cli.decks import is_deck, open_deck, refuse_scene_options, solve_deck
-from resgrid.cli.options import POSITIVE, Source, Suggested, share, verb, with_source
-from resgrid.cli.report import NEGATIVE, NOT_VERIFIED, counted, detail, finish, say, stage
+from resgrid.cli.options import POSITIVE, CommandInput, Suggested, share, verb, with_source
 from resgrid.cli.scenes import open_job, report_ignored
+from resgrid.cli.terminal import NEGATIVE, NOT_VERIFIED, counted, detail, finish, say, stage
 from resgrid.errors import InputError, ResgridError, ToolMissingError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from resgrid.spice.check.agreement import Agreement
-    from resgrid.spice.check.predictions import Prediction
+    from resgrid.spice.check.portability import Prediction
     from resgrid.spice.circuit import Circuit, Violation
 
 _WORDS = {"sidecar": "the sidecar", "scene": "the scene's solution", "solve": "our solution"}
@@ -48,7 +48,7 @@ PATIENCE = 30.0
     "--engine", type=Suggested("name", "ngspice", "eecircuit"), default="ngspice",
     help="ngspice, or eecircuit (for large decks).",
 )  # fmt: skip
-def command(source: Source, rules: bool, deck: str | None, tolerance: float, timeout: float, engine: str) -> int:
+def command(source: CommandInput, rules: bool, deck: str | None, tolerance: float, timeout: float, engine: str) -> int:
     """Simulate a deck and compare every node.
 
     A DECK is compared with its sidecar DECK.json: first its hash, then the voltages; without one it is read and
@@ -83,7 +83,7 @@ def command(source: Source, rules: bool, deck: str | None, tolerance: float, tim
     return NOT_VERIFIED if agreement.agrees is None else 0 if agreement.agrees else NEGATIVE
 
 
-def _check_rules(source: Source, given: bool) -> int:
+def _check_rules(source: CommandInput, given: bool) -> int:
     circuit: rg.Netlist | Circuit
     ignored: dict[str, list[str]] = {}
     if given:
@@ -106,7 +106,9 @@ def _check_rules(source: Source, given: bool) -> int:
     return 0 if passes else NEGATIVE
 
 
-def _check_scene(source: Source, deck: str | None, limits: dict[str, Any]) -> tuple[Agreement, dict[str, list[str]]]:
+def _check_scene(
+    source: CommandInput, deck: str | None, limits: dict[str, Any]
+) -> tuple[Agreement, dict[str, list[str]]]:
     """A scene is held against its own deck, or against one that is given."""
     job = open_job(source)
     ignored = report_ignored(job, "circuit")
@@ -116,7 +118,7 @@ def _check_scene(source: Source, deck: str | None, limits: dict[str, Any]) -> tu
         return rg.check_deck(deck or op, reference=op if deck else None, **limits), ignored
 
 
-def _check_deck(source: Source, limits: dict[str, Any]) -> Agreement:
+def _check_deck(source: CommandInput, limits: dict[str, Any]) -> Agreement:
     """A deck with a sidecar is held against that, any other against its own solution."""
     from resgrid.spice.read.deck import is_network
     from resgrid.spice.write.sidecar import sidecar_path
@@ -149,7 +151,7 @@ def _check_deck(source: Source, limits: dict[str, Any]) -> Agreement:
 
 def _forecast(circuit: rg.Netlist | Circuit, limits: dict[str, Any]) -> None:
     """Say what the simulator will take, and refuse what will not end in time."""
-    from resgrid.spice.run.forecast import forecast, require_time
+    from resgrid.spice.run.cost_estimate import forecast, require_time
     from resgrid.spice.run.ngspice import ngspice_version
 
     version = ngspice_version() if limits["engine"] == "ngspice" else ""
@@ -160,7 +162,7 @@ def _forecast(circuit: rg.Netlist | Circuit, limits: dict[str, Any]) -> None:
 
 def check_written(deck: Path, netlist: rg.Netlist, asked: bool | None, folder: Path) -> Agreement | str:
     """The simulator's verdict on a deck that was just written, or why there is none."""
-    from resgrid.spice.run.forecast import forecast
+    from resgrid.spice.run.cost_estimate import forecast
     from resgrid.spice.run.ngspice import ngspice_version
 
     if asked is False:

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import resgrid as rg
+from resgrid._internal.files import SUMMARY, whole_folder
 from resgrid.chip import ANALYSES
 from resgrid.cli.check import check_written
 from resgrid.cli.options import (
     POSITIVE,
-    Source,
+    CommandInput,
     Suggested,
     dialect_option,
     folder_of,
@@ -23,14 +24,13 @@ from resgrid.cli.options import (
     verb,
     with_source,
 )
-from resgrid.cli.report import NEGATIVE, NOT_VERIFIED, compute, finish, stage
 from resgrid.cli.scenes import Job, open_job, report_ignored
+from resgrid.cli.terminal import NEGATIVE, NOT_VERIFIED, compute, finish, stage
 from resgrid.errors import InputError
-from resgrid.files import SUMMARY, whole_folder
 
 if TYPE_CHECKING:
     from resgrid.chip.report import Effort, Section
-    from resgrid.chip.studies import Study
+    from resgrid.chip.study_analyses import Study
     from resgrid.spice.check.agreement import Agreement
 
 
@@ -76,7 +76,7 @@ class Names(Suggested):
 @click.option("--check/--no-check", "asked", default=None, help="Simulate op.cir, however long it takes; or do not.")
 @dialect_option()
 def command(
-    source: Source, output: str | None, only: tuple[str, ...], half_width: float, most: int,
+    source: CommandInput, output: str | None, only: tuple[str, ...], half_width: float, most: int,
     executor: str | None, sweep: tuple[str, ...], seconds: float, at_least: float | None,
     asked: bool | None, dialect: str,
 ) -> int:  # fmt: skip
@@ -161,7 +161,7 @@ def _analyse(name: str, study: Study, effort: Effort, work: Path) -> Section:
 
 def _verdict(name: str, agreement: Agreement | str) -> str:
     """What the simulator said of a deck, or why it was not asked."""
-    from resgrid.chip.figures import formatted
+    from resgrid.chip.figures_of_merit import formatted
 
     if isinstance(agreement, str):
         return f"{name} was {agreement}."

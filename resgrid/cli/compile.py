@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import resgrid as rg
-from resgrid.cli.options import Source, dialect_option, output_option, verb, with_source
-from resgrid.cli.report import finish, say, stage, verbosity
+from resgrid.cli.options import CommandInput, dialect_option, output_option, verb, with_source
 from resgrid.cli.scenes import Job, element_counts, open_job, report_ignored
+from resgrid.cli.terminal import finish, say, stage, verbosity
 from resgrid.errors import InputError
 from resgrid.spice.dialects import DECK_SUFFIXES
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     "--form", type=click.Choice(("flat", "cells")), default="flat",
     help="One line per element, or an array of tiles with the scene as a pattern of switches.",
 )  # fmt: skip
-def command(source: Source, output: str | None, dialect: str, form: Form) -> int:
+def command(source: CommandInput, output: str | None, dialect: str, form: Form) -> int:
     """Compile SCENE into a resistor netlist and write it as a SPICE deck.
 
     The deck is that of the chip as its [chip] table describes it, in tiles as in the flat form; what tiles have no

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin, get_type_h
 import click
 
 import resgrid as rg
-from resgrid.cli.options import NUMBERS, WRITTEN, Source, output_option, verb, with_source
-from resgrid.cli.report import NEGATIVE, counted, finish, say, stage
+from resgrid.cli.options import NUMBERS, WRITTEN, CommandInput, output_option, verb, with_source
 from resgrid.cli.scenes import open_job, place_of, report_ignored, require_starts
+from resgrid.cli.terminal import NEGATIVE, counted, finish, say, stage
 from resgrid.errors import InputError
 from resgrid.scene import Control
-from resgrid.scene.table import described_keys
+from resgrid.scene.table_models import described_keys
 
 if TYPE_CHECKING:
     from resgrid.control.simulation import Simulation, Wavefront
@@ -65,7 +65,12 @@ def _option(key: str, hint: Any, default: Any, meaning: str) -> Callable[..., An
 @click.option("--wavefront", metavar="FILE", type=WRITTEN, help="With --announce: animate the potential's change.")
 @_control_options
 def command(
-    source: Source, output: str | None, picture: str | None, animate: str | None, wavefront: str | None, **keys: Any
+    source: CommandInput,
+    output: str | None,
+    picture: str | None,
+    animate: str | None,
+    wavefront: str | None,
+    **keys: Any,
 ) -> int:
     """Move the robot of SCENE from each start by V = V0 + A F, with the scene's hidden obstacles in its way.
 

@@ -9,9 +9,9 @@ import click
 
 import resgrid as rg
 from resgrid.cli.decks import is_deck, open_deck, solve_deck
-from resgrid.cli.options import Source, dialect_option, output_option, verb, with_source
-from resgrid.cli.report import finish, say, stage
+from resgrid.cli.options import CommandInput, dialect_option, output_option, verb, with_source
 from resgrid.cli.scenes import element_counts, open_job, report_ignored
+from resgrid.cli.terminal import finish, say, stage
 from resgrid.errors import InputError
 from resgrid.spice.dialects import DECK_SUFFIXES, OWN_SUFFIXES
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 @output_option("What to write; the end of its name says which.", required=True)
 @dialect_option(None)
 @click.option("--bare", is_flag=True, help="Write the deck alone, unsolved, without sidecar and companions.")
-def command(source: Source, output: str, dialect: str | None, bare: bool) -> int:
+def command(source: CommandInput, output: str, dialect: str | None, bare: bool) -> int:
     """Turn SCENE, or a DECK or a network in any of these forms, into FILE.
 
     FILE.cir (.sp, .spice, .ckt, .net, .cdl; .scs for Spectre) is a flat deck, beside it the sidecar with the expected
@@ -71,7 +71,7 @@ def command(source: Source, output: str, dialect: str | None, bare: bool) -> int
 
 
 def _circuit(
-    source: Source, *, solve: bool
+    source: CommandInput, *, solve: bool
 ) -> tuple[rg.Netlist, str | None, rg.OperatingPoint | None, dict[str, list[str]]]:
     """Return the netlist, its title, its solution if asked for, and the ignored keys of a scene."""
     if not is_deck(source):
@@ -91,7 +91,7 @@ def _write_deck(
 ) -> tuple[dict[str, Any], Mapping[str, int]]:
     """Write a deck with its sidecar, or without a solution the deck alone; what it does not hold of the circuit."""
     if op is None:
-        from resgrid.files import write_text
+        from resgrid._internal.files import write_text
         from resgrid.spice.write.flat import flatten
 
         deck = flatten(netlist, dialect=dialect, title=title)

@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import resgrid as rg
-from resgrid.cli.report import compute, detail, say, stage
+from resgrid.cli.terminal import compute, detail, say, stage
 from resgrid.errors import CircuitError, InputError
 from resgrid.spice.dialects import DECK_SUFFIXES
 
 if TYPE_CHECKING:
-    from resgrid.cli.options import Source
+    from resgrid.cli.options import CommandInput
     from resgrid.spice.circuit import Circuit
 
 _READ_SECONDS, _SOLVE_SECONDS = 3e-8, 6e-6
@@ -23,7 +23,7 @@ _READ_SECONDS, _SOLVE_SECONDS = 3e-8, 6e-6
 _NOTES = 20
 
 
-def is_deck(source: Source) -> bool:
+def is_deck(source: CommandInput) -> bool:
     """Whether a file is a circuit and no scene: by the end of its name, or by the sidecar beside it.
 
     What is piped in is one if its dialect is told.
@@ -38,13 +38,13 @@ def is_deck(source: Source) -> bool:
     return path.name != "" and path.with_name(path.name + ".json").is_file()
 
 
-def refuse_scene_options(source: Source) -> None:
+def refuse_scene_options(source: CommandInput) -> None:
     """Decks have no goals, boundaries and maps."""
     if source.changes or source.map_options:
         raise InputError(f"{source.file} is a deck: options that change a scene do nothing to it; remove them")
 
 
-def open_deck(source: Source, *, names: bool = True) -> Circuit:
+def open_deck(source: CommandInput, *, names: bool = True) -> Circuit:
     """Read a deck, or a network as if it were one; with ``names``, names that are given twice are noted."""
     refuse_scene_options(source)
     path = Path(source.file)
@@ -53,7 +53,7 @@ def open_deck(source: Source, *, names: bool = True) -> Circuit:
         circuit = sys.stdin.buffer if source.file == "-" else path
         deck = rg.read_spice(circuit, dialect=source.dialect, root=source.root)
     if names:
-        from resgrid.spice.check.rules import repeated_names
+        from resgrid.spice.check.erc import repeated_names
 
         deck = replace(deck, notes=(*deck.notes, *repeated_names(deck)))
     _say_notes(deck)

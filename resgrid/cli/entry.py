@@ -21,7 +21,16 @@ import click
 from click.shell_completion import CompletionItem
 
 from resgrid.cli.options import is_source
-from resgrid.cli.report import INTERRUPTED, LEFT, TERMINATED, UNEXPECTED, Failure, end_at_once, failure_of, is_computing
+from resgrid.cli.terminal import (
+    INTERRUPTED,
+    LEFT,
+    TERMINATED,
+    UNEXPECTED,
+    Failure,
+    end_at_once,
+    failure_of,
+    is_computing,
+)
 
 VERBS = {
     "run": "Do it all: paths, pictures, and decks checked in SPICE.",

@@ -10,9 +10,9 @@ import click
 
 import resgrid as rg
 from resgrid.cli.decks import deck_data, is_deck, open_deck
-from resgrid.cli.options import Source, verb, with_source
-from resgrid.cli.report import counted, finish
+from resgrid.cli.options import CommandInput, verb, with_source
 from resgrid.cli.scenes import Job, free_counts, open_job, report_ignored, several_k, size_of
+from resgrid.cli.terminal import counted, finish
 from resgrid.errors import CircuitError, InputError, ToolMissingError
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ PACKAGES = ("numpy", "scipy", "numba", "networkx", "shapely", "matplotlib", "pyd
 @click.option("--schema", is_flag=True, help="Print the JSON Schema of scene files.")
 @click.option("--examples", "shipped", is_flag=True, help="List the shipped scenes, which every verb finds by name.")
 @click.option("--versions", is_flag=True, help="Print the versions of resgrid and what it uses.")
-def command(source: Source | None, schema: bool, shipped: bool, versions: bool) -> int:
+def command(source: CommandInput | None, schema: bool, shipped: bool, versions: bool) -> int:
     """Describe SCENE: a sketch, its cells, goals and starts, what cannot be reached, the memory a solution takes.
 
     Of a map: how it was read, such as which grey values are free; it needs no goal yet.
@@ -62,7 +62,7 @@ def describe(job: Job) -> dict[str, Any]:
     """What there is in a scene, as ``--json`` gives it."""
     from resgrid.cli.sketch import sketch
     from resgrid.scene.maps.formats import describe_map
-    from resgrid.scene.world import unknown_cells
+    from resgrid.scene.world_coordinates import unknown_cells
 
     scene, space = job.scene, job.space
     starts = [scene.frame.from_world(start).tolist() for start in scene.starts]
@@ -98,7 +98,7 @@ def describe(job: Job) -> dict[str, Any]:
 def _cost(job: Job) -> dict[str, Any]:
     """Size of the circuit and memory of its solution; nothing where the scene has no circuit yet."""
     from resgrid.circuit.equations import assemble
-    from resgrid.solvers.choose import choose_method
+    from resgrid.solvers.method_choice import choose_method
 
     if not job.space.goal_count:
         return {"nodes": None, "resistors": None, "memory_bytes": None, "no_circuit": "no goal yet: say --goal X,Y"}
@@ -115,7 +115,7 @@ def describe_deck(deck: Circuit) -> dict[str, Any]:
     """What there is in a deck, as ``--json`` gives it."""
     import numpy as np
 
-    from resgrid.spice.run.forecast import forecast
+    from resgrid.spice.run.cost_estimate import forecast
 
     ohms = deck.resistance[deck.resistance > 0]
     run = forecast(deck)

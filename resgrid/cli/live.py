@@ -7,9 +7,9 @@ from contextlib import suppress
 
 import click
 
-from resgrid.cli.options import Source, verb, with_source
-from resgrid.cli.report import end_at_once, finish, is_computing
+from resgrid.cli.options import CommandInput, verb, with_source
 from resgrid.cli.scenes import open_job
+from resgrid.cli.terminal import end_at_once, finish, is_computing
 
 _ARENA_MAX = -8
 """What glibc's mallopt calls the number of heaps (M_ARENA_MAX)."""
@@ -24,13 +24,13 @@ _PATIENCE = 0.5
 @click.option("--port", metavar="N", type=click.IntRange(0, 65535), default=8017, help="Port; 0 takes a free one.")
 @click.option("--read-only", is_flag=True, help="Visitors may change k and starts only.")
 @click.option("--browser/--no-browser", default=True, help="Open the page in the browser, or only say where it is.")
-def command(source: Source | None, host: str, port: int, read_only: bool, browser: bool) -> int:
+def command(source: CommandInput | None, host: str, port: int, read_only: bool, browser: bool) -> int:
     """Open a page in the browser: paint walls, drag goals, and watch the current find the way; Ctrl-C ends it.
 
     SCENE has two axes; without one the page begins with an empty square. Needs the extra 'live', which 'make demo'
     installs.
     """
-    from resgrid.page.live import serve
+    from resgrid.live_page.live import serve
 
     _share_one_heap()
     scene = None if source is None else open_job(source, require_goal=False).scene

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.shell_completion import CompletionItem
 
-from resgrid.cli.report import Verbosity, require_one_output
+from resgrid._internal.files import target_of
+from resgrid.cli.terminal import Verbosity, require_one_output
 from resgrid.errors import InputError
-from resgrid.files import target_of
 from resgrid.spice.dialects import DIALECTS
 
 if TYPE_CHECKING:
@@ -220,7 +220,7 @@ _DECK_OPTIONS: tuple[Decorator, ...] = (
 
 
 @dataclass(frozen=True)
-class Source:
+class CommandInput:
     """What a verb works on, and how it is read.
 
     `file`: name, or ``-``; `map_options`: for `read_scene`; `changes`: of the scene's keys, for `apply_overrides`;
@@ -298,7 +298,7 @@ def with_method(function: Callable[..., Any]) -> Callable[..., Any]:
     return _decorated(function, options)
 
 
-def folder_of(output: str | None, source: Source, end: str = "") -> Path:
+def folder_of(output: str | None, source: CommandInput, end: str = "") -> Path:
     """The folder that many results go to: the one that is named, or one after the source."""
     if output == "-":
         raise InputError("-o -: the results are many files; name a folder")
@@ -315,7 +315,7 @@ def dialect_option(default: str | None = "ngspice") -> Decorator:
     )  # fmt: skip
 
 
-def _source(file: str, keys: dict[str, Any], of_map: Mapping[str, Any], of_deck: Mapping[str, Any]) -> Source:
+def _source(file: str, keys: dict[str, Any], of_map: Mapping[str, Any], of_deck: Mapping[str, Any]) -> CommandInput:
     """Sort the values of the shared options into map options and changes of the scene."""
     changes = {key: keys[key] for key in ("boundary", "drive", "edge", "resistance") if keys[key] is not None}
     for key in ("goal", "start"):
@@ -337,7 +337,7 @@ def _source(file: str, keys: dict[str, Any], of_map: Mapping[str, Any], of_deck:
             changes.setdefault("drive", None)
     options = {key.rstrip("_"): value for key, value in of_map.items() if value is not None}
     reading = {"dialect": of_deck.get("read_as", "auto"), "root": of_deck.get("root")}
-    return Source(file, options, changes, keys["threads"], **reading)
+    return CommandInput(file, options, changes, keys["threads"], **reading)
 
 
 def _shown(value: Any) -> str:

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, cast
 import click
 
 import resgrid as rg
-from resgrid.cli.options import NUMBERS, POSITIVE, Amount, Source, output_option, verb, with_method, with_source
+from resgrid.cli.options import NUMBERS, POSITIVE, Amount, CommandInput, output_option, verb, with_method, with_source
 from resgrid.cli.paths import answer_queries, plan_routes, route_lines
-from resgrid.cli.report import NEGATIVE, finish, say
 from resgrid.cli.scenes import open_job, place_of, report_ignored, require_starts
+from resgrid.cli.terminal import NEGATIVE, finish, say
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 @with_method
 @click.option("--rate", metavar="HZ", type=POSITIVE, help="Write a timed path so often a second.")
 def command(
-    source: Source, output: str | None, queries: str | None, limit: int | None, shorten: bool,
+    source: CommandInput, output: str | None, queries: str | None, limit: int | None, shorten: bool,
     keep_clearance: float | None, speed: tuple[float, ...], acceleration: tuple[float, ...], rate: float | None,
     method: str, ranks: int | None,
 ) -> int:  # fmt: skip

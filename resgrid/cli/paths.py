@@ -8,15 +8,15 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 import resgrid as rg
-from resgrid.cli.report import NEGATIVE, counted, finish, quietly, say, stage
 from resgrid.cli.scenes import Job, place_of, size_of
+from resgrid.cli.terminal import NEGATIVE, counted, finish, quietly, say, stage
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from resgrid.io.paths import Route
-    from resgrid.scene import Query
+    from resgrid.scene import MovingAIScenario
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +121,7 @@ def answer_queries(job: Job, file: str, limit: int | None, output: str | None, i
     return 0 if reached == len(answers) else NEGATIVE
 
 
-def _require_own_map(job: Job, queries: Sequence[Query], file: str) -> None:
+def _require_own_map(job: Job, queries: Sequence[MovingAIScenario], file: str) -> None:
     """Refuse queries of another map, which may have the same size; a map from a pipe has no name."""
     cells = job.scene.map
     own = None if cells is None else Path(cells.table["file"])
@@ -136,7 +136,7 @@ def _require_own_map(job: Job, queries: Sequence[Query], file: str) -> None:
             )
 
 
-def _answers(job: Job, query: Query, file: str) -> list[dict[str, Any]]:
+def _answers(job: Job, query: MovingAIScenario, file: str) -> list[dict[str, Any]]:
     """What becomes of a query, for each k: its goal makes circuits of its own."""
     if job.space.shape != (query.width, query.height):
         own = size_of(job.space.shape)

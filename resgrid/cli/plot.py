@@ -9,10 +9,10 @@ from typing import Any
 import click
 
 import resgrid as rg
-from resgrid.cli.options import Source, output_option, verb, with_source
+from resgrid.cli.options import CommandInput, output_option, verb, with_source
 from resgrid.cli.paths import Plan, plan_routes
-from resgrid.cli.report import finish, stage
 from resgrid.cli.scenes import Job, open_job, report_ignored
+from resgrid.cli.terminal import finish, stage
 from resgrid.errors import InputError
 
 PICTURES = ("page", "space", "potential", "currents", "paths", "circuit", "slices", "robot")
@@ -30,7 +30,7 @@ CIRCUIT_CELLS = 8
 @with_source()
 @output_option("The picture: FILE.png, .pdf or .svg; - prints a PNG.", required=True)
 @click.option("--what", default="page", type=click.Choice(PICTURES), help="Which picture.")
-def command(source: Source, output: str, what: str) -> int:
+def command(source: CommandInput, output: str, what: str) -> int:
     """Draw one picture of SCENE.
 
     A page shows potential, currents and paths together; a space of three axes is drawn in slices. Of a scene that asks
@@ -86,7 +86,7 @@ def _draw(what: str, job: Job, plan: Plan, field: rg.Field | None) -> Any:
     picture = _drawn(what, job, plan, field)
     if what in ("page", "potential", "currents", "paths"):
         from resgrid.plot.panels import paint_unknown
-        from resgrid.scene.world import unknown_cells
+        from resgrid.scene.world_coordinates import unknown_cells
 
         paint_unknown(picture, job.space, unknown_cells(job.scene.map, job.space.axes))
     return picture
@@ -106,7 +106,7 @@ def _drawn(what: str, job: Job, plan: Plan, field: rg.Field | None) -> Any:
         case "paths" if lines:
             return _titled(rg.draw(lines, k=[line.field.k for line in lines]), job.scene.title)
         case "space" | "paths":
-            from resgrid.scene.world import unknown_cells
+            from resgrid.scene.world_coordinates import unknown_cells
 
             return rg.draw(job.space, unknown=unknown_cells(job.scene.map, job.space.axes))
     assert field is not None

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import resgrid as rg
+from resgrid._internal.files import SUMMARY, whole_folder
 from resgrid.cli.check import agreement_data, agreement_lines, check_written
 from resgrid.cli.compile import write_deck
-from resgrid.cli.options import Source, dialect_option, folder_of, output_option, verb, with_source
+from resgrid.cli.options import CommandInput, dialect_option, folder_of, output_option, verb, with_source
 from resgrid.cli.paths import Plan, plan_routes, route_lines
 from resgrid.cli.plot import draw_all
-from resgrid.cli.report import NEGATIVE, NOT_VERIFIED, counted, finish, stage
 from resgrid.cli.scenes import Job, open_job, report_ignored, size_of, solution_summary
-from resgrid.files import SUMMARY, whole_folder
+from resgrid.cli.terminal import NEGATIVE, NOT_VERIFIED, counted, finish, stage
 
 if TYPE_CHECKING:
     from resgrid.spice.check.agreement import Agreement
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 @output_option("Folder for the results.  [default: out/SCENE]", of_folder=True)
 @click.option("--check/--no-check", "asked", default=None, help="Simulate the decks, however long it takes; or do not.")
 @dialect_option()
-def command(source: Source, output: str | None, asked: bool | None, dialect: str) -> int:
+def command(source: CommandInput, output: str | None, asked: bool | None, dialect: str) -> int:
     """Take SCENE the whole way: compile, solve, follow the current, draw, write decks and have them simulated.
 
     Everything goes into one folder, which is there when the work is done and not before; a folder that exists keeps

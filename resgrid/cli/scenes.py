@@ -13,15 +13,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import resgrid as rg
-from resgrid.cli.options import Source
-from resgrid.cli.report import compute, say, stage
+from resgrid.cli.options import CommandInput
+from resgrid.cli.terminal import compute, say, stage
 from resgrid.errors import InputError, suggestion
 from resgrid.spice.dialects import DECK_SUFFIXES
 
 if TYPE_CHECKING:
     from resgrid.chip.build import Form
-    from resgrid.planning.ranked import Ranked
-    from resgrid.planning.road import Problem, Solution, Work
+    from resgrid.planning.petsc_fields import Ranked
+    from resgrid.planning.pipeline import Problem, Solution, SolveOptions
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,20 +37,20 @@ class Job:
     @cached_property
     def problem(self) -> Problem:
         """What the scene asks for."""
-        from resgrid.planning.road import problem_of
+        from resgrid.planning.pipeline import problem_of
 
         return problem_of(self.scene, space=self.space)
 
     @cached_property
     def is_ideal(self) -> bool:
         """Whether the scene's chip is nothing but its resistors and ideal rails."""
-        from resgrid.chip.passes import of_chip
+        from resgrid.chip.effects import of_chip
 
         return not of_chip(self.scene.chip)
 
     def solution(self) -> Solution:
         """The ideal circuits and fields that the scene asks for, with their drives scaled to the supply."""
-        from resgrid.planning.road import solve_problem
+        from resgrid.planning.pipeline import solve_problem
 
         return solve_problem(self.problem, scaled=True, work=self._work)
 
@@ -60,7 +60,7 @@ class Job:
 
     def compile(self, wiring: rg.Wiring, *, ideal: bool = False, scaled: bool = True) -> rg.Netlist:
         """The same circuit unsolved; not scaled, the drive of an ideal one is left as it was compiled."""
-        from resgrid.planning.road import compile_circuit
+        from resgrid.planning.pipeline import compile_circuit
 
         if ideal or self.is_ideal:
             return compile_circuit(self.space, wiring, scaled=scaled, work=self._work)
@@ -74,19 +74,21 @@ class Job:
         return self._work.solve_ranked(self.space, wiring)
 
     @property
-    def _work(self) -> Work:
-        from resgrid.planning.road import work_by
+    def _work(self) -> SolveOptions:
+        from resgrid.planning.pipeline import work_by
 
         return work_by(self.method, self.ranks, threads=self.threads, observe=_observe)
 
 
-def open_job(source: Source, *, require_goal: bool = True, method: str | None = None, ranks: int | None = None) -> Job:
+def open_job(
+    source: CommandInput, *, require_goal: bool = True, method: str | None = None, ranks: int | None = None
+) -> Job:
     """Read a scene with its changes, and cut it into cells, if what its method takes fits in memory."""
     with stage("read the scene"):
         scene = _load_scene(source)
     _say_degrees(scene)
     if method not in (None, "petsc"):
-        from resgrid.compiler import require_room
+        from resgrid.core.compiler import require_room
         from resgrid.scene.sampling import remedy_of_size
 
         require_room(tuple(axis.cells for axis in scene.axes), remedy_of_size(scene))
@@ -109,9 +111,9 @@ def _say_degrees(scene: rg.Scene) -> None:
                 )
 
 
-def _load_scene(source: Source) -> rg.Scene:
+def _load_scene(source: CommandInput) -> rg.Scene:
     from resgrid.scene.overrides import build_changed
-    from resgrid.scene.read import is_link, link_document, read_document
+    from resgrid.scene.reading import is_link, link_document, read_document
 
     if source.dialect != "auto" or source.root is not None:
         raise InputError(f"{source.file} is no deck: --read-as and --root say how decks are read; remove them")
@@ -140,20 +142,20 @@ def _named_file(name: str) -> str | Path:
     return shipped or name
 
 
-def _refuse_map_options(source: Source) -> None:
+def _refuse_map_options(source: CommandInput) -> None:
     if source.map_options:
         options = ", ".join(source.map_options)
         raise InputError(f"{source.file}: this scene reads no map, so {options} would do nothing; leave that out")
 
 
-def _piped_scene(source: Source) -> rg.Scene:
+def _piped_scene(source: CommandInput) -> rg.Scene:
     """A scene from standard input: TOML, or a map known by its first bytes."""
     import tempfile
 
-    from resgrid.files import decode
+    from resgrid._internal.files import decode
     from resgrid.scene.maps.formats import FORMATS
     from resgrid.scene.overrides import build_changed
-    from resgrid.scene.read import parse_document, read_document
+    from resgrid.scene.reading import parse_document, read_document
 
     data = sys.stdin.buffer.read()
     if not data.strip():
@@ -172,9 +174,9 @@ def _piped_scene(source: Source) -> rg.Scene:
 
 FIRST_RUN = (
     "the first solution after an installation also compiles its kernels, once: 10 to 60 s, longer on a busy machine "
-    "('python -m resgrid.warm' compiles all of them beforehand, on all cores)"
+    "('python -m resgrid.cli.warm' compiles all of them beforehand, on all cores)"
 )
-_KEPT_LOOP = "row_kernels.conductances_by_row*.nbi"
+_KEPT_LOOP = "csr_kernels.conductances_by_row*.nbi"
 
 
 def is_first_run() -> bool:

@@ -10,9 +10,9 @@ import click
 
 import resgrid as rg
 from resgrid.cli.decks import deck_data, is_deck, open_deck, solve_deck
-from resgrid.cli.options import Source, Suggested, output_option, verb, with_method, with_source
-from resgrid.cli.report import finish, stage
+from resgrid.cli.options import CommandInput, Suggested, output_option, verb, with_method, with_source
 from resgrid.cli.scenes import open_job, ranked_summary, report_ignored, size_of, solution_summary
+from resgrid.cli.terminal import finish, stage
 from resgrid.errors import InputError
 
 
@@ -28,7 +28,7 @@ from resgrid.errors import InputError
 )  # fmt: skip
 @with_method
 def command(
-    source: Source, output: str | None, worst: int | None, raw: str | None, method: str, ranks: int | None
+    source: CommandInput, output: str | None, worst: int | None, raw: str | None, method: str, ranks: int | None
 ) -> int:
     """Solve the resistor grid of SCENE, or a resistive DECK, and print what its meters read.
 

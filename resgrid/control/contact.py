@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.control.forces import contact_forces
+from resgrid.control.contact_forces import contact_forces
 from resgrid.control.plant import PAIR, Plant
 from resgrid.robots import Pose
 from resgrid.robots.geometry import TOUCH
@@ -34,7 +34,7 @@ KEEP = 0.2
 
 
 @dataclass(frozen=True, eq=False)
-class Contacts:
+class ContactSet:
     """Everything that touches the robot at one moment, and what it does.
 
     `pairs` (m,): the points that touch, as `PAIR`; `force` (m, 2): on the robot; ``tau = J^T force``; `sticking` (m,):
@@ -95,7 +95,7 @@ def solve_contacts(
     friction: float,
     opening: NDArray[np.float64],
     stops: NDArray[np.float64] | None = None,
-) -> Contacts:
+) -> ContactSet:
     """Contact forces, and the velocity they leave.  Shapes: `touching, opening` (n,), `stops` (s, ndim)."""
     pairs = around.pairs[touching]
     ends = np.empty((0, len(velocity))) if stops is None else stops
@@ -110,7 +110,7 @@ def solve_contacts(
     tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
     own = forces[:count]
     at_rest = np.abs(rows[1][:count] @ after) <= 1e-6 * np.abs(rows[1][:count]) @ np.abs(velocity)
-    return Contacts(
+    return ContactSet(
         pairs=pairs,
         force=own[:, :1] * normal + own[:, 1:] * tangent,
         sticking=np.asarray((own[:, 0] > 0.0) & at_rest & (np.abs(own[:, 1]) < friction * own[:, 0])),
@@ -124,7 +124,7 @@ def solve_contacts(
 class Body:
     """A robot's true configuration, and the steps it can take from there.
 
-    Contacts hold gaps to first order, and a turning link bends towards what it slides along.  So every step is
+    ContactSet hold gaps to first order, and a turning link bends towards what it slides along.  So every step is
     shortened to the share of it for which a gap is known to remain (`Plant.free_share`), pose after pose.  One that
     touches at the start is lifted off by `_LIFT` (for each metre, and one more, of the largest radius), so that it is
     known on which side it is; wedged so tightly that it cannot be, it never moves.
@@ -168,7 +168,7 @@ class Body:
 
     def contacts(
         self, around: Surroundings, velocity: Vector, admittance: Vector, friction: float, pause: float
-    ) -> Contacts | None:
+    ) -> ContactSet | None:
         """Contacts with obstacles and stops at a velocity, if there are any; gaps open within some five pauses."""
         stops = self._stops()
         touching = around.gap <= 1.5 * self.margin

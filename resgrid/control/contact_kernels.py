@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inlined, inner, kernel, makes_arrays
+from resgrid._internal.jit import inlined, inner, kernel, makes_arrays
 from resgrid.robots.geometry import TOUCH, ObstacleArrays, Pose
 from resgrid.robots.kernels import share
 

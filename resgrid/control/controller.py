@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import NotNegative, Positive, checked, per_axis
-from resgrid.control.exits import RECOVERY, exits
-from resgrid.control.pushes import checked_force
+from resgrid._internal.validation import NotNegative, Positive, checked, per_axis
+from resgrid._internal.values import frozen
+from resgrid.control.escape import RECOVERY, exits
+from resgrid.control.external_forces import checked_force
+from resgrid.core.space import Cell
 from resgrid.errors import InputError
-from resgrid.frozen import frozen
 from resgrid.planning.fields import Field
 from resgrid.scene.control import admittance_matrix
-from resgrid.space import Cell
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from resgrid.frame import Frame
+    from resgrid.core.frame import Frame
 
 Response = Literal["admittance", "equipotential"]
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.control.exits import goal_offset
+from resgrid.control.escape import goal_offset
+from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.robots import Ball, Box, Robot, Shape
-from resgrid.robots.geometry import Part, obstacles_of
+from resgrid.robots.geometry import RigidPart, obstacles_of
 from resgrid.scene.goals import Goal, GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.scene import Scene
-from resgrid.scene.world import to_space
-from resgrid.space import Cell, ConfigurationSpace
+from resgrid.scene.world_coordinates import to_space
 
 Vector = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ def _from_place(robot: Robot, space: ConfigurationSpace, shape: Shape, configura
     import shapely
 
     at = robot.reference_point(_wrapped(space, configuration)[np.newaxis])
-    point = Part(np.asarray(shapely.points(at)), 0.0)
+    point = RigidPart(np.asarray(shapely.points(at)), 0.0)
     copies = obstacles_of([shape], robot.workspace_axes(space.axes))
     return min((float(copy.distance(point)[0]) for copy in copies), default=float("nan"))
 

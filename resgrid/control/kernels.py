@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inlined, inner, kernel, makes_arrays
+from resgrid._internal.jit import inlined, inner, kernel, makes_arrays
 from resgrid.planning.kernels import Flow, face_velocities, ravel
 
 Floats = NDArray[np.float64]

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.axis import Axis
+from resgrid.core.axis import Axis
+from resgrid.core.frame import Frame
+from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import InputError
-from resgrid.frame import Frame
-from resgrid.robots import Ball, Box, CellSet, Part, Pose, Robot, Shape
+from resgrid.robots import Ball, Box, CellSet, Pose, RigidPart, Robot, Shape
 from resgrid.robots.geometry import TOUCH, Obstacle, ObstacleArrays, obstacle_arrays, obstacles_of
 from resgrid.scene.scene import Scene
-from resgrid.scene.world import to_space
-from resgrid.space import Cell, ConfigurationSpace
+from resgrid.scene.world_coordinates import to_space
 
 INSIDE = 1e-6
 """How far behind a touched surface the obstacle is taken to reach at least, in cells (of motion)."""
@@ -143,7 +143,7 @@ class Plant:
             for obstacle in self._solids:
                 enters = obstacle.collides(part)
                 if enters.any():
-                    core = Part(part.core[enters], 0.0)
+                    core = RigidPart(part.core[enters], 0.0)
                     within = part.radius + obstacle.radius
                     apart = obstacle.core_distance(core)
                     if obstacle.half_plane is None:
@@ -187,7 +187,7 @@ class Plant:
                 if obstacle.half_plane is None:
                     near = np.asarray(shapely.dwithin(part.core, obstacle.core, reach + part.radius + obstacle.radius))
                 if near.any():
-                    gaps[near] = np.minimum(gaps[near], obstacle.distance(Part(part.core[near], part.radius)))
+                    gaps[near] = np.minimum(gaps[near], obstacle.distance(RigidPart(part.core[near], part.radius)))
         return gaps
 
     @cached_property

@@ -27,13 +27,13 @@ from scipy import sparse
 
 from resgrid.circuit.dynamics import Dynamics, dynamics_of, factor_resolvent
 from resgrid.circuit.transient import Solver, transient_stepper
-from resgrid.compiler import compile_space
+from resgrid.core.compiler import compile_space
+from resgrid.core.netlist import GROUND, Netlist, add_elements
+from resgrid.core.space import ConfigurationSpace
+from resgrid.core.wiring import Wiring
 from resgrid.errors import InputError
-from resgrid.netlist import GROUND, Netlist, add_elements
 from resgrid.planning.blend import blend
 from resgrid.planning.fields import Field, read_field
-from resgrid.space import ConfigurationSpace
-from resgrid.wiring import Wiring
 
 TICK = 0.2
 """How often a chip is read: every time a robot at its nominal speed has crossed this share of a cell."""

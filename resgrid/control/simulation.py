@@ -10,24 +10,24 @@ import numpy as np
 from annotated_types import Gt, Le
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import NotNegative, check_whole, checked, per_axis
-from resgrid.control.belief import LiveMap, Sensor, solve_again
+from resgrid._internal.validation import NotNegative, check_whole, checked, per_axis
+from resgrid._internal.values import frozen, picture_html
 from resgrid.control.contact import Body
 from resgrid.control.controller import Controller, make_controller
-from resgrid.control.log import End, Ending, Run
-from resgrid.control.loop import Loop
+from resgrid.control.external_forces import Force, Push, control_pushes, force_of
 from resgrid.control.plant import Plant, plant_of
-from resgrid.control.pushes import Force, Push, control_pushes, force_of
 from resgrid.control.relaxation import Relaxation, RelaxingGrid
+from resgrid.control.run_log import End, Ending, Run
+from resgrid.control.simulation_loop import Loop
+from resgrid.control.state_estimate import LiveMap, Sensor, solve_again
+from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import InputError
-from resgrid.frozen import frozen, picture_html
 from resgrid.planning.fields import Field
-from resgrid.planning.road import require_uniform, scene_wiring, solve_field
+from resgrid.planning.pipeline import require_uniform, scene_wiring, solve_field
 from resgrid.planning.trace import one_start
 from resgrid.scene import sample
 from resgrid.scene.control import Control
 from resgrid.scene.scene import Scene
-from resgrid.space import Cell, ConfigurationSpace
 
 
 @checked

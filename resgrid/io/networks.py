@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from resgrid.graphs import ELEMENTS
+from resgrid.core.netlist import Netlist
+from resgrid.core.networkx_graphs import ELEMENTS
 from resgrid.io.tables import FORMATS, write
-from resgrid.netlist import Netlist
 from resgrid.spice.networks.edges import edges_text
-from resgrid.spice.networks.graphs import graphml, netlist_arrays, node_link
+from resgrid.spice.networks.graph_files import graphml, netlist_arrays, node_link
 
 _VIEWS = {"edges": edges_text, "graph": graphml, "record": node_link, "arrays": netlist_arrays}
 NETWORK_SUFFIXES = tuple(suffix for suffix, form in FORMATS.items() if form.view in _VIEWS)

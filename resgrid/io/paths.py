@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.io.ros_paths import Timed, points_of, require_plane, ros_plan, streamline_of
 from resgrid.io.tables import Views, require_names, suffix_of, write
 from resgrid.planning.clearance import clearance_of
 from resgrid.planning.streamline import Outcome, Polyline, ShortPath, Streamline, length_of
-from resgrid.planning.timing import Trajectory
-from resgrid.space import ConfigurationSpace
+from resgrid.planning.time_parameterization import Trajectory
 
 _VIEWS = ("table", "record", "arrays", "message")
 _OWN = {".csv": ["path", "k", "outcome"], ".json": ["schema", "k", "outcome"], ".npz": ["k", "outcome"]}

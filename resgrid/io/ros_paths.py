@@ -10,12 +10,12 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from resgrid.arguments import with_article
+from resgrid._internal.validation import with_article
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.planning.streamline import AnyPath, Outcome, ShortPath, Streamline, unwrap
-from resgrid.planning.timing import Trajectory
+from resgrid.planning.time_parameterization import Trajectory
 from resgrid.robots import PointRobot
-from resgrid.space import ConfigurationSpace
 
 Timed = AnyPath | Trajectory
 

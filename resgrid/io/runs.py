@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.axis import Axis
-from resgrid.control.log import Mode, Run
+from resgrid.control.run_log import Mode, Run
+from resgrid.core.axis import Axis
 from resgrid.io.tables import Views, require_names, suffix_of, write
 
 _STEP = {"": "configuration", "_believed": "believed", "_rate": "velocity", "_torque": "torque", "_push": "push"}

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
 from resgrid.io.tables import Views, suffix_of, write
-from resgrid.netlist import Netlist
 from resgrid.planning.fields import Field
 from resgrid.spice.power import ir_drop, power_balance
 from resgrid.spice.run.rawfile import format_raw, raw_of

@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from resgrid.axis import Axis
+from resgrid._internal.files import write_bytes
+from resgrid.core.axis import Axis
 from resgrid.errors import InputError
-from resgrid.files import write_bytes
 
 SCHEMA = 1
 

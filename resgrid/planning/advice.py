@@ -8,16 +8,16 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 
+from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import ResgridError
 from resgrid.planning.reasons import TROUBLES, nearest_start
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.robots import PointRobot
 from resgrid.scene import GoalCell, GoalJoints, Scene, sample
 from resgrid.scene.goals import Goal
+from resgrid.scene.nearest_place import has_unknown, why_blocked
 from resgrid.scene.overrides import apply_overrides
-from resgrid.scene.places import has_unknown, why_blocked
-from resgrid.scene.world import cell_centre, located
-from resgrid.space import Cell, ConfigurationSpace
+from resgrid.scene.world_coordinates import cell_centre, located
 
 _MOST_CELLS = 2**24
 """Largest grid of a point or a disc that is cut into cells again to try a remedy."""

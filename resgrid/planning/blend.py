@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.arguments import is_number
+from resgrid._internal.validation import is_number
+from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.planning.fields import Field
-from resgrid.space import Cell, ConfigurationSpace
 
 _CANCELLED = 1e-12
 

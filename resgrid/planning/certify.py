@@ -9,10 +9,10 @@ from numbers import Integral, Real
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import CertificateError, InputError
 from resgrid.planning.clearance import clearance_of, face_shares
 from resgrid.planning.streamline import AnyPath, Outcome, Streamline, length_of
-from resgrid.space import Cell, ConfigurationSpace
 
 Cells = set[tuple[int, ...]]
 

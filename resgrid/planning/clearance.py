@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.space import Cell, ConfigurationSpace
+from resgrid.core.space import Cell, ConfigurationSpace
 
 _FEW_PAIRS = 300_000
 """Pairs of a cell and an obstacle cell whose distances take less time than scipy takes to be imported."""

@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid._internal.values import frozen, picture_html
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.compiler import Kind, contacts_of_box
+from resgrid.core.compiler import CellRole, contacts_of_box
+from resgrid.core.netlist import CellMap
+from resgrid.core.regions import before_and_behind, by_axis, face_counts, face_shape, with_margin
+from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.wiring import Wiring
 from resgrid.errors import AccuracyError, CircuitError, InputError
-from resgrid.frozen import frozen, picture_html
-from resgrid.grids import before_and_behind, by_axis, face_counts, face_shape, with_margin
-from resgrid.netlist import CellMap
 from resgrid.planning.clearance import obstacle_reach
-from resgrid.planning.safety import between_rails, face_currents, obeys_kcl, safe_cells
-from resgrid.space import Cell, ConfigurationSpace
-from resgrid.wiring import Wiring
+from resgrid.planning.kcl_check import between_rails, face_currents, obeys_kcl, safe_cells
 
 if TYPE_CHECKING:
-    from resgrid.circuit.update import WarmPoint
+    from resgrid.circuit.warm_start import WarmPoint
     from resgrid.planning.kernels import Flow
 
 
@@ -206,7 +206,7 @@ def field(op: OperatingPoint | WarmPoint) -> Field:
     array([0.652, 0.   , 0.574, 0.801, 0.908, 0.963, 1.   , 0.998])
     """
     if not isinstance(op, OperatingPoint):
-        from resgrid.circuit.update import WarmPoint
+        from resgrid.circuit.warm_start import WarmPoint
 
         if not isinstance(op, WarmPoint):
             raise InputError(f"op = {op!r} must be an OperatingPoint (rg.solve(netlist)), or a solution of a WarmStart")
@@ -275,7 +275,7 @@ def read_cells(space: ConfigurationSpace, wiring: Wiring, voltage: NDArray[np.fl
     unit = np.nanmax(height) if wiring.drive == "uniform" else abs(wiring.supply)
     contacts = contacts_of_box(space, wiring.on(space))
     wide = with_margin(volts, space.periodic)
-    wide[contacts.kind == Kind.HIGH] = wiring.high
+    wide[contacts.kind == CellRole.HIGH] = wiring.high
     currents = face_currents(contacts.conductance, np.sign(wiring.supply) * wide)
     if not unit > 0.0 or not any(current.any() for current in currents):
         raise CircuitError("nothing is driven: no current flows between the goal and what is at another voltage")

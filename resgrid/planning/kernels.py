@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inlined, inner, kernel, makes_arrays
+from resgrid._internal.jit import inlined, inner, kernel, makes_arrays
 
 REACHED, NO_CURRENT, ENDLESS = 0, 1, 2
 MIXED = -2

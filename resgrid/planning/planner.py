@@ -8,17 +8,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import Count
+from resgrid._internal.validation import Count
+from resgrid._internal.values import frozen, picture_html
+from resgrid.core.space import ConfigurationSpace
+from resgrid.core.wiring import Boundary, EdgeRule
 from resgrid.errors import InputError
-from resgrid.frozen import frozen, picture_html
 from resgrid.planning.blend import blend, dirichlet_share
 from resgrid.planning.fields import Field
-from resgrid.planning.road import Solution, problem_of, require_uniform, solve_field, solve_problem, work_by
+from resgrid.planning.pipeline import Solution, problem_of, require_uniform, solve_field, solve_problem, work_by
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.planning.trace import Traces, follow, start_points, streamline, streamlines
 from resgrid.scene import Scene
-from resgrid.space import ConfigurationSpace
-from resgrid.wiring import Boundary, EdgeRule
 
 
 @frozen

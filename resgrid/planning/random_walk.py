@@ -13,17 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from resgrid.budget import require_memory
+from resgrid._internal.memory import require_memory
+from resgrid._internal.values import frozen
 from resgrid.circuit.linear import CircuitFactor
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import factor
+from resgrid.core.netlist import GROUND, CellMap, Netlist
+from resgrid.core.space import Cell
 from resgrid.errors import AccuracyError, InputError
-from resgrid.frozen import frozen
-from resgrid.netlist import GROUND, CellMap, Netlist
-from resgrid.solvers.extended import Scaled, power
-from resgrid.solvers.monitor import Watch
-from resgrid.solvers.refine import is_answer
-from resgrid.space import Cell
+from resgrid.solvers.progress import ProgressMonitor
+from resgrid.solvers.refinement import is_answer
+from resgrid.solvers.scaled import Scaled, power
 
 
 @frozen
@@ -42,7 +42,7 @@ class RandomWalk:
 
     def solve(self, rhs: NDArray[np.float64] | Scaled) -> Scaled:
         """Solve ``G x = rhs >= 0`` entry by entry as accurately as can be.  Shapes: `rhs` (rows,); returns (rows,)."""
-        watch = Watch()
+        watch = ProgressMonitor()
         answer, error = self.factors.factors.solve_nonnegative(rhs, watch=watch)
         if not is_answer(error, watch.bound):
             raise AccuracyError(

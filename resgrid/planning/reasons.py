@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from resgrid.scene.places import nearest_place
-from resgrid.space import ConfigurationSpace
+from resgrid.core.space import ConfigurationSpace
+from resgrid.scene.nearest_place import nearest_place
 
 TROUBLES = {
     "no_path": "obstacles separate the start from every goal",

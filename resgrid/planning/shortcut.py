@@ -9,13 +9,13 @@ import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
-from resgrid.arguments import Natural, NotNegative
+from resgrid._internal.validation import Natural, NotNegative
+from resgrid.core.space import Cell
 from resgrid.errors import InputError
 from resgrid.planning.certify import certify_free
 from resgrid.planning.clearance import clearance_of
 from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Outcome, ShortPath, Streamline, distinct_rows, length_of
-from resgrid.space import Cell
 
 Sight = Callable[[NDArray[np.float64], NDArray[np.float64]], bool]
 

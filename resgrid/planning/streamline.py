@@ -9,13 +9,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import with_article
+from resgrid._internal.validation import with_article
+from resgrid._internal.values import frozen, picture_html
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
-from resgrid.frozen import frozen, picture_html
 from resgrid.planning.fields import Field
 from resgrid.planning.reasons import reason_of
 from resgrid.robots import PointRobot, Robot
-from resgrid.space import ConfigurationSpace
 
 
 class Outcome(StrEnum):

@@ -16,12 +16,12 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid._internal.values import frozen
+from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import AccuracyError, InputError
-from resgrid.frozen import frozen
 from resgrid.planning.clearance import segment_clearance
 from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Outcome, Streamline
-from resgrid.space import Cell, ConfigurationSpace
 
 _BATCH = 1 << 18
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.arguments import Positive
+from resgrid._internal.validation import Positive
+from resgrid._internal.values import frozen
 from resgrid.errors import InputError
-from resgrid.frozen import frozen
 from resgrid.planning.streamline import AnyPath, robot_of, unwrap
-from resgrid.robots import Part, Shape
+from resgrid.robots import RigidPart, Shape
 from resgrid.robots.geometry import Obstacle, obstacles_of
-from resgrid.scene.world import to_space
+from resgrid.scene.world_coordinates import to_space
 
 _MOST = 5_000_000
 _BATCH = 4096
@@ -141,7 +141,7 @@ def replay(path: AnyPath, obstacles: Sequence[Shape], *, step: Positive = 0.01) 
 
 def _poses(
     path: AnyPath, obstacles: Sequence[Shape], step: float
-) -> Iterator[tuple[NDArray[np.float64], NDArray[np.int64], list[Part], list[Obstacle]]]:
+) -> Iterator[tuple[NDArray[np.float64], NDArray[np.int64], list[RigidPart], list[Obstacle]]]:
     """A few thousand configurations at a time, the segments they lie on, the robot's parts there, and the obstacles."""
     robot, space = robot_of(path), path.space
     solids = obstacles_of((to_space(shape, space.frame) for shape in obstacles), robot.workspace_axes(space.axes))

@@ -19,10 +19,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
-from resgrid.control.log import Mode, Run
+from resgrid._internal.files import atomic_path
+from resgrid.control.run_log import Mode, Run
 from resgrid.control.simulation import Wavefront
 from resgrid.errors import InputError, ToolMissingError
-from resgrid.files import atomic_path
 from resgrid.plot.control import (
     FORCE,
     MODES,

@@ -11,10 +11,10 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 
+from resgrid.chip.adc_resolution import Precision
 from resgrid.chip.build import value_text
-from resgrid.chip.exploration import Exploration
-from resgrid.chip.precision import Precision
 from resgrid.chip.settling import Settling
+from resgrid.chip.sweeps import Exploration
 from resgrid.errors import InputError
 from resgrid.plot.chip_maps import draw_precision, draw_settling
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, new_figure, panel_height
@@ -31,7 +31,7 @@ from resgrid.plot.style import (
     strength_map,
 )
 from resgrid.scene.chip import Chip
-from resgrid.scene.table import described_keys
+from resgrid.scene.table_models import described_keys
 
 _MOST_LABELS = 80
 _CONTOUR = "#E69F00"

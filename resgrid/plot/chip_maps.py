@@ -12,21 +12,21 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
-from resgrid.chip.criticality import Criticality
+from resgrid.chip.adc_resolution import Precision
+from resgrid.chip.fault_analysis import Criticality
 from resgrid.chip.noise import Noise
 from resgrid.chip.power import Power
-from resgrid.chip.precision import Precision
 from resgrid.chip.sensitivity import Sensitivity
 from resgrid.chip.settling import Settling
 from resgrid.chip.yields import Yield
+from resgrid.core.netlist import CellMap, Netlist
+from resgrid.core.regions import crossed_faces
+from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import InputError
-from resgrid.grids import crossed_faces
-from resgrid.netlist import CellMap, Netlist
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.plane import draw_cells, draw_image, finish, paint, plane_of
 from resgrid.plot.style import FAILURE, TEXT, add_colour_bar, add_swatch, refresh_legend, strength_map
 from resgrid.scene.quantities import format_quantity, prefix_of
-from resgrid.space import Cell, ConfigurationSpace
 
 _NO_BITS_DO = "#e8d3e4"
 _HARMLESS = "#c8c8c8"

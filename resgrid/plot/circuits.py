@@ -1,4 +1,4 @@
-"""Pictures of small circuits: compiled ones where their cells are, others (`graphs`) as networkx places them."""
+"""Pictures of small circuits: compiled ones where their cells are, others (`netlist_graphs`) as networkx places them."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.base import BaseGeometry
 
+from resgrid._internal.colours import GOAL
 from resgrid.chip.power import rail_names
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.colours import GOAL
-from resgrid.grids import crossed_faces
-from resgrid.netlist import CellMap, Netlist
+from resgrid.core.netlist import CellMap, Netlist
+from resgrid.core.regions import crossed_faces
+from resgrid.core.space import Cell
 from resgrid.plot.figures import new_figure
 from resgrid.plot.style import OBSTACLE, SMALL, add_swatch, height_map, refresh_legend
 from resgrid.plot.workspace import fill
 from resgrid.scene.quantities import format_quantity, prefix_of
-from resgrid.space import Cell
 
 INK = "#202020"
 HALO = [withStroke(linewidth=1.8, foreground="white")]

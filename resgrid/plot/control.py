@@ -15,10 +15,11 @@ from matplotlib.image import AxesImage
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.control.controller import following_velocity, make_controller
-from resgrid.control.log import ContactLog, Ending, Mode, Run
+from resgrid.control.external_forces import checked_force
 from resgrid.control.plant import plant_of
-from resgrid.control.pushes import checked_force
+from resgrid.control.run_log import ContactLog, Ending, Mode, Run
 from resgrid.control.simulation import Wavefront
+from resgrid.core.space import Cell
 from resgrid.errors import InputError
 from resgrid.planning.blend import dirichlet_share
 from resgrid.planning.fields import Field
@@ -31,7 +32,6 @@ from resgrid.plot.shading import shading_of
 from resgrid.plot.style import FAILURE, HIDDEN, PATHS, SMALL, TEXT, add_colour_bar, blend_styles, mark, refresh_legend
 from resgrid.plot.workspace import draw_robot
 from resgrid.scene.scene import Scene
-from resgrid.space import Cell
 
 MODES: dict[Mode, tuple[str, Any, str]] = {
     Mode.STREAMLINE: ("#0072B2", "-", "follows its streamline"),

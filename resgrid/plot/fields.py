@@ -15,15 +15,24 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
+from resgrid.core.space import Cell
 from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Streamline
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, figure_of, new_figure, panel_height
 from resgrid.plot.panels import Panel, draw_panels
 from resgrid.plot.paths import mark_outcome, path_layer, require_paths
-from resgrid.plot.plane import MOST_CELLS, Plane, block_means, block_size, draw_cells, draw_image, finish, plane_of
+from resgrid.plot.plane import (
+    MOST_CELLS,
+    PicturePlane,
+    block_means,
+    block_size,
+    draw_cells,
+    draw_image,
+    finish,
+    plane_of,
+)
 from resgrid.plot.shading import Scale, Shading, add_border, fill_open_walls, no_drop, shading_of, span
 from resgrid.plot.style import NO_DROP, TEXT, add_colour_bar, spanning, strength_map
-from resgrid.space import Cell
 
 _ARROWS = 26
 _ARROW_LENGTH = 0.85
@@ -162,7 +171,7 @@ def draw_currents(field: Field, ax: Axes | None = None) -> Axes:
 
 
 def draw_shading(
-    plane: Plane, shading: Shading, values: NDArray[np.float64], axes: Axes, *, contours: bool = True
+    plane: PicturePlane, shading: Shading, values: NDArray[np.float64], axes: Axes, *, contours: bool = True
 ) -> AxesImage:
     """Draw values of a field in a plane, with equipotentials."""
     image = draw_image(
@@ -174,7 +183,7 @@ def draw_shading(
     return image
 
 
-def _draw_contours(plane: Plane, shading: Shading, values: NDArray[np.float64], axes: Axes) -> None:
+def _draw_contours(plane: PicturePlane, shading: Shading, values: NDArray[np.float64], axes: Axes) -> None:
     block = block_size(values.shape, MOST_CELLS)
     coarse = block_means(values, block)
     if shading.wall is None:

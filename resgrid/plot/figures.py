@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from resgrid._internal.files import write_bytes
 from resgrid.errors import InputError
-from resgrid.files import write_bytes
 from resgrid.plot.style import DPI, TEXT
 
 FORMATS = ("png", "pdf", "svg")

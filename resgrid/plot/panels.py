@@ -15,11 +15,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import AutoLocator
 from numpy.typing import NDArray
 
+from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.plot.figures import PAGE, axes_or_new, figure_of, new_figure, panel_height
 from resgrid.plot.plane import (
     Mask,
-    Plane,
+    PicturePlane,
     draw_cells,
     draw_image,
     finish,
@@ -42,7 +43,6 @@ from resgrid.plot.style import (
     spanning,
     strength_map,
 )
-from resgrid.space import Cell, ConfigurationSpace
 
 VIRTUAL = "#8c8c8c"
 """Colour of obstacle cells that stand for no body."""
@@ -59,7 +59,7 @@ class Panel:
 
     space: ConfigurationSpace
     axes: Axes
-    plane: Plane | None
+    plane: PicturePlane | None
     normal: int | None = None
     index: int = 0
 

@@ -15,15 +15,15 @@ from matplotlib.patheffects import Normal, Stroke
 from matplotlib.ticker import FixedLocator, NullLocator
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import InputError
+from resgrid.planning.blocking_obstacles import SceneSeparation, Separation
 from resgrid.planning.planner import ClearanceCurve
-from resgrid.planning.separation import SceneSeparation, Separation
 from resgrid.planning.streamline import Outcome, Polyline, ShortPath, Streamline, unwrap
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.panels import Layer, Panel, draw_known, draw_panels, painter, virtual_cells
 from resgrid.plot.plane import at_small_goals, finish, seam_shifts
 from resgrid.plot.style import FAILURE, FEW, PATHS, TEXT, blend_styles, dress, mark
-from resgrid.space import Cell, ConfigurationSpace
 
 _PIECES = 256
 MOST_ENDS = 12

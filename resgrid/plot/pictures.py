@@ -11,25 +11,26 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from resgrid.arguments import guarded, with_article
-from resgrid.chip.criticality import Criticality
-from resgrid.chip.exploration import Exploration
-from resgrid.chip.loss import YieldLoss
+from resgrid._internal.validation import guarded, with_article
+from resgrid.chip.adc_resolution import Precision
+from resgrid.chip.fault_analysis import Criticality
 from resgrid.chip.noise import Noise
 from resgrid.chip.power import Power
-from resgrid.chip.precision import Precision
 from resgrid.chip.sensitivity import Sensitivity
 from resgrid.chip.settling import Settling
-from resgrid.chip.studies import Study
+from resgrid.chip.study_analyses import Study
+from resgrid.chip.sweeps import Exploration
+from resgrid.chip.yield_loss import YieldLoss
 from resgrid.chip.yields import Yield
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.control.log import Run
+from resgrid.control.run_log import Run
 from resgrid.control.simulation import Wavefront
+from resgrid.core.netlist import Netlist
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError, ResgridError
-from resgrid.netlist import Netlist
+from resgrid.planning.blocking_obstacles import SceneSeparation, Separation
 from resgrid.planning.fields import Field, field
 from resgrid.planning.planner import ClearanceCurve, Planner
-from resgrid.planning.separation import SceneSeparation, Separation
 from resgrid.planning.streamline import Polyline, ShortPath, Streamline
 from resgrid.plot.chip_curves import draw_exploration, draw_precisions, draw_settled
 from resgrid.plot.chip_maps import (
@@ -44,14 +45,13 @@ from resgrid.plot.circuits import MOST_CELLS_A_SIDE
 from resgrid.plot.control import draw_run, draw_runs, draw_wavefront
 from resgrid.plot.fields import draw_field
 from resgrid.plot.figures import NOTEBOOK_DPI, render_figure
-from resgrid.plot.graphs import draw_circuit
+from resgrid.plot.netlist_graphs import draw_circuit
 from resgrid.plot.panels import draw_space
 from resgrid.plot.paths import draw_clearance_curve, draw_line, draw_path, draw_separation, draw_streamlines
 from resgrid.plot.workspace import draw_scene
 from resgrid.plot.yield_loss import draw_yield_loss
 from resgrid.scene.sampling import sample
 from resgrid.scene.scene import Scene
-from resgrid.space import ConfigurationSpace
 from resgrid.spice.circuit import Circuit
 
 Picture = Callable[..., Axes | Figure]

@@ -16,13 +16,13 @@ from matplotlib.patches import Polygon
 from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 
-from resgrid.axis import Axis
-from resgrid.colours import GOAL
+from resgrid._internal.colours import GOAL
+from resgrid.core.axis import Axis
+from resgrid.core.frame import Frame
+from resgrid.core.regions import label_regions
+from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import InputError
-from resgrid.frame import Frame
-from resgrid.grids import label_regions
 from resgrid.plot.style import OBSTACLE, UNKNOWN, UNREACHABLE, add_swatch, axis_label, dress, refresh_legend
-from resgrid.space import Cell, ConfigurationSpace
 
 MOST_CELLS = 1024
 """Cells along an axis above which pictures show means over blocks."""
@@ -33,7 +33,7 @@ _MOST_RINGS = 30
 
 
 @dataclass(frozen=True, eq=False)
-class Plane:
+class PicturePlane:
     """Two axes, the cells between them, and where they lie in the picture.
 
     `x, y`: across and up; `cell` (x.cells, y.cells): `Cell` codes; `connected`: free cells that lead to a goal (in
@@ -98,14 +98,14 @@ class Plane:
         return max(int(part.stop - part.start) for part in self.window)
 
 
-def plane_of(space: ConfigurationSpace, cut: tuple[int, int] | None = None) -> Plane:
+def plane_of(space: ConfigurationSpace, cut: tuple[int, int] | None = None) -> PicturePlane:
     """Plane of a space with two axes, in the world; or of three, through the cells at an index along an axis."""
     connected = leading_on(space)
     if cut is not None:
         normal, index = cut
         x, y = (axis for number, axis in enumerate(space.axes) if number != normal)
         cell, leading = (np.moveaxis(values, normal, 0)[index] for values in (space.cell, connected))
-        return Plane(x, y, cell, leading, Frame(), not space.frame.is_world)
+        return PicturePlane(x, y, cell, leading, Frame(), not space.frame.is_world)
     if space.ndim != 2:
         raise InputError(
             f"this picture needs a space of two axes, this one has {space.ndim}; draw(field) shows one to three axes"
@@ -114,7 +114,7 @@ def plane_of(space: ConfigurationSpace, cut: tuple[int, int] | None = None) -> P
     robot = space.robot
     grown = robot is not None and robot.moves_in_workspace and any(part.area for part in robot.shapes_at((0.0, 0.0)))
     obstacle = "obstacle, grown by the robot" if grown else "obstacle"
-    return Plane(x, y, space.cell, connected, space.frame, obstacle=obstacle)
+    return PicturePlane(x, y, space.cell, connected, space.frame, obstacle=obstacle)
 
 
 def leading_on(space: ConfigurationSpace) -> NDArray[np.bool_]:
@@ -140,7 +140,7 @@ def unknown_cells(cell: NDArray[np.uint8], unknown: NDArray[np.bool_] | None) ->
     return [] if unknown is None else [((cell == Cell.OBSTACLE) & unknown, UNKNOWN, "unknown")]
 
 
-def draw_image(plane: Plane, values: NDArray[Any], axes: Axes, **style: Any) -> AxesImage:
+def draw_image(plane: PicturePlane, values: NDArray[Any], axes: Axes, **style: Any) -> AxesImage:
     """Draw one value or colour a cell, first axis to the right and second one upwards; `values` (x.cells, y.cells)."""
     block = block_size(values.shape, MOST_CELLS)
     coloured = values.ndim == 3
@@ -157,13 +157,13 @@ def draw_image(plane: Plane, values: NDArray[Any], axes: Axes, **style: Any) -> 
     return image
 
 
-def draw_cells(plane: Plane, axes: Axes) -> None:
+def draw_cells(plane: PicturePlane, axes: Axes) -> None:
     """Draw obstacles, goals and unreachable cells over whatever else there is, and put them into the legend."""
     paint(plane, axes, *kinds_of(plane.cell, plane.connected, plane.obstacle), order=2.0)
     _ring_small_goals(plane, axes)
 
 
-def paint(plane: Plane, axes: Axes, *masks: Mask, order: float = 2.2) -> None:
+def paint(plane: PicturePlane, axes: Axes, *masks: Mask, order: float = 2.2) -> None:
     """Paint cells over whatever else there is, each kind in its colour, and put those there are into the legend."""
     there = [mask for mask in masks if mask[0].any()]
     if not there:
@@ -175,7 +175,7 @@ def paint(plane: Plane, axes: Axes, *masks: Mask, order: float = 2.2) -> None:
     draw_image(plane, pixels, axes, zorder=order)
 
 
-def _small_goals(plane: Plane) -> NDArray[np.int64]:
+def _small_goals(plane: PicturePlane) -> NDArray[np.int64]:
     """Return the first cells, and those beyond the last, of goals too small to be seen, shape (n, 2, 2)."""
     from scipy.ndimage import find_objects
 
@@ -186,12 +186,12 @@ def _small_goals(plane: Plane) -> NDArray[np.int64]:
     return np.asarray(ends[is_small] if is_small.sum() <= _MOST_RINGS else ends[:0])
 
 
-def _on_paper(plane: Plane, cells: NDArray[np.float64]) -> NDArray[np.float64]:
+def _on_paper(plane: PicturePlane, cells: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return points, in cells from the lower corner, on paper, shape (n, 2)."""
     return plane.frame.to_world((plane.x.lower, plane.y.lower) + cells * (plane.x.spacing, plane.y.spacing))
 
 
-def _ring_small_goals(plane: Plane, axes: Axes) -> None:
+def _ring_small_goals(plane: PicturePlane, axes: Axes) -> None:
     """Draw a ring around goals too small to be seen."""
     boxes = _small_goals(plane)
     if not len(boxes):
@@ -204,7 +204,7 @@ def _ring_small_goals(plane: Plane, axes: Axes) -> None:
         )  # fmt: skip
 
 
-def at_small_goals(plane: Plane, points: NDArray[np.float64]) -> NDArray[np.float64]:
+def at_small_goals(plane: PicturePlane, points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return points on paper (n, 2), those at the border of a ringed goal moved to the middle of its ring."""
     moved = points.copy()
     own = (plane.frame.from_world(points) - (plane.x.lower, plane.y.lower)) / (plane.x.spacing, plane.y.spacing)
@@ -214,7 +214,7 @@ def at_small_goals(plane: Plane, points: NDArray[np.float64]) -> NDArray[np.floa
     return moved
 
 
-def finish(plane: Plane, axes: Axes, points: Sequence[NDArray[np.float64]] = (), columns: int = 3) -> None:
+def finish(plane: PicturePlane, axes: Axes, points: Sequence[NDArray[np.float64]] = (), columns: int = 3) -> None:
     """Set limits that hold points on paper, too, equal aspect where both axes have the same unit, labels, legend."""
     shown = np.concatenate([plane.view, *points])
     (left, bottom), (right, top) = shown.min(axis=0), shown.max(axis=0)

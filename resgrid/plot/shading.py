@@ -9,10 +9,10 @@ import numpy as np
 from matplotlib.colors import Colormap
 from numpy.typing import NDArray
 
+from resgrid.core.space import Cell
 from resgrid.errors import InputError
 from resgrid.planning.fields import Field
 from resgrid.plot.style import height_map
-from resgrid.space import Cell
 
 Scale = Literal["auto", "linear", "log"]
 _DECADES_WORTH_A_LOG = 2.0

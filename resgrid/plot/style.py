@@ -20,8 +20,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import ArrayLike
 
-from resgrid.axis import Axis
-from resgrid.colours import GOAL, HEIGHT
+from resgrid._internal.colours import GOAL, HEIGHT
+from resgrid.core.axis import Axis
 
 OBSTACLE = "#3d3d3d"
 UNREACHABLE = "#c4c4c4"

@@ -18,9 +18,10 @@ from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.polygon import orient
 
-from resgrid.colours import GOAL
+from resgrid._internal.colours import GOAL
+from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import InputError
-from resgrid.planning.separation import Separation
+from resgrid.planning.blocking_obstacles import Separation
 from resgrid.planning.streamline import AnyPath, Polyline, Streamline
 from resgrid.planning.workspace import dense
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, caption_height, new_figure
@@ -41,7 +42,6 @@ from resgrid.plot.style import (
 from resgrid.robots import CellSet, HalfSpace, Robot, Shape, to_shapely
 from resgrid.scene.goals import GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.scene import Scene
-from resgrid.space import Cell, ConfigurationSpace
 
 Way = AnyPath | ArrayLike
 

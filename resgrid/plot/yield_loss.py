@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
-from resgrid.chip.loss import YieldLoss
+from resgrid.chip.yield_loss import YieldLoss
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.style import PATHS, TEXT, dress
 

@@ -3,7 +3,7 @@
 from resgrid.robots.arm import Arm as Arm
 from resgrid.robots.base import Robot as Robot
 from resgrid.robots.cells import GoalCells as GoalCells, Progress as Progress, Sampling as Sampling
-from resgrid.robots.geometry import Part as Part, Pose as Pose
+from resgrid.robots.geometry import Pose as Pose, RigidPart as RigidPart
 from resgrid.robots.point import DiscRobot as DiscRobot, PointRobot as PointRobot
 from resgrid.robots.polygon import PolygonRobot as PolygonRobot
 from resgrid.robots.shapes import (

@@ -13,15 +13,15 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import checked
-from resgrid.axis import Axis, Coordinate, Point
+from resgrid._internal.validation import checked
+from resgrid.core.axis import Axis, Coordinate, Point
+from resgrid.core.space import MAX_DIMENSIONS
 from resgrid.errors import InputError
 from resgrid.robots.arm_cells import arm_goal_cells, arm_occupancy
 from resgrid.robots.base import Robot
 from resgrid.robots.cells import GoalCells, Progress, Sampling
-from resgrid.robots.geometry import Links, Part, Pose
+from resgrid.robots.geometry import ArmLinks, Pose, RigidPart
 from resgrid.robots.shapes import Shape
-from resgrid.space import MAX_DIMENSIONS
 
 _ROUNDING = 1e-12
 """Sine, or share of the reach, below which two solutions are one."""
@@ -226,13 +226,13 @@ class Arm(Robot):
             solutions += product(*turned)
         return np.array(solutions, dtype=np.float64).reshape(-1, 2)
 
-    def parts(self, configurations: NDArray[np.float64]) -> list[Part]:
+    def parts(self, configurations: NDArray[np.float64]) -> list[RigidPart]:
         """The links: segments with half their widths; see `Robot.parts`."""
         import shapely
 
         places = self.joints(configurations)
         return [
-            Part(np.asarray(shapely.linestrings(places[:, link : link + 2])), width / 2)
+            RigidPart(np.asarray(shapely.linestrings(places[:, link : link + 2])), width / 2)
             for link, width in enumerate(self.widths)
         ]
 
@@ -319,8 +319,8 @@ class Arm(Robot):
         return goal
 
     @property
-    def _links(self) -> Links:
-        return Links(
+    def _links(self) -> ArmLinks:
+        return ArmLinks(
             np.array(self.lengths, dtype=np.float64),
             np.array(self.widths, dtype=np.float64) / 2,
             np.array([*self.base, self.base_angle], dtype=np.float64),

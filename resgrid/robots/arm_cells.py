@@ -8,10 +8,10 @@ from math import inf, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.axis import Axis, Point
+from resgrid.core.axis import Axis, Point
 from resgrid.errors import InputError
 from resgrid.robots.cells import GoalCells, Progress, Sampling
-from resgrid.robots.geometry import Links, Part, obstacle_arrays, obstacles_of
+from resgrid.robots.geometry import ArmLinks, RigidPart, obstacle_arrays, obstacles_of
 from resgrid.robots.shapes import Box, Shape, require_plane
 
 CHUNK = 1 << 17
@@ -28,7 +28,7 @@ TOLERANCE = 1e-9
 
 
 def arm_occupancy(
-    links: Links, axes: tuple[Axis, ...], obstacles: Sequence[Shape], rule: Sampling,
+    links: ArmLinks, axes: tuple[Axis, ...], obstacles: Sequence[Shape], rule: Sampling,
     progress: Progress | None = None, *, self_collision: bool,
 ) -> NDArray[np.bool_]:  # fmt: skip
     """Cells in which an arm may touch an obstacle or itself; of link ``i`` in those of the first ``i`` joints.
@@ -61,7 +61,7 @@ def arm_occupancy(
     return blocked.reshape(tuple(counts))
 
 
-def arm_goal_cells(links: Links, axes: tuple[Axis, ...], region: Shape | Point) -> GoalCells:
+def arm_goal_cells(links: ArmLinks, axes: tuple[Axis, ...], region: Shape | Point) -> GoalCells:
     """Cells that hold a configuration whose tip lies in a region, or within 1e-9 of the arm's reach of it.
 
     Cells are left out by a bound on how far the tip moves, never for want of luck; the one exception is a cell that
@@ -97,7 +97,7 @@ def arm_goal_cells(links: Links, axes: tuple[Axis, ...], region: Shape | Point) 
     return GoalCells(cells, np.concatenate(points))
 
 
-def tip_travel(links: Links, axes: Sequence[Axis]) -> float:
+def tip_travel(links: ArmLinks, axes: Sequence[Axis]) -> float:
     """How far the tip can move from where it is at a cell's centre, at most, within that cell."""
     chords = [2 * np.sin(min(axis.spacing / 2, pi) / 2) for axis in axes]
     levers = np.cumsum(links.lengths[::-1])[::-1] if links.relative else links.lengths
@@ -109,7 +109,7 @@ def _distances(place: Shape, base: Point) -> tuple[float, float]:
     import shapely
 
     obstacle = obstacles_of([place])[0]
-    nearest = float(obstacle.distance(Part(np.array([shapely.Point(base)]), 0.0))[0])
+    nearest = float(obstacle.distance(RigidPart(np.array([shapely.Point(base)]), 0.0))[0])
     if obstacle.core is None:
         return nearest, inf
     farthest = np.hypot(*(shapely.get_coordinates(obstacle.core) - base).T).max()  # a corner

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import with_article
-from resgrid.axis import Axis, Point
+from resgrid._internal.validation import with_article
+from resgrid.core.axis import Axis, Point
 from resgrid.errors import InputError
 from resgrid.robots.cells import GoalCells, Progress, Sampling, cells_of_place
-from resgrid.robots.geometry import Part, Pose, obstacles_of
+from resgrid.robots.geometry import Pose, RigidPart, obstacles_of
 from resgrid.robots.shapes import Shape, require_plane
 
 if TYPE_CHECKING:
@@ -41,10 +41,10 @@ class Robot(ABC):
     Examples
     --------
     >>> import shapely
-    >>> from resgrid.robots.base import Part
+    >>> from resgrid.robots.base import RigidPart
     >>> class Rod(rg.Robot):
     ...     def parts(self, configurations):
-    ...         return [Part(shapely.linestrings([[(x, y), (x + 1, y)] for x, y in configurations]), radius=0.1)]
+    ...         return [RigidPart(shapely.linestrings([[(x, y), (x + 1, y)] for x, y in configurations]), radius=0.1)]
     ...     def travel(self, start, end):
     ...         return np.linalg.norm(end - start, axis=1)
     >>> axes = (rg.Axis("x", 0.0, 4.0, 8), rg.Axis("y", 0.0, 1.0, 2))
@@ -77,7 +77,7 @@ class Robot(ABC):
         return inf
 
     @abstractmethod
-    def parts(self, configurations: NDArray[np.float64]) -> list[Part]:
+    def parts(self, configurations: NDArray[np.float64]) -> list[RigidPart]:
         """Its rigid parts: shapely geometries, one for each of the configurations, shape (n, ndim), with a radius.
 
         Raises `InputError` if its workspace is not the plane.

@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.axis import Axis, Point, rounding, split_points
+from resgrid.core.axis import Axis, Point, rounding, split_points
 from resgrid.errors import InputError
 from resgrid.robots.geometry import copies, edges_of
 from resgrid.robots.shapes import Ball, Bounds, Box, CellSet, HalfSpace, Polygon, Shape, Solid, rings_of
@@ -137,10 +137,10 @@ def _mark_polygon(
     out: NDArray[np.bool_], axes: Sequence[Axis], half: Sequence[float], polygon: Polygon, reach: float
 ) -> None:
     """The same for a polygon: a cell meets it if it meets the outline, or if its centre is enclosed."""
-    from resgrid.robots.kernels import Plane, mark_enclosed, mark_parallelograms
+    from resgrid.robots.kernels import CellPlane, mark_enclosed, mark_parallelograms
 
     x, y = axes
-    plane = Plane(x.lower, y.lower, x.spacing, y.spacing, half[0], half[1])
+    plane = CellPlane(x.lower, y.lower, x.spacing, y.spacing, half[0], half[1])
     edges = outline(polygon, axes, reach)
     mark_enclosed(out, edges, plane)
     sides = np.hstack([edges[:, :2], edges[:, 2:] - edges[:, :2], np.zeros((len(edges), 2))])

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import with_article
-from resgrid.axis import Axis
+from resgrid._internal.validation import with_article
+from resgrid.core.axis import Axis
 from resgrid.errors import InputError
 from resgrid.robots.shapes import Ball, Bounds, Box, CellSet, HalfSpace, Polygon, Shape, Solid, rings_of, to_shapely
 
@@ -26,7 +26,7 @@ TOUCH = 1e-9
 MAX_COPIES = 1000
 
 
-class Links(NamedTuple):
+class ArmLinks(NamedTuple):
     """An arm for compiled loops.
 
     `lengths, radii` (n,): of the links; `base` (3,): position and angle; `relative`: as in `resgrid.robots.arm.Arm`.
@@ -39,7 +39,7 @@ class Links(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class RigidPart:
     """A rigid part of a robot in many configurations: all points within a radius of its core.
 
     `core` (n,): shapely geometries.
@@ -68,7 +68,7 @@ class Obstacle:
             return float(abs(_unit_normal(self.half_plane)[-1]))
         return float(np.abs(self.core.bounds).max())
 
-    def core_distance(self, part: Part) -> NDArray[np.float64]:
+    def core_distance(self, part: RigidPart) -> NDArray[np.float64]:
         """Distance of the cores, shape (n,): 0 where they meet, but below 0 behind the border of a half-plane."""
         import shapely
 
@@ -81,11 +81,11 @@ class Obstacle:
         np.minimum.at(lowest, owner, height)
         return lowest
 
-    def distance(self, part: Part) -> NDArray[np.float64]:
+    def distance(self, part: RigidPart) -> NDArray[np.float64]:
         """Distance from a part in every configuration, shape (n,); 0 where they meet."""
         return np.maximum(self.core_distance(part) - self.radius - part.radius, 0.0)
 
-    def collides(self, part: Part) -> NDArray[np.bool_]:
+    def collides(self, part: RigidPart) -> NDArray[np.bool_]:
         """Whether a part enters it, shape (n,); a mere touch is no collision."""
         import shapely
 

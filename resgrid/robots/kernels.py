@@ -12,8 +12,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inner, kernel, makes_arrays
-from resgrid.robots.geometry import Links, ObstacleArrays
+from resgrid._internal.jit import inner, kernel, makes_arrays
+from resgrid.robots.geometry import ArmLinks, ObstacleArrays
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -118,7 +118,7 @@ def _travel(joints: Floats, first: int, link: int, chords: Floats, lengths: Floa
 
 @inner
 def _hits(
-    joints: Floats, link: int, chords: Floats, folds: Floats, links: Links, self_collision: bool, slack: float,
+    joints: Floats, link: int, chords: Floats, folds: Floats, links: ArmLinks, self_collision: bool, slack: float,
     solids: ObstacleArrays,
 ) -> bool:  # fmt: skip
     """Whether a link may touch an obstacle, or a link before its neighbour, while the joints turn within a cell."""
@@ -144,7 +144,7 @@ def _hits(
 @kernel
 @makes_arrays
 def mark_link(
-    out: Flags, first: int, last: int, link: int, counts: Integers, centres: Floats, widths: Floats, links: Links,
+    out: Flags, first: int, last: int, link: int, counts: Integers, centres: Floats, widths: Floats, links: ArmLinks,
     self_collision: bool, parts: int, slack: float, solids: ObstacleArrays,
 ) -> None:  # fmt: skip
     """Mark the cells of joints ``0 .. link`` in which a link may touch something, whole or cut into ``parts`` a joint.
@@ -182,7 +182,7 @@ def mark_link(
                 break
 
 
-class Plane(NamedTuple):
+class CellPlane(NamedTuple):
     """A grid of the plane, and what stands for a cell: a box around its centre.
 
     `x, y`: lower corner; `width, height`: of a cell; `half_x, half_y`: half the width and height of what stands for a
@@ -226,7 +226,7 @@ def _ends_of_segment(ax: float, ay: float, bx: float, by: float, low: float, hig
 
 
 @kernel
-def mark_parallelograms(out: Flags, pieces: Floats, reach: float, plane: Plane) -> None:
+def mark_parallelograms(out: Flags, pieces: Floats, reach: float, plane: CellPlane) -> None:
     """Mark the cells, shape (columns, rows), that come within a distance of parallelograms, shape (p, 6).
 
     What lies so near is convex: an interval of x decides a whole row.  It ends on the circles around the corners, or on
@@ -270,7 +270,7 @@ def mark_parallelograms(out: Flags, pieces: Floats, reach: float, plane: Plane) 
 
 @kernel
 @makes_arrays
-def mark_enclosed(out: Flags, edges: Floats, plane: Plane) -> None:
+def mark_enclosed(out: Flags, edges: Floats, plane: CellPlane) -> None:
     """Mark the cells, shape (columns, rows), whose centre closed rings of edges, shape (e, 4), enclose.
 
     In every row an edge flips all that lies to its right.

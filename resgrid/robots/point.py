@@ -10,12 +10,12 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
-from resgrid.arguments import checked
-from resgrid.axis import LARGEST, Axis
+from resgrid._internal.validation import checked
+from resgrid.core.axis import LARGEST, Axis
 from resgrid.errors import InputError
 from resgrid.robots.base import Robot
 from resgrid.robots.cells import Progress, Sampling, mark
-from resgrid.robots.geometry import Part, Pose
+from resgrid.robots.geometry import Pose, RigidPart
 from resgrid.robots.shapes import Shape
 
 
@@ -60,7 +60,7 @@ class PointRobot(Robot):
         """A robot of a thousandth of the radius; where it does not fit either, a smaller radius does not help."""
         return PointRobot(self.radius / 1000)
 
-    def parts(self, configurations: NDArray[np.float64]) -> list[Part]:
+    def parts(self, configurations: NDArray[np.float64]) -> list[RigidPart]:
         """The point with its radius; see `Robot.parts`."""
         import shapely
 
@@ -68,7 +68,7 @@ class PointRobot(Robot):
             raise InputError(
                 f"geometry is known in the plane alone: give 2 coordinates, not {configurations.shape[1]} axes"
             )
-        return [Part(np.asarray(shapely.points(configurations)), self.radius)]
+        return [RigidPart(np.asarray(shapely.points(configurations)), self.radius)]
 
     def travel(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
         """Distances between places; see `Robot.travel`."""

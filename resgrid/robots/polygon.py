@@ -11,17 +11,17 @@ import numpy as np
 from annotated_types import Gt, Le
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import checked
-from resgrid.axis import Axis, Point
+from resgrid._internal.validation import checked
+from resgrid._internal.values import brief
+from resgrid.core.axis import Axis, Point
 from resgrid.errors import InputError
-from resgrid.frozen import brief
 from resgrid.robots.base import SLACK, ULPS, Robot
 from resgrid.robots.cells import Progress, Sampling, near_half_space, outline
-from resgrid.robots.geometry import Part, Pose
+from resgrid.robots.geometry import Pose, RigidPart
 from resgrid.robots.shapes import Ball, Box, CellSet, HalfSpace, Polygon, Shape, require_plane
 
 if TYPE_CHECKING:
-    from resgrid.robots.kernels import Plane
+    from resgrid.robots.kernels import CellPlane
 
 PARTS = 3
 """With the conservative rule every slice is cut into so many thinner ones, and blocked where any of them is."""
@@ -82,11 +82,11 @@ class PolygonRobot(Robot):
         turned = np.stack([x * np.cos(angle) - y * np.sin(angle), x * np.sin(angle) + y * np.cos(angle)], axis=-1)
         return np.asarray(turned + pose[..., None, :2])
 
-    def parts(self, configurations: NDArray[np.float64]) -> list[Part]:
+    def parts(self, configurations: NDArray[np.float64]) -> list[RigidPart]:
         """The polygon; see `Robot.parts`."""
         import shapely
 
-        return [Part(np.asarray(shapely.polygons(self.corners(configurations))), 0.0)]
+        return [RigidPart(np.asarray(shapely.polygons(self.corners(configurations))), 0.0)]
 
     def travel(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
         """How far the reference point moves, and the farthest corner turns; see `Robot.travel`."""
@@ -110,7 +110,7 @@ class PolygonRobot(Robot):
         rule the differences grow by it, and a cell, its border included, is free only if it is free in all three
         thirds.
         """
-        from resgrid.robots.kernels import Plane
+        from resgrid.robots.kernels import CellPlane
 
         self.check_axes(axes)
         x, y, turning = axes
@@ -121,7 +121,7 @@ class PolygonRobot(Robot):
             extent = self.farthest + max(abs(end) for axis in (x, y) for end in (axis.lower, axis.upper))
             chord = 2 * self.farthest * np.sin(min(turning.spacing / self.turning_length / (2 * parts), pi) / 2)
             reach = float(chord) + SLACK * self.farthest + ULPS * np.spacing(extent)
-        plane = Plane(x.lower, y.lower, x.spacing, y.spacing, *half)
+        plane = CellPlane(x.lower, y.lower, x.spacing, y.spacing, *half)
         blocked = np.zeros(tuple(axis.cells for axis in axes), dtype=bool)
         for number, centre in enumerate(turning.centres):
             layer = np.zeros(blocked.shape[:2], dtype=bool)
@@ -160,7 +160,7 @@ class _Solid:
                 return cls(shape.borders(), shape.places())
         return cls(np.empty((0, 4)), np.empty((0, 2)), 0.0, shape)
 
-    def mark(self, layer: NDArray[np.bool_], plane: Plane, mirrored: NDArray[np.float64], reach: float) -> None:
+    def mark(self, layer: NDArray[np.bool_], plane: CellPlane, mirrored: NDArray[np.float64], reach: float) -> None:
         """Mark the cells, shape (columns, rows), near the sum of the area and a polygon with mirrored corners (v, 2).
 
         The Minkowski sum of the outlines (a parallelogram for every pair of edges) covers all but places where a piece

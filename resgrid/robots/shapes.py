@@ -11,10 +11,10 @@ import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
-from resgrid.arguments import checked
-from resgrid.axis import LARGEST, Axis, Coordinate, Point
+from resgrid._internal.validation import checked
+from resgrid._internal.values import brief
+from resgrid.core.axis import LARGEST, Axis, Coordinate, Point
 from resgrid.errors import InputError
-from resgrid.frozen import brief
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry

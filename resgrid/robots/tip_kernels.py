@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from resgrid.jit import inner, kernel, makes_arrays
-from resgrid.robots.geometry import Links, ObstacleArrays
+from resgrid._internal.jit import inner, kernel, makes_arrays
+from resgrid.robots.geometry import ArmLinks, ObstacleArrays
 from resgrid.robots.kernels import Flags, Floats, Integers, near_solids, place_joints, share
 
 BOXES = 200_000
@@ -68,7 +68,7 @@ def _towards(x: float, y: float, piece: int, goal: ObstacleArrays) -> tuple[floa
 
 
 @inner
-def _place_tip(work: _Work, links: Links) -> None:
+def _place_tip(work: _Work, links: ArmLinks) -> None:
     """Joint positions of the configuration, and velocity of the tip for unit velocities of the joints, shape (n, 2)."""
     n, joints = len(work.at), work.joints
     place_joints(joints, n - 1, work.at, links.lengths, links.base, links.relative)
@@ -119,7 +119,7 @@ def _turn(work: _Work, rx: float, ry: float, flat: bool) -> None:
 
 
 @inner
-def _solve(work: _Work, piece: int, links: Links, goal: ObstacleArrays, least: float) -> float:
+def _solve(work: _Work, piece: int, links: ArmLinks, goal: ObstacleArrays, least: float) -> float:
     """Turn the joints within a cell until the tip touches a piece; distance of the nearest place found, which is left.
 
     Newton's steps, cut off at the borders of the cell: straight at the piece, whatever happens across, and where that
@@ -144,7 +144,7 @@ def _solve(work: _Work, piece: int, links: Links, goal: ObstacleArrays, least: f
 
 
 @inner
-def _aim(work: _Work, part: int, links: Links, goal: ObstacleArrays, tolerance: float) -> tuple[int, int]:
+def _aim(work: _Work, part: int, links: ArmLinks, goal: ObstacleArrays, tolerance: float) -> tuple[int, int]:
     """The nearest piece of the region's border that the tip may reach from the middle of a part, -1 if there is none.
 
     Within the part the tip moves by at most ``chord times lever``, summed over the joints; and away from a convex
@@ -175,7 +175,7 @@ def _aim(work: _Work, part: int, links: Links, goal: ObstacleArrays, tolerance: 
 
 
 @inner
-def _find(work: _Work, links: Links, goal: ObstacleArrays, tolerance: float) -> bool:
+def _find(work: _Work, links: ArmLinks, goal: ObstacleArrays, tolerance: float) -> bool:
     """Whether a cell holds a configuration with the tip in a region, which is left.
 
     Branch and bound: parts of the cell from which the tip cannot come to the region are left out; elsewhere Newton's
@@ -214,7 +214,7 @@ def _find(work: _Work, links: Links, goal: ObstacleArrays, tolerance: float) -> 
 @makes_arrays
 def find_tips(
     out: Flags, points: Floats, first: int, counts: Integers, lower: Floats, widths: Floats,
-    links: Links, goal: ObstacleArrays, bounds: Floats, tolerance: float,
+    links: ArmLinks, goal: ObstacleArrays, bounds: Floats, tolerance: float,
 ) -> None:  # fmt: skip
     """Find the cells that hold a configuration with the tip in a region, and one for each.
 

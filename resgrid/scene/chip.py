@@ -8,10 +8,10 @@ from typing import Annotated, Literal
 
 from annotated_types import Ge, Gt, Le, Len
 
+from resgrid._internal.values import brief
 from resgrid.errors import InputError
-from resgrid.frozen import brief
 from resgrid.scene.quantities import Listed, Quantity
-from resgrid.scene.table import check_fields
+from resgrid.scene.table_models import check_fields
 
 ABSOLUTE_ZERO = -273.15
 

@@ -6,13 +6,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
-from resgrid.axis import Axis
+from resgrid.core.axis import Axis
+from resgrid.core.space import MAX_DIMENSIONS
 from resgrid.errors import InputError
 from resgrid.robots import Ball, Box, HalfSpace, Polygon, Robot, Shape
 from resgrid.scene.goals import CostArea, GoalCell, GoalJoints
 from resgrid.scene.messages import Problem
 from resgrid.scene.toml_lines import Path
-from resgrid.space import MAX_DIMENSIONS
 
 
 def inconsistencies(

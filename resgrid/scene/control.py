@@ -10,10 +10,10 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Len
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid._internal.values import brief
 from resgrid.errors import InputError
-from resgrid.frozen import brief
 from resgrid.scene.quantities import Listed
-from resgrid.scene.table import check_fields
+from resgrid.scene.table_models import check_fields
 
 Numbers = Annotated[tuple[float, ...], Len(1), Listed()]
 Sizes = Annotated[tuple[Annotated[float, Ge(0)], ...], Len(1), Listed()]

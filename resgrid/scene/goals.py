@@ -7,8 +7,8 @@ from typing import Annotated
 
 from annotated_types import Gt, Le
 
-from resgrid.arguments import checked
-from resgrid.axis import LARGEST, Point
+from resgrid._internal.validation import checked
+from resgrid.core.axis import LARGEST, Point
 from resgrid.robots import Box, Shape
 
 Conductivity = Annotated[float, Gt(0), Le(LARGEST)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from resgrid.arguments import short
+from resgrid._internal.validation import short
 from resgrid.errors import suggestion
 from resgrid.scene.toml_lines import Path, line_of
 

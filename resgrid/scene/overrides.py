@@ -11,9 +11,9 @@ from typing import Any
 from resgrid.errors import InputError
 from resgrid.robots import ROBOTS, Robot
 from resgrid.scene.goals import CostArea, GoalJoints
-from resgrid.scene.read import Document, build_scene, with_axes, with_footprint
+from resgrid.scene.reading import Document, build_scene, with_axes, with_footprint
 from resgrid.scene.scene import IN_FILES, LISTS, Scene
-from resgrid.scene.table import plain
+from resgrid.scene.table_models import plain
 from resgrid.scene.toml_lines import Path as KeyPath
 
 SHORT = {"resistance": "chip.resistance", "supply": "chip.supply", "radius": "robot.radius"}

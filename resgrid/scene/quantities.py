@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import floor, isfinite, log10
 from typing import TYPE_CHECKING, Any
 
-from resgrid.arguments import short
+from resgrid._internal.validation import short
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:

@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.axis import Point
-from resgrid.budget import FEWER_CELLS, FEWER_HEADINGS, SMALLER_MAP, require_grid_memory
+from resgrid._internal.memory import FEWER_CELLS, FEWER_HEADINGS, SMALLER_MAP, require_grid_memory
+from resgrid.core.axis import Point
+from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.robots import Box, GoalCells, PointRobot, Progress, Shape
 from resgrid.robots.cells import joined
 from resgrid.scene.goals import Goal, GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.maps.formats import format_of
 from resgrid.scene.maps.pictures import THRESHOLD, read_raster
-from resgrid.scene.places import are_unknown, is_unknown, nearest_place, usable, why_blocked
+from resgrid.scene.nearest_place import are_unknown, is_unknown, nearest_place, usable, why_blocked
 from resgrid.scene.scene import Scene
-from resgrid.scene.world import check_cell, extent_of, located, to_space
-from resgrid.space import Cell, ConfigurationSpace
+from resgrid.scene.world_coordinates import check_cell, extent_of, located, to_space
 
 
 def sample(scene: Scene, *, require_goal: bool = True, progress: Progress | None = None) -> ConfigurationSpace:

@@ -9,11 +9,12 @@ from typing import Annotated, Any
 
 from annotated_types import Ge, Le
 
-from resgrid.arguments import checked
-from resgrid.axis import Axis, Point
+from resgrid._internal.validation import checked
+from resgrid._internal.values import picture_html
+from resgrid.core.axis import Axis, Point
+from resgrid.core.frame import Frame
+from resgrid.core.wiring import Boundary, Drive, EdgeRule
 from resgrid.errors import InputError, suggestion
-from resgrid.frame import Frame
-from resgrid.frozen import picture_html
 from resgrid.robots import PointRobot, Robot, Sampling, Shape
 from resgrid.scene.chip import Chip
 from resgrid.scene.consistency import inconsistencies
@@ -23,8 +24,7 @@ from resgrid.scene.maps.arrays import MapCells
 from resgrid.scene.messages import report
 from resgrid.scene.quantities import Listed
 from resgrid.scene.toml_lines import Path
-from resgrid.scene.world import cell_centre
-from resgrid.wiring import Boundary, Drive, EdgeRule
+from resgrid.scene.world_coordinates import cell_centre
 
 IN_FILES = ("title", "boundary", "drive", "sampling", "k", "chip", "control")
 """Attributes of a scene that are keys of its file as they are."""

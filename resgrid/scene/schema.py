@@ -24,8 +24,9 @@ from pydantic import (
     model_validator,
 )
 
-from resgrid.arguments import short
-from resgrid.axis import Axis
+from resgrid._internal.validation import short
+from resgrid.core.axis import Axis
+from resgrid.core.wiring import EdgeRule
 from resgrid.errors import suggestion
 from resgrid.robots import ROBOTS, Arm, Ball, Box, HalfSpace, PointRobot, Polygon, Robot
 from resgrid.robots.arm import Length, Width
@@ -37,9 +38,8 @@ from resgrid.scene.maps.formats import FORMATS, map_options
 from resgrid.scene.messages import Problem, complaint, unknown
 from resgrid.scene.quantities import Listed
 from resgrid.scene.scene import IN_FILES, LISTS, Scene
-from resgrid.scene.table import Table, fields_from, filled_as, meanings, problems_of, table_of, value_of
+from resgrid.scene.table_models import TableModel, fields_from, filled_as, meanings, problems_of, table_of, value_of
 from resgrid.scene.toml_lines import Path
-from resgrid.wiring import EdgeRule
 
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
@@ -59,20 +59,20 @@ SHAPES: dict[str, tuple[type, bool]] = {
 """Shapes by what a file calls them, and whether that name is for the plane alone."""
 
 
-class Joints(Table):
+class Joints(TableModel):
     """One configuration of the robot: the cell around it."""
 
     joints: Annotated[Coordinates, Field(description="Of an arm its angles.")]
 
 
-class JointBox(Table):
+class JointBox(TableModel):
     """A box of configurations."""
 
     joints_lower: Annotated[Coordinates, Field(description="Its lower corner.")]
     joints_upper: Annotated[Coordinates, Field(description="Its upper corner.")]
 
 
-class Link(Table):
+class Link(TableModel):
     """A link of an arm."""
 
     length: Annotated[Length, Field(description="From joint to joint.")]
@@ -102,7 +102,7 @@ def _arm_table() -> Any:
     for name in ("lengths", "widths", "limits"):
         del keys[name]
     keys["links"] = (Annotated[list[Link], Len(1, 4)], Field(description="From the base to the tip."))
-    return create_model("type_arm", __base__=Table, __doc__=whole.__doc__, **keys)
+    return create_model("type_arm", __base__=TableModel, __doc__=whole.__doc__, **keys)
 
 
 def _area(shape: type, name: str, is_planar: bool) -> Any:
@@ -190,7 +190,7 @@ def _nothing_required(schema: dict[str, Any]) -> None:
     schema.pop("required", None)
 
 
-class _Implied(Table):
+class _Implied(TableModel):
     """What a robot may fill."""
 
     model_config = ConfigDict(json_schema_extra=_nothing_required)
@@ -227,7 +227,7 @@ AxisTable: Any = create_model(
 _AXIS = filled_as(AxisTable, _axis)
 
 
-class Grid(_Implied):
+class GridTable(_Implied):
     """The grid; an arm's axes need say nothing at all."""
 
     axes: Annotated[list[_AXIS], Len(1, 4), Field(description="One to four.")]  # type: ignore[valid-type]
@@ -257,7 +257,7 @@ _FORMAT = Annotated[
 ]
 Map = create_model(
     "Map",
-    __base__=Table,
+    __base__=TableModel,
     __doc__="A map file instead of a grid, and how to read it; each format takes its own options.",
     file=(Annotated[str, Len(1)], Field(description="Its name, seen from the scene's folder.")),
     format=(_FORMAT, Field("auto", description="Otherwise by the end of its name, or its first bytes.")),
@@ -287,13 +287,13 @@ def _list_of(name: str) -> tuple[Any, Any]:
 _EDGES = Annotated[tuple[EdgeRule, ...], Strict(False), Listed()]
 SceneFile: Any = create_model(
     "Scene",
-    __base__=Table,
+    __base__=TableModel,
     __doc__="A resgrid scene.",
     schema_=(Literal[1], Field(alias="schema", description="Version of this format.")),
     **fields_from(Scene, IN_FILES),
     edge=_key("edge", _EDGES, ("obstacle",)),
     robot=_key("robot", _one_of("robot"), PointRobot()),
-    grid=_key("grid", Grid | None, None, about="The cells; this or a map."),
+    grid=_key("grid", GridTable | None, None, about="The cells; this or a map."),
     map=_key("map", Map | None, None),
     obstacle=_list_of("obstacle"),
     hidden=_list_of("hidden"),
@@ -306,7 +306,7 @@ _ROBOT: TypeAdapter[Robot] = TypeAdapter(_one_of("robot"))
 TABLES: dict[str, Any] = {
     "": SceneFile,
     "links": Link,
-    "grid": Grid,
+    "grid": GridTable,
     "axes": AxisTable,
     "map": Map,
     "chip": table_of(Chip),

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import BudgetError
-from resgrid.solvers.extended import Floats, Indices, Reals
+from resgrid.solvers.scaled import Floats, Indices, Reals
 
 if TYPE_CHECKING:
     from scipy import sparse
@@ -260,7 +260,7 @@ class Laplacian:
 
 def _compress(listed: EdgeList | None, size: int) -> Rows:
     """Rows of a list of edges."""
-    from resgrid.solvers.row_kernels import conductances_by_row
+    from resgrid.solvers.csr_kernels import conductances_by_row
 
     assert listed is not None
     entries = 2 * len(listed.conductance)
@@ -278,7 +278,7 @@ def count_connections(laplacian: Laplacian) -> Connections:
     Resistors are counted one by one, unless some are parallel; on a grid, where only the two across a ring of two cells
     are, no rows are needed.
     """
-    from resgrid.solvers.row_kernels import compare_edges
+    from resgrid.solvers.csr_kernels import compare_edges
 
     grid, room = laplacian.grid, np.zeros(laplacian.size)
     found = compare_edges(*(laplacian.listed or laplacian.as_rows().listed), room, WEAK)

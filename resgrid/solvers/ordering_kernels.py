@@ -15,9 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from resgrid.jit import inlined, interruptible, kernel, makes_arrays
-from resgrid.solvers.extended import Floats, Indices, Singles
-from resgrid.solvers.machine import prefetch
+from resgrid._internal.jit import inlined, interruptible, kernel, makes_arrays
+from resgrid.solvers.llvm_intrinsics import prefetch
+from resgrid.solvers.scaled import Floats, Indices, Singles
 
 _WAITS, _JOINS = -1, -2
 """In place of its step of elimination: of a row that is not eliminated, and of one that joins the newest element."""

@@ -1,7 +1,7 @@
 """Supernodal factors ``P A P^T = L D L^T`` of an M-matrix, in sums, products and quotients of positive numbers alone.
 
 Every entry is right to some roundings, whatever the conductances (Grassmann, Taksar & Heyman 1985; O'Cinneide 1993).
-Substitution is done in scaled numbers (`resgrid.solvers.extended_kernels`).
+Substitution is done in scaled numbers (`resgrid.solvers.scaled_kernels`).
 
 Numba takes seconds to import: only functions that are about to solve import this module.
 """
@@ -13,11 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from resgrid._internal.jit import ZERO, inlined, inner_fast, kernel
 from resgrid.errors import AccuracyError
-from resgrid.jit import ZERO, inlined, inner_fast, kernel
-from resgrid.solvers.extended import Floats, Indices, Integers, Numbers, unscaled
-from resgrid.solvers.extended_kernels import NO_EXPONENT, _add_product, _canonical, _shift
 from resgrid.solvers.laplacian import Graph, Laplacian
+from resgrid.solvers.scaled import Floats, Indices, Integers, Numbers, unscaled
+from resgrid.solvers.scaled_kernels import NO_EXPONENT, _add_product, _canonical, _shift
 from resgrid.solvers.symbolic import Supernodes, Symbolic, order_rows
 
 _STRETCH = 2_000

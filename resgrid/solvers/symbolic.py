@@ -16,12 +16,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from resgrid._internal.jit import ZERO, inlined, interruptible, kernel, makes_arrays
 from resgrid.errors import BudgetError
-from resgrid.jit import ZERO, inlined, interruptible, kernel, makes_arrays
-from resgrid.solvers.extended import Indices, Integers
+from resgrid.solvers.csr_kernels import sort
 from resgrid.solvers.laplacian import MOST_NUMBERED, Laplacian
 from resgrid.solvers.ordering_kernels import minimum_fill, quotient_graph, with_room
-from resgrid.solvers.row_kernels import sort
+from resgrid.solvers.scaled import Indices, Integers
 
 _MOST_FILL, _MOST_FILL_OF_VOLUMES = 60, 600
 """Entries a row above which a circuit is not narrow, and factors in the order by fill are sooner made."""

@@ -14,10 +14,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid import die
-from resgrid.arguments import checked
+from resgrid._internal.validation import checked
+from resgrid.core import random_sites
+from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
-from resgrid.netlist import Netlist
 
 
 @checked
@@ -197,11 +197,11 @@ class MismatchAnalysis:
 
     def factors(self, netlist: Netlist) -> NDArray[np.float64]:
         """What the resistances of one chip are multiplied by; shape (places on the die,)."""
-        return die.mismatch_factors(die.place_count(netlist), self.sigma, self.seed)
+        return random_sites.mismatch_factors(random_sites.place_count(netlist), self.sigma, self.seed)
 
     def apply(self, netlist: Netlist) -> Netlist:
         """One chip of this seed."""
-        return die.scaled(netlist, self.factors(netlist))
+        return random_sites.scaled(netlist, self.factors(netlist))
 
 
 @checked

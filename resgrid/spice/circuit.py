@@ -11,9 +11,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.core.netlist import GROUND, Netlist
+from resgrid.core.networkx_graphs import ARRAYS
 from resgrid.errors import InputError
-from resgrid.graphs import ARRAYS
-from resgrid.netlist import GROUND, Netlist
 from resgrid.spice.dialects import DIALECTS
 
 Severity = Literal["error", "warning", "info"]

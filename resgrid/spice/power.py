@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid._internal.values import frozen
 from resgrid.circuit.nonlinear import nonlinear_drops
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.frozen import frozen
-from resgrid.netlist import GROUND
+from resgrid.core.netlist import GROUND
 from resgrid.spice.circuit import connected_parts
 
 

@@ -10,7 +10,7 @@ from scipy.sparse.linalg import spsolve
 from benchmarks.layouts import boxes, maze, passages
 from benchmarks.problems import NETLISTS, Problem, equations
 from resgrid.circuit.solve import solve
-from resgrid.netlist import Netlist
+from resgrid.core.netlist import Netlist
 
 PROBLEMS = [
     *(Problem("rectangles", 24, boundary) for boundary in ("dirichlet", "neumann")),

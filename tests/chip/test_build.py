@@ -9,9 +9,9 @@ import pytest
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.chip.passes.values import Temperature
-from resgrid.die import generator, seed_of
-from resgrid.space import Cell
+from resgrid.chip.effects.values import Temperature
+from resgrid.core.random_sites import generator, seed_of
+from resgrid.core.space import Cell
 from resgrid.spice.run.ngspice import simulate
 from resgrid.spice.write.flat import flatten
 
@@ -99,7 +99,7 @@ def test_chips_that_differ_in_more_than_values_are_built_one_by_one() -> None:
 
 def test_an_ideal_chip_is_the_netlist_itself() -> None:
     netlist = rg.compile_space(scene())
-    assert rg.passes.of_chip(rg.Chip()) == ()
+    assert rg.chip.effects.of_chip(rg.Chip()) == ()
     assert rg.build_chip(netlist, rg.Chip()) is netlist
 
 

@@ -7,9 +7,9 @@ import pytest
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.chip.passes.spread import Faults
-from resgrid.chip.passes.values import Saturation
-from resgrid.space import Cell
+from resgrid.chip.effects.spread import Faults
+from resgrid.chip.effects.values import Saturation
+from resgrid.core.space import Cell
 
 
 def room(boundary: str = "dirichlet") -> rg.Netlist:

@@ -12,8 +12,8 @@ from hypothesis import given, settings, strategies as st
 from support.dynamics import ExactMotion, random_dynamics, run_analysis, small_scene
 
 import resgrid as rg
-from resgrid.chip.modes import fastest_time_constant
 from resgrid.chip.noise import BOLTZMANN, ROOM
+from resgrid.chip.time_constants import fastest_time_constant
 from resgrid.circuit.dynamics import dynamics_of
 from resgrid.spice.write.flat import flatten
 

@@ -10,7 +10,7 @@ from support.spaces import space_of, spaces
 
 import resgrid as rg
 from resgrid.chip.sensitivity import adjoint_of
-from resgrid.space import Cell
+from resgrid.core.space import Cell
 
 
 def differences(netlist: rg.Netlist, weights: np.ndarray, step: float = 1e-4) -> np.ndarray:

@@ -9,7 +9,7 @@ from support.dynamics import ExactMotion, random_dynamics, run_analysis, small_s
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.chip.modes import fastest_time_constant, slowest_modes
+from resgrid.chip.time_constants import fastest_time_constant, slowest_modes
 from resgrid.circuit.dynamics import dynamics_of
 from resgrid.spice.write.flat import flatten
 
@@ -61,7 +61,7 @@ def test_time_constants_of_random_circuits(seed: int) -> None:
 def test_iteration_and_dense_algebra_agree_where_nodes_lack_capacitance(monkeypatch: pytest.MonkeyPatch) -> None:
     dynamics = dynamics_of(random_dynamics(11, side=8))
     dense = slowest_modes(dynamics, 3).tau[:3], fastest_time_constant(dynamics)
-    monkeypatch.setattr("resgrid.chip.modes.DENSE", 0)
+    monkeypatch.setattr("resgrid.chip.time_constants.DENSE", 0)
     assert slowest_modes(dynamics, 3).tau == pytest.approx(dense[0], rel=1e-8)
     assert fastest_time_constant(dynamics) == pytest.approx(dense[1], rel=3e-3)
 

@@ -11,16 +11,16 @@ from support.dynamics import small_scene
 
 import resgrid as rg
 from resgrid.chip import ANALYSES
-from resgrid.chip.criticality import Criticality
-from resgrid.chip.exploration import Exploration
-from resgrid.chip.figures import Figure, Proportion
+from resgrid.chip.adc_resolution import Precision
+from resgrid.chip.fault_analysis import Criticality
+from resgrid.chip.figures_of_merit import Figure, Proportion
 from resgrid.chip.noise import Noise
 from resgrid.chip.power import Power
-from resgrid.chip.precision import Precision
 from resgrid.chip.report import SECTIONS, report_section
 from resgrid.chip.sensitivity import Sensitivity
 from resgrid.chip.settling import Settling
-from resgrid.chip.studies import Study
+from resgrid.chip.study_analyses import Study
+from resgrid.chip.sweeps import Exploration
 from resgrid.chip.yields import Yield
 
 QUESTIONS = ("settling", "noise", "power", "precision", "sensitivity", "yields", "criticality", "exploration")

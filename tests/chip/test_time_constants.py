@@ -11,7 +11,7 @@ from scipy.linalg import eigh, eigvalsh
 from support.dynamics import with_capacitors
 
 import resgrid as rg
-from resgrid.chip.modes import fastest_time_constant, slowest_modes
+from resgrid.chip.time_constants import fastest_time_constant, slowest_modes
 from resgrid.circuit.dynamics import dynamics_of
 
 Floats = NDArray[np.float64]
@@ -213,7 +213,7 @@ def test_every_node_settles_when_its_exponentials_say(seed: int, iterated: bool)
     exact = ExactLags(G[1:, 1:], capacitance, start)
     with pytest.MonkeyPatch.context() as patch:
         if iterated:
-            patch.setattr("resgrid.chip.modes.DENSE", 0)
+            patch.setattr("resgrid.chip.time_constants.DENSE", 0)
         result = rg.study(netlist).settling(initial=np.append(0.0, start), span=1.0, modes=1)
     wanted = exact.settled(2.0**-11)
     assert result.node_time[1:] == pytest.approx(wanted, rel=2e-3, abs=1e-6 / exact.rate.max())

@@ -12,10 +12,10 @@ from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.chip.build import chip_with
-from resgrid.chip.limits import bits_ladder, mismatch_ladder, offset_ladder
-from resgrid.chip.loss import EFFECTS, YieldLoss, paired_interval
+from resgrid.chip.error_limits import bits_ladder, mismatch_ladder, offset_ladder
 from resgrid.chip.report import Effort, report_markdown, report_section
-from resgrid.scene.table import described_keys
+from resgrid.chip.yield_loss import EFFECTS, YieldLoss, paired_interval
+from resgrid.scene.table_models import described_keys
 
 NOT_EFFECTS = {"resistance", "supply", "wall_resistance", "capacitance", "width", "length", "tc1", "tc2",
                "drawing_grid", "seed", "defects.short_resistance"}  # fmt: skip

@@ -17,11 +17,11 @@ from support.executors import two_workers
 from support.spaces import space_of, spaces
 
 import resgrid as rg
-from resgrid.chip.figures import effective_trials, wilson
+from resgrid.chip.figures_of_merit import effective_trials, wilson
+from resgrid.chip.monte_carlo import arrivals, converter_of, neighbours_of, prepare, run_trials, unpacked
 from resgrid.chip.report import checkpoints_beside
-from resgrid.chip.trials import arrivals, converter_of, neighbours_of, prepare, run_trials, unpacked
 from resgrid.chip.yields import Yield
-from resgrid.die import NOISE, OFFSET, generator
+from resgrid.core.random_sites import NOISE, OFFSET, generator
 
 
 def room(side: int = 12, seed: int = 0, density: float = 0.1) -> rg.ConfigurationSpace:

@@ -15,7 +15,7 @@ from support.spaces import serpentine, space_of, spaces
 
 import resgrid as rg
 from resgrid.circuit.nonlinear import newton, small_signal
-from resgrid.space import Cell
+from resgrid.core.space import Cell
 
 
 def saturating(netlist: rg.Netlist, volts: float | np.ndarray) -> rg.Netlist:

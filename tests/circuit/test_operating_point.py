@@ -10,7 +10,7 @@ import pytest
 from support.circuits import dense_solution, ladder, random_grid
 
 import resgrid as rg
-from resgrid.netlist import Netlist
+from resgrid.core.netlist import Netlist
 
 
 @pytest.mark.parametrize("netlist", [ladder(), random_grid(1), random_grid(2, drive=False)])

@@ -3,9 +3,9 @@ import pytest
 from support.spaces import space_of
 
 from resgrid.circuit.solve import solve
-from resgrid.compiler import compile_space
+from resgrid.core.compiler import compile_space
+from resgrid.core.netlist import Netlist
 from resgrid.errors import CircuitError
-from resgrid.netlist import Netlist
 
 
 def circuit(nodes: int, resistors: list[tuple[int, int, float]], sources: list[tuple[int, int, float]]) -> Netlist:

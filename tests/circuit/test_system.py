@@ -13,12 +13,12 @@ from support.spaces import space_of, spaces
 
 from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.solve import solve
-from resgrid.compiler import compile_space
+from resgrid.core.compiler import compile_space
+from resgrid.core.netlist import Netlist
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import CircuitError
-from resgrid.netlist import Netlist
-from resgrid.solvers.choose import choose_method
 from resgrid.solvers.laplacian import WEAK, count_connections
-from resgrid.space import ConfigurationSpace
+from resgrid.solvers.method_choice import choose_method
 from resgrid.spice.read.deck import read_spice
 
 RULES: tuple[dict[str, Any], ...] = (

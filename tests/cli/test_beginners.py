@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 import resgrid as rg
-from resgrid.arguments import with_article
+from resgrid._internal.validation import with_article
 
 HEAD = "image: map.pgm\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
 
@@ -76,7 +76,7 @@ def test_a_smaller_radius_is_offered_only_where_it_frees_the_goal(call, desk):
 
 
 def test_a_map_that_does_not_fit_is_not_told_to_have_larger_cells(call, desk, monkeypatch):
-    monkeypatch.setattr("resgrid.budget.available_memory", lambda: 4000)
+    monkeypatch.setattr("resgrid._internal.memory.available_memory", lambda: 4000)
     refused = call("path", "map.yaml", "--goal", "0.5,0.5", "--start", "1,1")
     assert refused.exit_code == 4
     assert "crop the map" in refused.stderr and "resolution" in refused.stderr

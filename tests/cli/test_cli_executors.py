@@ -14,7 +14,7 @@ import pytest
 from support.cli import COMMAND, call
 from support.executors import two_workers
 
-from resgrid.extras import install_command
+from resgrid._internal.extras import install_command
 
 WORDS = ["--only", "yield", "--most", "200", "--half-width", "0.001", "--no-check", "-q"]
 
@@ -108,7 +108,7 @@ def test_what_is_interrupted_or_killed_is_taken_up(
 def test_wrong_names_have_one_message(
     scenes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, message: str, code: int
 ) -> None:
-    monkeypatch.setattr("resgrid.workers.DASK_SECONDS", 0.5)
+    monkeypatch.setattr("resgrid._internal.executors.DASK_SECONDS", 0.5)
     monkeypatch.chdir(tmp_path)
     Path("three.py").write_text("config = 3")
     result = call("chip", scenes / "chip.toml", *WORDS, "--executor", name, "-o", tmp_path / "out")

@@ -16,7 +16,7 @@ import pytest
 from support.cli import COMMAND
 
 import resgrid
-from resgrid.cli import report
+from resgrid.cli import terminal
 from resgrid.cli.scenes import is_first_run
 
 PATIENCE = 300.0
@@ -121,7 +121,7 @@ weakref.finalize(thing, end)
 
 def interrupted(*arguments, **options):
     if {left_behind}:
-        report.threading.Thread(target=time.sleep, args=(600,), name=report._WORKER, daemon=True).start()
+        terminal.threading.Thread(target=time.sleep, args=(600,), name=terminal._WORKER, daemon=True).start()
     os.kill(os.getpid(), signal.SIGINT)
     time.sleep(600)
 
@@ -158,8 +158,8 @@ def test_errors_are_coloured_on_a_terminal_only(tmp_path, colourless):
 
 def test_what_an_earlier_run_had_counted_does_not_shorten_the_time_left(monkeypatch):
     now = [0.0]
-    monkeypatch.setattr(report, "time", SimpleNamespace(perf_counter=lambda: now[0]))
-    stage = report.Stage()
+    monkeypatch.setattr(terminal, "time", SimpleNamespace(perf_counter=lambda: now[0]))
+    stage = terminal.Stage()
     for seconds, done in ((1.0, 900), (2.0, 910)):
         now[0] = seconds
         stage.count(done, 1000)
@@ -169,8 +169,8 @@ def test_what_an_earlier_run_had_counted_does_not_shorten_the_time_left(monkeypa
 @pytest.mark.parametrize(("estimate", "expected"), [(0.01, "5 s so far"), (2.0, "5 s so far, longer than expected")])
 def test_a_short_stage_that_waits_for_kernels_is_not_called_late(monkeypatch, estimate, expected):
     now = [0.0]
-    monkeypatch.setattr(report, "time", SimpleNamespace(perf_counter=lambda: now[0]))
-    stage = report.Stage(estimate)
+    monkeypatch.setattr(terminal, "time", SimpleNamespace(perf_counter=lambda: now[0]))
+    stage = terminal.Stage(estimate)
     now[0] = 5.0
     assert stage.outlook() == expected
 
@@ -180,19 +180,19 @@ def test_a_bar_tells_the_time_left_on_a_terminal(tmp_path):
 import sys, threading
 from resgrid.cli import report
 
-shown, started_bar = threading.Event(), report._started_bar
+shown, started_bar = threading.Event(), terminal._started_bar
 
 def started(*words):
     bar = started_bar(*words)
     shown.set()
     return bar
 
-report._started_bar, report.PATIENCE = started, 0.0
-with report.stage("follow the current", steps=4) as progress:
+terminal._started_bar, terminal.PATIENCE = started, 0.0
+with terminal.stage("follow the current", steps=4) as progress:
     progress.advance()
     assert shown.wait(300) if sys.stderr.isatty() else True
 shown.clear()
-with report.stage("solve the chip", seconds=1000.0):
+with terminal.stage("solve the chip", seconds=1000.0):
     assert shown.wait(300) if sys.stderr.isatty() else True
 """
     with subprocess.Popen(
@@ -208,7 +208,7 @@ def test_a_kept_loop_ends_the_first_run(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     assert is_first_run()
     (tmp_path / "nodal_1").mkdir()
-    (tmp_path / "nodal_1" / "row_kernels.conductances_by_row-9.py311.nbi").touch()
+    (tmp_path / "nodal_1" / "csr_kernels.conductances_by_row-9.py311.nbi").touch()
     assert not is_first_run()
 
 

@@ -10,8 +10,8 @@ import pytest
 import yaml
 from PIL import Image
 
+from resgrid._internal.files import whole_folder
 from resgrid.errors import InputError
-from resgrid.files import whole_folder
 
 
 def names(folder: Path) -> set[str]:

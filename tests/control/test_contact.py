@@ -9,10 +9,10 @@ from hypothesis import given, settings, strategies as st
 from scipy.optimize import nnls
 from support.robots import BAR
 
-from resgrid.axis import Axis
 from resgrid.control.contact import Surroundings, solve_contacts, surroundings
-from resgrid.control.forces import contact_forces
+from resgrid.control.contact_forces import contact_forces
 from resgrid.control.plant import PAIR, make_plant, plant_of
+from resgrid.core.axis import Axis
 from resgrid.errors import InputError
 from resgrid.robots import (
     Arm,

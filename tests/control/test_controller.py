@@ -9,15 +9,15 @@ from support.spaces import space_of, spaces
 
 import resgrid as rg
 from resgrid.circuit.solve import solve
-from resgrid.compiler import compile_space
 from resgrid.control.controller import Controller
+from resgrid.core.compiler import compile_space
+from resgrid.core.space import Cell
+from resgrid.core.wiring import Wiring
 from resgrid.errors import CircuitError, InputError
+from resgrid.planning.pipeline import solve_field
 from resgrid.planning.planner import plan
-from resgrid.planning.road import solve_field
 from resgrid.planning.streamline import Outcome
 from resgrid.planning.trace import streamline
-from resgrid.space import Cell
-from resgrid.wiring import Wiring
 
 WALL = np.zeros((12, 10), np.uint8)
 WALL[5:7, 2:8], WALL[9, 5] = Cell.OBSTACLE, Cell.GOAL

@@ -8,17 +8,17 @@ from hypothesis import example, given, settings, strategies as st
 from support.hidden import controlled, square
 from support.robots import BAR
 
-from resgrid.axis import Axis
-from resgrid.control.belief import LiveMap, solve_again
 from resgrid.control.plant import INSIDE, make_plant
 from resgrid.control.simulation import simulation
+from resgrid.control.state_estimate import LiveMap, solve_again
+from resgrid.core.axis import Axis
+from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.wiring import Wiring
 from resgrid.errors import InputError
-from resgrid.planning.road import solve_field
+from resgrid.planning.pipeline import solve_field
 from resgrid.robots import Arm, Ball, Box, DiscRobot, Polygon, Robot
 from resgrid.scene import Scene
 from resgrid.scene.scene import GoalCell
-from resgrid.space import Cell, ConfigurationSpace
-from resgrid.wiring import Wiring
 
 TURNING = (Axis("x", -2, 2, 12), Axis("y", -2, 2, 12), BAR.turning_axis(12))
 ARM = Arm((1.0, 0.8), widths=(0.06, 0.0), self_collision=True, singularity_cells=1)

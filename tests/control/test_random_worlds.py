@@ -9,10 +9,10 @@ import pytest
 import shapely
 from support.hidden import hiding
 
-from resgrid.control.log import Ending
-from resgrid.grids import label_regions
+from resgrid.control.run_log import Ending
+from resgrid.core.regions import label_regions
+from resgrid.core.space import Cell
 from resgrid.robots import Ball, Box, DiscRobot, PointRobot, Shape, to_shapely
-from resgrid.space import Cell
 
 
 def with_path(blocked: np.ndarray, cell: np.ndarray) -> np.ndarray:

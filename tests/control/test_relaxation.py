@@ -11,18 +11,18 @@ from hypothesis import assume, example, given, settings, strategies as st
 from support.hidden import controlled, hiding, square
 
 import resgrid as rg
-from resgrid.axis import Axis
 from resgrid.circuit.solve import solve
 from resgrid.circuit.transient import transient
-from resgrid.compiler import compile_space
-from resgrid.control.log import Ending, Mode
 from resgrid.control.plant import make_plant
 from resgrid.control.relaxation import TICK, Relaxation, RelaxingGrid, field_now
+from resgrid.control.run_log import Ending, Mode
 from resgrid.control.simulation import Simulation, announce_hidden, wavefront
+from resgrid.core.axis import Axis
+from resgrid.core.compiler import compile_space
+from resgrid.core.netlist import GROUND
+from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import InputError
-from resgrid.netlist import GROUND
 from resgrid.robots import Box, PointRobot
-from resgrid.space import Cell, ConfigurationSpace
 
 BLOCK = Box((2.0, 3.0), (6.5, 4.0))
 

@@ -10,16 +10,16 @@ from hypothesis import given, settings, strategies as st
 from support.hidden import controlled, hiding, square
 
 import resgrid as rg
-from resgrid.control.log import Ending, Mode, Run
-from resgrid.control.pushes import Push, random_pushes
+from resgrid.control.external_forces import Push, random_pushes
 from resgrid.control.relaxation import Relaxation
+from resgrid.control.run_log import Ending, Mode, Run
 from resgrid.control.simulation import Simulation, simulation
+from resgrid.core.regions import label_regions
+from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import InputError
-from resgrid.grids import label_regions
 from resgrid.planning.trace import streamline
 from resgrid.robots import Ball, Box, PointRobot, Polygon
 from resgrid.scene import parse_scene, read_scene
-from resgrid.space import Cell, ConfigurationSpace
 
 BOX = Box((2.5, 3.0), (6.2, 4.0))
 U = [Box((2.0, 2.5), (6.0, 3.0)), Box((2.0, 2.5), (2.5, 5.5)), Box((5.5, 2.5), (6.0, 5.5))]

@@ -10,16 +10,16 @@ import shapely
 from hypothesis import assume, given, settings, strategies as st
 from support.hidden import controlled, hiding, square
 
-from resgrid.axis import Axis
 from resgrid.control.contact import solve_contacts, surroundings
 from resgrid.control.controller import make_controller
-from resgrid.control.log import End, Ending, Mode, Recorder, Run
+from resgrid.control.external_forces import Push
 from resgrid.control.plant import Plant, make_plant
-from resgrid.control.pushes import Push
+from resgrid.control.run_log import End, Ending, Mode, Recorder, Run
 from resgrid.control.simulation import Simulation
+from resgrid.core.axis import Axis
+from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.robots import Arm, Ball, Box, DiscRobot, HalfSpace, PointRobot, Polygon, PolygonRobot, Robot, Shape
-from resgrid.space import Cell, ConfigurationSpace
 
 BAR = PolygonRobot(((-0.4, -0.1), (0.4, -0.1), (0.4, 0.1), (-0.4, 0.1)), turning_length=0.5)
 ROBOTS: list[Robot] = [

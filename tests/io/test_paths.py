@@ -12,14 +12,14 @@ import yaml
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.axis import Axis
+from resgrid.core.axis import Axis
+from resgrid.core.frame import Frame
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
-from resgrid.frame import Frame
 from resgrid.io.paths import Route, path_columns, write_path, write_routes
 from resgrid.io.ros_paths import headings, ros_plan
-from resgrid.planning.timing import time_path
+from resgrid.planning.time_parameterization import time_path
 from resgrid.robots import Arm, PolygonRobot
-from resgrid.space import ConfigurationSpace
 
 PLANE = space_of(np.zeros((10, 10)))
 WAY = [(0.5, 1e-5), (3.5, 4.0), (3.5, 8.0)]

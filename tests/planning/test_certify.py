@@ -10,16 +10,16 @@ from hypothesis import given, settings, strategies as st
 from support.spaces import spaces
 
 import resgrid as rg
-from resgrid.axis import Axis
 from resgrid.circuit.solve import solve
-from resgrid.compiler import compile_space
+from resgrid.core.axis import Axis
+from resgrid.core.compiler import compile_space
+from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import CertificateError
 from resgrid.planning.certify import certify, certify_free
 from resgrid.planning.fields import Field
 from resgrid.planning.shortcut import shorten
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.planning.trace import streamline
-from resgrid.space import Cell, ConfigurationSpace
 
 PLACES = {
     "at home": ((0.0, 0.0), 0.5),

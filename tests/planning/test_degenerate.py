@@ -15,11 +15,11 @@ from support.cli import answer, call
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.page.drawing import Drawing, drawing_of_space
-from resgrid.page.messages import write_drawing
-from resgrid.page.saving import scene_toml
-from resgrid.page.session import Session
-from resgrid.space import ConfigurationSpace
+from resgrid.core.space import ConfigurationSpace
+from resgrid.live_page.drawing import Drawing, drawing_of_space
+from resgrid.live_page.messages import write_drawing
+from resgrid.live_page.saving import scene_toml
+from resgrid.live_page.session import Session
 
 FREE, OBSTACLE, GOAL = 0, 1, 2
 MAPS = {

@@ -14,19 +14,19 @@ from support.spaces import space_of, spaces
 
 import resgrid as rg
 from resgrid.circuit.solve import solve
-from resgrid.compiler import compile_space
+from resgrid.core.compiler import compile_space
+from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import CertificateError
 from resgrid.io.paths import path_columns, write_path
 from resgrid.planning.certify import certify, certify_free
 from resgrid.planning.fields import Field, undriven_field
 from resgrid.planning.shortcut import shorten
 from resgrid.planning.streamline import Outcome, length_of, unwrap
-from resgrid.planning.timing import time_path
+from resgrid.planning.time_parameterization import time_path
 from resgrid.planning.trace import streamline, streamlines
 from resgrid.planning.workspace import replay, workspace_path
 from resgrid.plot.paths import seam_pieces
 from resgrid.robots import CellSet
-from resgrid.space import Cell, ConfigurationSpace
 
 
 def aimed(space: ConfigurationSpace, rng: np.random.Generator, whole: float = 0.3) -> ConfigurationSpace:

@@ -5,7 +5,7 @@ from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.errors import InputError
-from resgrid.planning.normals import octree_voxels
+from resgrid.planning.surface_normals import octree_voxels
 
 
 def ball(radius: float, ndim: int, margin: int = 4) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -17,7 +17,7 @@ from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.errors import AccuracyError, ToolMissingError
-from resgrid.planning.ranked import solve_ranked
+from resgrid.planning.petsc_fields import solve_ranked
 from resgrid.solvers import petsc
 
 try:
@@ -104,7 +104,7 @@ def test_streamlines_end_where_the_field_is_not_safe() -> None:
 def test_a_start_that_drives_is_served() -> None:
     space = scatter((20, 20), (), 3)
     start = tuple(np.argwhere(space.goal_connected)[100].tolist())
-    from resgrid.wiring import Wiring
+    from resgrid.core.wiring import Wiring
 
     wiring = Wiring("neumann", "start", start=start)
     theirs = solve_ranked(space, wiring, 2).field

@@ -8,16 +8,16 @@ from support.verdicts import check_verdicts
 
 import resgrid as rg
 from resgrid.circuit.solve import solve
-from resgrid.compiler import compile_space
+from resgrid.core.compiler import compile_space
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
-from resgrid.planning import road
+from resgrid.planning import pipeline
 from resgrid.planning.blend import blend
 from resgrid.planning.certify import certify
 from resgrid.planning.planner import clearance_curve, plan
 from resgrid.planning.streamline import Outcome
 from resgrid.planning.trace import streamline
 from resgrid.scene import read_scene
-from resgrid.space import ConfigurationSpace
 
 
 def two_goal_room() -> ConfigurationSpace:
@@ -50,13 +50,13 @@ def test_a_planner_gives_what_the_stages_give() -> None:
 
 def test_blends_share_two_solves(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = []
-    solve = road.Work.solve
+    solve = pipeline.Work.solve
 
-    def counted(work: road.Work, netlist: rg.Netlist, stage: str) -> rg.OperatingPoint:
+    def counted(work: pipeline.Work, netlist: rg.Netlist, stage: str) -> rg.OperatingPoint:
         calls.append(netlist.cells.wiring.boundary)
         return solve(work, netlist, stage)
 
-    monkeypatch.setattr(road.Work, "solve", counted)
+    monkeypatch.setattr(pipeline.Work, "solve", counted)
     planner = plan(two_goal_room(), k=1.0)
     planner.paths([(1.0, 14.0), (8.0, 7.0)])
     clearance_curve(planner, (0.0, 0.2, 1.0), [(1.0, 14.0)])

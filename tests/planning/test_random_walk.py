@@ -6,12 +6,12 @@ from support.spaces import space_of, spaces
 
 import resgrid as rg
 from resgrid.circuit.solve import solve
-from resgrid.compiler import compile_space
+from resgrid.core.compiler import compile_space
+from resgrid.core.netlist import Netlist
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import CircuitError, InputError
-from resgrid.netlist import Netlist
 from resgrid.planning.random_walk import collision_probability, hitting_probability, random_walk
 from resgrid.planning.trace import basins, streamline
-from resgrid.space import ConfigurationSpace
 
 BOUNDARIES = [{}, {"boundary": "wall", "wall_resistance": 3.0}, {"boundary": "neumann"}, {"rails": "cells"}]
 

@@ -13,15 +13,15 @@ from support.spaces import serpentine, space_of, spaces
 
 import resgrid as rg
 from resgrid.circuit.solve import solve
-from resgrid.compiler import compile_space
+from resgrid.core.compiler import compile_space
+from resgrid.core.regions import label_regions
+from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import CertificateError, InputError
-from resgrid.grids import label_regions
 from resgrid.planning import kernels
 from resgrid.planning.certify import certify_free
 from resgrid.planning.fields import Field
 from resgrid.planning.streamline import length_of, unwrap
 from resgrid.planning.trace import streamline
-from resgrid.space import Cell, ConfigurationSpace
 
 
 def touched_exactly(start: list[float], end: list[float], shape: tuple[int, ...]) -> set[tuple[int, ...]]:

@@ -5,14 +5,14 @@ from support.spaces import space_of, spaces
 
 import resgrid as rg
 from resgrid.circuit.solve import solve
-from resgrid.compiler import compile_space
+from resgrid.core.compiler import compile_space
+from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import CertificateError, CircuitError, InputError
 from resgrid.planning.blend import blend, dirichlet_share
 from resgrid.planning.certify import certify
 from resgrid.planning.fields import Field, undriven_field
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.planning.trace import streamline, streamlines
-from resgrid.space import Cell, ConfigurationSpace
 
 BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 2.0}]
 

@@ -7,12 +7,12 @@ from support.spaces import space_of, spaces
 
 import resgrid as rg
 from resgrid.circuit.solve import solve
-from resgrid.compiler import compile_space
+from resgrid.core.compiler import compile_space
+from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.planning.clearance import clearance_of, obstacle_reach
 from resgrid.planning.streamline import length_of, unwrap
 from resgrid.planning.trace import streamline
-from resgrid.space import Cell, ConfigurationSpace
 
 
 @given(spaces(max_cells=7), st.data())

@@ -12,9 +12,10 @@ from support.robots import BAR
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.axis import Axis
 from resgrid.circuit.solve import solve
-from resgrid.compiler import compile_space
+from resgrid.core.axis import Axis
+from resgrid.core.compiler import compile_space
+from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.planning.clearance import clearance_of, obstacle_reach
 from resgrid.planning.shortcut import shorten
@@ -32,7 +33,6 @@ from resgrid.robots import (
     Polygon,
     to_shapely,
 )  # fmt: skip
-from resgrid.space import Cell, ConfigurationSpace
 
 ARM = Arm((1.0, 1.0), widths=(0.1, 0.06))
 TORUS = ConfigurationSpace(ARM.axes(8), np.zeros((8, 8)), robot=ARM)

@@ -9,9 +9,9 @@ from support.dynamics import small_scene, with_capacitors
 from support.spaces import space_of
 
 import resgrid as rg
+from resgrid.chip.adc_resolution import Precision
 from resgrid.chip.noise import Noise
 from resgrid.chip.power import Power
-from resgrid.chip.precision import Precision
 from resgrid.chip.settling import Settling
 
 

@@ -13,7 +13,7 @@ from matplotlib.quiver import Quiver
 from PIL import Image
 
 import resgrid as rg
-from resgrid.control.log import Mode
+from resgrid.control.run_log import Mode
 from resgrid.control.simulation import Wavefront, wavefront
 from resgrid.errors import InputError, ToolMissingError
 from resgrid.plot.animations import check_animation, frame_rows

@@ -11,7 +11,7 @@ from matplotlib.quiver import Quiver
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.colours import GOAL, HEIGHT
+from resgrid._internal.colours import GOAL, HEIGHT
 from resgrid.plot.fields import current_arrows, nearest_to_middles
 from resgrid.plot.plane import block_colours, block_means
 from resgrid.plot.shading import add_border, fill_open_walls, nice_step, shading_of, span

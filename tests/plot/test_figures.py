@@ -45,7 +45,7 @@ def test_wrong_formats_folders_and_resolutions_are_input_errors(field, tmp_path:
 
 def test_computing_never_imports_matplotlib_and_drawing_never_pyplot() -> None:
     code = (
-        "import sys, resgrid.planning.trace, resgrid.planning.blend, resgrid.circuit.solve, resgrid.compiler\n"
+        "import sys, resgrid.planning.trace, resgrid.planning.blend, resgrid.circuit.solve, resgrid.core.compiler\n"
         "import resgrid.scene, resgrid.spice\n"
         "assert 'matplotlib' not in sys.modules\n"
         "import resgrid.plot\n"

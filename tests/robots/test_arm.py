@@ -8,9 +8,9 @@ import shapely
 from hypothesis import given, settings, strategies as st
 from scipy.optimize import least_squares
 
-from resgrid.axis import Axis
+from resgrid.core.axis import Axis
+from resgrid.core.regions import label_regions
 from resgrid.errors import InputError
-from resgrid.grids import label_regions
 from resgrid.robots import Arm, Ball, Box, HalfSpace, Polygon, Robot, to_shapely
 from resgrid.robots.arm_cells import tip_travel
 

@@ -18,7 +18,7 @@ from support.dumbbell import Dumbbell
 
 import resgrid as rg
 from resgrid.errors import InputError
-from resgrid.robots import Part, to_shapely
+from resgrid.robots import RigidPart, to_shapely
 
 ROBOT = Dumbbell(0.8, 0.12)
 OBSTACLES = (rg.Box((1.2, 0.0), (1.4, 0.9)), rg.Ball((1.3, 1.7), 0.2), rg.HalfSpace((0.0, 1.0), 0.02))
@@ -79,8 +79,8 @@ def test_it_feels_and_learns_what_the_map_does_not_show() -> None:
 
 def test_what_a_robot_does_not_say_is_named() -> None:
     class Ghost(rg.Robot):
-        def parts(self, configurations: NDArray[np.float64]) -> list[Part]:
-            return [Part(np.asarray(shapely.points(configurations[:, :2])), 0.1)]
+        def parts(self, configurations: NDArray[np.float64]) -> list[RigidPart]:
+            return [RigidPart(np.asarray(shapely.points(configurations[:, :2])), 0.1)]
 
         def travel(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
             return np.asarray(np.linalg.norm(end - start, axis=1))

@@ -7,11 +7,11 @@ import pytest
 import shapely
 from hypothesis import given, settings, strategies as st
 
-from resgrid.axis import Axis
+from resgrid.core.axis import Axis
+from resgrid.core.space import label_regions
 from resgrid.errors import InputError
 from resgrid.robots import Ball, Box, CellSet, DiscRobot, HalfSpace, PointRobot, Polygon, Robot
 from resgrid.scene import parse_scene
-from resgrid.space import label_regions
 
 AXES = (Axis("x", -1.0, 2.0, 12), Axis("y", 0.0, 2.0, 5))
 coordinate = st.floats(-2, 3, allow_nan=False).map(lambda value: round(value, 3))

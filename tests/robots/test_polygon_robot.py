@@ -5,7 +5,8 @@ import pytest
 import shapely
 from hypothesis import given, settings, strategies as st
 
-from resgrid.axis import Axis
+from resgrid.core.axis import Axis
+from resgrid.core.space import Cell
 from resgrid.errors import InputError
 from resgrid.robots import (
     Ball,
@@ -21,7 +22,6 @@ from resgrid.robots import (
 )
 from resgrid.scene import read_scene, sample
 from resgrid.scene.overrides import apply_overrides
-from resgrid.space import Cell
 
 OBSTACLES = [
     Box((0.5, 0.2), (0.7, 1.1)),

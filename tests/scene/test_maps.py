@@ -147,7 +147,7 @@ def test_voxel_maps_that_are_wrong(tmp_path, text, expected):
 
 @pytest.mark.parametrize("name", ["arena", "den312d", "random-32-32-20", "room-32-32-4", "maze-32-32-2"])
 def test_the_ends_of_every_query_are_free_and_joined(cases, name):
-    from resgrid.grids import label_regions
+    from resgrid.core.regions import label_regions
 
     folder = cases / "movingai"
     (queries,) = (read_queries(file) for file in folder.glob(f"{name}*.scen"))
@@ -492,10 +492,10 @@ def test_reading_a_picture_takes_no_more_memory_than_it_asks_for(tmp_path, monke
     """The estimate, by which maps are refused beforehand, against what is truly taken."""
     import tracemalloc
 
-    from resgrid import budget
+    from resgrid._internal import memory
 
     asked = []
-    monkeypatch.setattr(budget, "require_memory", lambda needed, *_: asked.append(needed))
+    monkeypatch.setattr(memory, "require_memory", lambda needed, *_: asked.append(needed))
     file = tmp_path / "map.png"
     Image.new(mode, (400, 300), "white").save(file)
     options = {"format": kind}

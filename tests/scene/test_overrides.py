@@ -14,7 +14,7 @@ from support.cli import answer, call
 
 from resgrid.errors import InputError
 from resgrid.scene.overrides import apply_overrides, build_changed, document_of
-from resgrid.scene.read import parse_document, read_document, read_scene
+from resgrid.scene.reading import parse_document, read_document, read_scene
 
 ROOM = """schema = 1
 starts = [[0.5, 0.5]]

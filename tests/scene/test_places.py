@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given, settings, strategies as st
 
-from resgrid.axis import Axis
-from resgrid.scene.places import nearest_cell
+from resgrid.core.axis import Axis
+from resgrid.scene.nearest_place import nearest_cell
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3))

@@ -12,7 +12,7 @@ import pytest
 import resgrid as rg
 from resgrid.robots import ROBOTS
 from resgrid.scene.schema import KINDS
-from resgrid.scene.table import described_keys
+from resgrid.scene.table_models import described_keys
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = DOCS / "reference" / "scene.md"

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 import resgrid as rg
+from resgrid.core.regions import label_regions
 from resgrid.errors import InputError
-from resgrid.grids import label_regions
 from resgrid.robots import Arm, Box, DiscRobot, PolygonRobot
 from resgrid.scene import GoalJoints, parse_scene, read_scene, sample
 from resgrid.scene.overrides import apply_overrides, document_of
-from resgrid.scene.read import build_scene
+from resgrid.scene.reading import build_scene
 
 ARM = """
 schema = 1

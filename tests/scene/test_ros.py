@@ -11,8 +11,8 @@ from resgrid.errors import InputError
 from resgrid.scene import occupancy_grid, read_scene, sample
 from resgrid.scene.maps.ros import ros_greys
 from resgrid.scene.maps.ros_header import read_header
-from resgrid.scene.places import is_unknown
-from resgrid.scene.world import located, unknown_cells
+from resgrid.scene.nearest_place import is_unknown
+from resgrid.scene.world_coordinates import located, unknown_cells
 
 HEADER = {
     "image": "map.png",

@@ -3,12 +3,12 @@
 import numpy as np
 from hypothesis import given, settings, strategies as st
 
-from resgrid.axis import Axis
-from resgrid.frame import Frame
+from resgrid.core.axis import Axis
+from resgrid.core.frame import Frame
 from resgrid.robots import Ball, Box, HalfSpace, PointRobot
 from resgrid.scene import Chip, CostArea, GoalCell, GoalPoint, Scene
 from resgrid.scene.overrides import document_of
-from resgrid.scene.read import build_scene
+from resgrid.scene.reading import build_scene
 
 number = st.floats(-1e6, 1e6, allow_nan=False)
 positive = st.floats(1e-9, 1e9)

@@ -11,9 +11,9 @@ from scipy.sparse.linalg import spsolve
 from support.spaces import space_of
 
 import resgrid as rg
+from resgrid.circuit.batch import prepare_batch
 from resgrid.circuit.equations import assemble
-from resgrid.circuit.many import prepare_batch
-from resgrid.solvers.reuse import solve_by_levels, solve_in_order
+from resgrid.solvers.hierarchy_reuse import solve_by_levels, solve_in_order
 
 
 def open_grid(shape: tuple[int, ...], periodic: tuple[bool, ...] | None = None, **options: object) -> rg.Netlist:

@@ -11,20 +11,20 @@ from numpy.typing import NDArray
 from support.levels import cells_of, matrix_of, preconditioned
 from support.spaces import space_of, spaces
 
-from resgrid.axis import Axis
+from resgrid._internal.jit import ZERO
 from resgrid.circuit.equations import Equations, assemble
-from resgrid.compiler import compile_space
+from resgrid.core.axis import Axis
+from resgrid.core.compiler import compile_space
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import CircuitError
-from resgrid.jit import ZERO
 from resgrid.solvers.laplacian import Graph, Grid
 from resgrid.solvers.multigrid import cycle
-from resgrid.solvers.multigrid.blocks import coarsen
-from resgrid.solvers.multigrid.graphs import pack_graphs
+from resgrid.solvers.multigrid.graph_coarsening import pack_graphs
+from resgrid.solvers.multigrid.grid_coarsening import coarsen
 from resgrid.solvers.multigrid.grid_level import Level, compensated, in_single, lay_out, stencil_of, to_graph
 from resgrid.solvers.multigrid.hierarchy import GridProblem, build_hierarchy
 from resgrid.solvers.multigrid.krylov import black_residual
 from resgrid.solvers.multigrid.levels import Finest, Levels
-from resgrid.space import ConfigurationSpace
 
 BOUNDARIES = st.sampled_from(["dirichlet", "neumann"])
 

@@ -6,7 +6,7 @@ from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.circuit.equations import assemble
-from resgrid.solvers.choose import choose_method
+from resgrid.solvers.method_choice import choose_method
 
 
 def patched(size: int, block: int, decades: float) -> rg.ConfigurationSpace:

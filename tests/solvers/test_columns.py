@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy import sparse
 
-from resgrid.solvers.columns import inverse_diagonal, positive_inverse_diagonal
 from resgrid.solvers.laplacian import Laplacian, Rows
+from resgrid.solvers.selected_inverse import inverse_diagonal, positive_inverse_diagonal
 from resgrid.solvers.supernodal import factor_supernodes
 from resgrid.solvers.symbolic import Symbolic, order_by_distance, order_by_fill
 

@@ -14,9 +14,9 @@ from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.circuit.equations import assemble
-from resgrid.grids import face_counts
-from resgrid.planning.ranked import slabs
-from resgrid.solvers import columns
+from resgrid.core.regions import face_counts
+from resgrid.planning.petsc_fields import slabs
+from resgrid.solvers import selected_inverse
 from resgrid.solvers.laplacian import EdgeList, Laplacian
 from resgrid.solvers.multigrid.grid_level import lay_out
 from resgrid.solvers.multigrid.red_black import Lattice
@@ -63,8 +63,10 @@ def test_factors_of_more_rows_than_can_be_numbered_are_refused(
 
 def test_the_columns_of_large_factors_are_numbered_with_64_bits(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[tuple[np.ndarray, np.ndarray]] = []
-    monkeypatch.setattr(columns, "selected_inverse", lambda starts, rows, *_: seen.append((starts, rows)))
-    columns.positive_inverse_diagonal(factor_supernodes(assemble(rg.compile_space(scattered((9, 10)))).laplacian))
+    monkeypatch.setattr(selected_inverse, "selected_inverse", lambda starts, rows, *_: seen.append((starts, rows)))
+    selected_inverse.positive_inverse_diagonal(
+        factor_supernodes(assemble(rg.compile_space(scattered((9, 10)))).laplacian)
+    )
     ((starts, rows),) = seen
     assert starts.dtype == np.int64
     assert np.array_equal(rows[starts[:-1]], np.arange(len(starts) - 1))

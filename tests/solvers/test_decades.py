@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 from support.spaces import serpentine, space_of, spaces
 
 from resgrid.circuit.solve import solve
-from resgrid.compiler import compile_space
+from resgrid.core.compiler import compile_space
+from resgrid.core.netlist import Netlist
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import CircuitError
-from resgrid.netlist import Netlist
-from resgrid.space import ConfigurationSpace
 
 
 def rooms(size: int = 200) -> NDArray[np.uint8]:

@@ -10,13 +10,13 @@ from support.spaces import serpentine, space_of, spaces
 
 from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.solve import solve
-from resgrid.compiler import compile_space
+from resgrid.core.compiler import compile_space
+from resgrid.core.netlist import Netlist
 from resgrid.errors import CircuitError
-from resgrid.netlist import Netlist
-from resgrid.solvers.choose import factor_laplacian
-from resgrid.solvers.extended import Scaled
-from resgrid.solvers.factor import factor_direct
-from resgrid.solvers.monitor import Watch
+from resgrid.solvers.factors import factor_direct
+from resgrid.solvers.method_choice import factor_laplacian
+from resgrid.solvers.progress import ProgressMonitor
+from resgrid.solvers.scaled import Scaled
 from resgrid.solvers.symbolic import order_by_distance, order_by_fill
 
 
@@ -117,7 +117,7 @@ def test_both_methods_agree_on_spaces(space: object, boundary: str) -> None:
         return
     rhs = system.rails.to_low if system.rails is not None else np.abs(system.injected)
     direct, _ = factor_direct(system.laplacian).solve_nonnegative(rhs)
-    watch = Watch()
+    watch = ProgressMonitor()
     found, error = factor_laplacian(system.laplacian, "multigrid").solve_nonnegative(rhs, watch=watch)
     assert np.allclose(found.log, direct.log, rtol=0, atol=min(watch.bound, 1e-8) + 1e-13 * system.size)
     # Nothing is proved where no current flows.
@@ -137,7 +137,7 @@ def test_a_chain_of_a_hundred_thousand_resistors_is_right_entry_by_entry() -> No
     n = 100_000
     pairs = np.stack([np.arange(1, n + 1), np.arange(n)], axis=1)
     system = grounded(pairs, np.ones(n))
-    watch = Watch()
+    watch = ProgressMonitor()
     found, _ = factor_laplacian(system.laplacian, "auto").solve_nonnegative(np.ones(n), watch=watch)
     k = np.arange(1, n + 1, dtype=object)
     expected = (k * (2 * n + 1 - k) // 2).astype(float)

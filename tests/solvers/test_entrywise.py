@@ -11,11 +11,11 @@ import resgrid as rg
 from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import scale_drive, solve
-from resgrid.compiler import compile_space
+from resgrid.core.compiler import compile_space
+from resgrid.core.netlist import Netlist
 from resgrid.errors import AccuracyError, InputError
-from resgrid.netlist import Netlist
-from resgrid.solvers.choose import factor_laplacian
-from resgrid.solvers.columns import symmetric_factors
+from resgrid.solvers.method_choice import factor_laplacian
+from resgrid.solvers.selected_inverse import symmetric_factors
 
 
 def reference_log(system: Equations, rhs: np.ndarray) -> np.ndarray:

@@ -10,8 +10,8 @@ import pytest
 from support.spaces import serpentine, space_of
 
 import resgrid as rg
-from resgrid.solvers.extended import Scaled
-from resgrid.solvers.factor import Factor
+from resgrid.solvers.factors import Factor
+from resgrid.solvers.scaled import Scaled
 
 
 def room(*shape: int) -> rg.Netlist:

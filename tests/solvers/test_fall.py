@@ -8,11 +8,11 @@ from support.spaces import serpentine, space_of, spaces
 
 from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.solve import solve
-from resgrid.compiler import compile_space
+from resgrid.core.compiler import compile_space
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import CircuitError
-from resgrid.solvers.decay import costs_by_depth, decay, foresee_decades
+from resgrid.solvers.decay_estimate import costs_by_depth, decay, foresee_decades
 from resgrid.solvers.laplacian import count_connections
-from resgrid.space import ConfigurationSpace
 
 RATE, WALL = np.pi, 0.3
 LN10 = np.log(10.0)

@@ -8,15 +8,15 @@ from scipy import sparse
 
 from resgrid.circuit.equations import assemble
 from resgrid.circuit.solve import solve
-from resgrid.netlist import Netlist
+from resgrid.core.netlist import Netlist
 from resgrid.solvers import ordering_kernels as ordering
 from resgrid.solvers.laplacian import Graph, Rows
-from resgrid.solvers.monitor import Watch
-from resgrid.solvers.multigrid import cycle, graphs
+from resgrid.solvers.multigrid import cycle, graph_coarsening
 from resgrid.solvers.multigrid.conjugate_gradients import iterate
+from resgrid.solvers.multigrid.graph_coarsening import coarsen_down
 from resgrid.solvers.multigrid.graph_sweeps import Graphs, ascend_graph, work_space
-from resgrid.solvers.multigrid.graphs import coarsen_down
 from resgrid.solvers.multigrid.hierarchy import build_hierarchy
+from resgrid.solvers.progress import ProgressMonitor
 
 GRAPHS = {"nodes": st.integers(2, 60), "per_node": st.floats(0.6, 8.0), "seed": st.integers(0, 2**31)}
 
@@ -36,7 +36,7 @@ def random_graph(nodes: int, per_node: float, seed: int, decades: float = 2.0) -
 
 
 def packed_netlist(graph: Graph) -> tuple[Graphs, NDArray[np.int32]]:
-    return graphs.pack_netlist(Rows(*graph[:3]), graph.leak, 1.0)
+    return graph_coarsening.pack_netlist(Rows(*graph[:3]), graph.leak, 1.0)
 
 
 def dense(graph: Graph) -> NDArray[np.float64]:
@@ -50,9 +50,9 @@ def test_rows_stand_by_colour_and_no_two_neighbours_share_one(
     nodes: int, per_node: float, seed: int, window: int
 ) -> None:
     graph = random_graph(nodes, per_node, seed)
-    order = graphs.order_by_colour(graph.indptr, graph.indices, window)
+    order = graph_coarsening.order_by_colour(graph.indptr, graph.indices, window)
     assert np.array_equal(np.sort(order), np.arange(nodes))
-    colour, _ = graphs._colours(graph.indptr, graph.indices)
+    colour, _ = graph_coarsening._colours(graph.indptr, graph.indices)
     assert np.all(np.diff(colour[order]) >= 0)
     row = np.repeat(np.arange(nodes), np.diff(graph.indptr))
     assert not np.any(colour[row] == colour[graph.indices])
@@ -60,8 +60,8 @@ def test_rows_stand_by_colour_and_no_two_neighbours_share_one(
 
 def test_rows_of_a_window_stand_by_length() -> None:
     graph = random_graph(500, 4.0, 3)
-    order = graphs.order_by_colour(graph.indptr, graph.indices, 10**6)
-    colour, _ = graphs._colours(graph.indptr, graph.indices)
+    order = graph_coarsening.order_by_colour(graph.indptr, graph.indices, 10**6)
+    colour, _ = graph_coarsening._colours(graph.indptr, graph.indices)
     length = np.minimum(np.diff(graph.indptr), 31)[order]
     assert np.all((np.diff(length) >= 0) | (np.diff(colour[order]) > 0))
 
@@ -72,9 +72,9 @@ def test_aggregates_are_connected_and_their_sums_conserve_conductance(
     nodes: int, per_node: float, seed: int, strict: bool
 ) -> None:
     graph = random_graph(nodes, per_node, seed)
-    aggregate, count = graphs.grow_aggregates(graph, 4, strict)
+    aggregate, count = graph_coarsening.grow_aggregates(graph, 4, strict)
     assert np.array_equal(np.unique(aggregate), np.arange(count))
-    summed = dense(Graph(*graphs.sum_up(graph, aggregate, count)))
+    summed = dense(Graph(*graph_coarsening.sum_up(graph, aggregate, count)))
     spread = np.eye(count)[aggregate]
     assert np.allclose(summed, spread.T @ dense(graph) @ spread, rtol=1e-12, atol=1e-12)
     coupled = dense(graph) < 0
@@ -160,7 +160,7 @@ def test_half_a_product_after_the_way_up_is_the_whole_one() -> None:
 def test_the_coarsest_inverse() -> None:
     graph = random_graph(50, 3.0, 2)
     graph.leak[:] += 0.1
-    assert np.allclose(graphs.inverse_matrix(graph), np.linalg.inv(dense(graph)), rtol=1e-4, atol=1e-6)
+    assert np.allclose(graph_coarsening.inverse_matrix(graph), np.linalg.inv(dense(graph)), rtol=1e-4, atol=1e-6)
 
 
 def test_a_graph_of_many_small_parts_needs_no_large_inverse() -> None:
@@ -200,7 +200,7 @@ def hubs(seed: int) -> Netlist:
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("far", [-1.0, 1.0])
 def test_netlists_with_hubs_agree_with_direct(seed: int, far: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(graphs, "_FAR", far)
+    monkeypatch.setattr(graph_coarsening, "_FAR", far)
     netlist = hubs(seed)
     direct, multigrid = solve(netlist, method="direct"), solve(netlist, method="multigrid")
     assert np.allclose(direct.voltage, multigrid.voltage, rtol=1e-9, atol=1e-15, equal_nan=True)
@@ -216,7 +216,7 @@ def test_a_guess_spares_steps() -> None:
     system = assemble(hubs(2))
     hierarchy = build_hierarchy(system.laplacian)
     b = system.feed + system.injected
-    cold, warm = Watch(), Watch()
+    cold, warm = ProgressMonitor(), ProgressMonitor()
     x, residual = iterate(system.laplacian, hierarchy, b, 1e-8, None, cold)
     assert residual <= 1e-8 * np.linalg.norm(b)
     near = x * (1 + 1e-5 * np.random.default_rng(0).random(len(x)))

@@ -68,7 +68,7 @@ def test_a_loop_is_compiled_anew_when_one_that_it_calls_has_changed_in_another_f
         return float(run.stdout)
 
     assert told() == told() == 1.0
-    called = package / "solvers" / "extended_kernels.py"
+    called = package / "solvers" / "scaled_kernels.py"
     source, head = called.read_text(), '    """Sum of two double-doubles."""\n'
     assert head in source
     called.write_text(source.replace(head, head + "    a = 2.0 * a + 2.0 * b\n    b = 0.0\n"))

@@ -5,7 +5,7 @@ from numba import njit
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.solvers.machine import flush_subnormals, restore_subnormals
+from resgrid.solvers.llvm_intrinsics import flush_subnormals, restore_subnormals
 
 SMALLEST_NORMAL = np.finfo(np.float32).tiny
 IS_X86 = platform.machine().lower() in ("x86_64", "amd64")

@@ -5,14 +5,14 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from resgrid.axis import Axis
 from resgrid.circuit.equations import assemble
 from resgrid.circuit.solve import solve
-from resgrid.compiler import compile_space
-from resgrid.netlist import Netlist
-from resgrid.solvers.choose import choose_method
+from resgrid.core.axis import Axis
+from resgrid.core.compiler import compile_space
+from resgrid.core.netlist import Netlist
+from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.solvers.method_choice import choose_method
 from resgrid.solvers.symbolic import order_by_distance
-from resgrid.space import Cell, ConfigurationSpace
 
 
 def boxes(shape: tuple[int, ...]) -> ConfigurationSpace:

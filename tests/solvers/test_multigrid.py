@@ -6,15 +6,15 @@ from support.spaces import serpentine, space_of, spaces
 from resgrid.circuit.dynamics import dynamics_of, factor_resolvent
 from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.solve import factor, solve
-from resgrid.compiler import compile_space
+from resgrid.core.compiler import compile_space
+from resgrid.core.netlist import Netlist
 from resgrid.errors import BudgetError, CircuitError, InputError
-from resgrid.netlist import Netlist
-from resgrid.solvers import choose as methods
-from resgrid.solvers.decay import WHOLE_STEPS, foresee_decades
-from resgrid.solvers.factor import factor_multigrid
+from resgrid.solvers import method_choice as methods
+from resgrid.solvers.decay_estimate import WHOLE_STEPS, foresee_decades
+from resgrid.solvers.factors import factor_multigrid
 from resgrid.solvers.laplacian import count_connections
-from resgrid.solvers.monitor import Watch
-from resgrid.solvers.multigrid import graphs
+from resgrid.solvers.multigrid import graph_coarsening
+from resgrid.solvers.progress import ProgressMonitor
 from resgrid.solvers.symbolic import order_by_distance
 
 BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 2.0}]
@@ -110,8 +110,8 @@ def test_aggregates_never_join_across_a_wall() -> None:
     wall[:-1, 1] = 1
     wall[0, 0] = 2
     system = assemble(compile_space(space_of(np.repeat(wall, 3, axis=0)), boundary="neumann"))
-    group_of, count = graphs.grow_aggregates(
-        graphs.Graph(*system.laplacian.as_rows(), system.laplacian.ground), 4, True
+    group_of, count = graph_coarsening.grow_aggregates(
+        graph_coarsening.Graph(*system.laplacian.as_rows(), system.laplacian.ground), 4, True
     )
     assert count == group_of.max() + 1 < system.size / 2
     for group in range(count):
@@ -221,7 +221,7 @@ def test_unknown_methods_and_jobs_beyond_memory_are_refused(monkeypatch: pytest.
     netlist = compile_space(space_of(blocks((20, 20), 1)))
     with pytest.raises(InputError, match="direct, multigrid"):
         solve(netlist, method="cholesky")
-    monkeypatch.setattr("resgrid.budget.available_memory", lambda: 1000)
+    monkeypatch.setattr("resgrid._internal.memory.available_memory", lambda: 1000)
     with pytest.raises(BudgetError, match="GiB"):
         solve(netlist)
 
@@ -241,7 +241,7 @@ def test_leaks_that_outweigh_the_grid_are_no_harder(boundary: str, leak: float) 
     )
     rate = leak * netlist.conductance.max() / 1e-12
     iterative, direct = (factor_resolvent(dynamics, rate, method) for method in ("multigrid", "direct"))
-    watch = Watch()
+    watch = ProgressMonitor()
     x = iterative.solve(dynamics.drive, rtol=1e-12, watch=watch)
     assert watch.iterations <= 12
     expected = direct.solve(dynamics.drive, rtol=1e-14)

@@ -10,14 +10,14 @@ from support.spaces import serpentine, space_of, spaces
 
 from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.solve import solve
-from resgrid.compiler import compile_space
+from resgrid.core.compiler import compile_space
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import CircuitError
-from resgrid.solvers import refine
-from resgrid.solvers.choose import factor_laplacian
-from resgrid.solvers.extended import Scaled, power
+from resgrid.solvers import refinement
 from resgrid.solvers.laplacian import Graph
-from resgrid.solvers.monitor import Watch
-from resgrid.space import ConfigurationSpace
+from resgrid.solvers.method_choice import factor_laplacian
+from resgrid.solvers.progress import ProgressMonitor
+from resgrid.solvers.scaled import Scaled, power
 
 
 def scattered(shape: tuple[int, ...], seed: int) -> ConfigurationSpace:
@@ -52,7 +52,7 @@ def exactly(found: Scaled) -> list[Fraction]:
 def test_currents_balance_at_every_node_in_exact_arithmetic(shape: tuple[int, ...], boundary: str, method: str) -> None:
     options = {"wall_resistance": 1e6} if boundary == "wall" else {}
     system = assemble(compile_space(scattered(shape, 3), boundary=boundary, **options))
-    rhs, watch = system.rails.to_low if system.rails is not None else system.injected, Watch()
+    rhs, watch = system.rails.to_low if system.rails is not None else system.injected, ProgressMonitor()
     found, _ = factor_laplacian(system.laplacian, method).solve_nonnegative(rhs, watch=watch)
     violated = violations(system, rhs, exactly(found))
     assert 2 * float(sum(violated)) <= watch.bound < 4.1e-9
@@ -62,7 +62,7 @@ def test_currents_balance_at_every_node_in_exact_arithmetic(shape: tuple[int, ..
 
 
 def test_currents_balance_where_potentials_leave_the_range_of_a_double() -> None:
-    system, watch = assemble(compile_space(space_of(serpentine(9, 120, 3)))), Watch()
+    system, watch = assemble(compile_space(space_of(serpentine(9, 120, 3)))), ProgressMonitor()
     assert system.rails is not None
     found, _ = factor_laplacian(system.laplacian, "multigrid").solve_nonnegative(system.rails.to_low, watch=watch)
     assert found.log.min() / np.log(10) < -330
@@ -89,7 +89,7 @@ def test_no_entry_is_off_by_more_than_the_violations_of_kcl_prove(
     violation = sum(violations(system, rhs, wrong))
     if violation < Fraction(1, 10):
         error = max(abs(a / b - 1) for a, b in zip(wrong, true, strict=True))
-        assert error <= refine.entry_bound(float(violation)) * (1 + 1e-9)
+        assert error <= refinement.entry_bound(float(violation)) * (1 + 1e-9)
 
 
 def rational_solution(system: Equations, rhs: np.ndarray) -> list[Fraction]:
@@ -137,6 +137,6 @@ def test_what_lower_parts_leave_of_values_that_are_gone_is_right() -> None:
     indptr, indices, one = np.array([0, 1, 2], np.int32), np.array([1, 0], np.int32), np.ones(2)
     none, hi, lo, left = np.zeros(2, np.int64), np.zeros(2), np.array([0.0, 5e-324]), np.ones(2)
     matrix = Graph(indptr, indices, one, one)
-    found = refine.imbalance(matrix, (np.zeros(2), none), Scaled(hi, lo, none), (left, none.copy()), floor=1e-20)
+    found = refinement.imbalance(matrix, (np.zeros(2), none), Scaled(hi, lo, none), (left, none.copy()), floor=1e-20)
     assert (found.backward, found.left, found.log_size) == (0.0, 0.0, -np.inf)
     assert not left.any()

@@ -8,8 +8,8 @@ from scipy import sparse
 from support.spaces import space_of
 
 from resgrid.circuit.equations import Equations, assemble
-from resgrid.compiler import compile_space
-from resgrid.netlist import GROUND, Netlist
+from resgrid.core.compiler import compile_space
+from resgrid.core.netlist import GROUND, Netlist
 
 
 def netlist_of(pairs: NDArray[np.int64], conductance: NDArray[np.float64], nodes: int) -> Netlist:

@@ -12,12 +12,12 @@ from scipy import sparse
 from support.spaces import serpentine, space_of
 
 from resgrid.circuit.equations import Equations, assemble
-from resgrid.compiler import compile_space
+from resgrid.core.compiler import compile_space
+from resgrid.core.netlist import Netlist
 from resgrid.errors import AccuracyError
-from resgrid.netlist import Netlist
-from resgrid.solvers.choose import factor_laplacian
-from resgrid.solvers.factor import DirectFactor, factor_direct
+from resgrid.solvers.factors import DirectFactor, factor_direct
 from resgrid.solvers.laplacian import Laplacian, Rows
+from resgrid.solvers.method_choice import factor_laplacian
 from resgrid.solvers.ordering_kernels import minimum_fill, quotient_graph
 from resgrid.solvers.supernodal import SupernodalFactors, factor_supernodes
 from resgrid.solvers.symbolic import Symbolic, order_by_distance, order_by_fill

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.solvers import machine
+from resgrid.solvers import llvm_intrinsics
 from resgrid.solvers.multigrid import hierarchy, krylov, levels
 from resgrid.solvers.multigrid.levels import Slab
-from resgrid.solvers.team import Team
+from resgrid.solvers.threads import ThreadTeam
 
 SHAPES = [(448, 384), (56, 64, 48)]
 WIRINGS = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 2e4}]
@@ -148,7 +148,7 @@ def test_what_is_raised_in_a_slab_ends_the_solve(error: type[BaseException], mon
 
 
 def test_a_helper_without_a_core_is_not_waited_for() -> None:
-    with Team(2) as team:
+    with ThreadTeam(2) as team:
         release, done = threading.Event(), []
         assert team._pool is not None
         blocked = team._pool.submit(release.wait)
@@ -173,11 +173,11 @@ def test_digits_do_not_depend_on_who_takes_a_job_first(shape: tuple[int, ...], m
     netlist = rg.compile_space(space)
     one = rg.solve(netlist, method="multigrid")
 
-    def backwards(_: Team, part: Callable[[int], object], parts: int) -> None:
+    def backwards(_: ThreadTeam, part: Callable[[int], object], parts: int) -> None:
         for number in reversed(range(parts)):
             part(number)
 
-    monkeypatch.setattr(Team, "share", backwards)
+    monkeypatch.setattr(ThreadTeam, "share", backwards)
     assert_same(one, rg.solve(netlist, method="multigrid", threads=2))
 
 
@@ -185,34 +185,34 @@ def test_digits_do_not_depend_on_who_takes_a_job_first(shape: tuple[int, ...], m
 def lead(state: NDArray[np.int64], jobs: int, parts: int, done: NDArray[np.int64]) -> None:
     """Announce one job after the other; notes who has done which part."""
     for job in range(jobs):
-        machine.announce(state, 0, job, 0, parts)
-        part = machine.claim(state)
+        llvm_intrinsics.announce(state, 0, job, 0, parts)
+        part = llvm_intrinsics.claim(state)
         while part >= 0:
             done[job, part] += 1
-            machine.finish(state)
-            part = machine.claim(state)
-        machine.wait_for(state, parts)
+            llvm_intrinsics.finish(state)
+            part = llvm_intrinsics.claim(state)
+        llvm_intrinsics.wait_for(state, parts)
         for part in range(parts):
             done[job, part] *= 10
-    machine.end_jobs(state)
+    llvm_intrinsics.end_jobs(state)
 
 
 @njit(nogil=True)
 def helping(state: NDArray[np.int64], done: NDArray[np.int64]) -> int:
     """Do parts until there are no more."""
     count = 0
-    part = machine.await_part(state)
+    part = llvm_intrinsics.await_part(state)
     while part >= 0:
-        done[state[machine.LEVEL], part] += 1
-        machine.finish(state)
+        done[state[llvm_intrinsics.LEVEL], part] += 1
+        llvm_intrinsics.finish(state)
         count += 1
-        part = machine.await_part(state)
+        part = llvm_intrinsics.await_part(state)
     return count
 
 
 def test_every_part_of_a_job_is_done_once_before_the_next_one_begins() -> None:
-    state, done = np.zeros(machine.PLACES, dtype=np.int64), np.zeros((300, 7), dtype=np.int64)
-    machine.begin_jobs(state)
+    state, done = np.zeros(llvm_intrinsics.PLACES, dtype=np.int64), np.zeros((300, 7), dtype=np.int64)
+    llvm_intrinsics.begin_jobs(state)
     with ThreadPoolExecutor(3) as pool:
         helpers = [pool.submit(helping, state, done) for _ in range(3)]
         lead(state, *done.shape, done)
@@ -222,6 +222,6 @@ def test_every_part_of_a_job_is_done_once_before_the_next_one_begins() -> None:
 
 
 def test_a_helper_leaves_where_nobody_leads() -> None:
-    state = np.zeros(machine.PLACES, dtype=np.int64)
-    machine.begin_jobs(state)
+    state = np.zeros(llvm_intrinsics.PLACES, dtype=np.int64)
+    llvm_intrinsics.begin_jobs(state)
     assert helping(state, np.zeros((1, 1), dtype=np.int64)) == 0

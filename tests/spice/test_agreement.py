@@ -14,13 +14,13 @@ from support.spaces import serpentine, space_of, spaces
 
 import resgrid as rg
 from resgrid.circuit.solve import solve
-from resgrid.compiler import compile_space
+from resgrid.core.compiler import compile_space
+from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError, ToolMissingError
-from resgrid.netlist import Netlist
 from resgrid.spice.check.agreement import compare
 from resgrid.spice.check.deck import check_deck
-from resgrid.spice.check.kirchhoff import inspect_deck
-from resgrid.spice.run.ngspice import Simulation
+from resgrid.spice.check.kcl_location import inspect_deck
+from resgrid.spice.run.ngspice import SimulatorRun
 from resgrid.spice.write.files import write_spice
 from resgrid.spice.write.flat import flatten
 from resgrid.spice.write.sidecar import altered_lines, expect, read_sidecar
@@ -277,7 +277,7 @@ def test_a_scene_is_compared_with_a_deck_of_its_own_and_of_another(deck: Path) -
 def test_nan_is_the_largest_difference() -> None:
     flat = flatten(ladder(2))
     expected = expect(flat, dense_solution(ladder(2)))
-    good = Simulation(expected.voltage, {"v_node_1": expected.source_current["v_node_1"] or 0.0}, "x", "1", ())
+    good = SimulatorRun(expected.voltage, {"v_node_1": expected.source_current["v_node_1"] or 0.0}, "x", "1", ())
     assert compare(expected, good).agrees
     for value in (float("nan"), float("inf")):
         bad = replace(good, voltage={**expected.voltage, "node_2": value})
@@ -346,7 +346,7 @@ def test_a_missing_simulator_is_no_agreement(deck: Path, monkeypatch: pytest.Mon
 def test_a_version_that_resgrid_was_not_tried_with_is_told(version: str, known: bool) -> None:
     expected = expect(flatten(ladder(2)), dense_solution(ladder(2)))
     current = {name: amps or 0.0 for name, amps in expected.source_current.items()}
-    agreement = compare(expected, Simulation(expected.voltage, current, "ngspice", version, ()))
+    agreement = compare(expected, SimulatorRun(expected.voltage, current, "ngspice", version, ()))
     assert agreement.agrees and agreement.verified
     assert (agreement.remark == "") == known and (known or version in agreement.remark)
 
@@ -374,7 +374,7 @@ def test_the_supply_of_a_saturating_chip_is_what_its_sources_give(tmp_path: Path
     cell = np.zeros((5, 5), dtype=np.uint8)
     cell[1, 1], cell[3, 3] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     netlist = rg.compile_space(space_of(cell), rails="cells", supply=5.0)
-    chip = rg.build_chip(netlist, [rg.passes.RailSwitches(goal_on=10.0), rg.passes.Saturation(2.0)])
+    chip = rg.build_chip(netlist, [rg.chip.effects.RailSwitches(goal_on=10.0), rg.chip.effects.Saturation(2.0)])
     written = write_spice(rg.solve(chip), tmp_path / "chip.cir")
     assert read_sidecar(written.path).supply == pytest.approx(5.0, rel=0.1)
     assert check_deck(written.path).agrees
@@ -383,7 +383,7 @@ def test_the_supply_of_a_saturating_chip_is_what_its_sources_give(tmp_path: Path
 def test_a_simulator_without_an_answer_verifies_nothing() -> None:
     op = dense_solution(random_grid(3))
     expected = expect(flatten(op.netlist), op)
-    silent = Simulation({}, {}, "ngspice", "39", ("no convergence",))
+    silent = SimulatorRun({}, {}, "ngspice", "39", ("no convergence",))
     agreement = compare(expected, silent)
     assert agreement.agrees is None and not agreement.verified
     assert "no operating point" in agreement.remark

@@ -12,9 +12,9 @@ from support.circuits import dense_solution, ladder, random_grid
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.compiler import compile_space
+from resgrid.core.compiler import compile_space
+from resgrid.core.netlist import Netlist
 from resgrid.errors import CircuitError, InputError
-from resgrid.netlist import Netlist
 from resgrid.spice.run.ngspice import simulate
 from resgrid.spice.write.files import write_spice
 from resgrid.spice.write.flat import flatten, resistances

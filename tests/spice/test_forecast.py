@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from resgrid.core.netlist import Netlist
 from resgrid.errors import BudgetError, InputError
-from resgrid.netlist import Netlist
 from resgrid.spice.circuit import Circuit
-from resgrid.spice.run.forecast import core_of, forecast, require_time
+from resgrid.spice.run.cost_estimate import core_of, forecast, require_time
 
 
 def network(pairs: NDArray[np.int64]) -> Netlist:

@@ -6,7 +6,7 @@ from hypothesis import given, settings, strategies as st
 from support.circuits import random_grid
 
 from resgrid.circuit.solve import solve
-from resgrid.netlist import Netlist
+from resgrid.core.netlist import Netlist
 from resgrid.spice.power import ir_drop, power_balance
 
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 from support.circuits import random_grid
 
 from resgrid.errors import BudgetError
-from resgrid.spice.check.predictions import Prediction, predict_simulators
+from resgrid.spice.check.portability import Prediction, predict_simulators
 from resgrid.spice.circuit import Circuit
 from resgrid.spice.read.deck import read_spice
 from resgrid.spice.run.ngspice import ngspice_version, simulate

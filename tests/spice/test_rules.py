@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from support.circuits import ladder, random_grid
 
-from resgrid.axis import Axis
 from resgrid.circuit.solve import solve
-from resgrid.compiler import compile_space
+from resgrid.core.axis import Axis
+from resgrid.core.compiler import compile_space
+from resgrid.core.netlist import Netlist
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import CircuitError
-from resgrid.netlist import Netlist
-from resgrid.space import ConfigurationSpace
-from resgrid.spice.check.connection import loop_voltages
-from resgrid.spice.check.rules import check_rules
+from resgrid.spice.check.connectivity import loop_voltages
+from resgrid.spice.check.erc import check_rules
 from resgrid.spice.circuit import Circuit
 from resgrid.spice.read.deck import read_spice
 

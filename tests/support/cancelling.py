@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from resgrid.netlist import Netlist
+from resgrid.core.netlist import Netlist
 
 Element = tuple[int, int, float]
 

@@ -6,8 +6,8 @@ from fractions import Fraction
 
 import numpy as np
 
-from resgrid.circuit.operating_point import OperatingPoint, Readings
-from resgrid.netlist import Netlist
+from resgrid.circuit.operating_point import BranchCurrents, OperatingPoint
+from resgrid.core.netlist import Netlist
 
 
 def ladder(rungs: int = 4) -> Netlist:
@@ -70,7 +70,7 @@ def dense_solution(netlist: Netlist) -> OperatingPoint:
         voltage=voltage,
         log_drop=None,
         potential=None,
-        ammeters=Readings(
+        ammeters=BranchCurrents(
             resistor_current=through,
             scaled=(through, np.zeros(len(through), dtype=np.int64)),
             source_current=current,

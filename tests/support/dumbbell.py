@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from resgrid.robots import Part, Pose, Robot
+from resgrid.robots import Pose, RigidPart, Robot
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,8 @@ class Dumbbell(Robot):
         half = self.length / 2 * np.column_stack([np.cos(angle), np.sin(angle)])
         return [configurations[:, :2] - half, configurations[:, :2] + half]
 
-    def parts(self, configurations: NDArray[np.float64]) -> list[Part]:
-        return [Part(np.asarray(shapely.points(end)), self.radius) for end in self.ends(configurations)]
+    def parts(self, configurations: NDArray[np.float64]) -> list[RigidPart]:
+        return [RigidPart(np.asarray(shapely.points(end)), self.radius) for end in self.ends(configurations)]
 
     def travel(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
         step = np.abs(end - start)

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from resgrid.compiler import compile_space
-from resgrid.netlist import Netlist
+from resgrid.core.compiler import compile_space
+from resgrid.core.netlist import Netlist
 from resgrid.spice.run.rawfile import RawFile, read_rawfile
 from support.circuits import random_grid
 from support.spaces import space_of

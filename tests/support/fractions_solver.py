@@ -5,7 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import NamedTuple
 
-from resgrid.netlist import Netlist
+from resgrid.core.netlist import Netlist
 
 Value = Fraction | None
 

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from resgrid.axis import Axis
 from resgrid.control.controller import Controller, make_controller
 from resgrid.control.plant import make_plant
 from resgrid.control.simulation import Simulation
-from resgrid.planning.road import solve_field
+from resgrid.core.axis import Axis
+from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.wiring import Wiring
+from resgrid.planning.pipeline import solve_field
 from resgrid.robots import DiscRobot, Robot, Shape
-from resgrid.space import Cell, ConfigurationSpace
-from resgrid.wiring import Wiring
 
 
 def square(cells: int = 16, size: float = 8.0, goal: tuple[int, int] = (8, 1)) -> ConfigurationSpace:

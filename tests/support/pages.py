@@ -12,9 +12,9 @@ import numpy as np
 from playwright.sync_api import Page
 from websockets.sync.client import ClientConnection, connect
 
-from resgrid.page import LivePage
-from resgrid.page.drawing import Drawing
-from resgrid.page.messages import write_drawing
+from resgrid.live_page import LivePage
+from resgrid.live_page.drawing import Drawing
+from resgrid.live_page.messages import write_drawing
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 OPTIONS = [

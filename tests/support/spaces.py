@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
-from resgrid.axis import Axis
-from resgrid.space import ConfigurationSpace
+from resgrid.core.axis import Axis
+from resgrid.core.space import ConfigurationSpace
 
 
 def space_of(

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from resgrid.core.space import Cell
 from resgrid.planning.fields import Field
-from resgrid.space import Cell
 
 
 def check_verdicts(field: Field) -> None:

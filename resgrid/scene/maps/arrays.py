@@ -13,14 +13,14 @@ import numpy as np
 from annotated_types import Gt, Len
 from numpy.typing import NDArray
 
-from resgrid.axis import Axis
-from resgrid.budget import SMALLER_MAP, require_grid_memory
+from resgrid._internal.files import read_bytes
+from resgrid._internal.memory import SMALLER_MAP, require_grid_memory
+from resgrid._internal.values import frozen
+from resgrid.core.axis import Axis
+from resgrid.core.frame import Frame
+from resgrid.core.space import MAX_DIMENSIONS, Cell
 from resgrid.errors import InputError
-from resgrid.files import read_bytes
-from resgrid.frame import Frame
-from resgrid.frozen import frozen
 from resgrid.robots import CellSet, Robot
-from resgrid.space import MAX_DIMENSIONS, Cell
 
 HEADER_READERS = {
     (1, 0): "read_array_header_1_0",
@@ -43,7 +43,7 @@ class MapCells:
     axes : tuple of Axis
         Of the map, in its own coordinates; those of the scene, unless its robot turns or is an arm.
     cell : ndarray of uint8
-        `resgrid.space.Cell` codes on these axes, before obstacles grow by the robot's radius.
+        `resgrid.core.space.Cell` codes on these axes, before obstacles grow by the robot's radius.
     frame : Frame
         From the map's coordinates to the world's.
     conductivity : ndarray of float64 or None

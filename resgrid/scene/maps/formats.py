@@ -14,15 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from resgrid._internal.files import read_bytes
 from resgrid.errors import BudgetError, InputError, suggestion
-from resgrid.files import read_bytes
 from resgrid.scene.maps.arrays import MapCells, placed_axes, read_npy
 from resgrid.scene.maps.movingai import PASSABLE, read_movingai, read_voxels
 from resgrid.scene.maps.pictures import THRESHOLD, read_epic, read_grey
 from resgrid.scene.maps.pnm import MAGICS
 from resgrid.scene.maps.ros import read_ros, ros_greys
 from resgrid.scene.maps.ros_header import NEWEST
-from resgrid.scene.table import fields_from
+from resgrid.scene.table_models import fields_from
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,11 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from resgrid.budget import SMALLER_MAP, require_grid_memory
+from resgrid._internal.files import read_text
+from resgrid._internal.memory import SMALLER_MAP, require_grid_memory
+from resgrid.core.space import Cell
 from resgrid.errors import InputError
-from resgrid.files import read_text
 from resgrid.scene.maps.arrays import MapCells, cells_from_rows, placed_axes
-from resgrid.space import Cell
 
 TERRAIN = ".G@OTSWE"
 PASSABLE = ".GSE"
@@ -30,7 +30,7 @@ SCENARIO_FIELDS = {9: "1", 7: "0"}
 
 
 @dataclass(frozen=True)
-class Query:
+class MovingAIScenario:
     """One problem of a scenario file.
 
     Attributes
@@ -113,7 +113,7 @@ def _first_misfit(lines: list[str], sizes: list[int], path: Path) -> InputError:
     return InputError(f"{path}: the voxels cannot be read")
 
 
-def read_queries(file: str | os.PathLike[str]) -> list[Query]:
+def read_queries(file: str | os.PathLike[str]) -> list[MovingAIScenario]:
     r"""Read the problems of a MovingAI scenario file, of version 1 or 0, with or without a line that says so.
 
     Parameters
@@ -123,7 +123,7 @@ def read_queries(file: str | os.PathLike[str]) -> list[Query]:
 
     Returns
     -------
-    list of Query
+    list of MovingAIScenario
         In the order of the file.
 
     Raises
@@ -217,7 +217,7 @@ class _MapSizes(dict[str, tuple[int, int]]):
         return self[name]
 
 
-def _query(line: str, path: Path, number: int, sizes: Mapping[str, tuple[int, int]]) -> Query:
+def _query(line: str, path: Path, number: int, sizes: Mapping[str, tuple[int, int]]) -> MovingAIScenario:
     words = [word.strip() for word in line.split("\t")]
     words = words if len(words) in SCENARIO_FIELDS else line.split()
     try:
@@ -238,4 +238,4 @@ def _query(line: str, path: Path, number: int, sizes: Mapping[str, tuple[int, in
         if not (0 <= x < width and 0 <= y < height):
             raise InputError(f"{path}: line {number}: the {name} ({x}, {y}) is outside the {width} x {height} map")
     start, goal = (start_x, height - 1 - start_y), (goal_x, height - 1 - goal_y)
-    return Query(bucket, words[1], width, height, start, goal, length)
+    return MovingAIScenario(bucket, words[1], width, height, start, goal, length)

@@ -20,12 +20,12 @@ import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
-from resgrid.budget import SMALLER_MAP, require_grid_memory
+from resgrid._internal.files import read_bytes
+from resgrid._internal.memory import SMALLER_MAP, require_grid_memory
+from resgrid.core.space import Cell
 from resgrid.errors import InputError, ResgridError
-from resgrid.files import read_bytes
 from resgrid.scene.maps.arrays import cells_from_rows
 from resgrid.scene.maps.pnm import MAGICS, read_pnm
-from resgrid.space import Cell
 
 if TYPE_CHECKING:
     from PIL.Image import Image

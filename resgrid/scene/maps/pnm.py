@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.budget import BYTES_PER_CELL, SMALLER_MAP, require_grid_memory
+from resgrid._internal.memory import BYTES_PER_CELL, SMALLER_MAP, require_grid_memory
 from resgrid.errors import InputError
 
 MAGICS = (b"P1", b"P2", b"P3", b"P4", b"P5", b"P6")

@@ -11,15 +11,15 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
-from resgrid.axis import Axis
+from resgrid.core.axis import Axis
+from resgrid.core.frame import Frame
+from resgrid.core.space import Cell
 from resgrid.errors import InputError
-from resgrid.frame import Frame
 from resgrid.scene.maps.arrays import MapCells
 from resgrid.scene.maps.pictures import BYTES_PER_PIXEL, Raster, read_raster
 from resgrid.scene.maps.ros_dialects import CONVERTERS, UNKNOWN, occupancies
 from resgrid.scene.maps.ros_header import NEWEST, Dialect, RosHeader, picture_of, read_header
 from resgrid.scene.messages import unknown as unknown_word
-from resgrid.space import Cell
 
 COSTS_BYTES = 40
 """Memory of a pixel while occupancies are turned into conductivities."""

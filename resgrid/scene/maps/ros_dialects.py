@@ -66,7 +66,7 @@ def occupancies(raster: Raster, header: RosHeader, dialect: Dialect) -> NDArray[
     return result
 
 
-class Converter(Protocol):
+class PixelConverter(Protocol):
     """Occupancies (height, width) of a picture, the top row first."""
 
     def __call__(self, raster: Raster, header: RosHeader) -> NDArray[np.int8]:
@@ -149,7 +149,7 @@ def _as_ros1(raster: Raster, header: RosHeader) -> NDArray[np.int8]:
     return _strictly_thresholded(result, p, header)
 
 
-CONVERTERS: Mapping[Dialect, Converter] = {"nav2": _as_nav2, "nav2-jazzy": _as_nav2_jazzy, "ros1": _as_ros1}
+CONVERTERS: Mapping[Dialect, PixelConverter] = {"nav2": _as_nav2, "nav2-jazzy": _as_nav2_jazzy, "ros1": _as_ros1}
 
 
 def _quanta(raster: Raster) -> NDArray[np.int64]:

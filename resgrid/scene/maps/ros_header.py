@@ -14,10 +14,10 @@ from typing import Annotated, Any, Literal
 from annotated_types import Ge, Gt, Le
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, ValidationInfo, field_validator
 
-from resgrid.arguments import short
+from resgrid._internal.validation import short
 from resgrid.errors import InputError
 from resgrid.scene.messages import complaint, report, unknown
-from resgrid.scene.table import problems_of
+from resgrid.scene.table_models import problems_of
 
 Dialect = Literal["nav2", "nav2-jazzy", "ros1"]
 """Readers of ROS maps: of Nav2 since 2025, of Nav2 from Dashing to Jazzy, of ROS 1."""

@@ -16,8 +16,8 @@ from typing import TypeAlias
 
 import yaml
 
+from resgrid._internal.files import MAX_TEXT_BYTES, read_bytes
 from resgrid.errors import InputError
-from resgrid.files import MAX_TEXT_BYTES, read_bytes
 
 Scalar: TypeAlias = "str | dict[str, str] | None"
 """Text, None for null, or an empty dict for anything that is no scalar."""

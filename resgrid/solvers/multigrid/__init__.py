@@ -19,22 +19,22 @@
 4. *Steps* (`conjugate_gradients.converge`, `krylov.advance`). Flexible conjugate gradients (Notay 2000) for the black
    cells of a grid, ``S = D_b - G^T D_r^-1 G``, or all rows of a netlist. Vectors are in single precision; after a
    burst of at most five digits the residual is replaced by the true one, in double precision
-   (`krylov.sweep_colour`, `row_kernels.row_residual`; van der Vorst & Ye 2000), and the search directions go on. It
+   (`krylov.sweep_colour`, `csr_kernels.row_residual`; van der Vorst & Ye 2000), and the search directions go on. It
    ends at ``rtol |b|``, or where rounding, ``eps |A| |x|``, forbids more; from a guess on, also where the steps tell
    that the error is small (`Stop`). On a grid a Gauss-Seidel relaxation does what little is left after the last step.
 5. *Cycle* (`cycle.precondition_grid, precondition_graph`). One relaxation before and one after each visit of the next
    level, so that the preconditioner is symmetric; on the coarse levels K-cycles (Notay & Vassilevski 2008): one or two
    steps of conjugate gradients, each preconditioned by the level below. Grids are rows of a table with the addresses of
-   their arrays (`levels.GRID`). Subnormal numbers count as zero meanwhile (`resgrid.solvers.machine`).
+   their arrays (`levels.GRID`). Subnormal numbers count as zero meanwhile (`resgrid.solvers.llvm_intrinsics`).
 6. *Sweeps* (`sweeps`). The time is that of reading conductances from memory. Red cells go ahead of black ones by as far
    as neighbours reach, so that a sweep reads faces once. The product takes conductances in single precision and makes
    up for their rounding on the diagonal (`grid_level.compensated`): rows sum to what leaks. Large levels are cut into
    slabs, which leave the same digits however they are cut; several threads take them, one of which leads in compiled
-   code from sweep to sweep (`cycle`, `resgrid.solvers.machine`).
-7. *Refinement* (`resgrid.solvers.refine`) makes a normwise answer right entry by entry: voltages in double-double,
+   code from sweep to sweep (`cycle`, `resgrid.solvers.llvm_intrinsics`).
+7. *Refinement* (`resgrid.solvers.refinement`) makes a normwise answer right entry by entry: voltages in double-double,
    with exponents where doubles run out, every pass a solution to many digits of what is largest, until what all rows
    violate KCL by proves that no entry is off by more than 4e-9 of itself and the rounding of the sums. Rows without a
-   digit, along slits, are solved directly (`resgrid.solvers.refine.few_rows`).
+   digit, along slits, are solved directly (`resgrid.solvers.refinement.few_rows`).
 
 References
 ----------

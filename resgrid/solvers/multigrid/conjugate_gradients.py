@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.solvers.extended import Numbers, power
 from resgrid.solvers.laplacian import Laplacian
-from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid import krylov
 from resgrid.solvers.multigrid.hierarchy import GraphProblem, GridProblem, Hierarchy, Problem
-from resgrid.solvers.team import ALONE, Team
+from resgrid.solvers.progress import ProgressMonitor
+from resgrid.solvers.scaled import Numbers, power
+from resgrid.solvers.threads import ALONE, ThreadTeam
 
 MOST_ITERATIONS = 200
 LEAST_GAIN = 0.5
@@ -62,8 +62,8 @@ def iterate(
     b: NDArray[np.float64],
     rtol: float,
     guess: NDArray[np.float64] | None = None,
-    watch: Watch | None = None,
-    team: Team = ALONE,
+    watch: ProgressMonitor | None = None,
+    team: ThreadTeam = ALONE,
 ) -> tuple[NDArray[np.float64], float]:
     """Solve until the residual norm is ``rtol |b|``, or rounding forbids more; returns `x` (n,) and that norm.
 
@@ -94,7 +94,7 @@ def iterate(
     if guess is not None:
         x.ravel()[slot] = guess
     stop = Stop(wanted, ROUNDING * hierarchy.largest_degree / unit, unit, guess, rtol)
-    size = converge(problem, stop, Watch() if watch is None else watch)
+    size = converge(problem, stop, ProgressMonitor() if watch is None else watch)
     del problem
     return np.take(x.ravel(), slot), size * unit
 
@@ -102,11 +102,11 @@ def iterate(
 def approximate(
     laplacian: Laplacian,
     hierarchy: Hierarchy,
-    watch: Watch | None,
+    watch: ProgressMonitor | None,
     m: NDArray[np.float64],
     e: NDArray[np.int64],
     accuracy: float,
-    team: Team = ALONE,
+    team: ThreadTeam = ALONE,
 ) -> Numbers:
     """Up to fifteen digits of ``A^-1`` times scaled numbers, relative to the largest: an inverse for refinement."""
     top = 0
@@ -165,7 +165,7 @@ class Stop:
             self.small = self._far * ahead <= self._near
 
 
-def converge(problem: Problem, stop: Stop, watch: Watch | None) -> float:
+def converge(problem: Problem, stop: Stop, watch: ProgressMonitor | None) -> float:
     """Improve the solution until the residual is small enough, or rounding forbids more; returns its norm, in units."""
     burst, x = _Burst(problem, stop, watch), problem.x
     last, left, nearly = np.inf, MOST_ITERATIONS, _NEARLY if problem.relaxes else _SAFETY
@@ -198,7 +198,7 @@ class _Burst:
     of it; their shares in the answer and in the direction are `on_x, on_p` (depth + 1,), last those of ``p``.
     """
 
-    def __init__(self, problem: Problem, stop: Stop, watch: Watch | None) -> None:
+    def __init__(self, problem: Problem, stop: Stop, watch: ProgressMonitor | None) -> None:
         self._problem, self._stop, self._watch = problem, stop, watch
         self._v = problem.vectors
         # Between bursts, the true residual stands where the last steps will be kept.

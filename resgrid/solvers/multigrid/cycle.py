@@ -5,7 +5,7 @@ K-cycle makes of it one or two steps of flexible conjugate gradients.  A red-bla
 alone: red ones are eliminated exactly on the way down and put back on the way up.
 
 Sweeps over grids run slab by slab, on one thread or several (`sweeps`): one thread leads, and the others help where
-there is a part to be done (`resgrid.solvers.machine`).
+there is a part to be done (`resgrid.solvers.llvm_intrinsics`).
 """
 
 from __future__ import annotations
@@ -15,14 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import ZERO, inner, kernel
-from resgrid.solvers import machine
-from resgrid.solvers.extended import Floats, Integers, Singles
-from resgrid.solvers.machine import doubles, flush_subnormals, restore_subnormals, singles
+from resgrid._internal.jit import ZERO, inner, kernel
+from resgrid.solvers import llvm_intrinsics
+from resgrid.solvers.llvm_intrinsics import doubles, flush_subnormals, restore_subnormals, singles
 from resgrid.solvers.multigrid import sweeps
 from resgrid.solvers.multigrid.graph_sweeps import (
     Graphs,
-    Work,
+    SweepBuffers,
     ascend_graph,
     descend_graph,
     solve_coarsest,
@@ -39,6 +38,7 @@ from resgrid.solvers.multigrid.sweeps import (
     RESTRICT,
     TAKE,
 )
+from resgrid.solvers.scaled import Floats, Integers, Singles
 
 Table = NDArray[Any]
 """Rows of `levels.GRID`, shape (levels,)."""
@@ -48,7 +48,7 @@ ENOUGH = 0.07
 
 
 def precondition_graph(
-    graphs: Graphs, work: Work, r: Singles, s: Singles, z: Singles, w: Singles
+    graphs: Graphs, work: SweepBuffers, r: Singles, s: Singles, z: Singles, w: Singles
 ) -> tuple[float, float, float]:
     """Precondition the residual ``r`` of a netlist, and multiply: ``w = A z``; returns ``z.r, z.w, z.s``."""
     b, x = work.b[1:], work.x[1:]
@@ -60,7 +60,7 @@ def precondition_graph(
     return products
 
 
-def run_cycle(graphs: Graphs, work: Work, stop: float, top: int) -> None:
+def run_cycle(graphs: Graphs, work: SweepBuffers, stop: float, top: int) -> None:
     """Approximate ``x = A^-1 b`` on level ``top`` of a netlist's graphs by K-cycles.
 
     The second step is spared where the first has brought the residual under ``stop`` times the right-hand side, twice
@@ -70,7 +70,7 @@ def run_cycle(graphs: Graphs, work: Work, stop: float, top: int) -> None:
 
 
 def precondition_grid(
-    table: Table, state: Integers, graphs: Graphs, work: Work, stop: float
+    table: Table, state: Integers, graphs: Graphs, work: SweepBuffers, stop: float
 ) -> tuple[float, float, float]:
     """Precondition a residual over a grid's black cells, and multiply by their Schur complement.
 
@@ -82,20 +82,25 @@ def precondition_grid(
 
 @kernel
 def _precondition_grid(
-    table: Table, state: Integers, graphs: Graphs, work: Work, stop: float, on_graphs: bool | None
+    table: Table, state: Integers, graphs: Graphs, work: SweepBuffers, stop: float, on_graphs: bool | None
 ) -> tuple[float, float, float]:
     flags = flush_subnormals()
     _begin(table, state)
     _run_within(graphs, work, stop, 0, on_graphs, (table, state))
     products = finish_grid(table, state, ZERO, ZERO)
-    machine.end_jobs(state)
+    llvm_intrinsics.end_jobs(state)
     restore_subnormals(flags)
     return products
 
 
 @inner
 def _run_within(
-    graphs: Graphs, work: Work, stop: float, top: int, on_graphs: bool | None, on_grids: tuple[Table, Integers] | None
+    graphs: Graphs,
+    work: SweepBuffers,
+    stop: float,
+    top: int,
+    on_graphs: bool | None,
+    on_grids: tuple[Table, Integers] | None,
 ) -> None:
     """`run_cycle`, on the grids below the finest one as well.
 
@@ -133,7 +138,7 @@ def _visit_graph(
     graphs: Graphs, vectors: tuple[Singles, Singles, Singles, Singles, Singles, Singles], level: int,
     visit: tuple[int, Floats], stop: float,
 ) -> bool:  # fmt: skip
-    """As `_visit_grid`, of a graph; ``vectors``: as of `Work`, from the first node on."""
+    """As `_visit_grid`, of a graph; ``vectors``: as of `SweepBuffers`, from the first node on."""
     b, x, c, v, w, change = vectors
     if visit[0] > 0:
         a, e = graphs.first[level], graphs.first[level + 1]
@@ -179,16 +184,16 @@ def _sweep(table: Table, state: Integers, kind: int, number: int, visit: int) ->
     """
     level, part = table[number], ZERO
     if level.parts > 1:
-        machine.announce(state, kind, number, visit, level.parts)
-        part = machine.claim(state)
+        llvm_intrinsics.announce(state, kind, number, visit, level.parts)
+        part = llvm_intrinsics.claim(state)
     while part >= 0:
         _sweep_slab(level, kind, visit, part)
         part = -1
         if level.parts > 1:
-            machine.finish(state)
-            part = machine.claim(state)
+            llvm_intrinsics.finish(state)
+            part = llvm_intrinsics.claim(state)
     if level.parts > 1:
-        machine.wait_for(state, level.parts)
+        llvm_intrinsics.wait_for(state, level.parts)
     first, second, third = 0.0, 0.0, 0.0
     if kind >= TAKE:
         sums = doubles(level.sums, 3 * level.blocks)
@@ -210,11 +215,13 @@ def help_sweep(table: Table, state: Integers) -> None:
     """Sweep over slabs for the thread that leads, until it has no more."""
     flags = flush_subnormals()
     while True:
-        part = machine.await_part(state)
+        part = llvm_intrinsics.await_part(state)
         if part < 0:
             break
-        _sweep_slab(table[state[machine.LEVEL]], state[machine.KIND], state[machine.VISIT], part)
-        machine.finish(state)
+        _sweep_slab(
+            table[state[llvm_intrinsics.LEVEL]], state[llvm_intrinsics.KIND], state[llvm_intrinsics.VISIT], part
+        )
+        llvm_intrinsics.finish(state)
     restore_subnormals(flags)
 
 

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inner_fast, kernel
-from resgrid.solvers.extended import Floats, Integers, Singles
-from resgrid.solvers.machine import flush_subnormals, restore_subnormals
+from resgrid._internal.jit import inner_fast, kernel
+from resgrid.solvers.llvm_intrinsics import flush_subnormals, restore_subnormals
+from resgrid.solvers.scaled import Floats, Integers, Singles
 
 Unsigned = NDArray[np.uint32]
 """Indices without a sign: compiled code need not ask whether one counts from the end."""
@@ -42,7 +42,7 @@ class Graphs(NamedTuple):
     coarsest: Singles
 
 
-class Work(NamedTuple):
+class SweepBuffers(NamedTuple):
     """Work space of one solve, over the nodes of all graphs.
 
     `b, x` (1 + nodes,): currents and voltages, behind those of nothing; `c, v, w` (nodes,): first direction, and
@@ -60,11 +60,11 @@ class Work(NamedTuple):
     first_steps: Floats
 
 
-def work_space(graphs: Graphs) -> Work:
+def work_space(graphs: Graphs) -> SweepBuffers:
     """Work space of its own, so that one hierarchy can serve several solves at a time."""
     nodes = int(graphs.first[-1])
     (b, x), (c, v, w, change) = np.zeros((2, 1 + nodes), dtype=np.float32), np.zeros((4, nodes), dtype=np.float32)
-    return Work(b, x, c, v, w, change, np.zeros(_MOST_LEVELS, dtype=np.int64), np.zeros((_MOST_LEVELS, 2)))
+    return SweepBuffers(b, x, c, v, w, change, np.zeros(_MOST_LEVELS, dtype=np.int64), np.zeros((_MOST_LEVELS, 2)))
 
 
 @kernel

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.jit import inner, inner_fast, kernel
-from resgrid.solvers.extended import Floats, Indices, Integers, Reals
+from resgrid._internal.jit import inner, inner_fast, kernel
 from resgrid.solvers.laplacian import MOST_NUMBERED, Graph
 from resgrid.solvers.multigrid.red_black import Edges, Lattice, Stencil
+from resgrid.solvers.scaled import Floats, Indices, Integers, Reals
 
 _TINY = 1e-300
 """Keeps what is nothing in all from being divided by."""

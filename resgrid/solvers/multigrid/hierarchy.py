@@ -14,14 +14,14 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.solvers import machine
-from resgrid.solvers.extended import Floats, Singles
+from resgrid.solvers import llvm_intrinsics
+from resgrid.solvers.csr_kernels import row_residual
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.multigrid import krylov
-from resgrid.solvers.multigrid.blocks import coarsen
 from resgrid.solvers.multigrid.cycle import ENOUGH, help_sweep, precondition_graph, precondition_grid
+from resgrid.solvers.multigrid.graph_coarsening import coarsen_down, pack_graphs, pack_netlist
 from resgrid.solvers.multigrid.graph_sweeps import work_space
-from resgrid.solvers.multigrid.graphs import coarsen_down, pack_graphs, pack_netlist
+from resgrid.solvers.multigrid.grid_coarsening import coarsen
 from resgrid.solvers.multigrid.grid_level import Level, compensated, in_single, lay_out, stencil_of, to_graph
 from resgrid.solvers.multigrid.levels import (
     GRID,
@@ -32,8 +32,8 @@ from resgrid.solvers.multigrid.levels import (
     slabs_of,
 )
 from resgrid.solvers.multigrid.red_black import Stencil
-from resgrid.solvers.row_kernels import row_residual
-from resgrid.solvers.team import ALONE, Team
+from resgrid.solvers.scaled import Floats, Singles
+from resgrid.solvers.threads import ALONE, ThreadTeam
 
 _WHOLE = 32
 """Cells that the finest level may begin at multiples of: its blocks lie as they would from the first cell on."""
@@ -64,7 +64,7 @@ class Hierarchy:
     box: tuple[slice, ...] = ()
 
 
-def build_hierarchy(laplacian: Laplacian, team: Team = ALONE) -> Hierarchy:
+def build_hierarchy(laplacian: Laplacian, team: ThreadTeam = ALONE) -> Hierarchy:
     """Coarsen a nodal system until it is small, and invert what is left."""
     found = lay_out_grid(laplacian)
     if found is not None:
@@ -165,10 +165,10 @@ class GridProblem:
 
     relaxes = True
 
-    def __init__(self, finest: Finest, levels: Levels, currents: Floats, x: Floats, team: Team = ALONE) -> None:
+    def __init__(self, finest: Finest, levels: Levels, currents: Floats, x: Floats, team: ThreadTeam = ALONE) -> None:
         self.team, self._graphs, self.work = team, levels.graphs, work_space(levels.graphs)
         self.vectors = krylov.vectors_over(finest.stencil.black_inverse)
-        self.state = np.zeros(machine.PLACES, dtype=np.int64)
+        self.state = np.zeros(llvm_intrinsics.PLACES, dtype=np.int64)
         grids = (GridLevel(finest.stencil, finest.aggregate), *levels.grids)
         slots = [len(of.aggregate) for of in grids]
         cuts = [slabs_of(of.stencil, team.size) for of in grids[:-1]]
@@ -233,7 +233,7 @@ class GridProblem:
         if len(self._parts) == 1:
             return self._lead(stop)
         made = list[float]()
-        machine.begin_jobs(self.state)
+        llvm_intrinsics.begin_jobs(self.state)
 
         def part(number: int) -> None:  # keeps what the table points to, whoever is interrupted
             if number:
@@ -260,7 +260,7 @@ class GraphProblem:
 
     relaxes = False
 
-    def __init__(self, laplacian: Laplacian, hierarchy: Hierarchy, b: Floats, team: Team) -> None:
+    def __init__(self, laplacian: Laplacian, hierarchy: Hierarchy, b: Floats, team: ThreadTeam) -> None:
         self.x, self.team, self._graphs = np.zeros((1, len(b))), team, hierarchy.levels.graphs
         self.vectors = krylov.vectors_over(self._graphs.inverse[: len(b)])
         self._matrix, self._b = laplacian.graph, b

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from resgrid.jit import inner_fast, kernel, kernel_fast
-from resgrid.solvers.extended import Floats, Reals, Singles
+from resgrid._internal.jit import inner_fast, kernel, kernel_fast
 from resgrid.solvers.multigrid.levels import Slab, blocks_of, slabs_of
 from resgrid.solvers.multigrid.red_black import BLACK, RED, Stencil, products, relax
-from resgrid.solvers.team import ALONE, Team
+from resgrid.solvers.scaled import Floats, Reals, Singles
+from resgrid.solvers.threads import ALONE, ThreadTeam
 
 _DEPTH = 3
 """Steps that are kept before they are gone."""
@@ -41,7 +41,7 @@ def vectors_over(inverse: Singles) -> Vectors:
     return Vectors(inverse, r, s, w, before, np.empty((_DEPTH, slots), dtype=np.float32), np.zeros(slots))
 
 
-def norm(x: Floats, team: Team = ALONE) -> float:
+def norm(x: Floats, team: ThreadTeam = ALONE) -> float:
     """Euclidean norm, the same for any number of threads."""
     return math.sqrt(sum(team.over(len(x), lambda some: squares(x[some]))))
 
@@ -94,7 +94,7 @@ def largest_step(z: Singles, on_p: Floats, p: Floats) -> float:
 
 
 def black_residual(
-    stencil: Stencil, b: Floats, x: Floats, r: Floats, parts: list[Slab] | None = None, team: Team = ALONE
+    stencil: Stencil, b: Floats, x: Floats, r: Floats, parts: list[Slab] | None = None, team: ThreadTeam = ALONE
 ) -> float:
     """Relax the red cells of ``x`` (2, slots) exactly; the residual ``r`` (slots,) at the black ones, its norm."""
     parts = slabs_of(stencil, 1) if parts is None else parts

@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from resgrid.jit import ZERO, inlined, inner, inner_fast
-from resgrid.solvers.extended import Indices, Reals, Singles
-from resgrid.solvers.machine import indices, integers, singles, singles_by_side
+from resgrid._internal.jit import ZERO, inlined, inner, inner_fast
+from resgrid.solvers.llvm_intrinsics import indices, integers, singles, singles_by_side
 from resgrid.solvers.multigrid.graph_sweeps import Graphs
 from resgrid.solvers.multigrid.red_black import RED, Stencil, products
+from resgrid.solvers.scaled import Indices, Reals, Singles
 
 _LEAST = 60_000
 """Slots of a colour from which a grid is cut."""

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
-from resgrid.jit import inner, inner_fast
-from resgrid.solvers.extended import Floats, Indices, Integers, Reals
+from resgrid._internal.jit import inner, inner_fast
+from resgrid.solvers.scaled import Floats, Indices, Integers, Reals
 
 RED, BLACK = cast(int, np.int64(0)), cast(int, np.int64(1))
 """The colours of cells, by the parity of their indices' sum."""

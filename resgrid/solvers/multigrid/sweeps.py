@@ -11,9 +11,8 @@ from typing import cast
 
 import numpy as np
 
-from resgrid.jit import ZERO, inner, inner_fast
-from resgrid.solvers.extended import Indices, Reals, Singles
-from resgrid.solvers.machine import doubles, indices, singles
+from resgrid._internal.jit import ZERO, inner, inner_fast
+from resgrid.solvers.llvm_intrinsics import doubles, indices, singles
 from resgrid.solvers.multigrid.levels import (
     Row,
     Slab,
@@ -28,9 +27,10 @@ from resgrid.solvers.multigrid.levels import (
     take_step,
 )
 from resgrid.solvers.multigrid.red_black import BLACK, relax
+from resgrid.solvers.scaled import Indices, Reals, Singles
 
 CLEAR, ELIMINATE, RESTRICT, RELAX, RAISE, COMBINE, PUT_BACK, TAKE, MULTIPLY = (cast(int, np.int64(k)) for k in range(9))
-"""The sweeps; no literals, as `resgrid.jit.ZERO`.
+"""The sweeps; no literals, as `resgrid._internal.jit.ZERO`.
 
 Black cells are fed by red ones in three: `ELIMINATE` tells what they are due, red ones eliminated, in ``r``, and
 relaxes that from zero into ``before``; `RESTRICT` sums the residual of ``before`` into the next level; `RELAX` relaxes

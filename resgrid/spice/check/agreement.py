@@ -10,7 +10,7 @@ import numpy as np
 
 from resgrid.spice.circuit import SHOWN, TOLERANCE, some
 from resgrid.spice.run import SIMULATED
-from resgrid.spice.run.ngspice import VERSIONS, Simulation
+from resgrid.spice.run.ngspice import VERSIONS, SimulatorRun
 from resgrid.spice.write.sidecar import Expected
 
 Reference = Literal["sidecar", "scene", "solve"]
@@ -67,7 +67,7 @@ class Agreement:
 
 def compare(
     expected: Expected,
-    simulation: Simulation,
+    simulation: SimulatorRun,
     *,
     tolerance: float = TOLERANCE,
     reference: Reference = "solve",

@@ -8,20 +8,20 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from resgrid._internal.files import read_bytes
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
+from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
-from resgrid.files import read_bytes
-from resgrid.netlist import Netlist
 from resgrid.spice.check.agreement import Agreement, Reference, compare, unverified
 from resgrid.spice.check.external import expected_of, place_of, runnable, written_anew
-from resgrid.spice.check.kirchhoff import inspect_deck
-from resgrid.spice.check.predictions import predict_simulators
+from resgrid.spice.check.kcl_location import inspect_deck
+from resgrid.spice.check.portability import predict_simulators
 from resgrid.spice.circuit import TOLERANCE, Circuit
 from resgrid.spice.dialects import dialect_named
 from resgrid.spice.read.deck import read_spice
 from resgrid.spice.run import SIMULATED, engine_named
-from resgrid.spice.run.ngspice import Simulation
+from resgrid.spice.run.ngspice import SimulatorRun
 from resgrid.spice.write.flat import flatten
 from resgrid.spice.write.sidecar import Sidecar, altered_files, expect, read_sidecar, sidecar_path, with_parts
 
@@ -39,7 +39,7 @@ class _Limits:
         if not 0 < self.tolerance < 1:
             raise InputError(f"tolerance = {self.tolerance} must lie between 0 and 1: it is relative to the supply")
 
-    def run(self, data: bytes, source: str, **options: Any) -> Simulation:
+    def run(self, data: bytes, source: str, **options: Any) -> SimulatorRun:
         """Ask the simulator for the operating point of a deck's content."""
         return engine_named(self.engine)(data, source=source, timeout=self.timeout, **options)
 
@@ -142,7 +142,7 @@ def _check_own(
     try:
         simulation = limits.run(data, str(path), direct=bool(why))
     except InputError as error:  # a deck with commands is not run, and that is an answer: it is not what was written
-        simulation = Simulation({}, {}, limits.engine, "not run", (str(error),))
+        simulation = SimulatorRun({}, {}, limits.engine, "not run", (str(error),))
     if tiled is not None:  # the inner nodes of tiles are nobody's business
         known = {node: volts for node, volts in simulation.voltage.items() if node in expected.voltage}
         simulation = replace(simulation, voltage=known)

@@ -13,8 +13,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.core.netlist import GROUND, Netlist
 from resgrid.errors import InputError
-from resgrid.netlist import GROUND, Netlist
 from resgrid.spice.read.files import decode, normalise, read_text
 from resgrid.spice.write.flat import resistances
 
@@ -72,7 +72,7 @@ def _with_ground(nodes: NDArray[np.int64]) -> NDArray[np.int32]:
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class EdgeTable:
     """Names and numbers of a file of lines ``name ... name number``.
 
     `source`: the file, as displayed; `values` (rows,); `measure`: the quantity that the heading states.
@@ -193,7 +193,7 @@ def _is_edge(words: list[str]) -> bool:
     return len(words) == 3 and words[0][0] not in ".*" and _NUMBER.fullmatch(words[2]) is not None
 
 
-def _read_table(path: str | os.PathLike[str], columns: int, what: str) -> Table:
+def _read_table(path: str | os.PathLike[str], columns: int, what: str) -> EdgeTable:
     """Read lines of names and one number; blanks, commas and semicolons separate, ``#`` and ``%`` begin comments."""
     source = os.fspath(path)
     names: list[tuple[str, ...]] = []
@@ -221,7 +221,7 @@ def _read_table(path: str | os.PathLike[str], columns: int, what: str) -> Table:
             raise InputError(f"{source}:{number}: {words[-1]} is not a finite number")
         names.append(tuple(map(_node_name, words[:-1])))
         lines.append(number)
-    return Table(source, names, np.array(values, dtype=np.float64), lines, _measure_of(heading))
+    return EdgeTable(source, names, np.array(values, dtype=np.float64), lines, _measure_of(heading))
 
 
 def _measure_of(heading: str | None) -> str | None:
@@ -245,7 +245,7 @@ def _words(line: str) -> list[str]:
     return [word[1:-1] if len(word) > 2 and word[0] == word[-1] == '"' else word for word in words]
 
 
-def _numbers(table: Table, number: dict[str, int]) -> list[int]:
+def _numbers(table: EdgeTable, number: dict[str, int]) -> list[int]:
     """Numbers of a table's nodes."""
     nodes = [number.get(names[0], -1) for names in table.names]
     if -1 in nodes:

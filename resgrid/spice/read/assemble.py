@@ -7,21 +7,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.core.netlist import Netlist
+from resgrid.core.networkx_graphs import ELEMENTS
 from resgrid.errors import CircuitError
-from resgrid.graphs import ELEMENTS
-from resgrid.netlist import Netlist
 from resgrid.spice.circuit import KINDS, Circuit
 from resgrid.spice.dialects import DIALECTS
-from resgrid.spice.read.collect import Collector
+from resgrid.spice.read.collector import Collector
 from resgrid.spice.read.commands import Contents
 from resgrid.spice.read.diagnostics import CardError, Diagnostics, Spot
-from resgrid.spice.read.files import Source
+from resgrid.spice.read.element_tables import WIDTHS, ElementArrays, Elements, LateNames, NodeTable, joined_parts
+from resgrid.spice.read.files import SourceFile
 from resgrid.spice.read.scopes import Scope
 from resgrid.spice.read.subcircuits import Expander
-from resgrid.spice.read.tables import WIDTHS, Elements, LateNames, NodeTable, Part, joined_parts
 
 
-def assemble_deck(collector: Collector, source: Source, limit: int | None) -> Circuit:
+def assemble_deck(collector: Collector, source: SourceFile, limit: int | None) -> Circuit:
     """Make the deck of everything that was collected."""
     contents, diagnostics = collector.contents, collector.contents.diagnostics
     scope = Scope(contents.top, diagnostics, built_ins=contents.built_ins())
@@ -95,7 +95,9 @@ def _settle_title(contents: Contents, scope: Scope, elements: Elements, expander
     contents.title = first.text.strip()
 
 
-def _with_switches(parts: dict[str, Part], node_count: int, files: tuple[str, ...], diagnostics: Diagnostics) -> Part:
+def _with_switches(
+    parts: dict[str, ElementArrays], node_count: int, files: tuple[str, ...], diagnostics: Diagnostics
+) -> ElementArrays:
     """Resistors, with every switch among them as the resistance of its state."""
     switches, resistors = parts["switch"], parts["resistor"]
     if not len(switches):
@@ -123,11 +125,11 @@ def _with_switches(parts: dict[str, Part], node_count: int, files: tuple[str, ..
         file, line = switches.place[int(np.argmax(inside))].tolist()
         diagnostics.warn(Spot(files[file], line), "a switch within its hysteresis is off unless ON is said")
     values = np.where(is_on, on, off)[:, np.newaxis]
-    settled = Part(switches.names, switches.nodes[:, :2], values, switches.place, switches.order)
+    settled = ElementArrays(switches.names, switches.nodes[:, :2], values, switches.place, switches.order)
     return joined_parts("resistor", [resistors, settled])
 
 
-def _held_voltages(parts: dict[str, Part], node_count: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _held_voltages(parts: dict[str, ElementArrays], node_count: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Voltage of every node above the root of its tree of voltage sources (and shorts), and that root."""
     from resgrid.circuit.sources import tie_sources
 
@@ -143,7 +145,9 @@ def _held_voltages(parts: dict[str, Part], node_count: int) -> tuple[NDArray[np.
     return forest.offsets[0], forest.root
 
 
-def _note_oddities(parts: dict[str, Part], nodes: NodeTable, files: tuple[str, ...], contents: Contents) -> None:
+def _note_oddities(
+    parts: dict[str, ElementArrays], nodes: NodeTable, files: tuple[str, ...], contents: Contents
+) -> None:
     resistor, diagnostics, top = parts["resistor"], contents.diagnostics, Spot(files[0], 1)
     zero = np.flatnonzero(resistor.values[:, 0] == 0)
     if zero.size:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from resgrid.spice.dialects.record import ReadingRules
 from resgrid.spice.read.diagnostics import CardError, Diagnostics, Spot
-from resgrid.spice.read.files import Source
+from resgrid.spice.read.files import SourceFile
 
 Line = tuple[int, str]
 """A line's number, from 1, and its text."""
@@ -59,7 +59,7 @@ class Card:
         return CardError(self.spot(offset), text)
 
 
-def cards(lines: Iterable[Line], source: Source, rules: ReadingRules, diagnostics: Diagnostics) -> Iterator[Card]:
+def cards(lines: Iterable[Line], source: SourceFile, rules: ReadingRules, diagnostics: Diagnostics) -> Iterator[Card]:
     """Join and strip lines into cards; blank lines and comments vanish, and so do changes of the language."""
     pieces: list[tuple[int, int, str]] = []
     language, glued = rules, False
@@ -103,7 +103,7 @@ _WIDE_BLANK = re.compile(r"[^\S\x00-\x7f]")
 _MICRO = "\N{MICRO SIGN}"
 
 
-def _check_letters(text: str, spot: Spot, source: Source, rules: ReadingRules, diagnostics: Diagnostics) -> None:
+def _check_letters(text: str, spot: Spot, source: SourceFile, rules: ReadingRules, diagnostics: Diagnostics) -> None:
     """Reject blanks beyond ASCII, which simulators take for letters; note bytes that stop the dialect's simulator."""
     blank = _WIDE_BLANK.search(text)
     if blank is not None:
@@ -119,7 +119,7 @@ def _check_letters(text: str, spot: Spot, source: Source, rules: ReadingRules, d
         diagnostics.doubt(spot, f"it is not known here whether {rules.name} reads letters beyond ASCII")
 
 
-def _joined(pieces: list[tuple[int, int, str]], source: Source, rules: ReadingRules) -> Card:
+def _joined(pieces: list[tuple[int, int, str]], source: SourceFile, rules: ReadingRules) -> Card:
     """The card of some pieces: their lines, columns and texts."""
     joins: list[tuple[int, int, int]] = []
     offset = 0

@@ -14,13 +14,13 @@ from resgrid.spice.dialects import DIALECTS, dialect_named
 from resgrid.spice.dialects.record import ReadingRules
 from resgrid.spice.networks.circuitscape import read_circuitscape
 from resgrid.spice.networks.edges import is_edge_list, read_edges
-from resgrid.spice.networks.graphs import GRAPH_SUFFIXES, read_graph
+from resgrid.spice.networks.graph_files import GRAPH_SUFFIXES, read_graph
 from resgrid.spice.read.assemble import assemble_deck
-from resgrid.spice.read.collect import Collector
+from resgrid.spice.read.collector import Collector
 from resgrid.spice.read.commands import Contents
 from resgrid.spice.read.diagnostics import Diagnostics
-from resgrid.spice.read.files import Library, Source, deck_bytes, resolve
-from resgrid.spice.read.plain import LEAST_BYTES
+from resgrid.spice.read.files import Library, SourceFile, deck_bytes, resolve
+from resgrid.spice.read.plain_cards import LEAST_BYTES
 
 _HEAD = 4096
 _LOOKED_AT = 65536
@@ -133,7 +133,7 @@ def read_with(
 
 def _open(
     path: str | os.PathLike[str] | IO[str] | IO[bytes], root: str | os.PathLike[str] | None
-) -> tuple[Library, Source]:
+) -> tuple[Library, SourceFile]:
     folder = None if root is None else _folder(root)
     if not isinstance(path, str | os.PathLike):
         content = path.read()
@@ -155,7 +155,7 @@ def _folder(root: str | os.PathLike[str]) -> Path:
     return folder
 
 
-def _dialect_of(source: Source) -> str:
+def _dialect_of(source: SourceFile) -> str:
     """Dialect that a deck's sidecar states, its name says, or its words show; ngspice without any sign."""
     suffix = ""
     if source.path is not None:

@@ -22,9 +22,9 @@ from resgrid.spice.read.cards import (
     tokenise,
     without_parentheses,
 )
+from resgrid.spice.read.element_tables import Elements
 from resgrid.spice.read.models import RESISTOR_KINDS, SWITCH_KINDS, modelled_resistor, modelled_switch
 from resgrid.spice.read.scopes import Block, Model, Scope
-from resgrid.spice.read.tables import Elements
 from resgrid.spice.read.temperature import refuse_cold, refuse_dropped, refuse_temperature
 from resgrid.spice.read.waveforms import SourceValue, source_value
 

@@ -7,8 +7,8 @@ import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from resgrid._internal.files import read_bytes
 from resgrid.errors import InputError
-from resgrid.files import read_bytes
 
 MAX_BYTES = 2**31 - 2**20
 MAX_FILES = 200
@@ -18,7 +18,7 @@ _BOMS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class SourceFile:
     """One file's content.
 
     `number`: its index among the files of the deck; `name`: as displayed; `path`: where it lies, links resolved; None
@@ -38,23 +38,23 @@ class Library:
     """The files of one deck, and where others may be taken from."""
 
     root: Path | None
-    sources: list[Source] = field(default_factory=list)
+    sources: list[SourceFile] = field(default_factory=list)
 
-    def add(self, name: str, path: Path | None, data: bytes) -> Source:
+    def add(self, name: str, path: Path | None, data: bytes) -> SourceFile:
         """Take up a file's content."""
         if len(self.sources) >= MAX_FILES:
             raise InputError(f"{name}: more than {MAX_FILES} files are included")
-        source = Source(len(self.sources), name, path, normalise(data, name), oddities_of(data))
+        source = SourceFile(len(self.sources), name, path, normalise(data, name), oddities_of(data))
         self.sources.append(source)
         return source
 
-    def open(self, path: Path, name: str) -> Source:
+    def open(self, path: Path, name: str) -> SourceFile:
         """Read a file; one that was read before is not read again."""
         resolved = resolve(path, name)
         known = next((source for source in self.sources if source.path == resolved), None)
         return known or self.add(name, resolved, deck_bytes(resolved, name))
 
-    def find(self, file: str, beside: Source) -> tuple[Path, str]:
+    def find(self, file: str, beside: SourceFile) -> tuple[Path, str]:
         """Where an included file lies, and how to display it."""
         if self.root is None:
             raise InputError(f"{file!r} is included, but the deck has no folder: give the root to read below")
@@ -125,7 +125,7 @@ def coding_of(data: bytes) -> tuple[bytes, str]:
 
 
 def oddities_of(data: bytes) -> frozenset[str]:
-    """Return the oddities of a file, as in `Source`."""
+    """Return the oddities of a file, as in `SourceFile`."""
     found = {"utf-16"} if coding_of(data)[1].startswith("utf-16") else set[str]()
     if b"\r" in data and b"\n" not in data:
         found.add("cr")

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inner, interruptible, kernel, makes_arrays
+from resgrid._internal.jit import inner, interruptible, kernel, makes_arrays
 
 Bytes = NDArray[np.uint8]
 

@@ -82,13 +82,13 @@ class Block:
 
 
 @dataclass
-class Watch:
+class TemperatureUse:
     """What an evaluation used: the simulation temperature, and a function or operator that does not go with it."""
 
     used: bool = False
     cold: str = ""
 
-    def add(self, other: Watch) -> None:
+    def add(self, other: TemperatureUse) -> None:
         """Take up what another evaluation used."""
         self.used |= other.used
         self.cold = self.cold or other.cold
@@ -110,7 +110,7 @@ class BuiltIns:
     nominal: Callable[[Scope], float]
     swept: Mapping[str, tuple[str, Spot]] = field(default_factory=dict)
     redefined: str = ""
-    watch: Watch = field(default_factory=Watch)
+    watch: TemperatureUse = field(default_factory=TemperatureUse)
     _known: dict[str, float] = field(default_factory=dict)
     _busy: bool = False
 
@@ -171,7 +171,9 @@ class Scope:
     given: Mapping[str, float] = field(default_factory=dict)
     built_ins: BuiltIns | None = None
     _known: dict[str, float] = field(default_factory=dict)
-    _warm: dict[str, Watch] = field(default_factory=dict)  # parameters that depend on the simulation temperature
+    _warm: dict[str, TemperatureUse] = field(
+        default_factory=dict
+    )  # parameters that depend on the simulation temperature
     _busy: list[str] = field(default_factory=list)
     _deep: bool = False
     _calls: int = 0  # of functions, for one value; counted by the outermost scope
@@ -235,9 +237,9 @@ class Scope:
         return self.parameter(name) if value is None else value
 
     @contextmanager
-    def watched(self) -> Iterator[Watch]:
+    def watched(self) -> Iterator[TemperatureUse]:
         """Record what evaluations within the block use; what depends on the temperature reaches the block around."""
-        watch, built_ins = Watch(), self.built_ins
+        watch, built_ins = TemperatureUse(), self.built_ins
         if built_ins is None:
             yield watch
             return
@@ -283,7 +285,7 @@ class Scope:
     def _note_cold(self, name: str) -> None:
         """Note a function or operator that the dialect does not have in expressions of the temperature."""
         if self.built_ins is not None and (name in self.built_ins.words.cold or " of " in name):
-            self.built_ins.watch.add(Watch(cold=name))
+            self.built_ins.watch.add(TemperatureUse(cold=name))
 
     def _evaluated(self, card: Card, token: Token, lookup: Lookup) -> float:
         for operator in card.rules.words.cold & set(token.text):

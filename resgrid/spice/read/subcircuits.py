@@ -15,11 +15,11 @@ from resgrid.spice.read.assignments import assignments
 from resgrid.spice.read.cards import Card, Setting, joined_names, split_call, tokenise
 from resgrid.spice.read.commands import Contents
 from resgrid.spice.read.diagnostics import CardError
+from resgrid.spice.read.element_tables import RESISTIVE, WIDTHS, ElementArrays, Elements, NodeTable, order_of, widened
 from resgrid.spice.read.elements import letter_of, multiplier, read_element
 from resgrid.spice.read.expressions import names_in
 from resgrid.spice.read.scopes import Block, Scope
 from resgrid.spice.read.spectre import PRIMITIVES, word_for
-from resgrid.spice.read.tables import RESISTIVE, WIDTHS, Elements, NodeTable, Part, order_of, widened
 from resgrid.spice.read.temperature import refuse_temperature
 
 MAX_DEPTH = 50
@@ -50,7 +50,7 @@ class Flat:
     names: tuple[str, ...]
     ports: int
     common: tuple[bool, ...]
-    parts: dict[str, Part]
+    parts: dict[str, ElementArrays]
 
 
 @dataclass(eq=False)
@@ -316,7 +316,7 @@ def _stamp(flat: Flat, calls: list[tuple[Call, float]], elements: Elements) -> N
         elif kind != "voltage source":
             values[:, :1] *= each
         elements.parts[kind].append(
-            Part(
+            ElementArrays(
                 partial(_names_of_instances, calls, part),
                 nodes[:, part.nodes].reshape(-1, part.nodes.shape[1]),
                 values,
@@ -326,7 +326,7 @@ def _stamp(flat: Flat, calls: list[tuple[Call, float]], elements: Elements) -> N
         )
 
 
-def _names_of_instances(calls: list[tuple[Call, float]], part: Part) -> list[str]:
+def _names_of_instances(calls: list[tuple[Call, float]], part: ElementArrays) -> list[str]:
     names = part.names()
     return [f"{call.name}.{name}" for call, _ in calls for name in names]
 

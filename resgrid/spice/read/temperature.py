@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from resgrid.spice.read.cards import Card
-from resgrid.spice.read.scopes import Watch
+from resgrid.spice.read.scopes import TemperatureUse
 
 
-def refuse_cold(card: Card, watch: Watch, ohms: float | None) -> None:
+def refuse_cold(card: Card, watch: TemperatureUse, ohms: float | None) -> None:
     """Raise CardError for a resistance that the dialect's simulator does not evaluate at a temperature."""
     words = card.rules.words
     if not watch.used or not words.temperature_in_values:
@@ -26,7 +26,9 @@ _BASE = 27.0
 """Temperature from which a B element of ngspice counts, in degrees Celsius."""
 
 
-def refuse_dropped(card: Card, watch: Watch, keys: Collection[str], nodes: Collection[str], nominal: float) -> None:
+def refuse_dropped(
+    card: Card, watch: TemperatureUse, keys: Collection[str], nodes: Collection[str], nominal: float
+) -> None:
     """Raise CardError for parts of a resistor that ngspice drops or misreads when its value depends on the temperature.
 
     ngspice writes such a resistor as a B element, which knows ``tc1`` and ``tc2`` alone, relative to 27 degrees Celsius

@@ -13,11 +13,11 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+from resgrid._internal.files import temporary_folder
 from resgrid.errors import ToolMissingError
-from resgrid.files import temporary_folder
 from resgrid.spice.run.ngspice import (
     RAW,
-    Simulation,
+    SimulatorRun,
     find_program,
     refuse_commands,
     result_in,
@@ -37,7 +37,7 @@ _END = re.compile(rb"^[ \t]*\.end[ \t\r]*$.*", re.IGNORECASE | re.MULTILINE | re
 
 def simulate_eecircuit(
     data: bytes, *, source: str = "deck", timeout: float = 600.0, direct: bool = False
-) -> Simulation:
+) -> SimulatorRun:
     """Find the operating point of a deck's content with ``eecircuit-engine``; as `ngspice.simulate`."""
     node, module = find_program(NODE_VARIABLE, "node", _INSTALL), find_module()
     refuse_commands(data, source, models=direct)

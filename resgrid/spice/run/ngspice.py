@@ -17,8 +17,8 @@ from types import MappingProxyType
 
 import numpy as np
 
+from resgrid._internal.files import temporary_folder
 from resgrid.errors import BudgetError, InputError, ToolMissingError
-from resgrid.files import temporary_folder
 from resgrid.spice.run.rawfile import RawFile, read_rawfile
 
 if sys.platform == "linux":
@@ -60,7 +60,7 @@ VERSIONS = ("39", "46")
 
 
 @dataclass(frozen=True, eq=False)
-class Simulation:
+class SimulatorRun:
     """What a simulator said.
 
     `voltage`: per node, in volts; empty if there is no operating point; `source_current`: into the plus terminal of
@@ -83,7 +83,7 @@ def simulate(
     direct: bool = False,
     files: Mapping[str, bytes] = MappingProxyType({}),
     place: str = _DECK,
-) -> Simulation:
+) -> SimulatorRun:
     """Find the operating point of a deck's content, in a private folder; a deck at fault is no exception.
 
     ``source`` names it in messages; ``direct``: it asks for its analysis itself; ``files``: what it includes, by their
@@ -203,7 +203,7 @@ def _read_log(folder: Path) -> str:
         return log.read(_MAX_LOG).decode("utf-8", "replace")
 
 
-def result_in(folder: Path, simulator: str, version: str, status: int) -> Simulation:
+def result_in(folder: Path, simulator: str, version: str, status: int) -> SimulatorRun:
     """What a simulator left in a folder: its raw file, and what it complains about in its log."""
     lines = (re.sub(r"\s+", " ", line).strip() for line in re.split(r"[\r\n]+", _read_log(folder)))
     bad = dict.fromkeys(line for line in lines if _COMPLAINT.search(line) and not _HARMLESS.search(line))
@@ -211,14 +211,14 @@ def result_in(folder: Path, simulator: str, version: str, status: int) -> Simula
     try:
         raw = _operating_point(folder / RAW)
     except InputError as error:
-        return Simulation({}, {}, simulator, version, (f"{error} (exit status {status})", *complaints))
+        return SimulatorRun({}, {}, simulator, version, (f"{error} (exit status {status})", *complaints))
     read: dict[str, dict[str, float]] = {"voltage": {}, "current": {}}
     for name, kind, value in zip(raw.names, raw.kinds, raw.values[0].tolist(), strict=True):
         if kind in read:  # n_0_0 from v(n_0_0), v_obstacle from i(v_obstacle) or v_obstacle#branch
             inner = name[2:-1] if name[1:2] == "(" and name.endswith(")") else name
             inner += ")" * (inner.count("(") - inner.count(")"))  # v(net-(r1) is what it writes for net-(r1)
             read[kind][inner.removesuffix("#branch")] = value
-    return Simulation(read["voltage"], read["current"], simulator, version, complaints)
+    return SimulatorRun(read["voltage"], read["current"], simulator, version, complaints)
 
 
 def _operating_point(path: Path) -> RawFile:

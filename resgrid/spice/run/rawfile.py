@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.core.netlist import GROUND
 from resgrid.errors import InputError
-from resgrid.netlist import GROUND
 from resgrid.spice.dialects.ngspice import ngspice_name
 
 _BINARY = b"Binary:\n"

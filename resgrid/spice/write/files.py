@@ -10,16 +10,16 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Literal
 
+from resgrid._internal.files import atomic_path
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
+from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
-from resgrid.files import atomic_path
-from resgrid.netlist import Netlist
 from resgrid.scene.chip import Chip
 from resgrid.spice.analyses import Analysis, MismatchAnalysis, TransientAnalysis, kind_of
 from resgrid.spice.dialects import dialect_named
-from resgrid.spice.write.companion import LARGEST, format_companion
 from resgrid.spice.write.flat import flatten
+from resgrid.spice.write.self_check import LARGEST, format_companion
 from resgrid.spice.write.sidecar import digest, expect, format_sidecar, sidecar_path
 from resgrid.spice.write.statements import additions, format_commands, only_one
 from resgrid.spice.write.tile_deck import write_tiles

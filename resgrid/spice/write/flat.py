@@ -9,9 +9,9 @@ from string import Formatter
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.core.netlist import Netlist
+from resgrid.core.networkx_graphs import ELEMENTS
 from resgrid.errors import CircuitError, InputError
-from resgrid.graphs import ELEMENTS
-from resgrid.netlist import Netlist
 from resgrid.spice.circuit import Circuit
 from resgrid.spice.dialects import dialect_named
 from resgrid.spice.dialects.record import Dialect
@@ -21,7 +21,7 @@ _MAX_TITLE = 200
 
 
 @dataclass(frozen=True, eq=False)
-class Deck:
+class FlatDeck:
     """A deck's text, and what ties its names to the netlist.
 
     `netlist`: what was written; `text`: the deck, LF line ends; `dialect`: whose rules it keeps; `title`: its title,
@@ -81,7 +81,7 @@ _NOTHING = Additions()
 
 def flatten(
     netlist: Netlist, *, dialect: str = "ngspice", title: str | None = None, additions: Additions = _NOTHING
-) -> Deck:
+) -> FlatDeck:
     """Write a netlist as a flat deck; the same netlist gives the same text, whatever the order of its elements.
 
     Floating nodes and the elements that touch them are left out, as are sources that close a (consistent) loop.
@@ -109,7 +109,7 @@ def flatten(
         if chosen.size:
             columns = {"name": element_names[kind], **({"value": plain(ohms)} if kind == "resistor" else {})}
             lines += [f"{rules.comment}{kind}s", *_lines_of(netlist, rules, kind, chosen, names, columns, additions)]
-    return Deck(
+    return FlatDeck(
         netlist=netlist,
         text="\n".join([*lines, *([rules.end] if rules.end else []), ""]),
         dialect=rules,

@@ -8,8 +8,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.graphs import ELEMENTS
-from resgrid.netlist import GROUND, Netlist
+from resgrid.core.netlist import GROUND, Netlist
+from resgrid.core.networkx_graphs import ELEMENTS
 from resgrid.spice.dialects.record import GROUND_NAME, Dialect
 
 INITIALS = {"voltage source": "v", "current source": "i", "resistor": "r", "nonlinear resistor": "b", "capacitor": "c"}

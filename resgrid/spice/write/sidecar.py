@@ -20,12 +20,12 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveInt, ValidationError
 
+from resgrid._internal.files import read_bytes
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import InputError
-from resgrid.files import read_bytes
 from resgrid.spice.circuit import some
 from resgrid.spice.dialects import dialect_named
-from resgrid.spice.write.flat import Deck
+from resgrid.spice.write.flat import FlatDeck
 
 SCHEMA = 1
 _BLOCK_LINES = 16
@@ -79,7 +79,7 @@ class Expected:
         )
 
 
-def expect(deck: Deck, op: OperatingPoint) -> Expected:
+def expect(deck: FlatDeck, op: OperatingPoint) -> Expected:
     """Tie an operating point to the names of a deck of the same netlist."""
     if not op.is_of(deck.netlist):
         raise InputError("the operating point belongs to another netlist; solve this one first")
@@ -149,7 +149,7 @@ def sidecar_path(deck: Path) -> Path:
     return deck.with_name(deck.name + ".json")
 
 
-def format_sidecar(deck_name: str, deck: Deck, expected: Expected, more: Mapping[str, Any]) -> str:
+def format_sidecar(deck_name: str, deck: FlatDeck, expected: Expected, more: Mapping[str, Any]) -> str:
     """Write a sidecar's JSON, one node a line."""
     data = deck.text.encode("utf-8")
     head = {
@@ -175,7 +175,7 @@ def format_sidecar(deck_name: str, deck: Deck, expected: Expected, more: Mapping
     return blank.replace(_BLANK, digest(blank.encode()), 1)
 
 
-def _node_lines(deck: Deck, expected: Expected) -> Iterator[str]:
+def _node_lines(deck: FlatDeck, expected: Expected) -> Iterator[str]:
     cells = ["null"] * len(deck.nodes)
     if deck.netlist.cell_map is not None:
         flat = deck.netlist.cell_of_node()[deck.nodes]

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from resgrid.core.netlist import GROUND, Netlist
+from resgrid.core.networkx_graphs import ELEMENTS
 from resgrid.errors import InputError
-from resgrid.graphs import ELEMENTS
-from resgrid.netlist import GROUND, Netlist
 from resgrid.spice.analyses import (
     Analysis,
     Measure,
@@ -23,7 +23,7 @@ from resgrid.spice.analyses import (
     kind_of,
 )
 from resgrid.spice.dialects.record import GROUND_NAME, Dialect, Statements
-from resgrid.spice.write.flat import Additions, Deck
+from resgrid.spice.write.flat import Additions, FlatDeck
 
 _KINDS: dict[type[Analysis], str] = {
     OperatingAnalysis: "dc",
@@ -88,7 +88,7 @@ def _sums(netlist: Netlist, kind: str, key: str) -> dict[tuple[str, str], float]
     return total
 
 
-def format_commands(name: str, deck: Deck, asked: Sequence[Analysis]) -> str:
+def format_commands(name: str, deck: FlatDeck, asked: Sequence[Analysis]) -> str:
     """Write the file that includes a deck and asks for analyses, for the operating point where none is asked for."""
     analyses = asked or [OperatingAnalysis()]
     what = "analyses" if asked else "operating point"
@@ -115,7 +115,7 @@ def format_commands(name: str, deck: Deck, asked: Sequence[Analysis]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _check_names(deck: Deck, analyses: Sequence[Analysis]) -> None:
+def _check_names(deck: FlatDeck, analyses: Sequence[Analysis]) -> None:
     if only_one(analyses, TransientAnalysis) is None and any(isinstance(item, Measure) for item in analyses):
         raise InputError("measure: it measures a transient, and none is asked for; add a TransientAnalysis")
     if only_one(analyses, NoiseAnalysis) is not None and not deck.source_names:
@@ -134,7 +134,7 @@ def _check_names(deck: Deck, analyses: Sequence[Analysis]) -> None:
             )
 
 
-def _statement(words: Statements, name: str, deck: Deck, analysis: Analysis) -> list[str]:
+def _statement(words: Statements, name: str, deck: FlatDeck, analysis: Analysis) -> list[str]:
     if type(analysis) not in _KINDS:
         return []
     values: dict[str, Any] = {"deck": name, **_first_source(deck)}
@@ -150,7 +150,7 @@ def _statement(words: Statements, name: str, deck: Deck, analysis: Analysis) -> 
     return [template.format(**values) for template in templates]
 
 
-def _first_source(deck: Deck) -> dict[str, str]:
+def _first_source(deck: FlatDeck) -> dict[str, str]:
     """Name and volts of the first voltage source of a deck, which some statements need."""
     if not deck.source_names:
         return {"source": "", "volts": ""}
@@ -180,7 +180,7 @@ def _measures(words: Statements, analyses: Sequence[Analysis]) -> list[str]:
     return [*words.measure_first, *lines, *words.measure_last] if lines else []
 
 
-def _change(deck: Deck, transient: TransientAnalysis | None) -> Iterator[str]:
+def _change(deck: FlatDeck, transient: TransientAnalysis | None) -> Iterator[str]:
     """Elements that turn the deck's scene into the next one: currents that a step switches on.
 
     What a changed resistor carries more, ``(g_after - g_before) V``, is a source of that current times the step;

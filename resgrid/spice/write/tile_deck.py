@@ -15,10 +15,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.netlist import Netlist
+from resgrid.core.netlist import Netlist
 from resgrid.scene.chip import Chip
 from resgrid.spice.dialects.record import GROUND_NAME, Dialect
-from resgrid.spice.write.flat import Additions, Deck, fill, flatten, plain, spread_preamble
+from resgrid.spice.write.flat import Additions, FlatDeck, fill, flatten, plain, spread_preamble
 from resgrid.spice.write.tiles import ENDS, RAILS, Tiles, tiles_of
 
 _BLOCKED = "{0}*(2-{0})*(3-{0})/2"
@@ -29,7 +29,7 @@ _FREE = "(1-{0})*(2-{0})*(3-{0})/6"
 
 def write_tiles(
     netlist: Netlist, chip: Chip, name: str, *, dialect: str, title: str | None, additions: Additions
-) -> Deck:
+) -> FlatDeck:
     """Write the netlist that a chip's passes made as the tiles of a deck in a file of this name."""
     tiles = tiles_of(netlist, chip)
     size = " x ".join(map(str, tiles.shape))
@@ -47,7 +47,7 @@ def write_tiles(
     return dataclasses.replace(flat, text=texts.pop(""), parts=texts, resistors=names, resistor_value=values)
 
 
-def _deck_lines(tiles: Tiles, flat: Deck, name: str, additions: Additions) -> Iterator[str]:
+def _deck_lines(tiles: Tiles, flat: FlatDeck, name: str, additions: Additions) -> Iterator[str]:
     rules, netlist = flat.dialect, tiles.netlist
     yield f"{rules.comment}{flat.title}"
     yield f"{rules.comment}{rules.name} dialect: the pattern sets the switches of the chip's tiles"
@@ -61,7 +61,7 @@ def _deck_lines(tiles: Tiles, flat: Deck, name: str, additions: Additions) -> It
     yield from [rules.end] if rules.end else []
 
 
-def _pattern_lines(tiles: Tiles, flat: Deck, labels: Sequence[str]) -> Iterator[str]:
+def _pattern_lines(tiles: Tiles, flat: FlatDeck, labels: Sequence[str]) -> Iterator[str]:
     rules = flat.dialect
     yield f"{rules.comment}pattern: {flat.title}"
     yield f"{rules.comment}state of every tile: 0 free, 1 blocked, 2 goal, 3 driven"

@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
-from resgrid.compiler import compile_space
+from resgrid.core.compiler import compile_space
+from resgrid.core.netlist import Netlist
+from resgrid.core.regions import face_counts
+from resgrid.core.space import Cell
+from resgrid.core.wiring import Wiring
 from resgrid.errors import CircuitError, InputError
-from resgrid.grids import face_counts
-from resgrid.netlist import Netlist
 from resgrid.scene.chip import Chip
-from resgrid.space import Cell
 from resgrid.spice.write.flat import resistances, rounded
-from resgrid.wiring import Wiring
 
 RAILS = ("obstacle", "goal")
 SWITCHES = (*RAILS, "internodal")

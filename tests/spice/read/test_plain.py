@@ -8,9 +8,9 @@ from support.decks import outcome, same
 
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.read.deck import read_with
-from resgrid.spice.read.files import Source
-from resgrid.spice.read.plain import PlainCards
-from resgrid.spice.read.tables import Elements, NodeTable
+from resgrid.spice.read.element_tables import Elements, NodeTable
+from resgrid.spice.read.files import SourceFile
+from resgrid.spice.read.plain_cards import PlainCards
 
 floats = st.one_of(
     st.floats(allow_nan=False, allow_infinity=False),
@@ -20,7 +20,7 @@ floats = st.one_of(
 
 def cut(text: str) -> tuple[list[str], list[float]]:
     """Names and values of the plain resistors of a text."""
-    cards = PlainCards(Source(0, "deck", None, text.encode()), 0, DIALECTS["ngspice"].reading)
+    cards = PlainCards(SourceFile(0, "deck", None, text.encode()), 0, DIALECTS["ngspice"].reading)
     elements = Elements(NodeTable(frozenset({"0"})), 27.0)
     elements.nodes.of("0", 0)
     for _ in cards.others(lambda: True):

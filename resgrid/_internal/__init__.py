@@ -1,0 +1,1 @@
+"""Infrastructure without physics: validation, values, files, checkpoints, memory, executors, compiled kernels."""

@@ -1,0 +1,26 @@
+"""Optional packages: the command that installs them into the running Python."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import sys
+from importlib import metadata
+from pathlib import Path
+
+_ENTRY = re.compile(r"""(?P<package>[^;]+?)\s*;.*\bextra\s*==\s*['"](?P<extra>[\w-]+)['"]""")
+"""A requirement of an extra in the metadata of a distribution, such as ``mpi4py>=4; extra == 'mpi'``."""
+
+
+def install_command(extra: str) -> str:
+    """Return the command that installs the packages of an extra of resgrid.
+
+    The command names the packages themselves: it works for a checkout, a wheel and an index, and without an activated
+    environment.
+    """
+    try:
+        entries = filter(None, map(_ENTRY.match, metadata.requires("resgrid") or ()))
+        packages = [entry["package"] for entry in entries if entry["extra"] == extra]
+    except metadata.PackageNotFoundError:  # imported from a checkout that is not installed
+        packages = [f"{Path(__file__).parents[2]}[{extra}]"]
+    return shlex.join([sys.executable or "python", "-m", "pip", "install", *packages])

@@ -1,0 +1,253 @@
+"""How many converter bits a robot needs to see its next step: the precision problem of resistive grids as a number.
+
+Tarassenko & Blake (1991) note that the potential of a grid with obstacles held at a rail is nearly flat far from the
+goal.  A converter of ``b`` bits tells two voltages apart when they differ by one step, its range over ``2**b``; a cell
+therefore needs ``log2(range / (V - V_best))`` bits, ``V_best`` being the voltage of its lowest face neighbour.
+
+A voltage step along a resistor is its current over its conductance, which the operating point holds in logarithms: the
+steps compare correctly even where voltages themselves have become equal in double precision.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid._internal.validation import Positive, check_share
+from resgrid.chip.figures_of_merit import Figure, Result, defined
+from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.core.netlist import CellMap
+from resgrid.core.regions import before_and_behind, with_margin
+from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.errors import InputError
+
+_MOST_CELLS = 400
+_SMALL = 1e-4
+_SATURATED = 1.0 - 1e-16
+"""Shares of ``I0`` below which a nonlinear resistor is linear, and above which its voltage cannot be told."""
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """Voltage steps from cells to their face neighbours, one entry per cell and face that a resistor crosses.
+
+    `cell` (s,): flat index (C order) of the free cell left; ascending; `neighbour` (s,): of the `enterable` one; `sign`
+    (s,): 1 where the neighbour is lower (nearer to the goal rail), -1 where it is higher, 0 where both are equal;
+    `log_volts` (s,): natural logarithm of the step's size, in volts.
+    """
+
+    cells: CellMap
+    cell: NDArray[np.int64]
+    neighbour: NDArray[np.int64]
+    sign: NDArray[np.int8]
+    log_volts: NDArray[np.float64]
+
+    def lowest(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Lowest neighbour of every cell (-1 for none), of equal ones the first, and the log of the step down to it."""
+        size = self.cells.space.cell.size
+        down = np.where(self.sign > 0, self.log_volts, -np.inf)
+        best = np.full(size, -np.inf)
+        np.maximum.at(best, self.cell, down)
+        neighbour = np.full(size, -1, dtype=np.int64)
+        winners = np.flatnonzero((self.sign > 0) & (down == best[self.cell]))[::-1]
+        neighbour[self.cell[winners]] = self.neighbour[winners]
+        return neighbour, best
+
+
+def enterable(space: ConfigurationSpace) -> NDArray[np.bool_]:
+    """Cells that a robot steps into: free and goal cells, never an obstacle, however low its switch lets it lie."""
+    return np.asarray(space.cell != Cell.OBSTACLE)
+
+
+def steps_of(op: OperatingPoint) -> Steps:
+    """The voltage steps between neighbouring cells; those that no element joins are compared by their voltages."""
+    cells = op.netlist.cells
+    space, node = cells.space, cells.node.ravel()
+    code = space.cell.ravel()
+    around = _cells_of_faces(space)
+    face, upward, flow, log_volts = _across_elements(op, cells)
+    unjoined = (around >= 0).all(axis=1) & (around[:, 0] != around[:, 1])
+    may_enter = enterable(space).ravel()
+    unjoined &= (may_enter & (node >= 0))[around].all(axis=1)
+    unjoined[face] = False
+    pairs = around[unjoined]
+    down = np.nan_to_num(np.subtract(*op.voltage[node[pairs.T]]))
+    with np.errstate(divide="ignore"):
+        log_volts = np.append(log_volts, np.log(np.abs(down)))
+    sign = np.append(np.where(upward, 1, -1) * flow, np.sign(down)).astype(np.int8) * np.int8(
+        np.sign(cells.wiring.supply)
+    )
+    here, there = np.concatenate([around[face], pairs]).T
+    here, there = np.append(here, there), np.append(there, here)
+    keep = np.flatnonzero((here >= 0) & (there >= 0))
+    keep = keep[(code[here[keep]] == Cell.FREE) & may_enter[there[keep]]]
+    keep = keep[np.lexsort((there[keep], here[keep]))]
+    return Steps(cells, here[keep], there[keep], np.append(sign, -sign)[keep], np.tile(log_volts, 2)[keep])
+
+
+def _across_elements(
+    op: OperatingPoint, cells: CellMap
+) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.int8], NDArray[np.float64]]:
+    """Face, orientation, direction of the current and log of the voltage of every element that crosses a face."""
+    netlist = op.netlist
+    linear, nonlinear = cells.resistor_face >= 0, cells.nonlinear_face >= 0
+    log_volts = op.resistor_log_current[linear] - np.log(netlist.conductance[linear])
+    share = np.abs(op.nonlinear_amps[nonlinear]) / netlist.nonlinear_current[nonlinear]
+    small = op.nonlinear_log_amps[nonlinear] - np.log(netlist.nonlinear_current[nonlinear])
+    with np.errstate(divide="ignore"):
+        large = np.log(np.arctanh(np.minimum(share, _SATURATED)))
+        log_saturating = np.log(netlist.nonlinear_voltage[nonlinear]) + np.where(share > _SMALL, large, small)
+    return (
+        np.append(cells.resistor_face[linear], cells.nonlinear_face[nonlinear]),
+        np.append(cells.resistor_upward[linear], cells.nonlinear_upward[nonlinear]),
+        np.append(op.resistor_direction[linear], op.nonlinear_direction[nonlinear]),
+        np.append(log_volts, log_saturating),
+    )
+
+
+def _cells_of_faces(space: ConfigurationSpace) -> NDArray[np.int64]:
+    """Flat index of the cells below and above every face, -1 beyond the edge; shape (faces, 2)."""
+    wide = with_margin(np.arange(space.cell.size).reshape(space.shape), space.periodic, beyond=-1)
+    sides = (before_and_behind(wide, axis) for axis in range(space.ndim))
+    return np.concatenate([np.stack([below.ravel(), above.ravel()], axis=1) for below, above in sides])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Precision(Result):
+    """Converter bits that the cells of a space need.
+
+    Attributes
+    ----------
+    space : ConfigurationSpace
+    span : float
+        Range of the converter, in volts.
+    cell_bits : ndarray of float64, shape of the space
+        Bits at which one step of the converter is as large as the step down to the best neighbour; infinite where no
+        neighbour is lower, NaN in cells that are not free or have no way to a goal.
+    start_bits : ndarray of float64, shape of the space
+        The most that any cell on the way from there to the goal needs, each step leading to the lowest neighbour.
+    following : ndarray of int64, shape of the space
+        Flat index (C order) of the lowest neighbour, -1 for none.
+    boundary : str
+        ``"dirichlet"``, ``"neumann"`` or ``"wall"``.
+    """
+
+    space: ConfigurationSpace
+    span: float
+    cell_bits: NDArray[np.float64]
+    start_bits: NDArray[np.float64]
+    following: NDArray[np.int64]
+    boundary: str
+
+    @property
+    def starts(self) -> NDArray[np.float64]:
+        """Bits that every start with a way to a goal needs, in C order of the cells."""
+        return self.start_bits[self.space.goal_connected]
+
+    def served(self, bits: float) -> float:
+        """Share of the starts that a read-out of so many bits serves, among those with a way to a goal; NaN of none."""
+        return float(np.mean(self.starts <= bits)) if self.starts.size else float("nan")
+
+    def bits_for(self, share: float) -> int | None:
+        """Fewest whole bits that serve a share of the starts; None if no number of bits does."""
+        check_share("share", share)
+        ordered = np.sort(self.starts)
+        if not ordered.size:
+            return None
+        needed = ordered[max(int(np.ceil(share * len(ordered) - 1e-9)) - 1, 0)]
+        return max(int(np.ceil(needed)), 1) if np.isfinite(needed) else None
+
+    def cells_passed(self, starts: Sequence[tuple[int, ...]] = ()) -> NDArray[np.int64]:
+        """Cells on the way from some starts, or else from the one that needs most bits, shape (k, axes)."""
+        shape = self.space.shape
+        bits = np.where(np.isfinite(self.start_bits), self.start_bits, -np.inf)
+        hardest = tuple(int(index) for index in np.unravel_index(int(bits.argmax()), shape))
+        begins = [start for start in starts if self.space.goal_connected[start]] or [hardest]
+        following, goal = self.following.ravel(), self.space.cell.ravel() == Cell.GOAL
+        passed: dict[int, None] = {}
+        for begin in begins:
+            cell = int(np.ravel_multi_index(begin, shape))
+            while cell >= 0 and not goal[cell] and cell not in passed and following[cell] >= 0:
+                passed[cell] = None
+                cell = int(following[cell])
+        if not passed:
+            raise InputError("no start has a lower neighbour on this chip, so there is no step to examine")
+        return np.stack(np.unravel_index(list(passed)[:_MOST_CELLS], shape), axis=1)
+
+    def sentence(self, bits: int = 10) -> str:
+        """What a read-out of so many bits is worth, e.g. ``"a 10-bit read-out serves 63 % of the starts"``."""
+        if not self.starts.size:
+            return "no start has a way to a goal"
+        article = "an" if str(bits).startswith("8") or bits in {11, 18} else "a"
+        share = 100 * self.served(bits)
+        # Rounded down, so that 100 % means all of them.
+        return f"{article} {bits}-bit read-out serves {np.floor(share + 1e-9):.0f} % of the starts"
+
+    @property
+    def figures(self) -> Mapping[str, Figure]:
+        """The figures of merit by name, with units and definitions."""
+        most = float(self.starts.max(initial=-np.inf))
+        typical = float(np.median(self.starts)) if self.starts.size else np.nan
+        of = f"of a converter of range {self.span:g} V"
+        result = {
+            "most_bits": Figure(
+                defined(most),
+                "bit",
+                f"bits {of} that the most demanding start needs: log2(range over the smallest step down on its way)",
+            ),
+            "median_bits": Figure(defined(typical), "bit", f"bits {of} that serve half of the starts"),
+        }
+        for bits in (8, 10, 12, 16):
+            result[f"served_{bits}_bits"] = Figure(
+                self.served(bits) if self.starts.size else None,
+                "",
+                f"share of the starts with a path that a {bits}-bit read-out serves",
+            )
+        return result
+
+    def to_json(self) -> dict[str, Any]:
+        """The figures and the sentence, as plain values."""
+        return {**super().to_json(), "boundary": self.boundary, "sentence": self.sentence()}
+
+
+def analyse_precision(op: OperatingPoint, *, span: Positive | None = None) -> Precision:
+    """How many bits a read-out needs.
+
+    `span`: range of the converter, in volts; without a chip's description the supply or, with a uniform drive, the
+    height of the highest node above the goal rail.
+    """
+    steps = steps_of(op)
+    space, wiring = steps.cells.space, steps.cells.wiring
+    if span is not None:
+        reach = float(span)
+    elif wiring.drive == "uniform":
+        reach = float(np.nanmax(np.abs(op.voltage[steps.cells.free_node] - wiring.goal_voltage)))
+    else:
+        reach = abs(wiring.supply)
+    following, log_volts = steps.lowest()
+    served = space.goal_connected.ravel()
+    bits = np.where(served, (np.log(reach) - log_volts) / np.log(2.0), np.nan)
+    return Precision(
+        space=space,
+        span=reach,
+        cell_bits=bits.reshape(space.shape),
+        start_bits=_largest_ahead(bits, following, space).reshape(space.shape),
+        following=np.where(served, following, -1).reshape(space.shape),
+        boundary=wiring.boundary,
+    )
+
+
+def _largest_ahead(
+    bits: NDArray[np.float64], following: NDArray[np.int64], space: ConfigurationSpace
+) -> NDArray[np.float64]:
+    """Largest value from every cell to the end of its way, by doubling the length looked ahead."""
+    most = np.where(space.cell.ravel() == Cell.GOAL, -np.inf, bits)
+    ahead = np.where(following < 0, np.arange(len(bits)), following)
+    for _ in range(int(np.ceil(np.log2(len(bits) + 1)))):
+        most = np.maximum(most, most[ahead])
+        ahead = ahead[ahead]
+    return np.where(np.isnan(bits), np.nan, most)

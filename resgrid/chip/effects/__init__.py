@@ -1,0 +1,97 @@
+"""The effects of a chip: passes from an ideal netlist to that of one real chip, as values and as data.
+
+A pass is a frozen value with ``apply(netlist) -> netlist``; `resgrid.build_chip` takes a list of them, or a chip's
+description.  A new one is a file with a dataclass that derives from `Effect`, and a line in `EFFECTS`.
+
+>>> netlist = rg.Netlist(2, [[1, 0]], [1e-3])
+>>> effects = (rg.chip.effects.PreferredValues("E6"), rg.chip.effects.Mismatch(0.01, seed=3))
+>>> rg.chip.effects.from_json(rg.chip.effects.to_json(effects)) == effects
+True
+>>> rg.build_chip(netlist, effects).conductance.round(5)
+array([0.00101])
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from resgrid.chip.effects.base import Effect as Effect, checked
+from resgrid.chip.effects.spread import Faults as Faults, Gradient as Gradient, Mismatch as Mismatch
+from resgrid.chip.effects.switches import (
+    Capacitance as Capacitance,
+    InternodalSwitches as InternodalSwitches,
+    RailResistance as RailResistance,
+    RailSwitches as RailSwitches,
+    ReadoutLoad as ReadoutLoad,
+)
+from resgrid.chip.effects.values import (
+    PreferredValues as PreferredValues,
+    Saturation as Saturation,
+    SheetResistors as SheetResistors,
+    Temperature as Temperature,
+    TemperatureCoefficients as TemperatureCoefficients,
+)
+from resgrid.core.random_sites import seed_of
+from resgrid.errors import InputError, suggestion
+from resgrid.scene.chip import Chip
+from resgrid.scene.table_models import fields_of, plain
+
+EFFECTS: dict[str, type[Effect]] = {
+    "preferred_values": PreferredValues,
+    "sheet_resistors": SheetResistors,
+    "gradient": Gradient,
+    "mismatch": Mismatch,
+    "temperature_coefficients": TemperatureCoefficients,
+    "temperature": Temperature,
+    "internodal_switches": InternodalSwitches,
+    "saturation": Saturation,
+    "rail_switches": RailSwitches,
+    "rail_resistance": RailResistance,
+    "capacitance": Capacitance,
+    "readout_load": ReadoutLoad,
+    "faults": Faults,  # last, for a switch or a load may still serve a cell that opens cut off
+}
+"""Every pass by its name in JSON, in the order of design, fabrication and use."""
+
+
+def of_chip(chip: Chip, seed: Any = None) -> tuple[Effect, ...]:
+    """What a chip's description asks for, in the order of design, fabrication and use."""
+    which = seed_of(chip.seed if seed is None else seed)
+    effects = (kind.of(chip, which) for kind in EFFECTS.values())
+    return tuple(effect for effect in effects if effect is not None)
+
+
+def to_json(passes: Iterable[Effect]) -> list[dict[str, Any]]:
+    """Passes as plain values."""
+    names = {kind: name for name, kind in EFFECTS.items()}
+    return [{"pass": names[type(effect)], **plain(effect)} for effect in checked(passes)]
+
+
+def from_json(entries: Sequence[Mapping[str, Any]]) -> tuple[Effect, ...]:
+    """Passes from what `to_json` gave."""
+    if not isinstance(entries, list | tuple):
+        raise InputError(f"passes must be a list of tables, and this is {entries!r}")
+    return tuple(_effect_of(number, entry) for number, entry in enumerate(entries))
+
+
+def _effect_of(number: int, entry: Any) -> Effect:
+    if not isinstance(entry, Mapping):
+        raise InputError(f"pass {number} = {entry!r} must be a table, such as {{'pass': 'mismatch', 'sigma': 0.01}}")
+    name = entry.get("pass")
+    kind: Any = EFFECTS.get(name) if isinstance(name, str) else None
+    if kind is None:
+        hint = suggestion(str(name), list(EFFECTS)) or f"there are {', '.join(EFFECTS)}"
+        raise InputError(f"pass {number}: {name!r} is unknown; {hint}")
+    values = {key: value for key, value in entry.items() if key != "pass"}
+    known = [item.name for item in dataclasses.fields(kind)]
+    for key in values:
+        if key not in known:
+            hint = suggestion(key, known) or f"it may hold {', '.join(known)}"
+            raise InputError(f"pass {number} ({name}): {key!r} is unknown; {hint}")
+    try:
+        effect: Effect = kind(**fields_of(kind, values))
+    except InputError as error:
+        raise InputError(f"pass {number} ({name}): {error}") from None
+    return effect

@@ -1,0 +1,104 @@
+"""What a pass is, and how passes change a netlist.
+
+Elements that a pass adds are appended, so that resistors of the grid keep their numbers; they cross no face (-1).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.core.netlist import GROUND, CellMap, Netlist, add_elements, select_elements
+from resgrid.core.random_sites import Seed, seed_of
+from resgrid.errors import InputError
+from resgrid.scene.chip import Chip
+from resgrid.scene.table_models import check_fields
+from resgrid.spice.circuit import connected_parts
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One effect of a chip on its netlist: pure and, where it is random, seeded.
+
+    Its fields are annotated as those of a `Chip` are, with range and unit; `KEYS` says from which keys of a chip's
+    description they come.
+    """
+
+    KEYS: ClassVar[Mapping[str, str]] = {}
+
+    def __post_init__(self) -> None:
+        if hasattr(self, "seed"):
+            object.__setattr__(self, "seed", seed_of(self.seed))
+        check_fields(self)
+
+    @classmethod
+    def of(cls, chip: Chip, seed: Seed) -> Self | None:
+        """The effect that a chip's description asks for; None where it says nothing, and the chip is ideal."""
+        del seed
+        values = {name: attrgetter(key)(chip) for name, key in cls.KEYS.items()}
+        given = {name: value for name, value in values.items() if value}
+        return cls(**given) if given else None
+
+    def apply(self, netlist: Netlist) -> Netlist:
+        """The netlist with this effect."""
+        raise NotImplementedError
+
+
+def checked(passes: Iterable[Effect]) -> Iterator[Effect]:
+    """Passes, each of which is one."""
+    for effect in passes:
+        if not isinstance(effect, Effect):
+            raise InputError(f"{effect!r} is not an effect of a chip; see resgrid.chip.effects, such as Mismatch(0.01)")
+        yield effect
+
+
+def cells_with_nodes(netlist: Netlist, what: str) -> CellMap:
+    """The cells of a netlist that has a node for each of them."""
+    if netlist.cells.wiring.rails != "cells":
+        raise InputError(f"{what} need one node per cell; compile with rails = 'cells'")
+    return netlist.cells
+
+
+def add_nodes(netlist: Netlist, count: int) -> tuple[Netlist, NDArray[np.int32]]:
+    """Append nodes; returns the netlist and their numbers."""
+    first = netlist.node_count
+    names = netlist.node_names
+    if names is not None:
+        names = (*names, *(f"node_{node}" for node in range(first, first + count)))
+    return netlist.replace(node_count=first + count, node_names=names), np.arange(first, first + count, dtype=np.int32)
+
+
+def to_node(nodes: NDArray[np.int32], end: int) -> NDArray[np.int32]:
+    """Pairs of nodes that all end in one, shape (n, 2)."""
+    return np.stack([nodes, np.full(len(nodes), end, dtype=np.int32)], axis=1)
+
+
+def rail_pin(netlist: Netlist, rail: str) -> tuple[Netlist, int]:
+    """The pin of a rail, made if there is none: where currents drive the chip, both are at the goal's voltage."""
+    cells = cells_with_nodes(netlist, "rails")
+    wiring = cells.wiring
+    known = cells.obstacle_node if rail == "obstacle" else cells.goal_nodes[0] if cells.goal_nodes else -1
+    if known >= 0:
+        return netlist, known
+    netlist, (node,) = add_nodes(netlist, 1)
+    pin = int(node)
+    volts = wiring.high if rail == "obstacle" and wiring.drive != "uniform" else wiring.goal_voltage
+    changed: dict[str, Any] = {"obstacle_node": pin} if rail == "obstacle" else {"goal_nodes": (pin,)}
+    netlist = add_elements(netlist, "voltage source", [pin, GROUND], volts)
+    return netlist.replace(cell_map=dataclasses.replace(cells, **changed)), pin
+
+
+def without_stranded_currents(netlist: Netlist) -> Netlist:
+    """Leave out current sources that feed parts which nothing ties to ground: their currents have nowhere to go."""
+    if not netlist.current_nodes.size:
+        return netlist
+    ties = np.concatenate([netlist.resistor_nodes, netlist.source_nodes, netlist.nonlinear_nodes])
+    part = connected_parts(ties, netlist.node_count)
+    kept = (part[netlist.current_nodes] == part[GROUND]).all(axis=1)
+    return select_elements(netlist, "current source", kept)

@@ -1,0 +1,184 @@
+"""Passes that make a chip differ from its design: a gradient over the die, mismatch, opens and shorts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Ge, Len, Lt
+from numpy.typing import NDArray
+
+from resgrid.chip.effects.base import Effect, without_stranded_currents
+from resgrid.core import random_sites
+from resgrid.core.netlist import CellMap, Netlist, add_elements, crossed_by, select_elements
+from resgrid.core.random_sites import DEFECTS, Seed, generator, mismatch_factors
+from resgrid.core.regions import face_counts, face_shape
+from resgrid.core.space import ConfigurationSpace
+from resgrid.errors import InputError
+from resgrid.scene.chip import Chip, Density, Metres, Ohms, Place
+from resgrid.scene.quantities import Listed, Quantity
+
+
+@dataclass(frozen=True)
+class Gradient(Effect):
+    """Let the resistance grow linearly across the die; its middle keeps the nominal value.
+
+    `shares`: growth from end to end along each axis (missing ones: 0), as a share of the nominal resistance.
+    """
+
+    KEYS = {"shares": "gradient"}
+
+    shares: Annotated[tuple[Annotated[float, Quantity("", share=True)], ...], Len(1, 4), Listed()]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if sum(abs(share) for share in self.shares) >= 2:
+            raise InputError(f"gradient = {list(self.shares)} takes a resistance below 0 in a corner of the die")
+
+    def apply(self, netlist: Netlist) -> Netlist:
+        ndim = netlist.cells.space.ndim
+        if len(self.shares) > ndim:
+            raise InputError(f"gradient has {len(self.shares)} entries, but the space has {ndim} axes")
+        share = np.zeros(ndim)
+        share[: len(self.shares)] = self.shares
+        return random_sites.scaled(netlist, 1 + (_face_centres(netlist.cells) - 0.5) @ share)
+
+
+def _face_centres(cells: CellMap) -> NDArray[np.float64]:
+    """Where the centre of every face lies, in shares of the random_sites.  Returns (faces, ndim)."""
+    shape = cells.space.shape
+    parts = []
+    for axis in range(len(shape)):
+        ticks = [(np.arange(n) + 0.5) / n for n in shape]
+        ticks[axis] = np.arange(shape[axis] + 1) / shape[axis]
+        parts.append(np.stack([part.ravel() for part in np.meshgrid(*ticks, indexing="ij")], axis=1))
+    return np.concatenate(parts)
+
+
+@dataclass(frozen=True)
+class Mismatch(Effect):
+    """Let every resistor of the grid differ from its mean, independently and log-normally.
+
+    `sigma`: standard deviation as a share of the mean; `pelgrom`: instead: ``A_R`` in % µm, for ``sigma = A_R /
+    sqrt(W L)`` (Pelgrom, Duinmaijer & Welbers 1989); `width`: ``W``, in metres; `length`: ``L``, in metres; or
+    instead `sheet_resistance`: in ohms per square, for ``L = R W / Rs``; `seed`: the chip.
+    """
+
+    sigma: Annotated[float, Ge(0), Lt(1), Quantity("", share=True)] | None = None
+    pelgrom: Annotated[float, Ge(0), Quantity("% µm")] | None = None
+    width: Metres | None = None
+    length: Metres | None = None
+    sheet_resistance: Ohms | None = None
+    seed: Seed = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.sigma is None) == (self.pelgrom is None):
+            raise InputError("mismatch needs either sigma or pelgrom")
+        if self.pelgrom is not None and (
+            self.width is None or (self.length is None) == (self.sheet_resistance is None)
+        ):
+            raise InputError("pelgrom needs width and either length or sheet_resistance")
+
+    @classmethod
+    def of(cls, chip: Chip, seed: Seed) -> Mismatch | None:
+        """Nothing where all resistors are as drawn."""
+        if chip.mismatch:
+            return cls(sigma=chip.mismatch, seed=seed)
+        return cls(None, chip.pelgrom, chip.width, chip.length, chip.sheet_resistance, seed) if chip.pelgrom else None
+
+    def deviation(self, netlist: Netlist) -> float | NDArray[np.float64]:
+        """Standard deviation of every resistor that could be, as a share of its mean; shape () or (places,)."""
+        if self.sigma is not None:
+            return self.sigma
+        assert self.pelgrom is not None
+        assert self.width is not None
+        if self.length is not None:
+            return float(1e-8 * self.pelgrom / np.sqrt(self.width * self.length))
+        assert self.sheet_resistance is not None
+        linear, nonlinear = random_sites.places(netlist)
+        own = linear >= 0
+        resistance = np.full(random_sites.place_count(netlist), np.inf)
+        resistance[linear[own]] = 1 / netlist.conductance[own]
+        resistance[nonlinear] = netlist.nonlinear_voltage / netlist.nonlinear_current
+        metres = resistance * self.width / self.sheet_resistance
+        return np.asarray(1e-8 * self.pelgrom / np.sqrt(self.width * metres))
+
+    def factors(self, netlist: Netlist) -> NDArray[np.float64]:
+        """What every resistance is multiplied by: mean 1; shape (places,)."""
+        return mismatch_factors(random_sites.place_count(netlist), self.deviation(netlist), self.seed)
+
+    def apply(self, netlist: Netlist) -> Netlist:
+        return random_sites.scaled(netlist, self.factors(netlist))
+
+
+@dataclass(frozen=True)
+class Faults(Effect):
+    """Open some of the grid's resistors, and short others.
+
+    A place is open, or shorted, at some density also at every higher density of the same seed.  A current source that
+    only feeds nodes that opens cut off from the rest is left out: its current has nowhere to go.
+
+    `open_density, short_density`: share of the resistors; together at most 1; `short_resistance`: of a short, in
+    ohms; `seed`: the chip; `open_at`: resistors that are open besides, each as a cell and the axis across whose lower
+    face it lies; one that is not there, beside an open obstacle say, is no less open.
+    """
+
+    open_density: Density = 0.0
+    short_density: Density = 0.0
+    short_resistance: Ohms = 1.0
+    seed: Seed = 0
+    open_at: tuple[Place, ...] = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.open_density + self.short_density > 1:
+            raise InputError(
+                f"open_density = {self.open_density:g} and short_density = {self.short_density:g} must be shares of "
+                "the resistors, together at most 1"
+            )
+
+    @classmethod
+    def of(cls, chip: Chip, seed: Seed) -> Faults | None:
+        """Nothing where no resistor is open or shorted."""
+        defects = chip.defects
+        if not (defects.open_density or defects.short_density or defects.open_at):
+            return None
+        return cls(**vars(defects), seed=seed)
+
+    def places(self, netlist: Netlist) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which places on the die are open, and which are shorted; each of shape (places,)."""
+        draw = generator(self.seed, DEFECTS).random(random_sites.place_count(netlist))
+        opened = draw < self.open_density
+        opened[[self._face(netlist.cells.space, place) for place in self.open_at]] = True
+        return opened, ~opened & (draw >= 1 - self.short_density)
+
+    def _face(self, space: ConfigurationSpace, place: tuple[int, ...]) -> int:
+        """The number of a face, as in `CellMap`: on a ring the last one is the first."""
+        *cell, axis = place
+        if len(cell) == space.ndim > axis:
+            if space.periodic[axis]:
+                cell[axis] %= space.shape[axis]
+            shape = face_shape(space.shape, axis)
+            if all(part < size for part, size in zip(cell, shape, strict=True)):
+                return sum(face_counts(space.shape)[:axis]) + int(np.ravel_multi_index(cell, shape))
+        raise InputError(f"defects.open_at: {list(place)} is no cell of {space.shape} and an axis of it")
+
+    def apply(self, netlist: Netlist) -> Netlist:
+        opened, shorted = (np.append(mask, False) for mask in self.places(netlist))
+        linear, nonlinear = random_sites.places(netlist)
+        short = shorted[linear]
+        faulty = netlist.replace(
+            conductance=np.where(short, 1 / self.short_resistance, netlist.conductance),
+            tc1=None if netlist.tc1 is None else np.where(short, 0.0, netlist.tc1),
+            tc2=None if netlist.tc2 is None else np.where(short, 0.0, netlist.tc2),
+        )
+        bridged = shorted[nonlinear]
+        faulty = select_elements(faulty, "resistor", ~opened[linear])
+        faulty = select_elements(faulty, "nonlinear resistor", ~(opened[nonlinear] | bridged))
+        if bridged.any():
+            crossed = crossed_by(netlist, "nonlinear resistor", bridged)
+            ends = netlist.nonlinear_nodes[bridged]
+            faulty = add_elements(faulty, "resistor", ends, 1 / self.short_resistance, **crossed)
+        return without_stranded_currents(faulty)

@@ -1,0 +1,225 @@
+"""Passes that put real switches, rails, capacitors and loads in the place of ideal ones.
+
+They work on netlists compiled with ``rails="cells"``: every cell has a node, and every obstacle and goal cell a tie to
+its rail.  An open node is an off switch, a rail is an on switch.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Ge
+from numpy.typing import NDArray
+
+from resgrid.chip.effects.base import Effect, add_nodes, cells_with_nodes, rail_pin, to_node
+from resgrid.core import random_sites
+from resgrid.core.compiler import compile_space
+from resgrid.core.netlist import GROUND, CellMap, Netlist, add_elements, select_elements
+from resgrid.core.space import Cell
+from resgrid.errors import InputError
+from resgrid.scene.chip import Ohms, OhmsOrZero
+from resgrid.scene.quantities import Quantity
+
+
+def _on_rail(cells: CellMap, rail: str) -> NDArray[np.bool_]:
+    """Which cells are switched to a rail: obstacles, or a driven start where these are open, and goals."""
+    if rail == "goal":
+        return np.asarray(cells.space.cell == Cell.GOAL)
+    if cells.wiring.boundary != "neumann":
+        return np.asarray(cells.space.cell == Cell.OBSTACLE)
+    mask = np.zeros(cells.space.shape, dtype=np.bool_)
+    if cells.wiring.start is not None:
+        mask[cells.wiring.start] = True
+    return mask
+
+
+@dataclass(frozen=True)
+class InternodalSwitches(Effect):
+    """Put a switch in series with every resistor between cells: closed, and open at obstacles that are open nodes.
+
+    `on`: resistance of a closed one, in ohms; None is a wire; `off`: of an open one, in ohms; None is no connection.
+    Where obstacles are open, it gives these, and cells that no goal serves, nodes of their own; the resistors before
+    them keep their nominal values, and the leakage through them crosses no face of the field.
+    """
+
+    KEYS = {"on": "internodal_switch_on", "off": "internodal_switch_off"}
+
+    on: OhmsOrZero | None = None
+    off: Ohms | None = None
+
+    def apply(self, netlist: Netlist) -> Netlist:
+        cells = cells_with_nodes(netlist, "internodal switches")
+        if netlist.nonlinear_nodes.size:
+            raise InputError("internodal switches come before saturation in a list of passes")
+        if self.off is not None and cells.wiring.boundary == "neumann":
+            netlist = _with_open_nodes(netlist, self.on or 0.0, self.off)
+        elif self.on is not None:
+            netlist = _in_series(netlist, _between_cells(netlist, cells), self.on)
+        return netlist
+
+
+def _in_series(netlist: Netlist, which: NDArray[np.bool_], ohms: float) -> Netlist:
+    """Switches in series with some resistors, whose temperature coefficients fall to their share of the sum."""
+    whole = np.where(which, 1 / (1 / netlist.conductance + ohms), netlist.conductance)
+    share = whole / netlist.conductance
+    return netlist.replace(
+        conductance=whole,
+        tc1=None if netlist.tc1 is None else netlist.tc1 * share,
+        tc2=None if netlist.tc2 is None else netlist.tc2 * share,
+    )
+
+
+def _between_cells(netlist: Netlist, cells: CellMap) -> NDArray[np.bool_]:
+    """Grid resistors that do not lead to the rail beyond the edge."""
+    to_edge = (netlist.resistor_nodes == cells.obstacle_node).any(axis=1) & (cells.obstacle_node >= 0)
+    return np.asarray(random_sites.on_grid(netlist) & ~to_edge)
+
+
+def _with_open_nodes(netlist: Netlist, on: float, off: float) -> Netlist:
+    """Nodes for cells without one, obstacles and what no goal serves, and the links that end there: all open."""
+    cells = netlist.cells
+    netlist = _in_series(netlist, random_sites.on_grid(netlist), on)
+    missing = cells.node < 0
+    netlist, nodes = add_nodes(netlist, int(missing.sum()))
+    node = cells.node.copy()
+    node[missing] = nodes
+    edge = ["open" if rule == "obstacle" else rule for rule in cells.wiring.edge]
+    full = compile_space(cells.space, edge=edge, rails="cells", resistance=cells.wiring.resistance)
+    ends = full.cell_of_node()[full.resistor_nodes]
+    new = ~np.isin(full.cells.resistor_face, cells.resistor_face)
+    netlist = netlist.replace(cell_map=dataclasses.replace(netlist.cells, node=node))
+    return add_elements(netlist, "resistor", node.ravel()[ends[new]], 1 / (1 / full.conductance[new] + off))
+
+
+@dataclass(frozen=True)
+class RailSwitches(Effect):
+    """Tie cells to the rails by switches: closed for cells of that kind, open for all others.
+
+    Where obstacles are open (``boundary="neumann"``) all switches to the obstacle rail are, but for a driven start's;
+    with a uniform drive that rail lies at the goal's voltage.
+
+    `obstacle_on, goal_on`: resistance of closed ones, in ohms; None is a wire; `obstacle_off, goal_off`: of open
+    ones, in ohms; None is no connection.
+    """
+
+    KEYS = {f"{rail}_{state}": f"{rail}_switch_{state}" for rail in ("obstacle", "goal") for state in ("on", "off")}
+
+    obstacle_on: Ohms | None = None
+    obstacle_off: Ohms | None = None
+    goal_on: Ohms | None = None
+    goal_off: Ohms | None = None
+
+    def apply(self, netlist: Netlist) -> Netlist:
+        cells = cells_with_nodes(netlist, "switches to the rails")
+        for rail, on, off in (
+            ("obstacle", self.obstacle_on, self.obstacle_off),
+            ("goal", self.goal_on, self.goal_off),
+        ):
+            tied = _on_rail(cells, rail)
+            if (on is None or not tied.any()) and off is None:
+                continue
+            netlist, pin = rail_pin(netlist, rail)
+            if on is not None:
+                netlist = _tie(netlist, cells.node[tied & (cells.node >= 0)], pin, on)
+            if off is not None:
+                nodes = cells.node[~tied & (cells.node >= 0)]
+                netlist = add_elements(netlist, "resistor", to_node(nodes, pin), 1 / off)
+        return netlist
+
+
+def _tie(netlist: Netlist, nodes: NDArray[np.int32], pin: int, resistance: float) -> Netlist:
+    """Replace the sources of nodes by resistors to a pin."""
+    freed = select_elements(netlist, "voltage source", ~np.isin(netlist.source_nodes[:, 0], nodes))
+    return add_elements(freed, "resistor", to_node(nodes, pin), 1 / resistance)
+
+
+@dataclass(frozen=True)
+class RailResistance(Effect):
+    """Make every rail a mesh over the die, fed all around its border, so that supplies droop.
+
+    A rail has a node at every cell, one segment between those of face neighbours (no periodic ones: the die is flat),
+    and one from each border cell to the pin.  A switch ties its cell to the rail's node there; a cell on an ideal
+    source is that node itself.
+
+    `ohms`: resistance of a segment; 0 is an ideal rail.
+    """
+
+    KEYS = {"ohms": "rail_resistance"}
+
+    ohms: OhmsOrZero
+
+    def apply(self, netlist: Netlist) -> Netlist:
+        cells = cells_with_nodes(netlist, "rails")
+        if self.ohms == 0:
+            return netlist
+        for rail in ("obstacle", "goal"):
+            if _on_rail(cells, rail).any():
+                netlist = _droop(netlist, rail, self.ohms)
+        return netlist
+
+
+def _droop(netlist: Netlist, rail: str, ohms: float) -> Netlist:
+    netlist, pin = rail_pin(netlist, rail)
+    cells = netlist.cells
+    own = cells.node >= 0
+    tied = cells.node[own & _on_rail(cells, rail)]
+    wired = np.isin(netlist.source_nodes[:, 0], tied) & (netlist.source_nodes[:, 1] == GROUND)
+    on_rail = np.isin(cells.node, netlist.source_nodes[wired, 0])
+    netlist, numbers = add_nodes(netlist, int((~on_rail).sum()))
+    mesh = cells.node.copy()
+    mesh[~on_rail] = numbers
+    own_nodes = np.where(on_rail, np.int32(-1), mesh)
+    rail_nodes = {**cells.rail_nodes, "obstacle" if rail == "obstacle" else "goal_0": own_nodes}
+    netlist = netlist.replace(cell_map=dataclasses.replace(cells, rail_nodes=rail_nodes))
+    local = np.full(netlist.node_count, -1, dtype=np.int64)
+    local[cells.node[own]] = mesh[own]
+    resistor_nodes = netlist.resistor_nodes.copy()
+    switch = ~random_sites.on_grid(netlist) & (resistor_nodes[:, 1] == pin) & (local[resistor_nodes[:, 0]] >= 0)
+    resistor_nodes[switch, 1] = local[resistor_nodes[switch, 0]]
+    netlist = select_elements(netlist.replace(resistor_nodes=resistor_nodes), "voltage source", ~wired)
+    return add_elements(netlist, "resistor", _mesh_segments(mesh, pin), 1 / ohms)
+
+
+def _mesh_segments(mesh: NDArray[np.int32], pin: int) -> NDArray[np.int32]:
+    """Segments between neighbours, and from both ends of every line of cells to the pin; shape (n, 2)."""
+    parts = []
+    for axis in range(mesh.ndim):
+        lines = np.moveaxis(mesh, axis, 0)
+        parts.append(np.stack([lines[:-1].ravel(), lines[1:].ravel()], axis=1))
+        parts += [to_node(lines[end].ravel(), pin) for end in (0, -1)]
+    return np.concatenate(parts)
+
+
+@dataclass(frozen=True)
+class Capacitance(Effect):
+    """Give every cell's node a capacitor to ground.
+
+    `farads`: its capacitance.
+    """
+
+    KEYS = {"farads": "capacitance"}
+
+    farads: Annotated[float, Ge(0), Quantity("F")]
+
+    def apply(self, netlist: Netlist) -> Netlist:
+        cells = cells_with_nodes(netlist, "capacitors")
+        return add_elements(netlist, "capacitor", to_node(cells.node[cells.node >= 0], GROUND), self.farads)
+
+
+@dataclass(frozen=True)
+class ReadoutLoad(Effect):
+    """Load every cell's node with the input resistance of the read-out, to ground.
+
+    `ohms`: its input resistance.
+    """
+
+    KEYS = {"ohms": "readout.input_resistance"}
+
+    ohms: Ohms
+
+    def apply(self, netlist: Netlist) -> Netlist:
+        cells = cells_with_nodes(netlist, "loads of the read-out")
+        return add_elements(netlist, "resistor", to_node(cells.node[cells.node >= 0], GROUND), 1 / self.ohms)

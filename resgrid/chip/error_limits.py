@@ -1,0 +1,238 @@
+"""How large an error of a chip may be: its largest value at which the yield still reaches a target.
+
+The values that are tried form a ladder from ideal to worst, in steps of the E12 series (IEC 60063) or single bits.  The
+yields of all rungs come from the same dies and the same random numbers (common random numbers), so that neighbouring
+rungs differ by the error alone.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from resgrid.chip.figures_of_merit import Figure, Proportion, formatted
+from resgrid.scene.chip import Chip
+
+_E12 = (1.0, 1.2, 1.5, 1.8, 2.2, 2.7, 3.3, 3.9, 4.7, 5.6, 6.8, 8.2)
+_MOST_BITS = 32
+_SMALLEST_OFFSET = 1e-6
+"""Smallest offset that is tried, as a fraction of the supply."""
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The worst value of one error at which the yield still reaches a target, everything else as it is.
+
+    Attributes
+    ----------
+    name : str
+        ``"largest_mismatch"`` (standard deviation of a resistance over its mean), ``"largest_offset"`` (V) or
+        ``"fewest_bits"``.
+    target : float
+        The yield to reach.
+    value : float, int or None
+        The worst value on the ladder at which, as at all better ones, the yield reaches the target.  None where even
+        the ideal value does not reach it, or where only an ideal converter does.
+    share : Proportion
+        Yield at this value, or at the ideal one where `value` is None.
+    beyond : float, int or None
+        The next worse value on the ladder; None at its end.
+    beyond_share : Proportion or None
+        Yield there, below the target.
+    sure, possible : float, int or None
+        Ends of the interval of `value`: the worst value at which the lower end of the yield's interval reaches the
+        target, and the one at which its upper end does.  None where not even the ideal value has such a yield.
+    reached : bool
+        Whether the ideal value reaches the target.
+    tolerated : float, int or None
+        Only where the ideal value does not reach the target: the worst value that costs at most ``1 - target`` of the
+        yield of the ideal one.
+    tried : tuple
+        Every value that was tried, best first, with its yield; None is an ideal converter.
+    """
+
+    name: str
+    target: float
+    value: float | int | None
+    share: Proportion
+    beyond: float | int | None
+    beyond_share: Proportion | None
+    sure: float | int | None
+    possible: float | int | None
+    reached: bool
+    tolerated: float | int | None = None
+    tried: tuple[tuple[float | int | None, Proportion], ...] = field(repr=False, default=())
+
+    @property
+    def figure(self) -> Figure:
+        """The value with its unit and definition."""
+        what, unit = _WORDS[self.name]
+        ends = [self.sure, self.possible] if self.name != "fewest_bits" else [self.possible, self.sure]
+        shown = " to ".join("not reached" if end is None else self._text(end) for end in ends)
+        text = f"{what} at which the yield still reaches {100 * self.target:.4g} %, everything else as it is"
+        return Figure(self.value, unit, f"{text}; {self.remark} ({self.share.confidence:.0%} interval: {shown})")
+
+    @property
+    def answer(self) -> str:
+        """The value for people, and the yields that prove it."""
+        if not self.reached:
+            return self.remark
+        return f"{_IDEAL[self.name] if self.value is None else self._text(self.value)}, {self.remark}"
+
+    @property
+    def remark(self) -> str:
+        """The yields on both sides of the limit, or the reason why there is no limit."""
+        if not self.reached:
+            text = f"not reached even with {_IDEAL[self.name]}, where the yield is {self.share}: other causes dominate"
+            if self.tolerated is None:
+                return text
+            cost = f"{100 * (1 - self.target):.3g} percentage point{'s' * (self.target < 0.99)}"
+            return f"{text}; {self._text(self.tolerated)} would cost at most {cost} more"
+        if self.beyond is None or self.beyond_share is None:
+            return f"where the yield is {self.share}; no worse value was tried"
+        here, next_one = _distinguished(self.share.value, self.beyond_share.value)
+        return f"where the yield is {here} (at {self._text(self.beyond)} it is {next_one})"
+
+    def _text(self, value: float) -> str:
+        """Return a value for people."""
+        if self.name == "fewest_bits":
+            return f"{value} bit{'s' * (value != 1)}"
+        return f"{100 * value:.3g} %" if self.name == "largest_mismatch" else formatted(value, _WORDS[self.name][1])
+
+
+def _distinguished(first: float, second: float) -> tuple[str, str]:
+    """Return two fractions in per cent, with as many decimals as tell them apart."""
+    for decimals in range(1, 6):
+        texts = f"{100 * first:.{decimals}f} %", f"{100 * second:.{decimals}f} %"
+        if texts[0] != texts[1]:
+            break
+    return texts
+
+
+_WORDS = {
+    "largest_mismatch": ("largest standard deviation of a resistance, as a fraction of its mean,", ""),
+    "largest_offset": ("largest standard deviation of the read-out's offset", "V"),
+    "fewest_bits": ("fewest bits of the converter", "bit"),
+}
+_IDEAL = {
+    "largest_mismatch": "zero mismatch",
+    "largest_offset": "zero offset",
+    "fewest_bits": "an ideal converter",
+}
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """Values of one error from ideal to worst, and the chip with each of them."""
+
+    name: str
+    values: tuple[float | int | None, ...]
+    chip_with: Callable[[Any], Chip]
+
+
+def mismatch_ladder(chip: Chip) -> Ladder:
+    """Return the mismatches to try: 0 and 0.01 % to 82 %; a chip with ``pelgrom`` keeps the area of its resistors."""
+
+    def changed(deviation: float) -> Chip:
+        area = _area(chip)
+        if chip.pelgrom is None or area is None:
+            return dataclasses.replace(chip, mismatch=deviation, pelgrom=None)
+        return dataclasses.replace(chip, pelgrom=100.0 * deviation * area**0.5 * 1e6)
+
+    values = (float(f"{mantissa}e{power}") for power in (-4, -3, -2, -1) for mantissa in _E12)
+    return Ladder("largest_mismatch", (0.0, *values), changed)
+
+
+def _area(chip: Chip) -> float | None:
+    """Return the area of a resistor of nominal value, in square metres."""
+    if chip.width is None:
+        return None
+    length = chip.length
+    if chip.sheet_resistance is not None:
+        length = chip.width * chip.resistance / chip.sheet_resistance
+    return None if length is None else chip.width * length
+
+
+def offset_ladder(chip: Chip) -> Ladder:
+    """Return the offsets to try: 0, and from a millionth of the supply to the supply."""
+    supply = abs(chip.supply)
+    every = (float(f"{mantissa}e{power}") for power in range(-18, 13) for mantissa in _E12)
+    values = (value for value in every if _SMALLEST_OFFSET * supply <= value <= supply)
+
+    def changed(offset: float) -> Chip:
+        return dataclasses.replace(chip, readout=dataclasses.replace(chip.readout, offset=offset))
+
+    return Ladder("largest_offset", (0.0, *values), changed)
+
+
+def bits_ladder(chip: Chip) -> Ladder:
+    """Return the converters to try: an ideal one, and 32 bits down to 1."""
+
+    def changed(bits: int | None) -> Chip:
+        return dataclasses.replace(chip, readout=dataclasses.replace(chip.readout, bits=bits))
+
+    return Ladder("fewest_bits", (None, *range(_MOST_BITS, 0, -1)), changed)
+
+
+def find_limit(ladder: Ladder, target: float, yields: Callable[[int], Proportion], *, every: bool) -> Limit:
+    """Find the limit of a ladder whose rung `i` has the yield ``yields(i)``.
+
+    `every`: rungs are tried one after the other, else by bisection, which takes the yield to fall from rung to rung.
+    """
+    count = len(ladder.values)
+    seen: dict[int, Proportion] = {}
+
+    def at(rung: int) -> Proportion:
+        if rung not in seen:
+            seen[rung] = yields(rung)
+        return seen[rung]
+
+    search = _last_by_scan if every else _last_by_bisection
+    last = search(count, lambda rung: at(rung).value >= target)
+    sure = _last_sure(last, lambda rung: at(rung).low >= target, every=every)
+    possible = search(count, lambda rung: at(rung).high >= target)
+    near = -1 if last >= 0 else search(count, lambda rung: at(rung).value >= at(0).value - (1.0 - target))
+    beyond = last + 1 if 0 <= last < count - 1 else None
+    values = ladder.values
+    return Limit(
+        ladder.name,
+        target,
+        values[last] if last >= 0 else None,
+        at(max(last, 0)),
+        None if beyond is None else values[beyond],
+        None if beyond is None else at(beyond),
+        values[sure] if sure >= 0 else None,
+        values[possible] if possible >= 0 else None,
+        last >= 0,
+        values[near] if near > 0 else None,
+        tuple((values[rung], seen[rung]) for rung in sorted(seen)),
+    )
+
+
+def _last_by_scan(count: int, passes: Callable[[int], bool]) -> int:
+    """Return the last rung before the first that fails; -1 if rung 0 fails."""
+    return next((rung for rung in range(count) if not passes(rung)), count) - 1
+
+
+def _last_sure(last: int, passes: Callable[[int], bool], *, every: bool) -> int:
+    """Return the worst rung up to the last one whose interval lies above the target; -1 for none.
+
+    Better rungs need not be tried: equal chips have a wider interval than chips that differ a little.
+    """
+    if every:
+        return next((rung for rung in range(last, -1, -1) if passes(rung)), -1)
+    rung = _last_by_bisection(last + 1, lambda rung: rung == 0 or passes(rung)) if last >= 0 else -1
+    return rung if rung >= 0 and passes(rung) else -1
+
+
+def _last_by_bisection(count: int, passes: Callable[[int], bool]) -> int:
+    """Return a rung that passes and whose successor fails; -1 if rung 0 fails."""
+    if not passes(0):
+        return -1
+    low, high = 0, count
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if passes(middle) else (low, middle)
+    return low

@@ -1,0 +1,159 @@
+"""Figures of merit with unit and definition, and shares of trials with score intervals (Wilson 1927)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid._internal.values import lock, picture_of
+from resgrid.scene.quantities import format_quantity
+
+_UNITS = {"ohm": "Ω", "V/sqrt(Hz)": "V/√Hz"}
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure of merit.
+
+    `value`: none where it is not defined; `unit`: SI unit, ``""`` for a pure number; `definition`: what it is, in one
+    sentence.
+    """
+
+    value: float | int | str | None
+    unit: str
+    definition: str
+
+    def __str__(self) -> str:
+        return formatted(self.value, self.unit)
+
+
+def formatted(value: float | int | str | None, unit: str) -> str:
+    """A value for people, to four digits with an engineering prefix: ``"38.12 µA"``."""
+    if value is None:
+        return "undefined"
+    if isinstance(value, str):
+        return value
+    if unit in ("", "bit", "°C", "%"):
+        return f"{value:,}" if isinstance(value, int) else f"{value:.4g}" + (f" {unit}" if unit else "")
+    return format_quantity(value, _UNITS.get(unit, unit))
+
+
+def table_lines(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """A table in Markdown, line by line."""
+    return [f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows)]
+
+
+def html_table(lines: Sequence[str]) -> str:
+    """A table in HTML, for notebooks."""
+    from markdown_it import MarkdownIt
+
+    return str(MarkdownIt("commonmark", {"html": False}).enable("table").render("\n".join(lines)))
+
+
+def figure_lines(figures: Mapping[str, Figure]) -> list[str]:
+    """A table of figures in Markdown, line by line."""
+    rows = (
+        (name.replace("_", " "), str(figure), figure.definition.replace("|", "\\|")) for name, figure in figures.items()
+    )
+    return table_lines(("figure", "value", "definition"), rows)
+
+
+class Result:
+    """What an analysis returns: a frozen dataclass whose arrays are read-only, and its figures of merit."""
+
+    def __post_init__(self) -> None:
+        lock(vars(self))
+
+    @property
+    def figures(self) -> Mapping[str, Figure]:
+        """The figures of merit by name, with units and definitions."""
+        raise NotImplementedError
+
+    def to_json(self) -> dict[str, Any]:
+        """The figures, as plain values."""
+        return {name: asdict(figure) for name, figure in self.figures.items()}
+
+    def __repr__(self) -> str:
+        figures = ", ".join(f"{name}: {figure}" for name, figure in self.figures.items())
+        return f"{type(self).__name__}({figures})"
+
+    def _repr_html_(self) -> str:
+        return picture_of(self) + html_table(figure_lines(self.figures))
+
+
+def defined(value: float) -> float | None:
+    """A figure that is a finite number, or none."""
+    return float(value) if math.isfinite(value) else None
+
+
+@dataclass(frozen=True)
+class Proportion:
+    """A share of trials, with its interval.
+
+    Attributes
+    ----------
+    value, low, high : float
+        The share that was seen, and the ends of the interval.
+    trials : int
+    confidence : float
+        Of the interval.
+    """
+
+    value: float
+    low: float
+    high: float
+    trials: int
+    confidence: float
+
+    @property
+    def half_width(self) -> float:
+        """Half the length of the interval."""
+        return 0.5 * (self.high - self.low)
+
+    def __str__(self) -> str:
+        return f"{100 * self.value:.1f} % ({100 * self.low:.1f} to {100 * self.high:.1f} %)"
+
+
+def proportion(
+    share: float, trials: int, confidence: float, effective: float | None = None, *, random: bool
+) -> Proportion:
+    """A share of trials with its score interval, for an effective number of trials where it is another.
+
+    Where nothing is random one trial says it all.
+    """
+    if not random:
+        return Proportion(share, share, share, 1, confidence)
+    low, high = wilson(share, trials if effective is None else effective, confidence)
+    return Proportion(share, min(float(low), share), max(float(high), share), trials, confidence)
+
+
+def wilson(share: NDArray[np.float64] | float, trials: float, confidence: float) -> tuple[Any, Any]:
+    """Ends of the score interval of shares of so many independent trials."""
+    z = NormalDist().inv_cdf(0.5 + 0.5 * confidence)
+    weight = 1.0 + z * z / trials
+    middle = (share + 0.5 * z * z / trials) / weight
+    half = z / weight * np.sqrt(share * (1.0 - np.asarray(share)) / trials + 0.25 * (z / trials) ** 2)
+    return np.maximum(middle - half, 0.0), np.minimum(middle + half, 1.0)
+
+
+def effective_trials(counts: NDArray[np.int64], members: int) -> float:
+    """How many independent trials tell as much as trials of clusters, whose members are not independent (Kish 1965).
+
+    It is ``p (1 - p)`` over the variance of the mean, which is estimated from the spread between clusters; at least
+    the number of clusters, at most that of all members.  Shapes: `counts` (trials,): in every cluster.
+    """
+    total, squares, trials = int(counts.sum()), int(counts @ counts), len(counts)
+    share = total / (trials * members)
+    if trials < 2:
+        return float(trials)
+    # Whole numbers as long as differences matter.
+    variance = (trials * squares - total * total) / (trials * trials * (trials - 1)) / members**2
+    if variance <= 0.0:
+        return float(trials)
+    return float(min(max(share * (1.0 - share) / variance, trials), trials * members))

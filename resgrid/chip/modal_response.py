@@ -1,0 +1,120 @@
+"""The way to the operating point without time steps: a sum of exponentials.
+
+The deviation ``y`` from the operating point obeys ``C y' = -G y``.  Of a small circuit all modes are known
+(`resgrid.chip.time_constants`).  In a larger one a window of times is described at a time, by Lanczos iteration started
+from the deviation itself on ``(G + s C)^-1 C``, with ``1/s`` a hundredth of the window's end (shift and invert; van den
+Eshof & Hochbruck 2006): how many vectors that takes does not depend on how far apart the time constants are, for it
+comes down to a rational approximation of ``exp(-t x)`` for all positive ``x``.  Vectors are orthonormal in the inner
+product of ``C``, in which every deviation shrinks; they are kept as ``F v``, with ``C = F^T F``, which knows nothing of
+nodes without capacitance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from resgrid.chip.time_constants import Modes, Solver, accurate_solver, laplacian_root
+from resgrid.circuit.dynamics import Dynamics, factor_resolvent
+from resgrid.errors import AccuracyError
+
+Floats = NDArray[np.float64]
+
+SPAN = 256.0
+"""End of a window over its beginning."""
+
+_SHIFT = 100.0
+"""Rate of the resolvent times a window's end."""
+
+_BLOCK = 8
+_MOST_VECTORS = 400
+_COMPLETE = 1e-13
+"""What is left of a vector, relative to its length, when the space holds the whole motion."""
+
+_INSTANT = 1e-14
+"""Ritz values, relative to the largest one, that are nothing but rounding."""
+
+_PROBES = 9
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A sum of exponentials: ``y(t) = shape @ (weight * exp(-rate t))``.
+
+    `shape` (n, m); `rate` (m,): in 1/s; `weight` (m,): ``shape`` times it is in volts.
+    """
+
+    shape: Floats
+    rate: Floats
+    weight: Floats
+
+    def at(self, times: Floats) -> Floats:
+        """Deviations at times in seconds, shape (t, n), in volts."""
+        return np.asarray((self.weight * np.exp(-np.multiply.outer(times, self.rate))) @ self.shape.T)
+
+
+def motions(
+    dynamics: Dynamics, modes: Modes, deviation: Floats, accuracy: float, method: str = "auto"
+) -> Callable[[float, float], Motion]:
+    """Describe the way to the operating point, a window of times at a time.  Shapes: `deviation` (n,)."""
+    root = laplacian_root(dynamics.capacitance)
+    if modes.whole:
+        whole = Motion(modes.shape, 1.0 / modes.tau, (root @ modes.shape).T @ (root @ deviation))
+        return lambda *_: whole
+
+    def window(first: float, last: float) -> Motion:
+        rate = _SHIFT / last
+        solve = accurate_solver(factor_resolvent(dynamics, rate, method), dynamics.capacitance)
+        begin = first if first > 0.0 else last / SPAN
+        times = np.append(first, np.geomspace(begin, last, _PROBES))
+        return _krylov(root, lambda x: solve(root.T @ x), rate, deviation, accuracy, times)
+
+    return window
+
+
+def _krylov(
+    root: sparse.csr_array, solve: Solver, shift: float, deviation: Floats, accuracy: float, times: Floats
+) -> Motion:
+    """Reduce the motion at some times to a few exponentials; ``solve`` is ``(G + shift C)^-1 F^T``."""
+    u = root @ deviation
+    length = float(np.linalg.norm(u))
+    if length == 0.0:
+        return Motion(np.zeros((len(deviation), 1)), np.ones(1), np.zeros(1))
+    size = min(_MOST_VECTORS, len(u))
+    W, U = np.empty((size, len(deviation))), np.empty((size, len(u)))
+    T = np.zeros((size, size))
+    U[0] = u / length
+    before: Floats | None = None
+    for last in range(size):
+        W[last] = solve(U[last])
+        u = root @ W[last]
+        scale = float(np.linalg.norm(u))
+        T[: last + 1, last] = T[last, : last + 1] = U[: last + 1] @ u
+        for _ in range(2):  # once more, for what rounding leaves of the first
+            u -= (U[: last + 1] @ u) @ U[: last + 1]
+        left = float(np.linalg.norm(u))
+        complete = left <= _COMPLETE * scale or last + 1 == len(u)
+        if complete or last % _BLOCK == _BLOCK - 1:
+            motion = _reduced(W[: last + 1], T[: last + 1, : last + 1], length, shift)
+            now = motion.at(times)
+            if complete or (before is not None and np.abs(now - before).max() <= accuracy):
+                return motion
+            before = now
+        if last + 1 < size:
+            U[last + 1] = u / left
+    raise AccuracyError(
+        f"{size} exponentials do not tell the motion from {times[0]:.2g} s to {times[-1]:.2g} s; follow it by "
+        "resgrid.transient"
+    )
+
+
+def _reduced(W: Floats, T: Floats, length: float, shift: float) -> Motion:
+    """Ritz vectors from the solutions ``W``, which fit nodes without capacitance (Nour-Omid et al. 1987)."""
+    value, S = np.linalg.eigh(T)
+    keep = value > _INSTANT * value[-1]
+    value, S = value[keep], S[:, keep]
+    return Motion(W.T @ (S / value), np.maximum(1.0 / value - shift, 0.0), length * S[0])

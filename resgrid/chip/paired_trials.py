@@ -1,0 +1,76 @@
+"""Trials of several kinds of chips on the same dies, so that their yields can be compared chip by chip."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Generator, Hashable, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import closing
+from itertools import islice
+from typing import Generic, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid._internal.checkpoints import Journal
+from resgrid.chip.build import ideal_netlist
+from resgrid.chip.monte_carlo import Experiment, Series, differs, prepare, run_series
+from resgrid.core.netlist import Netlist
+from resgrid.scene.chip import Chip, Readout
+
+Noises = dict[tuple[Chip, float], NDArray[np.float64]]
+Key = TypeVar("Key", bound=Hashable)
+
+
+class SharedCircuit(NamedTuple, Generic[Key]):
+    """Points whose chips have the same circuit, and differ in their read-outs only: these chips are solved once."""
+
+    keys: list[Key]
+    random: list[bool]
+    series: Series
+
+
+class StartsServed(NamedTuple):
+    """Number of starts that each chip serves, shape (trials,), or (1,) where all chips are the same."""
+
+    counts: NDArray[np.int64]
+    random: bool
+
+
+def groups_of(
+    netlist: Netlist, points: Mapping[Key, Chip], trials: int, known: Noises | None = None
+) -> list[SharedCircuit[Key]]:
+    """Group points by the circuit of their chips; `known`: noise of flawless chips, as in `prepare`."""
+    kinds: dict[Chip, list[Key]] = {}
+    for key, chip in points.items():
+        load = Readout(input_resistance=chip.readout.input_resistance)
+        kinds.setdefault(dataclasses.replace(chip, readout=load), []).append(key)
+    return [
+        _group(netlist, kind, keys, [points[key].readout for key in keys], trials, known)
+        for kind, keys in kinds.items()
+    ]
+
+
+def run_groups(
+    groups: Sequence[SharedCircuit[Key]], starts: int, executor: Executor | None, journal: Journal | None = None
+) -> Generator[dict[Key, StartsServed], None, None]:
+    """Try the chips of all groups; yield the counts of one group after the other."""
+    with closing(run_series([group.series for group in groups], starts, executor, journal)) as results:
+        for keys, random, series in groups:
+            counts = np.array([served.sum(axis=1) for served, _ in islice(results, series.trials)])
+            points = zip(keys, random, counts.T, strict=True)
+            yield {key: StartsServed(count if differ else count[:1], differ) for key, differ, count in points}
+
+
+def _group(
+    netlist: Netlist, kind: Chip, keys: list[Key], readouts: Sequence[Readout], trials: int, known: Noises | None
+) -> SharedCircuit[Key]:
+    """Return the trials of one kind of chip, seen by several read-outs."""
+    cells = netlist.cells
+    random = [differs(kind) or bool(item.offset or item.noise_bandwidth) for item in readouts]
+
+    def prepared() -> Experiment:
+        return prepare(ideal_netlist(cells.space, kind, cells.wiring), kind, readouts, known=known)
+
+    series = Series(trials if any(random) else 1, len(readouts), prepared, f"chips of {kind},", random=any(random))
+    return SharedCircuit(keys, random, series)

@@ -1,0 +1,255 @@
+"""Time constants: the eigenvalues ``tau`` of ``C v = tau G v``, and solutions that weak ties do not spoil.
+
+A Laplacian is ``F^T F``, where ``F`` has a row for every element: the root of its conductance (or capacitance) times
+the difference of its two voltages.  Differences come first there, so that what ties a stiffly joined island to a rail
+is never rounded away in a summed diagonal.
+
+Small circuits are resolved whole, each mode to its own accuracy, however far apart the time constants are: with ``G =
+L D L^T`` and ``C = F^T F`` they are the squares of the singular values of ``F L^-T D^-1/2``.  Star-mesh elimination
+subtracts nothing (Grassmann, Taksar & Heyman 1985), and Jacobi's method is accurate for matrices that only scaling
+makes ill-conditioned (Drmac & Veselic 2008).
+
+In others the slowest ones come from Lanczos iteration on ``F G^-1 F^T`` (ARPACK; Lehoucq, Sorensen & Yang 1998), and
+again on what is left once the modes found are projected out, until nothing slower appears: an iteration from one vector
+sees one copy only of a multiple eigenvalue (Parlett 1998, section 12.4), and symmetric grids have many.  The fastest
+one comes from Lanczos iteration on ``B C^-1 B^T``, in which no ``G`` is solved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from resgrid.circuit.dynamics import Dynamics, factor_resolvent
+from resgrid.errors import AccuracyError, InputError
+from resgrid.solvers.factors import Factor
+from resgrid.solvers.laplacian import Laplacian
+from resgrid.solvers.progress import ProgressMonitor
+from resgrid.solvers.scaled import BITS
+from resgrid.solvers.selected_inverse import symmetric_factors
+
+Floats = NDArray[np.float64]
+Solver = Callable[[Floats], Floats]
+
+_SOLVE_RTOL = 1e-11
+_SPOILT = 1e-9
+"""Relative difference of two solutions from which rounding of the diagonal, or of pivots, is felt."""
+
+_PROVED = 1e-3
+"""Bound on the relative error of delays, a pessimistic one, above which they are refused."""
+
+_ENTRYWISE = 1e-10
+"""Componentwise backward error above which a solution is refused."""
+
+
+def laplacian_root(laplacian: Laplacian) -> sparse.csr_array:
+    """The root of a Laplacian, an element a row.  Returns (m, n)."""
+    incidence, value = laplacian.elements
+    return sparse.csr_array(sparse.diags_array(np.sqrt(value)) @ incidence)
+
+
+def accurate_solver(factors: Factor, capacitance: Laplacian) -> Solver:
+    """How to solve with a factor without loss: entry by entry, unless a plain solution gives the same Elmore delays.
+
+    These are dominated by the slowest parts, which rounding spoils first.
+    """
+
+    def plain(b: Floats) -> Floats:
+        return factors.solve(np.ravel(b), rtol=_SOLVE_RTOL)
+
+    charge, watch = capacitance.diagonal, ProgressMonitor()
+    charge = np.where(charge > 0.0, charge, charge[charge > 0.0].min(initial=np.inf))
+    delay = entrywise_solution(factors, charge, watch)
+    if not watch.bound <= _PROVED:
+        raise AccuracyError(
+            "the conductances span too many decades to tell how slowly weakly tied parts settle; join the nodes that "
+            "very large ones connect, or leave very small ones out"
+        )
+    try:
+        spoilt = np.abs(plain(charge) - delay).max(initial=0.0) > _SPOILT * delay.max(initial=0.0)
+    except AccuracyError:
+        spoilt = True
+    return partial(entrywise_solution, factors) if spoilt else plain
+
+
+def entrywise_solution(factors: Factor, b: Floats, watch: ProgressMonitor | None = None) -> Floats:
+    """Solve for positive and for negative currents (n,) apart, each right entry by entry, and subtract."""
+    x, low = np.zeros(len(b)), np.zeros(len(b))
+    for sign in (1.0, -1.0):
+        currents = np.maximum(sign * b, 0.0)
+        if not currents.any():
+            continue
+        part, error = factors.solve_nonnegative(currents, watch=watch)
+        if not error <= _ENTRYWISE:
+            raise AccuracyError(
+                f"voltages are right to a componentwise backward error of {error:.1e} only: the conductances span too "
+                "many decades, or lie beyond what is reckoned with; join the nodes that very large ones connect"
+            )
+        power = BITS * part.exponent
+        x += sign * np.ldexp(part.hi, power)
+        low += sign * np.ldexp(part.lo, power)
+    x += low
+    if not np.isfinite(x).all():
+        raise AccuracyError("voltages are beyond what doubles hold; give sources in smaller numbers")
+    return x
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """Modes of a circuit: some of the slowest, or, in a small one, the `whole` of them.
+
+    `tau` (k,): time constants, slowest first, in seconds; `shape` (n, k): ``shape.T @ C @ shape`` is the identity.
+    """
+
+    tau: Floats
+    shape: Floats
+    whole: bool
+
+
+def all_modes(dynamics: Dynamics) -> Modes:
+    """Find every mode by dense algebra."""
+    from scipy.linalg import solve_triangular
+    from scipy.linalg.lapack import dgejsv
+
+    live, size = require_charge(dynamics), dynamics.size
+    L, pivot = _star_mesh(dynamics.conductance)
+    basis = solve_triangular(L.T, np.eye(size), unit_diagonal=True) / np.sqrt(pivot)
+    X = laplacian_root(dynamics.capacitance) @ basis
+    X = np.pad(X, ((0, max(0, size - len(X))), (0, 0)))
+    unit = 2.0 ** np.floor(np.log2(np.abs(X).max()))
+    value, _, V, work, _, info = dgejsv(X / unit, joba=2, jobu=3, jobv=0, jobr=0, jobp=0)
+    with np.errstate(all="ignore"):
+        root = value[:live] * (work[0] / work[1] * unit)
+        tau = root**2
+    if info or not (np.isfinite(tau).all() and (tau > 0).all()):
+        raise AccuracyError("the time constants span more decades than doubles hold; leave the smallest elements out")
+    return Modes(tau, basis @ (V[:, :live] / root), whole=True)
+
+
+def _star_mesh(laplacian: Laplacian) -> tuple[Floats, Floats]:
+    """``L``, shape (n, n), and the diagonal of ``D``, shape (n,), of ``L D L^T``; nothing is subtracted."""
+    edges, ground = laplacian.edges.toarray(), laplacian.ground.copy()
+    L, pivot = np.eye(len(ground)), np.empty(len(ground))
+    for k in range(len(ground)):
+        mesh, rest = edges[k, k + 1 :], edges[k + 1 :, k + 1 :]
+        pivot[k] = ground[k] + mesh.sum()
+        share = mesh / pivot[k]
+        L[k + 1 :, k] = -share
+        ground[k + 1 :] += share * ground[k]
+        rest += np.outer(share, mesh)
+        np.fill_diagonal(rest, 0.0)
+    return L, pivot
+
+
+DENSE = 200
+"""Rows up to which all modes are found."""
+
+_RTOL = 1e-12
+_PROBE_RTOL = 1e-3
+_FASTEST_RTOL = 5e-3
+"""Residuals at which the iterations stop: all but rounding for the slow ones, loose for one that only tells whether
+anything slower is left, and for the fastest, whose error is of the order of the square."""
+
+_NOISE = 1e-12
+"""Iterated time constants, relative to the slowest one, that rounding decides."""
+
+_KRYLOV, _PROBE_KRYLOV = 20, 10
+"""Least vectors that an iteration keeps, and those of the loose one."""
+
+
+def slowest_modes(dynamics: Dynamics, count: int, solve: Solver | None = None) -> Modes:
+    """So many of the slowest modes, all of a small circuit's; ``solve`` is `accurate_solver`."""
+    live = require_charge(dynamics)
+    solve = solve or accurate_solver(factor_resolvent(dynamics, 0.0), dynamics.capacitance)
+    if dynamics.size <= max(DENSE, 2 * count):
+        return all_modes(dynamics)
+    return _slowest(dynamics, min(count, live), live, solve)
+
+
+def require_charge(dynamics: Dynamics) -> int:
+    """Refuse a circuit without modes; how many there are."""
+    live = int(dynamics.charged.sum())
+    if not live:
+        raise InputError(
+            "the circuit has no capacitance that could charge, so it has no time constants; "
+            "give chip.capacitance, such as 50f, or a netlist with capacitors"
+        )
+    return live
+
+
+def _slowest(dynamics: Dynamics, count: int, live: int, solve: Solver) -> Modes:
+    """Iterate on ``K = F G^-1 F^T``, whose eigenvectors are orthonormal, until nothing slower is left."""
+    F = laplacian_root(dynamics.capacitance)
+
+    def apply(u: Floats) -> Floats:
+        return np.asarray(F @ solve(F.T @ np.ravel(u)))
+
+    random = np.random.default_rng(0)
+    tau, U = _top(apply, F @ random.uniform(0.5, 1.5, dynamics.size), count, _RTOL, _KRYLOV)
+    while len(tau) < live:
+        project = partial(_project_out, U)
+        start = project(F @ random.uniform(0.5, 1.5, dynamics.size))
+
+        def rest(u: Floats, project: Solver = project) -> Floats:
+            return project(apply(project(np.ravel(u))))
+
+        if _top(rest, start, 1, _PROBE_RTOL, _PROBE_KRYLOV)[0][0] * (1.0 + 2.0 * _PROBE_RTOL) < tau[count - 1]:
+            break
+        more, u = _top(rest, start, 1, _RTOL, _KRYLOV)
+        tau, U = _sorted(np.append(tau, more), np.hstack([U, u]))
+        if more[0] <= tau[count - 1]:
+            break
+    slow = tau[:count] > _NOISE * tau[0]
+    tau, U = tau[:count][slow], U[:, :count][:, slow]
+    return Modes(tau, np.stack([solve(F.T @ u) for u in U.T], axis=1) / tau, whole=False)
+
+
+def _project_out(U: Floats, u: Floats) -> Floats:
+    """What is orthogonal to some vectors."""
+    return np.asarray(u - U @ (U.T @ u))
+
+
+def _top(apply: Solver, start: Floats, count: int, rtol: float, least: int) -> tuple[Floats, Floats]:
+    """Largest eigenvalues, largest first, and their eigenvectors."""
+    from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
+
+    n, vectors = len(start), max(2 * count + 1, least)
+    if n <= vectors:
+        tau, U = np.linalg.eigh(np.stack([apply(u) for u in np.eye(n)]))
+        return _sorted(tau[-count:], U[:, -count:])
+    operator = LinearOperator((n, n), matvec=apply, dtype=np.float64)
+    try:
+        tau, U = eigsh(operator, count, which="LA", v0=start, tol=rtol, ncv=vectors)
+    except ArpackError as error:
+        raise AccuracyError(f"the time constants did not converge: {error}") from error
+    return _sorted(tau, U)
+
+
+def _sorted(tau: Floats, U: Floats) -> tuple[Floats, Floats]:
+    order = np.argsort(-tau, kind="stable")
+    return tau[order], U[:, order]
+
+
+def fastest_time_constant(dynamics: Dynamics) -> float:
+    """The shortest time constant, to 1 % or better, in seconds; nodes without capacitance follow at once."""
+    require_charge(dynamics)
+    if dynamics.size <= DENSE:
+        return float(all_modes(dynamics).tau[-1])
+    charged, B = dynamics.charged, laplacian_root(dynamics.conductance)
+    own, loose = B[:, charged], B @ dynamics.spread
+    charge = symmetric_factors(dynamics.capacitance.matrix[charged][:, charged])
+    inner = symmetric_factors(loose.T @ loose) if loose.shape[1] else None
+
+    def left(u: Floats) -> Floats:
+        return u if inner is None else u - loose @ inner.solve(loose.T @ u)
+
+    def apply(u: Floats) -> Floats:
+        return np.asarray(left(own @ charge.solve(own.T @ left(np.ravel(u)))))
+
+    start = own @ np.random.default_rng(0).uniform(0.5, 1.5, own.shape[1])
+    return float(1.0 / _top(apply, start, 1, _FASTEST_RTOL, _KRYLOV)[0][0])

@@ -1,0 +1,312 @@
+"""Causes of yield loss: the yield with each effect of a chip switched off in turn, and how large errors may be.
+
+All chips share their dies and random numbers (common random numbers): trial ``k`` with an effect and without it is the
+same die, so that the difference of their yields is known far better than either of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from dataclasses import asdict, dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from annotated_types import Gt, Lt
+from numpy.typing import NDArray
+
+from resgrid._internal.validation import Between, Count
+from resgrid.chip.build import chip_keys, chip_with
+from resgrid.chip.error_limits import Ladder, Limit, bits_ladder, find_limit, mismatch_ladder, offset_ladder
+from resgrid.chip.figures_of_merit import Figure, Proportion, Result, table_lines
+from resgrid.chip.paired_trials import Noises, StartsServed, groups_of, run_groups
+from resgrid.chip.yields import Progress, overall_share
+from resgrid.core.netlist import Netlist
+from resgrid.core.space import ConfigurationSpace
+from resgrid.errors import CircuitError, InputError
+from resgrid.scene.chip import Chip
+
+EFFECTS: dict[str, dict[str, Any]] = {
+    "mismatch": {"mismatch": None, "pelgrom": None},
+    "gradient": {"gradient": None},
+    "preferred values": {"preferred": None},
+    "drawn lengths": {"sheet_resistance": None},
+    "temperature": {"temperature": None},
+    "saturation": {"saturation_voltage": None},
+    "rail switches": {f"{rail}_switch_{state}": None for rail in ("goal", "obstacle") for state in ("on", "off")},
+    "internodal switches": {f"internodal_switch_{state}": None for state in ("on", "off")},
+    "rail resistance": {"rail_resistance": None},
+    "defects": {"defects.open_density": 0.0, "defects.short_density": 0.0, "defects.open_at": ()},
+    "read-out load": {"readout.input_resistance": None},
+    "offset": {"readout.offset": None},
+    "noise": {"readout.noise_bandwidth": None},
+    "quantization": {"readout.bits": None, "readout.range": None},
+}
+"""Effects of a chip, and the keys of its description without each of them."""
+
+_MOST_TRIALS, _LEAST_TRIALS, _CELLS = 400, 16, 2**18
+"""Default number of chips; large grids have fewer, for about 260,000 cells of all chips of a kind.
+
+At least 381 chips without a failure are needed for a Wilson interval at 95 % that lies above 99 %.
+"""
+_BISECTED = 10
+"""Typical number of mismatches that a bisection tries, for the bar of progress."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One effect of a chip, and the yield without it.
+
+    Attributes
+    ----------
+    name : str
+        Of the effect.
+    keys : tuple of str
+        The keys of the chip that describe the effect.
+    share : Proportion
+        Yield without the effect.
+    gain : float
+        Change of the yield by switching the effect off; positive where the effect costs yield.
+    low, high : float
+        Ends of the interval of the gain, from the differences chip by chip.
+    changed : int
+        Number of chips that serve another number of starts without the effect.
+    """
+
+    name: str
+    keys: tuple[str, ...]
+    share: Proportion
+    gain: float
+    low: float
+    high: float
+    changed: int
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class YieldLoss(Result):
+    """Causes of yield loss.
+
+    Attributes
+    ----------
+    overall : Proportion
+        Yield of the chip as described, with its interval.
+    causes : tuple of Cause
+        Every effect of the chip, the one with the largest gain first.
+    limits : tuple of Limit
+        The largest mismatch, the largest offset and the fewest bits that reach the target.
+    target : float
+        The yield that the limits reach.
+    trials : int
+        Chips of each kind; trial ``k`` is the same die in all of them.
+    confidence : float
+        Of the intervals.
+    """
+
+    overall: Proportion
+    causes: tuple[Cause, ...]
+    limits: tuple[Limit, ...]
+    target: float
+    trials: int
+    confidence: float
+
+    @property
+    def figures(self) -> Mapping[str, Figure]:
+        """The figures of merit by name, with units and definitions."""
+        text = f"fraction of all starts that reach a goal, averaged over {self.trials} chips with all effects"
+        figures = {"yield": Figure(self.overall.value, "", text)}
+        return figures | {limit.name: limit.figure for limit in self.limits}
+
+    def to_json(self) -> dict[str, Any]:
+        """The figures, causes and limits, as plain values."""
+        return {
+            **super().to_json(),
+            "causes": [asdict(cause) for cause in self.causes],
+            "limits": [asdict(limit) for limit in self.limits],
+            "target": self.target,
+            "trials": self.trials,
+            "confidence": self.confidence,
+        }
+
+
+def analyse_yield_loss(
+    netlist: Netlist,
+    *,
+    chip: Chip | None = None,
+    target: Annotated[float, Gt(0), Lt(1)] = 0.99,
+    trials: Count | None = None,
+    confidence: Between = 0.95,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+) -> YieldLoss:
+    """Switch each effect of a chip off in turn, and find how large mismatch and offset may be, and how few the bits.
+
+    Each yield is that of `yields` for the chip without the effect, chip by chip with the same random numbers.  The
+    limits change one value of the chip and leave all others as they are.  An effect without which the chip has no
+    operating point, or cannot be described, is left out.
+
+    `target`: yield that the limits reach; `trials`: chips of each kind, by default 400, fewer for grids of more than
+    650 cells; `confidence`: of the intervals; `executor`: trials are shared among its workers, and the numbers do not
+    depend on it; `progress`: called after every kind of chip with the trials done, those expected, and a yield.
+    """
+    chip, space = chip or Chip(), netlist.cells.space
+    starts = int(space.goal_connected.sum())
+    count = trials or usual_trials(space)
+    offsets, bits, mismatches = offset_ladder(chip), bits_ladder(chip), mismatch_ladder(chip)
+    removed = _without(chip)
+    points = {("", 0): chip} | {(name, 0): other for name, (_, other) in removed.items()}
+    for ladder in (offsets, bits):
+        points |= {(ladder.name, rung): ladder.chip_with(value) for rung, value in enumerate(ladder.values)}
+    known: Noises = {}  # mismatch does not change the noise of the flawless chip
+    groups = groups_of(netlist, points, count, known)
+    served: dict[tuple[str, int], StartsServed] = {}
+    done, expected = 0, (len(groups) + _BISECTED) * count
+
+    def tell(share: Proportion) -> None:
+        nonlocal done
+        done += count
+        if progress is not None:
+            progress(done, max(expected, done), share)
+
+    def share_of(result: StartsServed) -> Proportion:
+        return overall_share(result.counts, starts, confidence, random=result.random)
+
+    for group in groups:
+        try:
+            (results,) = run_groups([group], starts, executor)
+        except CircuitError:
+            if ("", 0) in group.keys:
+                raise
+            continue  # without this effect, the chip has no operating point
+        served |= results
+        tell(share_of(next(iter(results.values()))))
+
+    def bisected(rung: int) -> Proportion:
+        if rung == 0 and ("mismatch", 0) in served:
+            return share_of(served["mismatch", 0])
+        point = {rung: mismatches.chip_with(mismatches.values[rung])}
+        (group,) = run_groups(groups_of(netlist, point, count, known), starts, executor)
+        tell(share_of(group[rung]))
+        return share_of(group[rung])
+
+    def listed(ladder: Ladder) -> Limit:
+        return find_limit(ladder, target, lambda rung: share_of(served[ladder.name, rung]), every=True)
+
+    base = served["", 0]
+    causes = [
+        _cause(name, keys, base, served[name, 0], share_of(served[name, 0]), (starts, count))
+        for name, (keys, _) in removed.items()
+        if (name, 0) in served
+    ]
+    causes.sort(key=lambda cause: -cause.gain)
+    limits = (find_limit(mismatches, target, bisected, every=False), listed(offsets), listed(bits))
+    return YieldLoss(share_of(base), tuple(causes), limits, target, count, confidence)
+
+
+def usual_trials(space: ConfigurationSpace) -> int:
+    """Return the default number of chips of each kind."""
+    return min(_MOST_TRIALS, max(_LEAST_TRIALS, _CELLS // space.cell.size))
+
+
+def _without(chip: Chip) -> dict[str, tuple[tuple[str, ...], Chip]]:
+    """Return the effects that a chip has: the keys that describe each, and the chip without it."""
+    values = chip_keys(chip)
+    found = {}
+    for name, ideal in EFFECTS.items():
+        keys = tuple(key for key, nothing in ideal.items() if values[key] and values[key] != nothing)
+        if not keys:
+            continue
+        try:
+            found[name] = keys, chip_with(chip, {key: ideal[key] for key in keys})
+        except InputError:  # another key needs one of these
+            continue
+    return found
+
+
+def _cause(
+    name: str, keys: tuple[str, ...], base: StartsServed, other: StartsServed, share: Proportion, size: tuple[int, int]
+) -> Cause:
+    """Compare the yields with and without an effect chip by chip; `size`: numbers of starts and of chips."""
+    starts, trials = size
+    differences = (other.counts - base.counts) / starts  # one chip stands for all where nothing is random
+    changed, mean = int(np.count_nonzero(differences)), float(differences.mean())
+    if not (base.random or other.random):
+        return Cause(name, keys, share, mean, mean, mean, changed * trials)
+    return Cause(name, keys, share, mean, *paired_interval(differences, share.confidence), changed)
+
+
+def paired_interval(differences: NDArray[np.float64], confidence: float) -> tuple[float, float]:
+    """Return the ends of the interval of a mean of paired differences, each between -1 and 1.
+
+    Student's t interval.  Where no chip of ``n`` differs, at most a fraction ``1 - (1 - confidence)**(1/n)`` of all
+    chips does, with this confidence.  Shapes: `differences` (trials,).
+    """
+    from scipy.special import stdtrit
+
+    trials, mean = len(differences), float(differences.mean())
+    if not differences.any():
+        bound = 1.0 - (1.0 - confidence) ** (1.0 / trials)
+        return -bound, bound
+    if trials < 2:
+        return -1.0, 1.0
+    half = float(stdtrit(trials - 1, 0.5 + 0.5 * confidence) * differences.std(ddof=1) / np.sqrt(trials))
+    return max(mean - half, -1.0), min(mean + half, 1.0)
+
+
+def loss_sentences(result: YieldLoss) -> tuple[str, ...]:
+    """Return what causes of yield loss mean for the chip, the answer first."""
+    mismatch = (cause for cause in result.causes if cause.name == "mismatch")
+    return (
+        _largest_loss(result),
+        *(f"Without its mismatch, the yield would change by {_change(cause)} percentage points." for cause in mismatch),
+        *(f"{_LIMITS[limit.name]} for {100 * limit.target:.4g} %: {limit.answer}." for limit in result.limits),
+        f"Each effect was switched off alone on the same {result.trials} dies, with the same offsets and noise "
+        f"otherwise; the intervals of the changes are those of paired differences at {100 * result.confidence:.4g} %. "
+        "Effects act together, so that changes do not add up.",
+    )
+
+
+def loss_table(result: YieldLoss) -> tuple[str, ...]:
+    """Return the causes as a table in Markdown, line by line."""
+    rows = (
+        (
+            f"{cause.name} ({', '.join(f'`{key}`' for key in cause.keys)})",
+            f"{100 * cause.share.value:.1f} %",
+            _change(cause),
+            f"{cause.changed}",
+        )
+        for cause in result.causes
+    )
+    return tuple(
+        table_lines(("switched off", "yield", "change, in points", f"chips changed, of {result.trials}"), rows)
+    )
+
+
+_LIMITS = {
+    "largest_mismatch": "Largest mismatch",
+    "largest_offset": "Largest offset",
+    "fewest_bits": "Fewest bits",
+}
+
+
+def _largest_loss(result: YieldLoss) -> str:
+    """Name the effects that surely cost yield, the largest first."""
+    now = f"{100 * result.overall.value:.1f} %"
+    losses = [cause for cause in result.causes if cause.low > 0]
+    if not losses:
+        return f"The yield is {now}; no single effect surely costs any of it."
+    first, *others = (f"{cause.name} ({_points(cause.gain)} points)" for cause in losses[:3])
+    also = f", then {' and '.join(others)}" if others else ""
+    return f"The yield is {now}; most is gained without {first}{also}."
+
+
+def _change(cause: Cause) -> str:
+    """Return the change of a yield with its interval, in percentage points."""
+    if not cause.changed:
+        return "0.00 (no chip changes)"
+    return f"{_points(cause.gain)} ({_points(cause.low)} to {_points(cause.high)})"
+
+
+def _points(share: float) -> str:
+    """Return a change of a yield in percentage points; no minus before zero."""
+    text = f"{100 * share:+.2f}"
+    return "0.00" if float(text) == 0 else text

@@ -1,0 +1,74 @@
+"""Where a robot goes that the current does not lead: to the goal within a goal cell, and out of a lost cell."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.core.space import Cell, ConfigurationSpace
+
+Vector = NDArray[np.float64]
+CellIndex = tuple[int, ...]
+
+RECOVERY = 2.0
+"""How far from a cell with a path a configuration may be and still be led back, in cells."""
+
+_INSIDE = 2e-9
+
+
+def goal_offset(space: ConfigurationSpace, place: Vector, *, sure: bool = True) -> Vector:
+    """From a place in a goal cell to the configuration there that solves the goal; 0 where the whole cell does.
+
+    One on the cell's border is taken 2e-9 of a cell inside it, where there is no doubt whose it is.  Who is not `sure`
+    of the place goes to the middle of a cell that is a goal as a whole.
+    """
+    cell, local = space.split(place)
+    solution = (space.goal_point(cell) - space.lower) / space.spacing - cell
+    if np.isnan(solution).any():
+        return np.zeros(space.ndim) if sure else np.asarray((0.5 - local) * space.spacing)
+    return np.asarray((np.clip(solution, _INSIDE, 1.0 - _INSIDE) - local) * space.spacing)
+
+
+def goal_offsets(space: ConfigurationSpace, place: Vector, *, sure: bool = True) -> list[tuple[CellIndex, Vector]]:
+    """Goal cells whose goal may be taken from a place in one, and how far: its own, then those across its faces.
+
+    Neighbours that share a face make a convex box, so that straight lines there meet goal cells alone.
+    """
+    cell, local = space.split(place)
+    own = tuple(cell.tolist())
+    beside: dict[CellIndex, Vector] = {}
+    for axis, by in product(range(space.ndim), (-1, 1)):
+        step = by * np.eye(space.ndim, dtype=np.int64)[axis]
+        other = neighbour(space, cell + step)
+        if other is None or other == own:
+            continue
+        offset = space.goal_point(other) - space.axis_centre(other) + (step + 0.5 - local) * space.spacing
+        if not np.isnan(offset).any():
+            beside.setdefault(other, offset)
+    nearest = sorted(beside.items(), key=lambda item: float(np.linalg.norm(item[1])))
+    return [(own, goal_offset(space, place, sure=sure)), *nearest]
+
+
+def exits(space: ConfigurationSpace, place: Vector) -> list[tuple[CellIndex, Vector]]:
+    """Cells with a path within `RECOVERY` cells of a place's own, and how far their centres are, the nearest first."""
+    cell, local = space.split(place)
+    most = int(RECOVERY)
+    nearest: dict[CellIndex, tuple[float, Vector]] = {}
+    for by in product(range(-most, most + 1), repeat=space.ndim):
+        if not 0 < sum(step * step for step in by) <= RECOVERY**2:
+            continue
+        other = neighbour(space, cell + by)
+        if other is not None and (space.cell[other] == Cell.GOAL or space.goal_connected[other]):
+            offset = (np.array(by) + 0.5 - local) * space.spacing
+            length = float(np.linalg.norm(offset / space.spacing))
+            if other not in nearest or length < nearest[other][0]:
+                nearest[other] = length, offset
+    return [(other, offset) for other, (_, offset) in sorted(nearest.items(), key=lambda item: item[1][0])]
+
+
+def neighbour(space: ConfigurationSpace, cell: NDArray[np.int64]) -> CellIndex | None:
+    """Index of a cell counted on across seams; None beyond an edge."""
+    other = np.where(space.periodic, cell % space.shape, cell)
+    return None if np.any(other < 0) or np.any(other >= space.shape) else tuple(other.tolist())

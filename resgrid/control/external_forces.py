@@ -1,0 +1,137 @@
+"""Pushes: external generalised forces on a robot while it moves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid._internal.validation import Count, Natural, NotNegative, Positive, checked
+from resgrid._internal.values import frozen
+from resgrid.core.space import ConfigurationSpace
+from resgrid.errors import InputError
+from resgrid.scene.control import Control
+
+Force = Callable[[float, NDArray[np.float64]], ArrayLike]
+"""Generalised force at a time, in seconds, and a configuration; of a point or a disc both in the world."""
+
+
+@checked
+@frozen
+@dataclass(frozen=True, eq=False)
+class Push:
+    """A constant generalised force for a while.
+
+    Attributes
+    ----------
+    start, duration : float
+        In seconds.
+    force : ndarray of float64, shape (ndim,)
+
+    Raises
+    ------
+    InputError
+        If a number is not finite, or the duration not above 0.
+
+    Examples
+    --------
+    >>> push = rg.Push(start=1.0, duration=0.5, force=(0.0, 0.2))
+    >>> run = rg.simulation(rg.read_scene("examples/scenes/lesson.toml"), k=0.9).run(pushes=[push])
+    >>> str(run.ending), rg.Mode.PUSHED in run.mode
+    ('arrived', True)
+    """
+
+    start: NotNegative
+    duration: Positive
+    force: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        force = np.array(self.force, dtype=np.float64)
+        force.flags.writeable = False
+        object.__setattr__(self, "force", force)
+        if force.ndim != 1 or not np.isfinite(force).all():
+            raise InputError(f"a push needs a finite force, one entry per axis, got {force.tolist()}")
+
+
+def random_pushes(
+    seed: Natural, ndim: Count, *, until: NotNegative, size: float, duration: Positive, count: Natural = 8
+) -> list[Push]:
+    """Pushes at random times in random directions.
+
+    Parameters
+    ----------
+    seed : int
+    ndim : int
+        Number of axes.
+    until : float
+        Pushes start before this time, in seconds.
+    size : float
+        Length of the generalised force.
+    duration : float
+        Of each, in seconds.
+    count : int
+
+    Returns
+    -------
+    list of Push
+        In order of time.
+
+    Raises
+    ------
+    InputError
+        If a number is out of range.
+
+    Examples
+    --------
+    >>> pushes = rg.random_pushes(seed=0, ndim=2, until=10.0, size=0.2, duration=0.5, count=3)
+    >>> [round(float(np.linalg.norm(push.force)), 9) for push in pushes]
+    [0.2, 0.2, 0.2]
+    """
+    rng = np.random.default_rng(seed)
+    starts = np.sort(rng.uniform(0.0, until, count))
+    forces = rng.normal(size=(count, ndim))
+    forces *= size / np.linalg.norm(forces, axis=1, keepdims=True)
+    return [Push(float(start), duration, force) for start, force in zip(starts, forces, strict=True)]
+
+
+def control_pushes(control: Control, seed: int, space: ConfigurationSpace, speed: float) -> list[Push]:
+    """The pushes of a ``[control]`` table; random ones over the time that a robot needs along the longest axis."""
+    pushes = [Push(start, duration, np.array(force)) for start, duration, *force in control.push]
+    until = float((space.upper - space.lower).max()) / speed
+    if control.pushes and control.push_size:
+        count, size = control.pushes, control.push_size
+        pushes += random_pushes(seed, space.ndim, until=until, size=size, duration=until / 20, count=count)
+    return pushes
+
+
+def force_of(pushes: Sequence[Push] | Force, ndim: int) -> Force:
+    """One function of time and configuration for what may be a list of pushes or a function."""
+    if callable(pushes):
+        return lambda time, configuration: checked_force(pushes(time, configuration), ndim, f"the push at {time:g} s")
+    schedule = list(pushes)
+    for push in schedule:
+        checked_force(push.force, ndim, f"the push at {push.start:g} s")
+
+    def total(time: float, _configuration: NDArray[np.float64]) -> NDArray[np.float64]:
+        force = np.zeros(ndim)
+        for push in schedule:
+            if push.start <= time < push.start + push.duration:
+                force += push.force
+        return force
+
+    return total
+
+
+def checked_force(force: ArrayLike, ndim: int, name: str) -> NDArray[np.float64]:
+    """A generalised force, shape (ndim,): finite numbers."""
+    try:
+        tau = np.asarray(force, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be numbers, got {force!r}") from None
+    if tau.shape != (ndim,):
+        raise InputError(f"{name} has shape {tau.shape}, but there are {ndim} axes")
+    if not np.isfinite(tau).all():
+        raise InputError(f"{name} is not finite: {tau.tolist()}; stop the robot, check the sensor")
+    return tau

@@ -1,0 +1,295 @@
+"""What happened: every step of a controlled motion, every contact, every lesson."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum, StrEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid._internal.values import frozen, picture_html
+from resgrid.control.contact import ContactSet
+from resgrid.control.goal_distance import goal_distance
+from resgrid.control.plant import PAIR, Plant
+from resgrid.core.frame import Frame
+from resgrid.core.space import ConfigurationSpace
+from resgrid.planning.fields import Field
+from resgrid.scene.scene import Scene
+
+Vector = NDArray[np.float64]
+
+_AT_GOAL = 1e-8
+"""Distance from a goal that counts as none, as a fraction of the robot's motion across a cell."""
+
+
+class Mode(IntEnum):
+    """What the robot did in a step.
+
+    Examples
+    --------
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml").replace(hidden=(rg.Box((5.0, 2.2), (6.0, 3.0)),))
+    >>> run = rg.simulation(scene, k=0.9).run()
+    >>> [rg.Mode(mode).name for mode in np.unique(run.mode)]
+    ['STREAMLINE', 'LEARNING', 'ARRIVED']
+    """
+
+    STREAMLINE = 0
+    """Followed the current."""
+    PUSHED = 1
+    """Followed the current while an external force pushed it."""
+    SLIDING = 2
+    """Touched an obstacle and slid along it."""
+    STICKING = 3
+    """Touched an obstacle, and friction held it: the force is inside the friction cone."""
+    FOLLOWING = 4
+    """Answered a contact force along the equipotential."""
+    JAM = 5
+    """The force lies along the streamline: equipotential following gives no velocity."""
+    LEARNING = 6
+    """Stood still while contacts were marked in the map and the field was solved again."""
+    RETREATING = 7
+    """Went back the way it came, to where the map has a path."""
+    RECOVERING = 8
+    """In an obstacle cell, by belief or since it was learnt, went to a near cell with a path."""
+    DITHERING = 9
+    """Was shaken loose: a small random step after it had stood still for long."""
+    ARRIVED = 10
+    """Is in a goal cell, at the configuration that solves the goal where the space names one."""
+    WAITING = 11
+    """Stood still where a grid that is still settling leads nowhere."""
+    HOMING = 12
+    """In a goal cell, went straight to the configuration that solves the goal."""
+
+
+class Ending(StrEnum):
+    """How a motion ended: ``arrived`` in a goal, or ``missed`` where only belief was in one.
+
+    Examples
+    --------
+    >>> run = rg.simulation(rg.read_scene("examples/scenes/lesson.toml"), k=0.9).run()
+    >>> run.ending is rg.Ending.ARRIVED
+    True
+    >>> " ".join(rg.Ending)
+    'arrived missed no_path no_current goal_blocked start_blocked jam stalled out_of_steps entered'
+    """
+
+    ARRIVED = "arrived"
+    MISSED = "missed"
+    NO_PATH = "no_path"
+    NO_CURRENT = "no_current"
+    GOAL_BLOCKED = "goal_blocked"
+    START_BLOCKED = "start_blocked"
+    JAM = "jam"
+    STALLED = "stalled"
+    OUT_OF_STEPS = "out_of_steps"
+    ENTERED = "entered"
+
+
+class End(NamedTuple):
+    """How a motion ended, and the same in a sentence."""
+
+    ending: Ending
+    message: str
+
+
+@frozen
+@dataclass(frozen=True, eq=False)
+class ContactLog:
+    """All contacts of a motion that carried force, one row each.
+
+    `step` (m,): row of the log; `point, normal, force` (m, 2): on the obstacle, in metres; out of it; on the robot:
+    all in the world; `gap` (m,): in metres; `part, body` (m,): rigid part of the robot, number of the obstacle (those
+    of the map first); `sticking` (m,).
+    """
+
+    step: NDArray[np.int64]
+    point: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    force: NDArray[np.float64]
+    gap: NDArray[np.float64]
+    part: NDArray[np.int64]
+    body: NDArray[np.int64]
+    sticking: NDArray[np.bool_]
+
+
+@frozen
+@dataclass(frozen=True, eq=False)
+class MapUpdate:
+    """Cells that contacts proved to be obstacle, and that the map did not show: one solve follows each lesson.
+
+    `step`: row of the log; `cells` (c, ndim): the new obstacle cells, at least one; `points` (p, 2): where the
+    obstacle was touched in the world, as far as the robot knows.
+    """
+
+    step: int
+    cells: NDArray[np.int64]
+    points: NDArray[np.float64]
+
+
+@frozen
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A controlled motion, step by step.
+
+    Attributes
+    ----------
+    ending : Ending
+    message : str
+        The same in a sentence.
+    goal : int or None
+        Number of the goal region that it truly is in at the end, if it arrived.
+    time : ndarray of float64, shape (n,)
+        At which each row holds, in seconds.
+    configuration, believed : ndarray of float64, shape (n, ndim)
+        Where the robot truly was, continuous across periodic seams, and where it believed to be; in world coordinates.
+    velocity : ndarray of float64, shape (n, ndim)
+        With which it left, in the world, per second; 0 in the last row.
+    mode : ndarray of uint8, shape (n,)
+        Values of `Mode`.
+    torque, push : ndarray of float64, shape (n, ndim)
+        Generalised forces of contacts, and from outside; of a point or a disc forces in the world.
+    contacts : ContactLog
+    lessons : tuple of MapUpdate
+    space, field : ConfigurationSpace, Field
+        The map as it was in the end, and its field.
+    penetration : float
+        Deepest entry of the robot into an obstacle, in any row and on the straight lines between rows, under exact
+        geometry, in metres; a run with any has the ending ``"entered"``, whatever else it came to.
+    goal_distance : float
+        Distance from the nearest goal at the end, 0 inside it: for a goal that is a place, of the robot's reference
+        point (an arm's tip) in metres; for a cell or joint angles, in axis units; NaN where it is not known.  A robot
+        that does not know its configuration exactly may arrive in a goal cell and still be outside the goal.
+    unsolved : int
+        Steps in which no contact forces could be solved for, so that the robot stood still.
+    scene : Scene or None
+        What it moved in.
+
+    Examples
+    --------
+    >>> run = rg.simulation(rg.read_scene("examples/scenes/lesson.toml"), k=0.9).run()
+    >>> run
+    <Run arrived after 21.79 s: 44 rows, 0 contacts, 0 lessons>
+    >>> run.configuration[[0, -1]].round(1)
+    array([[0.5, 6.5],
+           [6. , 2. ]])
+    """
+
+    ending: Ending
+    message: str
+    goal: int | None
+    time: NDArray[np.float64]
+    configuration: NDArray[np.float64]
+    believed: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    mode: NDArray[np.uint8]
+    torque: NDArray[np.float64]
+    push: NDArray[np.float64]
+    contacts: ContactLog
+    lessons: tuple[MapUpdate, ...]
+    space: ConfigurationSpace
+    field: Field
+    penetration: float
+    goal_distance: float = float("nan")
+    unsolved: int = 0
+    scene: Scene | None = None
+
+    def __repr__(self) -> str:
+        counts = f"{len(self.contacts.step)} contacts, {len(self.lessons)} lessons"
+        return f"<Run {self.ending} after {self.time[-1]:.4g} s: {len(self.time):,} rows, {counts}>"
+
+    _repr_html_ = picture_html
+
+    @property
+    def learnt(self) -> NDArray[np.bool_]:
+        """Cells learnt, shape of the space."""
+        mask = np.zeros(self.space.shape, dtype=np.bool_)
+        for lesson in self.lessons:
+            mask[tuple(lesson.cells.T)] = True
+        return mask
+
+
+class Recorder:
+    """Keeps the rows of a run while it grows, and makes the log of them."""
+
+    def __init__(self, ndim: int) -> None:
+        self._ndim = ndim
+        self._rows: list[tuple[float, Vector, Vector, Vector, Mode, Vector, Vector]] = []
+        self._contacts: list[tuple[int, ContactSet]] = []
+        self._unsolved = 0
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    @property
+    def last_mode(self) -> Mode:
+        """Mode of the last row."""
+        return self._rows[-1][4] if self._rows else Mode.STREAMLINE
+
+    def add(
+        self, time: float, configuration: Vector, believed: Vector, velocity: Vector, mode: Mode,
+        contacts: ContactSet | None, push: Vector,
+    ) -> None:  # fmt: skip
+        """Keep one step."""
+        torque = np.zeros(self._ndim)
+        if contacts is not None and contacts.pressing.any():
+            torque = contacts.torque
+            self._contacts.append((len(self._rows), contacts))
+        self._unsolved += contacts is not None and not contacts.solved
+        self._rows.append((time, configuration, believed, velocity, mode, torque, push))
+
+    def run(
+        self, end: End, goal: int | None, lessons: tuple[MapUpdate, ...], field: Field, space: ConfigurationSpace,
+        plant: Plant, scene: Scene | None,
+    ) -> Run:  # fmt: skip
+        """The log of all rows, in the world."""
+        frame = space.frame
+        time, configuration, believed, velocity, mode, torque, push = zip(*self._rows, strict=True)
+        places = np.array(configuration)
+        penetration = plant.deepest(places)
+        if penetration > 0.0 and end.ending is not Ending.START_BLOCKED:
+            end, goal = End(Ending.ENTERED, f"the robot entered an obstacle by {penetration:.3g} m"), None
+        away = goal_distance(space, places[-1], scene)
+        if not away > _AT_GOAL * (plant.cell_motion + float(np.linalg.norm(space.spacing))):
+            away = min(away, 0.0)  # rounding error; NaN stays
+        outside = end.ending is Ending.ARRIVED and away > 0.0
+        message = f"the robot is in a goal cell, but {away:.3g} outside the goal itself" if outside else end.message
+        unsolved = f"; in {self._unsolved} steps no contact forces were known, and the robot stood still"
+        return Run(
+            ending=end.ending,
+            message=message + (unsolved if self._unsolved else ""),
+            goal=goal,
+            time=np.array(time),
+            configuration=space.to_world(places),
+            believed=space.to_world(believed),
+            velocity=frame.turned_to_world(velocity),
+            mode=np.array(mode, dtype=np.uint8),
+            torque=frame.turned_to_world(torque),
+            push=frame.turned_to_world(push),
+            contacts=self._contact_log(frame),
+            lessons=lessons,
+            space=space,
+            field=field,
+            penetration=penetration,
+            goal_distance=away,
+            unsolved=self._unsolved,
+            scene=scene,
+        )
+
+    def _contact_log(self, frame: Frame) -> ContactLog:
+        def column(name: str, empty: NDArray[Any]) -> NDArray[Any]:
+            return np.concatenate([empty, *(getattr(each, name)[each.pressing] for _, each in self._contacts)])
+
+        steps = [np.full(int(contacts.pressing.sum()), step) for step, contacts in self._contacts]
+        pairs = column("pairs", np.empty(0, PAIR))
+        return ContactLog(
+            step=np.concatenate([np.empty(0, dtype=np.int64), *steps]),
+            point=frame.to_world(pairs["point"]),
+            normal=frame.turned_to_world(pairs["normal"]),
+            force=frame.turned_to_world(column("force", np.empty((0, 2)))),
+            gap=pairs["gap"],
+            part=pairs["part"],
+            body=pairs["body"],
+            sticking=column("sticking", np.empty(0, dtype=np.bool_)),
+        )

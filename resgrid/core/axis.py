@@ -1,0 +1,127 @@
+"""One coordinate of a configuration space, cut into equal cells, and where points lie among them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Ge, Le
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid._internal.validation import checked
+from resgrid.errors import InputError
+
+LARGEST = 1e60
+"""Largest coordinate: products of four of them do not overflow."""
+
+Coordinate = Annotated[float, Ge(-LARGEST), Le(LARGEST)]
+Point = tuple[Coordinate, ...]
+
+
+@checked
+@dataclass(frozen=True)
+class Axis:
+    """One coordinate of a configuration space, cut into equal cells.
+
+    Cell ``i`` covers ``[lower + i h, lower + (i + 1) h]`` with ``h = spacing``; its centre is in the middle.
+
+    Parameters
+    ----------
+    name : str
+        The coordinate's name, e.g. ``"x"`` or ``"theta_1"``.
+    lower, upper : float
+        The ends of the axis, in ``unit``; ``lower < upper``.
+    cells : int
+        How many cells, at least 1.
+    periodic : bool
+        Whether the upper end joins the lower one.
+    unit : str
+        ``"m"``, ``"rad"``, ``"cell"``, ...; for labels only.
+
+    Raises
+    ------
+    InputError
+        If the ends are not finite and increasing, or there is no cell, or cells that rounding cannot tell apart.
+
+    Examples
+    --------
+    >>> axis = rg.Axis("x", 0.0, 2.0, 4)
+    >>> axis.spacing, axis.centres
+    (0.5, array([0.25, 0.75, 1.25, 1.75]))
+    """
+
+    name: str
+    lower: Coordinate
+    upper: Coordinate
+    cells: Annotated[int, Ge(1)]
+    periodic: bool = False
+    unit: str = "m"
+
+    def __post_init__(self) -> None:
+        if not self.lower < self.upper:
+            raise InputError(f"axis {self.name!r}: lower = {self.lower} must lie below upper = {self.upper}")
+        if self.spacing < 64 * np.spacing(max(abs(float(self.lower)), abs(float(self.upper)))):
+            raise InputError(
+                f"axis {self.name!r}: its cells are too narrow to be told apart in floating point; move it towards 0"
+            )
+
+    @property
+    def spacing(self) -> float:
+        """Width of a cell, in ``unit``."""
+        return float((self.upper - self.lower) / self.cells)
+
+    @property
+    def centres(self) -> NDArray[np.float64]:
+        """Cell centres, shape ``(cells,)``, in ``unit``."""
+        return np.asarray(self.lower + (np.arange(self.cells) + 0.5) * self.spacing, dtype=np.float64)
+
+    @property
+    def edges(self) -> NDArray[np.float64]:
+        """Cell borders, shape ``(cells + 1,)``, in ``unit``."""
+        return np.linspace(self.lower, self.upper, self.cells + 1)
+
+
+def split_points(
+    axes: Sequence[Axis], point: ArrayLike, reach: ArrayLike | None = None
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Cells and positions within them, in [0, 1], of points in axis units (..., ndim); `ConfigurationSpace.split`.
+
+    `reach` (ndim,): as of `rounding_errors`; a point that lies outside by no more than that error is on the border.
+    """
+    points = np.asarray(point, dtype=np.float64)
+    if points.shape[-1:] != (len(axes),):
+        raise InputError(f"a point of this space has {len(axes)} coordinates, got {points.tolist()!r}")
+    lower, spacing, size = np.array([(axis.lower, axis.spacing, axis.cells) for axis in axes]).T
+    scaled = (points - lower) / spacing
+    with np.errstate(invalid="ignore"):
+        scaled = np.where([axis.periodic for axis in axes], np.mod(scaled, size), scaled)
+    slack = rounding_errors(axes, reach)
+    inside = np.all((scaled >= np.negative(slack)) & (scaled <= size + slack), axis=-1)
+    if not np.all(inside):
+        wrong = np.atleast_2d(points)[~np.atleast_1d(inside)][0]
+        ranges = ", ".join(f"{axis.name} in [{axis.lower:g}, {axis.upper:g}]" for axis in axes)
+        raise InputError(f"the point {tuple(wrong.tolist())} lies outside the grid ({ranges})")
+    cells = np.clip(np.floor(scaled), 0, size - 1).astype(np.int64)
+    return cells, np.clip(scaled - cells, 0.0, 1.0)
+
+
+def rounding_errors(axes: Sequence[Axis], reach: ArrayLike | None = None) -> NDArray[np.float64]:
+    """Return the largest rounding error of coordinates as fractions of a cell's width, shape (ndim,).
+
+    `reach` (ndim,): largest size of a coordinate on its way between world and space (`Frame.reach`); that of the axes
+    by default.
+    """
+    largest = largest_coordinates(axes) if reach is None else np.asarray(reach, dtype=np.float64)
+    return np.asarray(8 * np.spacing(largest) / [axis.spacing for axis in axes])
+
+
+def rounding(axes: Sequence[Axis], reach: ArrayLike | None = None) -> NDArray[np.float64]:
+    """Return the tolerance for positions as fractions of a cell's width: 1e-9, or `rounding_errors` if that is more."""
+    return np.asarray(np.maximum(1e-9, rounding_errors(axes, reach)))
+
+
+def largest_coordinates(axes: Sequence[Axis]) -> NDArray[np.float64]:
+    """Return the largest absolute value on every axis, shape (ndim,)."""
+    return np.array([max(abs(float(axis.lower)), abs(float(axis.upper))) for axis in axes])

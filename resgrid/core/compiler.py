@@ -1,0 +1,323 @@
+"""From a configuration space to a netlist: which cells have nodes, what joins them, and what drives them.
+
+Face neighbours are joined by resistors; voltage sources stand at obstacles and goals, or current sources at the nodes
+(Tarassenko & Blake 1991; Connolly & Grupen 1992, section 2).
+
+Along axis ``a`` the conductance is ``(h_ref / h_a)**2 / R`` times the series combination ``2 c_i c_j / (c_i + c_j)`` of
+the cells' conductivities, ``h_ref`` being the smallest spacing.  Kirchhoff's current law at a node is then the
+finite-volume form of ``div(c grad phi) = 0``.
+
+Two neighbours have a contact of this kind, whatever they are:
+
+=================  ==========  ============================  =======================
+neighbours         dirichlet   wall                          neumann
+=================  ==========  ============================  =======================
+free, free         ``G``       ``G``                         ``G``
+free, goal         ``G``       ``G``                         ``G``
+goal, goal         ``G``       ``G``                         ``G``
+free, obstacle     ``G``       ``1 / (1 / G + R_wall)``      none
+goal, obstacle     ``G``       ``1 / (1 / G + R_wall)``      none
+obstacle, obstacle ``G``       ``G``                         none
+=================  ==========  ============================  =======================
+
+Where just one of two cells is free, its conductivity counts alone.  Beyond an edge that counts as an obstacle lies an
+obstacle cell, of the conductivity of the cell at the edge, that is on the obstacle rail; beyond an open edge lies
+nothing.  Resistors between cells of the rails exist only where these have nodes (``rails="cells"``, chips, tiles).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid._internal.memory import FEWER_CELLS, require_grid_memory
+from resgrid.core.netlist import GROUND, MOST_NODES, CellMap, Netlist
+from resgrid.core.regions import before_and_behind, face_counts, face_shape, sides_of_cells, slab, with_margin
+from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.wiring import Wiring, wiring_of
+from resgrid.errors import CircuitError, InputError
+
+NO_GOAL = "the space has no goal cell: add a goal, or make it at least one cell large"
+WALLED_IN = "nothing is driven: no free cell is connected to a goal; move the goal or open a way to it"
+FLAT = (
+    "nothing is driven: no free cell with a way to a goal touches an obstacle, or an edge that counts as one; add what "
+    "drives the grid, or choose boundary = 'neumann'"
+)
+
+_NO_NODE = -1
+_PEAK = 80
+"""Peak memory of compiling, in bytes per cell and axis, measured on open grids."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Nodes:
+    """Node numbers: of every cell (-1 for none), free cells, the obstacle rail (-1 for none) and the goal rails."""
+
+    cell: NDArray[np.int32]
+    free: NDArray[np.int32]
+    obstacle: int
+    goals: tuple[int, ...]
+    count: int
+
+
+def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **options: Any) -> Netlist:
+    """Compile a configuration space into a resistor netlist.
+
+    Parameters
+    ----------
+    space : ConfigurationSpace
+        One to four axes, with at least one goal cell.
+    wiring : Wiring, optional
+        What obstacles, edges and goals are tied to, and by what; obstacles at 1 V, goals at 0 V and 10 kohm between
+        neighbours unless it is given.
+    **options
+        Fields of `Wiring`, such as ``boundary="neumann"``: instead of a wiring, or changes to it.
+
+    Returns
+    -------
+    Netlist
+        Ground first, then the obstacle rail, the goal rails, and the cells in C order; with a `CellMap`.
+
+    Raises
+    ------
+    InputError
+        If an option is unknown, missing or does not fit the others, or there is no goal cell.
+    CircuitError
+        If nothing can be driven.
+    BudgetError
+        If the netlist would not fit in memory.
+
+    Examples
+    --------
+    >>> space = rg.ConfigurationSpace([rg.Axis("x", 0.0, 4.0, 4)], [2, 0, 0, 1])
+    >>> rg.compile_space(space, resistance=1e3).conductance
+    array([0.001, 0.001, 0.001])
+    >>> rg.compile_space(space, boundary="neumann").current_amps
+    array([5.e-05, 5.e-05])
+    """
+    wiring = wiring_of(wiring, options).on(space)
+    require_room(space.shape)
+    if not space.goal_count:
+        raise InputError(NO_GOAL)
+    contacts = contacts_of_box(space, wiring)
+    nodes = _number_nodes(space, wiring, contacts.kind)
+    pairs, conductance, face, upward = _join(space, contacts, nodes)
+    cell_map = CellMap(
+        space=space,
+        wiring=wiring,
+        node=nodes.cell,
+        resistor_face=face,
+        resistor_upward=upward,
+        free_node=nodes.free,
+        obstacle_node=nodes.obstacle,
+        goal_nodes=nodes.goals,
+    )
+    columns = (
+        pairs,
+        conductance,
+        *_voltage_sources(space, wiring, nodes),
+        *_uniform_drive(wiring, nodes),
+    )
+    for column in columns:
+        column.flags.writeable = False  # or the netlist would copy it
+    return Netlist(nodes.count, *columns, cell_map=cell_map)
+
+
+def why_undriven(space: ConfigurationSpace, wiring: Wiring) -> str | None:
+    """Return why no current flows through any free cell, decided by connectivity alone; None where current flows."""
+    edges = wiring.edges(space)
+    if not space.goal_connected.any():
+        return WALLED_IN
+    if wiring.start is not None:
+        start = tuple(wiring.start)
+        reached = bool(space.goal_connected[start])
+        return None if reached else f"nothing is driven: no path of free cells joins the start cell {start} to a goal"
+    if wiring.drive == "uniform":
+        return None
+    return None if _touches_obstacle(space, edges, space.goal_connected) else FLAT
+
+
+def _touches_obstacle(space: ConfigurationSpace, edges: Sequence[str], cells: NDArray[np.bool_]) -> bool:
+    """Whether a face of one of some cells is shared with an obstacle cell, or lies on an edge that counts as one."""
+    for axis, rule in enumerate(edges):
+        obstacle = with_margin(space.cell == Cell.OBSTACLE, space.periodic, beyond=rule == "obstacle")
+        before, behind = before_and_behind(obstacle, axis)
+        if np.any(cells & (sides_of_cells(before, axis)[0] | sides_of_cells(behind, axis)[1])):
+            return True
+    return False
+
+
+def require_room(shape: tuple[int, ...], remedy: str = FEWER_CELLS) -> None:
+    """Raise BudgetError for a grid whose netlist would not fit in memory."""
+    require_grid_memory(shape, "compiling the grid", _PEAK * len(shape), remedy)
+
+
+def _number_nodes(space: ConfigurationSpace, wiring: Wiring, kind: NDArray[np.uint8]) -> _Nodes:
+    own = kind[(slice(1, -1),) * space.ndim] == CellRole.NODE
+    if wiring.start is not None:
+        own[wiring.start] = True
+    obstacle = GROUND + 1 if not wiring.is_driven and np.any(kind == CellRole.HIGH) else _NO_NODE
+    first = GROUND + 1 + (obstacle >= 0)
+    goals = tuple(range(first, first + space.goal_count)) if wiring.rails == "merged" else ()
+    first += len(goals)
+    node = np.full(space.shape, _NO_NODE, dtype=np.int32)
+    count = int(np.count_nonzero(own))
+    if first + count > MOST_NODES:
+        raise InputError(f"{count:,} cells have a node; a netlist may have {MOST_NODES:,}: choose larger cells")
+    numbers = np.arange(first, first + count, dtype=np.int32)
+    node[own] = numbers
+    free = numbers if wiring.rails == "merged" else node[own & (space.cell == Cell.FREE)]
+    if goals:
+        node[space.cell == Cell.OBSTACLE] = obstacle
+        goal = space.cell == Cell.GOAL
+        node[goal] = np.array(goals)[space.goal_region[goal]]
+    return _Nodes(node, free, obstacle, goals, first + count)
+
+
+def _join(space: ConfigurationSpace, contacts: GridContacts, nodes: _Nodes) -> tuple[NDArray[Any], ...]:
+    """Nodes (m, 2), siemens, faces and directions (m,) of a resistor for every contact; on an axis border ones last."""
+    wide = with_margin(nodes.cell, space.periodic, beyond=nodes.obstacle)
+    parts = [
+        (axis, *faces)
+        for axis, (size, ring) in enumerate(zip(space.shape, space.periodic, strict=True))
+        for faces in ((1, size), (0, 1), *([] if ring else [(size, size + 1)]))
+    ]
+    ends = np.cumsum([0, *(np.count_nonzero(slab(contacts.joined[axis], axis, *faces)) for axis, *faces in parts)])
+    starts = np.cumsum([0, *face_counts(space.shape)])
+    pairs, siemens = np.empty((ends[-1], 2), dtype=np.int32), np.empty(ends[-1])
+    face = np.empty(ends[-1], dtype=np.int32 if starts[-1] < 2**31 else np.int64)
+    upward = np.empty(ends[-1], dtype=np.bool_)
+    for (axis, first, last), at in zip(parts, map(slice, ends, ends[1:]), strict=False):
+        kept = slab(contacts.joined[axis], axis, first, last)
+        rises = space.periodic[axis] or first > 0  # else the rail lies below the cell, and counts as second node
+        upward[at] = rises
+        for side, end in zip(before_and_behind(wide, axis), (0, 1) if rises else (1, 0), strict=True):
+            pairs[at, end] = slab(side, axis, first, last)[kept]
+        siemens[at] = contacts.siemens(axis, first, last)
+        numbers = np.arange(*starts[axis : axis + 2], dtype=face.dtype).reshape(face_shape(space.shape, axis))
+        face[at] = slab(numbers, axis, first, last)[kept]
+        del numbers
+    return pairs, siemens, face, upward
+
+
+class CellRole(IntEnum):
+    """What a cell, or what lies beyond the border, is in the circuit: the least is a node, the greatest nothing."""
+
+    NODE, HIGH, LOW, NONE = range(4)
+
+
+@dataclass(frozen=True, eq=False)
+class GridContacts:
+    """All contacts of a box of cells, without node numbers.
+
+    `code, kind, conductivity`: of every cell of the box and of those around it, a margin of one cell along each axis,
+    wrapped where the axis is periodic; `joined`: per axis, which faces of the box' cells have a contact, one more
+    along that axis than cells.
+    """
+
+    wiring: Wiring
+    spacing: NDArray[np.float64]
+    code: NDArray[np.uint8]
+    kind: NDArray[np.uint8]
+    conductivity: NDArray[np.float64] | None
+    joined: tuple[NDArray[np.bool_], ...]
+
+    def siemens(self, axis: int, first: int, last: int) -> NDArray[np.float64]:
+        """Conductances (n,) of the contacts through a range of faces along an axis, in C order."""
+        kept = slab(self.joined[axis], axis, first, last)
+
+        def ends(wide: NDArray[Any]) -> Iterator[NDArray[Any]]:
+            return (slab(side, axis, first, last)[kept] for side in before_and_behind(wide, axis))
+
+        unit = (self.spacing.min() / self.spacing[axis]) ** 2 / self.wiring.resistance
+        siemens = np.full(np.count_nonzero(kept), unit)
+        if self.conductivity is not None:
+            lower, upper = ends(self.conductivity)
+            lower_free, upper_free = ends(self.code == Cell.FREE)
+            lower = np.where(upper_free & ~lower_free, upper, lower)
+            upper = np.where(lower_free & ~upper_free, lower, upper)
+            siemens *= lower * (2.0 * upper / (lower + upper))
+        if self.wiring.wall_resistance:
+            walled = np.not_equal(*ends(self.code == Cell.OBSTACLE))
+            siemens[walled] = 1.0 / (1.0 / siemens[walled] + self.wiring.wall_resistance)
+        return siemens
+
+    @cached_property
+    def conductance(self) -> tuple[NDArray[np.float64], ...]:
+        """Per axis, conductances through all faces of the box' cells, in siemens; 0 where there is no contact."""
+        faces = tuple(np.zeros(joined.shape) for joined in self.joined)
+        for axis, (siemens, joined) in enumerate(zip(faces, self.joined, strict=True)):
+            siemens[joined] = self.siemens(axis, 0, joined.shape[axis])
+        return faces
+
+
+def contacts_of_box(
+    space: ConfigurationSpace, wiring: Wiring, box: Sequence[tuple[int, int]] = (), *, connected: bool = True
+) -> GridContacts:
+    """The contacts of a box of cells, ranges of the first axes; `wiring` as ``wiring.on(space)`` returns it.
+
+    With open obstacles free cells are nodes where a goal is reached from them, or all where this is not asked
+    (`connected`).
+    """
+    code = with_margin(space.cell, space.periodic, box, beyond=Cell.OBSTACLE)
+    high, low = (CellRole.HIGH, CellRole.LOW) if wiring.rails == "merged" else (CellRole.NODE, CellRole.NODE)
+    is_open = wiring.boundary == "neumann"
+    free = CellRole.NONE if is_open and connected else CellRole.NODE
+    kind = np.array((free, CellRole.NONE if is_open else high, low), dtype=np.uint8)[code]
+    if is_open and connected:
+        kind = np.where(with_margin(space.goal_connected, space.periodic, box), np.uint8(CellRole.NODE), kind)
+    ranges = [*box, *((0, size) for size in space.shape[len(box) :])]
+    for axis, (size, (first, last)) in enumerate(zip(space.shape, ranges, strict=True)):
+        _set_beyond(kind, axis, wiring, size, (first == 0, last == size))
+    c = None if space.conductivity is None else with_margin(space.conductivity, space.periodic, box)
+    sides = (before_and_behind(kind, axis) for axis in range(space.ndim))
+    joined = tuple((np.minimum(*both) == CellRole.NODE) & (np.maximum(*both) != CellRole.NONE) for both in sides)
+    if wiring.start is not None:
+        at = (np.arange(size) == place for size, place in zip(space.shape, wiring.start, strict=True))
+        along = zip(at, space.periodic[:, np.newaxis], ([ends] for ends in ranges), strict=True)
+        kind[np.ix_(*(with_margin(*each) for each in along))] = CellRole.HIGH
+    return GridContacts(wiring, space.spacing, code, kind, c, joined)
+
+
+def _set_beyond(kind: NDArray[np.uint8], axis: int, wiring: Wiring, size: int, ends: tuple[bool, bool]) -> None:
+    """Write what lies beyond those ends of an axis which the slab reaches: the obstacle rail, or nothing."""
+    edge = wiring.edge[axis]
+    if edge == "periodic" and size > 1:
+        return
+    tied = edge == "obstacle" and wiring.boundary != "neumann"
+    for reached, place in zip(ends, (0, -1), strict=True):
+        if reached:
+            np.moveaxis(kind, axis, 0)[place] = CellRole.HIGH if tied else CellRole.NONE
+
+
+def _voltage_sources(
+    space: ConfigurationSpace, wiring: Wiring, nodes: _Nodes
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    high, low = wiring.high, wiring.goal_voltage
+    ties: list[tuple[Any, float]] = [([nodes.obstacle] if nodes.obstacle >= 0 else [], high), (nodes.goals, low)]
+    if wiring.start is not None:
+        ties.append(([nodes.cell[wiring.start]], high))
+    if wiring.rails == "cells":
+        ties.append((nodes.cell[(space.cell == Cell.OBSTACLE) & (nodes.cell >= 0)], high))
+        ties.append((nodes.cell[space.cell == Cell.GOAL], low))
+    tied = np.concatenate([np.asarray(some, dtype=np.int32) for some, _ in ties])
+    volts = np.repeat([level for _, level in ties], [len(some) for some, _ in ties])
+    return np.stack([tied, np.full_like(tied, GROUND)], axis=1), volts
+
+
+def _uniform_drive(wiring: Wiring, nodes: _Nodes) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    """The same current into every free node; with open obstacles these are connected to a goal."""
+    if wiring.drive != "uniform":
+        return np.empty((0, 2), dtype=np.int32), np.empty(0)
+    fed = nodes.free
+    if not fed.size:
+        raise CircuitError(WALLED_IN)
+    pairs = np.empty((fed.size, 2), dtype=np.int32)
+    pairs[:, 0], pairs[:, 1] = GROUND, fed
+    return pairs, np.full(fed.size, wiring.supply / (wiring.resistance * fed.size))

@@ -1,0 +1,395 @@
+"""The netlist: resistors, sources and capacitors as arrays, and the map that ties its nodes to cells."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid._internal.validation import check_whole, real_numbers
+from resgrid._internal.values import frozen
+from resgrid.core.networkx_graphs import ARRAYS, check_element_names, check_node_names, fields_of, graph_of
+from resgrid.errors import InputError
+
+if TYPE_CHECKING:
+    import networkx as nx
+
+    from resgrid.core.space import ConfigurationSpace
+    from resgrid.core.wiring import Wiring
+
+GROUND = 0
+MOST_NODES = 2**31 - 1
+"""Numbers of nodes are kept in 32 bits."""
+
+_FACES = {
+    "resistor": ("resistor_face", "resistor_upward"),
+    "nonlinear resistor": ("nonlinear_face", "nonlinear_upward"),
+}
+"""What a map of cells knows of every element of a kind."""
+
+
+@frozen
+@dataclass(frozen=True, eq=False)
+class CellMap:
+    """What ties a netlist to the cells of the configuration space that it was compiled from.
+
+    Attributes
+    ----------
+    space : ConfigurationSpace
+        The space that was compiled.
+    wiring : Wiring
+        How it was wired, with an edge for every axis.
+    node : ndarray of int32, shape of the space
+        Node of every cell; rail cells share their rail's node when rails are merged; -1 where a cell has none.
+    resistor_face : ndarray of int32 or int64, shape (resistors,)
+        The cell face each resistor crosses, -1 for one that crosses none (a switch, a stretch of rail, the load of the
+        read-out).  Faces are numbered axis by axis: along axis ``a`` there are ``cells + 1`` of them (C order,
+        `resgrid.core.regions.face_shape`); face ``i`` is the lower face of cell ``i``; the last one repeats the first
+        on a periodic axis and is not used there.
+    resistor_upward : ndarray of bool, shape (resistors,)
+        Whether the resistor's first node is on the lower side of the face.
+    free_node : ndarray of int32, shape (free nodes,)
+        The nodes of the free cells that have one, in C order of the cells.
+    obstacle_node : int
+        The obstacle rail, -1 if there is none.
+    goal_nodes : tuple of int
+        The rail of every goal region.
+    nonlinear_face : ndarray of int64, shape (nonlinear resistors,)
+        The cell face each nonlinear resistor crosses, numbered as those of the resistors.
+    nonlinear_upward : ndarray of bool, shape (nonlinear resistors,)
+        Whether its first node is on the lower side of the face.
+    rail_nodes : mapping of str to ndarray of int32, shape of the space
+        Of a rail with resistance: its node at every cell, -1 where the cell's own node is on the rail.
+    """
+
+    space: ConfigurationSpace
+    wiring: Wiring
+    node: NDArray[np.int32]
+    resistor_face: NDArray[np.integer[Any]]
+    resistor_upward: NDArray[np.bool_]
+    free_node: NDArray[np.int32]
+    obstacle_node: int
+    goal_nodes: tuple[int, ...]
+    nonlinear_face: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    nonlinear_upward: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, dtype=np.bool_))
+    rail_nodes: Mapping[str, NDArray[np.int32]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in ("node", "free_node"):
+            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), dtype=np.int32))
+
+
+def _no_pairs() -> NDArray[np.int32]:
+    return np.empty((0, 2), dtype=np.int32)
+
+
+def _no_values() -> NDArray[np.float64]:
+    return np.empty(0)
+
+
+@frozen
+@dataclass(frozen=True, eq=False)
+class Netlist:
+    """A circuit as a structure of arrays.  Node 0 is ground.
+
+    Parameters
+    ----------
+    node_count : int
+        Number of nodes, ground included.
+    resistor_nodes : array_like of int, shape (m, 2)
+        The two nodes of every resistor.
+    conductance : array_like of float, shape (m,)
+        Conductance of every resistor at the nominal temperature, in siemens; positive and finite.
+    source_nodes, source_volts : array_like, shapes (s, 2) and (s,)
+        Ideal voltage sources: plus node, minus node; volts.
+    current_nodes, current_amps : array_like, shapes (c, 2) and (c,)
+        Ideal current sources: the node the current is taken from, the node it is fed into; amperes.
+    capacitor_nodes, capacitance : array_like, shapes (k, 2) and (k,)
+        Capacitors, in farads; open in an operating point.
+    tc1, tc2 : array_like of float, shape (m,), optional
+        Temperature coefficients of the resistors, in 1/K and 1/K^2.
+    nonlinear_nodes, nonlinear_current, nonlinear_voltage : array_like, shapes (q, 2), (q,) and (q,)
+        Nonlinear resistors: from the first node ``a`` to the second node ``b`` flows ``I0 tanh((V_a - V_b) / V0)``,
+        with ``I0 > 0`` in amperes and ``V0 > 0`` in volts (the horizontal resistor of Mead, *Analog VLSI and Neural
+        Systems*, 1989, chapter 7).
+    cell_map : CellMap, optional
+        What ties the nodes to the cells of a configuration space.
+    node_names, element_names : optional
+        Names read from a file: one string a node; per kind (``"resistor"``, ``"voltage source"``,
+        ``"current source"``, ``"capacitor"``, ``"nonlinear resistor"``) one string an element.  Otherwise names are
+        made when asked for.
+
+    Raises
+    ------
+    InputError
+        If a shape does not match, a node does not exist or a value is not admissible.
+
+    Examples
+    --------
+    >>> divider = rg.Netlist(3, [[1, 2], [2, 0]], [1e-3, 3e-3], source_nodes=[[1, 0]], source_volts=[2.0])
+    >>> divider
+    <Netlist of 3 nodes: 2 resistors, 1 voltage source>
+    >>> rg.solve(divider).voltage.round(9)
+    array([0. , 2. , 0.5])
+    >>> graph = divider.to_networkx()
+    >>> [(a, b, edge["kind"]) for a, b, edge in graph.edges(data=True)]
+    [(0, 2, 'resistor'), (0, 1, 'voltage source'), (1, 2, 'resistor')]
+    >>> rg.Netlist.from_networkx(graph).replace(source_volts=[4.0]).source_volts
+    array([4.])
+    """
+
+    node_count: int
+    resistor_nodes: NDArray[np.int32]
+    conductance: NDArray[np.float64]
+    source_nodes: NDArray[np.int32] = field(default_factory=_no_pairs)
+    source_volts: NDArray[np.float64] = field(default_factory=_no_values)
+    current_nodes: NDArray[np.int32] = field(default_factory=_no_pairs)
+    current_amps: NDArray[np.float64] = field(default_factory=_no_values)
+    capacitor_nodes: NDArray[np.int32] = field(default_factory=_no_pairs)
+    capacitance: NDArray[np.float64] = field(default_factory=_no_values)
+    tc1: NDArray[np.float64] | None = None
+    tc2: NDArray[np.float64] | None = None
+    cell_map: CellMap | None = None
+    node_names: tuple[str, ...] | None = None
+    element_names: Mapping[str, tuple[str, ...]] | None = None
+    nonlinear_nodes: NDArray[np.int32] = field(default_factory=_no_pairs)
+    nonlinear_current: NDArray[np.float64] = field(default_factory=_no_values)
+    nonlinear_voltage: NDArray[np.float64] = field(default_factory=_no_values)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.node_count, int | np.integer) or not 1 <= self.node_count <= MOST_NODES:
+            raise InputError(f"node_count = {self.node_count!r} must be a whole number from 1 to {MOST_NODES:,}")
+        for nodes, *values in ARRAYS.values():
+            object.__setattr__(self, nodes, _numbers(nodes, getattr(self, nodes), self.node_count))
+            for name in values:
+                if not (getattr(self, name) is None and name in ("tc1", "tc2")):
+                    object.__setattr__(self, name, _column(name, getattr(self, name), 0, np.float64))
+        for kind, names in ARRAYS.items():
+            self._check_kind(kind, names)
+        if not _all_within(self.conductance, 0.0, np.inf):
+            bad = int(np.flatnonzero(~(np.isfinite(self.conductance) & (self.conductance > 0)))[0])
+            raise InputError(
+                f"resistor {bad} between nodes {self.resistor_nodes[bad].tolist()} has conductance "
+                f"{self.conductance[bad]}; it must be positive and finite (a short is a 0 V source)"
+            )
+        if np.any(self.capacitance < 0):
+            raise InputError("capacitance must be finite and not negative")
+        for name, unit in (("nonlinear_current", "amperes"), ("nonlinear_voltage", "volts")):
+            if not np.all(getattr(self, name) > 0):
+                bad = int(np.argmin(getattr(self, name) > 0))
+                raise InputError(
+                    f"nonlinear resistor {bad} between nodes {self.nonlinear_nodes[bad].tolist()} has {name} = "
+                    f"{getattr(self, name)[bad]} {unit}; it must be positive"
+                )
+        check_element_names(self)
+        if not isinstance(self.cell_map, CellMap | None):
+            raise InputError(f"cell_map = {self.cell_map!r} must be what compile_space makes, or None")
+        check_node_names(self.node_names, self.node_count)
+
+    def _check_kind(self, kind: str, names: tuple[str, ...]) -> None:
+        nodes = getattr(self, names[0])
+        for name in names[1:]:
+            value = getattr(self, name)
+            if value is not None and len(value) != len(nodes):
+                raise InputError(f"{name} has {len(value)} entries, but there are {len(nodes)} of {names[0]}")
+            if value is not None and name != "conductance" and not _all_within(value, -np.inf, np.inf):
+                raise InputError(
+                    f"{name} holds a value that is not finite: {kind} {int(np.argmin(np.isfinite(value)))}"
+                )
+
+    def __repr__(self) -> str:
+        counts = ((len(getattr(self, nodes)), kind) for kind, (nodes, *_) in ARRAYS.items())
+        parts = ", ".join(f"{count:,} {kind}{'s' if count > 1 else ''}" for count, kind in counts if count)
+        return f"<Netlist of {self.node_count:,} nodes: {parts or 'no elements'}>"
+
+    @property
+    def cells(self) -> CellMap:
+        """What ties the nodes to the cells of the space that was compiled.
+
+        Raises
+        ------
+        InputError
+            If the netlist was not compiled from a space.
+        """
+        if self.cell_map is None:
+            raise InputError("this netlist was not compiled from a space, so its nodes belong to no cell")
+        return self.cell_map
+
+    def node_name(self, node: int) -> str:
+        """Return the name of a node: ``0``, a cell ``n_12_7``, rails ``obstacle``, ``goal_0_3_4``, or ``node_5``."""
+        check_whole("node", node, 0)
+        return self.names_of(np.array([node]))[0]
+
+    def names_of(self, nodes: ArrayLike) -> list[str]:
+        """Names of nodes, shape (n,), made in bulk.
+
+        Raises
+        ------
+        InputError
+            If there is no such node.
+        """
+        wanted = _numbers("nodes", nodes, self.node_count, 0).astype(np.int64)
+        if self.node_names is not None:
+            return [self.node_names[node] for node in wanted.tolist()]
+        if self.cell_map is None:
+            return ["0" if node == GROUND else f"node_{node}" for node in wanted.tolist()]
+        return self._cell_names(self.cell_map, wanted)
+
+    def cell_of_node(self) -> NDArray[np.int64]:
+        """Flat (C order) index of the cell behind every node, -1 for rails and ground; shape (node_count,).
+
+        Raises
+        ------
+        InputError
+            If the netlist was not compiled from a space.
+        """
+        from resgrid.core.space import Cell
+
+        cells = self.cells
+        node = cells.node.ravel()
+        own = node >= 0
+        if cells.wiring.rails == "merged":
+            own &= cells.space.cell.ravel() == Cell.FREE
+        cell = np.flatnonzero(own)
+        cell_of = np.full(self.node_count, -1, dtype=np.int64)
+        cell_of[node[cell]] = cell
+        return cell_of
+
+    def _cell_names(self, cells: CellMap, wanted: NDArray[np.int64]) -> list[str]:
+        cell = self.cell_of_node()[wanted]
+        coordinates = np.unravel_index(np.maximum(cell, 0), cells.space.shape)
+        template = "n" + "_%d" * cells.space.ndim
+        names = [template % index for index in zip(*(c.tolist() for c in coordinates), strict=True)]
+        goals = {node: f"goal_{region}" for region, node in enumerate(cells.goal_nodes)}
+        rails = {GROUND: "0", cells.obstacle_node: "obstacle"} | goals
+        unnamed = np.flatnonzero(cell < 0).tolist()
+        for rail, mesh in cells.rail_nodes.items() if unnamed else ():
+            places = np.argwhere(mesh >= 0).tolist()
+            rails |= {int(mesh[tuple(place)]): "_".join(map(str, (rail, *place))) for place in places}
+        for position, node in zip(unnamed, wanted[unnamed].tolist(), strict=True):
+            names[position] = rails.get(node, f"node_{node}")
+        return names
+
+    def to_networkx(self) -> nx.MultiGraph[int]:
+        """Return the circuit as a multigraph.
+
+        Returns
+        -------
+        networkx.MultiGraph
+            Nodes are node numbers with attribute ``name``; edges have ``kind`` (``"resistor"``, ``"voltage source"``,
+            ``"current source"``, ``"capacitor"``, ``"nonlinear resistor"``) and ``conductance``, ``volts``, ``amps``,
+            ``capacitance``, or ``current`` and ``voltage`` in SI units, ``tc1``, ``tc2`` and ``name`` where there are
+            such, the ordered pair of their ``nodes``, and their ``number`` among those of their kind.
+        """
+        return graph_of(self)
+
+    @staticmethod
+    def from_networkx(graph: nx.Graph[Any], ground: object = GROUND) -> Netlist:
+        """Make a netlist from a graph with the attributes that `to_networkx` writes.
+
+        Parameters
+        ----------
+        graph : networkx.Graph or MultiGraph
+            An edge is a resistor unless its ``kind`` is another element; it needs a number ``conductance`` or
+            ``resistance`` in SI units.  A directed graph is read, too, but not with resistors in both directions
+            between two nodes.
+        ground : hashable
+            The graph node that becomes node 0; it is added if the graph lacks it.
+
+        Returns
+        -------
+        Netlist
+            Nodes in the graph's order, ground first.  Node names are the attributes ``name`` or the graph's own nodes;
+            a name that is taken gets a suffix, such as ``a_2``.  Ground without a name is ``0``, or ``ground`` where
+            another node is called ``0``.  Elements are in the order of their ``number``, or of the graph.
+
+        Raises
+        ------
+        InputError
+            If an edge has no value, a value that is not a finite number, or an unknown kind.
+        """
+        if not hasattr(graph, "is_directed"):
+            raise InputError(f"graph = {graph!r} must be a graph of networkx")
+        return Netlist(**fields_of(graph, ground))
+
+    def replace(self, **changes: Any) -> Netlist:
+        """Return a copy with some fields changed."""
+        known = {item.name for item in fields(self)}
+        if changes.keys() - known:
+            raise InputError(f"a netlist has no field {sorted(changes.keys() - known)}; it has {sorted(known)}")
+        return replace(self, **changes)
+
+
+def add_elements(
+    netlist: Netlist, kind: str, nodes: ArrayLike, *values: ArrayLike, face: ArrayLike = -1, upward: ArrayLike = True
+) -> Netlist:
+    """Append elements of a kind; names of elements are lost.
+
+    Shapes: `nodes` (n, 2); `values` (n,), or () for all, in the order of `ARRAYS`, 0 where one is left out; `face,
+    upward` likewise, for a map of cells; without them the elements cross no face.
+    """
+    pairs, *names = ARRAYS[kind]
+    added = np.reshape(nodes, (-1, 2))
+
+    def appended(old: NDArray[Any], new: ArrayLike) -> NDArray[Any]:
+        return np.append(old, np.broadcast_to(new, len(added)))
+
+    changes: dict[str, Any] = {pairs: np.concatenate([getattr(netlist, pairs), added])}
+    left_out = [0.0] * (len(names) - len(values))
+    for name, value in zip(names, [*values, *left_out], strict=True):
+        if getattr(netlist, name) is not None:
+            changes[name] = appended(getattr(netlist, name), value)
+    if netlist.cell_map is not None and kind in _FACES:
+        crossed = zip(_FACES[kind], (face, upward), strict=True)
+        columns: dict[str, Any] = {name: appended(getattr(netlist.cell_map, name), new) for name, new in crossed}
+        changes["cell_map"] = replace(netlist.cell_map, **columns)
+    return netlist.replace(element_names=None, **changes)
+
+
+def crossed_by(netlist: Netlist, kind: str, which: NDArray[np.bool_] | slice = slice(None)) -> dict[str, NDArray[Any]]:
+    """The faces that some elements of a kind cross, and which way, as `add_elements` takes them."""
+    if netlist.cell_map is None:
+        return {}
+    return {
+        key: getattr(netlist.cell_map, name)[which] for key, name in zip(("face", "upward"), _FACES[kind], strict=True)
+    }
+
+
+def select_elements(netlist: Netlist, kind: str, keep: NDArray[np.bool_]) -> Netlist:
+    """Keep some elements of a kind, shape (elements,), and all others; names of elements are lost."""
+    columns = {name: getattr(netlist, name) for name in ARRAYS[kind]}
+    changes: dict[str, Any] = {name: column[keep] for name, column in columns.items() if column is not None}
+    if netlist.cell_map is not None and kind in _FACES:
+        faces = {name: getattr(netlist.cell_map, name)[keep] for name in _FACES[kind]}
+        changes["cell_map"] = replace(netlist.cell_map, **faces)
+    return netlist.replace(element_names=None, **changes)
+
+
+def _all_within(value: NDArray[np.float64], low: float, high: float) -> bool:
+    """Whether all values lie strictly between two; NaN does not."""
+    return not value.size or bool(low < value.min() and value.max() < high)
+
+
+def _numbers(name: str, value: ArrayLike, node_count: int, width: int = 2) -> NDArray[np.int32]:
+    array = real_numbers(name, value)
+    if array.size and array.dtype.kind not in "iu":
+        raise InputError(f"{name} must hold node numbers, got {array.dtype}")
+    bits = np.ascontiguousarray(array).view(f"u{array.itemsize}")  # where negative numbers are huge
+    if array.size and not bits.max() < node_count:
+        raise InputError(f"{name} names a node outside 0 ... {node_count - 1}")
+    return _column(name, array, width, np.int32)
+
+
+def _column(name: str, value: ArrayLike, width: int, dtype: Any) -> NDArray[Any]:
+    array = real_numbers(name, value)
+    shape_ok = array.ndim == 2 and array.shape[1] == 2 if width else array.ndim == 1
+    if not shape_ok and array.size:
+        raise InputError(f"{name} has shape {array.shape}, expected {'(n, 2)' if width else '(n,)'}")
+    own = np.ascontiguousarray(array.reshape((-1, 2) if width else -1), dtype=dtype)
+    if own.flags.writeable:
+        own = own.copy() if array is value and np.may_share_memory(own, array) else own.view()
+        own.flags.writeable = False
+    return own

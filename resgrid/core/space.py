@@ -1,0 +1,345 @@
+"""The configuration space: a regular grid of free, obstacle and goal cells in one to four dimensions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid._internal.validation import checked, real_numbers
+from resgrid._internal.values import frozen, picture_html
+from resgrid.core.axis import Axis, rounding, rounding_errors, split_points
+from resgrid.core.frame import Frame
+from resgrid.core.regions import box_around, label_regions
+from resgrid.errors import InputError
+
+MAX_DIMENSIONS = 4
+_COARSEST = 0.125
+"""Largest rounding error of a coordinate, as a fraction of a cell's width."""
+
+
+class Cell(IntEnum):
+    """What a cell of a configuration space is.
+
+    Examples
+    --------
+    >>> cell = np.zeros((3, 3), dtype=np.uint8)
+    >>> cell[1], cell[2, 2] = rg.Cell.OBSTACLE, rg.Cell.GOAL
+    >>> cell
+    array([[0, 0, 0],
+           [1, 1, 1],
+           [0, 0, 2]], dtype=uint8)
+    """
+
+    FREE = 0
+    OBSTACLE = 1
+    GOAL = 2
+
+
+@checked
+@frozen
+@dataclass(frozen=True, eq=False)
+class ConfigurationSpace:
+    """A grid of cells, each free, obstacle or goal, and what they cost.
+
+    Parameters
+    ----------
+    axes : sequence of Axis
+        One to four axes; array index 0 is the first axis.
+    cell : array_like of int
+        One of `Cell` for every cell; shape ``(axes[0].cells, ...)``; kept as a read-only uint8 array.
+    conductivity : array_like of float, optional
+        A positive, finite number for every cell (a cost map: a costly cell conducts badly), same shape;
+        relative to 1, the default.
+    frame : Frame, optional
+        Where the axes lie in the world; the world's own unless it is given.  Only a plane may be moved or turned.
+    goal_points : array_like of float, shape (number of goal cells, ndim), optional
+        For every goal cell, in C order, a configuration within it, in axis units, that solves the goal; NaN where
+        the cell as a whole is the goal.
+    robot : Robot, optional
+        Who moves in it, for whatever asks how a configuration looks in the workspace; a point unless it is given.
+
+    Raises
+    ------
+    InputError
+        If the shapes do not match or a value is out of range.
+
+    Examples
+    --------
+    >>> axes = [rg.Axis("x", 0.0, 4.0, 4), rg.Axis("y", 0.0, 2.0, 2)]
+    >>> space = rg.ConfigurationSpace(axes, [[0, 0], [0, 1], [0, 1], [0, 2]])
+    >>> space.shape, space.spacing, space.goal_count
+    ((4, 2), array([1., 1.]), 1)
+    >>> space.locate((3.2, 1.9)), space.centre((3, 1))
+    (array([3, 1]), array([3.5, 1.5]))
+    >>> space.goal_connected.T
+    array([[ True,  True,  True,  True],
+           [ True, False, False, False]])
+    >>> opened = space.with_cells(np.where(space.cell == rg.Cell.OBSTACLE, rg.Cell.FREE, space.cell))
+    >>> opened
+    <ConfigurationSpace of 4 x 2 cells, x 0 to 4 m, y 0 to 2 m: 0 obstacle, 1 goal>
+    """
+
+    axes: tuple[Axis, ...]
+    cell: NDArray[np.uint8]
+    conductivity: NDArray[np.float64] | None = None
+    frame: Frame = field(default_factory=Frame)
+    goal_points: NDArray[np.float64] | None = None
+    robot: Any = None  # a Robot, which this grid need not know
+
+    def __init__(
+        self,
+        axes: Sequence[Axis],
+        cell: ArrayLike,
+        conductivity: ArrayLike | None = None,
+        *,
+        frame: Frame | None = None,
+        goal_points: ArrayLike | None = None,
+        robot: Any = None,
+    ) -> None:
+        axes = tuple(axes)
+        cells = _checked_cells(axes, cell)
+        parts = {
+            "axes": axes,
+            "cell": cells,
+            "conductivity": None if conductivity is None else _checked_conductivity(cells.shape, conductivity),
+            "frame": _checked_frame(axes, Frame() if frame is None else frame),
+            "goal_points": None,
+            "robot": robot,
+        }
+        for name, part in parts.items():
+            object.__setattr__(self, name, part)
+        if goal_points is not None:
+            object.__setattr__(self, "goal_points", _checked_goal_points(self, goal_points))
+
+    def __repr__(self) -> str:
+        cells = " x ".join(map(str, self.shape))
+        axes = ", ".join(f"{axis.name} {axis.lower:g} to {axis.upper:g} {axis.unit}".rstrip() for axis in self.axes)
+        obstacle, goal = (int(np.count_nonzero(self.cell == code)) for code in (Cell.OBSTACLE, Cell.GOAL))
+        return f"<ConfigurationSpace of {cells} cells, {axes}: {obstacle} obstacle, {goal} goal>"
+
+    _repr_html_ = picture_html
+
+    def with_cells(self, cell: ArrayLike) -> ConfigurationSpace:
+        """The same space with other cells, one of `Cell` for each; goal cells that stay keep their points."""
+        cells, kept = _checked_cells(self.axes, cell), None
+        if self.goal_points is not None:
+            points = np.full((*self.shape, self.ndim), np.nan)
+            points[self.cell == Cell.GOAL] = self.goal_points
+            kept = points[cells == Cell.GOAL]
+        return ConfigurationSpace(
+            self.axes, cells, self.conductivity, frame=self.frame, goal_points=kept, robot=self.robot
+        )
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of cells along each axis."""
+        return self.cell.shape
+
+    @property
+    def ndim(self) -> int:
+        """Number of axes."""
+        return self.cell.ndim
+
+    @property
+    def lower(self) -> NDArray[np.float64]:
+        """Lower corner, shape ``(ndim,)``, in axis units."""
+        return np.array([axis.lower for axis in self.axes])
+
+    @property
+    def upper(self) -> NDArray[np.float64]:
+        """Upper corner, shape ``(ndim,)``, in axis units."""
+        return np.array([axis.upper for axis in self.axes])
+
+    @property
+    def spacing(self) -> NDArray[np.float64]:
+        """Cell widths, shape ``(ndim,)``, in axis units."""
+        return np.array([axis.spacing for axis in self.axes])
+
+    @property
+    def periodic(self) -> NDArray[np.bool_]:
+        """Which axes are periodic, shape ``(ndim,)``."""
+        return np.array([axis.periodic for axis in self.axes])
+
+    @cached_property
+    def goal_region(self) -> NDArray[np.int32]:
+        """Number of the goal region each cell belongs to, -1 elsewhere.
+
+        Goal regions are the face-connected components of goal cells, periodic axes included, numbered from 0 in
+        C order of their first cell.
+        """
+        goal = self.cell == Cell.GOAL
+        around = box_around(goal)
+        whole = [ends.stop - ends.start == size for ends, size in zip(around, self.shape, strict=True)]
+        region = np.full(self.shape, -1, dtype=np.int32)
+        region[around] = label_regions(goal[around], self.periodic & whole) - 1
+        region.flags.writeable = False
+        return region
+
+    @cached_property
+    def goal_count(self) -> int:
+        """Number of goal regions."""
+        return int(self.goal_region.max(initial=-1)) + 1
+
+    def goal_point(self, cell: ArrayLike) -> NDArray[np.float64]:
+        """Configuration within a goal cell that solves the goal, or within many, in axis units; shapes (..., ndim).
+
+        NaN where the cell as a whole is the goal, or is none.
+        """
+        index = np.asarray(cell, dtype=np.int64)
+        found = np.full(index.shape, np.nan)
+        if self.goal_points is not None and len(self.goal_points):
+            number = np.ravel_multi_index(tuple(np.moveaxis(index, -1, 0)), self.shape)
+            row = np.minimum(np.searchsorted(self._goal_numbers, number), len(self._goal_numbers) - 1)
+            goal = self._goal_numbers[row] == number
+            found[goal] = self.goal_points[row[goal]]
+        return found
+
+    @cached_property
+    def _goal_numbers(self) -> NDArray[np.int64]:
+        """Goal cells, numbered in C order."""
+        return np.flatnonzero(self.cell == Cell.GOAL)
+
+    @cached_property
+    def goal_connected(self) -> NDArray[np.bool_]:
+        """Free cells from which a chain of face neighbours leads to a goal through free cells alone."""
+        region = label_regions(self.cell != Cell.OBSTACLE, self.periodic)
+        served = np.zeros(region.max(initial=0) + 1, dtype=bool)
+        served[region[self.cell == Cell.GOAL]] = True
+        connected = np.asarray(self.cell == Cell.FREE)
+        if not served[1:].all():
+            connected &= served[region]
+        connected.flags.writeable = False
+        return connected
+
+    def to_world(self, points: ArrayLike) -> NDArray[np.float64]:
+        """World coordinates of points given in axis units, shape (..., ndim); the same unless a map is turned.
+
+        Raises
+        ------
+        InputError
+            If a point has not one number for every axis.
+        """
+        return self.frame.to_world(self._checked_points(points))
+
+    def from_world(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Points of the world in axis units, shape (..., ndim); the inverse of `to_world`, with the same errors."""
+        return self.frame.from_world(self._checked_points(points))
+
+    def _checked_points(self, points: ArrayLike) -> NDArray[np.float64]:
+        try:
+            checked = np.asarray(points, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InputError(f"a point of this space is {self.ndim} numbers, got {points!r}") from None
+        if checked.shape[-1:] != (self.ndim,):
+            raise InputError(f"a point of this space has {self.ndim} coordinates, got {checked.tolist()!r}")
+        return checked
+
+    def centre(self, cell: ArrayLike) -> NDArray[np.float64]:
+        """Centre of a cell, or of many, shape (..., ndim), in the world."""
+        return self.to_world(self.axis_centre(cell))
+
+    def axis_centre(self, cell: ArrayLike) -> NDArray[np.float64]:
+        """Centre of a cell, or of many, in axis units, shape (..., ndim)."""
+        return self.lower + (np.asarray(cell, dtype=np.float64) + 0.5) * self.spacing
+
+    def locate(self, point: ArrayLike) -> NDArray[np.int64]:
+        """Cell that a point of the world lies in, or many.
+
+        A point on a border between cells belongs to the upper cell, except on the upper end of the axis; a periodic
+        coordinate is wrapped first.
+
+        Parameters
+        ----------
+        point : array_like of float, shape (..., ndim)
+            World coordinates.
+
+        Returns
+        -------
+        ndarray of int64, shape (..., ndim)
+
+        Raises
+        ------
+        InputError
+            If a point is not finite or lies outside the grid.
+        """
+        return self.split(self.from_world(point))[0]
+
+    def split(self, point: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Cell and position within the cell, in [0, 1], of a point or of many in axis units; as `locate` otherwise.
+
+        This is the grid's own arithmetic: what comes from a person goes through `from_world` first.
+        """
+        return split_points(self.axes, point, self.frame.reach(self.axes))
+
+    @cached_property
+    def rounding(self) -> NDArray[np.float64]:
+        """Tolerance for positions as fractions of a cell's width, shape (ndim,).
+
+        It is 1e-9, or the rounding error of coordinates far from the origin of the axes or of the world.
+        """
+        return rounding(self.axes, self.frame.reach(self.axes))
+
+    @cached_property
+    def rounding_errors(self) -> NDArray[np.float64]:
+        """Largest rounding error of coordinates as fractions of a cell's width, shape (ndim,)."""
+        return rounding_errors(self.axes, self.frame.reach(self.axes))
+
+
+def _checked_frame(axes: tuple[Axis, ...], frame: Frame) -> Frame:
+    if not frame.is_world and len(axes) != (2 if frame.turning_length is None else 3):
+        raise InputError(f"only a plane may be moved or turned in the world, and this space has {len(axes)} axes")
+    if not frame.is_world and np.any(rounding_errors(axes, frame.reach(axes)) > _COARSEST):
+        raise InputError(
+            f"the frame lies so far from the world's origin ({frame.x:g}, {frame.y:g}) that rounding cannot tell cells "
+            "apart; move the origin of the world towards the map"
+        )
+    return frame
+
+
+def _checked_cells(axes: tuple[Axis, ...], given: ArrayLike) -> NDArray[np.uint8]:
+    cell = real_numbers("cell", given)
+    if not 1 <= len(axes) <= MAX_DIMENSIONS:
+        raise InputError(f"a configuration space has 1 to {MAX_DIMENSIONS} axes, got {len(axes)}")
+    expected = tuple(axis.cells for axis in axes)
+    if cell.shape != expected:
+        raise InputError(f"cell has shape {cell.shape}, but the axes say {expected}")
+    names = [axis.name for axis in axes]
+    if len(set(names)) < len(names):
+        raise InputError(f"two axes share a name: {names}")
+    plain = cell.dtype.kind == "u" and cell.max(initial=0) <= max(Cell)
+    if not plain and not np.all(np.isin(cell, list(Cell))):
+        raise InputError("cell may hold only 0 (free), 1 (obstacle) and 2 (goal)")
+    return np.array(cell, dtype=np.uint8, order="C")
+
+
+def _checked_conductivity(shape: tuple[int, ...], value: ArrayLike) -> NDArray[np.float64]:
+    conductivity = np.array(value, dtype=np.float64, order="C")
+    if conductivity.shape != shape:
+        raise InputError(f"conductivity has shape {conductivity.shape}, but the cells have {shape}")
+    good = np.isfinite(conductivity) & (conductivity > 0)
+    if not good.all():
+        where = tuple(int(i) for i in np.argwhere(~good)[0])
+        raise InputError(f"conductivity must be positive and finite; cell {where} has {conductivity[where]}")
+    return conductivity
+
+
+def _checked_goal_points(space: ConfigurationSpace, value: ArrayLike) -> NDArray[np.float64]:
+    points = np.array(value, dtype=np.float64, order="C")
+    cells = np.argwhere(space.cell == Cell.GOAL)
+    if points.shape != cells.shape:
+        raise InputError(f"goal_points have shape {points.shape}, but the goal cells need {cells.shape}")
+    local = (points - space.lower) / space.spacing - cells
+    outside = np.any(np.abs(local - 0.5) > 0.5 + space.rounding, axis=1)
+    outside |= np.isinf(points).any(axis=1) | (np.isnan(points).any(axis=1) != np.isnan(points).all(axis=1))
+    if outside.any():
+        first = int(np.argmax(outside))
+        raise InputError(
+            f"the goal point {points[first].tolist()} does not lie in its cell {tuple(cells[first].tolist())}"
+        )
+    return points

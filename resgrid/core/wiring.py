@@ -1,0 +1,170 @@
+"""How a configuration space is wired: what obstacles, edges and goals are tied to, and by what."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from resgrid._internal.validation import checked
+from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.errors import CircuitError, InputError, suggestion
+
+Boundary = Literal["dirichlet", "neumann", "wall"]
+Drive = Literal["uniform", "start"]
+EdgeRule = Literal["obstacle", "open", "periodic"]
+Rails = Literal["merged", "cells"]
+
+
+@checked
+@dataclass(frozen=True)
+class Wiring:
+    """How a configuration space is wired (Tarassenko & Blake 1991; Connolly & Grupen 1992, section 2).
+
+    Parameters
+    ----------
+    boundary : {"dirichlet", "neumann", "wall"}
+        What an obstacle does: it is a rail, it is open, or it is a rail behind `wall_resistance`.
+    drive : {"uniform", "start"}, optional
+        With open obstacles: the same current into every goal-connected free node (default), or the start cell tied
+        to the high rail.  None otherwise.
+    edge : {"obstacle", "open"} or a sequence of them
+        What the border of the grid is, for all axes or one by one; periodic axes have none.
+    rails : {"merged", "cells"}
+        Whether each rail is one node, or every obstacle and goal cell has a node and a source of its own.
+    resistance : float
+        Resistance between neighbours along the finest axis at conductivity 1, in ohms.
+    supply : float
+        Voltage of the obstacle rail, or of the driven start, above the goal rail, in volts; not zero, maybe negative.
+        With a uniform drive the total current fed in is ``supply / resistance``.
+    goal_voltage : float
+        Voltage of the goal rail, in volts.
+    wall_resistance : float, optional
+        For ``boundary="wall"``: the resistance in series with every obstacle contact, in ohms; 0 is Dirichlet.
+    start : sequence of int, optional
+        For ``drive="start"``: the start cell.
+
+    Raises
+    ------
+    InputError
+        If an option is unknown, missing or does not fit the others.
+
+    Examples
+    --------
+    >>> space = rg.sample(rg.read_scene("examples/scenes/lesson.toml"))
+    >>> wiring = rg.Wiring("neumann", edge="open", resistance=22e3)
+    >>> wiring.is_driven, wiring.edges(space)
+    (True, ('open', 'open'))
+    >>> rg.compile_space(space, wiring)
+    <Netlist of 58 nodes: 88 resistors, 1 voltage source, 56 current sources>
+    """
+
+    boundary: Boundary = "dirichlet"
+    drive: Drive | None = None
+    edge: EdgeRule | Sequence[EdgeRule] = "obstacle"
+    rails: Rails = "merged"
+    resistance: float = 10e3
+    supply: float = 1.0
+    goal_voltage: float = 0.0
+    wall_resistance: float | None = None
+    start: Sequence[int] | None = None
+
+    def __post_init__(self) -> None:
+        self._check_drive()
+        self._check_values()
+        normal: dict[str, Any] = {
+            "drive": "uniform" if self.boundary == "neumann" and self.drive is None else self.drive,
+            "edge": self.edge if isinstance(self.edge, str) else tuple(self.edge),
+            "start": None if self.start is None else tuple(int(index) for index in self.start),
+        }
+        normal |= {name: float(getattr(self, name)) for name in ("resistance", "supply", "goal_voltage")}
+        for name, value in normal.items():
+            object.__setattr__(self, name, value)
+
+    def _check_drive(self) -> None:
+        if self.boundary != "neumann":
+            if self.drive is not None or self.start is not None:
+                raise InputError(
+                    f"a drive belongs to open obstacles: with boundary = {self.boundary!r} the obstacle rail drives "
+                    "the grid; leave out drive and start, or choose boundary = 'neumann'"
+                )
+            return
+        if (self.drive == "start") != (self.start is not None):
+            raise InputError("drive = 'start' needs a start cell, and only drive = 'start' takes one")
+
+    def _check_values(self) -> None:
+        if not (0 < self.resistance < np.inf and 1.0 / float(self.resistance) < np.inf):
+            raise InputError(f"resistance = {self.resistance}, but it must be positive and finite, in ohms")
+        if not (np.isfinite(self.supply) and self.supply != 0 and np.isfinite(self.goal_voltage)):
+            raise InputError(
+                f"supply = {self.supply} V and goal_voltage = {self.goal_voltage} V must be finite, and supply not 0"
+            )
+        wall = self.wall_resistance
+        if self.boundary != "wall":
+            if wall is not None:
+                raise InputError(f"wall_resistance belongs to boundary = 'wall', not to {self.boundary!r}")
+        elif wall is None or not (np.isfinite(wall) and wall >= 0):
+            raise InputError(
+                f"boundary = 'wall' needs a finite wall_resistance of at least 0 ohm, got {wall} "
+                "(for an infinite one choose boundary = 'neumann')"
+            )
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether the obstacles are open, and currents or a start drive the grid."""
+        return self.boundary == "neumann"
+
+    @property
+    def high(self) -> float:
+        """Voltage of the high rail, in volts."""
+        return self.goal_voltage + self.supply
+
+    def edges(self, space: ConfigurationSpace) -> tuple[EdgeRule, ...]:
+        """What the border of a space is along each axis; InputError if the rules do not fit it."""
+        rules = (self.edge,) * space.ndim if isinstance(self.edge, str) else tuple(self.edge)
+        if len(rules) != space.ndim:
+            raise InputError(f"edge has {len(rules)} entries, but the space has {space.ndim} axes")
+        for axis, rule in zip(space.axes, rules, strict=True):
+            if rule == "periodic" and not axis.periodic:
+                raise InputError(f"edge = 'periodic', but axis {axis.name!r} is not; choose 'obstacle' or 'open'")
+        return tuple("periodic" if axis.periodic else rule for axis, rule in zip(space.axes, rules, strict=True))
+
+    def on(self, space: ConfigurationSpace) -> Wiring:
+        """The same on a space: with an edge for every axis, and a start that is one of its free cells.
+
+        InputError if edges or start do not fit the space, CircuitError if no path joins the start to a goal.
+        """
+        if self.start is not None:
+            _check_start(space, tuple(self.start))
+        return replace(self, edge=self.edges(space))
+
+    def opened(self) -> Wiring:
+        """The same with open obstacles and a uniform drive: the other half of a blend."""
+        return replace(self, boundary="neumann", drive="uniform", wall_resistance=None, start=None)
+
+
+def wiring_of(wiring: Wiring | None, options: dict[str, Any]) -> Wiring:
+    """A wiring with some options changed; the default wiring where there is none."""
+    check_wiring_options(options)
+    return Wiring(**options) if wiring is None else replace(wiring, **options)
+
+
+def check_wiring_options(options: Iterable[str]) -> None:
+    """Raise InputError for a name that is no field of a wiring."""
+    known = [field.name for field in fields(Wiring)]
+    for name in options:
+        if name not in known:
+            hint = suggestion(name, known) or f"there are {', '.join(known)}"
+            raise InputError(f"there is no option {name!r}: {hint}")
+
+
+def _check_start(space: ConfigurationSpace, cell: tuple[int, ...]) -> None:
+    if len(cell) != space.ndim or not all(0 <= i < n for i, n in zip(cell, space.shape, strict=True)):
+        raise InputError(f"the start cell {cell} is not in the grid of {space.shape} cells")
+    if space.cell[cell] != Cell.FREE:
+        kind = "an obstacle cell" if space.cell[cell] == Cell.OBSTACLE else "a goal cell"
+        raise InputError(f"the start cell {cell} is {kind}; it must be free")
+    if not space.goal_connected[cell]:
+        raise CircuitError(f"nothing is driven: no path of free cells joins the start cell {cell} to a goal")

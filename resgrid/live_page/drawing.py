@@ -1,0 +1,278 @@
+"""A drawing: a plane cut into cells that were painted one by one, and the scene that says the same."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid._internal.values import frozen
+from resgrid.core.axis import Axis
+from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.wiring import EdgeRule, Wiring
+from resgrid.errors import InputError
+
+if TYPE_CHECKING:
+    from resgrid.planning.pipeline import Problem
+    from resgrid.robots import Robot
+    from resgrid.scene import Scene
+
+MOST_CELLS = 1 << 20
+"""Cells of the largest grid that the page draws."""
+
+_LEVELS = 64
+_MOST_GOAL_POINTS = 50_000
+"""Goal cells with a point of their own; with more, messages would grow too long, and cells are goals as a whole."""
+
+_INSIDE = 1e-9
+"""Distance from the border of its cell, as a fraction of the cell's width, so that a point belongs to that cell."""
+
+
+@frozen
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """What the page holds: cells, starts and how obstacles behave.
+
+    `cell` (nx, ny): codes of `Cell`; `level` (nx, ny): number of each cell's conductivity in `palette`; `starts`
+    (n, 2): in axis units; `k`: share of the Dirichlet field; `wall`: ohms before the obstacle rail, 0 for none;
+    `driven`: whether the first start drives open obstacles in place of the uniform drive; `chip`: the scene's table;
+    `world`: of an arm the document of its scene, from whose workspace the cells were sampled; `broken`: resistors that
+    are open, as cells (i, j) and the axis across whose lower face they lie; `goal_points`: configurations that solve
+    the goal, where it is more than a cell: cell numbers in C order, and points in axis units.
+    """
+
+    title: str
+    axes: tuple[Axis, ...]
+    edge: tuple[EdgeRule, ...]
+    cell: NDArray[np.uint8]
+    level: NDArray[np.uint8]
+    palette: tuple[float, ...]
+    starts: NDArray[np.float64]
+    k: float = 1.0
+    wall: float = 0.0
+    driven: bool = False
+    chip: Mapping[str, Any] | None = None
+    world: Mapping[str, Any] | None = None
+    broken: tuple[tuple[int, int, int], ...] = ()
+    goal_points: tuple[tuple[int, float, float], ...] = ()
+
+    @property
+    def space(self) -> ConfigurationSpace:
+        """Return the cells as drawn; paths end where the scene's own do (`ConfigurationSpace.goal_points`)."""
+        costs = np.array(self.palette)[self.level] if self.level.any() or self.palette[0] != 1.0 else None
+        points = np.full((*self.cell.shape, 2), np.nan)
+        for number, *point in self.goal_points:
+            points.reshape(-1, 2)[number] = point
+        own = points[self.cell == Cell.GOAL] if self.goal_points else None
+        return ConfigurationSpace(self.axes, self.cell, costs, goal_points=own, robot=self._robot)
+
+    @cached_property
+    def _robot(self) -> Robot | None:
+        """The arm of the drawing; None where cells are places."""
+        from resgrid.scene.schema import robot_of
+
+        return None if self.world is None else robot_of(self.world.get("robot", {}))
+
+    @property
+    def problem(self) -> Problem:
+        """What is to be solved, as the scene of `document` asks for it."""
+        from resgrid.planning.pipeline import Problem
+
+        chip = dict(self.chip or {})
+        options: dict[str, Any] = {key: chip[key] for key in ("resistance", "supply") if key in chip}
+        if self.wall:
+            options["wall_resistance"] = self.wall
+        wiring = Wiring("wall" if self.wall else "dirichlet", edge=self.edge, **options)
+        return Problem(self.space, wiring, () if self.driven else (self.k,), self.starts, self.driven)
+
+    def document(self) -> dict[str, Any]:
+        """The scene that has exactly these cells, as the document of a file: of an arm if its workspace makes them."""
+        chip = dict(self.chip or {})
+        if self.wall:
+            chip["wall_resistance"] = self.wall
+        if self.broken:
+            chip["defects"] = {**chip.get("defects", {}), "open_at": [list(place) for place in self.broken]}
+        document: dict[str, Any] = {"schema": 1, "title": self.title}
+        if self.driven:
+            document |= {"boundary": "neumann", "drive": "start"}
+        else:
+            document |= {"boundary": "wall" if self.wall else "dirichlet", "k": [self.k]}
+        rules = tuple(rule for rule in self.edge if rule != "periodic")
+        document["edge"] = list(self.edge if len(set(rules)) > 1 else rules[:1] or ("obstacle",))
+        document["starts"] = self.starts.tolist()
+        document["chip"] = chip
+        if self._is_of_its_world():
+            kept = {key: value for key, value in (self.world or {}).items() if key not in ("boundary", "drive", "k")}
+            return {key: value for key, value in (kept | document).items() if value not in ([], {})}
+        document["sampling"] = "centre"
+        document["grid"] = {"axes": [_axis_table(axis) for axis in self.axes]}
+        document["obstacle"] = [self._rectangle(*box) for box in boxes(self.cell == Cell.OBSTACLE)]
+        points = {number: {"point": point} for number, *point in self.goal_points}
+        numbers = np.flatnonzero(self.cell == Cell.GOAL).tolist()
+        cells = np.argwhere(self.cell == Cell.GOAL).tolist()
+        document["goal"] = [points.get(number, {"cell": cell}) for number, cell in zip(numbers, cells, strict=True)]
+        document["area"] = [
+            {**self._rectangle(*box), "conductivity": value}
+            for number, value in enumerate(self.palette)
+            if value != 1.0
+            for box in boxes(self.level == number)
+        ]
+        return {key: value for key, value in document.items() if value not in ([], {})}
+
+    def _is_of_its_world(self) -> bool:
+        """Whether the cells are those of the arm's workspace, with nothing painted over them."""
+        from pathlib import Path
+
+        from resgrid.scene.reading import build_scene
+
+        if self.world is None:
+            return False
+        own = drawing_of(build_scene(self.world, "the workspace", Path()))
+        return own.axes == self.axes and np.array_equal(own.cell, self.cell) and np.array_equal(own.level, self.level)
+
+    def scene(self) -> Scene:
+        """The scene of `document`, checked."""
+        from pathlib import Path
+
+        from resgrid.scene.reading import build_scene
+
+        return build_scene(self.document(), "the drawing", Path())
+
+    def _rectangle(self, lower: tuple[int, int], upper: tuple[int, int]) -> dict[str, Any]:
+        ends = [
+            [float(f"{axis.lower + index * axis.spacing:.12g}") for axis, index in zip(self.axes, corner, strict=True)]
+            for corner in (lower, upper)
+        ]
+        return {"shape": "rectangle", "lower": ends[0], "upper": ends[1]}
+
+
+def drawing_of(scene: Scene) -> Drawing:
+    """The cells of a scene of two axes, as they were sampled."""
+    from resgrid.scene import sample
+    from resgrid.scene.overrides import document_of
+
+    if scene.ndim != 2:
+        raise InputError(f"the page draws planes, and this scene has {scene.ndim} axes; choose one of two axes")
+    check_size([axis.cells for axis in scene.axes])
+    space = sample(scene, require_goal=False)
+    palette, level = _palette(space)
+    k = float(scene.boundary != "neumann")
+    if scene.k:  # obstacles on their rail, where the scene offers that: the page explains them so
+        k = scene.k[0] or max(scene.k)
+    document = document_of(scene)
+    chip = dict(document["chip"])
+    wall = chip.pop("wall_resistance", None) if scene.boundary == "wall" else None
+    broken = chip["defects"]["open_at"]
+    chip["defects"] |= {"open_at": []}
+    return Drawing(
+        title=scene.title,
+        axes=tuple(scene.axes),
+        edge=tuple(scene.edge),
+        cell=space.cell,
+        level=level,
+        palette=palette,
+        starts=scene.frame.from_world(np.array(scene.starts, dtype=np.float64).reshape(-1, 2)),
+        k=0.0 if scene.drive == "start" else k,
+        wall=float(wall or 0.0),
+        driven=scene.drive == "start" and scene.boundary == "neumann",
+        chip=_changed(chip),
+        broken=tuple(tuple(place) for place in broken),
+        world=None if scene.robot.base is None or scene.map is not None else document,
+        goal_points=_goal_points(space),
+    )
+
+
+def is_same_circuit(one: Drawing, other: Drawing) -> bool:
+    """Return whether two drawings have the same circuit, whatever their titles and, unless one drives it, starts."""
+
+    def parts(drawing: Drawing) -> tuple[object, ...]:
+        driver = tuple(drawing.starts[0]) if drawing.driven else None
+        rules = drawing.edge, drawing.k, drawing.wall, drawing.driven, driver, sorted(drawing.broken)
+        return drawing.axes, rules, dict(drawing.chip or {})
+
+    if one.cell.shape != other.cell.shape or not np.array_equal(one.cell, other.cell):
+        return False
+    cost, other_cost = (np.array(drawing.palette)[drawing.level] for drawing in (one, other))
+    return parts(one) == parts(other) and bool(np.array_equal(cost, other_cost))
+
+
+def drawing_of_space(space: ConfigurationSpace) -> Drawing:
+    """The cells of a space of two axes."""
+    if space.ndim != 2:
+        raise InputError(f"the page draws planes, and this space has {space.ndim} axes")
+    check_size(list(space.shape))
+    palette, level = _palette(space)
+    edge: tuple[EdgeRule, ...] = tuple("periodic" if axis.periodic else "obstacle" for axis in space.axes)
+    none = np.empty((0, 2))
+    return Drawing("", space.axes, edge, space.cell, level, palette, none, goal_points=_goal_points(space))
+
+
+def _goal_points(space: ConfigurationSpace) -> tuple[tuple[int, float, float], ...]:
+    """Goal cells with a configuration that solves the goal: their numbers, and points 1e-9 of a cell inside them."""
+    cells = np.argwhere(space.cell == Cell.GOAL)
+    points = space.goal_point(cells)
+    known = ~np.isnan(points).any(axis=1) & (len(cells) <= _MOST_GOAL_POINTS)
+    local = np.clip((points - space.lower) / space.spacing - cells, _INSIDE, 1.0 - _INSIDE)
+    inside = space.lower + (cells + local) * space.spacing
+    numbers = np.flatnonzero(space.cell == Cell.GOAL)
+    rows = zip(numbers[known].tolist(), inside[known].tolist(), strict=True)
+    return tuple((number, x, y) for number, (x, y) in rows)
+
+
+def blank(cells: int = 96) -> Drawing:
+    """An empty square with one goal and one start."""
+    axes = tuple(Axis(name, 0.0, float(cells), cells, unit="cell") for name in "xy")
+    cell = np.zeros((cells, cells), dtype=np.uint8)
+    cell[cells * 3 // 4, cells * 3 // 4] = Cell.GOAL
+    starts = np.array([[cells // 5 + 0.5, cells // 5 + 0.5]])
+    return Drawing("Drawing", axes, ("obstacle", "obstacle"), cell, np.zeros_like(cell), (1.0,), starts)
+
+
+def check_size(cells: list[int]) -> None:
+    """Refuse a grid that is too large to be drawn."""
+    count = int(np.prod([float(number) for number in cells]))
+    if count > MOST_CELLS:
+        size = " x ".join(f"{number:,}" for number in cells)
+        raise InputError(f"{size} cells are too many to draw; the page takes up to {MOST_CELLS:,}")
+
+
+def boxes(mask: NDArray[np.bool_]) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
+    """Disjoint boxes that cover the cells of a mask (nx, ny): lower corners, and upper ones beyond their last cells."""
+    edges = np.diff(np.pad(mask, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    begun: dict[tuple[int, int], int] = {}
+    for column in range(len(mask) + 1):
+        row = edges[column] if column < len(mask) else np.zeros(0)
+        runs = set(zip(np.flatnonzero(row == 1).tolist(), np.flatnonzero(row == -1).tolist(), strict=True))
+        for low, high in sorted(begun.keys() - runs):
+            yield (begun.pop((low, high)), low), (column, high)
+        begun |= dict.fromkeys(runs - begun.keys(), column)
+
+
+def _palette(space: ConfigurationSpace) -> tuple[tuple[float, ...], NDArray[np.uint8]]:
+    if space.conductivity is None:
+        return (1.0,), np.zeros(space.shape, dtype=np.uint8)
+    values, level = np.unique(space.conductivity, return_inverse=True)
+    if len(values) > _LEVELS:
+        raise InputError(f"this map has {len(values)} different costs; the page draws up to {_LEVELS}")
+    order = np.argsort(values != 1.0, kind="stable")
+    number = np.empty(len(values), dtype=np.uint8)
+    number[order] = np.arange(len(values))
+    return tuple(values[order].tolist()), number[level].reshape(space.shape)
+
+
+def _changed(chip: Mapping[str, Any]) -> dict[str, Any]:
+    """The entries of a ``[chip]`` table that differ from what it is without them."""
+    from resgrid.scene import Chip
+    from resgrid.scene.table_models import plain
+
+    usual = plain(Chip())
+    return {key: value for key, value in chip.items() if value != usual.get(key)}
+
+
+def _axis_table(axis: Axis) -> dict[str, Any]:
+    table = {"name": axis.name, "lower": axis.lower, "upper": axis.upper, "cells": axis.cells}
+    return table | ({"periodic": True} if axis.periodic else {}) | {"unit": axis.unit}

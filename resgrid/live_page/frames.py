@@ -1,0 +1,230 @@
+"""What the page shows of a solved drawing: its field, its paths, its cells and, of a small grid, its circuit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import reduce
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.core.regions import crossed_faces, sides_of_cells
+from resgrid.core.space import Cell
+from resgrid.errors import InputError
+from resgrid.live_page.drawing import Drawing
+from resgrid.live_page.messages import in_page_words
+from resgrid.live_page.solving import SolvedDrawing, solve_drawing, without_flaws
+from resgrid.planning.fields import Field
+from resgrid.planning.streamline import Outcome, Streamline
+
+MOST_CELLS_A_SIDE = 10
+"""As `rg.draw` draws circuits symbol by symbol."""
+
+NOTHING = 65535
+"""Value of a picture's cell where nothing is shown."""
+
+_DECADES = 6.0
+_LEAST_DROP = 1e-7
+
+
+def describe(frame: SolvedDrawing) -> tuple[dict[str, Any], list[bytes]]:
+    """The head of a frame, and its body: lines of paths, picture, face currents and speeds.
+
+    The lines are float32 (points, 2), in cells from the lower corner, continuous across seams; the picture is uint16
+    (nx, ny), `NOTHING` where nothing is shown; currents are int8 (nx, ny, 4) through the lower and the upper face
+    across each axis, as shares of the cell's largest; speeds are uint8 (nx, ny).
+    """
+    field = frame.field
+    lines = [_line(path) for path in frame.paths]
+    head: dict[str, Any] = {
+        "exact": frame.exact,
+        "paths": [_path_head(path, len(line)) for path, line in zip(frame.paths, lines, strict=True)],
+        "seconds": frame.seconds,
+        "methods": sorted({op.method for op in frame.solution.operating_points.values()}) or ["warm start"],
+        "cells": int((frame.drawing.cell == Cell.FREE).sum()),
+        "cut_off": int(((frame.drawing.cell == Cell.FREE) & ~field.space.goal_connected).sum()),
+        "flat": list(frame.solution.flat),
+    }
+    points = list(frame.solution.operating_points.values())
+    if len(points) == 1:
+        head["circuit"] = _circuit(points[0])
+    scale, picture = picture_of(frame)
+    currents, speed = _currents(field)
+    body = [np.concatenate(lines or [np.empty((0, 2))]).astype("<f4"), picture, currents, speed]
+    return head | {"scale": scale}, [part.tobytes() for part in body]
+
+
+def describe_others(drawing: Drawing, names: Sequence[str]) -> tuple[dict[str, Any], list[bytes]]:
+    """Certified paths to compare with those of a drawing, as lines like those of `describe`.
+
+    ``"ideal"``: of its chip without flaws; ``"k = 0"`` and ``"k = 1"``: of both ends of the blend.
+    """
+    others = {"ideal": without_flaws(drawing)}
+    if not drawing.driven:
+        others |= {"k = 0": replace(drawing, k=0.0), "k = 1": replace(drawing, k=1.0)}
+    missing = [name for name in names if name not in others]
+    if missing:
+        raise InputError(f"a grid that the start drives has no {missing[0]}: choose the uniform drive")
+    lines = [[_line(path) for path in solve_drawing(others[name], exact=True).paths] for name in names]
+    body = [line.astype("<f4").tobytes() for other in lines for line in other]
+    return {"points": [[len(line) for line in other] for other in lines]}, body
+
+
+def _line(path: Streamline | None) -> NDArray[np.float64]:
+    if path is None or path.outcome not in {Outcome.REACHED, Outcome.NO_CURRENT}:
+        return np.empty((0, 2))
+    return (path.line - path.space.lower) / path.space.spacing
+
+
+def _path_head(path: Streamline | None, points: int) -> dict[str, Any]:
+    if path is None:
+        return {"outcome": None, "points": 0, "message": "too flat for a quick solve: the path comes when you let go"}
+    head = {"outcome": str(path.outcome), "points": points, "goal": path.goal, "cells": len(path.cells)}
+    if path.outcome is Outcome.REACHED:
+        return head | {"length": path.length, "clearance": path.clearance}
+    return head | {"message": in_page_words(path.reason or "")}
+
+
+def picture_of(frame: SolvedDrawing) -> tuple[dict[str, Any], NDArray[np.uint16]]:
+    """Decades of the drop from the obstacle rail where it has a logarithm, else the height above the goals."""
+    field = frame.field
+    goal, log_drop = field.space.cell == Cell.GOAL, _log_drop(frame)
+    if log_drop is not None:
+        kind, value = "decades", np.where(goal, 0.0, log_drop / np.log(10.0))
+    else:
+        kind, value = "height", np.where(goal, 0.0, field.potential)
+    shown = (goal | field.space.goal_connected) & np.isfinite(value)
+    low, high = (float(value[shown].min()), float(value[shown].max())) if shown.any() else (0.0, 0.0)
+    return {"kind": kind, "low": low, "high": high}, quantised(value, shown, low, high)
+
+
+def quantised(value: NDArray[np.float64], shown: NDArray[np.bool_], low: float, high: float) -> NDArray[np.uint16]:
+    """A picture of values between two ends, `NOTHING` where nothing is shown; same shape."""
+    share = np.where(shown, (value - low) / (high - low), 0.0) if high > low else np.zeros_like(value)
+    return np.where(shown, np.rint(share * (NOTHING - 1)), NOTHING).astype("<u2")
+
+
+def _log_drop(frame: SolvedDrawing) -> NDArray[np.float64] | None:
+    """Natural logarithm of the drop: of a blend ``k u_D + (1 - k) (1 - phi_N)``, shape of the space."""
+    field = frame.field
+    if not 0.0 < field.k < 1.0:
+        return _log_drop_of(field)
+    obstacle, opened = frame.solution.halves
+    log_drop = _log_drop_of(obstacle)
+    if log_drop is None:
+        return None
+    with np.errstate(divide="ignore", invalid="ignore"):  # of cells without a way to a goal
+        rest = np.log1p(-field.k) + np.log(np.maximum(1.0 - opened.potential, 0.0))
+        return np.asarray(np.logaddexp(np.log(field.k) + log_drop, rest))
+
+
+def _log_drop_of(field: Field) -> NDArray[np.float64] | None:
+    """The same of one circuit; of a hasty one down to its error; None without an obstacle rail."""
+    if field.log_drop is not None or field.wiring.is_driven:
+        return field.log_drop
+    return np.asarray(np.log(np.maximum(1.0 - field.potential, _LEAST_DROP)))
+
+
+def _currents(field: Field) -> tuple[NDArray[np.int8], NDArray[np.uint8]]:
+    """Face currents of every cell relative to its largest, and how fast the page moves dots there."""
+    log_current, direction = (
+        [part for axis in range(2) for part in sides_of_cells(values[axis], axis)]
+        for values in (field.face_log_current, field.face_direction)
+    )
+    largest = reduce(np.maximum, log_current)
+    flowing = np.isfinite(largest) & (field.space.cell == Cell.FREE)
+    base = np.where(flowing, largest, np.inf)
+    shares = np.empty((*largest.shape, 4), dtype=np.int8)
+    for side in range(4):
+        share = np.exp((log_current[side] - base).astype(np.float32))
+        shares[..., side] = np.rint(np.float32(127.0) * direction[side] * share)
+    decades = largest / np.log(10.0)
+    top = np.quantile(decades[flowing], 0.98) if flowing.any() else 0.0
+    speed = np.clip(1.0 + (np.where(flowing, decades, top) - top) / _DECADES, 0.2, 1.0)
+    return shares, np.where(flowing, np.rint(255.0 * speed), 0).astype(np.uint8)
+
+
+def probe(frame: SolvedDrawing, cell: Sequence[int]) -> dict[str, Any]:
+    """What is known of a cell: volts, the current through each of its faces in amperes, and converter bits."""
+    space, drawing = frame.field.space, frame.drawing
+    index = (int(cell[0]), int(cell[1]))
+    if not all(0 <= part < size for part, size in zip(index, space.shape, strict=True)):
+        raise InputError(f"there is no cell {list(index)}")
+    wiring = frame.field.wiring
+    unit = abs(wiring.supply) / wiring.resistance
+    direction, log_current = frame.field.faces_of(np.array([index]))
+    phi = float(frame.field.potential[index])
+    log_drop = _log_drop(frame)
+    drop = None if log_drop is None else float(log_drop[index]) / np.log(10.0)
+    return {
+        "cell": list(index),
+        "centre": space.axis_centre(index).tolist(),
+        "kind": Cell(int(drawing.cell[index])).name.lower(),
+        "conductivity": drawing.palette[int(drawing.level[index])],
+        "potential": phi,
+        "volts": wiring.goal_voltage + phi * wiring.supply,
+        "drop_decades": drop,
+        "amperes": (unit * direction[:, 0].T * np.exp(log_current[:, 0].T)).ravel().tolist(),
+        "bits": _bits(frame, index),
+        "exact": frame.exact,
+        "proved": _proved(frame, index),
+    }
+
+
+def _proved(frame: SolvedDrawing, index: tuple[int, int]) -> list[str]:
+    """What the certificate says of a cell."""
+    if not frame.exact:
+        return ["nothing yet: this is a preview"]
+    if frame.drawing.cell[index] != Cell.FREE or not frame.field.space.goal_connected[index]:
+        return []
+    proved = ["current leaves to lower potential", "Kirchhoff's law holds to 1e-6"]
+    for number, path in enumerate(frame.paths, 1):
+        if path is not None and path.outcome is Outcome.REACHED and (path.cells == index).all(axis=1).any():
+            proved.append(f"path {number} passes here, certified to goal {path.goal}")
+    return proved
+
+
+def _bits(frame: SolvedDrawing, index: tuple[int, ...]) -> float | None:
+    """Converter bits that tell a cell's lowest neighbour from itself; None for blends, which are no circuit."""
+    from resgrid.chip.adc_resolution import analyse_precision
+
+    points = frame.solution.operating_points
+    if len(points) != 1 or frame.drawing.cell[index] != Cell.FREE:
+        return None
+    return float(analyse_precision(next(iter(points.values()))).cell_bits[index])
+
+
+def _circuit(op: OperatingPoint) -> dict[str, Any] | None:
+    """Resistors, supplies and currents fed; None of a grid that is too large for symbols.
+
+    `resistors`: lists of axis, i, j (across whose lower face of cell (i, j)), ohms, and volts and amperes from the
+    lower side to the upper one; `supplies`: every rail's name, volts and amperes that it gives; `fed`: amperes that
+    every driven node is fed.
+    """
+    netlist, cells = op.netlist, op.netlist.cells
+    shape = cells.space.shape
+    if max(shape) > MOST_CELLS_A_SIDE:
+        return None
+    ohms = 1.0 / netlist.conductance
+    amperes = np.where(cells.resistor_upward, 1.0, -1.0) * op.resistor_current
+    across, index = crossed_faces(cells.resistor_face, shape)
+    columns = [column[across >= 0] for column in (across, *index.T, ohms, ohms * amperes, amperes)]
+    resistors = [list(row) for row in zip(*(column.tolist() for column in columns), strict=True)]
+    supplies = [
+        {"rail": _rail(op, int(plus)), "volts": volts, "amperes": -amps}
+        for plus, volts, amps in zip(
+            netlist.source_nodes[:, 0], netlist.source_volts.tolist(), op.source_current.tolist(), strict=True
+        )
+    ]
+    fed = float(netlist.current_amps.max()) if len(netlist.current_amps) else None
+    return {"resistors": resistors, "supplies": supplies, "fed": fed}
+
+
+def _rail(op: OperatingPoint, node: int) -> str:
+    cells = op.netlist.cells
+    if node == cells.obstacle_node:
+        return "obstacles"
+    return f"goal {cells.goal_nodes.index(node)}" if node in cells.goal_nodes else "start"

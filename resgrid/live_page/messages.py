@@ -1,0 +1,170 @@
+"""What travels between page and server: a JSON head and bytes, in one binary message each way.
+
+A message is ``uint32`` n (little endian), n bytes of JSON (padded with spaces to a multiple of 4), and a body.  The
+body of a drawing is one byte a cell in C order: its code + 4 x the number of its conductivity.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from annotated_types import Ge, Gt, Le, Len
+from pydantic import Field, Strict, ValidationError
+
+from resgrid.core.axis import Axis
+from resgrid.core.space import Cell
+from resgrid.errors import InputError
+from resgrid.io.tables import json_text
+from resgrid.live_page.drawing import Drawing, check_size
+from resgrid.scene.table_models import TableModel
+
+LARGEST = 8 << 20
+"""Bytes of the longest message."""
+
+_WORDS = {
+    "use --drive uniform": "choose the uniform drive",
+    "--drive uniform": "the uniform drive",
+    "boundary = 'neumann'": "k = 0",
+}
+"""What an option of the command line is called on the page."""
+
+_Point = Annotated[tuple[float, ...], Strict(False), Len(2, 2)]
+
+
+class AxisHead(TableModel):
+    """One axis."""
+
+    name: Annotated[str, Len(1, 40)]
+    lower: float
+    upper: float
+    cells: Annotated[int, Ge(1), Le(10**12)]
+    periodic: bool = False
+    unit: Annotated[str, Len(0, 40)] = ""
+
+
+class DrawingHead(TableModel):
+    """What a drawing says beside its cells."""
+
+    title: Annotated[str, Len(0, 200)] = ""
+    axes: Annotated[list[AxisHead], Len(2, 2)]
+    edge: Annotated[list[Literal["obstacle", "open", "periodic"]], Len(2, 2)]
+    palette: Annotated[list[Annotated[float, Gt(0)]], Len(1, 64)]
+    starts: Annotated[list[_Point], Len(0, 50)]
+    k: Annotated[float, Ge(0), Le(1)]
+    wall: Annotated[float, Ge(0), Le(1e30)]
+    driven: bool
+    chip: dict[str, Any] = Field(default_factory=dict)
+    world: dict[str, Any] | None = None
+    broken: Annotated[list[Annotated[tuple[int, int, int], Strict(False)]], Len(0, 1000)] = Field(default_factory=list)
+    goal_points: list[Annotated[tuple[int, float, float], Strict(False)]] = Field(default_factory=list)
+
+
+class File(TableModel):
+    """A file that was dropped on the page; `data`: its bytes in base64."""
+
+    name: Annotated[str, Len(1, 200)]
+    data: str
+
+
+class Request(TableModel):
+    """What the page asks for."""
+
+    type: Literal["solve", "paths", "save", "probe", "settle", "world", "example", "files", "link"]
+    seq: Annotated[int, Ge(0)]
+    drawing: DrawingHead | None = None
+    exact: bool = True
+    paths: Annotated[list[Literal["ideal", "k = 0", "k = 1"]], Len(1, 3)] | None = None
+    format: Literal["toml", "json", "csv", "deck", "svg", "circuit"] | None = None
+    cell: Annotated[list[int], Len(2, 2)] | None = None
+    name: str | None = None
+    files: Annotated[list[File], Len(1, 10)] | None = None
+    document: dict[str, Any] | None = None
+
+
+def read_request(message: bytes) -> tuple[Request, bytes]:
+    """The request that a message holds, and its body."""
+    size = int.from_bytes(message[:4], "little")
+    if len(message) < 4 or size > len(message) - 4:
+        raise InputError("this message is cut short: a length, a JSON head and a body are expected")
+    try:
+        request = Request.model_validate(json.loads(message[4 : 4 + size]))
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise InputError(f"{'.'.join(map(str, first['loc'])) or 'request'}: {first['msg']}") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"the head of this message is no JSON: {error}") from None
+    return request, message[4 + size :]
+
+
+def read_drawing(head: DrawingHead | None, body: bytes) -> Drawing:
+    """The drawing that a request brings."""
+    if head is None:
+        raise InputError("this request needs a drawing")
+    shape = [axis.cells for axis in head.axes]
+    check_size(shape)
+    if len(body) != shape[0] * shape[1]:
+        raise InputError(f"{shape[0]} x {shape[1]} cells need as many bytes, got {len(body)}")
+    cells = np.frombuffer(body, dtype=np.uint8).reshape(shape)
+    code, level = cells & np.uint8(3), cells >> np.uint8(2)
+    if code.max() > max(Cell) or level.max() >= len(head.palette):
+        raise InputError("a cell is none of free, obstacle and goal, or has no such conductivity")
+    for i, j, axis in head.broken:
+        if axis not in (0, 1) or not (0 <= i < shape[0] + (axis == 0) and 0 <= j < shape[1] + (axis == 1)):
+            raise InputError(f"there is no resistor at {[i, j]} across axis {axis}")
+    keys = {
+        key: value
+        for key, value in head.model_dump().items()
+        if key not in {"axes", "edge", "palette", "starts", "broken", "goal_points"}
+    }
+    return Drawing(
+        axes=tuple(Axis(**axis.model_dump()) for axis in head.axes),
+        edge=tuple(head.edge),
+        cell=code,
+        level=level,
+        palette=tuple(head.palette),
+        broken=tuple(head.broken),
+        goal_points=tuple(
+            row for row in head.goal_points if 0 <= row[0] < code.size and code.flat[row[0]] == Cell.GOAL
+        ),
+        starts=np.array(head.starts, dtype=np.float64).reshape(-1, 2),
+        **keys,
+    )
+
+
+def write_drawing(drawing: Drawing) -> tuple[dict[str, Any], bytes]:
+    """The head and body of a drawing; with its goal regions as lists of cell numbers."""
+    space = drawing.space
+    region, goals = space.goal_region.ravel(), []
+    for number in range(space.goal_count):
+        goals.append(np.flatnonzero(region == number).tolist())
+    head = {
+        "title": drawing.title,
+        "axes": [{name: getattr(axis, name) for name in AxisHead.model_fields} for axis in drawing.axes],
+        "edge": list(drawing.edge),
+        "palette": list(drawing.palette),
+        "starts": drawing.starts.tolist(),
+        "k": drawing.k,
+        "wall": drawing.wall,
+        "driven": drawing.driven,
+        "chip": dict(drawing.chip or {}),
+        "broken": [list(place) for place in drawing.broken],
+        "goal_points": [list(row) for row in drawing.goal_points],
+        "world": None if drawing.world is None else dict(drawing.world),
+    }
+    return {"drawing": head, "goals": goals}, (drawing.cell | drawing.level << 2).tobytes()
+
+
+def in_page_words(text: str) -> str:
+    """A message of the library, with what there is on the page in place of options of the command line."""
+    for option, words in _WORDS.items():
+        text = text.replace(option, words)
+    return text
+
+
+def pack(head: dict[str, Any], *body: bytes) -> bytes:
+    """One message."""
+    text = json_text(head).encode()
+    text += b" " * (-len(text) % 4)
+    return b"".join((len(text).to_bytes(4, "little"), text, *body))

@@ -1,0 +1,102 @@
+"""Opening: shipped examples, files that were dropped on the page, and links."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import re
+import tempfile
+import tomllib
+from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from resgrid.errors import InputError
+from resgrid.live_page.drawing import Drawing, drawing_of
+from resgrid.live_page.messages import File
+from resgrid.scene import Scene, read_scene
+from resgrid.scene.reading import build_scene
+from resgrid.scene.shipped import shipped_scenes
+
+_SUFFIXES = (".toml", ".yaml", ".yml", ".map", ".png", ".pgm", ".jpg", ".jpeg", ".bmp")
+_PLAIN = re.compile(r"[\w. +()-]+")
+
+
+@cache
+def examples() -> Mapping[str, Path]:
+    """The shipped scenes that have two axes, by name."""
+    return {name: file for name, file in shipped_scenes().items() if _is_plane(file)}
+
+
+@cache
+def example_titles() -> Mapping[str, str]:
+    """Titles of the shipped scenes that have two axes, by name."""
+    tables = {name: tomllib.loads(file.read_text(encoding="utf-8")) for name, file in examples().items()}
+    return {name: table.get("title", name) for name, table in tables.items()}
+
+
+def _is_plane(file: Path) -> bool:
+    """Whether a scene file has two axes."""
+    table = tomllib.loads(file.read_text(encoding="utf-8"))
+    links, grid = table.get("robot", {}).get("links"), table.get("grid", {})
+    return len(links or grid.get("axes", [])) == 2
+
+
+def open_example(name: str | None) -> Scene:
+    """A shipped scene."""
+    if name is None or name not in examples():
+        raise InputError(f"there is no example {name!r}; there are {', '.join(examples())}")
+    return read_scene(examples()[name])
+
+
+def open_document(document: Mapping[str, Any] | None) -> Drawing:
+    """The scene of a link."""
+    if document is None:
+        raise InputError("this link holds no scene")
+    _refuse_files(document)
+    return drawing_of(build_scene(document, "the link", Path()))
+
+
+def open_files(files: Sequence[File] | None) -> Drawing:
+    """A scene, or a map with its picture; they see nothing but one another."""
+    if not files:
+        raise InputError("there is no file to open")
+    with tempfile.TemporaryDirectory() as folder:
+        for file in files:
+            if not _PLAIN.fullmatch(file.name) or Path(file.name).suffix.lower() not in _SUFFIXES:
+                raise InputError(f"{file.name}: the page opens {', '.join(_SUFFIXES)}")
+            (Path(folder) / file.name).write_bytes(_bytes(file))
+        first = min(files, key=lambda file: _SUFFIXES.index(Path(file.name).suffix.lower())).name
+        try:
+            if first.lower().endswith((".yaml", ".yml")):
+                _refuse_foreign_picture(Path(folder) / first, files)
+            if first.lower().endswith(".toml"):
+                _refuse_files(tomllib.loads((Path(folder) / first).read_text(encoding="utf-8")))
+            return drawing_of(read_scene(Path(folder) / first))
+        except InputError as error:
+            raise InputError(str(error).replace(f"{folder}/", "")) from None
+        except ValueError as error:
+            raise InputError(f"{first}: {error}") from None
+
+
+def _bytes(file: File) -> bytes:
+    try:
+        return base64.b64decode(file.data, validate=True)
+    except binascii.Error as error:
+        raise InputError(f"{file.name} arrived damaged: {error}") from None
+
+
+def _refuse_files(document: Mapping[str, Any]) -> None:
+    """The page reads none of the server's files."""
+    if "map" in document:
+        raise InputError("this scene names a map file, which the page cannot see; drop the map itself")
+
+
+def _refuse_foreign_picture(map_file: Path, files: Sequence[File]) -> None:
+    """The picture of a ROS map is one of the files that came with it."""
+    from resgrid.scene.maps.yaml_cpp import read_mapping
+
+    picture = read_mapping(map_file, ("image",)).get("image")
+    if picture not in [file.name for file in files]:
+        raise InputError(f"{map_file.name} shows {picture!r}: drop this picture together with it")

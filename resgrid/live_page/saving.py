@@ -1,0 +1,123 @@
+"""Saving: a drawing as a scene file, its paths as a table, its circuit as a deck."""
+
+from __future__ import annotations
+
+import io
+import json
+import tempfile
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from resgrid.chip.build import build_chip
+from resgrid.errors import InputError
+from resgrid.io.paths import Route, write_routes
+from resgrid.live_page.drawing import Drawing
+from resgrid.live_page.frames import MOST_CELLS_A_SIDE
+from resgrid.live_page.solving import flaws_of, solve_drawing
+from resgrid.planning.pipeline import compile_circuit
+from resgrid.spice.write.files import write_spice
+
+
+def save(drawing: Drawing, kind: str | None) -> tuple[str, bytes]:
+    """Name and content of a file.
+
+    ``toml`` or ``json`` (the scene), ``csv`` (paths), ``deck`` (a folder, zipped),
+    ``svg`` (field and paths as `rg.draw` draws them) or ``circuit`` (of a small grid, as SVG).
+    """
+    match kind:
+        case "toml":
+            drawing.scene()
+            return "scene.toml", scene_toml(drawing.document()).encode()
+        case "json":
+            drawing.scene()
+            return "scene.json", json.dumps(drawing.document(), separators=(",", ":"), sort_keys=True).encode()
+        case "csv":
+            return "paths.csv", _paths(drawing)
+        case "deck":
+            return "deck.zip", _deck(drawing)
+        case "svg":
+            return "resgrid.svg", _picture(drawing)
+        case "circuit":
+            return "circuit.svg", _circuit(drawing)
+    raise InputError(f"there is no format {kind!r}; there are toml, json, csv, deck, svg and circuit")
+
+
+def scene_toml(document: Mapping[str, Any]) -> str:
+    """A document as TOML: plain keys, then tables, then lists of tables.
+
+    Examples
+    --------
+    >>> print(scene_toml({"schema": 1, "goal": [{"cell": [3, 4]}]}), end="")
+    schema = 1
+    <BLANKLINE>
+    [[goal]]
+    cell = [3, 4]
+    """
+    lines = [f"{key} = {_value(value)}" for key, value in document.items() if not _is_table(value)]
+    for key, value in document.items():
+        if not _is_table(value):
+            continue
+        for table in value if isinstance(value, list) else [value]:
+            lines += ["", f"[[{key}]]" if isinstance(value, list) else f"[{key}]"]
+            lines += [f"{name} = {_value(entry)}" for name, entry in table.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, dict) or (isinstance(value, list) and bool(value) and isinstance(value[0], dict))
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {_value(entry)}" for key, entry in value.items()) + " }"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_value, value)) + "]"
+    return json.dumps(value)
+
+
+def _paths(drawing: Drawing) -> bytes:
+    frame = solve_drawing(drawing, exact=True)
+    routes = [Route(path, tuple(path.points[0].tolist())) for path in frame.paths if path is not None]
+    if not routes:
+        raise InputError("there is no start, so that there is no path to save")
+    with tempfile.TemporaryDirectory() as folder:
+        write_routes(routes, Path(folder) / "paths.csv")
+        return (Path(folder) / "paths.csv").read_bytes()
+
+
+def _picture(drawing: Drawing) -> bytes:
+    """Field and certified paths, SVG."""
+    from resgrid.plot import draw, render_figure
+
+    frame = solve_drawing(drawing, exact=True)
+    axes = draw(frame.field)
+    paths = [path for path in frame.paths if path is not None]
+    return render_figure(draw(paths, axes) if paths else axes, "svg")
+
+
+def _circuit(drawing: Drawing) -> bytes:
+    """The circuit with its voltages, SVG."""
+    from resgrid.plot import draw, render_figure
+
+    points = list(solve_drawing(drawing, exact=True).solution.operating_points.values())
+    if len(points) != 1:
+        raise InputError("a blend is two chips: choose k = 0 or k = 1 to see the circuit of one")
+    if max(drawing.cell.shape) > MOST_CELLS_A_SIDE:
+        raise InputError(f"circuits are drawn of up to {MOST_CELLS_A_SIDE} cells a side")
+    return render_figure(draw(points[0]), "svg")
+
+
+def _deck(drawing: Drawing) -> bytes:
+    """Decks of the circuits that the field is made of, flaws and all, with their sidecars."""
+    problem = drawing.problem
+    content = io.BytesIO()
+    with tempfile.TemporaryDirectory() as folder:
+        for name, wiring in problem.wirings.items():
+            netlist = build_chip(compile_circuit(problem.space, wiring), flaws_of(drawing))
+            write_spice(netlist, Path(folder) / f"{name}.cir", title=drawing.title or name)
+        with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
+            for file in sorted(Path(folder).iterdir()):
+                archive.write(file, file.name)
+    return content.getvalue()

@@ -1,0 +1,145 @@
+"""The server of the page: static files, and one WebSocket for each browser.
+
+It imports no engine: the page is served while that is still being loaded.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Collection
+from concurrent.futures import Executor
+from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
+
+from starlette.applications import Starlette
+from starlette.datastructures import Headers
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import FileResponse, PlainTextResponse, Response
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from resgrid.live_page.drawing import Drawing
+
+if TYPE_CHECKING:
+    from resgrid.live_page.session import Session
+
+STATIC = Path(__file__).parent / "static"
+MOST_BROWSERS = 32
+"""Browsers that are served at once."""
+
+_HEADERS = {
+    "content-security-policy": "default-src 'self'; img-src 'self' blob: data:; style-src 'self'; object-src 'none'; "
+    "base-uri 'none'; form-action 'none'",
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cache-control": "no-cache",
+}
+_LOOPBACK = {"127.0.0.1", "localhost", "::1"}
+
+
+def make_app(first: Drawing, executor: Executor, *, host: str, read_only: bool = False) -> Starlette:
+    """The application that shows a drawing; `host`: where it listens; `executor`: where requests are answered."""
+    served = set[WebSocket]()
+
+    async def serve(socket: WebSocket) -> None:
+        if not _is_own(socket):
+            await socket.close(code=1008, reason="this page may only be used from itself")
+        elif len(served) >= MOST_BROWSERS:
+            await socket.close(code=1013, reason=f"{MOST_BROWSERS} browsers are served at once, and no more")
+        else:
+            served.add(socket)
+            try:
+                await socket.accept()
+                await _talk(socket, first, read_only, executor)
+            finally:
+                served.remove(socket)
+
+    async def index(_request: Request) -> Response:
+        return FileResponse(STATIC / "index.html")
+
+    return Starlette(
+        routes=[Route("/", index), Mount("/static", StaticFiles(directory=STATIC)), WebSocketRoute("/ws", serve)],
+        middleware=[Middleware(_Guard, names=_LOOPBACK | {host})],
+    )
+
+
+class _Guard:
+    """Answers only who calls the server by its own name or address, and adds headers that keep the page to itself.
+
+    A foreign name that leads here is another page's, which would speak in the visitor's name (DNS rebinding).
+    """
+
+    def __init__(self, app: ASGIApp, names: Collection[str]) -> None:
+        self.app, self.names = app, names
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        async def sending(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                extra = [(key.encode(), value.encode()) for key, value in _HEADERS.items()]
+                message = {**message, "headers": [*message["headers"], *extra]}
+            await send(message)
+
+        address = (scope.get("server") or ("",))[0]
+        if scope["type"] != "lifespan" and _name_in(Headers(scope=scope)) not in {*self.names, address}:
+            await PlainTextResponse("this is not my name", 400)(scope, receive, sending)
+        else:
+            await self.app(scope, receive, sending)
+
+
+def _name_in(headers: Headers) -> str | None:
+    """The name by which the server is called, without its port; None where it is none."""
+    try:
+        return urlsplit(f"//{headers.get('host', '')}").hostname
+    except ValueError:
+        return None
+
+
+def _is_own(socket: WebSocket) -> bool:
+    """Whether a connection comes from the page itself, not from another that the browser visits."""
+    return urlsplit(socket.headers.get("origin", "")).netloc == socket.headers.get("host")
+
+
+async def _talk(socket: WebSocket, first: Drawing, read_only: bool, executor: Executor) -> None:
+    """Answer one browser's requests, one after the other: where many wait, every browser has its turn.
+
+    A film is made meanwhile, one at a time, so that a change of the drawing does not wait for it.
+    """
+    loop = asyncio.get_running_loop()
+    sending = asyncio.Lock()
+    film: asyncio.Task[None] | None = None
+    session: Session | None = None
+
+    async def answer(talk: Session, message: bytes) -> None:
+        reply = await loop.run_in_executor(executor, talk.answer, message)
+        async with sending:
+            await socket.send_bytes(reply)
+
+    try:
+        session = await loop.run_in_executor(executor, _begin, first, read_only)
+        await socket.send_bytes(await loop.run_in_executor(executor, session.hello))
+        while True:
+            message = await socket.receive_bytes()
+            if not session.is_film(message):
+                await answer(session, message)
+                continue
+            if film is not None:
+                await film
+            session.begin_film()
+            film = asyncio.create_task(answer(session, message))
+    except (WebSocketDisconnect, KeyError):  # closed, or a text message, which no page sends
+        return
+    finally:
+        if session is not None:
+            session.leave()
+        if film is not None:
+            await asyncio.gather(film, return_exceptions=True)
+
+
+def _begin(first: Drawing, read_only: bool) -> Session:
+    from resgrid.live_page.session import Session
+
+    return Session(first, read_only)

@@ -1,0 +1,186 @@
+"""Surface normals of bitmap and voxel models (Connolly & Grupen 1992, section 3.1).
+
+The model is tied to one rail and the edge of the grid to the other.  Outside the model the gradient of the potential
+then points along the outward normal of the nearby surface, and it is smooth where the bitmap itself is a staircase.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid._internal.validation import Natural, per_axis
+from resgrid.circuit.solve import solve
+from resgrid.core.axis import Axis
+from resgrid.core.compiler import compile_space
+from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.errors import InputError
+from resgrid.planning import fields
+from resgrid.planning.fields import Field
+from resgrid.planning.trace import cell_indices
+
+_FLAT = 1e-12
+"""Mean of two opposite gradients, relative to the larger, below which their difference is noise."""
+
+
+def surface_normals(
+    model: ConfigurationSpace | ArrayLike,
+    points: ArrayLike | None = None,
+    *,
+    cells: ArrayLike | None = None,
+    spacing: float | Sequence[float] = 1.0,
+    padding: Natural | None = None,
+) -> NDArray[np.float64]:
+    """Outward unit normals of a model, from one Dirichlet field.
+
+    Within a cell every component of the gradient is linear between its two faces; at a cell's centre it is their mean.
+    The error of a normal depends on its distance from the staircase.  Measured on discs and balls with random centres:
+
+    ======================================  ===============  ==================
+    cells                                   mean (degrees)   largest (degrees)
+    ======================================  ===============  ==================
+    beside a disc, radius 5 to 12 cells     4 to 8           22
+    beside a disc, radius 20 to 80 cells    4.6 to 6.1       26
+    beside a ball, radius 3 to 9 cells      6.4 to 9.4       27
+    beside a ball, radius 12 to 20 cells    6.1 to 6.4       31
+    2 to 3 cells away from either           0.5 to 1.9       5
+    ======================================  ===============  ==================
+
+    A finer model does not reduce the error in the cells that touch it; normals taken a few cells away are better.
+    Farther out the error falls until the shape of the grid's edge is felt: pad generously.  Cells between parts of the
+    model, or deep in its concavities, see all of them.
+
+    Parameters
+    ----------
+    model : ConfigurationSpace or array_like of bool
+        A bitmap (two axes) or voxels (three), True inside the model; or a space whose obstacle cells are the model
+        (one to four axes, periodic ones included).  `resgrid.planning.surface_normals.octree_voxels` makes voxels of
+        an octree.
+    points : array_like of float, shape (..., ndim), optional
+        Where to take normals, in world coordinates; cell ``i`` of an array covers ``[i, i + 1] * spacing``.
+    cells : array_like of int, shape (..., ndim), optional
+        Instead: cells whose centres are meant.  With neither, every cell.
+    spacing : float or sequence of float
+        Cell widths of an array, in any unit.
+    padding : int, optional
+        Free cells added around the model on every side of an axis that is not periodic; if left out half the longest
+        axis in the plane, a quarter of it in three or four dimensions.
+
+    Returns
+    -------
+    ndarray of float64
+        Unit vectors in the world, shape of `points` or `cells`; or ``(*model.shape, ndim)`` for every cell, NaN inside
+        the model and where nothing flows (cavities that the model encloses, symmetric gaps).
+
+    Raises
+    ------
+    InputError
+        If the model is empty or not boolean, or a point lies outside the grid, inside the model or in a cavity.
+    BudgetError
+        If the field would not fit in memory.
+
+    Examples
+    --------
+    >>> model = np.zeros((9, 9), dtype=bool)
+    >>> model[3:6, 3:6] = True
+    >>> rg.surface_normals(model, points=[(2.2, 2.2), (6.8, 2.2)]).round(3)
+    array([[-0.707, -0.707],
+           [ 0.707, -0.707]])
+    """
+    space = _model_space(model, spacing)
+    at, local = _places(space, points, cells)
+    if padding is None:
+        padding = max(space.shape) // (2 if space.ndim <= 2 else 4) + 1
+    field, margin = _field_around(space, padding)
+    flat = at.reshape(-1, space.ndim)
+    normals = _directions(field, flat + margin, local.reshape(-1, space.ndim))
+    if points is not None or cells is not None:
+        _check_defined(space, flat, normals)
+    return space.frame.turned_to_world(normals.reshape(at.shape))
+
+
+def octree_voxels(leaves: ArrayLike, shape: Sequence[int]) -> NDArray[np.bool_]:
+    """Convert the full leaves of an octree (or quadtree) to voxels.  Shapes: `leaves` (n, ndim + 1)."""
+    table = np.asarray(leaves)
+    size = np.array(shape, dtype=np.int64)
+    if table.ndim != 2 or table.shape[1] != len(size) + 1 or table.dtype.kind not in "iu":
+        raise InputError(
+            f"leaves must be whole numbers of shape (n, {len(size) + 1}), a corner and a side each; got {table.dtype} "
+            f"of shape {table.shape}"
+        )
+    voxels = np.zeros(tuple(size.tolist()), dtype=np.bool_)
+    for number, (*corner, side) in enumerate(table.tolist()):
+        if side < 1 or min(corner) < 0 or np.any(np.array(corner) + side > size):
+            raise InputError(f"leaf {number} at {tuple(corner)}, side {side}, does not fit into {tuple(shape)} voxels")
+        voxels[tuple(slice(low, low + side) for low in corner)] = True
+    return voxels
+
+
+def _model_space(model: ConfigurationSpace | ArrayLike, spacing: float | Sequence[float]) -> ConfigurationSpace:
+    """The model as goal cells, everything else free: goals are the low rail, so the field rises away from it."""
+    if isinstance(model, ConfigurationSpace):
+        axes, inside, frame = model.axes, model.cell == Cell.OBSTACLE, model.frame
+    else:
+        inside = np.asarray(model)
+        if inside.dtype.kind != "b" or not 1 <= inside.ndim <= 4 or not inside.size:
+            raise InputError(
+                f"a model is a boolean array of one to four axes, True inside; got {inside.dtype} of shape "
+                f"{inside.shape} (compare an image with its threshold first)"
+            )
+        widths = per_axis("spacing", spacing, inside.ndim, "positive and finite", above=0.0).tolist()
+        sizes = zip("xyzw", inside.shape, widths, strict=False)
+        axes, frame = tuple(Axis(name, 0.0, count * width, count) for name, count, width in sizes), None
+    if not inside.any():
+        raise InputError("the model is empty: no cell of it is solid")
+    return ConfigurationSpace(axes, np.where(inside, Cell.GOAL, Cell.FREE), frame=frame)
+
+
+def _places(
+    space: ConfigurationSpace, points: ArrayLike | None, cells: ArrayLike | None
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Cells and positions within them, each of shape (..., ndim); the centres of all cells where none are given."""
+    if points is not None and cells is not None:
+        raise InputError("give points or cells, not both")
+    if points is not None:
+        return space.split(space.from_world(points))
+    at = np.moveaxis(np.indices(space.shape), 0, -1) if cells is None else cell_indices(space, cells)
+    return at, np.full(at.shape, 0.5)
+
+
+def _field_around(space: ConfigurationSpace, padding: int) -> tuple[Field, NDArray[np.int64]]:
+    """The field between the model and the edge of the padded grid, and how far cell (0, ...) has moved."""
+    margin = np.where(space.periodic, 0, padding)
+    axes = [
+        Axis(a.name, a.lower - m * a.spacing, a.upper + m * a.spacing, a.cells + 2 * m, a.periodic, a.unit)
+        for a, m in zip(space.axes, margin.tolist(), strict=True)
+    ]
+    if np.all(space.periodic):
+        raise InputError("every axis of the model is periodic: the grid has no edge that could be the other rail")
+    cell = np.pad(space.cell, [(m, m) for m in margin.tolist()], constant_values=Cell.FREE)
+    if not np.any(cell == Cell.FREE):
+        raise InputError("the model fills the whole grid: add padding")
+    return fields.field(solve(compile_space(ConfigurationSpace(axes, cell)))), margin.astype(np.int64)
+
+
+def _directions(field: Field, cells: NDArray[np.int64], local: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit vectors up the gradient, NaN where there is none.  Shapes: `cells, local` (n, ndim); returns (n, ndim)."""
+    gradient, _ = field.gradient(cells, local)
+    gradient[field.space.cell[tuple(cells.T)] != Cell.FREE] = 0.0
+    length = np.linalg.norm(gradient, axis=1, keepdims=True)
+    defined = length > _FLAT * field.space.spacing.min()
+    return np.where(defined, gradient / np.where(defined, length, 1.0), np.nan)
+
+
+def _check_defined(space: ConfigurationSpace, cells: NDArray[np.int64], normals: NDArray[np.float64]) -> None:
+    undefined = np.isnan(normals).any(axis=1)
+    if not undefined.any():
+        return
+    cell = tuple(cells[int(np.argmax(undefined))].tolist())
+    if space.cell[cell] == Cell.GOAL:
+        raise InputError(f"cell {cell} lies inside the model: normals are taken at free cells around it")
+    raise InputError(
+        f"no normal is defined at cell {cell}: nothing flows there, because the model encloses it or because it lies "
+        "midway between parts of the model"
+    )

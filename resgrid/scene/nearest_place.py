@@ -1,0 +1,122 @@
+"""Places in messages: why a place is blocked, and the nearest place that is not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import count
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.core.axis import Axis, Point
+from resgrid.core.frame import Frame
+from resgrid.core.regions import label_regions
+from resgrid.core.space import Cell
+from resgrid.errors import InputError
+from resgrid.robots import PointRobot
+from resgrid.scene.scene import Scene
+from resgrid.scene.world_coordinates import cell_centre, located, to_space, unknown_cells
+
+
+def is_unknown(scene: Scene, cell: tuple[int, ...]) -> bool:
+    """Return whether a cell is blocked because the scene's map does not know it."""
+    unknown = unknown_cells(scene.map, scene.axes)
+    return unknown is not None and bool(unknown[cell])
+
+
+def are_unknown(scene: Scene, cells: NDArray[np.bool_]) -> bool:
+    """Return whether all cells of a mask, in the shape of the space, are blocked because the map does not know them."""
+    unknown = unknown_cells(scene.map, scene.axes)
+    return unknown is not None and bool(unknown[cells].all())
+
+
+def has_unknown(scene: Scene) -> bool:
+    """Return whether the scene's map has unknown cells, which are therefore blocked."""
+    unknown = unknown_cells(scene.map, scene.axes)
+    return unknown is not None and bool(unknown.any())
+
+
+def why_blocked(scene: Scene, cell: tuple[int, ...]) -> str:
+    """Return where a place in a blocked cell lies: in unknown space, in an obstacle, or too near to one."""
+    words = f"(cell {cell})"
+    if is_unknown(scene, cell):
+        return f"lies in unknown space {words}"
+    robot = scene.robot
+    if isinstance(robot, PointRobot) and robot.radius and not _is_solid(scene, cell):
+        return f"lies too near to an obstacle for the robot's radius of {robot.radius:g} {words}"
+    if robot.moves_in_workspace or (robot.base is None and robot.turning_length is None):
+        return f"lies in an obstacle {words}"
+    return f"lies in an obstacle of configuration space, for the robot would touch an obstacle there {words}"
+
+
+def _is_solid(scene: Scene, cell: tuple[int, ...]) -> bool:
+    """Return whether a point robot at the centre of a cell would touch an obstacle."""
+    if scene.map is not None and _on_map(scene) and scene.map.cell[cell[: scene.map.cell.ndim]] == Cell.OBSTACLE:
+        return True
+    axes = tuple(
+        Axis(axis.name, axis.lower + index * axis.spacing, axis.lower + (index + 1) * axis.spacing, 1)
+        for axis, index in zip(scene.axes, cell, strict=True)
+    )
+    shapes = [to_space(shape, scene.frame) for shape in scene.obstacles]
+    return bool(PointRobot().occupancy(axes, shapes, "centre").all())
+
+
+def _on_map(scene: Scene) -> bool:
+    """Return whether the first axes of the space are those of the scene's map."""
+    return scene.map is not None and scene.axes[: len(scene.map.axes)] == scene.map.axes
+
+
+def nearest_place(allowed: NDArray[np.bool_], cell: tuple[int, ...], axes: Sequence[Axis], frame: Frame) -> str | None:
+    """Return the centre of the nearest allowed cell, in world coordinates, as text; None if no cell is allowed."""
+    nearest = nearest_cell(allowed, cell, axes)
+    return None if nearest is None else place_text(cell_centre(tuple(axes), frame, nearest, ""))
+
+
+def place_text(point: Sequence[float]) -> str:
+    """Return a point as text, to six digits."""
+    return "(" + ", ".join(f"{value:.6g}" for value in point) + ")"
+
+
+def nearest_cell(allowed: NDArray[np.bool_], cell: tuple[int, ...], axes: Sequence[Axis]) -> tuple[int, ...] | None:
+    """Return the allowed cell whose centre is nearest to that of a cell, found in growing windows around it."""
+    spacing = np.array([axis.spacing for axis in axes])
+    for power in count(3, 2):
+        ranges = [_window(index, 2**power, axis) for index, axis in zip(cell, axes, strict=True)]
+        found = np.argwhere(allowed[np.ix_(*(window % axis.cells for window, axis in zip(ranges, axes, strict=True)))])
+        is_all = all(len(window) == axis.cells for window, axis in zip(ranges, axes, strict=True))
+        if len(found):
+            steps = np.column_stack([window[column] for window, column in zip(ranges, found.T, strict=True)]) - cell
+            apart = np.linalg.norm(steps * spacing, axis=1)
+            best = int(np.argmin(apart))
+            if is_all or apart[best] <= 2**power * spacing.min():
+                place = np.array(cell) + steps[best]
+                return tuple((place % [axis.cells for axis in axes]).tolist())
+        if is_all:
+            return None
+    raise AssertionError("windows grow until they cover the grid")
+
+
+def _window(index: int, reach: int, axis: Axis) -> NDArray[np.int64]:
+    """Indices around one, in order; of a periodic axis each cell once, as near as it comes, beyond the seam too."""
+    if axis.periodic:
+        before = min(reach, (axis.cells - 1) // 2)
+        return np.arange(index - before, index + min(reach, axis.cells // 2) + 1)
+    return np.arange(max(index - reach, 0), min(index + reach + 1, axis.cells))
+
+
+def usable(scene: Scene, blocked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the free cells that the scene's starts reach; without a free start the largest free region."""
+    region = label_regions(~blocked, [axis.periodic for axis in scene.axes])
+    starts = [_cell_of(scene, start) for start in scene.starts]
+    numbers = {int(region[cell]) for cell in starts if cell is not None} - {0}
+    if not numbers and region.any():
+        numbers = {int(np.argmax(np.bincount(region.ravel())[1:])) + 1}
+    return np.isin(region, sorted(numbers))
+
+
+def _cell_of(scene: Scene, point: Point) -> tuple[int, ...] | None:
+    """Return the cell of a point of the world; None outside the grid."""
+    try:
+        return located(scene.axes, scene.frame, point, "")[0]
+    except InputError:
+        return None

@@ -1,0 +1,310 @@
+"""Scenes read from files (TOML, and maps of every known format) and from links of the live page."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import json
+import os
+import re
+import tomllib
+import zlib
+from collections.abc import Mapping
+from itertools import chain, repeat
+from math import isclose
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from resgrid._internal.files import decode, read_bytes
+from resgrid.core.axis import Axis
+from resgrid.core.frame import Frame
+from resgrid.errors import InputError
+from resgrid.robots import ROBOTS, Robot
+from resgrid.scene.consistency import inconsistencies
+from resgrid.scene.maps.arrays import MapCells
+from resgrid.scene.maps.formats import COMMON, format_of, map_options, read_map, warn_of_header
+from resgrid.scene.messages import Problem, report
+from resgrid.scene.scene import IN_FILES, LISTS, Scene, check_attributes, start_point
+from resgrid.scene.shipped import shipped_scene
+from resgrid.scene.toml_lines import Path as KeyPath, key_lines
+
+_LINK = re.compile(r"https?://\S*#(?:\S*&)?s=(?P<code>[^&\s]+)")
+"""A link of the live page: a scene's document as zlib packs it, with a checksum, in base64url, in the fragment."""
+
+_LONGEST = 1 << 26
+"""Bytes of the longest document that a link may hold."""
+
+
+class Document(NamedTuple):
+    """What describes a scene, before it is checked.
+
+    `raw`: its keys and tables; `source`: its name, for messages; `folder`: where names of map files start; `lines`: of
+    its keys, as far as they are known.
+    """
+
+    raw: dict[str, Any]
+    source: str
+    folder: Path
+    lines: dict[KeyPath, int]
+
+
+def read_scene(file: str | os.PathLike[str], **options: Any) -> Scene:
+    """Read a scene: a TOML file, or a map.
+
+    Parameters
+    ----------
+    file : path-like
+        ``.toml`` is a scene; ``.yaml`` a ROS map, ``.map`` a MovingAI map, ``.3dmap`` one of voxels, ``.npy`` an array,
+        pictures are plain maps; a warning says so where the header of a ROS map lies in the folder of a picture.
+        Anything else is recognised by its first bytes.  A name without a folder that is no file here means the shipped
+        scene of that name, such as ``rooms``.
+    **options
+        For maps, how to read them: ``format``, ``dialect``, ``unknown``, ``lethal``, ``least_conductivity``,
+        ``passable``, ``threshold``, ``spacing``, ``origin``, ``unit``, ``periodic``, ``headings``.  For every scene,
+        what `Scene.replace` takes, such as ``goal=(3.5, 4.5)``, ``k=0.5`` or ``boundary="neumann"``.
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    InputError
+        If anything is wrong; one message lists it all, with lines.
+    BudgetError
+        If a map would not fit in memory.
+
+    Examples
+    --------
+    >>> scene = rg.read_scene("lesson", k=0.5)
+    >>> scene.title, scene.k, len(scene.obstacles)
+    ('Eight by eight', (0.5,), 3)
+    """
+    map_keys = (*COMMON[1:], *map_options())
+    check_attributes(options, *map_keys)
+    table = {key: options.pop(key) for key in map_keys if key in options}
+    scene = build_scene(*read_document(file, table))
+    return scene.replace(**options) if options else scene
+
+
+def read_document(file: str | os.PathLike[str], table: Mapping[str, Any]) -> Document:
+    """Return the document in a file or of a map; `table` holds the map options of `read_scene`."""
+    path = shipped_scene(file) or Path(file)
+    if path.suffix.lower() != ".toml":
+        map_table = {**table, "file": path.name, "format": format_of(path, table)}
+        if "format" not in table and map_table["format"] == "image":
+            warn_of_header(path)
+        return Document({"schema": 1, "title": path.stem, "map": map_table}, str(path), path.parent, {})
+    raw, lines = _toml(decode(read_bytes(path), path), str(path))
+    if table and "map" not in raw:
+        raise InputError(f"{path}: this scene has no map, so {', '.join(table)} would do nothing; leave that out")
+    if table and isinstance(raw["map"], dict):
+        raw["map"] |= table
+    return Document(raw, str(path), path.parent, lines)
+
+
+def parse_scene(text: str, source: str = "scene", folder: str | os.PathLike[str] = ".") -> Scene:
+    """Read a scene from TOML text.
+
+    Parameters
+    ----------
+    text : str
+        The content of a scene file.
+    source : str
+        Its name, for messages.
+    folder : path-like
+        Where the names of map files start.
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    InputError
+        If anything is wrong; one message lists it all, with lines.
+    BudgetError
+        If a map would not fit in memory.
+
+    Examples
+    --------
+    >>> scene = rg.parse_scene('''
+    ... schema = 1
+    ... goal = [{ point = [1.8, 0.2] }]
+    ... grid.axes = [
+    ...   { name = "x", lower = 0, upper = 2, cells = 4, unit = "m" },
+    ...   { name = "y", lower = 0, upper = 1, cells = 2, unit = "m" },
+    ... ]
+    ... ''')
+    >>> rg.sample(scene).cell
+    array([[0, 0],
+           [0, 0],
+           [0, 0],
+           [2, 0]], dtype=uint8)
+    """
+    return build_scene(*parse_document(text, source, Path(folder)))
+
+
+def parse_document(text: str, source: str, folder: Path = Path()) -> Document:
+    """The document that a TOML text holds."""
+    raw, lines = _toml(text, source)
+    return Document(raw, source, folder, lines)
+
+
+def is_link(text: str) -> bool:
+    """Whether a text is a link that holds a scene."""
+    return _LINK.match(text) is not None
+
+
+def read_link(text: str) -> Scene:
+    """The scene that a link holds."""
+    return build_scene(*link_document(text))
+
+
+def link_document(text: str) -> Document:
+    """The document that a link holds; nothing is fetched, and no map file is read."""
+    match = _LINK.match(text)
+    code = "" if match is None else match["code"]
+    unpacking = zlib.decompressobj()
+    try:
+        content = unpacking.decompress(base64.urlsafe_b64decode(code + "=" * (-len(code) % 4)), _LONGEST)
+        document = json.loads(content) if unpacking.eof else None
+    except (zlib.error, binascii.Error, ValueError, RecursionError):
+        document = None
+    if not isinstance(document, dict):
+        raise InputError("this link holds no whole scene: part of it is missing or was changed; copy it again")
+    if "map" in document:
+        raise InputError("the scene of this link names a map file, which a link cannot bring along")
+    return Document(document, "the link", Path(), {})
+
+
+def _toml(text: str, source: str) -> tuple[dict[str, Any], dict[KeyPath, int]]:
+    text = text.replace("\r\n", "\n")
+    try:
+        return tomllib.loads(text), key_lines(text)
+    except tomllib.TOMLDecodeError as error:
+        last = text.rstrip("\n").split("\n")
+        end = f"at line {len(last)}, column {len(last[-1]) + 1}, the end of the document"
+        raise InputError(f"{source}: this is not TOML: {str(error).replace('at end of document', end)}") from None
+    except (RecursionError, ValueError) as error:
+        raise InputError(f"{source}: this is not TOML that can be read ({error})") from None
+
+
+def build_scene(
+    raw: Mapping[str, Any],
+    source: str,
+    folder: Path,
+    lines: dict[KeyPath, int] | None = None,
+    known: MapCells | None = None,
+) -> Scene:
+    """Check a document and make the scene it describes; `known`: its map, if it has been read already."""
+    from resgrid.scene.schema import robot_of, validate
+
+    raw = with_footprint(raw)
+    robot = robot_of(raw.get("robot", {}))
+    raw = with_axes(raw, robot)
+    document, problems, values = validate(raw)
+    if robot is None:  # what its axes lack, it might have said
+        problems = [problem for problem in problems if problem[0][:1] != ("grid",) or "is missing" not in problem[1]]
+    problems += _one_ground(raw, robot)
+    axes, frame, cells = _ground(document, None if problems else robot, folder, known)
+    names = _axis_names(raw) if axes is None else [axis.name for axis in axes]
+    chip, table = raw.get("chip", {}), raw.get("robot")
+    has_wall = not isinstance(chip, Mapping) or "wall_resistance" in chip
+    kind = ROBOTS.get(str(table.get("type", "point"))) if isinstance(table, Mapping) else None
+    misfits = inconsistencies(document, robot or kind, axes, names, values, has_wall=has_wall)
+    problems += [problem for problem in misfits if problem[0] not in {path for path, _ in problems}]
+    if problems or robot is None or axes is None:
+        raise InputError(report(problems, source, lines))
+    starts = (
+        start_point(start, axes, frame, f"{source}: start[{number}]") for number, start in enumerate(document.start)
+    )
+    said: dict[str, Any] = {name: tuple(getattr(document, key)) for key, name in LISTS.items()}
+    said |= {key: getattr(document, key) for key in IN_FILES}
+    return Scene(
+        axes=axes,
+        robot=robot,
+        starts=(*document.starts, *starts),
+        map=cells,
+        frame=frame,
+        edge=document.edge,
+        source=source,
+        **said,
+    )
+
+
+def _ground(
+    document: Any, robot: Robot | None, folder: Path, known: MapCells | None
+) -> tuple[tuple[Axis, ...] | None, Frame, MapCells | None]:
+    """Axes and frame of the space of a robot, and the cells of the map; of a document with errors, axes at most."""
+    grid = None if document.grid is None else tuple(document.grid.axes)
+    if document.map is None or robot is None:
+        return grid, Frame(), None
+    table = document.map.model_dump(exclude_unset=True) | {"file": str(folder.resolve() / document.map.file)}
+    cells = read_map(table) if known is None else known
+    if grid is None:
+        return (*cells.space_of(robot), cells)
+    if not cells.frame.is_world:
+        raise InputError(f"{table['file']}: a robot with a grid of its own needs a map that is not turned")
+    return grid, Frame(), cells
+
+
+def _one_ground(raw: Mapping[str, Any], robot: Robot | None) -> list[Problem]:
+    if "grid" in raw and "map" in raw and (robot is None or robot.moves_in_workspace):
+        return [(("map",), "a map brings its own cells, so a scene has either a [grid] or a [map]; remove one of them")]
+    if "map" in raw and "grid" not in raw and robot is not None:
+        try:
+            robot.axes_on_map((), 1)
+        except InputError as error:
+            return [(("map",), str(error))]
+    if "grid" not in raw and "map" not in raw:
+        return [((), 'a scene needs a [grid] with axes, or a [map] with file = "..."')]
+    return []
+
+
+def _axis_names(raw: Mapping[str, Any]) -> list[str | None]:
+    """Names of the axes of a document, as far as it says them."""
+    grid = raw.get("grid")
+    tables = grid.get("axes") if isinstance(grid, Mapping) else None
+    tables = tables if isinstance(tables, list) else []
+    names = [table.get("name") if isinstance(table, Mapping) else None for table in tables]
+    return [name if isinstance(name, str) else None for name in names]
+
+
+def with_footprint(raw: Mapping[str, Any]) -> Mapping[str, Any]:
+    """A document whose robot's ``footprint`` is the vertices of a polygon."""
+    robot = raw.get("robot")
+    if not isinstance(robot, Mapping) or "footprint" not in robot:
+        return raw
+    vertices = {"type": "polygon", "vertices": robot["footprint"]}
+    return {**raw, "robot": {**vertices, **{key: value for key, value in robot.items() if key != "footprint"}}}
+
+
+def with_axes(raw: Mapping[str, Any], robot: Robot | None) -> Mapping[str, Any]:
+    """A document whose axes say everything that its robot, and ``grid.cells``, imply."""
+    grid = raw.get("grid")
+    if not isinstance(grid, Mapping):
+        return raw
+    implied = robot.implied_axes() if robot else ()
+    cells, axes = grid.get("cells"), grid.get("axes")
+    if axes is None and implied and cells is not None:
+        axes = [{} for _ in implied]
+    if not isinstance(axes, list):
+        return raw
+    counts = cells if isinstance(cells, list) else [cells]
+    each = repeat(counts[0]) if len(counts) == 1 else chain(counts, repeat(None))
+    full = [_with_implied(*parts) for parts in zip(axes, chain(implied, repeat({})), each, strict=False)]
+    return {**raw, "grid": {**grid, "axes": full}}
+
+
+def _with_implied(axis: Any, implied: Mapping[str, Any], cells: Any) -> Any:
+    if not isinstance(axis, Mapping):
+        return axis
+    full = {**implied, **axis}
+    if implied.get("periodic") and "periodic" not in axis and ("lower" in axis or "upper" in axis):
+        spans = [(ends["lower"], ends["upper"]) for ends in (full, implied)]
+        are_numbers = all(isinstance(end, int | float) for span in spans for end in span)
+        full["periodic"] = are_numbers and isclose(*(high - low for low, high in spans), rel_tol=1e-9)
+    if cells is not None and not {"cells", "spacing"} & set(full):
+        full["cells"] = cells
+    return full

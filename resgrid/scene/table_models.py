@@ -1,0 +1,175 @@
+"""Tables of a file, made from the dataclasses they describe: the same keys, ranges and meanings, the value's own laws.
+
+The annotations of a dataclass, or of the options of a function, say what they may be (`annotated_types` for ranges,
+`Quantity` for units), its docstring says what they mean; this is the only place where a schema is made of both.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from inspect import cleandoc, signature
+from types import UnionType
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from annotated_types import Len
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, ValidationError, create_model
+
+from resgrid.core.axis import Point
+from resgrid.errors import InputError
+from resgrid.scene.messages import complaint, key_path
+from resgrid.scene.quantities import Quantity
+
+if TYPE_CHECKING:
+    from pydantic_core import ErrorDetails
+
+_ENTRY = re.compile(r"^(\w[\w, ]*?)(?: : .*)?$")
+
+
+class TableModel(BaseModel):
+    """Base of every table: unknown keys are errors, and nothing is converted silently."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
+
+def meanings(value: Callable[..., Any]) -> dict[str, str]:
+    """What the fields of a class, or the parameters of a function, mean, from the lists in its docstring."""
+    described: dict[str, str] = {}
+    names: list[str] = []
+    for line in cleandoc(value.__doc__ or "").split("\n"):
+        entry = _ENTRY.match(line)
+        if entry:
+            names = entry[1].split(", ")
+        elif line.startswith("    "):
+            for name in names:
+                described[name] = f"{described.get(name, '')} {line.strip()}".strip()
+    return described
+
+
+def unit_of(hint: Any) -> str:
+    """The unit of a field, by its annotation."""
+    units = [mark.unit for mark in getattr(hint, "__metadata__", ()) if isinstance(mark, Quantity)]
+    return next(filter(None, [*units, *map(unit_of, get_args(hint))]), "")
+
+
+def described_keys(value: type) -> dict[str, tuple[str, str]]:
+    """Unit and meaning of every key of a value's table, those of tables in it included (``readout.bits``)."""
+    hints, about = get_type_hints(value, include_extras=True), meanings(value)
+    described: dict[str, tuple[str, str]] = {}
+    for item in dataclasses.fields(value):
+        hint = hints[item.name]
+        if isinstance(hint, type) and dataclasses.is_dataclass(hint):
+            described |= {f"{item.name}.{key}": entry for key, entry in described_keys(hint).items()}
+        else:
+            described[item.name] = unit_of(hint), about.get(item.name, "")
+    return described
+
+
+def file_type(hint: Any, *, planar: bool = False) -> Any:
+    """What a file holds for a field: lists for tuples, tables for dataclasses, the rest as it is."""
+    origin, parts = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        return Annotated[(file_type(parts[0], planar=planar), *parts[1:])]
+    if origin in (Union, UnionType):
+        return Union[tuple(file_type(part, planar=planar) for part in parts)]  # noqa: UP007
+    if origin is tuple:
+        size = len(parts) if parts[-1] is not Ellipsis else 2 if planar and hint == Point else None
+        entry: Any = file_type(parts[0], planar=planar)
+        return Annotated[(tuple[entry, ...], Strict(False), *(() if size is None else (Len(size, size),)))]
+    return value_of(hint) if isinstance(hint, type) and dataclasses.is_dataclass(hint) else hint
+
+
+@cache
+def table_of(value: type, kind: tuple[str, str] | None = None, planar: bool = False) -> type[TableModel]:
+    """The table that describes a value; `kind`: the key that says which of several it is, and what it says.
+
+    In a `planar` one, points have two coordinates.
+    """
+    keys = fields_from(value, planar=planar)
+    if kind is not None:
+        keys = {kind[0]: (Literal[kind[1]], Field(kind[1], description="Its kind."))} | keys
+    sentence = cleandoc(value.__doc__ or "").split("\n")[0]
+    return create_model(
+        value.__name__ if kind is None else "_".join(kind), __base__=TableModel, __doc__=sentence, **keys
+    )
+
+
+def fields_from(value: Callable[..., Any], names: Sequence[str] = (), *, planar: bool = False) -> dict[str, Any]:
+    """The keys of a table that describes a dataclass, or the options of a function: their types, defaults, meanings.
+
+    `names`: the only fields that are keys.
+    """
+    if isinstance(value, type):
+        defaults = {item.name: _default(item) for item in dataclasses.fields(value)}
+    else:
+        options = (item for item in signature(value).parameters.values() if item.default is not item.empty)
+        defaults = {item.name: {"default": item.default} for item in options}
+    hints, about = get_type_hints(value, include_extras=True), meanings(value)
+    return {
+        name: (file_type(hints[name], planar=planar), Field(description=about.get(name), **default))
+        for name, default in defaults.items()
+        if not names or name in names
+    }
+
+
+def _default(item: dataclasses.Field[Any]) -> dict[str, Any]:
+    if item.default_factory is not dataclasses.MISSING:
+        return {"default_factory": item.default_factory}
+    return {} if item.default is dataclasses.MISSING else {"default": item.default}
+
+
+def value_of(value: type, kind: tuple[str, str] | None = None, planar: bool = False) -> Any:
+    """The annotation of a key that holds the table of a value."""
+    return filled_as(table_of(value, kind, planar), value, *(kind or ())[:1])
+
+
+def filled_as(table: Any, build: Callable[..., Any], *left_out: str) -> Any:
+    """The annotation of a key whose table stands for what `build` makes of its keys, or refuses."""
+
+    def fill(filled: TableModel) -> Any:
+        try:
+            return build(**{key: getattr(filled, key) for key in table.model_fields if key not in left_out})
+        except InputError as error:
+            raise ValueError(str(error)) from None
+
+    return Annotated[table, AfterValidator(fill)]
+
+
+def check_fields(value: Any) -> None:
+    """Check the fields of a value made in Python as those of its table are, and keep them as these are read."""
+    single = [item.name for item in dataclasses.fields(value) if item.default_factory is dataclasses.MISSING]
+    given = {name: getattr(value, name) for name in single}
+    filled = fields_of(type(value), given)
+    for name in given:
+        object.__setattr__(value, name, filled[name])
+
+
+def fields_of(kind: type, given: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of a value, read as the keys of its table; every problem at once."""
+    try:
+        table = table_of(kind).model_validate(given)
+    except ValidationError as error:
+        details = problems_of(error)
+        raise InputError("; ".join(f"{key_path(each['loc'])}: {complaint(each)}" for each in details)) from None
+    return {name: getattr(table, name) for name in table_of(kind).model_fields}
+
+
+def problems_of(error: ValidationError) -> list[ErrorDetails]:
+    """What is wrong, without the lengths of lists whose entries are wrong."""
+    details = error.errors(include_url=False)
+    inner = {each["loc"][:size] for each in details for size in range(len(each["loc"]))}
+    return [each for each in details if each["type"] != "too_short" or each["loc"] not in inner]
+
+
+def plain(value: Any) -> Any:
+    """A value as a file holds it: dataclasses as tables without the keys that say nothing, tuples as lists."""
+    if dataclasses.is_dataclass(value):
+        table = {item.name: getattr(value, item.name) for item in dataclasses.fields(value) if item.init}
+        return {key: plain(entry) for key, entry in table.items() if entry is not None}
+    if isinstance(value, Mapping):
+        return {key: plain(entry) for key, entry in value.items()}
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    return [plain(entry) for entry in value] if isinstance(value, list | tuple) else value

@@ -1,0 +1,148 @@
+"""Compiled loops that bring a netlist's conductances into compressed rows, and multiply by them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from resgrid._internal.jit import inner, interruptible, kernel, makes_arrays
+from resgrid.solvers.scaled import Floats, Indices, Reals
+
+
+@interruptible
+@kernel
+@makes_arrays
+def conductances_by_row(
+    pairs: Indices, conductance: Floats, row: Indices, size: int
+) -> tuple[Indices, Indices, Floats]:
+    """Symmetric compressed rows of the conductances between rows, sorted, parallel resistors summed, and no diagonal.
+
+    Rows are filled with lower neighbours from the front and with upper ones from behind: where a grid's resistors come
+    axis by axis, they are sorted then.
+    """
+    indptr = np.zeros(size + 1, np.int32)
+    for k in range(len(pairs)):
+        i, j = row[pairs[k, 0]], row[pairs[k, 1]]
+        if i >= 0 and j >= 0 and i != j:
+            indptr[i + 1] += 1
+            indptr[j + 1] += 1
+    for i in range(size):
+        indptr[i + 1] += indptr[i]
+    front, back = indptr[:-1].copy(), indptr[1:].copy()
+    indices, data = np.empty(indptr[size], np.int32), np.empty(indptr[size])
+    for k in range(len(pairs)):
+        i, j = row[pairs[k, 0]], row[pairs[k, 1]]
+        if i >= 0 and j >= 0 and i != j:
+            lower, upper = min(i, j), max(i, j)
+            back[lower] -= 1
+            indices[back[lower]], data[back[lower]] = upper, conductance[k]
+            indices[front[upper]], data[front[upper]] = lower, conductance[k]
+            front[upper] += 1
+    repeats = 0
+    for i in range(size):
+        wrong = 0
+        for k in range(indptr[i] + 1, indptr[i + 1]):
+            wrong += indices[k] <= indices[k - 1]
+        if wrong > 0:
+            sort(indices, data, indptr[i], indptr[i + 1])
+            for k in range(indptr[i] + 1, indptr[i + 1]):
+                repeats += indices[k] == indices[k - 1]
+    if repeats > 0:
+        end = _sum_repeats(indptr, indices, data)
+        indices, data = indices[:end].copy(), data[:end].copy()
+    return indptr, indices, data
+
+
+@inner
+def sort(keys: Indices, values: Floats | Indices, begin: int, end: int) -> None:
+    """Sort a part of an array, and what belongs to its entries, or itself once more (Shell 1959)."""
+    gap = 1
+    while 16 * gap < end - begin:
+        gap = 3 * gap + 1
+    while gap > 0:
+        for k in range(begin + gap, end):
+            key, value, at = keys[k], values[k], k
+            while at >= begin + gap and keys[at - gap] > key:
+                keys[at], values[at] = keys[at - gap], values[at - gap]
+                at -= gap
+            keys[at], values[at] = key, value
+        gap //= 3
+
+
+@inner
+def _sum_repeats(indptr: Indices, indices: Indices, data: Floats) -> int:
+    """Sum what stands in a sorted row several times; returns where the rows end."""
+    end = 0
+    for i in range(len(indptr) - 1):
+        begin, indptr[i] = indptr[i], end
+        for k in range(begin, indptr[i + 1]):
+            if k > begin and indices[k] == indices[end - 1]:
+                data[end - 1] += data[k]
+            else:
+                indices[end], data[end] = indices[k], data[k]
+                end += 1
+    indptr[-1] = end
+    return end
+
+
+@inner
+def find(parent: Indices, node: int) -> int:
+    """Root of a node in a union-find, whose trees have their smallest node as root; halves the way there."""
+    above = parent[node]
+    while above != node:
+        top = parent[above]
+        if top != above:
+            parent[node] = top
+        node, above = top, parent[top]
+    return node
+
+
+@inner
+def join(parent: Indices, a: int, b: int) -> None:
+    """Make one tree of the trees of two nodes."""
+    a, b = find(parent, a), find(parent, b)
+    if a != b:
+        parent[max(a, b)] = min(a, b)
+
+
+@kernel
+def compare_edges(
+    pairs: Indices, conductance: Floats, row: Indices, strongest: Floats, weak: float
+) -> tuple[int, float, float, float, int]:
+    """How many conductances there are between rows, their smallest, their largest, their sum, and how many are weak.
+
+    Weak ones are below ``weak`` times the strongest one at either of their rows.
+
+    Shapes: `strongest` (n,): room, comes as 0.
+    """
+    count, smallest, largest, total, feeble = 0, np.inf, 0.0, 0.0, 0
+    for k in range(len(pairs)):
+        i, j = row[pairs[k, 0]], row[pairs[k, 1]]
+        if i >= 0 and j >= 0 and i != j:
+            count += 1
+            g = conductance[k]
+            smallest, largest, total = min(smallest, g), max(largest, g), total + g
+            strongest[i], strongest[j] = max(strongest[i], g), max(strongest[j], g)
+    if smallest < weak * largest:
+        for k in range(len(pairs)):
+            i, j = row[pairs[k, 0]], row[pairs[k, 1]]
+            if i >= 0 and j >= 0 and i != j and conductance[k] < weak * max(strongest[i], strongest[j]):
+                feeble += 1
+    return count, smallest, largest, total, feeble
+
+
+@kernel
+def row_residual(
+    matrix: tuple[Indices, Indices, Reals, Floats], slot: Indices, b: Floats, x: Floats, r: Floats
+) -> float:
+    """``r = b - A x``, differences first, every row put at its slot; ``b, x`` (n,) by rows; returns ``|r|``."""
+    indptr, indices, conductance, ground = matrix
+    total = 0.0
+    for i in range(len(slot)):
+        v = b[i] - ground[i] * x[i]
+        for k in range(indptr[i], indptr[i + 1]):
+            v += conductance[k] * (x[np.uint32(indices[k])] - x[i])
+        r[slot[i]] = v
+        total += v * v
+    return math.sqrt(total)

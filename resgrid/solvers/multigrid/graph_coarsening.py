@@ -1,0 +1,331 @@
+"""Graphs of conductances below grids, and of netlists: coarsened, and laid one behind the other for the compiled cycle.
+
+Aggregates are grown node by node along the strongest conductances, so that they never join across a wall.  A graph is
+renumbered by colour, so that neighbouring rows of a sweep do not wait for one another, and within a colour by length in
+windows: the ends of its loops can then be foreseen, which is half of the time.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid._internal.jit import inner, interruptible, kernel, makes_arrays
+from resgrid.solvers import ordering_kernels as ordering
+from resgrid.solvers.laplacian import Graph, Rows
+from resgrid.solvers.multigrid.graph_sweeps import Graphs
+from resgrid.solvers.scaled import Floats, Indices, Integers, Singles
+
+_COARSEST = 250
+_MOST_LEVELS = 40
+_LEAST_SHRINKAGE = 0.98
+_MEMBERS = 4
+"""Nodes of an aggregate that is grown."""
+
+_CLUSTERS_SHRINK = 0.7
+"""Share of nodes above which aggregates are grown along weak conductances, too."""
+
+_WEAK = 0.2
+"""Share of its conductances (or of the first node's) by which a node must hang on an aggregate to join it."""
+
+_BESIDE_STRONGEST = 0.7
+"""It may join, too, if it hangs on it by so much of the first node's strongest conductance."""
+
+_FAR = 0.5
+"""Share of neighbours numbered far apart above which a graph is renumbered before anything else."""
+
+_WINDOW = 4096
+_LARGEST_INVERSE = 2000
+
+_LONG = 31
+"""Longer rows count as one length."""
+
+_ONE = np.uint64(1)
+
+_TAKEN, _NONE = np.float32(-1.0), np.float32(0.0)
+
+
+def coarsen_down(graph: Graph) -> tuple[list[Graph], list[NDArray[np.int32]]]:
+    """Coarsen a graph until it is small, or does not shrink any more.
+
+    Returns all graphs, and the node of the next one that every node belongs to, shape (n,) each.
+    """
+    graph = graph._replace(conductance=graph.conductance.astype(np.float32, copy=False))
+    graphs, targets = [graph], list[Indices]()
+    while graph.size > _COARSEST and len(graphs) < _MOST_LEVELS:
+        aggregate, count = grow_aggregates(graph, _MEMBERS, True)
+        if count > _CLUSTERS_SHRINK * graph.size:
+            aggregate, count = grow_aggregates(graph, _MEMBERS, False)
+        if count > _LEAST_SHRINKAGE * graph.size:
+            break
+        graph = Graph(*sum_up(graph, aggregate, count))
+        graphs.append(graph)
+        targets.append(aggregate)
+    return graphs, targets
+
+
+@interruptible
+@kernel
+@makes_arrays
+def grow_aggregates(graph: Graph, most: int, strict: bool) -> tuple[Indices, int]:
+    """Aggregates of up to ``most`` nodes, grown one by one.
+
+    From the first node that is still alone an aggregate takes in, again and again, the neighbour that hangs on it most:
+    by the greatest sum of conductances, over the root of all that the neighbour has.  A node that finds no free
+    neighbour joins the aggregate at the other end of its strongest conductance.  Unless ``strict``, weak conductances
+    count, too, and an aggregate is never full, so that only nodes without neighbours stay alone.
+    """
+    (indptr, indices, conductance, leak), n = graph, len(graph.leak)
+    degree, scale, strongest = _degrees(indptr, conductance, leak)
+    aggregate = np.full(n, -1, np.int32)
+    members = np.zeros(n, np.int32)
+    weight = np.zeros(n, np.float32)
+    candidate = np.empty(n + 1, np.int32)
+    count = 0
+    for first in range(n):
+        if aggregate[first] >= 0:
+            continue
+        aggregate[first] = count
+        weight[first] = _TAKEN
+        size, new, found = 1, first, 0
+        while True:
+            for k in range(indptr[new], indptr[new + 1]):
+                j = indices[k]
+                held = weight[j]
+                candidate[found] = j
+                found += held == 0.0
+                weight[j] = held + np.float32(conductance[k]) if held >= 0.0 else held
+            if size == most:
+                break
+            best, joins = _NONE, -1
+            for c in range(found):
+                j = candidate[c]
+                hold = weight[j] * scale[j]
+                joins = j if hold > best else joins
+                best = hold if hold > best else best
+            if joins < 0:
+                break
+            needed = min(_WEAK * min(degree[first], degree[joins]), _BESIDE_STRONGEST * strongest[first])
+            if strict and weight[joins] < needed:
+                break
+            aggregate[joins] = count
+            weight[joins] = _TAKEN
+            new = joins
+            size += 1
+        for c in range(found):
+            weight[candidate[c]] = min(weight[candidate[c]], _NONE)
+        if size == 1:
+            host = _host(indptr, indices, conductance, aggregate, first)
+            if host >= 0 and (members[host] < most + most // 2 or not strict):
+                aggregate[first] = host
+                members[host] += 1
+                continue
+        members[count] = size
+        count += 1
+    return aggregate, count
+
+
+@inner
+@makes_arrays
+def _degrees(indptr: Indices, conductance: Singles, leak: Floats) -> tuple[Floats, Singles, Floats]:
+    """All conductances of a node summed, one over the root of that, and the strongest one."""
+    n = len(leak)
+    degree, scale, strongest = np.empty(n), np.empty(n, np.float32), np.empty(n)
+    for i in range(n):
+        total, most = leak[i], 0.0
+        for k in range(indptr[i], indptr[i + 1]):
+            total += conductance[k]
+            most = max(most, conductance[k])
+        degree[i], strongest[i] = total, most
+        scale[i] = 1.0 / np.sqrt(total) if total > 0.0 else 0.0
+    return degree, scale, strongest
+
+
+@inner
+def _host(indptr: Indices, indices: Indices, conductance: Singles, aggregate: Indices, node: int) -> int:
+    """The aggregate at the other end of a node's strongest conductance; -1 where it has none."""
+    best, host = 0.0, -1
+    for k in range(indptr[node], indptr[node + 1]):
+        if conductance[k] > best:
+            best, host = conductance[k], aggregate[indices[k]]
+    return host
+
+
+@interruptible
+@kernel
+@makes_arrays
+def sum_up(graph: Graph, aggregate: Indices, count: int) -> tuple[Indices, Indices, Singles, Floats]:
+    """Sum conductances between aggregates, and leaks within them; rows come out unsorted."""
+    (indptr, indices, conductance, leak), n = graph, len(graph.leak)
+    start = np.zeros(count + 1, np.int32)
+    for node in range(n):
+        start[aggregate[node] + 1] += 1
+    for row in range(count):
+        start[row + 1] += start[row]
+    member, fill = np.empty(n, np.int32), start[:-1].copy()
+    for node in range(n):
+        member[fill[aggregate[node]]] = node
+        fill[aggregate[node]] += 1
+    new_indptr, new_leak = np.zeros(count + 1, np.int32), np.zeros(count)
+    new_indices = np.empty(len(indices) + 1, np.int32)
+    new_conductance, total = np.empty(len(indices) + 1, conductance.dtype), np.zeros(count, conductance.dtype)
+    size = 0
+    for row in range(count):
+        begin = size
+        total[row] = 1.0
+        for m in range(start[row], start[row + 1]):
+            node = member[m]
+            new_leak[row] += leak[node]
+            for k in range(indptr[node], indptr[node + 1]):
+                column = aggregate[indices[k]]
+                new_indices[size] = column
+                size += total[column] == 0.0
+                total[column] += conductance[k]
+        total[row] = 0.0
+        for at in range(begin, size):
+            new_conductance[at] = total[new_indices[at]]
+            total[new_indices[at]] = 0.0
+        new_indptr[row + 1] = size
+    return new_indptr, new_indices[:size].copy(), new_conductance[:size].copy(), new_leak
+
+
+def pack_netlist(rows: Rows, ground: Floats, unit: float) -> tuple[Graphs, NDArray[np.int32]]:
+    """Coarsen what is no grid, in units, and lay out its levels; returns where every row stands, shape (n,).
+
+    Where neighbours are numbered far apart, rows are renumbered.  One that does not shrink stands twice.
+    """
+    conductance = np.divide(rows.data, unit, out=np.empty(len(rows.data), np.float32), casting="same_kind")
+    graph, number = Graph(rows.indptr, rows.indices, conductance, ground / unit), None
+    if ordering.far_share(rows.indptr, rows.indices) > _FAR:
+        moved, number = ordering.renumber(*graph)
+        graph = Graph(*moved)
+    graphs, targets = coarsen_down(graph)
+    if not targets:
+        graphs, targets = [graph, graph], [np.arange(graph.size, dtype=np.int32)]
+    packed, rank = pack_graphs(graphs, targets)
+    return packed, rank if number is None else rank[number]
+
+
+def pack_graphs(graphs: list[Graph], targets: list[NDArray[np.int32]]) -> tuple[Graphs, NDArray[np.int32]]:
+    """Lay graphs, and what their nodes belong to, one behind the other; the last one is inverted.
+
+    Returns where every node of the first one stands, shape (n,).
+    """
+    first = np.cumsum([0, *(graph.size for graph in graphs)])
+    entry = np.cumsum([0, *(len(graph.indices) for graph in graphs)])
+    order = [order_by_colour(graph.indptr, graph.indices, _WINDOW) for graph in graphs[:-1]]
+    order.append(np.arange(graphs[-1].size, dtype=np.int32))
+    rank = [inverse_of(nodes) for nodes in order]
+    nodes, entries = int(first[-1]), int(entry[-1])
+    packed = Graphs(
+        first=first,
+        indptr=np.empty(nodes + 1, dtype=np.uint32),
+        middle=np.empty(nodes, dtype=np.uint32),
+        indices=np.empty(entries, dtype=np.uint32),
+        conductance=np.empty(entries, dtype=np.float32),
+        leak=np.empty(nodes, dtype=np.float32),
+        degree=np.empty(nodes, dtype=np.float32),
+        inverse=np.empty(nodes, dtype=np.float32),
+        aggregate=np.zeros(nodes, dtype=np.uint32),
+        coarsest=inverse_matrix(graphs[-1]),
+    )
+    for level, graph in enumerate(graphs):
+        length = np.diff(graph.indptr)[order[level]]
+        lay_rows(graph, rank[level], entry[level] + np.cumsum(length) - length, first[level], packed)
+    packed.indptr[nodes] = entries
+    for level, target in enumerate(targets):
+        own = rank[level + 1][target[order[level]]]
+        np.add(own, first[level + 1], out=packed.aggregate[first[level] : first[level + 1]], casting="unsafe")
+    return packed, rank[0]
+
+
+def inverse_matrix(graph: Graph) -> NDArray[np.float32]:
+    """Inverse of the last level's matrix; empty where it did not shrink, as nodes without neighbours do not.
+
+    Its diagonal is made 1, and then a little larger so that it has an inverse.
+    """
+    n = graph.size
+    if n > _LARGEST_INVERSE:
+        return np.empty((0, 0), dtype=np.float32)
+    matrix, row = np.zeros((n, n)), np.repeat(np.arange(n), np.diff(graph.indptr))
+    degree = np.bincount(row, graph.conductance, n) + graph.leak
+    scale = np.divide(1.0, np.sqrt(degree), out=np.zeros(n), where=degree > 0.0)
+    np.subtract.at(matrix, (row, graph.indices), graph.conductance * scale[row] * scale[graph.indices])
+    matrix[np.diag_indices(n)] += 1.0 + 1e-7
+    return np.asarray(scale[:, None] * np.linalg.inv(matrix) * scale, dtype=np.float32)
+
+
+def inverse_of(order: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Where every element of a permutation stands."""
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order), dtype=order.dtype)
+    return rank
+
+
+def order_by_colour(indptr: Indices, indices: Indices, window: int) -> Indices:
+    """The nodes by colour; in windows of each colour by the length of their rows, then by how many come before.
+
+    Colours are given greedily in the order of the nodes: each takes the first that its neighbours do not have.  From
+    the 64th on neighbours may share one.
+    """
+    colour, earlier = _colours(indptr, indices)
+    key = np.minimum(np.diff(indptr), _LONG) * (_LONG + 1) + np.minimum(earlier, _LONG)
+    # Whole numbers of 16 bits are sorted in linear time.
+    colour, key = colour.astype(np.uint16), key.astype(np.uint16)
+    nodes, order = np.argsort(colour, kind="stable").astype(np.int32), list[Indices]()
+    for of_colour in np.split(nodes, np.cumsum(np.bincount(colour))):
+        windows = (of_colour[begin : begin + window] for begin in range(0, len(of_colour), window))
+        order.extend(some[np.argsort(key[some], kind="stable")] for some in windows)
+    return np.concatenate(order)
+
+
+@interruptible
+@kernel
+@makes_arrays
+def _colours(indptr: Indices, indices: Indices) -> tuple[Indices, Indices]:
+    """Greedy colours, and how many neighbours of every node have an earlier one."""
+    n = len(indptr) - 1
+    bit, colour, earlier = np.zeros(n, np.uint64), np.empty(n, np.int32), np.zeros(n, np.int32)
+    for i in range(n):
+        taken = np.uint64(0)
+        for k in range(indptr[i], indptr[i + 1]):
+            taken |= bit[indices[k]]
+        bit[i] = ~taken & (taken + _ONE)
+        c, rest = 0, bit[i] >> _ONE
+        while rest:
+            rest >>= _ONE
+            c += 1
+        colour[i] = c
+    for i in range(n):
+        for k in range(indptr[i], indptr[i + 1]):
+            earlier[i] += colour[indices[k]] < colour[i]
+    return colour, earlier
+
+
+@kernel
+def lay_rows(graph: Graph, rank: Indices, begin: Integers, first: int, packed: Graphs) -> None:
+    """Write the rows of a level behind those before it: earlier neighbours first, the others from ``middle`` on.
+
+    They are read as they come, for to wait for what is read takes longer than to write here and there.
+
+    Shapes: `begin` (n,): where the row of every slot begins.
+    """
+    indptr, indices, conductance, leak = graph
+    for i in range(len(rank)):
+        slot, length = rank[i], indptr[i + 1] - indptr[i]
+        at = first + slot
+        front, back, degree = begin[slot], begin[slot] + length - 1, leak[i]
+        packed.indptr[at] = front
+        for k in range(indptr[i], indptr[i + 1]):
+            neighbour = rank[indices[k]]
+            degree += conductance[k]
+            earlier = neighbour < slot
+            place = front if earlier else back
+            front += earlier
+            back -= not earlier
+            packed.indices[place] = first + neighbour
+            packed.conductance[place] = conductance[k]
+        packed.middle[at] = front
+        packed.leak[at] = leak[i]
+        packed.degree[at] = degree
+        packed.inverse[at] = 1.0 / degree if degree > 0.0 else 0.0

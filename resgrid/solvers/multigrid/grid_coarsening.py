@@ -1,0 +1,279 @@
+"""The next level of a grid: blocks of two cells along every axis, split into their connected parts."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid._internal.jit import ZERO, inner, kernel, makes_arrays
+from resgrid.solvers.csr_kernels import find, join
+from resgrid.solvers.multigrid.grid_level import WEAK, Level, level_of
+from resgrid.solvers.multigrid.red_black import Edges, Lattice
+from resgrid.solvers.scaled import Indices, Integers, Singles
+
+
+def coarsen(level: Level, *, split: bool) -> tuple[Level, NDArray[np.int32]] | None:
+    """Make the next level: blocks of two cells along every axis but those that conduct badly.
+
+    Returns the slot there of every slot's aggregate too, red ones first, shape (2, slots); 0 for unused slots.
+
+    A block that falls apart, without its weak conductances, keeps one part on the grid; the others become extra nodes
+    beside it, reached by couplings.
+    """
+    shift = (level.mean > WEAK * level.mean.max()).astype(np.int64)
+    lattice = Lattice(tuple((n - 1 >> s) + 1 for n, s in zip(level.lattice.shape, shift.tolist(), strict=True)))
+    target = _blocks(level, lattice, shift)
+    home = _split(level, lattice, target, WEAK if split else 0.0)
+    before, colour = lattice.slots, (home >= lattice.slots).astype(np.int64)
+    if len(home):
+        most = int(np.bincount(colour).max())
+        lattice = Lattice(lattice.shape, most)
+        rank = np.where(colour == 0, np.cumsum(colour == 0), np.cumsum(colour == 1)) - 1
+        number = (colour * lattice.slots + lattice.first_extra + rank).astype(np.int32)
+        extra = target >= 2 * before
+        target[(target >= before) & ~extra] += lattice.slots - before
+        target[extra] = number[target[extra] - 2 * before]
+    cells = [lattice.cells_at(c, home[colour == c] - c * before) for c in range(2)]
+    red, black = (np.ravel_multi_index(cell, lattice.shape).astype(np.int64) for cell in cells)
+    summed = sum_up(level, lattice, target, len(home))
+    if summed is None:
+        return None
+    edges, leak = _lengthened(*summed)
+    return level_of(lattice, edges, leak, (red, black)), target
+
+
+def _blocks(level: Level, lattice: Lattice, shift: NDArray[np.int64]) -> NDArray[np.int32]:
+    """The slot on the next lattice, red ones first, that every slot's block takes."""
+    fine, blocks = level.lattice, lattice.cells
+    for axis, halved in enumerate(shift.tolist()):
+        if halved:
+            doubled = np.repeat(blocks, 2, axis=axis)
+            blocks = doubled[(slice(None),) * axis + (slice(fine.shape[axis]),)]
+    target = fine.at_slots(blocks)
+    np.copyto(target, 0, where=level.degree == 0.0)
+    for colour, cell in enumerate(level.extra_cell):
+        target[colour, fine.first_extra : fine.first_extra + len(cell)] = blocks.ravel()[cell]
+    return target
+
+
+def _split(level: Level, lattice: Lattice, target: NDArray[np.int32], weak: float) -> NDArray[np.int64]:
+    """Number the parts of blocks that fall apart, in place; returns the block that every extra node comes from."""
+    edges = level.edges
+    strongest = _strongest(edges) if weak else np.zeros((2, 1), dtype=np.float32)
+    members, inner = np.zeros((2, 2 * lattice.slots), dtype=np.int32)
+    count_inside(edges, target, weak, strongest, members, inner)
+    members[0] = 0
+    # A part of a hypercube with n corners has at most as many edges as there are ones in the numbers below n.
+    most = np.cumsum([0, 0, *(k.bit_count() for k in range(1, 64))])
+    doubtful = (members > 1) & (inner <= most[np.clip(members - 1, 0, 63)])
+    for colour, cell in enumerate(level.extra_cell):
+        first = level.lattice.first_extra
+        doubtful[target[colour, first : first + len(cell)]] = True
+    doubtful[0] = False
+    if not doubtful.any():
+        return np.empty(0, dtype=np.int64)
+    parent = np.arange(target.size, dtype=np.int32)
+    join_inside(edges, target, weak, strongest, doubtful, parent)
+    home = np.empty(int(members[doubtful].sum()), dtype=np.int64)
+    return home[: split_blocks(doubtful, parent, target, lattice.slots, home)]
+
+
+def _strongest(edges: Edges) -> NDArray[np.float32]:
+    """Strongest conductance at every slot of both colours, shape (2, slots)."""
+    strongest = np.zeros((2, edges.faces.shape[1]), dtype=np.float32)
+    inside = slice(edges.margin, edges.faces.shape[1] - edges.margin)
+    for face, away in zip(edges.faces[:, inside].astype(np.float32), edges.distance.tolist(), strict=True):
+        there = slice(inside.start + away, inside.stop + away)
+        for of, at in ((strongest[0], inside), (strongest[1], there)):
+            np.maximum(of[at], face, out=of[at])
+    for of, slot in zip(strongest, (edges.off_red, edges.off_black), strict=True):
+        np.maximum.at(of, slot, edges.couplings.astype(np.float32))
+    return strongest
+
+
+def _lengthened(
+    edges: Edges, leak: NDArray[np.float64], inner: NDArray[np.float32]
+) -> tuple[Edges, NDArray[np.float64]]:
+    """Conductances and leaks of a coarse grid that know length; takes over the faces.
+
+    From the middle of one block to the middle of the next lies half of either block's own resistance, in series with
+    what joins the two; a rail is reached through 0.15 times the block's.
+    """
+    slots = leak.shape[1]
+    here = slice(edges.margin, slots - edges.margin)
+    for q, (face, away) in enumerate(zip(edges.faces[:, here], edges.distance.tolist(), strict=True)):
+        there = slice(slots + here.start + away, slots + here.stop + away)
+        half = _in_series(face, inner[q >> 1, here], 0.5)
+        face[:] = _in_series(half, inner[q >> 1, there], 0.5)
+    off = _in_series(edges.couplings, inner[edges.off_axis, edges.off_red], 0.5)
+    off = _in_series(off, inner[edges.off_axis, slots + edges.off_black], 0.5)
+    return edges._replace(couplings=off), _in_series(leak, inner.max(axis=0).reshape(2, slots), 0.15)
+
+
+def _in_series(conductance: NDArray[np.float64], inner: NDArray[np.float32], share: float) -> NDArray[np.float64]:
+    """Conductances in series with a share of what lies inside blocks, where there is some."""
+    own = inner.astype(np.float64)
+    return np.divide(own * conductance, own + share * conductance, out=conductance.copy(), where=own > 0.0)
+
+
+def sum_up(
+    level: Level, lattice: Lattice, target: NDArray[np.int32], extras: int
+) -> tuple[Edges, NDArray[np.float64], NDArray[np.float32]] | None:
+    """Sum the conductances between blocks, which have ``extras`` nodes beside the lattice.
+
+    Returns the sums, leaks (2, slots), and what lies inside blocks along every axis, shape (ndim, 2 slots); None if
+    parts of one block are joined by weak conductances: they have one colour.
+    """
+    sides = len(level.edges.faces)
+    room = len(level.edges.couplings) + extras * sides * 2 ** (sides // 2)
+    inner = np.zeros((sides // 2, 2 * lattice.slots), dtype=np.float32)
+    red, black, axis = np.empty((3, room), dtype=np.int32)
+    faces, distance, margin = np.zeros((sides, lattice.slots)), lattice.distance, lattice.margin
+    coarse = Edges(faces, distance, margin, red, black, axis, np.empty(room))
+    count = sum_blocks(level.edges, target, lattice.first_extra, coarse, inner)
+    if count < 0:
+        return None
+    at, leak = np.flatnonzero(level.leak), np.zeros((2, lattice.slots))
+    np.add.at(leak.ravel(), target.ravel()[at], level.leak.ravel()[at])
+    united = _united(red[:count], black[:count], axis[:count], coarse.couplings[:count])
+    return Edges(faces, distance, margin, *united), leak, inner
+
+
+def _united(
+    red: NDArray[np.int32], black: NDArray[np.int32], axis: NDArray[np.int32], couplings: NDArray[np.float64]
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
+    """Couplings by red slots, those between the same two nodes summed."""
+    order = np.lexsort((black, red))
+    red, black, axis, couplings = red[order], black[order], axis[order], couplings[order]
+    first = np.flatnonzero((np.diff(red, prepend=-1) != 0) | (np.diff(black, prepend=-1) != 0))
+    summed = np.add.reduceat(couplings, first) if len(first) else couplings
+    return red[first], black[first], axis[first], summed
+
+
+@inner
+def _joins(g: float, weak: float, strongest: Singles, red: int, black: int | np.uint64) -> bool:
+    return weak == 0.0 or g >= weak * max(strongest[0, red], strongest[1, black])
+
+
+@kernel
+def count_inside(
+    edges: Edges, block: Indices, weak: float, strongest: Singles, members: Indices, inner: Indices
+) -> None:
+    """Count the members of all blocks, and the faces inside that conduct and are not weak.
+
+    Couplings do not count: those that close a ring of two cells join what a face joins already.
+    """
+    red_block, black_block, faces, distance = block[0], block[1], edges.faces, edges.distance
+    for k in range(edges.margin, len(red_block) - edges.margin):
+        at = np.uint64(k)
+        own, joined = np.uint64(red_block[at]), 0
+        members[own] += 1
+        members[np.uint64(black_block[at])] += 1
+        for q in range(len(distance)):
+            black = np.uint64(k + distance[q])
+            g, same = faces[np.uint64(q), at], own == np.uint64(black_block[black])
+            joined += same and g > 0.0 and _joins(g, weak, strongest, k, black)
+        inner[own] += joined
+
+
+@kernel
+def join_inside(
+    edges: Edges, block: Indices, weak: float, strongest: Singles, doubtful: NDArray[np.bool_], parent: Indices
+) -> None:
+    """Join the members of doubtful blocks by the resistors inside that are not weak (union-find over both colours)."""
+    faces, distance, margin, off_red, off_black, _, couplings = edges
+    slots = faces.shape[1]
+    for k in range(margin, faces.shape[1] - margin):
+        if not doubtful[block[0, k]]:
+            continue
+        for q in range(len(distance)):
+            g = faces[q, k]
+            if g > 0.0:
+                black = k + distance[q]
+                if block[0, k] == block[1, black] and _joins(g, weak, strongest, k, black):
+                    join(parent, k, slots + black)
+    for k in range(len(couplings)):
+        red, black = off_red[k], off_black[k]
+        if block[0, red] == block[1, black] and _joins(couplings[k], weak, strongest, red, black):
+            join(parent, red, slots + black)
+
+
+@kernel
+@makes_arrays
+def split_blocks(
+    doubtful: NDArray[np.bool_], parent: Indices, block: Indices, coarse_slots: int, extra_block: Integers
+) -> int:
+    """Let the first part of a split block keep its slot, and number the others as extra nodes, in place.
+
+    Extra nodes are numbered from ``2 coarse_slots`` on, and ``extra_block`` notes the block each comes from.
+    """
+    flat = block.ravel()
+    taken = np.zeros(len(doubtful), np.bool_)
+    of_root = np.zeros(len(flat), np.int32)
+    count = 0
+    for node in range(len(flat)):
+        home = flat[node]
+        if home == 0 or not doubtful[home]:
+            continue
+        root = find(parent, node)
+        if root == node:
+            if taken[home]:
+                of_root[node] = 2 * coarse_slots + count
+                extra_block[count] = home
+                count += 1
+            else:
+                taken[home] = True
+                of_root[node] = home
+        flat[node] = of_root[root]
+    return count
+
+
+@kernel
+def sum_blocks(edges: Edges, target: Indices, first_extra: int, coarse: Edges, inner: Singles) -> int:
+    """Sum the conductances between aggregates into the faces and couplings of the next grid.
+
+    ``inner`` of shape (ndim, 2 slots) receives what lies inside aggregates along every axis.  Returns the number of new
+    couplings, or -1 if a resistor joins two parts of one colour.
+    """
+    faces, distance, _, off_red, off_black, off_axis, couplings = edges
+    sums, coarse_slots = coarse.faces, coarse.faces.shape[1]
+    count, red_target, black_target = ZERO, target[0], target[1]
+    for k in range(edges.margin, len(red_target) - edges.margin):
+        at = np.uint64(k)
+        a = np.int64(red_target[at])
+        for q in range(len(distance)):
+            g = faces[np.uint64(q), at]
+            if g == 0.0:
+                continue
+            b, axis = np.int64(black_target[np.uint64(k + distance[q])]), np.int64(q >> 1)
+            if a == b:
+                inner[np.uint64(axis), np.uint64(a)] += g
+                continue
+            red, black = min(a, b), max(a, b) - coarse_slots
+            if red >= coarse_slots or black < 0:
+                return -1
+            if red >= first_extra or black >= first_extra:
+                _note(coarse, count, red, black, axis, g)
+                count += 1
+                continue
+            # Where the red cell's block is black, the same face is the opposite one of the red block.
+            sums[np.uint64(q if a < b else q ^ 1), np.uint64(red)] += g
+    for k in range(len(couplings)):
+        a, b, axis = np.int64(red_target[off_red[k]]), np.int64(black_target[off_black[k]]), np.int64(off_axis[k])
+        if a == b:
+            inner[axis, a] += couplings[k]
+            continue
+        red, black = min(a, b), max(a, b) - coarse_slots
+        if red >= coarse_slots or black < 0:
+            return -1
+        _note(coarse, count, red, black, axis, couplings[k])
+        count += 1
+    return count
+
+
+@inner
+def _note(edges: Edges, k: int, red: Any, black: Any, axis: Any, conductance: float) -> None:
+    edges.off_red[k], edges.off_black[k] = red, black
+    edges.off_axis[k], edges.couplings[k] = axis, conductance

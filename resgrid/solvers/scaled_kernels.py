@@ -1,0 +1,197 @@
+"""Compiled loops in numbers whose exponent never runs out: their arithmetic, corrections and residuals.
+
+A *scaled* number is ``m * 2**(256 e)`` with a double ``m`` (canonical: ``2**-128 <= |m| < 2**128``, or 0) and a 64-bit
+integer ``e``.  A scaled double-double adds a second double, ``(hi + lo) * 2**(256 e)`` with ``|lo| <= ulp(hi) / 2``;
+its error-free sum and product are those of Knuth and Dekker (Ogita, Rump & Oishi 2005, algorithms 3.1 to 3.3).
+
+Numba takes seconds to import: only functions that are about to solve import this module.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from resgrid._internal.jit import inlined, kernel
+from resgrid.solvers.laplacian import Graph
+from resgrid.solvers.scaled import BITS, Floats, Integers, Numbers, Scaled
+
+_BASE = 2.0**BITS
+_INVERSE = 2.0**-BITS
+_LARGE = 2.0 ** (BITS // 2)
+_SMALL = 2.0 ** -(BITS // 2)
+_SPLITTER = 2.0**27 + 1.0
+
+
+_SETTLED = 1e-29
+_UNIT = 2.0**-53
+_NOTHING = 1e-290
+"""Residual below which a row is right: what the lower parts of values that are gone leave."""
+
+NO_EXPONENT = -(2**62)
+_LOG_BASE = BITS * math.log(2.0)
+
+_ROW_ROUNDING = 12.0
+"""Rounding errors in a row's sum of currents beside one for each conductance, with a margin."""
+
+
+@inlined
+def _canonical(m: float, e: int) -> tuple[float, int]:
+    if m == 0.0 or not math.isfinite(m):
+        return m, e
+    while abs(m) < _SMALL:
+        m *= _BASE
+        e -= 1
+    while abs(m) >= _LARGE:
+        m *= _INVERSE
+        e += 1
+    return m, e
+
+
+@inlined
+def _shift(value: float, steps: int) -> float:
+    """``value * 2**(256 steps)``: 0 or infinity beyond the range of a double."""
+    if steps == 0 or value == 0.0:
+        return value
+    if steps == 1:
+        return value * _BASE
+    if steps == -1:
+        return value * _INVERSE
+    return 0.0 if steps < 0 else math.copysign(np.inf, value)
+
+
+@inlined
+def _add_product(m: float, e: int, factor: float, v: float, ve: int) -> tuple[float, int]:
+    """A scaled number and a double times another; of their terms what lies 2**256 below the other is dropped."""
+    t, te = _canonical(factor * v, ve)
+    if m == 0.0 or t == 0.0:
+        return (t, te) if m == 0.0 else (m, e)
+    top = max(e, te)
+    return _shift(m, e - top) + _shift(t, te - top), top
+
+
+@inlined
+def _two_sum(a: float, b: float) -> tuple[float, float]:
+    s = a + b
+    t = s - a
+    return s, (a - (s - t)) + (b - t)
+
+
+@inlined
+def _two_product(a: float, b: float) -> tuple[float, float]:
+    p = a * b
+    t = _SPLITTER * a
+    a1 = t - (t - a)
+    a2 = a - a1
+    t = _SPLITTER * b
+    b1 = t - (t - b)
+    b2 = b - b1
+    return p, a2 * b2 - (((p - a1 * b1) - a2 * b1) - a1 * b2)
+
+
+@inlined
+def _sum(a: float, a_low: float, b: float, b_low: float) -> tuple[float, float]:
+    """Sum of two double-doubles."""
+    s, t = _two_sum(a, b)
+    u, v = _two_sum(a_low, b_low)
+    s, t = _two_sum(s, t + u)
+    return _two_sum(s, t + v)
+
+
+@kernel
+def correct(x: Scaled, m: Floats, me: Integers, out: Scaled) -> None:
+    """Add the scaled numbers ``(m, me)`` to scaled double-doubles."""
+    hi, lo, e = x.hi, x.lo, x.exponent
+    new_hi, new_lo, new_e = out.hi, out.lo, out.exponent
+    for i in range(len(hi)):
+        a, a_low, exponent = hi[i], lo[i], e[i]
+        if m[i] != 0.0:
+            top = me[i] if a == 0.0 else max(me[i], exponent)
+            a, rest = _two_sum(_shift(a, exponent - top), _shift(m[i], me[i] - top))
+            a, a_low = _two_sum(a, rest + _shift(a_low, exponent - top))
+            a, exponent = _canonical(a, top)
+            a_low = math.ldexp(a_low, BITS * (top - exponent)) if top != exponent else a_low
+        new_hi[i], new_lo[i], new_e[i] = a, a_low, exponent
+
+
+@inlined
+def _add_inflow(
+    r: float, r_low: float, g: float, v: float, v_low: float, own: float, own_low: float, exact: bool
+) -> tuple[float, float, float]:
+    """A sum of currents with the one from another row; and that current."""
+    if exact:
+        d, d_low = _sum(v, v_low, -own, -own_low)
+        inflow, inflow_low = _two_product(g, d)
+        r, r_low = _sum(r, r_low, inflow, inflow_low + g * d_low)
+        return r, r_low, inflow
+    inflow = g * ((v - own) + (v_low - own_low))
+    return r + inflow, r_low, inflow
+
+
+@kernel
+def residual(
+    matrix: Graph, current: Numbers, x: Scaled, begin: int, end: int, plain: bool, exact: bool, floor: float,
+    kept: float, out: Numbers,
+) -> tuple[float, float, float, float, float]:  # fmt: skip
+    """Residual of KCL of some rows into ``out``, in scaled numbers; returns a `resgrid.solvers.refinement.Imbalance`.
+
+    Row ``i`` is ``b_i - g_i x_i + sum_j g_ij (x_j - x_i)``: differences come first, so that off-diagonals and row
+    excess never meet in a rounded diagonal.  A difference of double-doubles is right to the last digits of a double
+    (of nearly equal values the upper parts subtract without error: Sterbenz 1974), and so the residual is right
+    relative to the currents at the row, which is all that counts.  Where it is to be ``exact``, sums and products are
+    double-doubles, too: where no current flows, differences of voltages then vanish to thirty digits.
+
+    Every row has the exponent of its largest value; in ``plain`` numbers all are 0.  Rows that are right to the
+    rounding of these sums come out as 0, so that a correction can turn to those that are smaller by many decades;
+    those that come in as 0 stay so up to ``kept`` times that rounding.
+    """
+    indptr, indices, conductance, ground = matrix
+    injected, injected_e = current
+    hi, lo, e = x.hi, x.lo, x.exponent
+    r_out, r_e = out
+    backward, left, right, share, largest, largest_e, top = 0.0, 0.0, 0.0, 1.0, 0.0, 0, 0
+    for i in range(begin, end):
+        own, own_low, r, r_low = hi[i], lo[i], injected[i], 0.0
+        if not plain:
+            top = max(injected_e[i] if r != 0.0 else NO_EXPONENT, e[i] if own != 0.0 else NO_EXPONENT)
+            for k in range(indptr[i], indptr[i + 1]):
+                top = max(top, e[indices[k]] if hi[indices[k]] != 0.0 else NO_EXPONENT)
+            own, own_low = _shift(own, e[i] - top), _shift(own_low, e[i] - top)
+            r = _shift(r, injected_e[i] - top)
+        size = abs(r)
+        if ground[i] > 0.0:
+            tied, tied_low = _two_product(ground[i], own)
+            r, r_low = _sum(r, 0.0, -tied, -(tied_low + ground[i] * own_low))
+            size += abs(tied)
+        flow = size
+        for k in range(indptr[i], indptr[i + 1]):
+            j, g = indices[k], conductance[k]
+            v, v_low = hi[j], lo[j]
+            if not plain:
+                v, v_low = _shift(v, e[j] - top), _shift(v_low, e[j] - top)
+            r, r_low, inflow = _add_inflow(r, r_low, g, v, v_low, own, own_low, exact)
+            flow += abs(inflow)
+            size += g * (abs(v) + abs(own))
+        r += r_low
+        wrong = 0.0 if abs(r) < _NOTHING else abs(r)
+        if not math.isfinite(wrong):
+            return np.inf, np.inf, np.inf, 0.0, np.inf
+        if wrong > backward * size:
+            backward = wrong / size
+        if flow < share * size:
+            share = flow / size
+        rounding = _SETTLED * size / flow if flow > 0.0 else 0.0
+        rounding = rounding if exact else _UNIT * (_ROW_ROUNDING + indptr[i + 1] - indptr[i])
+        violation = wrong / flow if wrong > 0.0 else 0.0
+        right += rounding
+        if wrong <= max(rounding * flow * (kept if r_out[i] == 0.0 else 1.0), _SETTLED * size):
+            r, right, r_e[i] = 0.0, right + violation, 0
+        else:
+            counted = violation if wrong > floor * size else 0.0
+            left, right, r_e[i] = left + counted, right + violation - counted, top
+            if wrong > _shift(largest, largest_e - top):
+                largest, largest_e = wrong, top
+        r_out[i] = r
+    log_size = math.log(largest) + largest_e * _LOG_BASE if largest > 0.0 else -np.inf
+    return backward, left, right, share, log_size

@@ -1,0 +1,193 @@
+"""Rules about what is joined to what: ground, islands, loops of sources, loose ends."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.circuit.sources import contradictions, tie_sources
+from resgrid.core.netlist import GROUND, Netlist
+from resgrid.spice.circuit import CONDUCTING, SHOWN, Circuit, Severity, Violation, some
+
+_MOST = 10
+
+
+def ground(circuit: Circuit) -> Iterator[Violation]:
+    """Nothing that conducts touches ground."""
+    if not any((circuit.ends[kind] == GROUND).any() for kind in CONDUCTING):
+        yield Violation(
+            "error",
+            "ground",
+            "0" if not circuit.is_deck else circuit.path,
+            "no resistor and no voltage source touches ground, so no voltage is defined",
+            "tie one node to node 0 by a voltage source",
+        )
+
+
+def islands(circuit: Circuit) -> Iterator[Violation]:
+    """Parts without a path to ground, those that capacitors hold told apart."""
+    floating = np.flatnonzero(circuit.is_floating)
+    if not floating.size:
+        return
+    held = np.zeros(int(circuit.part.max()) + 1, dtype=np.bool_)  # parts that capacitors touch
+    held[circuit.part[circuit.ends["capacitor"].ravel()]] = True
+    order = floating[np.argsort(circuit.part[floating], kind="stable")]
+    groups = np.split(order, np.flatnonzero(np.diff(circuit.part[order])) + 1)
+    if not circuit.is_deck:
+        by_capacitor = held[circuit.part[floating]]
+        groups = [floating[~by_capacitor], floating[by_capacitor]]
+    groups = sorted((group for group in groups if group.size), key=lambda group: -group.size)
+    for group in groups[:_MOST]:
+        yield _island(circuit, group, by_capacitor=bool(held[circuit.part[group[0]]]))
+    if len(groups) > _MOST:
+        rest = np.concatenate(groups[_MOST:])
+        yield _island(circuit, rest, by_capacitor=False, what=f"{len(groups) - _MOST:,} more parts, with ")
+
+
+def _island(circuit: Circuit, nodes: NDArray[np.int64], *, by_capacitor: bool, what: str = "") -> Violation:
+    many = nodes.size > 1
+    names = f" ({circuit.shown(nodes)})" if circuit.is_deck else ""
+    if by_capacitor:
+        state = f"{'are' if many else 'is'} held by capacitors only, which are open"
+    else:
+        state = f"{'have' if many else 'has'} no path of resistors or voltage sources to ground"
+    return Violation(
+        "error" if circuit.is_deck else "warning",
+        "capacitor node" if by_capacitor else "floating",
+        circuit.place_of_nodes(nodes),
+        f"{what}{nodes.size:,} node{'s' if many else ''}{names} {state}",
+        "join it to the circuit by a resistor, or remove it: ngspice would answer wrongly everywhere"
+        if circuit.is_deck
+        else "they are left out of decks; join them to the circuit by a resistor if they belong to it",
+        circuit.listed(nodes),
+    )
+
+
+def _of_elements(
+    circuit: Circuit, severity: Severity, rule: str, kind: str, numbers: NDArray[np.int64], message: str, remedy: str
+) -> Violation:
+    """What is wrong with elements of a kind; fields of the message are ``count``, ``s`` (of a plural) and ``names``."""
+    nodes = np.unique(circuit.ends[kind][numbers])
+    names = some([circuit.element_name(kind, number) for number in numbers[:SHOWN].tolist()], numbers.size)
+    place = circuit.place_of(kind, int(numbers[0])) if circuit.is_deck else circuit.shown(nodes)
+    message = message.format(count=f"{numbers.size:,}", s="" if numbers.size == 1 else "s", names=names)
+    return Violation(severity, rule, place, message, remedy, circuit.listed(nodes))
+
+
+def trapped_currents(circuit: Circuit) -> Iterator[Violation]:
+    """Current sources that feed a part which lets no current out."""
+    trapped = circuit.trapped_sources
+    if trapped.size:
+        feed = "feeds" if trapped.size == 1 else "feed"
+        message = f"{{count}} current source{{s}} ({{names}}) {feed} a floating part, which lets no current out"
+        remedy = "remove these sources, or join the part to ground"
+        yield _of_elements(circuit, "error", "trapped current", "current source", trapped, message, remedy)
+
+
+@dataclass(frozen=True, eq=False)
+class Loops:
+    """Elements that close loops of voltage sources; of those in a loop, inductors and then resistors of 0 ohm close it.
+
+    `sources, inductors, shorts`: numbers of the voltage sources (inductors apart) and resistors that close consistent
+    loops; `contradictions`: kind and number of those that contradict the others, and by how many volts.
+    """
+
+    sources: NDArray[np.int64]
+    inductors: NDArray[np.int64]
+    shorts: NDArray[np.int64]
+    contradictions: tuple[tuple[str, int, float], ...]
+
+
+def loops_of(circuit: Circuit) -> Loops:
+    """Find the loops of voltage sources; resistors of 0 ohm count as sources of 0 V."""
+    zero = np.flatnonzero(circuit.resistance == 0)
+    sources = len(circuit.source_volts)
+    order = np.argsort(circuit.is_inductor, kind="stable")
+    ends = np.concatenate([circuit.source_nodes[order], circuit.resistor_nodes[zero]])
+    volts = np.concatenate([circuit.source_volts[order], np.zeros(len(zero))])
+    rest, closing, bad = loop_voltages(ends, volts, circuit.node_count)
+    number = np.concatenate([order, zero])
+    place = np.flatnonzero(closing & ~bad)
+    own, short = number[place[place < sources]], number[place[place >= sources]]
+    is_inductor = circuit.is_inductor[own]
+    contradicting = tuple(
+        ("voltage source" if i < sources else "resistor", int(number[i]), float(rest[i]))
+        for i in np.flatnonzero(bad).tolist()
+    )
+    return Loops(own[~is_inductor], own[is_inductor], short, contradicting)
+
+
+def loop_voltages(
+    ends: NDArray[np.int32], volts: NDArray[np.float64], node_count: int
+) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return by how many volts each source contradicts those before it, whether it closes a loop, and in contradiction.
+
+    Shapes: `ends` (sources, 2); `volts` and all three results (sources,).
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import minimum_spanning_tree
+
+    low, high = np.sort(ends.astype(np.int64), axis=1).T
+    _, firsts = np.unique(low * node_count + high, return_index=True)  # of parallel sources
+    firsts = firsts[low[firsts] != high[firsts]]
+    rank = coo_array((firsts + 1.0, (low[firsts], high[firsts])), shape=(node_count, node_count))
+    tree = minimum_spanning_tree(rank.tocsr()).data.astype(np.int64) - 1  # earlier sources first
+    no_resistors = np.empty((0, 2), dtype=np.int32), np.empty(0)
+    forest = tie_sources(Netlist(node_count, *no_resistors, source_nodes=ends[tree], source_volts=volts[tree]))
+    rest, bad = contradictions(forest, volts[tree], ends, volts)
+    closing = np.ones(len(volts), dtype=np.bool_)
+    closing[tree] = False
+    return rest, closing, closing & bad
+
+
+def source_loops(circuit: Circuit) -> Iterator[Violation]:
+    """Loops of voltage sources, contradictory or consistent; inductors and resistors of 0 ohm count as such."""
+    loops = loops_of(circuit)
+    for kind, number, volts in loops.contradictions[:_MOST]:
+        names = circuit.names_of(circuit.ends[kind][number])
+        yield Violation(
+            "error",
+            "voltage loop",
+            circuit.place_of(kind, number),
+            f"{kind} {circuit.element_name(kind, number)} between nodes {names[0]} and {names[1]} contradicts the "
+            f"other sources by {volts:g} V",
+            "remove one source of the loop, or put a resistor into it",
+            tuple(names),
+        )
+    remedy = "remove them" if circuit.is_deck else "decks leave out the sources that close a loop"
+    closing: tuple[tuple[Severity, str, str, NDArray[np.int64]], ...] = (
+        ("error" if circuit.is_deck else "warning", "voltage source", "voltage sources close loops", loops.sources),
+        ("warning", "voltage source", "inductors close loops of shorts", loops.inductors),
+        ("warning", "resistor", "resistors of 0 ohm close loops of shorts", loops.shorts),
+    )
+    for severity, kind, what, numbers in closing:
+        if numbers.size:
+            message = f"{{count}} {what} ({{names}}), so the currents around them are undetermined"
+            yield _of_elements(circuit, severity, "voltage loop", kind, numbers, message, remedy)
+
+
+def shorted(circuit: Circuit) -> Iterator[Violation]:
+    """Elements with both ends on one node."""
+    for kind in ("resistor", "current source", "nonlinear resistor"):
+        both = np.flatnonzero(circuit.ends[kind][:, 0] == circuit.ends[kind][:, 1])
+        if both.size:
+            message = f"{{count}} {kind}s have both ends on one node ({{names}}) and do nothing"
+            yield _of_elements(circuit, "warning", f"shorted {kind}", kind, both, message, "remove them")
+
+
+def dangling(circuit: Circuit) -> Iterator[Violation]:
+    """Nodes with a single element, which carry no current."""
+    loose = (circuit.degree == 1) & ~circuit.is_floating
+    nodes = np.flatnonzero(loose[1:]) + 1  # ground may be touched once
+    if nodes.size:
+        yield Violation(
+            "info",
+            "dangling",
+            circuit.place_of_nodes(nodes[:1] if circuit.is_deck else nodes),
+            f"{nodes.size:,} nodes ({circuit.shown(nodes)}) have one element only, which carries no current",
+            "nothing to do if they are probes or dead ends",
+            circuit.listed(nodes),
+        )

@@ -1,0 +1,294 @@
+"""The electrical rule check: what makes a circuit unfit for a deck, or a simulator stumble.
+
+Each rule is a function from a `Circuit` to violations, in time proportional to the number of elements: those about what
+is joined to what stand in `connection`, those about values and names here.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.core.netlist import Netlist
+from resgrid.spice.check import connectivity
+from resgrid.spice.circuit import LISTED, SEVERITIES, SHOWN, Circuit, Note, Severity, Violation, some
+from resgrid.spice.dialects import DIALECTS
+from resgrid.spice.dialects.record import ReadingRules
+
+WIDEST_SPREAD = 1e15
+"""Ratio of resistances beyond which double precision loses the small currents beside the large ones."""
+
+SMALLEST_SAFE, LARGEST_SAFE = 1e-5, 1e12
+"""In ohms: HSPICE raises what lies below (RESMIN); what lies above competes with the 1e-12 S a simulator may add."""
+
+
+def check_rules(circuit: Netlist | Circuit) -> tuple[Violation, ...]:
+    """Check a netlist, or a deck as it was written, against the electrical rules.
+
+    Parameters
+    ----------
+    circuit : Netlist or Circuit
+        From `compile_space`, plain arrays, or `read_spice`.
+
+    Returns
+    -------
+    tuple of Violation
+        Errors first, then warnings, then what is merely worth knowing; empty if nothing was found.
+
+    Examples
+    --------
+    >>> circuit = rg.Netlist(3, [[1, 0]], [1.0], source_nodes=[[1, 0]], source_volts=[1.0])
+    >>> rg.check_rules(circuit)[0].message
+    '1 node has no path of resistors or voltage sources to ground'
+    """
+    subject = Circuit.of(circuit)
+    violations = [violation for rule in RULES for violation in rule(subject)]
+    return tuple(sorted(violations, key=lambda violation: SEVERITIES.index(violation.severity)))
+
+
+class _Limit(NamedTuple):
+    """What resistances may not be; fields of the message are ``count`` and ``shown``."""
+
+    severity: Severity
+    rule: str
+    is_beyond: Callable[[NDArray[np.float64]], NDArray[np.bool_]]
+    message: str
+    remedy: str
+
+
+def _overflows(ohms: NDArray[np.float64]) -> NDArray[np.bool_]:
+    with np.errstate(over="ignore", divide="ignore"):
+        return np.asarray(np.isinf(ohms) | (np.isinf(1 / ohms) & (ohms != 0)))
+
+
+_LIMITS = (
+    _Limit(
+        "error",
+        "negative resistance",
+        lambda ohms: ohms < 0,
+        "{count} resistances are negative ({shown}): the circuit is active and cannot be solved as a resistor network",
+        "correct the values",
+    ),
+    _Limit(
+        "warning",
+        "zero resistance",
+        lambda ohms: ohms == 0,
+        "{count} resistances are 0 ohm ({shown}): resgrid takes them for shorts, ngspice silently for 1 milliohm, "
+        "HSPICE for its RESMIN",
+        "write voltage sources of 0 V, or the resistance that is meant",
+    ),
+    _Limit(
+        "error",
+        "value",
+        _overflows,
+        "{count} resistances or their reciprocals are beyond the largest number ({shown})",
+        "leave a resistor that large out: it is open; write one that small as a voltage source of 0 V",
+    ),
+    _Limit(
+        "info",
+        "extreme value",
+        lambda ohms: (ohms != 0) & (np.abs(ohms) < SMALLEST_SAFE),
+        f"{{count}} resistances are below {SMALLEST_SAFE:g} ohm, which HSPICE raises to its RESMIN ({{shown}})",
+        "set .option resmin there, or write voltage sources of 0 V",
+    ),
+    _Limit(
+        "info",
+        "extreme value",
+        lambda ohms: (np.abs(ohms) > LARGEST_SAFE) & np.isfinite(ohms),
+        f"{{count}} resistances are above {LARGEST_SAFE:g} ohm: weaker than the 1e-12 S (gmin, rshunt) that a "
+        "simulator may add to a node ({shown})",
+        "switch gmin and rshunt off, or leave the resistors out",
+    ),
+)
+
+
+def limits(circuit: Circuit) -> Iterator[Violation]:
+    """Resistances that some simulator, or none, can take as they are."""
+    for limit in _LIMITS:
+        beyond = np.flatnonzero(limit.is_beyond(circuit.resistance))
+        if beyond.size:
+            named = [
+                f"{circuit.element_name('resistor', number)} = {circuit.resistance[number]:g}"
+                for number in beyond[:SHOWN].tolist()
+            ]
+            message = limit.message.format(count=f"{beyond.size:,}", shown=some(named, beyond.size))
+            place = circuit.place_of("resistor", int(beyond[0]))
+            yield Violation(limit.severity, limit.rule, place, message, limit.remedy)
+
+
+def spread(circuit: Circuit) -> Iterator[Violation]:
+    """Resistances that lie too many decades apart."""
+    size = np.where(circuit.resistance > 0, circuit.resistance, np.nan)
+    if np.isnan(size).all():
+        return
+    low, high = int(np.nanargmin(size)), int(np.nanargmax(size))
+    if size[high] / WIDEST_SPREAD > size[low]:
+        yield Violation(
+            "warning",
+            "value range",
+            circuit.place_of("resistor", high),
+            f"resistances run from {size[low]:g} ({circuit.element_name('resistor', low)}) to {size[high]:g} ohm "
+            f"({circuit.element_name('resistor', high)}); a simulator loses the weak ones beside the strong ones",
+            "replace the smallest by voltage sources of 0 V, or leave the largest out",
+        )
+
+
+class _Trap(NamedTuple):
+    """Names of nodes that a simulator misreads.
+
+    `pattern`: matches the whole of such a name, case ignored; `severity`: names that are written are mapped, so nothing
+    worse than a warning; `message, remedy`: what happens, and what to do; ``simulators`` are those that fall for it.
+    """
+
+    pattern: str
+    severity: Severity
+    message: str
+    remedy: str
+    misreads: Callable[[ReadingRules], bool] = lambda _: True
+
+
+_TRAPS = (
+    _Trap(
+        r"gnd!?",
+        "warning",
+        "are other names of ground in {simulators}",
+        "call the node otherwise",
+        lambda rules: "gnd" in rules.grounds,
+    ),
+    _Trap(
+        r".*[ \t(),=;'\"{}].*|",
+        "warning",
+        "hold characters that separate words in every dialect",
+        "use letters, digits and underscores",
+    ),
+    _Trap(
+        r".*\$.*",
+        "warning",
+        "hold a $, which begins a comment in {simulators}",
+        "leave it out",
+        lambda rules: rules.dollar_comments,
+    ),
+    _Trap(r".*[^ -~\t\n].*", "warning", "hold characters beyond ASCII, which few simulators read", "write ASCII"),
+    _Trap(
+        r".*[-+*/^%!&|<>~?@\[\]:].*",
+        "info",
+        "hold operators, so that v(...) of them is misread in expressions and measurements",
+        "use letters, digits and underscores where you measure",
+    ),
+    _Trap(
+        r"[0-9]+[A-Za-z_].*",
+        "info",
+        "begin with a digit but are no numbers, which {simulators} reads only escaped",
+        "put a letter in front",
+        lambda rules: rules.instances,
+    ),
+    _Trap(
+        r"time|temper|temp|hertz", "info", "are variables of the simulator in expressions", "call the node otherwise"
+    ),
+)
+
+
+def alike(circuit: Circuit) -> Iterator[Violation]:
+    """Names that two elements bear, or two nodes of a netlist, or that differ in case only."""
+    nodes = {} if circuit.is_deck else {"node": circuit.node_names}
+    for kind, names in {**nodes, **circuit.element_names}.items():
+        folded = [name.lower() for name in names]
+        if len(set(folded)) == len(folded):
+            continue
+        twice = [name for name, number in Counter(folded).items() if number > 1]
+        if circuit.is_deck:
+            second = folded.index(twice[0], folded.index(twice[0]) + 1)
+            yield Violation(
+                "error",
+                "names",
+                circuit.place_of(kind, second),
+                f"{len(twice):,} {kind} names are given twice ({some(twice, len(twice))}); ngspice does not run such a "
+                "deck, others keep one of the two",
+                "rename the second",
+            )
+        else:
+            yield Violation(
+                "warning",
+                "names",
+                some(twice, len(twice)),
+                f"{len(twice):,} {kind} names are shared or differ in case only, which simulators do not see",
+                "decks number them apart (the sidecar holds the map); rename them to keep their names",
+                tuple(twice[:LISTED]) if kind == "node" else (),
+            )
+
+
+def repeated_names(circuit: Circuit) -> tuple[Note, ...]:
+    r"""Return a warning for every kind of element of a deck in which names are given twice.
+
+    Examples
+    --------
+    >>> import io
+    >>> deck = rg.read_spice(io.StringIO("title\nV1 a 0 1\nR1 a 0 1\nr1 a 0 1\n"))
+    >>> print(repeated_names(deck)[0])
+    <text>:4: 1 resistor names are given twice (r1); ngspice does not run such a deck; all of them count here
+    """
+    own = DIALECTS.get(circuit.dialect)
+    if own is None:
+        return ()
+    fails = own.quirks.duplicates == "fails"
+    what = f"{own.label} does not run such a deck" if fails else f"it is not known here which of them {own.label} keeps"
+    outcome: Literal["fails", "unsure"] = "fails" if fails else "unsure"
+    notes = []
+    for violation in alike(circuit):
+        file, _, line = violation.place.rpartition(":")
+        text = f"{violation.message.partition(';')[0]}; {what}; all of them count here"
+        notes.append(Note("warning", file, int(line), 0, text, outcome))
+    return tuple(notes)
+
+
+def misread(circuit: Circuit) -> Iterator[Violation]:
+    """Node names that some simulator takes for something else."""
+    if len(circuit.node_names) < 2:
+        return
+    text = "\n".join(name.replace("\n", " ") for name in circuit.node_names[1:])
+    for trap in _TRAPS:
+        pattern = re.compile(rf"^(?:{trap.pattern})$", re.MULTILINE | re.IGNORECASE)
+        matches = [match.group() for match in pattern.finditer(text)]
+        if matches:
+            shown = some([repr(name) for name in matches[:SHOWN]], len(matches))
+            yield Violation(
+                trap.severity,
+                "names",
+                circuit.path,
+                f"{len(matches):,} node names ({shown}) {trap.message.format(simulators=_simulators(trap))}",
+                trap.remedy,
+                tuple(matches[:LISTED]),
+            )
+
+
+def _simulators(trap: _Trap) -> str:
+    labels = [item.label for item in DIALECTS.values() if trap.misreads(item.reading)]
+    return " and ".join(filter(None, (", ".join(labels[:-1]), labels[-1])))
+
+
+def _notes(circuit: Circuit) -> Iterator[Violation]:
+    """What the reader of a deck noted."""
+    for note in circuit.notes:
+        remedy = "see whether this was meant" if note.severity != "info" else "nothing to do"
+        yield Violation(note.severity, "reading", note.place, note.text, remedy)
+
+
+RULES: tuple[Callable[[Circuit], Iterator[Violation]], ...] = (
+    connectivity.ground,
+    connectivity.islands,
+    connectivity.trapped_currents,
+    connectivity.source_loops,
+    limits,
+    spread,
+    connectivity.shorted,
+    alike,
+    misread,
+    connectivity.dangling,
+    _notes,
+)
+"""Every rule, in the order in which violations of equal severity are told."""

@@ -1,0 +1,259 @@
+"""Every current is right, or the answer is refused: against exact fractions."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from support.circuits import exact_currents
+from support.spaces import serpentine, space_of
+
+import resgrid as rg
+
+_LEAST = Fraction(1, 2**1000)
+"""Fraction of the largest current or voltage below which one may count as zero."""
+
+
+def assert_right(netlist: rg.Netlist, point: rg.OperatingPoint) -> None:
+    """Compare each current and each voltage of a small circuit with the exact one, to a few roundings of itself."""
+    for found, exact in zip((point.voltage, point.resistor_current), exact_currents(netlist), strict=True):
+        largest = max(map(abs, exact))
+        for value, wanted in zip(np.nan_to_num(found).tolist(), exact, strict=True):
+            most = max(abs(wanted) * Fraction(1, 10**15), largest * _LEAST)
+            assert abs(Fraction(value) - wanted) <= most, (value, float(wanted))
+
+
+@st.composite
+def stiff_circuits(draw: st.DrawFn) -> rg.Netlist:
+    """Two to twelve nodes, up to 24 decades of conductances, up to four ideal sources and three of current."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    n, decades = int(rng.integers(2, 13)), draw(st.sampled_from([4.0, 12.0, 24.0]))
+    pairs = [(int(rng.integers(0, k)), k) for k in range(1, n)]
+    pairs += [tuple(rng.choice(n, 2, replace=False).tolist()) for _ in range(int(rng.integers(0, 2 * n)))]
+    exponent = rng.integers(-1, 2, len(pairs)) if draw(st.booleans()) else rng.uniform(-1, 1, len(pairs))
+    part, sources = np.arange(n), []
+    for _ in range(int(rng.integers(0, 5))):
+        a, b = rng.choice(n, 2, replace=False).tolist()
+        b = 0 if rng.random() < 0.7 else b
+        if part[a] != part[b]:
+            part[part == part[a]] = part[b]
+            sources.append((a, b))
+    fed = [rng.choice(n, 2, replace=False).tolist() for _ in range(int(rng.integers(not sources, 4)))]
+    return rg.Netlist(
+        n,
+        pairs,
+        10.0 ** (decades / 2 * exponent),
+        np.reshape(sources, (-1, 2)),
+        rng.choice([-1.0, 1.0], len(sources)) * 10.0 ** rng.uniform(-12.0, 4.0, len(sources)),
+        current_nodes=np.reshape(fed, (-1, 2)),
+        current_amps=10.0 ** rng.uniform(-9, 0, len(fed)),
+    )
+
+
+@settings(max_examples=400)
+@given(stiff_circuits(), st.sampled_from(["auto", "direct", "multigrid"]))
+def test_currents_of_stiff_circuits_are_right(netlist: rg.Netlist, method: str) -> None:
+    try:
+        point = rg.solve(netlist, method=method)
+    except rg.CircuitError as error:
+        assert "touches ground" in str(error)
+        return
+    assert_right(netlist, point)
+
+
+def tied(pairs: list[tuple[int, int]], conductance: list[float], volts: list[float], amps: float = 0.0) -> rg.Netlist:
+    """Nodes 1 ... of ideal sources to ground, and a current into node 2 where there is one."""
+    sources = [(node, 0) for node in range(1, len(volts) + 1)]
+    fed = {"current_nodes": [(0, 2)], "current_amps": [amps]} if amps else {}
+    return rg.Netlist(max(map(max, pairs)) + 1, pairs, conductance, sources, volts, **fed)
+
+
+@pytest.mark.parametrize(
+    "netlist",
+    [
+        tied([(2, 1), (2, 0)], [1e6, 1e-12], [1.0], 2.27e-9),
+        tied([(2, 1), (2, 0)], [1e12, 1e-12], [1.0], 2.27e-9),
+        tied([(2, 1), (2, 0)], [1e12, 1e-12], [1.0], 3.4e-8),
+        tied([(3, 1), (3, 2), (3, 0)], [1e12, 1e-12, 3e-12], [1.0, 2.0]),
+        tied([(3, 1), (3, 2), (3, 0)], [1e6, 1e-6, 3e-6], [1.0, 2.0]),
+        tied([(3, 1), (3, 2), (3, 0)], [1e2, 1e-10, 3e-10], [1.0, 2.0]),
+        rg.Netlist(  # what circulates around the floating source drowns what holds its height
+            5,
+            [(2, 3), (4, 2), (2, 1), (2, 0)],
+            [1e12, 3e12, 1e-12, 1e-12],
+            source_nodes=[[1, 0], [3, 4]],
+            source_volts=[1.0, 1e-6],
+        ),
+    ],
+)
+def test_a_stiff_tie_to_a_rail_keeps_its_current(netlist: rg.Netlist) -> None:
+    for method in ("direct", "multigrid"):
+        point = rg.solve(netlist, method=method)
+        assert_right(netlist, point)
+        assert "balance" in point.seconds
+
+
+@pytest.mark.parametrize("method", ["direct", "multigrid"])
+def test_currents_far_down_a_wide_dead_end_are_right(method: str) -> None:
+    """Beyond the start a corridor two cells wide is flat but for what falls off by the same factor at every step."""
+    cell = np.zeros((2, 200), dtype=np.uint8)
+    cell[0, 0] = 2
+    netlist = rg.compile_space(space_of(cell), boundary="neumann", drive="start", start=(1, 3), edge="open")
+    point = rg.solve(netlist, method=method)
+    node = netlist.cells.node
+    across = {tuple(pair): k for k, pair in enumerate(np.sort(netlist.resistor_nodes, axis=1).tolist())}
+    rungs = [across[tuple(sorted((node[0, x], node[1, x])))] for x in range(5, 200)]
+    log = point.resistor_log_current[rungs]
+    # Falls f across rungs obey f(x-1) - 4 f(x) + f(x+1) = 0; at the closed end f(x-1) = 3 f(x).
+    steps = np.arange(len(rungs))[::-1]
+    expected = np.log(np.cosh((steps + 0.5) * np.arccosh(2.0)))
+    np.testing.assert_allclose(log - log[-1], expected - expected[-1], rtol=1e-9, atol=1e-9)
+    assert log[-1] < -230 and point.kcl_residual < 1e-9
+
+
+def test_a_wide_dead_end_longer_than_the_range_of_doubles_is_right_as_far_as_that_reaches() -> None:
+    cell = np.zeros((2, 1000), dtype=np.uint8)
+    cell[0, 0] = 2
+    netlist = rg.compile_space(space_of(cell), boundary="neumann", drive="start", start=(0, 1), edge="open")
+    point = rg.solve(netlist)
+    assert point.kcl_residual < 1e-9
+    node = netlist.cells.node
+    across = {tuple(pair): k for k, pair in enumerate(np.sort(netlist.resistor_nodes, axis=1).tolist())}
+    rungs = [across[tuple(sorted((node[0, x], node[1, x])))] for x in range(5, 1000)]
+    amps = np.abs(point.resistor_current[rungs])
+    told = amps > 0.0
+    assert amps[told].min() < 1e-270 and not told[np.argmin(told) :].any()
+    steps = -np.diff(np.log(amps[amps > 1e-270]))
+    np.testing.assert_allclose(steps, np.arccosh(2.0), rtol=1e-9)
+
+
+@pytest.mark.parametrize(("width", "length", "wall"), [(12, 400, 0.0), (20, 500, 0.0), (16, 600, 1e5), (8, 300, 3e4)])
+@pytest.mark.parametrize("method", ["direct", "multigrid"])
+def test_a_corridor_whose_halves_mirror_each_other(width: int, length: int, wall: float, method: str) -> None:
+    """Far from the goal hardly any current flows between them; what rounding says of it makes no other one doubtful."""
+    cell = np.zeros((width, length), dtype=np.uint8)
+    cell[width // 2, 3] = 2
+    wired = {"boundary": "wall", "wall_resistance": wall} if wall else {}
+    point = rg.solve(rg.compile_space(space_of(cell), **wired), method=method)
+    log = point.log_drop[point.netlist.cells.node[:, 150 : length - 100]]
+    assert point.kcl_residual < 1e-9
+    assert "balance" not in point.seconds
+    np.testing.assert_allclose(log, log[::-1], rtol=0, atol=1e-8)
+    if not wall:  # the slowest mode, sin(pi (i + 1) / (width + 1)) across
+        np.testing.assert_allclose(-np.diff(log), np.arccosh(2.0 - np.cos(np.pi / (width + 1))), rtol=1e-8)
+
+
+@pytest.mark.parametrize("rungs", [60, 91, 125, 129, 400])
+@pytest.mark.parametrize("method", ["direct", "multigrid"])
+def test_loops_whose_currents_die_out(rungs: int, method: str) -> None:
+    """A ladder whose ends shunt a resistor each: in its middle next to nothing flows, down to 1e-114 of all."""
+    upper, lower = np.arange(2, 2 + rungs), np.arange(2 + rungs, 2 + 2 * rungs)
+    pairs = np.concatenate(
+        [np.stack(ends, axis=1) for ends in ((upper[:-1], upper[1:]), (lower[:-1], lower[1:]), (upper, lower))]
+    )
+    ties = [[1, upper[0]], [lower[0], 0], [upper[0], upper[-1]], [lower[0], lower[-1]]]
+    pairs = np.concatenate([pairs, ties])
+    netlist = rg.Netlist(2 + 2 * rungs, pairs, np.ones(len(pairs)), source_nodes=[[1, 0]], source_volts=[1.0])
+    point = rg.solve(netlist, method=method)
+    assert point.kcl_residual < 1e-6
+    across = np.abs(point.resistor_current[2 * rungs - 2 : 3 * rungs - 2])
+    told = across > 1e-25 * across.max()
+    quarter = np.diff(np.log(across[: rungs // 2 - 6][told[: rungs // 2 - 6]]))
+    np.testing.assert_allclose(quarter, -np.arccosh(2.0), rtol=1e-4)  # f(x-1) - 4 f(x) + f(x+1) = 0
+
+
+def test_a_loop_whose_mouths_are_nearly_at_one_potential_leads_to_the_goal() -> None:
+    """All through it flows some 1e-19 of the largest current, which values tell in none of their digits."""
+    cell = np.ones((8, 64), dtype=np.uint8)
+    cell[3:5, :61] = 0
+    cell[0, 30:], cell[7, 30:], cell[:, 63] = 0, 0, 0
+    cell[0:3, 30] = cell[5:8, 30] = 0
+    cell[3, 59] = 2
+    space = space_of(cell)
+    point = rg.solve(rg.compile_space(space, boundary="neumann", drive="start", start=(3, 0)))
+    assert "balance" in point.seconds and point.kcl_residual < 1e-9
+    starts = np.argwhere(space.goal_connected & (cell == 0))
+    found = rg.streamlines(rg.field(point), space.centre(starts))
+    assert set(np.asarray(found.outcome).tolist()) == {"reached"}
+
+
+def test_potentials_are_as_right_where_currents_have_been_balanced() -> None:
+    """A stiff resistor asks for it; thirty decades further down the potential is that of the corridor without it."""
+    cell = np.zeros((12, 400), dtype=np.uint8)
+    cell[5, 3] = 2
+    stiff = np.ones(cell.shape)
+    stiff[6, 380:382] = 1e12
+    plain, balanced = (
+        rg.solve(rg.compile_space(space_of(cell, conductivity=cost))) for cost in (np.ones(cell.shape), stiff)
+    )
+    assert "balance" in balanced.seconds and "balance" not in plain.seconds
+    node = balanced.netlist.cells.node[:, 10:330]
+    np.testing.assert_allclose(balanced.log_drop[node], plain.log_drop[node], rtol=0, atol=4e-9)
+    assert plain.log_drop[node].min() < -34 * np.log(10.0)
+
+
+def test_a_maze_without_a_way_on_carries_nothing() -> None:
+    """Trees behind the start are flat, exactly."""
+    cell = serpentine(9, 60, 1)
+    netlist = rg.compile_space(space_of(cell), boundary="neumann", drive="start", start=(9, 30))
+    point = rg.solve(netlist)
+    assert 0.4 < np.mean(point.resistor_direction == 0) < 0.6
+    assert "balance" not in point.seconds
+
+
+@pytest.mark.parametrize(("stiff", "weak"), [(1e12, 1e-12), (1.0, 1e-24), (1e3, 1e3)])
+@pytest.mark.parametrize("method", ["direct", "multigrid"])
+def test_islands_between_two_rails(stiff: float, weak: float, method: str) -> None:
+    """Two complete graphs of four nodes beside each other, each tied to both rails at 5 V and 0 V."""
+    complete = [(first + i, first + j) for first in (2, 6) for i in range(4) for j in range(i)]
+    ties = [(1, 2), (0, 3), (4, 6), (5, 7), (1, 8), (0, 9)]
+    conductance = [stiff] * len(complete) + [weak] * len(ties)
+    netlist = rg.Netlist(10, complete + ties, conductance, source_nodes=[[1, 0]], source_volts=[5.0])
+    assert_right(netlist, rg.solve(netlist, method=method))
+
+
+def test_balanced_currents_in_a_chain_that_is_hardly_grounded() -> None:
+    netlist = rg.Netlist(
+        5, [[1, 2], [2, 3], [3, 4], [4, 0]], [1e12, 1e12, 1e12, 1e-12], current_nodes=[[1, 3]], current_amps=[1.0]
+    )
+    point = rg.solve(netlist)
+    np.testing.assert_allclose(point.voltage, [0.0, -2e-12, -1e-12, 0.0, 0.0], rtol=1e-6, atol=1e-18)
+    np.testing.assert_allclose(point.resistor_current, [-1.0, -1.0, 0.0, 0.0], rtol=1e-6, atol=1e-18)
+
+
+def test_sources_that_nearly_cancel_at_a_node_are_summed_exactly() -> None:
+    amps = [1e-09, 3.451341256858813e-10, -3.2800583629327586e-08, 3.145544950364485e-08]
+    chain = rg.Netlist(4, [[2, 1], [1, 0], [2, 3]], np.ones(3), current_nodes=[[0, 3]] * 4, current_amps=amps)
+    exact = float(sum(map(Fraction, amps)))
+    np.testing.assert_allclose(rg.solve(chain).resistor_current, [exact, exact, -exact], rtol=1e-12)
+
+
+def test_dead_ends_of_a_large_mesh_carry_nothing_and_leave_no_doubt() -> None:
+    """Stubs and rings on single nodes of a mesh have no current, whatever rounding leaves of their falls.
+
+    Its factors are beyond those of small circuits, and bounded errors of all others must not rest on these currents.
+    """
+    from resgrid.circuit.current_recovery import balance
+    from resgrid.circuit.equations import assemble
+
+    side, rng = 40, np.random.default_rng(0)
+    node = np.arange(side * side).reshape(side, side)
+    pairs = [*zip(node[1:].ravel(), node[:-1].ravel(), strict=True)]
+    pairs += [*zip(node[:, 1:].ravel(), node[:, :-1].ravel(), strict=True)]
+    mesh, count = len(pairs), side * side
+    for at in rng.choice(side * side, 200, replace=False).tolist():
+        pairs += [(at, count), (count, count + 1), (count + 1, at), (count + 1, count + 2)]
+        count += 3
+    netlist = rg.Netlist(
+        count, pairs, rng.uniform(0.5, 2.0, len(pairs)), source_nodes=[[side - 1, 0], [777, 0]], source_volts=[1.0, 0.5]
+    )
+    found, _ = balance(assemble(netlist))
+    assert found is not None
+    assert found.doubt < 1e-9
+    assert not np.isfinite(found.entry_error)  # not solved in integers
+    assert not found.amps[mesh:].any()
+    assert found.amps[:mesh].all()
+    point = rg.solve(netlist)
+    assert point.resistor_current == pytest.approx(found.amps, rel=1e-9)

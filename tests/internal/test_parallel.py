@@ -1,0 +1,220 @@
+"""Work over executors: the same results whoever does what, in which order, and whoever dies."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from support.executors import Shuffled, deadly_sums, dying_sums, failing_sums, slow_sums, squared, sums, two_workers
+
+import resgrid as rg
+from resgrid._internal.parallel import JobPart, in_order
+
+REAL = ["processes", "forkserver", "loky", "dask"]
+
+
+@settings(max_examples=40)
+@given(
+    st.lists(st.integers(0, 10), max_size=4), st.integers(0, 2**32), st.booleans(), st.sampled_from([sums, slow_sums])
+)
+def test_results_come_in_order_whatever_the_order_of_completion(
+    lengths: list[int], seed: int, remote: bool, function: Any
+) -> None:
+    shared = [{"offset": 100 * k, "ballast": bytes(200_000)} for k in range(len(lengths))]
+    parts = [
+        JobPart(function, value, range(k, k + n)) for k, (value, n) in enumerate(zip(shared, lengths, strict=True))
+    ]
+    expected = list(in_order(parts))
+    with Shuffled(seed, remote=remote) as executor, pytest.MonkeyPatch.context() as patch:
+        if (
+            remote
+        ):  # a clock that stands keeps the window as it begins, and what is sent does not depend on the computer
+            patch.setattr("resgrid._internal.parallel.time", SimpleNamespace(perf_counter=lambda: 0.0))
+        assert list(in_order(iter(parts), executor)) == expected
+    heavy = sum(size > 200_000 for size in executor.sizes)
+    assert heavy <= 4 * len(lengths) if remote else heavy == 0
+
+
+def test_what_items_share_goes_to_a_worker_without_its_file_about_once() -> None:
+    shared = {"offset": 1, "ballast": np.random.default_rng(0).bytes(100_000)}
+    with Shuffled(0, remote=True) as executor:
+        assert list(in_order([JobPart(slow_sums, shared, range(400))], executor)) == list(range(1, 401))
+    assert len(executor.sizes) > 10
+    assert sum(size > 100_000 for size in executor.sizes) <= 4
+
+
+@pytest.mark.parametrize("kind", REAL)
+def test_a_worker_that_dies_costs_its_tasks_only(kind: str, tmp_path: Path) -> None:
+    shared = {"offset": 5, "mark": str(tmp_path / "died")}
+    with two_workers(kind, tmp_path) as executor:
+        assert list(in_order([JobPart(dying_sums, shared, range(60))], executor)) == list(range(5, 65))
+    assert (tmp_path / "died").exists()
+
+
+@pytest.mark.parametrize("kind", REAL)
+def test_items_that_kill_every_worker_are_named(kind: str, tmp_path: Path) -> None:
+    with (
+        two_workers(kind, tmp_path) as executor,
+        pytest.raises(rg.WorkerError, match=r"over chips (\d) to (\d+) .*memory") as caught,
+    ):
+        list(in_order([JobPart(deadly_sums, {"offset": 0}, range(12), "chips")], executor))
+    words = str(caught.value).split()
+    first, last = (int(words[words.index("chips") + k]) for k in (1, 3))
+    assert first <= 7 <= last
+
+
+def test_a_task_that_dask_forgets_is_sent_again() -> None:
+    """While dask cancels tasks of a dead worker, it may unpack an answer that is none; the task's own errors count."""
+    cascade: dict[str, object] = {"__name__": "distributed.cfexecutor"}
+    exec("def fetch(result):\n    typ, exc, tb = result", cascade)
+
+    class Forgetful(ThreadPoolExecutor):
+        forgotten = False
+
+        def submit(self, function: Callable[..., Any], /, *given: Any, **options: Any) -> Future[Any]:
+            if self.forgotten:
+                return super().submit(function, *given, **options)
+            self.forgotten = True
+            return super().submit(cascade["fetch"], (1, 2))
+
+    def unpacked(_offset: object, _items: object) -> None:
+        _first, _second, _third = (1, 2)
+
+    with Forgetful(1) as executor:
+        assert list(in_order([JobPart(sums, {"offset": 1}, range(3))], executor)) == [1, 2, 3]
+        with pytest.raises(ValueError, match="to unpack"):
+            list(in_order([JobPart(unpacked, {"offset": 1}, range(3))], executor))
+
+
+def test_an_executor_that_cannot_be_made_anew_says_so() -> None:
+    def broken() -> None:
+        raise RuntimeError("no thread starts")
+
+    with (
+        ThreadPoolExecutor(1, initializer=broken) as executor,
+        pytest.raises(rg.WorkerError, match="ThreadPoolExecutor cannot be made anew"),
+    ):
+        list(in_order([JobPart(sums, {"offset": 0}, range(3))], executor))
+
+
+def test_an_executor_that_loses_its_scheduler_says_so() -> None:
+    class Closing(ThreadPoolExecutor):
+        def submit(self, *_work: Any) -> Future[Any]:
+            future: Future[Any] = Future()
+            future.cancel()
+            future.set_running_or_notify_cancel()
+            return future
+
+    with pytest.raises(rg.WorkerError, match="Closing cannot be made anew"):
+        list(in_order([JobPart(sums, {"offset": 0}, range(3))], Closing(1)))
+
+
+@pytest.mark.parametrize("threads", [True, False])
+def test_an_item_that_fails_fails_in_its_turn(threads: bool) -> None:
+    with ThreadPoolExecutor(2) if threads else Shuffled(0) as executor:
+        results = in_order([JobPart(failing_sums, {"offset": 0}, range(20))], executor)
+        seen = []
+        with pytest.raises(ValueError, match="item 7"):
+            for result in results:
+                seen.append(result)
+    assert seen == list(range(len(seen))) and len(seen) <= 7
+
+
+def test_what_has_not_begun_is_cancelled() -> None:
+    began = []
+
+    def work(_shared: None, items: Any) -> list[int]:
+        began.extend(items)
+        time.sleep(0.02)
+        return list(items)
+
+    with ThreadPoolExecutor(1) as executor:
+        results = in_order([JobPart(work, None, range(10_000))], executor)
+        assert next(results) == 0
+        results.close()
+    assert len(began) < 100
+
+
+@pytest.mark.parametrize("dying", [0, 1])
+def test_a_pool_ends_though_a_worker_dies_meanwhile(dying: int) -> None:
+    """One of two idle workers holds the lock of their queue, and the pool no longer looks who lives."""
+    opened = rg.open_executor("processes:2")
+    executor: Any = opened.__enter__()
+    assert list(executor.map(slow_sums, [{"offset": 0}] * 4, [[k] for k in range(4)])) == [[0], [1], [2], [3]]
+    time.sleep(0.2)
+    workers = list(executor._processes)
+    for worker in workers:
+        os.kill(worker, signal.SIGSTOP)
+    ending = threading.Thread(target=opened.__exit__, args=(None, None, None), daemon=True)
+    ending.start()
+    time.sleep(0.3)
+    os.kill(workers[dying], signal.SIGKILL)
+    os.kill(workers[1 - dying], signal.SIGCONT)
+    ending.join(300)
+    assert not ending.is_alive()
+
+
+def test_an_executor_that_cannot_cancel_can_be_left_early() -> None:
+    class Uncancelled(Future[Any]):  # as those of parsl
+        def cancel(self) -> bool:
+            raise NotImplementedError("Cancel not implemented")
+
+    class Stubborn(ThreadPoolExecutor):
+        def submit(self, *work: Any) -> Future[Any]:
+            future, inner = Uncancelled(), super().submit(*work)
+            inner.add_done_callback(lambda done: future.set_result(done.result()))
+            return future
+
+    with Stubborn(1) as executor:
+        results = in_order([JobPart(sums, {"offset": 0}, range(100))], executor)
+        assert next(results) == 0
+        results.close()
+
+
+def test_the_window_grows_until_all_workers_have_something_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A task that took about as long as its worker computed did not wait, so more may be sent."""
+    most = 0
+
+    class Instant(Executor):
+        def submit(self, _do: Any, _function: Any, _shared: Any, items: Any) -> Future[Any]:
+            future: Future[Any] = Future()
+            future.set_result((list(items), 1000.0))
+            return future
+
+    def first(flying: dict[Future[Any], Any], return_when: str) -> Any:
+        nonlocal most
+        most = max(most, len(flying))
+        return SimpleNamespace(done={next(iter(flying))})
+
+    monkeypatch.setattr("resgrid._internal.parallel.wait", first)
+    assert list(in_order([JobPart(sums, {"offset": 0}, range(200))], Instant())) == list(range(200))
+    assert most >= 20
+
+
+def test_many_scenes_and_many_starts(scenes: Path) -> None:
+    maps = [rg.read_scene(scenes / name) for name in ("lesson.toml", "rooms.toml")]
+    planners = list(rg.spread(rg.plan, maps))
+    starts = planners[1].space.centre(np.argwhere(planners[1].space.goal_connected)[::500])
+    here = [planners[1].path(start).length for start in starts]
+    with rg.open_executor("processes:1") as executor:
+        shapes = [planner.space.shape for planner in rg.spread(rg.plan, maps, executor=executor)]
+        there = [path.length for path in rg.spread(_path, starts, planners[1], executor=executor)]
+        assert list(rg.spread(squared, [1, 2, 3], 10, executor=executor)) == [11, 14, 19]
+        with pytest.raises(rg.InputError, match="cannot be sent to workers"):
+            list(rg.spread(squared, [1], lambda: 0, executor=executor))
+    assert shapes == [planner.space.shape for planner in planners]
+    assert there == here
+
+
+def _path(start: Any, planner: Any) -> Any:
+    return planner.path(start)

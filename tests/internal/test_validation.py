@@ -1,0 +1,201 @@
+"""Whatever `resgrid` offers refuses what it cannot take, with one message that names the argument."""
+
+from __future__ import annotations
+
+import pickle
+import types
+from contextlib import suppress
+from inspect import Parameter, isabstract, signature, unwrap
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import pytest
+from annotated_types import Gt
+from matplotlib.figure import Figure
+
+import resgrid as rg
+from resgrid._internal.validation import TypeCheck, kind_of, kinds_of
+from resgrid.control.simulation import Simulation
+from resgrid.errors import InputError
+from resgrid.planning.planner import Planner
+
+FUNCTIONS = [name for name in rg.__all__ if isinstance(getattr(rg, name), types.FunctionType)]
+WRONG: dict[str, Any] = {
+    "None": None,
+    "text": "chair.toml",
+    "path": Path("chair.toml"),
+    "list": [object()],
+    "scene": object.__new__(rg.Scene),
+    "planner": object.__new__(Planner),
+    "nan": float("nan"),
+    "true": True,
+    "class": rg.Scene,
+    "object": object(),
+}
+
+
+CLASSES = [
+    value
+    for value in (*(getattr(rg, name) for name in rg.__all__), Planner, Simulation)
+    if isinstance(value, type) and not isabstract(value)
+]
+PLAIN = (1.0, 1, "auto", None, (1.0, 1.0), [], {}, print, [1], [("a", [])], ("a", []), True)
+
+
+def fitting(kind: TypeCheck) -> Any:
+    """Something of a kind; an empty shell where it is a class."""
+    shells = (object.__new__(one) for one in CLASSES if not issubclass(one, BaseException | str | int))
+    return next(value for value in (*PLAIN, rg.PointRobot(), rg.Frame(), Figure(), *shells) if kind.accepts(value))
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_an_argument_of_the_wrong_type_is_refused_by_name(name: str) -> None:
+    """Made from all public names, so that a new function is covered; nothing is computed, for types come first."""
+    function = getattr(rg, name)
+    kinds = kinds_of(function.__wrapped__)
+    given: dict[str, Any] = {}
+    for parameter in signature(function).parameters.values():
+        if parameter.kind in (Parameter.VAR_KEYWORD, Parameter.VAR_POSITIONAL):
+            continue
+        assert parameter.name in kinds, f"{name}({parameter.name}) needs a type"
+        kind = kinds[parameter.name]
+        for label, wrong in WRONG.items():
+            if kind.accepts(wrong):
+                continue
+            with pytest.raises(InputError) as caught:
+                function(**given, **{parameter.name: wrong})
+            assert str(caught.value).startswith((f"{parameter.name} = ", f"{parameter.name}[0] = ")), label
+            assert " must be " in str(caught.value), label
+        if parameter.default is Parameter.empty:
+            given[parameter.name] = fitting(kind)
+
+
+def test_the_obvious_mistakes_say_what_to_pass() -> None:
+    scene = object.__new__(rg.Scene)
+    planner = object.__new__(Planner)
+    for call, words in (
+        (lambda: rg.simulation("chair.toml"), ("scene = 'chair.toml'", "rg.read_scene(file)")),
+        (lambda: rg.solve(scene), ("netlist = <a Scene>", "rg.compile_space(space)")),
+        (lambda: rg.streamline(planner, (0, 0)), ("field = <a Planner>", "rg.plan(scene).field")),
+        (lambda: rg.make_controller(planner), ("field = <a Planner>", "rg.plan(scene).field")),
+    ):
+        with pytest.raises(InputError) as caught:
+            call()
+        assert all(word in str(caught.value) for word in words), caught.value
+
+
+def test_numbers_of_every_kind_are_numbers() -> None:
+    for hint, right, wrong in (
+        (float, (0.4, 1, np.float32(0.4), np.int64(1), np.inf), (True, np.nan, "1", 1j, [1.0], None)),
+        (int, (1, np.int8(1)), (True, 1.0, "1", np.float64(1), None)),
+        (bool, (True, np.bool_(0)), (0, 1, None, "true")),
+    ):
+        assert all(map(kind_of(hint).accepts, right)), hint
+        assert not any(map(kind_of(hint).accepts, wrong)), hint
+
+
+def test_a_public_function_keeps_its_name_its_signature_and_its_pickle() -> None:
+    for name in FUNCTIONS:
+        function = getattr(rg, name)
+        assert pickle.loads(pickle.dumps(function)) is function
+        assert function.__name__ == name == function.__qualname__
+        assert function.__doc__ == function.__wrapped__.__doc__
+
+
+def test_a_name_that_is_not_there_is_told_its_neighbour() -> None:
+    with pytest.raises(AttributeError, match="did you mean 'streamline'"):
+        rg.streamlin  # noqa: B018
+
+
+def test_values_that_no_array_holds_and_names_that_name_nothing_are_refused(tmp_path: Path) -> None:
+    space = rg.sample(rg.read_scene(Path(__file__).parents[2] / "examples/scenes/lesson.toml"))
+    netlist = rg.compile_space(space)
+    for call in (
+        lambda: rg.compile_space(space, resistance=10**400),
+        lambda: rg.compile_space(space, resistance=1e-320),
+        lambda: rg.compile_space(space, start=np.array(3.0)),
+        lambda: rg.build_chip(netlist, [[]]),
+        lambda: rg.chip.effects.to_json({"a": 1}),
+        lambda: rg.write_spice(netlist, ""),
+        lambda: rg.random_pushes(-1, 2, until=1.0, size=1.0, duration=0.1),
+        lambda: rg.random_pushes(0, 0, until=1.0, size=1.0, duration=0.1),
+        lambda: rg.random_pushes(0, 2, until=np.inf, size=1.0, duration=0.1),
+        lambda: rg.draw(rg.separation(space, (0.5, 6.5)), virtual=np.zeros((8, 8))),
+        lambda: rg.draw_velocities(rg.plan(space).field, (0.7, 6.0), force=(np.inf, 0.0), admittance=np.eye(2)),
+        lambda: rg.field(None),
+        lambda: rg.Polyline([(0.5, 6.5)], None),
+        lambda: rg.Polyline(10**400, space),
+        lambda: rg.WarmStart(space),
+        lambda: rg.analyses.Measure("rise", "a", "crossing", at=np.inf),
+        lambda: rg.Box(np.array([np.inf, 0.0]), np.array([1.0, 1.0])),
+    ):
+        with pytest.raises(InputError):
+            call()
+    one = rg.study(netlist).noise_density([1], np.float32(0.5))
+    np.testing.assert_array_equal(one, rg.study(netlist).noise_density([1], 0.5))
+
+
+RECORDS: dict[Any, dict[str, Any]] = {
+    rg.Axis: {"name": "x", "lower": 0.0, "upper": 1.0, "cells": 2},
+    rg.Frame: {},
+    rg.PointRobot: {},
+    rg.DiscRobot: {"radius": 0.1},
+    rg.PolygonRobot: {"vertices": ((0, 0), (1, 0), (0, 1))},
+    rg.Arm: {"lengths": (1.0, 1.0), "widths": (0.0, 0.0), "limits": (None, None)},
+    rg.Box: {"lower": (0.0, 0.0), "upper": (1.0, 1.0)},
+    rg.Ball: {"centre": (0.0, 0.0), "radius": 1.0},
+    rg.Polygon: {"vertices": ((0, 0), (1, 0), (0, 1))},
+    rg.HalfSpace: {"normal": (1.0, 0.0), "offset": 0.0},
+    rg.GoalPoint: {"point": (1.0, 1.0)},
+    rg.GoalCell: {"cell": (1, 1)},
+    rg.GoalJoints: {"lower": (0.0, 0.0), "upper": (1.0, 1.0)},
+    rg.Push: {"start": 0.0, "duration": 1.0, "force": (1.0, 1.0)},
+    rg.analyses.TransientAnalysis: {"stop": 1.0, "step": 0.1},
+    rg.analyses.NoiseAnalysis: {"node": "a"},
+    rg.analyses.TemperatureAnalysis: {"celsius": (27.0,)},
+    rg.analyses.MismatchAnalysis: {"sigma": 0.1},
+    rg.analyses.Probe: {"nodes": ("a",)},
+    rg.analyses.Measure: {"name": "rise", "node": "a", "what": "crossing", "at": 0.5},
+}
+
+
+@pytest.mark.parametrize("record", RECORDS, ids=lambda record: record.__name__)
+def test_a_value_is_not_made_of_the_wrong_types(record: Any) -> None:
+    right = RECORDS[record]
+    record(**right)
+    for name in signature(record).parameters:
+        accepts = kinds_of(unwrap(record.__init__))[name].accepts
+        for wrong in (*WRONG.values(), 10**400, ["a", 1], []):
+            if not accepts(wrong):
+                with pytest.raises(InputError, match=name):
+                    record(**{**right, name: wrong})
+            elif wrong is not None:
+                with suppress(InputError):  # of the right type, and perhaps not of the right value
+                    record(**{**right, name: wrong})
+    single = {key: np.float32(value) if isinstance(value, float) else value for key, value in right.items()}
+    record(**single)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: rg.Frame(x=np.inf), "x = inf"),
+        (lambda: rg.Frame(yaw=-np.inf), "yaw = -inf"),
+        (lambda: rg.GoalPoint((0.0, np.inf)), r"point\[1\] = inf"),
+        (lambda: rg.Ball((0.0, 1e61), 1.0), r"centre\[1\] = 1e\+61"),
+        (lambda: rg.Ball((0.0, 0.0), -1.0), "radius = -1.0 must be a finite number at least 0"),
+        (lambda: rg.DiscRobot(0.0), "radius = 0.0 must be a finite number above 0"),
+        (lambda: rg.CostArea(rg.Box((0.0,), (1.0,)), -1.0), "conductivity = -1.0 must be a finite number above 0"),
+        (
+            lambda: rg.Arm((1.0, 1.0), singularity_width=4.0),
+            "singularity_width = 4.0 must be .* below 3.14159, or None",
+        ),
+        (lambda: rg.Wiring("dirichlett"), "boundary = 'dirichlett' must be 'dirichlet' or 'neumann' or 'wall'"),
+        (lambda: rg.GoalCell((10**5000,)), r"cell\[0\] = a number of absurd length"),
+    ],
+)
+def test_limits_stand_in_annotations_and_are_kept(make: Any, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        make()
+    assert kind_of(Annotated[float, Gt(0)]).accepts(np.float32(1.0))

@@ -1,0 +1,46 @@
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import pytest
+from playwright.sync_api import Browser, Page, sync_playwright
+from support.pages import OPTIONS, browser_program, settle
+
+from resgrid.live_page import LivePage, live
+from resgrid.live_page.drawing import blank
+from resgrid.live_page.solving import solve_drawing
+
+
+@pytest.fixture(scope="module")
+def served() -> Iterator[LivePage]:
+    """A page with an empty square; its loops are compiled already."""
+    for exact in (True, False):
+        for k in (0.0, 1.0):
+            solve_drawing(replace(blank(), k=k), exact=exact)
+    with live(browser=False) as page:
+        yield page
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Browser]:
+    """A browser."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=browser_program(), args=OPTIONS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def shown(served: LivePage, chromium: Browser) -> Iterator[Page]:
+    """The page in a browser of its own, solved; no error may come to its console."""
+    context = chromium.new_context(viewport={"width": 1280, "height": 720})
+    page = context.new_page()
+    wrong: list[str] = []
+    page.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    page.goto(f"{served.url}?tour=0")
+    settle(page)
+    yield page
+    context.close()
+    assert not wrong

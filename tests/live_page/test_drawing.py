@@ -1,0 +1,220 @@
+"""A drawing and the scene that says the same."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+from hypothesis.extra.numpy import arrays
+
+import resgrid as rg
+from resgrid.live_page.drawing import Drawing, blank, boxes, drawing_of, drawing_of_space, is_same_circuit
+from resgrid.live_page.frames import describe
+from resgrid.live_page.messages import DrawingHead, read_drawing, write_drawing
+from resgrid.live_page.opening import examples, open_example
+from resgrid.live_page.saving import save
+from resgrid.live_page.solving import WarmFields, solve_drawing
+
+
+def same(one: Drawing, other: Drawing) -> None:
+    for name in ("axes", "edge", "k", "wall", "driven", "title", "palette"):
+        assert getattr(one, name) == getattr(other, name), name
+    for name in ("cell", "level"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    np.testing.assert_allclose(one.starts, other.starts)
+
+
+@given(arrays(bool, st.tuples(st.integers(1, 9), st.integers(1, 9))))
+def test_boxes_cover_every_cell_once(mask):
+    covered = np.zeros(mask.shape, dtype=int)
+    for (i, j), (i_end, j_end) in boxes(mask):
+        covered[i:i_end, j:j_end] += 1
+    np.testing.assert_array_equal(covered, mask)
+
+
+@pytest.mark.parametrize("name", examples())
+def test_an_example_is_the_same_scene_after_it_was_saved(name, tmp_path):
+    drawing = drawing_of(open_example(name))
+    file = tmp_path / "scene.toml"
+    file.write_bytes(save(drawing, "toml")[1])
+    same(drawing_of(rg.read_scene(file)), drawing)
+
+
+@pytest.mark.parametrize("name", examples())
+def test_the_page_and_the_command_line_follow_the_same_path(name, tmp_path):
+    """A path goes on to the point that solves the goal, on the page, in the file that it saves, and in the scene."""
+    scene = open_example(name)
+    if scene.drive == "start":
+        return
+    drawing = replace(drawing_of(scene), k=0.0)
+    head, body = write_drawing(drawing)
+    shown = solve_drawing(read_drawing(DrawingHead.model_validate(head["drawing"]), body), exact=True).paths
+    file = tmp_path / "scene.toml"
+    file.write_bytes(save(drawing, "toml")[1])
+    own, saved = (rg.plan(each, k=0.0).paths() for each in (scene, rg.read_scene(file)))
+    assert [path.outcome for path in shown] == [path.outcome for path in own] == [path.outcome for path in saved]
+    for others in (own, saved):
+        np.testing.assert_allclose([path.length for path in shown], [path.length for path in others], rtol=1e-8)
+        for path, other in zip(shown, others, strict=True):
+            np.testing.assert_allclose(
+                path.axis_points, other.axis_points, rtol=0, atol=1e-8 * path.space.spacing.max()
+            )
+
+
+def test_a_goal_that_is_painted_over_keeps_the_points_of_its_other_cells():
+    drawing = drawing_of(open_example("rooms"))
+    numbers = [number for number, *_ in drawing.goal_points]
+    assert numbers == np.flatnonzero(drawing.cell == rg.Cell.GOAL).tolist()
+    cell = drawing.cell.copy()
+    cell.flat[numbers[::2]] = rg.Cell.FREE
+    head, body = write_drawing(replace(drawing, cell=cell))
+    assert [number for number, *_ in read_drawing(DrawingHead.model_validate(head["drawing"]), body).goal_points] == (
+        numbers[1::2]
+    )
+
+
+def test_there_are_examples_and_each_is_a_plane():
+    assert {"rooms", "lesson", "ring"} <= set(examples())
+    assert "voxels" not in examples()
+
+
+@given(arrays(np.uint8, (7, 5), elements=st.integers(0, 2)), arrays(np.uint8, (7, 5), elements=st.integers(0, 2)))
+def test_any_drawing_is_the_same_scene_after_it_was_saved_or_sent(cell, level):
+    axes = (rg.Axis("x", -1.0, 2.5, 7, unit="m"), rg.Axis("a", 0.0, 6.0, 5, periodic=True, unit="rad"))
+    starts = np.array([[0.1, 0.2]])
+    palette = (1.0, 0.1, 3.0)
+    drawing = Drawing("any", axes, ("open", "periodic"), cell, level, palette, starts, k=0.25, wall=2e4)
+    head, body = write_drawing(drawing)
+    same(read_drawing(DrawingHead.model_validate(head["drawing"]), body), drawing)
+    if (cell == 2).any():
+        again = drawing_of(drawing.scene())
+        np.testing.assert_array_equal(again.cell, cell)
+        costs = np.array(palette)
+        np.testing.assert_array_equal(np.array(again.palette)[again.level], costs[level])
+        assert (again.k, again.wall, again.edge) == (0.25, 2e4, ("open", "periodic"))
+
+
+def test_a_drawing_is_solved_as_its_scene():
+    drawing = blank(24)
+    cell = drawing.cell.copy()
+    cell[10, 3:20] = 1
+    for changes in ({}, {"k": 0.0}, {"k": 0.5}, {"wall": 3e4}, {"driven": True, "k": 0.0}):
+        changed = replace(drawing, cell=cell, **changes)
+        frame = solve_drawing(changed, exact=True)
+        scene = changed.scene()
+        if changed.driven:
+            assert scene.drive == "start" and scene.boundary == "neumann"
+            continue
+        path = rg.plan(scene).path(scene.starts[0])
+        np.testing.assert_array_equal(frame.paths[0].cells, path.cells)
+        np.testing.assert_allclose(frame.paths[0].points, path.points)
+
+
+def test_a_hasty_frame_claims_nothing_that_was_not_certified():
+    drawing = blank(48)
+    hasty = solve_drawing(drawing, exact=False)
+    assert not hasty.exact
+    assert hasty.field.space.shape == (48, 48)
+
+
+@pytest.mark.parametrize(("k", "wall"), [(0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (1.0, 1e4)])
+def test_while_somebody_draws_fields_are_those_of_the_circuit(k, wall):
+    drawing, warm = replace(blank(64), k=k, wall=wall), WarmFields()
+    cell = drawing.cell.copy()
+    for column in range(20, 40, 4):
+        cell[column : column + 4, 30] = 1
+        changed = replace(drawing, cell=cell.copy())
+        frame, plain = (solve_drawing(changed, exact=False, warm=start) for start in (warm, None))
+        assert not frame.exact and not frame.solution.operating_points
+        shown = changed.space.goal_connected
+        np.testing.assert_allclose(frame.field.potential[shown], plain.field.potential[shown], atol=1e-4)
+        head, body = describe(frame)
+        expected, _ = describe(plain)
+        assert [len(part) for part in body][1:] == [2 * cell.size, 4 * cell.size, cell.size]
+        assert head["scale"]["kind"] == expected["scale"]["kind"] == ("decades" if k else "height")
+
+
+def test_where_nothing_can_be_solved_in_haste_the_plain_way_is_taken():
+    drawing = replace(blank(8), edge=("open", "open"), k=0.5)  # whose Dirichlet half is flat
+    frame = solve_drawing(drawing, exact=False, warm=WarmFields())
+    assert frame.solution.flat == ("dirichlet",)
+
+
+@pytest.mark.parametrize("k", [0.0, 0.5, 1.0])
+def test_a_broken_resistor_carries_nothing_and_the_path_goes_round(k):
+    drawing = replace(blank(16), k=k)
+    path = solve_drawing(drawing, exact=True).paths[0]
+    before, after = path.cells[3], path.cells[4]
+    axis = int(np.flatnonzero(before != after)[0])
+    face = (*np.maximum(before, after).tolist(), axis)
+    frame = solve_drawing(replace(drawing, broken=(face,)), exact=True)
+    assert frame.field.face_direction[axis][face[:2]] == 0
+    cells = frame.paths[0].cells.tolist()
+    assert frame.paths[0].outcome is rg.Outcome.REACHED
+    assert (before.tolist(), after.tolist()) not in list(pairwise(cells))
+
+
+def test_a_resistor_on_a_seam_is_one():
+    axes = (rg.Axis("a", 0.0, 8.0, 8, periodic=True), rg.Axis("b", 0.0, 4.0, 4))
+    cell = np.zeros((8, 4), np.uint8)
+    cell[4, 2] = 2
+    drawing = Drawing("ring", axes, ("periodic", "obstacle"), cell, 0 * cell, (1.0,), np.empty((0, 2)))
+    faces = [solve_drawing(replace(drawing, broken=((i, 1, 0),)), exact=True).field.face_direction[0] for i in (0, 8)]
+    np.testing.assert_array_equal(*faces)
+    assert faces[0][0, 1] == faces[0][8, 1] == 0
+
+
+def test_the_number_of_a_chip_draws_its_mismatch():
+    drawing = blank(16)
+    fields = [
+        solve_drawing(replace(drawing, chip={"mismatch": 0.2, "seed": seed}), exact=True).field.potential
+        for seed in (1, 1, 2)
+    ]
+    np.testing.assert_array_equal(fields[0], fields[1])
+    assert not np.array_equal(fields[0], fields[2])
+
+
+def test_what_cannot_be_drawn_is_refused(scenes: Path):
+    with pytest.raises(rg.InputError, match="3 axes"):
+        drawing_of(rg.read_scene(scenes / "voxels.toml"))
+    with pytest.raises(rg.InputError, match="too many to draw"):
+        drawing_of(rg.Scene([rg.Axis("x", 0, 1, 40000), rg.Axis("y", 0, 1, 40000)]))
+    with pytest.raises(rg.InputError, match="1 axes"):
+        drawing_of_space(rg.ConfigurationSpace([rg.Axis("x", 0, 1, 3)], [0, 1, 2]))
+    with pytest.raises(rg.InputError, match="no goal"):
+        solve_drawing(replace(blank(8), cell=np.zeros((8, 8), np.uint8)), exact=True)
+
+
+@pytest.mark.parametrize(
+    ("values", "shown"), [([0, 0.5, 1], 1.0), ([0.98, 0.5, 1], 0.98), ([0], 0.0), ([0.3], 0.3), ([], 1.0)]
+)
+def test_a_scene_opens_with_obstacles_on_their_rail_where_it_offers_that(
+    scenes: Path, values: list[float], shown: float
+) -> None:
+    scene = rg.read_scene(scenes / "lesson.toml", **({"k": values} if values else {}))
+    assert drawing_of(scene).k == shown
+
+
+def test_drawings_of_one_circuit_are_known() -> None:
+    first = blank(12)
+    walled = first.cell.copy()
+    walled[3, 3] = rg.Cell.OBSTACLE
+    alike = [
+        replace(first, title="Other"),
+        replace(first, starts=first.starts + 1.0),
+        replace(first, palette=(1.0, 0.1)),
+    ]
+    other = [
+        replace(first, cell=walled), replace(first, k=0.5), replace(first, wall=10.0),
+        replace(first, broken=((2, 2, 0),)),
+        replace(first, chip={"resistance": 5.0}), replace(first, level=first.level + np.uint8(1), palette=(1.0, 0.1)),
+        blank(13), replace(first, edge=("open", "obstacle")),
+    ]  # fmt: skip
+    assert all(is_same_circuit(first, drawing) for drawing in alike)
+    assert not any(is_same_circuit(first, drawing) for drawing in other)
+    driven = replace(first, driven=True, k=0.0)
+    assert not is_same_circuit(driven, replace(driven, starts=driven.starts + 1.0))

@@ -1,0 +1,58 @@
+"""``resgrid live`` at the terminal."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from support.cli import COMMAND, call
+from support.pages import PATIENCE
+from websockets.sync.client import connect
+
+import resgrid as rg
+
+
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
+def test_it_says_where_the_page_is_until_it_is_ended(end):
+    options = ["live", "--no-browser", "--port", "0"]
+    with subprocess.Popen([*COMMAND, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith("the page is at http://127.0.0.1:")
+        process.send_signal(end)
+        _, complaints = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, complaints) == (0, "")
+
+
+def test_it_ends_while_requests_are_being_answered():
+    program = (
+        "import time\nfrom resgrid.live_page.session import Session\nfrom resgrid.cli import main\n"
+        "Session.answer = lambda session, message: time.sleep(600)\nmain(prog_name='resgrid')\n"
+    )
+    words = [sys.executable, "-c", program, "live", "--no-browser", "--port", "0", "--json"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        head = "".join(iter(process.stdout.readline, "}\n")) + "}"
+        address = json.loads(head)["url"]
+        with connect(address.replace("http", "ws") + "ws", origin=address.rstrip("/")) as socket:
+            socket.recv(timeout=PATIENCE)
+            socket.send(b"anything")
+            time.sleep(0.2)
+            process.send_signal(signal.SIGINT)
+            _, complaints = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, complaints) == (0, "")
+
+
+def test_what_is_no_plane_is_refused(scenes):
+    result = call("live", scenes / "voxels.toml", "--no-browser")
+    assert result.exit_code == 2 and "3 axes" in result.stderr
+
+
+def test_without_its_extra_it_says_what_to_type(monkeypatch):
+    monkeypatch.setitem(sys.modules, "uvicorn", None)
+    with pytest.raises(rg.ToolMissingError, match=r"-m pip install .*starlette.*uvicorn.*websockets"):
+        rg.live(browser=False)
+    assert call("live", "--no-browser").exit_code == 3

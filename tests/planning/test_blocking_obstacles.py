@@ -1,0 +1,212 @@
+from itertools import combinations, product
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings, strategies as st
+from support.spaces import space_of, spaces
+from support.verdicts import check_verdicts
+
+import resgrid as rg
+from resgrid.circuit.solve import solve
+from resgrid.core.compiler import compile_space
+from resgrid.core.regions import label_regions
+from resgrid.core.space import ConfigurationSpace
+from resgrid.errors import CircuitError, InputError
+from resgrid.planning.blocking_obstacles import separation
+from resgrid.planning.fields import Field
+from resgrid.planning.streamline import Outcome
+from resgrid.planning.trace import streamline
+
+Index = tuple[int, ...]
+
+
+def flood(mask: np.ndarray, periodic: np.ndarray, start: Index, corners: bool) -> set[Index]:
+    """Cells of a mask that hang together with one of them, by walking from cell to cell."""
+    steps = [s for s in product((-1, 0, 1), repeat=mask.ndim) if any(s) and (corners or np.abs(s).sum() == 1)]
+    found, waiting = {start}, [start]
+    while waiting:
+        cell = waiting.pop()
+        for step in steps:
+            near = [i + d for i, d in zip(cell, step, strict=True)]
+            near = [i % n if ring else i for i, n, ring in zip(near, mask.shape, periodic, strict=True)]
+            there = tuple(near)
+            inside = all(0 <= i < n for i, n in zip(there, mask.shape, strict=True))
+            if inside and mask[there] and there not in found:
+                found.add(there)
+                waiting.append(there)
+    return found
+
+
+def groups_of(mask: np.ndarray, periodic: np.ndarray) -> list[set[Index]]:
+    groups: list[set[Index]] = []
+    for cell in map(tuple, np.argwhere(mask).tolist()):
+        if not any(cell in group for group in groups):
+            groups.append(flood(mask, periodic, cell, corners=True))
+    return groups
+
+
+def opens(space: ConfigurationSpace, groups: list[set[Index]], start: Index, goal: int) -> bool:
+    passable = space.cell != 1
+    for group in groups:
+        for cell in group:
+            passable[cell] = True
+    if not passable[start]:
+        return False
+    return any(space.goal_region[cell] == goal for cell in flood(passable, space.periodic, start, corners=False))
+
+
+@settings(max_examples=100)
+@given(spaces(max_cells=7, conductive=False), st.integers(0, 2**32 - 1))
+def test_the_least_set_is_what_trying_all_sets_finds(space: ConfigurationSpace, seed: int) -> None:
+    start = tuple(np.argwhere(space.cell < 2)[seed % int((space.cell < 2).sum())].tolist())
+    found = separation(space, cell=start)
+    groups = groups_of(space.cell == 1, space.periodic)
+    assume(len(groups) < 9)
+    label = np.full(space.shape, -1)
+    for number, group in enumerate(groups):
+        label[tuple(np.array(sorted(group)).T)] = number
+    np.testing.assert_array_equal(found.barriers.label, label)
+    for goal, item in enumerate(found.obstructions):
+        sets = (s for n in range(len(groups) + 1) for s in combinations(range(len(groups)), n))
+        least = next(s for s in sets if opens(space, [groups[g] for g in s], start, goal))
+        assert len(item.least) == len(least)
+        assert opens(space, [groups[g] for g in item.least], start, goal)
+        if len(least) == 1:
+            alone = [g for g in range(len(groups)) if opens(space, [groups[g]], start, goal)]
+            assert list(item.alone) == alone and item.least[0] in alone
+        else:
+            assert item.alone == ()
+    reached = flood(space.cell != 1, space.periodic, start, corners=False) if space.cell[start] != 1 else set()
+    assert set(map(tuple, np.argwhere(found.region).tolist())) == reached
+    assert (found.outcome is Outcome.REACHED) == any(space.cell[c] == 2 for c in reached)
+    assert (found.separating == ()) == (found.outcome is Outcome.REACHED)
+    assert all(found.barriers.mask(g)[tuple(np.array(sorted(groups[g])).T)].all() for g in found.bounding)
+
+
+@settings(max_examples=60)
+@given(st.integers(1, 3), st.integers(0, 2**32 - 1))
+def test_groups_meet_at_corners_and_across_seams(ndim: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    mask = rng.random(tuple(rng.integers(1, 7, ndim))) < 0.35
+    periodic = rng.random(ndim) < 0.5
+    found = label_regions(mask, periodic, corners=True) - 1
+    for number, group in enumerate(groups_of(mask, periodic)):
+        assert set(map(tuple, np.argwhere(found == number).tolist())) == group
+    assert np.array_equal(found >= 0, mask)
+
+
+def test_a_diagonal_wall_is_one_obstacle() -> None:
+    found = separation(space_of(np.eye(6) + np.pad([[2.0]], ((0, 5), (5, 0)))), cell=(5, 0))
+    assert found.outcome is Outcome.NO_PATH and found.edge
+    assert found.separating == (0,) and found.obstructions[0].alone == (0,)
+    np.testing.assert_array_equal(found.mask, np.eye(6, dtype=bool))
+
+
+def test_nested_rings_and_two_goals() -> None:
+    """A start inside two rings: one goal between them needs one ring to go, the other needs both."""
+    cell = np.zeros((11, 11))
+    cell[1:10, 1:10], cell[2:9, 2:9] = 1, 0
+    cell[3:8, 3:8], cell[4:7, 4:7] = 1, 0
+    cell[2, 2], cell[0, 0] = 2, 2
+    found = separation(space_of(cell), (5.5, 5.5))
+    outside, between = found.obstructions
+    assert outside.goal == 0 and outside.least == (1, 0) and outside.alone == ()
+    assert between.goal == 1 and between.least == (1,) and between.alone == (1,)
+    assert found.outcome is Outcome.NO_PATH and found.separating == (1,) and not found.edge
+    assert found.mask.sum() == 16
+
+
+def test_on_a_ring_either_of_two_walls_would_do() -> None:
+    cell = np.zeros((12, 4))
+    cell[2], cell[7] = 1, 1
+    cell[4, 1] = 2
+    space = space_of(cell, periodic=(True, False))
+    found = separation(space, cell=(0, 0))
+    assert found.outcome is Outcome.NO_PATH
+    assert found.obstructions[0].alone == (0, 1) and found.bounding == (0, 1)
+    assert len(found.separating) == 1
+
+
+def test_virtual_obstacles_are_told_apart() -> None:
+    """A real block in the middle of a strip: the strip's two ends are groups of their own, and each opens a way."""
+    cell = np.zeros((7, 9))
+    cell[3] = 1
+    cell[6, 4] = 2
+    strip = np.zeros((7, 9), dtype=bool)
+    strip[3, :3], strip[3, 6:] = True, True
+    found = separation(space_of(cell), cell=(0, 4), virtual=strip)
+    assert found.barriers.virtual.tolist() == [False, True, True]
+    assert found.obstructions[0].alone == (0, 1, 2)
+    assert len(found.separating) == 1
+    crossed = np.array([[0, 1, 1], [1, 1, 1], [1, 1, 2]])
+    diagonal = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]], dtype=bool)
+    found = separation(space_of(crossed), cell=(0, 0), virtual=diagonal)
+    assert found.obstructions[0].alone == ()
+    assert set(found.separating) == {0, 1}
+
+
+def test_a_start_in_an_obstacle_is_separated_by_it() -> None:
+    found = separation(space_of([[0, 1, 1, 0, 2]]), cell=(0, 1))
+    assert found.outcome is Outcome.START_BLOCKED
+    assert found.separating == (0,) and not found.region.any() and found.bounding == ()
+
+
+def test_enclosed_goals_and_free_starts() -> None:
+    closed = separation(space_of([[0, 1, 2]]), cell=(0, 0))
+    assert closed.outcome is Outcome.GOAL_BLOCKED and closed.separating == (0,)
+    free = separation(space_of([[0, 0, 2]]), cell=(0, 0))
+    assert free.outcome is Outcome.REACHED and free.separating == () and not free.mask.any()
+    at_goal = separation(space_of([[0, 1, 2]]), cell=(0, 2))
+    assert at_goal.outcome is Outcome.REACHED
+
+
+def test_wrong_questions_are_refused() -> None:
+    space = space_of([[0, 1, 2]])
+    with pytest.raises(InputError, match="outside the grid"):
+        separation(space, (9.0, 0.0))
+    with pytest.raises(InputError, match="either"):
+        separation(space)
+    with pytest.raises(InputError, match="virtual must be"):
+        separation(space, cell=(0, 0), virtual=np.zeros((1, 2), dtype=bool))
+    with pytest.raises(InputError, match="no goal cell"):
+        separation(space_of([[0, 1, 0]]), cell=(0, 0))
+
+
+def solved(space: ConfigurationSpace, **options: object) -> Field:
+    try:
+        return rg.field(solve(compile_space(space, resistance=1.0, **options)))
+    except CircuitError:
+        assume(False)
+        raise
+
+
+@settings(max_examples=80)
+@given(
+    spaces(),
+    st.sampled_from([{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 2.0}, {"edge": "open"}]),
+)
+def test_connectivity_field_and_current_agree(space: ConfigurationSpace, options: dict[str, object]) -> None:
+    field = solved(space, **options)
+    check_verdicts(field)
+    for cell in np.argwhere(space.cell == 0)[:20].tolist():
+        found = separation(space, cell=cell)
+        path = streamline(field, cell=cell)
+        assert (found.outcome is Outcome.REACHED) == (path.outcome in {Outcome.REACHED, Outcome.NO_CURRENT})
+        if found.outcome is not Outcome.REACHED:
+            assert found.outcome is path.outcome
+
+
+def test_a_field_that_disagrees_is_found() -> None:
+    cell = np.zeros((5, 5))
+    cell[:, 2], cell[2, 4] = 1, 2
+    space = space_of(cell)
+    field = solved(space)
+    other = np.array(space.cell)
+    other[0, 2] = 0
+    wrong = Field(**{**vars_of(field), "space": space_of(other)})
+    with pytest.raises(AssertionError, match=r"finds a path from cell \(0, 0\)"):
+        check_verdicts(wrong)
+
+
+def vars_of(field: Field) -> dict[str, object]:
+    return {name: getattr(field, name) for name in Field.__dataclass_fields__}

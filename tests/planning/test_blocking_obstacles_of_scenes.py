@@ -1,0 +1,121 @@
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from resgrid.errors import InputError
+from resgrid.planning.blocking_obstacles import separation
+from resgrid.planning.streamline import Outcome
+from resgrid.robots import Box, PointRobot
+from resgrid.scene import Scene, parse_scene, read_scene, sample
+
+ROOMS = """
+schema = 1
+starts = [[1.0, 1.0]]
+[grid]
+axes = [
+  {{ name = "x", lower = 0, upper = 8, cells = 32 }},
+  {{ name = "y", lower = 0, upper = 6, cells = 24 }},
+]
+[robot]
+type = "point"
+radius = 0.1
+{walls}
+[[goal]]
+shape = "rectangle"
+lower = [7, 5]
+upper = [7.5, 5.5]
+"""
+
+
+def scene_with(*walls: tuple[float, float, float, float]) -> Scene:
+    tables = (
+        f'[[obstacle]]\nshape = "rectangle"\nlower = [{x0}, {y0}]\nupper = [{x1}, {y1}]' for x0, y0, x1, y1 in walls
+    )
+    return parse_scene(ROOMS.format(walls="\n".join(tables)), "rooms")
+
+
+def connected_without(scene: Scene, removed: tuple[int, ...], start: tuple[float, float] = (1.0, 1.0)) -> bool:
+    kept = tuple(shape for number, shape in enumerate(scene.obstacles) if number not in removed)
+    return separation(sample(scene.replace(obstacles=kept)), start).outcome is Outcome.REACHED
+
+
+@pytest.mark.parametrize(
+    "walls",
+    [
+        [(3, 0, 3.5, 6)],
+        [(3, 0, 3.5, 6), (5, 0, 5.5, 6), (0, 4, 2, 4.5)],
+        [(3, 0, 3.5, 3.5), (3, 3, 3.5, 6), (3.25, 2, 3.4, 4)],
+        [(2.5, 0, 3, 6), (4, 0, 4.5, 6), (5.5, 0, 6, 6)],
+        [(0.5, 0.5, 1.5, 1.5), (3, 0, 3.5, 6)],
+        [(3, 0, 3.5, 2.9), (3, 3.1, 3.5, 6), (6, 0, 6.5, 3)],
+    ],
+)
+def test_the_smallest_set_is_what_sampling_without_it_opens(walls: list[tuple[float, float, float, float]]) -> None:
+    """Walls that overlap block the same cells: both must go.  The gap of 0.2 is too narrow for the robot's cells."""
+    scene = scene_with(*walls)
+    found = separation(scene, (1.0, 1.0))
+    opening = [s for n in range(1, 4) for s in combinations(range(len(walls)), n) if connected_without(scene, s)]
+    assert found.outcome in {Outcome.NO_PATH, Outcome.START_BLOCKED}
+    assert found.alone == tuple(f"obstacle[{s[0]}]" for s in opening if len(s) == 1)
+    assert found.separating == tuple(f"obstacle[{number}]" for number in opening[0])
+    assert np.array_equal(found.mask, np.any([found.parts[name] for name in found.separating], axis=0))
+    assert np.array_equal(np.any(list(found.parts.values()), axis=0), found.space.cell == 1)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_obstacles_upon_the_goal_and_upon_borders_are_judged_as_sampling_without_them_does(seed: int) -> None:
+    """Walls on quarters of cells cover parts of the goal's region, and the start may lie between two of them."""
+    rng = np.random.default_rng(seed)
+    lower = rng.integers(0, 24, (5, 2)) / 4
+    size = np.where(rng.random((5, 1)) < 0.5, [0.5, 4.0], [6.0, 0.5]) + rng.integers(0, 4, (5, 2)) / 4
+    scene = scene_with(*np.hstack([lower, np.minimum(lower + size, (8, 6))]).tolist())
+    scene = scene.replace(robot=PointRobot(), goals=(Box((5.0, 3.0), (7.5, 5.5)),))
+    start = tuple((rng.integers(0, 24, 2) / 4).tolist())
+    try:
+        found = separation(scene, start)
+    except InputError:
+        return  # every cell of the goal is covered
+    if found.outcome is Outcome.REACHED:
+        return
+    sets = [s for n in range(1, 4) for s in combinations(range(5), n) if connected_without(scene, s, start)]
+    assert found.alone == tuple(f"obstacle[{s[0]}]" for s in sets if len(s) == 1)
+    assert len(found.separating) == (len(sets[0]) if sets else 0)
+    if sets:
+        assert tuple(int(name[9:-1]) for name in found.separating) in sets
+
+
+def test_a_crate_upon_half_the_goal_stands_in_the_way_alone() -> None:
+    """The goal goes on beneath the crate; behind it a wall parts off what is left of the goal."""
+    scene = scene_with((3, 0, 5, 6), (5, 0, 6, 6)).replace(goals=(Box((4.0, 2.0), (7.0, 4.0)),))
+    found = separation(scene, (1.0, 1.0))
+    assert connected_without(scene, (0,)) and not connected_without(scene, (1,))
+    assert found.alone == found.separating == ("obstacle[0]",)
+
+
+def test_a_path_needs_nobody_to_go() -> None:
+    found = separation(scene_with((3, 0, 3.5, 3)), (1.0, 1.0))
+    assert found.outcome is Outcome.REACHED and found.separating == found.alone == () and not found.mask.any()
+
+
+def test_more_walls_than_asked_for() -> None:
+    scene = scene_with((2.5, 0, 3, 6), (4, 0, 4.5, 6), (5.5, 0, 6, 6))
+    assert separation(scene, (1.0, 1.0), most=2).separating == ()
+    with pytest.raises(InputError, match="most = 0"):
+        separation(scene, (1.0, 1.0), most=0)
+    with pytest.raises(InputError, match="63"):
+        separation(scene_with(*[(3, 0, 3.5, 6)] * 64), (1.0, 1.0))
+
+
+def test_problem_b_is_blocked_by_the_arm_between_two_obstacles(scenes: Path) -> None:
+    """In the configuration space everything melts into one group; in the workspace either rectangle may go."""
+    scene = read_scene(scenes / "problem_b.toml")
+    blocked = [start for start in scene.starts if separation(scene, start).outcome is Outcome.NO_PATH]
+    assert len(blocked) == 2
+    for start in blocked:
+        found = separation(scene, start)
+        assert found.alone == ("obstacle[0]", "obstacle[1]") and "singularity" in found.parts
+        assert separation(found.space, start).separating == (0,)
+        strips = found.parts["singularity"] & ~found.parts["obstacle[0]"] & ~found.parts["obstacle[1]"]
+        assert len(separation(found.space, start, virtual=strips).obstructions[0].alone) == 2
