@@ -1,4 +1,4 @@
-"""Pictures of small circuits: compiled ones where their cells are, others (`netlist_graphs`) as networkx places them."""
+"""Pictures of small circuits: compiled ones at their cells, others as networkx lays them out (`netlist_graphs`)."""
 
 from __future__ import annotations
 

@@ -106,7 +106,7 @@ def test_a_second_interrupt_does_not_cut_the_end_short(scenes, tmp_path, left_be
     program = f"""
 import os, signal, sys, time, weakref
 from resgrid import cli
-from resgrid.cli import report
+from resgrid.cli import terminal
 
 class Thing:
     pass
@@ -178,7 +178,7 @@ def test_a_short_stage_that_waits_for_kernels_is_not_called_late(monkeypatch, es
 def test_a_bar_tells_the_time_left_on_a_terminal(tmp_path):
     script = """
 import sys, threading
-from resgrid.cli import report
+from resgrid.cli import terminal
 
 shown, started_bar = threading.Event(), terminal._started_bar
 
