@@ -9,8 +9,14 @@ import resgrid as rg
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """A public function is tried where it stands, and not once more where the package shows it."""
-    items[:] = [item for item in items if not item.nodeid.startswith("resgrid/__init__.py::resgrid.")]
+    """Keep each docstring's examples where its function is defined, not once more where a package exports it."""
+    items[:] = [item for item in items if "/__init__.py::resgrid" not in item.nodeid or _is_module(item.nodeid)]
+
+
+def _is_module(nodeid: str) -> bool:
+    """Return whether the examples are those of the package itself: ``resgrid/chip/__init__.py::resgrid.chip``."""
+    file, name = nodeid.split("::")
+    return file == f"{name.replace('.', '/')}/__init__.py"
 
 
 @pytest.fixture(autouse=True)

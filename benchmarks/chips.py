@@ -115,7 +115,7 @@ def main(count: int = 1000, side: int = 128) -> None:
     found = measure(count, side)
     rows = {
         "draw the chips": found.drawn,
-        "resgrid.solve_many": found.ours,
+        "resgrid.circuit.solve_many": found.ours,
         "scipy spsolve": found.theirs,
         f"solve_many, {os.cpu_count()} threads": found.cores,
     }

@@ -16,9 +16,9 @@ import shapely.affinity
 import resgrid as rg
 from resgrid.circuit.solve import solve
 from resgrid.control.controller import make_controller
-from resgrid.control.external_forces import random_pushes
+from resgrid.control.external_forces import random_forces
 from resgrid.control.plant import make_plant
-from resgrid.control.run_log import Ending, Run
+from resgrid.control.run_log import Run, TerminationReason
 from resgrid.control.simulation import Simulation, simulation
 from resgrid.core.axis import Axis
 from resgrid.core.compiler import compile_space
@@ -79,7 +79,7 @@ def pushes() -> None:
         for seed, start in enumerate(starts):
             speed = sim.controller.speed
             until = max(streamline(sim.controller.field, start).length / speed, 1.0)
-            shoves = random_pushes(seed, 2, until=until, size=4.0, duration=0.05 * until + 0.2)
+            shoves = random_forces(seed, 2, until=until, size=4.0, duration=0.05 * until + 0.2)
             runs.append(sim.run(start, pushes=shoves, seed=seed))
         said(f"{name}, eight pushes of 4 V0", runs, sim.plant.cell_motion)
 
@@ -222,9 +222,9 @@ def worlds(last: int = 200, most: int | None = 40) -> None:
         for cell, run in world_runs(sim, most):
             what = "connected" if sure[cell] else "between" if maybe is None or maybe[cell] else "cut off"
             tally[f"{what}: {run.ending}"] += 1
-            if run.ending is Ending.NO_PATH and connected(run.space.cell, run.space.periodic)[cell]:
+            if run.ending is TerminationReason.NO_PATH and connected(run.space.cell, run.space.periodic)[cell]:
                 tally["no path announced though the map has one"] += 1
-            if (what == "connected") != (run.ending is Ending.ARRIVED) and what != "between":
+            if (what == "connected") != (run.ending is TerminationReason.ARRIVED) and what != "between":
                 sys.stdout.write(f"world {seed - 1}, start {cell}: {what}, but {run.ending}: {run.message}\n")
             deepest = max(deepest, run.penetration / sim.plant.cell_motion)
             wrong += false_cells(run, truth)

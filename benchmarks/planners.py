@@ -121,9 +121,9 @@ def movingai(most: int) -> Iterator[Task]:
     import resgrid as rg
 
     for name in MAPS:
-        free = rg.sample(rg.read_scene(CASES / f"{name}.map"), require_goal=False).cell == rg.Cell.FREE
+        free = rg.build_space(rg.read_scene(CASES / f"{name}.map"), require_goal=False).cell == rg.Cell.FREE
         (file,) = (found for found in CASES.glob(f"{name}*.scen"))
-        queries = sorted(rg.read_queries(file), key=lambda query: -query.optimal_length)
+        queries = sorted(rg.maps.read_movingai_scenarios(file), key=lambda query: -query.optimal_length)
         for query in queries[:most]:
             yield Task(free, query.start, query.goal)
 

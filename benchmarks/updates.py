@@ -11,7 +11,7 @@ from benchmarks.layouts import boxes
 from benchmarks.problems import Problem
 from benchmarks.rows import Row, Scale
 from benchmarks.timing import alternating, spread, timed
-from resgrid.circuit.solve import factor, solve
+from resgrid.circuit.solve import factorize, solve
 from resgrid.circuit.warm_start import WarmPoint, WarmStart
 from resgrid.core.compiler import compile_space
 from resgrid.core.space import Cell, ConfigurationSpace
@@ -112,7 +112,7 @@ def near_goal(space: ConfigurationSpace, seed: int, to: Cell) -> NDArray[np.int6
 
 def _fresh(space: ConfigurationSpace, boundary: str) -> NDArray[np.float64]:
     """Voltages of all cells, NaN where there are none."""
-    factors = factor(compile_space(space, boundary=boundary), method="multigrid")
+    factors = factorize(compile_space(space, boundary=boundary), method="multigrid")
     x = factors.solve(factors.system.drive, rtol=RTOL)
     node = factors.system.netlist.cells.node
     row = np.where(node >= 0, factors.system.unknown[node], -1)

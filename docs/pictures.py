@@ -22,7 +22,7 @@ from resgrid.live_page.drawing import drawing_of
 from resgrid.live_page.frames import picture_of
 from resgrid.live_page.settle import settle
 from resgrid.live_page.solving import solve_drawing
-from resgrid.plot import new_figure, render_figure
+from resgrid.plot.figures import new_figure, render_figure
 
 DOCS = Path(__file__).resolve().parent
 SCENES = DOCS.parent / "examples" / "scenes"
@@ -34,7 +34,7 @@ MOTION, HELD = 54, 16
 def draw_rooms():
     """Draw potential, paths and currents of the rooms."""
     planner = rg.plan(rg.read_scene(SCENES / "rooms.toml"), k=1.0)
-    rg.save_figure(rg.draw_page(planner.field, planner.paths(), title="Rooms"), DOCS / "rooms.png")
+    rg.plot.save_figure(rg.plot.draw_summary(planner.field, planner.paths(), title="Rooms"), DOCS / "rooms.png")
 
 
 def draw_blend():
@@ -70,7 +70,7 @@ def draw_blend():
         list(shown.values()), [*[*shown][:-2], "start, with the clearance of its path", "goal reached"],
         loc="outside lower center", ncols=6, fontsize=8, frameon=False,
     )  # fmt: skip
-    rg.save_figure(figure, DOCS / "blend_k.png")
+    rg.plot.save_figure(figure, DOCS / "blend_k.png")
 
 
 def draw_motion():

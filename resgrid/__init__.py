@@ -18,27 +18,16 @@ from __future__ import annotations
 
 from typing import Any
 
-import lazy_loader
-
+from resgrid._internal.public import attach
 from resgrid._internal.values import show_with
 
-_public, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_public, _, __all__ = attach(__name__, __file__)
 __all__ += ["__version__"]
 __all__.sort()
 
 
 def __getattr__(name: str) -> Any:
-    if name == "__version__":
-        return _version()
-    if name not in __all__:
-        from resgrid.errors import suggestion
-
-        hint = suggestion(name, __all__) or "dir(resgrid) lists its names"
-        raise AttributeError(f"module 'resgrid' has no attribute {name!r}; {hint}")
-    from resgrid._internal.validation import guarded
-
-    globals()[name] = guarded(name, _public(name))
-    return globals()[name]
+    return _version() if name == "__version__" else _public(name)
 
 
 def __dir__() -> list[str]:

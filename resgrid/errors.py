@@ -56,8 +56,8 @@ class AccuracyError(ResgridError):
 
     Examples
     --------
-    >>> ideal = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")), rails="cells")
-    >>> poor = rg.build_chip(ideal, rg.Chip(obstacle_switch_on="100k"))
+    >>> ideal = rg.compile_space(rg.build_space(rg.read_scene("examples/scenes/lesson.toml")), rails="cells")
+    >>> poor = rg.chip.build_chip(ideal, rg.Chip(obstacle_switch_on="100k"))
     >>> try:
     ...     field = rg.field(rg.solve(poor))
     ... except rg.AccuracyError as error:
@@ -75,8 +75,8 @@ class CertificateError(ResgridError):
 
     Examples
     --------
-    >>> space = rg.sample(rg.read_scene("examples/scenes/lesson.toml"))
-    >>> rg.certify_free(rg.Polyline([(0.5, 6.5), (3.5, 3.5)], space))
+    >>> space = rg.build_space(rg.read_scene("examples/scenes/lesson.toml"))
+    >>> rg.certify_collision_free(rg.Polyline([(0.5, 6.5), (3.5, 3.5)], space))
     Traceback (most recent call last):
         ...
     resgrid.errors.CertificateError: segment 0 touches cell (1, 4), which is not free or outside the grid
@@ -88,7 +88,7 @@ class ToolMissingError(ResgridError):
 
     Examples
     --------
-    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
+    >>> netlist = rg.compile_space(rg.build_space(rg.read_scene("examples/scenes/lesson.toml")))
     >>> try:
     ...     agreement = rg.check_deck(netlist)
     ... except rg.ToolMissingError as error:
@@ -102,7 +102,7 @@ class BudgetError(ResgridError):
     Examples
     --------
     >>> axes = tuple(rg.Axis(name, 0.0, 1.0, 100_000) for name in "xyz")
-    >>> rg.sample(rg.Scene(axes, goals=(rg.GoalCell((0, 0, 0)),)))
+    >>> rg.build_space(rg.Scene(axes, goals=(rg.GoalCell((0, 0, 0)),)))
     Traceback (most recent call last):
         ...
     resgrid.errors.BudgetError: scene: grid: 100000 x 100000 x 100000 = 1e+15 cells needs about ...

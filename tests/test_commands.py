@@ -21,7 +21,7 @@ from support.shown import PROJECT, Piece, fragments, helps, pages, runs_resgrid,
 
 from resgrid.cli import main
 from resgrid.cli.entry import VERBS
-from resgrid.live_page.live import LivePage
+from resgrid.live_page.launch import LivePage
 from resgrid.scene.overrides import document_of
 from resgrid.scene.reading import read_scene
 

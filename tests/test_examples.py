@@ -50,7 +50,7 @@ def test_the_lessons_drunkard_reaches_the_goal_as_often_as_promised() -> None:
     """Tarassenko & Blake's grid read as a random walk: solved here by brute force, without a circuit."""
     import numpy as np
 
-    space = rg.sample(rg.read_scene(PROJECT / "examples" / "scenes" / "lesson.toml"))
+    space = rg.build_space(rg.read_scene(PROJECT / "examples" / "scenes" / "lesson.toml"))
     walls = np.pad(space.cell, 1, constant_values=rg.Cell.OBSTACLE)
     chance = (walls == rg.Cell.GOAL).astype(float)
     free = walls == rg.Cell.FREE

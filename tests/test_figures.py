@@ -23,9 +23,9 @@ def test_from_every_start_of_problem_a_the_links_themselves_stay_clear(scenes: P
     for start in everywhere[::397]:
         path = at.path(start)
         rg.certify(path)
-        assert rg.replay(path, scene.obstacles, step=5e-3) is None
-        short = rg.shorten(path, rounds=20)
-        assert rg.replay(short, scene.obstacles, step=5e-3) is None
+        assert rg.check_collisions(path, scene.obstacles, step=5e-3) is None
+        short = rg.shortcut(path, rounds=20)
+        assert rg.check_collisions(short, scene.obstacles, step=5e-3) is None
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def test_robots_in_three_dimensions_drive_without_a_collision(scenes: Path, name
     paths = [path for path in planner.paths() if path.outcome == rg.Outcome.REACHED]
     assert paths
     for path in paths:
-        short = rg.shorten(path)
-        motion = rg.time_path(short, velocity_limits=1.0, acceleration_limits=2.0)
+        short = rg.shortcut(path)
+        motion = rg.time_parameterize(short, velocity_limits=1.0, acceleration_limits=2.0)
         for way in (path, short, rg.Polyline(motion.sample(50)[1], path.space)):
-            assert rg.replay(way, scene.obstacles) is None
+            assert rg.check_collisions(way, scene.obstacles) is None

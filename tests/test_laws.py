@@ -8,7 +8,7 @@ from support.spaces import space_of, spaces
 
 import resgrid as rg
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.circuit.solve import factor, solve
+from resgrid.circuit.solve import factorize, solve
 from resgrid.core.compiler import compile_space
 from resgrid.core.netlist import Netlist
 from resgrid.core.space import ConfigurationSpace
@@ -89,7 +89,7 @@ def test_scaling_every_resistance_leaves_voltages_alone(
 def test_superposition(space: ConfigurationSpace, seed: int) -> None:
     netlist = compile_space(space, resistance=1.0)
     try:
-        factors = factor(netlist)
+        factors = factorize(netlist)
     except Exception:
         assume(False)
     rng = np.random.default_rng(seed)
@@ -178,12 +178,12 @@ def dense(netlist: Netlist, voltage: np.ndarray) -> np.ndarray:
 
 
 def test_the_drive_scales_to_the_supply() -> None:
-    from resgrid.circuit.solve import scale_drive
+    from resgrid.circuit.solve import normalize_drive
 
     cell = np.zeros((9, 5))
     cell[0, 0] = 2
     netlist = compile_space(space_of(cell), boundary="neumann", supply=3.0, goal_voltage=1.0)
-    scaled = solve(scale_drive(netlist, solve(netlist)))
+    scaled = solve(normalize_drive(netlist, solve(netlist)))
     assert np.nanmax(scaled.voltage) == pytest.approx(4.0)
 
 

@@ -14,7 +14,7 @@ from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.planning.certify import certify
 from resgrid.planning.fields import Field
 from resgrid.planning.trace import streamline, streamlines
-from resgrid.scene import GoalCell, read_queries, read_scene, sample
+from resgrid.scene import GoalCell, build_space, read_movingai_scenarios, read_scene
 
 MAPS = {
     "nav2/turtlebot3/map.yaml": {},
@@ -37,7 +37,7 @@ SCENARIOS_EVEN = ["maze-32-32-2", "random-32-32-20", "room-32-32-4"]
 def with_goal(path: Path, **options: str) -> ConfigurationSpace:
     """The map's own goals, or a goal in the far corner of its largest free part."""
     scene = read_scene(path, **options)
-    space = sample(scene, require_goal=False)
+    space = build_space(scene, require_goal=False)
     if space.goal_count:
         return space
     labels, _ = ndimage.label(space.cell == Cell.FREE)
@@ -114,9 +114,9 @@ def _scenario(folder: Path, name: str) -> tuple[Path, Path]:
 @pytest.mark.parametrize("name", SCENARIOS + SCENARIOS_EVEN)
 def test_scenario_ends_are_reachable_and_no_path_is_too_short(cases: Path, name: str) -> None:
     map_file, scenario = _scenario(cases / "movingai", name)
-    queries = read_queries(scenario)
+    queries = read_movingai_scenarios(scenario)
     scene = read_scene(map_file)
-    space_at: Callable[[tuple[int, ...]], ConfigurationSpace] = lambda cell: sample(  # noqa: E731
+    space_at: Callable[[tuple[int, ...]], ConfigurationSpace] = lambda cell: build_space(  # noqa: E731
         scene.replace(goal=GoalCell(cell))
     )
     first = space_at(queries[0].goal)

@@ -25,5 +25,5 @@ for name, precision in found.items():
     print(f"{name}: {np.ceil(bits.max()):.0f} bits serve every start, {np.ceil(np.median(bits)):.0f} half of them")
     assert bits.max() >= np.median(bits)
 
-rg.save_figure(rg.draw(found["dirichlet"]), "out/bits.png")
-rg.save_figure(rg.draw(found, quantity="served"), "out/served.png")
+rg.plot.save_figure(rg.draw(found["dirichlet"]), "out/bits.png")
+rg.plot.save_figure(rg.draw(found, quantity="served"), "out/served.png")

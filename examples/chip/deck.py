@@ -15,7 +15,7 @@ Path("out").mkdir(exist_ok=True)
 # %%
 # The same scene gives the same bytes; beside the deck lies a sidecar with the expected voltages.
 
-op = rg.solve(rg.compile_space(rg.sample(rg.read_scene(SCENES / "lesson.toml"))))
+op = rg.solve(rg.compile_space(rg.build_space(rg.read_scene(SCENES / "lesson.toml"))))
 rg.write_spice(op, "out/lesson.cir")
 print("\n".join(Path("out/lesson.cir").read_text().splitlines()[:9]))
 
@@ -24,7 +24,7 @@ print("\n".join(Path("out/lesson.cir").read_text().splitlines()[:9]))
 
 deck = rg.read_spice("out/lesson.cir")
 again = rg.solve(deck)
-assert not [violation for violation in rg.check_rules(deck) if violation.severity == "error"]
+assert not [violation for violation in rg.check_erc(deck) if violation.severity == "error"]
 assert abs(again.power / op.power - 1) < 1e-12
 print(f"{op.power * 1e6:.2f} uW")
-rg.save_figure(rg.draw(op), "out/deck.png")
+rg.plot.save_figure(rg.draw(op), "out/deck.png")

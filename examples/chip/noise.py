@@ -23,4 +23,4 @@ limit = np.max(noise.limit[np.isfinite(noise.limit)])
 print(f"at most {limit * 1e6:.0f} uV rms at {noise.temperature:.1f} K")
 expected = np.sqrt(1.380649e-23 * noise.temperature / 60e-15)
 assert abs(limit / expected - 1) < 1e-6
-rg.save_figure(rg.draw(noise), "out/noise.png")
+rg.plot.save_figure(rg.draw(noise), "out/noise.png")

@@ -22,7 +22,7 @@ for result in (settling, noise, power):
     for name, figure in list(result.figures.items())[:3]:
         value = "none" if figure.value is None else f"{figure.value:.4g}"
         print(f"{name}: {value} {figure.unit}")
-rg.save_figure(rg.draw(settling), "out/settling.png")
+rg.plot.save_figure(rg.draw(settling), "out/settling.png")
 
 # %%
 # The yield: the share of chips on which a start has a path, over chips drawn at random.
@@ -30,7 +30,7 @@ rg.save_figure(rg.draw(settling), "out/settling.png")
 yields = study.yields(trials=128)
 print(f"{yields.overall.value:.1%} of starts are served ({yields.overall.low:.1%} to {yields.overall.high:.1%})")
 assert yields.overall.low <= yields.overall.value <= yields.overall.high
-rg.save_figure(rg.draw(yields), "out/yield.png")
+rg.plot.save_figure(rg.draw(yields), "out/yield.png")
 
 # %%
 # What costs yield? Each effect is switched off in turn, on the same dies; then mismatch, offset and bits are changed
@@ -41,4 +41,4 @@ for cause in loss.causes[:3]:
     print(f"without {cause.name}: {cause.share.value:.1%} ({100 * cause.gain:+.1f} points)")
 for limit in loss.limits:
     print(f"{limit.name}: {limit.answer}")
-rg.save_figure(rg.draw(loss), "out/yield_loss.png")
+rg.plot.save_figure(rg.draw(loss), "out/yield_loss.png")

@@ -22,4 +22,4 @@ sensitivity = study.sensitivity()
 for name, figure in list(sensitivity.figures.items())[:4]:
     print(f"{name}: {figure.value} {figure.unit}")
 assert (sensitivity.margin[np.isfinite(sensitivity.margin)] >= 0).all()
-rg.save_figure(rg.draw(sensitivity), "out/sensitivity.png")
+rg.plot.save_figure(rg.draw(sensitivity), "out/sensitivity.png")

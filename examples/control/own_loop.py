@@ -39,7 +39,7 @@ class ToyRobot:
 
 scene = rg.read_scene(SCENES / "rooms.toml")
 field = rg.plan(scene, k=0.9).field
-controller = rg.make_controller(field, speed=0.4, admittance=0.5, speed_limits=1.0)
+controller = rg.control.make_controller(field, speed=0.4, admittance=0.5, speed_limits=1.0)
 
 # %%
 # The loop, all of it in world coordinates. :math:`V = V_0 + A F`: pushed off its streamline the robot gives way, and
@@ -62,4 +62,4 @@ axes = rg.draw(field)
 rg.draw(planned, axes)
 axes.plot(*np.array(way).T, color="black", label="way of the robot, pushed from 12 s to 14 s", zorder=5)
 axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), fontsize=7, frameon=False, ncols=2)
-rg.save_figure(axes, "out/own_loop.png")
+rg.plot.save_figure(axes, "out/own_loop.png")

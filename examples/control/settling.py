@@ -27,7 +27,7 @@ scene = rg.Scene(
 )
 sweeps = (100.0, 10.0, 1.0, 0.3, 0.1, 0.03, 0.01)
 runs = [rg.simulation(scene, k=0.98, announce=True, settle="sor", pace=pace).run() for pace in sweeps]
-arrived = [run.ending == rg.Ending.ARRIVED for run in runs]
+arrived = [run.ending == rg.control.TerminationReason.ARRIVED for run in runs]
 for pace, run in zip(sweeps, runs, strict=True):
     print(f"{pace:6g} sweeps a cell: {run.ending} after {run.time[-1]:.1f} s, {len(run.contacts.step)} contacts")
 
@@ -42,7 +42,7 @@ assert not any(len(run.contacts.step) for run in runs)
 
 figure = Figure((9.6, 4.4), layout="constrained")
 left, right = figure.subplots(1, 2, width_ratios=(1, 1.2))
-rg.draw(rg.sample(scene.replace(obstacles=scene.hidden)), left)
+rg.draw(rg.build_space(scene.replace(obstacles=scene.hidden)), left)
 for pace, run, colour in zip(sweeps[::2], runs[::2], ("#0072b2", "#009e73", "#e69f00", "#d55e00"), strict=True):
     left.plot(*run.configuration.T, color=colour, lw=1.5, label=f"{pace:g} sweeps a cell", zorder=4)
 left.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), fontsize=7, frameon=False, ncols=3)
@@ -53,4 +53,4 @@ for mark, name, chosen in (("o", "arrived", arrived), ("X", "stuck", [not done f
 right.axhline(at_once.time[-1], color="black", ls="--", lw=1, label="grid that settles at once")
 right.set(xscale="log", xlabel="sweeps while the robot crosses a cell", ylabel="time of the run (s)", ylim=(0, None))
 right.legend(fontsize=7, frameon=False)
-rg.save_figure(figure, "out/settling.png")
+rg.plot.save_figure(figure, "out/settling.png")

@@ -19,6 +19,6 @@ Path("out").mkdir(exist_ok=True)
 
 scene = rg.read_scene(SCENES / "chair.toml")
 world = rg.simulation(scene, k=0.98, announce=True, pace=4.0)
-front = rg.wavefront(world, np.array([0, 1, 3, 10, 30, 100.0]))
+front = rg.control.wavefront(world, np.array([0, 1, 3, 10, 30, 100.0]))
 assert len(front.potential) == 6
-rg.save_figure(rg.draw(front), "out/wavefront.png")
+rg.plot.save_figure(rg.draw(front), "out/wavefront.png")

@@ -14,21 +14,21 @@ SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
 
 # %%
-# Not only the point in configuration space: the links themselves must stay clear of the obstacle. `replay` drives the
+# The links themselves must stay clear of the obstacle as well. `check_collisions` drives the
 # arm along the path with exact geometry; `workspace_clearance` is the smallest distance of any link from the obstacle.
 
 scene = rg.read_scene(SCENES / "problem_a.toml")
 planner = rg.plan(scene, k=1.0)
 space = planner.space
 bare = scene.replace(robot=replace(scene.robot, singularity_cells=None))
-virtual = (space.cell == rg.Cell.OBSTACLE) & (rg.sample(bare).cell != rg.Cell.OBSTACLE)
+virtual = (space.cell == rg.Cell.OBSTACLE) & (rg.build_space(bare).cell != rg.Cell.OBSTACLE)
 clearance = []
 for number, k in ((5, 0.99), (6, 0.5), (7, 0.01)):
     path = planner.at(k).path(scene.starts[0])
-    assert rg.replay(path, scene.obstacles, step=1e-3) is None
-    clearance.append(rg.workspace_clearance(path, scene.obstacles, step=1e-3))
+    assert rg.check_collisions(path, scene.obstacles, step=1e-3) is None
+    clearance.append(rg.planning.workspace_clearance(path, scene.obstacles, step=1e-3))
     caption = f"Problem A, k = {k:g}: the links keep {clearance[-1]:.3f} m away from the obstacle."
-    figure = rg.draw_pair(path, scene, virtual=virtual, title=f"Figure {number}", caption=caption)
-    rg.save_figure(figure, f"out/figure_{number:02}.png")
+    figure = rg.plot.draw_workspace_and_space(path, scene, virtual=virtual, title=f"Figure {number}", caption=caption)
+    rg.plot.save_figure(figure, f"out/figure_{number:02}.png")
 
 assert clearance[0] > clearance[1] > clearance[2] > 0

@@ -20,14 +20,14 @@ scene = rg.read_scene(SCENES / "problem_two_goals.toml")
 planner = rg.plan(scene, boundary="dirichlet")
 space = planner.space
 bare = scene.replace(robot=replace(scene.robot, singularity_cells=None))
-virtual = (space.cell == rg.Cell.OBSTACLE) & (rg.sample(bare).cell != rg.Cell.OBSTACLE)
+virtual = (space.cell == rg.Cell.OBSTACLE) & (rg.build_space(bare).cell != rg.Cell.OBSTACLE)
 upper = []
 for number, path in enumerate(planner.paths(), 8):
     rg.certify(path)
-    assert rg.replay(path, scene.obstacles, step=1e-3) is None
-    upper.append(bool(rg.workspace_path(path)[-1][1] > 0))
+    assert rg.check_collisions(path, scene.obstacles, step=1e-3) is None
+    upper.append(bool(rg.planning.workspace_path(path)[-1][1] > 0))
     caption = f"Two goals: this start takes the {'upper' if upper[-1] else 'lower'} one."
-    figure = rg.draw_pair(path, scene, virtual=virtual, title=f"Figure {number}", caption=caption)
-    rg.save_figure(figure, f"out/figure_{number:02}.png")
+    figure = rg.plot.draw_workspace_and_space(path, scene, virtual=virtual, title=f"Figure {number}", caption=caption)
+    rg.plot.save_figure(figure, f"out/figure_{number:02}.png")
 
 assert sum(upper) == 1

@@ -23,7 +23,7 @@ scene = rg.read_scene(SCENES / "problem_b.toml")
 planner = rg.plan(scene, boundary="dirichlet")
 space = planner.space
 bare = scene.replace(robot=replace(scene.robot, singularity_cells=None))
-virtual = (space.cell == rg.Cell.OBSTACLE) & (rg.sample(bare).cell != rg.Cell.OBSTACLE)
+virtual = (space.cell == rg.Cell.OBSTACLE) & (rg.build_space(bare).cell != rg.Cell.OBSTACLE)
 outcomes = []
 for number, start in enumerate(scene.starts, 11):
     path = planner.path(start)
@@ -31,15 +31,17 @@ for number, start in enumerate(scene.starts, 11):
     outcomes.append(str(path.outcome))
     options, caption = {}, "Problem B: this start has a path."
     if path.outcome != rg.Outcome.REACHED:
-        parts = rg.separation(scene, start)
-        verdict = rg.separation(space, start, virtual=virtual)
+        parts = rg.find_blocking_obstacles(scene, start)
+        verdict = rg.find_blocking_obstacles(space, start, virtual=virtual)
         names = parts.alone[:1] or parts.separating
         blamed = [shape for i, shape in enumerate(scene.obstacles) if f"obstacle[{i}]" in names]
         options = {"verdict": verdict, "separating": blamed}
         caption = f"Problem B: no path. Without {' and '.join(names)} (red) this start would have one."
     print(f"figure {number}: {caption}")
-    figure = rg.draw_pair(path, scene, virtual=virtual, **options, title=f"Figure {number}", caption=caption)
-    rg.save_figure(figure, f"out/figure_{number:02}.png")
+    figure = rg.plot.draw_workspace_and_space(
+        path, scene, virtual=virtual, **options, title=f"Figure {number}", caption=caption
+    )
+    rg.plot.save_figure(figure, f"out/figure_{number:02}.png")
 
 # %%
 # A sixth of the free configurations is cut off from both goals.

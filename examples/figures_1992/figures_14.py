@@ -24,12 +24,12 @@ field = rg.plan(space, k=0.2).field
 # %%
 # Along the equipotential the robot neither climbs nor descends, at the speed it had.
 
-velocity = rg.make_controller(field, speed=1.0).command((1.65, 1.84), (0.0, 0.0))
-along = rg.equipotential_velocity(velocity, (0.15, 1.0))
+velocity = rg.control.make_controller(field, speed=1.0).command((1.65, 1.84), (0.0, 0.0))
+along = rg.control.equipotential_velocity(velocity, (0.15, 1.0))
 assert abs(along @ velocity) < 1e-12 and along @ (0.15, 1.0) > 0
 
-axes = rg.draw_velocities(field, point=(1.65, 1.84), force=(0.15, 1.0), admittance=0.15)
+axes = rg.plot.draw_velocities(field, point=(1.65, 1.84), force=(0.15, 1.0), admittance=0.15)
 axes.fill([1.2, 2.1, 2.1, 1.2], [1.2, 1.2, 1.78, 1.78], color="#b96b6b", zorder=3, label="obstacle not on the map")
 axes.set_title("Figure 14", fontsize=10)
 axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), fontsize=7, frameon=False, ncols=2)
-rg.save_figure(axes, "out/figure_14.png")
+rg.plot.save_figure(axes, "out/figure_14.png")

@@ -22,9 +22,9 @@ scene = rg.read_scene(SCENES / "container.toml")
 bare = scene.replace(hidden=())
 planner = rg.plan(scene, k=0.98)
 free = rg.simulation(bare, k=0.98, field=planner.field).run()
-assert free.ending == rg.Ending.ARRIVED and not len(free.contacts.step)
+assert free.ending == rg.control.TerminationReason.ARRIVED and not len(free.contacts.step)
 caption = f"{scene.title}, k = 0.98: the free run."
-rg.save_figure(rg.draw(free, title="Figure 15", caption=caption), "out/1_figure_15.png")
+rg.plot.save_figure(rg.draw(free, title="Figure 15", caption=caption), "out/1_figure_15.png")
 
 # %%
 # The hidden obstacle is felt, and by a link rather than by the tip; while it is, the robot follows the equipotential.
@@ -35,9 +35,9 @@ blind = simulation.run()
 tip = np.array([scene.robot.reference_point(q) for q in blind.configuration[blind.contacts.step]])
 from_tip = np.linalg.norm(tip - blind.contacts.point, axis=1).min()
 print(f"the contact is {from_tip:.2f} m from the tip")
-assert blind.ending == rg.Ending.ARRIVED and from_tip > 0.1
+assert blind.ending == rg.control.TerminationReason.ARRIVED and from_tip > 0.1
 caption = f"{scene.title}, k = 0.98. A hidden obstacle deflects a link (force in red); nothing is recomputed."
-rg.save_figure(rg.draw(blind, title="Figure 16", caption=caption), "out/2_figure_16.png")
+rg.plot.save_figure(rg.draw(blind, title="Figure 16", caption=caption), "out/2_figure_16.png")
 
 # %%
 # A robot that learns marks what it has touched, and never a cell that is free.
@@ -55,8 +55,10 @@ fields = [planner.at(k).field for k in blends]
 for world, number, kind in ((bare, 15, "the free run"), (scene, 16, "with the hidden obstacle")):
     runs = [rg.simulation(world, k=k, field=f, learn=False).run() for k, f in zip(blends, fields, strict=True)]
     print(f"figure {number}: " + ", ".join(f"k = {k:g} {run.ending}" for k, run in zip(blends, runs, strict=True)))
-    assert all(run.ending == rg.Ending.ARRIVED for run in runs)
-    rg.save_figure(rg.draw(runs, title=f"As figure {number}: {kind}, at several k"), f"out/3_figure_{number}_by_k.png")
+    assert all(run.ending == rg.control.TerminationReason.ARRIVED for run in runs)
+    rg.plot.save_figure(
+        rg.draw(runs, title=f"As figure {number}: {kind}, at several k"), f"out/3_figure_{number}_by_k.png"
+    )
 
 # %%
 # Dirichlet currents decay exponentially away from the goal, Neumann currents do not: the map shows which decides.
@@ -64,5 +66,5 @@ for world, number, kind in ((bare, 15, "the free run"), (scene, 16, "with the hi
 share = planner.dirichlet_share()[planner.space.goal_connected]
 print(f"Neumann decides in {np.mean(share < 0.5):.0%} of the cells, though k = 0.98")
 assert np.mean(share < 0.5) > 0.4
-axes = rg.draw_dirichlet_share(planner.obstacle_field, planner.open_field, 0.98)
-rg.save_figure(axes, "out/4_share.png")
+axes = rg.plot.draw_dirichlet_fraction(planner.obstacle_field, planner.open_field, 0.98)
+rg.plot.save_figure(axes, "out/4_share.png")

@@ -43,6 +43,6 @@ runs = {
     19: (taught, f"{learnt} cells learnt (circles)."),
 }
 for number, (run, caption) in runs.items():
-    assert run.ending == rg.Ending.ARRIVED
+    assert run.ending == rg.control.TerminationReason.ARRIVED
     picture = rg.draw(run, title=f"Figure {number}", caption=f"{scene.title}, k = 0.98: {caption}")
-    rg.save_figure(picture, f"out/figure_{number}.png")
+    rg.plot.save_figure(picture, f"out/figure_{number}.png")

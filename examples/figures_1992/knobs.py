@@ -23,8 +23,8 @@ scene = rg.read_scene(SCENES / "problem_a.toml")
 scene = scene.replace(axes=tuple(rg.Axis(a.name, a.lower, a.upper, 60, a.periodic, a.unit) for a in scene.axes))
 planner = rg.plan(scene, k=1.0)
 cell = planner.space.spacing[0]
-curve = rg.clearance_curve(planner, (0.0, 0.1, 0.5, 0.9, 1.0))
-walls = rg.clearance_curve(planner, wall_resistances=(0.0, 1e4, 1e5, 1e6, 1e8))
+curve = rg.planning.clearance_curve(planner, (0.0, 0.1, 0.5, 0.9, 1.0))
+walls = rg.planning.clearance_curve(planner, wall_resistances=(0.0, 1e4, 1e5, 1e6, 1e8))
 
 # %%
 # Mean clearance does not fall as k grows (by more than a fraction of a cell), and a wall of 0 ohm is Dirichlet.
@@ -36,4 +36,4 @@ figure = Figure((9.0, 3.8), layout="constrained")
 left = figure.add_subplot(1, 2, 1)
 rg.draw(curve, left, unit="rad", cell=cell)
 rg.draw(walls, figure.add_subplot(1, 2, 2, sharey=left), unit="rad", cell=cell)
-rg.save_figure(figure, "out/clearance.png")
+rg.plot.save_figure(figure, "out/clearance.png")

@@ -25,8 +25,10 @@ fields = [planner.at(k).field for k in blends]
 for world, number, kind in ((scene.replace(hidden=()), 17, "the free run"), (scene, 18, "with the hidden obstacle")):
     runs = [rg.simulation(world, k=k, field=f, learn=False).run() for k, f in zip(blends, fields, strict=True)]
     print(f"figure {number}: " + ", ".join(f"k = {k:g} {run.ending}" for k, run in zip(blends, runs, strict=True)))
-    assert all(run.ending == rg.Ending.ARRIVED for run in runs)
-    rg.save_figure(rg.draw(runs, title=f"As figure {number}: {kind}, at several k"), f"out/1_figure_{number}_by_k.png")
+    assert all(run.ending == rg.control.TerminationReason.ARRIVED for run in runs)
+    rg.plot.save_figure(
+        rg.draw(runs, title=f"As figure {number}: {kind}, at several k"), f"out/1_figure_{number}_by_k.png"
+    )
 
 # %%
 # Dirichlet currents decay exponentially away from the goal, Neumann currents do not: the map shows where which decides.
@@ -34,5 +36,5 @@ for world, number, kind in ((scene.replace(hidden=()), 17, "the free run"), (sce
 share = planner.dirichlet_share()[planner.space.goal_connected]
 print(f"Neumann decides in {np.mean(share < 0.5):.0%} of the cells, though k = 0.98")
 assert np.mean(share < 0.5) > 0.4
-axes = rg.draw_dirichlet_share(planner.obstacle_field, planner.open_field, 0.98)
-rg.save_figure(axes, "out/2_share.png")
+axes = rg.plot.draw_dirichlet_fraction(planner.obstacle_field, planner.open_field, 0.98)
+rg.plot.save_figure(axes, "out/2_share.png")

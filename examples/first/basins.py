@@ -29,7 +29,7 @@ assert abs(sum(share) - 1.0) < 1e-12
 # %%
 # The same by random walks: the probability of meeting goal 0 before goal 1, if obstacles merely turn a walk back.
 
-chance = rg.hitting_probability(rg.compile_space(space, boundary="neumann")).probability[0]
+chance = rg.planning.hitting_probability(rg.compile_space(space, boundary="neumann")).probability[0]
 assert 0.0 <= np.nanmin(chance[free]) <= np.nanmax(chance[free]) <= 1.0
 
 axes = rg.draw(space)
@@ -44,4 +44,4 @@ for goal in range(space.goal_count):
     axes.plot([], [], "s", color=image.to_rgba(goal), label=f"served by goal {goal}")
 rg.draw(planner.paths(scene.starts), axes)
 axes.set_title("Basins of the two goals", fontsize=9)
-rg.save_figure(axes, "out/basins.png")
+rg.plot.save_figure(axes, "out/basins.png")

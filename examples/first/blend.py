@@ -17,7 +17,7 @@ Path("out").mkdir(exist_ok=True)
 # keeps away. Neumann: obstacles are open, the current slides along them, and the robot comes close to them.
 
 scene = rg.read_scene(SCENES / "rooms.toml")
-space = rg.sample(scene)
+space = rg.build_space(scene)
 dirichlet = rg.field(rg.solve(rg.compile_space(space, boundary="dirichlet")))
 neumann = rg.field(rg.solve(rg.compile_space(space, boundary="neumann")))
 
@@ -40,4 +40,4 @@ assert clearance == sorted(clearance)
 axes = rg.draw(neumann)
 rg.draw(paths, axes, k=blends)
 axes.set_title("Blends over the Neumann potential", fontsize=9)
-rg.save_figure(axes, "out/blend.png")
+rg.plot.save_figure(axes, "out/blend.png")

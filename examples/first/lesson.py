@@ -25,9 +25,9 @@ Path("out").mkdir(exist_ok=True)
 # column and the second row.
 
 scene = rg.read_scene(SCENES / "lesson.toml")
-space = rg.sample(scene)
+space = rg.build_space(scene)
 assert space.cell[6, 1] == rg.Cell.GOAL
-rg.save_figure(rg.draw(scene), "out/1_scene.png")
+rg.plot.save_figure(rg.draw(scene), "out/1_scene.png")
 
 # %%
 # A circuit
@@ -112,7 +112,7 @@ rg.draw(path, picture)
 picture.set_title("Its voltages, and the path", fontsize=10)
 arrows = rg.draw(field, figure.add_subplot(grid[1, 1]), quantity="currents")
 arrows.set_title("Its currents", fontsize=10)
-rg.save_figure(figure, "out/2_lesson.png")
+rg.plot.save_figure(figure, "out/2_lesson.png")
 
 # %%
 # Do not take our word for it: this deck runs in any SPICE.

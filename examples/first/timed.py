@@ -19,24 +19,24 @@ Path("out").mkdir(exist_ok=True)
 
 scene = rg.read_scene(SCENES / "rooms.toml")
 path = rg.plan(scene).path(scene.starts[0])
-short = rg.shorten(path)
-rg.certify_free(short)
+short = rg.shortcut(path)
+rg.certify_collision_free(short)
 print(f"{path.length:.2f} m along the current, {short.length:.2f} m shortened")
 assert short.length < path.length
 
 # %%
 # As fast as 1 m/s and 2 m/s^2 allow.
 
-motion = rg.time_path(short, velocity_limits=1.0, acceleration_limits=2.0)
+motion = rg.time_parameterize(short, velocity_limits=1.0, acceleration_limits=2.0)
 times, positions, velocities = motion.sample(50)[:3]
 speed = np.linalg.norm(velocities, axis=1)
 print(f"{motion.times[-1]:.2f} s")
 assert speed.max() <= 1.0 + 1e-9
 
-rg.write_path(motion, "out/path.csv")
-axes = rg.draw(rg.sample(scene))
+rg.save(motion, "out/path.csv")
+axes = rg.draw(rg.build_space(scene))
 rg.draw(path, axes)
 points = axes.scatter(*positions.T, c=speed, s=4, cmap="BuPu", zorder=6)
 axes.figure.colorbar(points, ax=axes, label="speed [m/s]")
 axes.set_title("The streamline, and the timed path", fontsize=9)
-rg.save_figure(axes, "out/timed.png")
+rg.plot.save_figure(axes, "out/timed.png")

@@ -27,9 +27,9 @@ assert all(path.outcome == "reached" for path in paths)
 # %%
 # Unwrapped, its angle leaves the range of 0 to 2 pi.
 
-angles = [rg.unwrap(path)[:, 0] for path in paths]
+angles = [rg.planning.unwrap(path)[:, 0] for path in paths]
 assert any(angle.min() < 0 or angle.max() > 2 * np.pi for angle in angles)
 
 axes = rg.draw(planner)
 rg.draw(paths, axes)
-rg.save_figure(axes, "out/ring.png")
+rg.plot.save_figure(axes, "out/ring.png")

@@ -22,12 +22,12 @@ planner = rg.plan(scene)
 path = planner.path(scene.starts[0])
 rg.certify(path)
 assert path.outcome == "reached"
-assert rg.replay(path, scene.obstacles) is None
+assert rg.check_collisions(path, scene.obstacles) is None
 
 # %%
 # The tip ends in the goal: 0.2 m around (-1, -0.6), up to the width of a cell.
 
-tip = rg.workspace_path(path)[-1]
+tip = rg.planning.workspace_path(path)[-1]
 print(f"the tip ends {np.hypot(tip[0] + 1.0, tip[1] + 0.6):.3f} m from the centre of the goal")
 assert np.hypot(tip[0] + 1.0, tip[1] + 0.6) < 0.4
-rg.save_figure(rg.draw_robot(path, scene, ghosts=16), "out/three_link.png")
+rg.plot.save_figure(rg.plot.draw_robot(path, scene, ghosts=16), "out/three_link.png")

@@ -24,8 +24,8 @@ assert path.outcome == "reached"
 # %%
 # Geometry, not cells, has the last word: the polygon itself is driven along the path.
 
-assert rg.replay(path, scene.obstacles) is None
-clearance = rg.workspace_clearance(path, scene.obstacles)
+assert rg.check_collisions(path, scene.obstacles) is None
+clearance = rg.planning.workspace_clearance(path, scene.obstacles)
 print(f"the robot keeps {clearance * 100:.1f} cm away from the walls")
 assert clearance > 0
-rg.save_figure(rg.draw_robot(path, scene, ghosts=24), "out/turning.png")
+rg.plot.save_figure(rg.plot.draw_robot(path, scene, ghosts=24), "out/turning.png")

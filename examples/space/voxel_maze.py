@@ -27,4 +27,4 @@ assert decades > 16
 path = planner.path(scene.starts[0])
 rg.certify(path)
 assert path.outcome == "reached"
-rg.save_figure(rg.draw_page(field, [path], title=scene.title), "out/voxel_maze.png")
+rg.plot.save_figure(rg.plot.draw_summary(field, [path], title=scene.title), "out/voxel_maze.png")

@@ -26,4 +26,4 @@ assert all(path.outcome == "reached" for path in paths)
 # %%
 # Slices through the hall, one for every few heights.
 
-rg.save_figure(rg.draw_page(planner.field, paths, title=scene.title), "out/voxels.png")
+rg.plot.save_figure(rg.plot.draw_summary(planner.field, paths, title=scene.title), "out/voxels.png")

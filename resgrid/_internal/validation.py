@@ -16,8 +16,21 @@ import sys
 import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
+from importlib import import_module
 from numbers import Integral, Real
-from typing import IO, Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
+from typing import (
+    IO,
+    Annotated,
+    Any,
+    ForwardRef,
+    Literal,
+    NamedTuple,
+    TypeVar,
+    Union,
+    Unpack,
+    get_args,
+    get_origin,
+)
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
@@ -52,8 +65,8 @@ Natural = Annotated[int, Ge(0)]
 
 SOURCES = {
     "Chip": "scene.chip, or rg.Chip(...)",
-    "ConfigurationSpace": "rg.sample(scene)",
-    "Controller": "rg.make_controller(field)",
+    "ConfigurationSpace": "rg.build_space(scene)",
+    "Controller": "rg.control.make_controller(field)",
     "Field": "rg.field(rg.solve(netlist)), or rg.plan(scene).field",
     "Netlist": "rg.compile_space(space), or rg.read_spice(file).netlist()",
     "OperatingPoint": "rg.solve(netlist)",
@@ -65,9 +78,12 @@ SOURCES = {
     "Scene": "rg.read_scene(file), or rg.parse_scene(text)",
     "Simulation": "rg.simulation(scene)",
     "Streamline": "rg.streamline(field, start)",
-    "Wavefront": "rg.wavefront(rg.simulation(scene, announce=True), cells)",
+    "Wavefront": "rg.control.wavefront(rg.simulation(scene, announce=True), cells)",
 }
 """How to get what functions most often ask for."""
+
+_NAMESPACES = tuple(f"resgrid.{name}" for name in ("planning", "circuit", "chip", "control", "spice", "maps"))
+"""Packages with public names, which annotations may use without importing them at run time."""
 
 _ARRAY = frozenset(get_args(ArrayLike))
 _SHOWN = 60
@@ -135,13 +151,13 @@ def per_axis(
     return np.array(np.broadcast_to(given, (ndim,)))
 
 
-def guarded(name: str, value: Any) -> Any:
-    """A public function behind a check of its arguments' types; anything else as it is."""
+def guarded(name: str, value: Any, module: str = "resgrid") -> Any:
+    """Return a public function of a module that checks the types of its arguments; any other value unchanged."""
     if not isinstance(value, types.FunctionType):
         return value
     code = value.__code__
     door = _door(value, name, code.co_varnames[: code.co_argcount], lambda: kinds_of(value))
-    door.__module__, door.__qualname__, door.__name__ = "resgrid", name, name  # where pickle finds it again
+    door.__module__, door.__qualname__, door.__name__ = module, name, name  # where pickle finds it again
     return door
 
 
@@ -154,16 +170,21 @@ def checked(record: type[Record]) -> type[Record]:
 
 
 def check_call(
-    name: str, function: Callable[..., Any], arguments: Sequence[Any], options: Iterable[str], *, bound: int = 0
-) -> None:
+    name: str, function: Callable[..., Any], arguments: Sequence[Any], options: Iterable[str], *, bound: int = 0,
+    known: Iterable[str] = (),
+) -> None:  # fmt: skip
     """Raise TypeError if a function does not take some arguments or options, under its public name.
 
-    `bound`: number of first arguments that are not the caller's own, such as the object of a method.
+    `bound`: number of first arguments that are not the caller's own, such as the object of a method; `known`: names of
+    options that its keyword arguments (``**options``) take, if they do not take any.
     """
     parameters = list(inspect.signature(function).parameters.values())
     kinds = [each.kind for each in parameters]
-    known = [each.name for each in parameters[bound:] if each.name != "self"]
-    for option in options if inspect.Parameter.VAR_KEYWORD not in kinds else ():
+    variable = [each for each in parameters if each.kind is inspect.Parameter.VAR_KEYWORD]
+    takes_any = bool(variable) and "Unpack" not in str(variable[0].annotation)
+    names = [each.name for each in parameters[bound:] if each.name != "self" and each not in variable]
+    known = [*dict.fromkeys([*names, *known])]
+    for option in () if takes_any else options:
         if option not in known:
             hint = suggestion(option, known) or (f"it takes {', '.join(known)}" if known else "it takes none")
             raise TypeError(f"{name}() has no option {option!r}; {hint}")
@@ -188,7 +209,7 @@ def _door(
             if key in checks and not checks[key].accepts(argument):
                 raise InputError(_complaint(key, argument, checks[key]))
         if not options.keys() <= checks.keys():
-            check_call(name, function, (), options)
+            check_call(name, function, (), options, known=checks)
         return function(*arguments, **options)
 
     return door
@@ -197,10 +218,15 @@ def _door(
 def kinds_of(value: Any) -> Kinds:
     """What each parameter of a function, or field of a class, accepts, by name; at least one entry."""
     names = _Names(vars(sys.modules[value.__module__]))
-    return {
-        key: kind_of(eval(text, {"__builtins__": builtins}, names) if isinstance(text, str) else text)
-        for key, text in value.__annotations__.items()
-    }
+    kinds: Kinds = {}
+    for key, given in value.__annotations__.items():
+        text = given.__forward_arg__ if isinstance(given, ForwardRef) else given
+        hint = eval(text, {"__builtins__": builtins}, names) if isinstance(text, str) else text
+        if get_origin(hint) is Unpack:  # keyword arguments that a TypedDict lists
+            kinds |= kinds_of(get_args(hint)[0])
+        else:
+            kinds[key] = kind_of(hint)
+    return kinds
 
 
 class _Names(dict[str, Any]):
@@ -209,8 +235,11 @@ class _Names(dict[str, Any]):
     def __missing__(self, key: str) -> Any:
         if hasattr(builtins, key):
             return getattr(builtins, key)
-        package = sys.modules["resgrid"]
-        return getattr(package, key) if key in package.__all__ else Any
+        for module in ("resgrid", *_NAMESPACES):
+            package = import_module(module)
+            if key in package.__all__:
+                return getattr(package, key)
+        return Any
 
 
 def kind_of(hint: Any) -> TypeCheck:  # noqa: PLR0911

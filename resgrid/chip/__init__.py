@@ -1,6 +1,6 @@
 """The chip: what real devices make of the circuit, and whether it is good enough to drive a robot."""
 
-import lazy_loader
+from resgrid._internal.public import attach
 
 ANALYSES = (
     "yield",
@@ -15,5 +15,4 @@ ANALYSES = (
 )
 """Every analysis, in the order of the report; see `resgrid.chip.report`."""
 
-# The effects are loaded when they are asked for: the names above cost nothing.
-__getattr__, _, _ = lazy_loader.attach(__name__, ["effects"])
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

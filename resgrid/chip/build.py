@@ -18,7 +18,7 @@ from resgrid.core import random_sites
 from resgrid.core.netlist import Netlist
 from resgrid.core.random_sites import seed_of
 from resgrid.core.space import ConfigurationSpace
-from resgrid.core.wiring import Wiring, wiring_of
+from resgrid.core.wiring import Wiring
 from resgrid.errors import InputError, suggestion
 from resgrid.planning.pipeline import compile_circuit
 from resgrid.scene.chip import Chip
@@ -66,8 +66,8 @@ def build_chip(netlist: Netlist, chip: Chip | Iterable[Effect], seed: Any = None
 
     Examples
     --------
-    >>> ideal = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")), rails="cells")
-    >>> real = rg.build_chip(ideal, rg.Chip(mismatch="1 %", goal_switch_on=100.0))
+    >>> ideal = rg.compile_space(rg.build_space(rg.read_scene("examples/scenes/lesson.toml")), rails="cells")
+    >>> real = rg.chip.build_chip(ideal, rg.Chip(mismatch="1 %", goal_switch_on=100.0))
     >>> real
     <Netlist of 67 nodes: 145 resistors, 9 voltage sources>
     >>> float((real.conductance[:144] / ideal.conductance).std().round(3))
@@ -78,12 +78,13 @@ def build_chip(netlist: Netlist, chip: Chip | Iterable[Effect], seed: Any = None
     return netlist
 
 
-def ideal_netlist(space: ConfigurationSpace, chip: Chip, wiring: Wiring | Mapping[str, Any]) -> Netlist:
+def ideal_netlist(space: ConfigurationSpace, chip: Chip, wiring: Wiring) -> Netlist:
     """Compile a space for `build_chip`: a node per cell, the chip's values, a uniform drive scaled to the supply."""
-    options = dict(wiring) if isinstance(wiring, Mapping) else vars(wiring)
-    wall = chip.wall_resistance if options.get("boundary") == "wall" else None
-    values = {"rails": "cells", "resistance": chip.resistance, "supply": chip.supply, "wall_resistance": wall}
-    return compile_circuit(space, wiring_of(None, options | values))
+    wall = chip.wall_resistance if wiring.boundary == "wall" else None
+    own = dataclasses.replace(
+        wiring, rails="cells", resistance=chip.resistance, supply=chip.supply, wall_resistance=wall
+    )
+    return compile_circuit(space, own)
 
 
 def conductance_samples(netlist: Netlist, seeds: Iterable[Any], *, chip: Chip) -> tuple[Netlist, NDArray[np.float64]]:

@@ -108,7 +108,7 @@ def _krylov(
             U[last + 1] = u / left
     raise AccuracyError(
         f"{size} exponentials do not tell the motion from {times[0]:.2g} s to {times[-1]:.2g} s; follow it by "
-        "resgrid.transient"
+        "resgrid.circuit.transients"
     )
 
 

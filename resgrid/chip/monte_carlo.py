@@ -31,7 +31,7 @@ from resgrid.chip.effects.base import cells_with_nodes
 from resgrid.chip.effects.values import NOMINAL_CELSIUS
 from resgrid.chip.noise import ROOM, analyse_noise
 from resgrid.circuit.batch import Batch, prepare_batch, solve_batch
-from resgrid.circuit.nonlinear import small_signal
+from resgrid.circuit.nonlinear import linearize
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
 from resgrid.core.netlist import CellMap, Netlist
@@ -345,7 +345,7 @@ def _is_ideal(readout: Readout) -> bool:
 
 def _noise(op: OperatingPoint, chip: Chip, bandwidth: float) -> NDArray[np.float64]:
     """Deviation of a measurement at every cell, in volts: thermal noise of the flawless chip in the read-out's band."""
-    linear = small_signal(op) if op.netlist.nonlinear_nodes.size else op.netlist
+    linear = linearize(op) if op.netlist.nonlinear_nodes.size else op.netlist
     noise = analyse_noise(linear, band=(0.0, bandwidth), temperature=die_temperature(chip))
     assert noise.total is not None
     node = op.netlist.cells.node.ravel()

@@ -26,7 +26,7 @@ from resgrid.chip.adc_resolution import Steps, steps_of
 from resgrid.chip.figures_of_merit import Figure, Result, defined
 from resgrid.circuit.equations import assemble
 from resgrid.circuit.linear import CircuitFactor, factor_circuit
-from resgrid.circuit.nonlinear import small_signal
+from resgrid.circuit.nonlinear import linearize
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.core.random_sites import end_names, ends_of
 from resgrid.core.space import Cell, ConfigurationSpace
@@ -294,7 +294,7 @@ class Adjoint:
 
 def adjoint_of(op: OperatingPoint, factors: CircuitFactor | None = None) -> Adjoint:
     """Make a circuit ready for derivatives; ``factors`` are those of its small signals, if they are known."""
-    signals = small_signal(op)
+    signals = linearize(op)
     if factors is None:
         system = assemble(signals)
         factors = factor_circuit(system) if system.size else None

@@ -30,7 +30,7 @@ from resgrid.circuit.dynamics import (
 )
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve as solve_circuit
-from resgrid.circuit.transient import initial_voltages
+from resgrid.circuit.transients import initial_voltages
 from resgrid.core.netlist import Netlist
 from resgrid.errors import AccuracyError, InputError
 
@@ -145,8 +145,8 @@ def analyse_settling(
 
     `bits`: how well, 1 to 24, by default the converter's, or 10; `span`: range of the converter, in volts, without a
     chip's description the largest difference of final voltages; `initial`: voltages of all nodes, or the operating
-    point, before the switch (as in `resgrid.transient`; by default all capacitors are discharged); `modes`: how many
-    slow time constants to find; `method`: as in `resgrid.solve`.
+    point, before the switch (as in `resgrid.circuit.transient`; by default all capacitors are discharged); `modes`: how
+    many slow time constants to find; `method`: as in `resgrid.solve`.
 
     A part of the circuit that never settles is a CircuitError; conductances that span so many decades that rounding
     decides the slowest time constant, and figures beyond what doubles hold, are AccuracyErrors.

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property, wraps
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, Concatenate, ParamSpec, TypeVar, cast
+from typing import Any, Concatenate, ParamSpec, TypeVar, Unpack, cast
 
 from numpy.typing import ArrayLike
 
@@ -28,12 +28,12 @@ from resgrid.chip.settling import Settling, analyse_settling
 from resgrid.chip.sweeps import explore_yield
 from resgrid.chip.yield_loss import analyse_yield_loss
 from resgrid.chip.yields import analyse_yield
-from resgrid.circuit.nonlinear import small_signal
+from resgrid.circuit.nonlinear import linearize
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
 from resgrid.core.netlist import Netlist
 from resgrid.core.space import ConfigurationSpace
-from resgrid.core.wiring import check_wiring_options
+from resgrid.core.wiring import Wiring, WiringOptions, check_wiring_options, wiring_of
 from resgrid.errors import InputError
 from resgrid.planning.pipeline import problem_of
 from resgrid.planning.trace import start_cell
@@ -103,7 +103,7 @@ class Study:
     @cached_property
     def linear(self) -> Netlist:
         """The circuit, or its small signals around the operating point where it is nonlinear."""
-        return small_signal(self.op) if self.netlist.nonlinear_nodes.size else self.netlist
+        return linearize(self.op) if self.netlist.nonlinear_nodes.size else self.netlist
 
     @property
     def title(self) -> str:
@@ -223,9 +223,10 @@ _METHODS: dict[Callable[..., Any], str] = {
 def study(
     source: Scene | ConfigurationSpace | Netlist | OperatingPoint,
     chip: Chip | None = None,
+    wiring: Wiring | None = None,
     *,
     space: ConfigurationSpace | None = None,
-    **wiring: Any,
+    **options: Unpack[WiringOptions],
 ) -> Study:
     """Put a chip under study, to find out whether it is good enough to drive a robot.
 
@@ -236,10 +237,12 @@ def study(
         netlist (of a deck, say) is an ideal one where a chip is given, else it is studied as it is.
     chip : Chip, optional
         Its description, in place of the scene's.
+    wiring : Wiring, optional
+        Boundary conditions and element values of a scene or a space; by default those of the scene.
     space : ConfigurationSpace, optional
         Of the scene, where it has been sampled already.
-    **wiring
-        How a scene or a space is wired, in place of what the scene says: fields of `Wiring`.
+    **options
+        Fields of `Wiring`, such as ``boundary="neumann"``: instead of a wiring, or changes to it.
 
     Returns
     -------
@@ -254,23 +257,26 @@ def study(
 
     Examples
     --------
-    >>> chip = rg.Chip(mismatch=0.02, readout=rg.Readout(bits=8))
+    >>> chip = rg.Chip(mismatch=0.02, readout=rg.chip.Readout(bits=8))
     >>> study = rg.study(rg.read_scene("examples/scenes/lesson.toml"), chip)
     >>> study
     Study(Eight by eight: 8 x 8 cells, dirichlet, 66 nodes)
     >>> study.precision().sentence(12)
     'a 12-bit read-out serves 100 % of the starts'
     """
-    check_wiring_options(wiring)
+    check_wiring_options(options)
     if isinstance(source, Netlist | OperatingPoint):
-        if wiring or space is not None:
-            raise InputError(f"{', '.join([*wiring, 'space'])}: a circuit is wired already; give a scene or a space")
+        given = [*options, *(name for name, value in (("wiring", wiring), ("space", space)) if value is not None)]
+        if given:
+            raise InputError(f"{', '.join(given)}: a circuit is wired already; give a scene or a space")
         netlist = source if isinstance(source, Netlist) else source.netlist
         solved = source if chip is None and isinstance(source, OperatingPoint) else None
         return Study(netlist, chip, solved=solved)
     if isinstance(source, ConfigurationSpace):
         chip = chip or Chip()
-        return Study(ideal_netlist(source, chip, wiring), chip)
-    problem = problem_of(source if chip is None else dataclasses.replace(source, chip=chip), space=space, **wiring)
+        default = {"wall_resistance": chip.wall_resistance} if options.get("boundary") == "wall" else {}
+        return Study(ideal_netlist(source, chip, wiring_of(wiring, options, default)), chip)
+    scene = source if chip is None else dataclasses.replace(source, chip=chip)
+    problem = problem_of(scene, wiring, space=space, **options)
     chip = chip or source.chip
     return Study(ideal_netlist(problem.space, chip, problem.only_wiring()[1]), chip, source)

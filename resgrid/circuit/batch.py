@@ -81,7 +81,7 @@ def solve_many(
     Examples
     --------
     >>> divider = rg.Netlist(3, [[1, 2], [2, 0]], [1e-3, 1e-3], source_nodes=[[1, 0]], source_volts=[2.0])
-    >>> rg.solve_many(divider, [[1e-3, 1e-3], [1e-3, 3e-3]]).round(9)
+    >>> rg.circuit.solve_many(divider, [[1e-3, 1e-3], [1e-3, 3e-3]]).round(9)
     array([[0. , 2. , 1. ],
            [0. , 2. , 0.5]])
     """

@@ -147,7 +147,7 @@ def dynamics_of(netlist: Netlist) -> Dynamics:
     if netlist.nonlinear_current.size:
         raise InputError(
             f"the netlist holds {len(netlist.nonlinear_current)} nonlinear resistors, and this analysis is of linear "
-            "circuits; give it resgrid.small_signal(operating_point)"
+            "circuits; give it resgrid.circuit.linearize(operating_point)"
         )
     forest = tie_sources(netlist)
     charged = netlist.capacitance > 0

@@ -114,7 +114,7 @@ def solve_nonlinear(
     return answer
 
 
-def small_signal(op: OperatingPoint) -> Netlist:
+def linearize(op: OperatingPoint) -> Netlist:
     """The linear circuit that small signals see around an operating point.
 
     Parameters
@@ -133,7 +133,7 @@ def small_signal(op: OperatingPoint) -> Netlist:
     ...     3, [[1, 2]], [1e-3], source_nodes=[[1, 0]], source_volts=[0.2],
     ...     nonlinear_nodes=[[2, 0]], nonlinear_current=[1e-3], nonlinear_voltage=[0.1],
     ... )
-    >>> rg.small_signal(rg.solve(netlist)).conductance.round(6)
+    >>> rg.circuit.linearize(rg.solve(netlist)).conductance.round(6)
     array([0.001  , 0.00967])
     """
     netlist = op.netlist

@@ -89,7 +89,7 @@ def solve(
 
     Examples
     --------
-    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
+    >>> netlist = rg.compile_space(rg.build_space(rg.read_scene("examples/scenes/lesson.toml")))
     >>> op = rg.solve(netlist)
     >>> node = netlist.cells.node[6, 2]
     >>> netlist.node_name(node), f"{op.voltage[node]:.6f} V"
@@ -104,7 +104,7 @@ def solve(
     return solve_linear(netlist, accuracy=accuracy, method=method, rtol=rtol, threads=threads, progress=progress)
 
 
-def factor(netlist: Netlist | CircuitLike, *, method: str = "auto") -> CircuitFactor:
+def factorize(netlist: Netlist | CircuitLike, *, method: str = "auto") -> CircuitFactor:
     """Factor a netlist once, for many right-hand sides.
 
     Parameters
@@ -133,7 +133,7 @@ def factor(netlist: Netlist | CircuitLike, *, method: str = "auto") -> CircuitFa
     >>> ladder = rg.Netlist(
     ...     3, [[1, 0], [1, 2], [2, 0]], [1e-3, 1e-3, 1e-3], current_nodes=[[0, 1]], current_amps=[1e-3]
     ... )
-    >>> factor = rg.factor(ladder)
+    >>> factor = rg.factorize(ladder)
     >>> factor.solve([1e-3, 0.0]).round(6)
     array([0.666667, 0.333333])
     >>> factor.solve([0.0, 1e-3]).round(6)
@@ -151,7 +151,7 @@ def factor(netlist: Netlist | CircuitLike, *, method: str = "auto") -> CircuitFa
     return factor_circuit(system, method)
 
 
-def scale_drive(netlist: Netlist, op: OperatingPoint) -> Netlist:
+def normalize_drive(netlist: Netlist, op: OperatingPoint) -> Netlist:
     """Scale the uniform drive so that the highest node sits at the supply.
 
     The circuit is linear: its voltages above the goal rail scale with the currents fed in.
@@ -175,9 +175,9 @@ def scale_drive(netlist: Netlist, op: OperatingPoint) -> Netlist:
 
     Examples
     --------
-    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")), boundary="neumann")
+    >>> netlist = rg.compile_space(rg.build_space(rg.read_scene("examples/scenes/lesson.toml")), boundary="neumann")
     >>> op = rg.solve(netlist)
-    >>> scaled = rg.scale_drive(netlist, op)
+    >>> scaled = rg.normalize_drive(netlist, op)
     >>> round(float(op.voltage.max()), 6), round(float(rg.solve(scaled).voltage.max()), 6)
     (1.14067, 1.0)
     """

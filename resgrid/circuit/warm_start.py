@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from resgrid.core.compiler import CellRole, compile_space, contacts_of_box
 from resgrid.core.netlist import Netlist
 from resgrid.core.regions import before_and_behind, label_regions
 from resgrid.core.space import Cell, ConfigurationSpace
-from resgrid.core.wiring import Wiring, wiring_of
+from resgrid.core.wiring import Wiring, WiringOptions, wiring_of
 from resgrid.errors import AccuracyError, InputError
 from resgrid.solvers.factors import check_rtol
 from resgrid.solvers.hierarchy_reuse import WarmGrid
@@ -122,14 +122,14 @@ class WarmStart:
     >>> cell = np.zeros((40, 40), dtype=np.uint8)
     >>> cell[20, 20] = rg.Cell.GOAL
     >>> space = rg.ConfigurationSpace([rg.Axis("x", 0.0, 1.0, 40), rg.Axis("y", 0.0, 1.0, 40)], cell)
-    >>> warm = rg.WarmStart(boundary="neumann")
+    >>> warm = rg.circuit.WarmStart(boundary="neumann")
     >>> first = warm.solve(space)
     >>> cell[22, 18:23] = rg.Cell.OBSTACLE
     >>> warm.solve(space.with_cells(cell)).fresh
     False
     """
 
-    def __init__(self, wiring: Wiring | None = None, *, rtol: float = 1e-8, **options: Any) -> None:
+    def __init__(self, wiring: Wiring | None = None, *, rtol: float = 1e-8, **options: Unpack[WiringOptions]) -> None:
         check_rtol(rtol)
         if not (wiring is None or isinstance(wiring, Wiring)):
             raise InputError(f"wiring = {wiring!r} must be a Wiring (rg.Wiring(...)), or None")
@@ -159,7 +159,7 @@ class WarmStart:
             If the backward error is not reached.
         """
         if not isinstance(space, ConfigurationSpace):
-            raise InputError(f"space = {space!r} must be a ConfigurationSpace (rg.sample(scene))")
+            raise InputError(f"space = {space!r} must be a ConfigurationSpace (rg.build_space(scene))")
         wiring, watch = self.wiring.on(space), ProgressMonitor(progress)
         last, self._last = self._last, None
         with suppress(AccuracyError):

@@ -93,9 +93,9 @@ def _check_rules(source: CommandInput, given: bool) -> int:
         ignored = report_ignored(job, "circuit")
         circuit = job.compile(job.problem.only_wiring()[1], scaled=False)
     with stage("check the rules"):
-        violations = rg.check_rules(circuit)
+        violations = rg.check_erc(circuit)
     with stage("ask what simulators would make of it"):
-        predictions = rg.predict_simulators(circuit, violations)
+        predictions = rg.spice.check_portability(circuit, violations)
     passes = not any(violation.severity == "error" for violation in violations)
     data = {
         "passes": passes,
@@ -139,7 +139,7 @@ def _check_deck(source: CommandInput, limits: dict[str, Any]) -> Agreement:
         with stage("simulate"):
             return rg.check_deck(path, **limits)
     deck = open_deck(source, names=False)
-    violations = [violation for violation in rg.check_rules(deck) if violation.rule != "reading"]
+    violations = [violation for violation in rg.check_erc(deck) if violation.rule != "reading"]
     for violation in violations:
         if violation.severity != "info":
             say(f"  {violation}")

@@ -149,13 +149,14 @@ def _open(job: Job) -> Study:
 
 def _analyse(name: str, study: Study, effort: Effort, work: Path) -> Section:
     """Do one of the analyses, and draw its pictures into a folder."""
-    from resgrid import plot
     from resgrid.chip.report import report_section, seconds_needed
+    from resgrid.plot.figures import save_figure
+    from resgrid.plot.pictures import draw
 
     with stage(name, seconds=seconds_needed(name, study, effort)) as progress:
         section = report_section(name, study, replace(effort, progress=progress.count))
     for picture in section.pictures:
-        plot.save_figure(plot.draw(picture.value, **picture.options), work / f"{picture.name}.png")
+        save_figure(draw(picture.value, **picture.options), work / f"{picture.name}.png")
     return section
 
 

@@ -96,7 +96,7 @@ def command(
     ignored = report_ignored(job, "grid", k=tuple(k for k in scene.k if k not in shares))
     if (picture or animate or wavefront) and len(shares) * len(scene.starts) > 1:
         say("of several runs, the first is drawn; choose one with --start X,Y and --k K")
-    runs: list[tuple[Simulation, rg.Run]] = []
+    runs: list[tuple[Simulation, rg.control.Run]] = []
     starts = [start for _ in shares for start in scene.starts]
     for k in shares:
         with stage("solve the field", seconds=1.0):
@@ -106,9 +106,9 @@ def command(
                 runs.append((sim, sim.run(start)))
                 progress.advance()
     if output is not None:
-        rg.write_run([run for _, run in runs], output)
+        rg.save([run for _, run in runs], output)
     if picture is not None:
-        say(f"wrote {rg.save_figure(rg.draw(runs[0][1]), picture)}")
+        say(f"wrote {rg.plot.save_figure(rg.draw(runs[0][1]), picture)}")
     if animate is not None:
         _draw(animate, runs[0][1], count=FRAMES)
     if wavefront is not None:
@@ -134,23 +134,23 @@ def _check_pictures(picture: str | None, *films: str | None) -> None:
             check_animation(file)
 
 
-def _front(sim: Simulation, run: rg.Run) -> Wavefront:
+def _front(sim: Simulation, run: rg.control.Run) -> Wavefront:
     """The change of the potential for as long as the robot was on its way."""
     import numpy as np
 
     crossed = float(run.time[-1]) * sim.controller.speed / float(sim.space.spacing.min())
     with stage("follow the wavefront", seconds=10.0):
-        return rg.wavefront(sim, np.linspace(0.0, crossed, FRAMES))
+        return rg.control.wavefront(sim, np.linspace(0.0, crossed, FRAMES))
 
 
-def _draw(file: str, value: rg.Run | Wavefront, **options: Any) -> None:
+def _draw(file: str, value: rg.control.Run | Wavefront, **options: Any) -> None:
     say(f"drawing {FRAMES} frames for {file}")
     with stage(f"draw {Path(file).name}", steps=FRAMES) as progress:
         rg.animate(value, file, progress=lambda _: progress.advance(), **options)
     say(f"wrote {file}")
 
 
-def _line(start: Sequence[float], run: rg.Run) -> str:
+def _line(start: Sequence[float], run: rg.control.Run) -> str:
     """A run in one line, for people."""
     head = f"start {place_of(start)}, k = {run.field.k:g}: {run.ending} after {run.time[-1]:.4g} s"
     solves = counted(len(run.lessons), "re-solve")

@@ -55,7 +55,7 @@ def command(source: CommandInput, output: str, dialect: str | None, bare: bool) 
     if is_network:
         missing = left_out(netlist, output)
         with stage("write it", seconds=5e-6 * data["resistors"]):
-            rg.write_network(netlist, output)
+            rg.save(netlist, output)
     else:
         data["dialect"] = dialect or OWN_SUFFIXES.get(suffix, "ngspice")
         with stage("write it", seconds=5e-6 * data["resistors"]):

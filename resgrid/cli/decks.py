@@ -81,7 +81,7 @@ def solve_deck(deck: Circuit, method: str = "auto") -> rg.OperatingPoint:
         op: rg.OperatingPoint = compute("solve the deck", partial(rg.solve, method=method), netlist, seconds=seconds)
         return op
     except CircuitError as error:
-        errors = [finding for finding in rg.check_rules(deck) if finding.severity == "error"]
+        errors = [finding for finding in rg.check_erc(deck) if finding.severity == "error"]
         lines = (f"{finding.place}: {finding.message}; {finding.remedy}" for finding in errors[:_NOTES])
         raise CircuitError("\n".join(lines) or str(error)) from error
 

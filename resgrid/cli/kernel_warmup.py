@@ -33,7 +33,7 @@ _ROOM = rg.Scene(
     starts=((0.5, 6.5),),
     chip=rg.Chip(
         capacitance=60e-15, mismatch=0.01, temperature=60.0, tc1=-2e-3,
-        readout=rg.Readout(bits=12, noise_bandwidth=1e6),
+        readout=rg.chip.Readout(bits=12, noise_bandwidth=1e6),
     ),
 )  # fmt: skip
 
@@ -140,7 +140,7 @@ def _decks() -> None:
         deck = Path(folder) / "room.cir"
         rg.write_spice(_solve(_room(24, 24)), deck)
         circuit = rg.read_spice(deck)
-        rg.check_rules(circuit)
+        rg.check_erc(circuit)
         rg.solve(circuit, accuracy="normwise")
 
 
@@ -148,7 +148,7 @@ def _paths() -> None:
     planner = rg.plan(_ROOM, k=0.5)
     path = planner.path((0.5, 6.5))
     rg.certify(path)
-    rg.shorten(path)
+    rg.shortcut(path)
     rg.basins(planner.field)
     rg.streamlines(planner.field, [(0.5, 6.5), (7.5, 7.5)])
 
@@ -175,7 +175,7 @@ def _chips() -> None:
 def _many() -> None:
     netlist = rg.compile_space(_room(48, 48))
     spread = np.random.default_rng(0).normal(1.0, 0.01, (8, len(netlist.conductance)))
-    rg.solve_many(netlist, netlist.conductance * spread)
+    rg.circuit.solve_many(netlist, netlist.conductance * spread)
 
 
 CASES: dict[str, Callable[[], None]] = {

@@ -30,7 +30,7 @@ def command(source: CommandInput | None, host: str, port: int, read_only: bool, 
     SCENE has two axes; without one the page begins with an empty square. Needs the extra 'live', which 'make demo'
     installs.
     """
-    from resgrid.live_page.live import serve
+    from resgrid.live_page.launch import serve
 
     _share_one_heap()
     scene = None if source is None else open_job(source, require_goal=False).scene

@@ -125,13 +125,15 @@ def _check_limits(option: str, limits: tuple[float, ...], space: rg.Configuratio
 
 def _shortened(route: Route, clearance: float | None) -> Route:
     assert route.streamline is not None
-    return replace(route, path=rg.shorten(route.streamline, clearance=clearance)) if route.reached else route
+    return replace(route, path=rg.shortcut(route.streamline, clearance=clearance)) if route.reached else route
 
 
 def _timed(route: Route, speed: tuple[float, ...], acceleration: tuple[float, ...], rate: float | None) -> Route:
     """A route with its times, at `rate` samples a second if that is given."""
     velocity, change = (limits[0] if len(limits) == 1 else limits for limits in (speed, acceleration))
-    motion = rg.time_path(cast("AnyPath", route.path), velocity_limits=velocity, acceleration_limits=change or None)
+    motion = rg.time_parameterize(
+        cast("AnyPath", route.path), velocity_limits=velocity, acceleration_limits=change or None
+    )
     whole = replace(route, path=motion)
     if rate is None:
         return whole

@@ -105,7 +105,7 @@ def answer_queries(job: Job, file: str, limit: int | None, output: str | None, i
 
     if output is not None:
         suffix_of(output, ("record",), "answers to queries")
-    queries = list(islice(rg.read_queries(file), limit))
+    queries = list(islice(rg.maps.read_movingai_scenarios(file), limit))
     _require_own_map(job, queries, file)
     answers = []
     with stage(f"answer {len(queries)} queries", steps=len(queries)) as progress:

@@ -61,7 +61,7 @@ def draw_all(folder: Path, job: Job, plan: Plan) -> dict[str, str]:
     """Draw every picture that a scene of this kind has; what each shows, by its file."""
     files = {}
     for name, caption, what, field in _album(job, plan):
-        rg.save_figure(_draw(what, job, plan, field), folder / f"{name}.png")
+        rg.plot.save_figure(_draw(what, job, plan, field), folder / f"{name}.png")
         files[f"{name}.png"] = caption
     return files
 
@@ -111,7 +111,7 @@ def _drawn(what: str, job: Job, plan: Plan, field: rg.Field | None) -> Any:
             return rg.draw(job.space, unknown=unknown_cells(job.scene.map, job.space.axes))
     assert field is not None
     own = [line for line in lines if not line.field.is_flowing or line.field is field]
-    return rg.draw_page(field, own, title=_title(job, plan, field))
+    return rg.plot.draw_summary(field, own, title=_title(job, plan, field))
 
 
 def _title(job: Job, plan: Plan, field: rg.Field) -> str:
@@ -130,13 +130,13 @@ def _draw_robot(job: Job, plan: Plan) -> Any:
     if path is None:
         raise InputError("--what robot: no path reaches a goal, so there is nothing to drive along")
     if job.space.ndim == 2:
-        return rg.draw_pair(path, job.scene, title=job.scene.title)
-    return _titled(rg.draw_robot(path, job.scene), job.scene.title)
+        return rg.plot.draw_workspace_and_space(path, job.scene, title=job.scene.title)
+    return _titled(rg.plot.draw_robot(path, job.scene), job.scene.title)
 
 
 def _titled(picture: Any, title: str) -> Any:
     """Return the figure of a picture, with a title above it."""
-    from resgrid.plot import add_title, figure_of
+    from resgrid.plot.figures import add_title, figure_of
 
     figure = figure_of(picture)
     add_title(figure, title)

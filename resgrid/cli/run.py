@@ -90,7 +90,7 @@ def _write_all(
         files[deck.commands.name] = "commands for the simulator"
         if deck.companion is not None:
             files[deck.companion.name] = "makes ngspice print PASS or FAIL"
-        rg.write_solution(plan.operating_points[name], work / f"{name}.npz")
+        rg.save(plan.operating_points[name], work / f"{name}.npz")
         whose = "its" if job.is_ideal else "its ideal grid's"
         files[f"{name}.npz"] = f"{whose} potential, log_drop and cells as arrays"
     files[SUMMARY] = "this summary as JSON"

@@ -64,7 +64,7 @@ class Job:
 
         if ideal or self.is_ideal:
             return compile_circuit(self.space, wiring, scaled=scaled, work=self._work)
-        passes = partial(rg.build_chip, chip=self.scene.chip)
+        passes = partial(rg.chip.build_chip, chip=self.scene.chip)
         return compile_circuit(self.space, replace(wiring, rails="cells"), passes=passes, work=self._work)
 
     def solve_ranked(self, wiring: rg.Wiring) -> Ranked:
@@ -94,7 +94,7 @@ def open_job(
         require_room(tuple(axis.cells for axis in scene.axes), remedy_of_size(scene))
     cells = math.prod(axis.cells for axis in scene.axes)
     with stage("cut it into cells", seconds=3e-7 * cells) as progress:
-        space = rg.sample(scene, require_goal=require_goal, progress=progress.count)
+        space = rg.build_space(scene, require_goal=require_goal, progress=progress.count)
     return Job(scene, space, source.threads, method or "auto", ranks)
 
 

@@ -70,7 +70,7 @@ def command(
             lines = _scene_lines(data, job.space.shape)
     if output is not None:
         with stage("write the solution"):
-            rg.write_solution(answer, output, title=title, form=raw or "binary", about=about)
+            rg.save(answer, output, title=title, form=raw or "binary", about=about)
         data["file"] = output
     finish(data, lines, written=output, more=True)
     return 0

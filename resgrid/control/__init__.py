@@ -1,1 +1,5 @@
-"""Harmonic control (Connolly & Grupen 1992, sections 3.4 and 5 to 7): velocities, contacts, and obstacles learnt."""
+"""Harmonic control (Connolly & Grupen 1992, sections 3.4 and 5 to 7): velocities, contacts, learnt obstacles."""
+
+from resgrid._internal.public import attach
+
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

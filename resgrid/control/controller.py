@@ -71,7 +71,8 @@ class Controller:
 
     Examples
     --------
-    >>> controller = rg.make_controller(rg.plan(rg.read_scene("examples/scenes/lesson.toml"), k=0.9).field, speed=0.5)
+    >>> field = rg.plan(rg.read_scene("examples/scenes/lesson.toml"), k=0.9).field
+    >>> controller = rg.control.make_controller(field, speed=0.5)
     >>> velocity = controller.command((0.5, 6.5), (0.0, 0.0))
     >>> float(np.linalg.norm(velocity).round(6))
     0.5
@@ -265,7 +266,8 @@ def make_controller(
     Examples
     --------
     >>> field = rg.plan(rg.read_scene("examples/scenes/lesson.toml"), k=0.9).field
-    >>> controller = rg.make_controller(field, speed=0.5)
+    >>> field = rg.plan(rg.read_scene("examples/scenes/lesson.toml"), k=0.9).field
+    >>> controller = rg.control.make_controller(field, speed=0.5)
     >>> controller.command((0.5, 6.5), (0.0, 0.0)).round(3)
     array([ 0.196, -0.46 ])
     >>> controller.command((0.5, 6.5), (0.0, -0.2)).round(3)
@@ -313,9 +315,9 @@ def equipotential_velocity(
 
     Examples
     --------
-    >>> rg.equipotential_velocity((1.0, 0.0), (0.3, 0.5))
+    >>> rg.control.equipotential_velocity((1.0, 0.0), (0.3, 0.5))
     array([0. , 0.5])
-    >>> rg.equipotential_velocity((1.0, 0.0), (-0.5, 0.0))
+    >>> rg.control.equipotential_velocity((1.0, 0.0), (-0.5, 0.0))
     array([0., 0.])
     """
     v, f = np.asarray(streamline_velocity, dtype=np.float64), np.asarray(force, dtype=np.float64)

@@ -21,7 +21,7 @@ Force = Callable[[float, NDArray[np.float64]], ArrayLike]
 @checked
 @frozen
 @dataclass(frozen=True, eq=False)
-class Push:
+class ExternalForce:
     """A constant generalised force for a while.
 
     Attributes
@@ -37,9 +37,9 @@ class Push:
 
     Examples
     --------
-    >>> push = rg.Push(start=1.0, duration=0.5, force=(0.0, 0.2))
+    >>> push = rg.control.ExternalForce(start=1.0, duration=0.5, force=(0.0, 0.2))
     >>> run = rg.simulation(rg.read_scene("examples/scenes/lesson.toml"), k=0.9).run(pushes=[push])
-    >>> str(run.ending), rg.Mode.PUSHED in run.mode
+    >>> str(run.ending), rg.control.ControlMode.PUSHED in run.mode
     ('arrived', True)
     """
 
@@ -55,9 +55,9 @@ class Push:
             raise InputError(f"a push needs a finite force, one entry per axis, got {force.tolist()}")
 
 
-def random_pushes(
+def random_forces(
     seed: Natural, ndim: Count, *, until: NotNegative, size: float, duration: Positive, count: Natural = 8
-) -> list[Push]:
+) -> list[ExternalForce]:
     """Pushes at random times in random directions.
 
     Parameters
@@ -75,7 +75,7 @@ def random_pushes(
 
     Returns
     -------
-    list of Push
+    list of ExternalForce
         In order of time.
 
     Raises
@@ -85,7 +85,7 @@ def random_pushes(
 
     Examples
     --------
-    >>> pushes = rg.random_pushes(seed=0, ndim=2, until=10.0, size=0.2, duration=0.5, count=3)
+    >>> pushes = rg.control.random_forces(seed=0, ndim=2, until=10.0, size=0.2, duration=0.5, count=3)
     >>> [round(float(np.linalg.norm(push.force)), 9) for push in pushes]
     [0.2, 0.2, 0.2]
     """
@@ -93,20 +93,20 @@ def random_pushes(
     starts = np.sort(rng.uniform(0.0, until, count))
     forces = rng.normal(size=(count, ndim))
     forces *= size / np.linalg.norm(forces, axis=1, keepdims=True)
-    return [Push(float(start), duration, force) for start, force in zip(starts, forces, strict=True)]
+    return [ExternalForce(float(start), duration, force) for start, force in zip(starts, forces, strict=True)]
 
 
-def control_pushes(control: Control, seed: int, space: ConfigurationSpace, speed: float) -> list[Push]:
+def control_pushes(control: Control, seed: int, space: ConfigurationSpace, speed: float) -> list[ExternalForce]:
     """The pushes of a ``[control]`` table; random ones over the time that a robot needs along the longest axis."""
-    pushes = [Push(start, duration, np.array(force)) for start, duration, *force in control.push]
+    pushes = [ExternalForce(start, duration, np.array(force)) for start, duration, *force in control.push]
     until = float((space.upper - space.lower).max()) / speed
     if control.pushes and control.push_size:
         count, size = control.pushes, control.push_size
-        pushes += random_pushes(seed, space.ndim, until=until, size=size, duration=until / 20, count=count)
+        pushes += random_forces(seed, space.ndim, until=until, size=size, duration=until / 20, count=count)
     return pushes
 
 
-def force_of(pushes: Sequence[Push] | Force, ndim: int) -> Force:
+def force_of(pushes: Sequence[ExternalForce] | Force, ndim: int) -> Force:
     """One function of time and configuration for what may be a list of pushes or a function."""
     if callable(pushes):
         return lambda time, configuration: checked_force(pushes(time, configuration), ndim, f"the push at {time:g} s")

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from resgrid.control.controller import Nominal, following_velocity
 from resgrid.control.escape import CellIndex, exits, goal_offsets
-from resgrid.control.run_log import End, Ending, Mode
+from resgrid.control.run_log import ControlMode, End, TerminationReason
 from resgrid.control.state_estimate import LiveMap, Sensor
 from resgrid.core.space import Cell
 from resgrid.errors import InputError
@@ -71,7 +71,7 @@ class Command(NamedTuple):
     `velocity` (ndim,): without forces; `longest`: for how long at most, in seconds.
     """
 
-    mode: Mode
+    mode: ControlMode
     velocity: Vector
     longest: float = np.inf
 
@@ -97,23 +97,27 @@ class Navigator:
         if seen.place == "off":
             if live.space.goal_connected[tuple(live.space.split(believed)[0])]:
                 waits = live.grid is not None
-                return Command(Mode.WAITING, np.zeros_like(believed)) if waits else End(Ending.NO_CURRENT, _FLAT)
+                return (
+                    Command(ControlMode.WAITING, np.zeros_like(believed))
+                    if waits
+                    else End(TerminationReason.NO_CURRENT, _FLAT)
+                )
             return self._recover(believed, configuration)
         self._tried, self.exit, self._lost = set(), None, False
         if controller.response == "equipotential" and torque.any():
             following = following_velocity(seen.velocity, torque)
-            return Command(Mode.FOLLOWING if following.any() else Mode.JAM, following)
+            return Command(ControlMode.FOLLOWING if following.any() else ControlMode.JAM, following)
         slowed = np.abs(seen.velocity).max() / np.abs(controller.limited(seen.velocity)).max()
-        return Command(Mode.STREAMLINE, seen.velocity, seen.longest * float(slowed))
+        return Command(ControlMode.STREAMLINE, seen.velocity, seen.longest * float(slowed))
 
     def _home(self, believed: Vector) -> Command | End:
         """Straight to what solves the goal: in its own goal cell or, if that is obstructed, in one beside."""
         offsets = goal_offsets(self._live.space, believed, sure=self._sensor.exact)
         own = offsets[0][1]
         if np.all(np.abs(own) <= self._sensor.noise + SAME * self._live.spacing):
-            return End(Ending.ARRIVED, "the robot is in a goal")
+            return End(TerminationReason.ARRIVED, "the robot is in a goal")
         self.exit = next((cell for cell, _ in offsets if cell not in self._tried), None)
-        return self._straight(Mode.HOMING, own if self.exit is None else dict(offsets)[self.exit])
+        return self._straight(ControlMode.HOMING, own if self.exit is None else dict(offsets)[self.exit])
 
     def _recover(self, believed: Vector, configuration: Vector) -> Command | End:
         """Back the way it came; but if no cell of it has a path any more, out to a cell beside that has one."""
@@ -121,23 +125,23 @@ class Navigator:
             for cell, offset in exits(self._live.space, believed):
                 if cell not in self._tried:
                     self.exit = cell
-                    return self._straight(Mode.RECOVERING, offset)
+                    return self._straight(ControlMode.RECOVERING, offset)
             if self.exit is not None:  # Out of reach by now: it slid off what was in its way.
                 self.give_up_exit(configuration)
         elif self._sensor.noise.any() or (self._sensor.bias.any() and not self._trail):
             # Wrong belief may put the robot into a cell without a path, and no way back leads out of a mistake.
             try:
-                return Command(Mode.RECOVERING, self._live.controller.axis_nominal(believed).velocity)
+                return Command(ControlMode.RECOVERING, self._live.controller.axis_nominal(believed).velocity)
             except InputError as error:
-                return End(Ending.STALLED, str(error))
+                return End(TerminationReason.STALLED, str(error))
         while self._trail:
             offset = self._trail[-1] - configuration
             if np.linalg.norm(offset) > SAME * float(self._live.spacing.min()):
-                return self._straight(Mode.RETREATING, offset)
+                return self._straight(ControlMode.RETREATING, offset)
             self._trail.pop()
         return self._no_path()
 
-    def _straight(self, mode: Mode, offset: Vector) -> Command:
+    def _straight(self, mode: ControlMode, offset: Vector) -> Command:
         controller, length = self._live.controller, float(np.linalg.norm(offset))
         velocity = controller.limited(offset * (controller.speed / length))
         return Command(mode, velocity, length / float(np.linalg.norm(velocity)))
@@ -148,16 +152,16 @@ class Navigator:
         cell = tuple(space.split(self._first)[0].tolist())
         if space.cell[cell] != Cell.OBSTACLE:
             message = "the obstacle cells learnt, with those of the map, separate the start from every goal"
-            return End(Ending.NO_PATH, message)
+            return End(TerminationReason.NO_PATH, message)
         tried = f", and {len(self._tried)} beside it that have one could not be reached" if self._tried else ""
         message = f"the start's own cell {cell} holds an obstacle, as was learnt, and so has no path to a goal{tried}"
-        return End(Ending.NO_PATH, message)
+        return End(TerminationReason.NO_PATH, message)
 
-    def fail(self, mode: Mode, configuration: Vector) -> None:
+    def fail(self, mode: ControlMode, configuration: Vector) -> None:
         """What was chosen leads nowhere: a cell beside that cannot be reached, or a place that was touched itself."""
         if self.exit is not None:
             self.give_up_exit(configuration)
-        elif mode is Mode.RETREATING:
+        elif mode is ControlMode.RETREATING:
             self._trail.pop()
 
     def give_up_exit(self, configuration: Vector) -> None:
@@ -168,12 +172,12 @@ class Navigator:
         if self._lost:
             self._patience.renew(configuration)
 
-    def remember(self, mode: Mode, before: Vector, after: Vector, *, pushed: bool) -> None:
+    def remember(self, mode: ControlMode, before: Vector, after: Vector, *, pushed: bool) -> None:
         """Keep the way back: every configuration that was left, so that each step of it has been taken before."""
         away = np.abs(after - self._trail[-1]) if self._trail else np.zeros_like(before)
-        pushed_off = mode is Mode.RETREATING and pushed and np.any(away > SAME * self._live.spacing)
-        unsure = mode is Mode.RECOVERING and not self._sensor.exact
-        if pushed_off or not (mode is Mode.RETREATING or unsure):
+        pushed_off = mode is ControlMode.RETREATING and pushed and np.any(away > SAME * self._live.spacing)
+        unsure = mode is ControlMode.RECOVERING and not self._sensor.exact
+        if pushed_off or not (mode is ControlMode.RETREATING or unsure):
             self._trail.append(before)
 
     def learnt(self, configuration: Vector) -> End | None:
@@ -181,7 +185,7 @@ class Navigator:
         self._tried, self.exit = set(), None
         space = self._live.space
         if not space.goal_count:
-            return End(Ending.GOAL_BLOCKED, "every goal cell was learnt to be obstacle")
+            return End(TerminationReason.GOAL_BLOCKED, "every goal cell was learnt to be obstacle")
         been = self._sensor.believed(np.array([*self._trail, configuration]))
         cells = tuple(space.split(been)[0].T)
         self._lost = not np.any(space.goal_connected[cells] | (space.cell[cells] == Cell.GOAL))

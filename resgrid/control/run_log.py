@@ -24,14 +24,14 @@ _AT_GOAL = 1e-8
 """Distance from a goal that counts as none, as a fraction of the robot's motion across a cell."""
 
 
-class Mode(IntEnum):
+class ControlMode(IntEnum):
     """What the robot did in a step.
 
     Examples
     --------
     >>> scene = rg.read_scene("examples/scenes/lesson.toml").replace(hidden=(rg.Box((5.0, 2.2), (6.0, 3.0)),))
     >>> run = rg.simulation(scene, k=0.9).run()
-    >>> [rg.Mode(mode).name for mode in np.unique(run.mode)]
+    >>> [rg.control.ControlMode(mode).name for mode in np.unique(run.mode)]
     ['STREAMLINE', 'LEARNING', 'ARRIVED']
     """
 
@@ -63,15 +63,15 @@ class Mode(IntEnum):
     """In a goal cell, went straight to the configuration that solves the goal."""
 
 
-class Ending(StrEnum):
+class TerminationReason(StrEnum):
     """How a motion ended: ``arrived`` in a goal, or ``missed`` where only belief was in one.
 
     Examples
     --------
     >>> run = rg.simulation(rg.read_scene("examples/scenes/lesson.toml"), k=0.9).run()
-    >>> run.ending is rg.Ending.ARRIVED
+    >>> run.ending is rg.control.TerminationReason.ARRIVED
     True
-    >>> " ".join(rg.Ending)
+    >>> " ".join(rg.control.TerminationReason)
     'arrived missed no_path no_current goal_blocked start_blocked jam stalled out_of_steps entered'
     """
 
@@ -90,7 +90,7 @@ class Ending(StrEnum):
 class End(NamedTuple):
     """How a motion ended, and the same in a sentence."""
 
-    ending: Ending
+    ending: TerminationReason
     message: str
 
 
@@ -135,7 +135,7 @@ class Run:
 
     Attributes
     ----------
-    ending : Ending
+    ending : TerminationReason
     message : str
         The same in a sentence.
     goal : int or None
@@ -147,7 +147,7 @@ class Run:
     velocity : ndarray of float64, shape (n, ndim)
         With which it left, in the world, per second; 0 in the last row.
     mode : ndarray of uint8, shape (n,)
-        Values of `Mode`.
+        Values of `ControlMode`.
     torque, push : ndarray of float64, shape (n, ndim)
         Generalised forces of contacts, and from outside; of a point or a disc forces in the world.
     contacts : ContactLog
@@ -176,7 +176,7 @@ class Run:
            [6. , 2. ]])
     """
 
-    ending: Ending
+    ending: TerminationReason
     message: str
     goal: int | None
     time: NDArray[np.float64]
@@ -215,7 +215,7 @@ class Recorder:
 
     def __init__(self, ndim: int) -> None:
         self._ndim = ndim
-        self._rows: list[tuple[float, Vector, Vector, Vector, Mode, Vector, Vector]] = []
+        self._rows: list[tuple[float, Vector, Vector, Vector, ControlMode, Vector, Vector]] = []
         self._contacts: list[tuple[int, ContactSet]] = []
         self._unsolved = 0
 
@@ -223,12 +223,12 @@ class Recorder:
         return len(self._rows)
 
     @property
-    def last_mode(self) -> Mode:
+    def last_mode(self) -> ControlMode:
         """Mode of the last row."""
-        return self._rows[-1][4] if self._rows else Mode.STREAMLINE
+        return self._rows[-1][4] if self._rows else ControlMode.STREAMLINE
 
     def add(
-        self, time: float, configuration: Vector, believed: Vector, velocity: Vector, mode: Mode,
+        self, time: float, configuration: Vector, believed: Vector, velocity: Vector, mode: ControlMode,
         contacts: ContactSet | None, push: Vector,
     ) -> None:  # fmt: skip
         """Keep one step."""
@@ -248,12 +248,12 @@ class Recorder:
         time, configuration, believed, velocity, mode, torque, push = zip(*self._rows, strict=True)
         places = np.array(configuration)
         penetration = plant.deepest(places)
-        if penetration > 0.0 and end.ending is not Ending.START_BLOCKED:
-            end, goal = End(Ending.ENTERED, f"the robot entered an obstacle by {penetration:.3g} m"), None
+        if penetration > 0.0 and end.ending is not TerminationReason.START_BLOCKED:
+            end, goal = End(TerminationReason.ENTERED, f"the robot entered an obstacle by {penetration:.3g} m"), None
         away = goal_distance(space, places[-1], scene)
         if not away > _AT_GOAL * (plant.cell_motion + float(np.linalg.norm(space.spacing))):
             away = min(away, 0.0)  # rounding error; NaN stays
-        outside = end.ending is Ending.ARRIVED and away > 0.0
+        outside = end.ending is TerminationReason.ARRIVED and away > 0.0
         message = f"the robot is in a goal cell, but {away:.3g} outside the goal itself" if outside else end.message
         unsolved = f"; in {self._unsolved} steps no contact forces were known, and the robot stood still"
         return Run(

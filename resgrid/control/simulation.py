@@ -14,10 +14,10 @@ from resgrid._internal.validation import NotNegative, check_whole, checked, per_
 from resgrid._internal.values import frozen, picture_html
 from resgrid.control.contact import Body
 from resgrid.control.controller import Controller, make_controller
-from resgrid.control.external_forces import Force, Push, control_pushes, force_of
+from resgrid.control.external_forces import ExternalForce, Force, control_pushes, force_of
 from resgrid.control.plant import Plant, plant_of
 from resgrid.control.relaxation import Relaxation, RelaxingGrid
-from resgrid.control.run_log import End, Ending, Run
+from resgrid.control.run_log import End, Run, TerminationReason
 from resgrid.control.simulation_loop import Loop
 from resgrid.control.state_estimate import LiveMap, Sensor, solve_again
 from resgrid.core.space import Cell, ConfigurationSpace
@@ -25,7 +25,7 @@ from resgrid.errors import InputError
 from resgrid.planning.fields import Field
 from resgrid.planning.pipeline import require_uniform, scene_wiring, solve_field
 from resgrid.planning.trace import one_start
-from resgrid.scene import sample
+from resgrid.scene import build_space
 from resgrid.scene.control import Control
 from resgrid.scene.scene import Scene
 
@@ -60,7 +60,7 @@ class Simulation:
     >>> simulation = rg.simulation(rg.read_scene("examples/scenes/lesson.toml"), k=0.9)
     >>> run = simulation.run()
     >>> run.ending
-    <Ending.ARRIVED: 'arrived'>
+    <TerminationReason.ARRIVED: 'arrived'>
     """
 
     controller: Controller
@@ -86,7 +86,7 @@ class Simulation:
         self,
         start: ArrayLike | None = None,
         *,
-        pushes: Sequence[Push] | Force | None = None,
+        pushes: Sequence[ExternalForce] | Force | None = None,
         bias: ArrayLike | None = None,
         noise: ArrayLike | None = None,
         seed: int | None = None,
@@ -120,7 +120,7 @@ class Simulation:
         start : array_like of float, shape (n,), optional
             World coordinates; by default the scene's first start.  All else is as the scene's ``control`` says where it
             is not given.
-        pushes : sequence of Push or callable, optional
+        pushes : sequence of ExternalForce or callable, optional
             External generalised forces, scheduled or a function of time and configuration; ``()`` for none.
         bias : array_like of float, shape () or (n,), optional
             What the believed configuration is off by, always, in world coordinates.
@@ -156,7 +156,7 @@ class Simulation:
         live = LiveMap(self.controller, self._grid())
         loop = Loop(self.plant, body, sensor, live, push_at, rng, friction=self.friction, learn=self.learn)
         end, goal = loop.run(max_steps), None
-        if end.ending is Ending.ARRIVED:
+        if end.ending is TerminationReason.ARRIVED:
             end, goal = arrival(end, live.space, body.configuration, loop.believed)
         field = live.controller.field
         return loop.recorder.run(end, goal, tuple(loop.lessons), field, live.space, self.plant, self.scene)
@@ -250,7 +250,7 @@ def simulation(
     require_uniform(scene, "control")
     share = control.k if control.k is not None else next(iter(scene.k), None)
     controller = make_controller(
-        solve_field(sample(scene), scene_wiring(scene), share) if field is None else field,
+        solve_field(build_space(scene), scene_wiring(scene), share) if field is None else field,
         speed=control.speed,
         admittance=control.admittance if admittance is None else admittance,
         speed_limits=control.speed_limits if speed_limits is None else speed_limits,
@@ -279,7 +279,9 @@ def arrival(
     if region >= 0:
         return end, region
     off = float(np.linalg.norm(believed - configuration))
-    return End(Ending.MISSED, f"the robot believes to be in a goal, but is {off:.3g} away from where it believes"), None
+    return End(
+        TerminationReason.MISSED, f"the robot believes to be in a goal, but is {off:.3g} away from where it believes"
+    ), None
 
 
 @frozen
@@ -328,7 +330,7 @@ def wavefront(simulation: Simulation, cells: NDArray[np.float64]) -> Wavefront:
     --------
     >>> scene = rg.read_scene("examples/scenes/lesson.toml").replace(hidden=(rg.Box((5.0, 2.2), (6.0, 3.0)),))
     >>> world = rg.simulation(scene, k=1.0, announce=True, settle="sor")
-    >>> front = rg.wavefront(world, np.array([0.0, 0.5, 4.0]))
+    >>> front = rg.control.wavefront(world, np.array([0.0, 0.5, 4.0]))
     >>> front.potential[:, 5, 3].round(3)
     array([0.843, 0.945, 0.955])
     """

@@ -11,7 +11,7 @@ from resgrid.control.escape import goal_offset
 from resgrid.control.external_forces import Force
 from resgrid.control.navigation import LONGEST, Navigator, StallDetector
 from resgrid.control.plant import INSIDE, Plant
-from resgrid.control.run_log import End, Ending, MapUpdate, Mode, Recorder
+from resgrid.control.run_log import ControlMode, End, MapUpdate, Recorder, TerminationReason
 from resgrid.control.state_estimate import LiveMap, Sensor
 from resgrid.core.space import Cell
 
@@ -42,11 +42,11 @@ class Loop:
         end = self._map_alone() if self.sensor.exact else None
         while end is None:
             if len(self.recorder) >= max_steps:
-                end = End(Ending.OUT_OF_STEPS, f"no goal reached after {max_steps} steps")
+                end = End(TerminationReason.OUT_OF_STEPS, f"no goal reached after {max_steps} steps")
             else:
                 end = self._advance()
         still = np.zeros_like(self.torque)
-        mode = Mode.ARRIVED if end.ending is Ending.ARRIVED else self.recorder.last_mode
+        mode = ControlMode.ARRIVED if end.ending is TerminationReason.ARRIVED else self.recorder.last_mode
         self.recorder.add(self.time, self.body.configuration, self.believed, still, mode, None, still)
         return end
 
@@ -55,12 +55,12 @@ class Loop:
         space = self.live.space
         cell = tuple(space.split(self.believed)[0].tolist())
         if space.cell[cell] == Cell.OBSTACLE:
-            return End(Ending.START_BLOCKED, f"the start's cell {cell} is an obstacle in the map")
+            return End(TerminationReason.START_BLOCKED, f"the start's cell {cell} is an obstacle in the map")
         if space.cell[cell] != Cell.FREE or space.goal_connected[cell]:
             return None
         if not space.goal_connected.any():
-            return End(Ending.GOAL_BLOCKED, "in the map no free cell has a path to a goal")
-        return End(Ending.NO_PATH, f"in the map the start's cell {cell} has no path to a goal")
+            return End(TerminationReason.GOAL_BLOCKED, "in the map no free cell has a path to a goal")
+        return End(TerminationReason.NO_PATH, f"in the map the start's cell {cell} has no path to a goal")
 
     def _advance(self) -> End | None:
         """One step, or the end."""
@@ -78,10 +78,10 @@ class Loop:
         pause, velocity = body.step / pace, chosen.velocity
         if pushed:
             velocity = controller.admitting(velocity, push)
-            mode, longest = Mode.PUSHED if mode is Mode.STREAMLINE else mode, pause
+            mode, longest = ControlMode.PUSHED if mode is ControlMode.STREAMLINE else mode, pause
         around = body.look()
         # The way back has been taken before: nothing is in it, however near it leads past things.
-        back = mode is Mode.RETREATING and not pushed
+        back = mode is ControlMode.RETREATING and not pushed
         contacts = None if back else self._contacts(around, velocity, pause)
         pressed = contacts is not None and bool(contacts.pressing.any())
         if contacts is not None:
@@ -94,7 +94,7 @@ class Loop:
         elapsed, velocity = body.move(velocity, min(longest, pause), pause, around, 0.0 if back else KEEP)
         if contacts is not None and pressed:
             self.torque = contacts.normal_torque
-        elif mode is not Mode.JAM or velocity.any():
+        elif mode is not ControlMode.JAM or velocity.any():
             self.torque = np.zeros_like(velocity)
         self.recorder.add(self.time, before, believed, velocity, mode, contacts, push)
         self.navigator.remember(mode, before, body.configuration, pushed=pushed)
@@ -120,20 +120,20 @@ class Loop:
             velocity, scale = limited, 1.0
         return self.body.contacts(around, velocity, controller.axis_admittance, self.friction, pause / scale)
 
-    def _watch(self, mode: Mode, cells: float, pushed: bool, seen: Nominal) -> End | None:
+    def _watch(self, mode: ControlMode, cells: float, pushed: bool, seen: Nominal) -> End | None:
         """Notice that the robot does not get anywhere."""
         patience, place, grid = self.patience, self.body.configuration, self.live.grid
         if pushed:
             patience.renew(place)
             return None
         patience.wait(place, cells)
-        if grid is not None and not grid.settled and mode in {Mode.WAITING, Mode.STREAMLINE}:
+        if grid is not None and not grid.settled and mode in {ControlMode.WAITING, ControlMode.STREAMLINE}:
             limit = grid.relaxation.patience
             message = (
                 f"the unsettled grid leads nowhere from here, and {limit:g} cells' time of waiting has not changed "
                 "that: let the grid settle faster, or move more slowly"
             )
-            return End(Ending.STALLED, message) if patience.crossed >= limit else None
+            return End(TerminationReason.STALLED, message) if patience.crossed >= limit else None
         if not patience.lost:
             return None
         if self.navigator.exit is not None:
@@ -144,14 +144,19 @@ class Loop:
             return self._stuck(mode, seen)
         return None
 
-    def _stuck(self, mode: Mode, seen: Nominal) -> End:
-        if mode is Mode.JAM:
-            return End(Ending.JAM, "the contact force lies along the streamline, which following cannot overcome")
+    def _stuck(self, mode: ControlMode, seen: Nominal) -> End:
+        if mode is ControlMode.JAM:
+            return End(
+                TerminationReason.JAM, "the contact force lies along the streamline, which following cannot overcome"
+            )
         stood = f"the robot has stayed within half a cell while it could have crossed {LONGEST:g}"
         if seen.place != "goal":
-            return End(Ending.STALLED, stood)
+            return End(TerminationReason.STALLED, stood)
         away = np.linalg.norm(goal_offset(self.live.space, self.believed))
-        return End(Ending.STALLED, f"in a goal cell, {away:.3g} from the configuration that solves the goal, {stood}")
+        return End(
+            TerminationReason.STALLED,
+            f"in a goal cell, {away:.3g} from the configuration that solves the goal, {stood}",
+        )
 
     def _dither(self) -> None:
         """Shake the robot loose by a small random step, if nothing is in its way."""
@@ -162,9 +167,9 @@ class Loop:
             size = float(np.abs(motion).max())
             velocity = controller.limited(motion * (controller.speed / size))
             believed = self.sensor.sense(self.body.configuration)
-            self.recorder.add(self.time, before, believed, velocity, Mode.DITHERING, None, none)
+            self.recorder.add(self.time, before, believed, velocity, ControlMode.DITHERING, None, none)
             self.time += size / float(np.abs(velocity).max())
-            self.navigator.remember(Mode.DITHERING, before, self.body.configuration, pushed=False)
+            self.navigator.remember(ControlMode.DITHERING, before, self.body.configuration, pushed=False)
 
     def _proven(self, contacts: ContactSet, believed: Vector) -> tuple[NDArray[np.bool_], Vector] | None:
         """Cells that the contacts prove to be obstacle and the map does not show, and where; None if there are none."""
@@ -191,7 +196,7 @@ class Loop:
         place, none = self.body.configuration, np.zeros_like(self.torque)
         world = self.live.space.frame.to_world(points)
         self.lessons.append(MapUpdate(len(self.recorder), np.argwhere(cells), world))
-        self.recorder.add(self.time, place, self.believed, none, Mode.LEARNING, contacts, push)
+        self.recorder.add(self.time, place, self.believed, none, ControlMode.LEARNING, contacts, push)
         self.live.mark(cells)
         self.time += pause
         self.torque = none
@@ -208,7 +213,13 @@ def _leads_on(velocity: Vector, chosen: Vector) -> bool:
     return size > 0.0 and float((velocity / size) @ (chosen / size)) > _LEADS
 
 
-def _contact_mode(mode: Mode, contacts: ContactSet) -> Mode:
-    if mode in {Mode.RETREATING, Mode.JAM, Mode.FOLLOWING, Mode.RECOVERING, Mode.HOMING}:
+def _contact_mode(mode: ControlMode, contacts: ContactSet) -> ControlMode:
+    if mode in {
+        ControlMode.RETREATING,
+        ControlMode.JAM,
+        ControlMode.FOLLOWING,
+        ControlMode.RECOVERING,
+        ControlMode.HOMING,
+    }:
         return mode
-    return Mode.STICKING if contacts.sticking.any() else Mode.SLIDING
+    return ControlMode.STICKING if contacts.sticking.any() else ControlMode.SLIDING

@@ -31,7 +31,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +40,7 @@ from resgrid._internal.memory import FEWER_CELLS, require_grid_memory
 from resgrid.core.netlist import GROUND, MOST_NODES, CellMap, Netlist
 from resgrid.core.regions import before_and_behind, face_counts, face_shape, sides_of_cells, slab, with_margin
 from resgrid.core.space import Cell, ConfigurationSpace
-from resgrid.core.wiring import Wiring, wiring_of
+from resgrid.core.wiring import Wiring, WiringOptions, wiring_of
 from resgrid.errors import CircuitError, InputError
 
 NO_GOAL = "the space has no goal cell: add a goal, or make it at least one cell large"
@@ -66,7 +66,7 @@ class _Nodes:
     count: int
 
 
-def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **options: Any) -> Netlist:
+def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **options: Unpack[WiringOptions]) -> Netlist:
     """Compile a configuration space into a resistor netlist.
 
     Parameters

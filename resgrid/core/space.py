@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.validation import checked, real_numbers
+from resgrid._internal.validation import checked, per_axis, real_numbers
 from resgrid._internal.values import frozen, picture_html
 from resgrid.core.axis import Axis, rounding, rounding_errors, split_points
 from resgrid.core.frame import Frame
@@ -39,6 +39,10 @@ class Cell(IntEnum):
     FREE = 0
     OBSTACLE = 1
     GOAL = 2
+
+
+_NAMES = ("x", "y", "z", "w")
+"""Names of the axes of a space made of an array."""
 
 
 @checked
@@ -124,6 +128,67 @@ class ConfigurationSpace:
         return f"<ConfigurationSpace of {cells} cells, {axes}: {obstacle} obstacle, {goal} goal>"
 
     _repr_html_ = picture_html
+
+    @classmethod
+    def from_array(
+        cls,
+        cell: ArrayLike,
+        spacing: ArrayLike = 1.0,
+        origin: ArrayLike = 0.0,
+        *,
+        periodic: bool | Sequence[bool] = False,
+        unit: str = "m",
+        conductivity: ArrayLike | None = None,
+        frame: Frame | None = None,
+        robot: Any = None,
+    ) -> ConfigurationSpace:
+        """Make a space of an array of `Cell` codes, with axes named x, y, z and w.
+
+        Parameters
+        ----------
+        cell : array_like of int or bool
+            One to four dimensions; array index 0 runs along x.  Of an image, whose rows run downwards, take
+            ``image.T[:, ::-1]``.  True is an obstacle.
+        spacing : float or array_like of float, shape (ndim,)
+            Width of a cell along every axis, in `unit`.
+        origin : float or array_like of float, shape (ndim,)
+            Lower corner of the grid, in `unit`.
+        periodic : bool or sequence of bool
+            Whether the upper end of every axis joins the lower one.
+        unit : str
+            Unit of all axes, for labels.
+        conductivity, frame, robot
+            As of `ConfigurationSpace`.
+
+        Returns
+        -------
+        ConfigurationSpace
+
+        Raises
+        ------
+        InputError
+            If the array does not have one to four dimensions, or a value is out of range.
+
+        Examples
+        --------
+        >>> cell = np.zeros((40, 30), dtype=np.uint8)
+        >>> cell[10:12, :20], cell[35, 5] = rg.Cell.OBSTACLE, rg.Cell.GOAL
+        >>> rg.ConfigurationSpace.from_array(cell, spacing=0.05, origin=(-1.0, 0.0))
+        <ConfigurationSpace of 40 x 30 cells, x -1 to 1 m, y 0 to 1.5 m: 40 obstacle, 1 goal>
+        """
+        codes = real_numbers("cell", cell)
+        if not 1 <= codes.ndim <= len(_NAMES):
+            raise InputError(f"cell has {codes.ndim} dimensions; a space has one to {len(_NAMES)}")
+        widths = per_axis("spacing", spacing, codes.ndim, "a positive number", above=0)
+        lower = per_axis("origin", origin, codes.ndim, "a finite number")
+        rings = [periodic] * codes.ndim if isinstance(periodic, bool) else list(periodic)
+        if len(rings) != codes.ndim:
+            raise InputError(f"periodic has {len(rings)} entries, but the array has {codes.ndim} dimensions")
+        ends = zip(_NAMES, lower.tolist(), widths.tolist(), codes.shape, rings, strict=False)
+        axes = [Axis(name, low, low + count * width, count, ring, unit) for name, low, width, count, ring in ends]
+        return cls(
+            axes, codes.astype(np.uint8) if codes.dtype == bool else codes, conductivity, frame=frame, robot=robot
+        )
 
     def with_cells(self, cell: ArrayLike) -> ConfigurationSpace:
         """The same space with other cells, one of `Cell` for each; goal cells that stay keep their points."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Literal
+from typing import Any, Literal, TypedDict
 
 import numpy as np
 
@@ -16,6 +16,27 @@ Boundary = Literal["dirichlet", "neumann", "wall"]
 Drive = Literal["uniform", "start"]
 EdgeRule = Literal["obstacle", "open", "periodic"]
 Rails = Literal["merged", "cells"]
+
+
+class WiringOptions(TypedDict, total=False):
+    """Keyword arguments of functions that take a `Wiring` or its fields; type checkers reject misspelt names.
+
+    Examples
+    --------
+    >>> options: rg.WiringOptions = {"boundary": "neumann", "edge": "open"}
+    >>> rg.Wiring(**options)
+    Wiring(boundary='neumann', drive='uniform', edge='open')
+    """
+
+    boundary: Boundary | None
+    drive: Drive | None
+    edge: EdgeRule | Sequence[EdgeRule] | None
+    rails: Rails
+    resistance: float | None
+    supply: float | None
+    goal_voltage: float
+    wall_resistance: float | None
+    start: Sequence[int] | None
 
 
 @checked
@@ -53,7 +74,7 @@ class Wiring:
 
     Examples
     --------
-    >>> space = rg.sample(rg.read_scene("examples/scenes/lesson.toml"))
+    >>> space = rg.build_space(rg.read_scene("examples/scenes/lesson.toml"))
     >>> wiring = rg.Wiring("neumann", edge="open", resistance=22e3)
     >>> wiring.is_driven, wiring.edges(space)
     (True, ('open', 'open'))
@@ -145,10 +166,21 @@ class Wiring:
         return replace(self, boundary="neumann", drive="uniform", wall_resistance=None, start=None)
 
 
-def wiring_of(wiring: Wiring | None, options: dict[str, Any]) -> Wiring:
-    """A wiring with some options changed; the default wiring where there is none."""
+_NO_OPTIONS_OF_BOUNDARY: dict[str, Any] = {"drive": None, "start": None, "wall_resistance": None}
+
+
+def wiring_of(wiring: Wiring | None, options: Mapping[str, Any], default: Mapping[str, Any] | None = None) -> Wiring:
+    """Return the wiring with some fields replaced; without a wiring, the defaults with some fields replaced.
+
+    An option that is None keeps the field of the wiring or the default.  Another boundary drops the fields that belong
+    to the wiring's own boundary.
+    """
     check_wiring_options(options)
-    return Wiring(**options) if wiring is None else replace(wiring, **options)
+    given = {name: value for name, value in options.items() if value is not None}
+    if wiring is None:
+        return Wiring(**{**(default or {}), **given})
+    own = {} if given.get("boundary", wiring.boundary) == wiring.boundary else _NO_OPTIONS_OF_BOUNDARY
+    return replace(wiring, **{**own, **given})
 
 
 def check_wiring_options(options: Iterable[str]) -> None:

@@ -43,7 +43,7 @@ def write_network(netlist: Netlist, file: str | os.PathLike[str]) -> Path:
     Examples
     --------
     >>> divider = rg.Netlist(3, [[1, 2], [2, 0]], [1e-3, 1e-3], source_nodes=[[1, 0]], source_volts=[2.0])
-    >>> rg.write_network(divider, "divider.txt").read_text().splitlines()
+    >>> rg.save(divider, "divider.txt").read_text().splitlines()
     ['node_1 node_2 1000.0', 'node_2 ground 1000.0']
     """
     return write(file, {view: partial(made, netlist) for view, made in _VIEWS.items()}, "a network")

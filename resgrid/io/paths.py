@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
-from resgrid.io.ros_paths import Timed, points_of, require_plane, ros_plan, streamline_of
+from resgrid.io.ros_paths import Timed, points_of, require_plane, streamline_of, to_ros_path
 from resgrid.io.tables import Views, require_names, suffix_of, write
 from resgrid.planning.clearance import clearance_of
 from resgrid.planning.streamline import Outcome, Polyline, ShortPath, Streamline, length_of
@@ -57,7 +57,7 @@ def write_path(path: Timed, file: str | os.PathLike[str]) -> Path:
     Examples
     --------
     >>> path = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((5.5, 2.5))
-    >>> rg.write_path(path, "path.csv").read_text().splitlines()[:2]
+    >>> rg.save(path, "path.csv").read_text().splitlines()[:2]
     ['path,k,outcome,x,y', '0,1.0,reached,5.5,2.5']
     """
     route = Route(path, tuple(points_of(path)[0].tolist()))
@@ -66,7 +66,7 @@ def write_path(path: Timed, file: str | os.PathLike[str]) -> Path:
         "table": lambda: _routes_table([route]),
         "record": lambda: {"k": route.k, "outcome": route.outcome, **route.columns},
         "arrays": lambda: {"k": _number(route.k), "outcome": route.outcome or "", **route.columns},
-        "message": lambda: ros_plan(path),
+        "message": lambda: to_ros_path(path),
     }
     return write(file, views, "a path")
 
@@ -273,13 +273,13 @@ def _routes_arrays(routes: Sequence[Route]) -> dict[str, Any]:
 def _documents(routes: Sequence[Route]) -> str:
     """A message for each route that reaches a goal; comments name the starts and the outcomes of the others."""
     if len(routes) == 1:
-        return ros_plan(routes[0].path)
+        return to_ros_path(routes[0].path)
     if not any(route.reached for route in routes):
         raise InputError("no path reaches a goal, so there is no message to write; write .csv, .json or .npz")
     text, begin = "", ""
     for route in routes:
         place = ", ".join(f"{value:.6g}" for value in route.start)
         comment = f"# start ({place}), k = {_number(route.k):g}: {route.outcome}\n"
-        text += f"{begin}{comment}{ros_plan(route.path)}" if route.reached else comment
+        text += f"{begin}{comment}{to_ros_path(route.path)}" if route.reached else comment
         begin = "---\n" if route.reached else begin
     return text

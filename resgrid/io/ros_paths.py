@@ -34,7 +34,7 @@ def streamline_of(path: Timed) -> Streamline | None:
     return path if isinstance(path, Streamline) else None
 
 
-def ros_plan(path: Timed, *, frame_id: str = "map") -> str:
+def to_ros_path(path: Timed, *, frame_id: str = "map") -> str:
     """Return a path as the text of a ``nav_msgs/Path`` message, as ``ros2 topic pub`` reads it.
 
     Every pose looks towards the next, the last one as the one before; a turning polygon as its angle says.  A
@@ -59,7 +59,7 @@ def ros_plan(path: Timed, *, frame_id: str = "map") -> str:
     Examples
     --------
     >>> path = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((5.5, 2.5))
-    >>> print(rg.ros_plan(path, frame_id="odom")[:60])
+    >>> print(rg.maps.to_ros_path(path, frame_id="odom")[:60])
     header:
       stamp: {sec: 0, nanosec: 0}
       frame_id: odom

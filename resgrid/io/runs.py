@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.control.run_log import Mode, Run
+from resgrid.control.run_log import ControlMode, Run
 from resgrid.core.axis import Axis
 from resgrid.io.tables import Views, require_names, suffix_of, write
 
@@ -43,7 +43,7 @@ def write_run(run: Run | Sequence[Run], file: str | os.PathLike[str]) -> Path:
     Examples
     --------
     >>> run = rg.simulation(rg.read_scene("examples/scenes/lesson.toml"), k=0.9).run()
-    >>> rg.write_run(run, "run.csv").read_text().split(",")[:6]
+    >>> rg.save(run, "run.csv").read_text().split(",")[:6]
     ['run', 'k', 't', 'mode', 'x', 'y']
     """
     runs = [run] if isinstance(run, Run) else list(run)
@@ -68,7 +68,9 @@ def run_record(run: Run) -> dict[str, Any]:
         "k": run.field.k,
         "time": run.time[-1],
         "steps": len(run.time) - 1,
-        "modes": {Mode(mode).name.lower(): count for mode, count in zip(modes.tolist(), counts.tolist(), strict=True)},
+        "modes": {
+            ControlMode(mode).name.lower(): count for mode, count in zip(modes.tolist(), counts.tolist(), strict=True)
+        },
         "cells_learnt": int(run.learnt.sum()),
         "resolves": len(run.lessons),
         "contacts": len(run.contacts.step),
@@ -109,7 +111,7 @@ def _rows(run: Run) -> list[list[Any]]:
             one = first + int(np.argmax(size[first:last]))
             strongest = [*contacts.point[one].tolist(), *contacts.force[one].tolist()]
             strongest += [int(column[one]) for column in (contacts.part, contacts.body, contacts.sticking)]
-        rows.append([time, Mode(mode).name.lower(), *values[step], last - first, *strongest])
+        rows.append([time, ControlMode(mode).name.lower(), *values[step], last - first, *strongest])
     return rows
 
 
@@ -118,7 +120,7 @@ def _arrays(runs: Sequence[Run]) -> dict[str, NDArray[np.generic]]:
         "k": np.array([run.field.k for run in runs]),
         "start": np.array([run.configuration[0] for run in runs]),
         "outcome": np.array([str(run.ending) for run in runs]),
-        "mode_names": np.array([mode.name.lower() for mode in Mode]),
+        "mode_names": np.array([mode.name.lower() for mode in ControlMode]),
     }
     for number, run in enumerate(runs):
         arrays |= {f"{name}_{number}": column for name, column in _columns(run).items()}
@@ -127,7 +129,7 @@ def _arrays(runs: Sequence[Run]) -> dict[str, NDArray[np.generic]]:
 
 def _record(runs: Sequence[Run]) -> dict[str, Any]:
     return {
-        "mode_names": [mode.name.lower() for mode in Mode],
+        "mode_names": [mode.name.lower() for mode in ControlMode],
         "runs": [run_record(run) | {"columns": _columns(run)} for run in runs],
     }
 

@@ -56,8 +56,8 @@ def write_solution(
 
     Examples
     --------
-    >>> op = rg.solve(rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml"))))
-    >>> with np.load(rg.write_solution(op, "solution.npz")) as arrays:
+    >>> op = rg.solve(rg.compile_space(rg.build_space(rg.read_scene("examples/scenes/lesson.toml"))))
+    >>> with np.load(rg.save(op, "solution.npz")) as arrays:
     ...     print({name: array.shape for name, array in arrays.items()})
     {'potential': (8, 8), 'log_drop': (8, 8), 'cell': (8, 8)}
     """

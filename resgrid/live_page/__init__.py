@@ -3,6 +3,6 @@
 Python is the only engine; the page holds what is drawn, and shows what it is sent.
 """
 
-from resgrid.live_page.live import LivePage, live, serve
+from resgrid.live_page.launch import LivePage, live, serve
 
 __all__ = ["LivePage", "live", "serve"]

@@ -152,13 +152,13 @@ class Drawing:
 
 def drawing_of(scene: Scene) -> Drawing:
     """The cells of a scene of two axes, as they were sampled."""
-    from resgrid.scene import sample
+    from resgrid.scene import build_space
     from resgrid.scene.overrides import document_of
 
     if scene.ndim != 2:
         raise InputError(f"the page draws planes, and this scene has {scene.ndim} axes; choose one of two axes")
     check_size([axis.cells for axis in scene.axes])
-    space = sample(scene, require_goal=False)
+    space = build_space(scene, require_goal=False)
     palette, level = _palette(space)
     k = float(scene.boundary != "neumann")
     if scene.k:  # obstacles on their rail, where the scene offers that: the page explains them so

@@ -89,7 +89,8 @@ def _paths(drawing: Drawing) -> bytes:
 
 def _picture(drawing: Drawing) -> bytes:
     """Field and certified paths, SVG."""
-    from resgrid.plot import draw, render_figure
+    from resgrid.plot.figures import render_figure
+    from resgrid.plot.pictures import draw
 
     frame = solve_drawing(drawing, exact=True)
     axes = draw(frame.field)
@@ -99,7 +100,8 @@ def _picture(drawing: Drawing) -> bytes:
 
 def _circuit(drawing: Drawing) -> bytes:
     """The circuit with its voltages, SVG."""
-    from resgrid.plot import draw, render_figure
+    from resgrid.plot.figures import render_figure
+    from resgrid.plot.pictures import draw
 
     points = list(solve_drawing(drawing, exact=True).solution.operating_points.values())
     if len(points) != 1:

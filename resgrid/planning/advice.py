@@ -13,7 +13,7 @@ from resgrid.errors import ResgridError
 from resgrid.planning.reasons import TROUBLES, nearest_start
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.robots import PointRobot
-from resgrid.scene import GoalCell, GoalJoints, Scene, sample
+from resgrid.scene import GoalCell, GoalJoints, Scene, build_space
 from resgrid.scene.goals import Goal
 from resgrid.scene.nearest_place import has_unknown, why_blocked
 from resgrid.scene.overrides import apply_overrides
@@ -101,6 +101,6 @@ def _sampled(change: Change) -> ConfigurationSpace | None:
         scene = change()
         most = _MOST_CELLS if isinstance(scene.robot, PointRobot) else _MOST_CELLS_OF_BODIES
         cells = math.prod(axis.cells for axis in scene.axes)
-        return sample(scene, require_goal=False) if cells <= most else None
+        return build_space(scene, require_goal=False) if cells <= most else None
     except ResgridError:
         return None

@@ -43,7 +43,7 @@ def blend(dirichlet: Field, neumann: Field, k: float, *, allow_start_drive: bool
 
     Examples
     --------
-    >>> space = rg.sample(rg.read_scene("examples/scenes/lesson.toml"))
+    >>> space = rg.build_space(rg.read_scene("examples/scenes/lesson.toml"))
     >>> fields = [rg.field(rg.solve(rg.compile_space(space, boundary=name))) for name in ("dirichlet", "neumann")]
     >>> half = rg.blend(*fields, k=0.5)
     >>> half

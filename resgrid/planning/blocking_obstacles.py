@@ -24,7 +24,7 @@ from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.planning.streamline import Outcome
 from resgrid.planning.trace import one_start, start_cells, static_outcomes
-from resgrid.scene import Scene, sample
+from resgrid.scene import Scene, build_space
 from resgrid.scene.world_coordinates import to_space
 
 _MOST_PARTS = 63
@@ -162,7 +162,7 @@ class SceneSeparation:
 
 
 @overload
-def separation(
+def find_blocking_obstacles(
     where: ConfigurationSpace,
     start: ArrayLike | None = ...,
     *,
@@ -170,10 +170,10 @@ def separation(
     virtual: ArrayLike | None = ...,
 ) -> Separation: ...
 @overload
-def separation(
+def find_blocking_obstacles(
     where: Scene, start: ArrayLike | None = ..., *, cell: Sequence[int] | None = ..., most: int = ...
 ) -> SceneSeparation: ...
-def separation(
+def find_blocking_obstacles(
     where: ConfigurationSpace | Scene,
     start: ArrayLike | None = None,
     *,
@@ -219,7 +219,7 @@ def separation(
     --------
     >>> scene = rg.read_scene("examples/scenes/lesson.toml")
     >>> wall = rg.Box((0.0, 2.0), (8.0, 2.5))
-    >>> verdict = rg.separation(scene.replace(obstacles=(*scene.obstacles, wall)), (0.5, 6.5))
+    >>> verdict = rg.find_blocking_obstacles(scene.replace(obstacles=(*scene.obstacles, wall)), (0.5, 6.5))
     >>> str(verdict.outcome), verdict.separating
     ('no_path', ('obstacle[3]',))
     """
@@ -279,7 +279,7 @@ def _obstruction(barriers: Barriers, start: tuple[int, ...], goal: int) -> Obstr
 def _scene_separation(scene: Scene, start: ArrayLike | None, cell: Sequence[int] | None, most: int) -> SceneSeparation:
     if most < 1:
         raise InputError(f"most = {most}, but at least one obstacle must be taken away to open a way")
-    space = sample(scene)
+    space = build_space(scene)
     point = one_start(space, start, cell)
     at = _cell_of(space, point)
     outcome = _verdict(space, at)
@@ -302,7 +302,7 @@ def _scene_separation(scene: Scene, start: ArrayLike | None, cell: Sequence[int]
         obstacles=(),
         map=scene.map and scene.map.without_obstacles(),
     )
-    opened = np.where(sample(bare).cell == Cell.GOAL, np.uint8(Cell.GOAL), np.uint8(Cell.FREE))
+    opened = np.where(build_space(bare).cell == Cell.GOAL, np.uint8(Cell.GOAL), np.uint8(Cell.FREE))
 
     def opens(*removed: int) -> bool:
         """Whether there is a path where what some parts alone block is free, or goal."""

@@ -298,7 +298,7 @@ def _check_duration(path: Streamline, log_shortest: Floats, log_longest: Floats)
         raise CertificateError(f"the logarithm of the duration is {low}, not {claimed}")
 
 
-def certify_free(path: AnyPath) -> None:
+def certify_collision_free(path: AnyPath) -> None:
     """Check that no segment of a polyline meets an obstacle cell or leaves the grid.
 
     Of every segment one of two things must hold: all closed cells it touches, at corners too, are free or goal cells;
@@ -320,9 +320,9 @@ def certify_free(path: AnyPath) -> None:
 
     Examples
     --------
-    >>> space = rg.sample(rg.read_scene("examples/scenes/lesson.toml"))
-    >>> rg.certify_free(rg.Polyline([(0.5, 6.5), (5.5, 5.5), (6.5, 1.5)], space))
-    >>> rg.certify_free(rg.Polyline([(0.5, 6.5), (6.5, 1.5)], space))
+    >>> space = rg.build_space(rg.read_scene("examples/scenes/lesson.toml"))
+    >>> rg.certify_collision_free(rg.Polyline([(0.5, 6.5), (5.5, 5.5), (6.5, 1.5)], space))
+    >>> rg.certify_collision_free(rg.Polyline([(0.5, 6.5), (6.5, 1.5)], space))
     Traceback (most recent call last):
         ...
     resgrid.errors.CertificateError: segment 0 touches cell (2, 4), which is not free or outside the grid

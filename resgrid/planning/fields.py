@@ -198,7 +198,7 @@ def field(op: OperatingPoint | WarmPoint) -> Field:
 
     Examples
     --------
-    >>> space = rg.sample(rg.read_scene("examples/scenes/lesson.toml"))
+    >>> space = rg.build_space(rg.read_scene("examples/scenes/lesson.toml"))
     >>> field = rg.field(rg.solve(rg.compile_space(space)))
     >>> field
     <Field on 8 x 8 cells: dirichlet, k = 1>

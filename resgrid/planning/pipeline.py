@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,18 +17,18 @@ from numpy.typing import NDArray
 from resgrid._internal.validation import with_article
 from resgrid._internal.values import frozen
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.circuit.solve import PETSC, scale_drive, solve
+from resgrid.circuit.solve import PETSC, normalize_drive, solve
 from resgrid.core.compiler import NO_GOAL, compile_space, why_undriven
 from resgrid.core.netlist import Netlist
 from resgrid.core.space import ConfigurationSpace
-from resgrid.core.wiring import Boundary, Wiring
+from resgrid.core.wiring import Wiring, WiringOptions, wiring_of
 from resgrid.errors import CircuitError, InputError
 from resgrid.planning import fields
 from resgrid.planning.blend import blend, check_k
 from resgrid.planning.fields import Field, undriven_field
 from resgrid.planning.petsc_fields import Ranked, solve_ranked
 from resgrid.planning.trace import start_cell
-from resgrid.scene import Scene, sample
+from resgrid.scene import Scene, build_space
 
 Passes = Callable[[Netlist], Netlist]
 """What makes a real chip of an ideal netlist."""
@@ -203,43 +203,48 @@ class Solution:
 
 def problem_of(
     where: ConfigurationSpace | Scene,
+    wiring: Wiring | None = None,
     *,
-    boundary: Boundary | None = None,
     k: float | None = None,
     space: ConfigurationSpace | None = None,
-    **wiring: Any,
+    **options: Unpack[WiringOptions],
 ) -> Problem:
-    """What a scene or a bare space asks for, with some options changed.
+    """Return the problem of a scene or a space, with a wiring, or some of its fields, in place of the scene's.
 
-    `boundary`: without a k one circuit, whatever the scene says of blends; `space`: in place of sampling the scene;
-    `wiring`: other fields of `Wiring`, None for the scene's.
+    Without a `k`, a wiring or a boundary that is given asks for one circuit, not for the blends of the scene.
+    `space`: the sampled space of the scene.
     """
+    boundary = options.get("boundary") if wiring is None else options.get("boundary") or wiring.boundary
     if k is not None:
         check_k(k)
         if boundary == "neumann":
             raise InputError("a blend has its obstacles on the rail at k = 1: choose boundary = 'dirichlet' or 'wall'")
     ks = () if k is None else (float(k),)
     if isinstance(where, ConfigurationSpace):
-        given = {key: value for key, value in wiring.items() if value is not None}
-        return Problem(where, Wiring(boundary or "dirichlet", **given), ks, np.empty((0, where.ndim)))
+        return Problem(where, wiring_of(wiring, options), ks, np.empty((0, where.ndim)))
     if not isinstance(where, Scene):
         raise InputError(f"a configuration space or a scene is needed, not {with_article(type(where).__name__)}")
     return Problem(
-        space=sample(where) if space is None else space,
-        wiring=scene_wiring(where, boundary, **wiring),
+        space=build_space(where) if space is None else space,
+        wiring=scene_wiring(where, wiring, **options),
         ks=ks or (where.k if boundary is None else ()),
         starts=np.array(where.starts, dtype=np.float64).reshape(-1, where.ndim),
         start_driven=where.drive == "start",
     )
 
 
-def scene_wiring(scene: Scene, boundary: Boundary | None = None, **given: Any) -> Wiring:
-    """How a scene is wired, or with another boundary; open obstacles with a uniform drive."""
-    boundary, chip = boundary or scene.boundary, scene.chip
-    options: dict[str, Any] = {"edge": scene.edge, "resistance": chip.resistance, "supply": chip.supply}
+def scene_wiring(scene: Scene, wiring: Wiring | None = None, **options: Unpack[WiringOptions]) -> Wiring:
+    """Return the wiring of a scene, or the given one, with some fields replaced; a drive is uniform."""
+    boundary, chip = options.get("boundary") or scene.boundary, scene.chip
+    default: dict[str, Any] = {
+        "boundary": boundary,
+        "edge": scene.edge,
+        "resistance": chip.resistance,
+        "supply": chip.supply,
+    }
     if boundary == "wall":
-        options["wall_resistance"] = chip.wall_resistance
-    return Wiring(boundary, **(options | {key: value for key, value in given.items() if value is not None}))
+        default["wall_resistance"] = chip.wall_resistance
+    return wiring_of(wiring, options, default)
 
 
 def require_uniform(scene: Scene, what: str) -> None:
@@ -264,7 +269,7 @@ def compile_circuit(
     seconds, stage = 4e-8 * space.cell.size * space.ndim, f"compile the {wiring.boundary} chip"
     netlist: Netlist = work.observe(stage, compile_space, space, wiring, seconds=seconds)
     if scaled and netlist.current_nodes.size:
-        netlist = scale_drive(netlist, work.solve(netlist, "scale its drive to the supply"))
+        netlist = normalize_drive(netlist, work.solve(netlist, "scale its drive to the supply"))
     return netlist if passes is None else passes(netlist)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid._internal.validation import Count
 from resgrid._internal.values import frozen, picture_html
 from resgrid.core.space import ConfigurationSpace
-from resgrid.core.wiring import Boundary, EdgeRule
+from resgrid.core.wiring import Wiring, WiringOptions
 from resgrid.errors import InputError
 from resgrid.planning.blend import blend, dirichlet_share
 from resgrid.planning.fields import Field
@@ -102,39 +103,34 @@ class Planner:
 
 def plan(
     where: ConfigurationSpace | Scene,
+    wiring: Wiring | None = None,
     *,
-    boundary: Boundary | None = None,
     k: float | None = None,
-    edge: EdgeRule | Sequence[EdgeRule] | None = None,
-    wall_resistance: float | None = None,
-    resistance: float | None = None,
     method: str = "auto",
     ranks: Count | None = None,
+    **options: Unpack[WiringOptions],
 ) -> Planner:
     """Solve a space once, for any number of starts.
 
     Parameters
     ----------
     where : ConfigurationSpace or Scene
-        A scene is sampled first, and says what the options leave out.
-    boundary : {"dirichlet", "neumann", "wall"}, optional
-        What obstacles are; for a blend what they are at k = 1.  ``"dirichlet"`` unless the scene says otherwise.
+        A scene is sampled into cells first; its keys hold where neither `wiring` nor `options` give a value.
+    wiring : Wiring, optional
+        Boundary conditions and element values; by default those of the scene, or obstacles on the rail.  In a blend it
+        describes the circuit at k = 1.
     k : float, optional
         Share of the Dirichlet field, in [0, 1].  With any k, 0 and 1 included, both fields are solved, and
         `Planner.at` gives other blends without solving again.  For a scene, unless a boundary is given, the first of
         its ``k``.
-    edge : str or sequence of str, optional
-        What the border of the grid is, ``"obstacle"`` or ``"open"``; see `resgrid.compile_space`.
-    wall_resistance : float, optional
-        For ``boundary="wall"``, in ohms.
-    resistance : float, optional
-        Resistance between neighbours, in ohms; 10 kohm unless the scene says otherwise.
     method : {"auto", "direct", "multigrid", "petsc"}
         As of `resgrid.solve`; ``"petsc"`` is for grids too large for these: processes of PETSc solve it from mapped
         files, to a norm, and ``Planner.field.safe`` tells in which cells it is direction-safe.  Streamlines end at all
         others with ``no_current`` and a `Streamline.reason`.
     ranks : int, optional
         For ``method="petsc"``: how many processes; 2 unless given.
+    **options
+        Fields of `Wiring`, such as ``boundary="neumann"``: instead of a wiring, or changes to it.
 
     Returns
     -------
@@ -161,9 +157,7 @@ def plan(
     work = work_by(method, ranks)
     if isinstance(where, Scene):
         require_uniform(where, "plan()")
-    problem = problem_of(
-        where, boundary=boundary, k=k, edge=edge, resistance=resistance, wall_resistance=wall_resistance
-    )
+    problem = problem_of(where, wiring, k=k, **options)
     if not problem.ks:
         solution = solve_problem(problem, work=work)
         return Planner(solution.fields[0], solution)
@@ -234,7 +228,7 @@ def clearance_curve(
     Examples
     --------
     >>> planner = rg.plan(rg.read_scene("examples/scenes/lesson.toml"), k=1.0)
-    >>> curve = rg.clearance_curve(planner, ks=(0.0, 0.5, 1.0))
+    >>> curve = rg.planning.clearance_curve(planner, ks=(0.0, 0.5, 1.0))
     >>> curve.mean.round(3), curve.mean_length.round(3)
     (array([0.462, 0.494, 0.506]), array([4.511, 4.291, 4.296]))
     """

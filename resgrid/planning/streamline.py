@@ -167,7 +167,7 @@ class Streamline:
 @frozen
 @dataclass(frozen=True, eq=False)
 class ShortPath:
-    """A streamline with straight lines in place of its bends; made by `shorten`, checked by `certify_free`.
+    """A streamline with straight lines in place of its bends; made by `shortcut`, checked by `certify_collision_free`.
 
     Its `points` lie in the world.
 
@@ -234,10 +234,10 @@ class Polyline:
 
     Examples
     --------
-    >>> space = rg.sample(rg.read_scene("examples/scenes/lesson.toml"))
+    >>> space = rg.build_space(rg.read_scene("examples/scenes/lesson.toml"))
     >>> own = rg.Polyline([(0.5, 6.5), (5.5, 5.5), (6.5, 1.5)], space)
-    >>> rg.certify_free(own)
-    >>> rg.write_path(own, "own.csv").read_text().splitlines()
+    >>> rg.certify_collision_free(own)
+    >>> rg.save(own, "own.csv").read_text().splitlines()
     ['path,k,outcome,x,y', '0,,,0.5,6.5', '0,,,5.5,5.5', '0,,,6.5,1.5']
     """
 
@@ -250,7 +250,7 @@ class Polyline:
         except (TypeError, ValueError, OverflowError):
             raise InputError("a path is a table of numbers, one point a row") from None
         if not isinstance(space, ConfigurationSpace):
-            raise InputError(f"space = {space!r} must be a ConfigurationSpace (rg.sample(scene))")
+            raise InputError(f"space = {space!r} must be a ConfigurationSpace (rg.build_space(scene))")
         if table.ndim != 2 or table.shape[1] != space.ndim or not len(table):
             raise InputError(f"a path in this space has shape (points, {space.ndim}), got {table.shape}")
         if not np.isfinite(table).all():
@@ -286,7 +286,7 @@ def unwrap(path: AnyPath) -> NDArray[np.float64]:
     --------
     >>> ring = rg.ConfigurationSpace([rg.Axis("theta", 0.0, 1.0, 4, periodic=True)], [0, 0, 1, 2])
     >>> path = rg.plan(ring).path((0.1,))
-    >>> path.points[:, 0], rg.unwrap(path)[:, 0]
+    >>> path.points[:, 0], rg.planning.unwrap(path)[:, 0]
     (array([0.1, 1. ]), array([0.1, 0. ]))
     """
     return path.space.to_world(path.line)

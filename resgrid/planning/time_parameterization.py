@@ -125,7 +125,7 @@ class Trajectory:
         return Trajectory(times, positions, velocities, accelerations, self.path, self.motion or self)
 
 
-def time_path(
+def time_parameterize(
     path: AnyPath,
     *,
     velocity_limits: Limits,
@@ -152,7 +152,7 @@ def time_path(
         Greatest distance, in axis units, from the path: half of it to straighten the path's small bends, half to round
         the corners that are left.  By default half the path's clearance, at most a quarter of the narrowest cell; of a
         `Polyline`, 0: rest at every corner.  A path that touches an obstacle, as those of open ones do, has no
-        clearance either, and rests at every bend: `shorten` it with a clearance first, or say how far it may swerve.
+        clearance either, and rests at every bend: `shortcut` it with a clearance first, or say how far it may swerve.
         Only with accelerations.
 
     Returns
@@ -167,9 +167,9 @@ def time_path(
 
     Examples
     --------
-    >>> path = rg.shorten(rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((0.5, 6.5)), clearance=0.2)
-    >>> fast = rg.time_path(path, velocity_limits=2.0)
-    >>> smooth = rg.time_path(path, velocity_limits=2.0, acceleration_limits=1.0)
+    >>> path = rg.shortcut(rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((0.5, 6.5)), clearance=0.2)
+    >>> fast = rg.time_parameterize(path, velocity_limits=2.0)
+    >>> smooth = rg.time_parameterize(path, velocity_limits=2.0, acceleration_limits=1.0)
     >>> round(float(fast.times[-1]), 2), round(float(smooth.times[-1]), 2)
     (4.11, 7.35)
     """

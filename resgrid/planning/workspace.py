@@ -52,7 +52,7 @@ def workspace_path(path: AnyPath) -> NDArray[np.float64]:
     --------
     >>> arm = rg.Arm(lengths=(1.0, 1.0))
     >>> space = rg.ConfigurationSpace(arm.axes(16), np.zeros((16, 16)), robot=arm)
-    >>> rg.workspace_path(rg.Polyline([(0.0, 0.0), (0.0, np.pi / 2)], space)).round(3)
+    >>> rg.planning.workspace_path(rg.Polyline([(0.0, 0.0), (0.0, np.pi / 2)], space)).round(3)
     array([[2., 0.],
            [1., 1.]])
     """
@@ -86,7 +86,7 @@ def workspace_clearance(path: AnyPath, obstacles: Sequence[Shape], *, step: Posi
     >>> arm = rg.Arm(lengths=(1.0, 1.0))
     >>> space = rg.ConfigurationSpace(arm.axes(16), np.zeros((16, 16)), robot=arm)
     >>> path = rg.Polyline([(0.0, 0.0), (0.0, np.pi / 2)], space)
-    >>> round(rg.workspace_clearance(path, [rg.Ball((0.5, 1.0), 0.25)]), 3)
+    >>> round(rg.planning.workspace_clearance(path, [rg.Ball((0.5, 1.0), 0.25)]), 3)
     0.25
     """
     nearest = np.inf
@@ -95,7 +95,7 @@ def workspace_clearance(path: AnyPath, obstacles: Sequence[Shape], *, step: Posi
     return nearest
 
 
-def replay(path: AnyPath, obstacles: Sequence[Shape], *, step: Positive = 0.01) -> Collision | None:
+def check_collisions(path: AnyPath, obstacles: Sequence[Shape], *, step: Positive = 0.01) -> Collision | None:
     """Drive the whole robot along a path, with exact geometry, until it enters an obstacle.
 
     Parameters
@@ -121,9 +121,9 @@ def replay(path: AnyPath, obstacles: Sequence[Shape], *, step: Positive = 0.01) 
     >>> arm = rg.Arm(lengths=(1.0, 1.0))
     >>> space = rg.ConfigurationSpace(arm.axes(16), np.zeros((16, 16)), robot=arm)
     >>> path = rg.Polyline([(0.0, 0.0), (0.0, np.pi / 2)], space)
-    >>> rg.replay(path, [rg.Ball((0.5, 1.0), 0.25)]) is None
+    >>> rg.check_collisions(path, [rg.Ball((0.5, 1.0), 0.25)]) is None
     True
-    >>> rg.replay(path, [rg.Ball((1.5, 1.0), 0.25)])
+    >>> rg.check_collisions(path, [rg.Ball((1.5, 1.0), 0.25)])
     Collision(segment=0, configuration=float64(2,), part=1, obstacle=0)
     """
     for configurations, segment, parts, solids in _poses(path, obstacles, step):

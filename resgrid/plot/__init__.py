@@ -1,24 +1,8 @@
-"""Pictures: `draw` takes a value and an axes, draws, and returns the axes; only `save_figure` and `animate` write."""
+"""Pictures: functions that take a value and an axes, draw, and return the axes; `save_figure` writes a file.
 
-from resgrid.plot.animations import animate
-from resgrid.plot.control import draw_dirichlet_share, draw_velocities
-from resgrid.plot.fields import draw_page
-from resgrid.plot.figures import add_title, figure_of, new_figure, render_figure, save_figure
-from resgrid.plot.pictures import draw
-from resgrid.plot.workspace import draw_pair, draw_robot, draw_tips
+Only this package imports matplotlib.
+"""
 
-__all__ = [
-    "add_title",
-    "animate",
-    "draw",
-    "draw_dirichlet_share",
-    "draw_page",
-    "draw_pair",
-    "draw_robot",
-    "draw_tips",
-    "draw_velocities",
-    "figure_of",
-    "new_figure",
-    "render_figure",
-    "save_figure",
-]
+from resgrid._internal.public import attach
+
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from resgrid._internal.files import atomic_path
-from resgrid.control.run_log import Mode, Run
+from resgrid.control.run_log import ControlMode, Run
 from resgrid.control.simulation import Wavefront
 from resgrid.errors import InputError, ToolMissingError
 from resgrid.plot.control import (
@@ -202,7 +202,7 @@ def _run_frames(run: Run, count: int) -> Iterator[Figure]:
     figure.suptitle(" ", fontsize=TEXT + 2)
     _settle_layout(figure)
     for row in frame_rows(run, count).tolist():
-        colour, _, does = MODES[Mode(run.mode[row])]
+        colour, _, does = MODES[ControlMode(run.mode[row])]
         figure.suptitle(f"{run.time[row]:.2f} s: the robot {does}", fontsize=TEXT + 2, color=colour)
         moving = [artist for panel in panels for artist in panel(row)]
         yield figure
@@ -250,7 +250,7 @@ def _configurations(run: Run, axes: Axes) -> Callable[[int], list[Artist]]:
     refresh_legend(axes)
 
     def at(row: int) -> list[Artist]:
-        path, colour = run.configuration[: row + 1], MODES[Mode(run.mode[row])][0]
+        path, colour = run.configuration[: row + 1], MODES[ControlMode(run.mode[row])][0]
         moving: list[Artist] = [*axes.plot(*wrapped(path[-1:], run.space).T, "o", color=colour, markersize=5, zorder=9)]
         for shift in seam_shifts(run.space):
             moving += axes.plot(*(path + shift).T, color=ROBOT, linewidth=1.4, zorder=4)

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.control.controller import following_velocity, make_controller
 from resgrid.control.external_forces import checked_force
 from resgrid.control.plant import plant_of
-from resgrid.control.run_log import ContactLog, Ending, Mode, Run
+from resgrid.control.run_log import ContactLog, ControlMode, Run, TerminationReason
 from resgrid.control.simulation import Wavefront
 from resgrid.core.space import Cell
 from resgrid.errors import InputError
@@ -33,20 +33,20 @@ from resgrid.plot.style import FAILURE, HIDDEN, PATHS, SMALL, TEXT, add_colour_b
 from resgrid.plot.workspace import draw_robot
 from resgrid.scene.scene import Scene
 
-MODES: dict[Mode, tuple[str, Any, str]] = {
-    Mode.STREAMLINE: ("#0072B2", "-", "follows its streamline"),
-    Mode.PUSHED: ("#CC79A7", "-", "is pushed"),
-    Mode.SLIDING: ("#D55E00", "-", "slides along an obstacle"),
-    Mode.STICKING: (FAILURE, "-", "touches an obstacle and sticks"),
-    Mode.FOLLOWING: ("#E69F00", "-", "follows the equipotential along an obstacle"),
-    Mode.JAM: (FAILURE, "-", "is jammed: the force lies along the streamline"),
-    Mode.LEARNING: ("#000000", "-", "learns what it touched"),
-    Mode.RETREATING: ("#000000", (0, (2, 1)), "goes back the way it came"),
-    Mode.RECOVERING: ("#009E73", "-", "leaves an obstacle cell"),
-    Mode.DITHERING: ("#56B4E9", (0, (1, 1)), "shakes itself loose"),
-    Mode.WAITING: (FAILURE, (0, (1, 1)), "waits for the grid to settle"),
-    Mode.ARRIVED: ("#0072B2", "-", "has arrived"),
-    Mode.HOMING: ("#0072B2", (0, (4, 1)), "goes straight to the goal in its cell"),
+MODES: dict[ControlMode, tuple[str, Any, str]] = {
+    ControlMode.STREAMLINE: ("#0072B2", "-", "follows its streamline"),
+    ControlMode.PUSHED: ("#CC79A7", "-", "is pushed"),
+    ControlMode.SLIDING: ("#D55E00", "-", "slides along an obstacle"),
+    ControlMode.STICKING: (FAILURE, "-", "touches an obstacle and sticks"),
+    ControlMode.FOLLOWING: ("#E69F00", "-", "follows the equipotential along an obstacle"),
+    ControlMode.JAM: (FAILURE, "-", "is jammed: the force lies along the streamline"),
+    ControlMode.LEARNING: ("#000000", "-", "learns what it touched"),
+    ControlMode.RETREATING: ("#000000", (0, (2, 1)), "goes back the way it came"),
+    ControlMode.RECOVERING: ("#009E73", "-", "leaves an obstacle cell"),
+    ControlMode.DITHERING: ("#56B4E9", (0, (1, 1)), "shakes itself loose"),
+    ControlMode.WAITING: (FAILURE, (0, (1, 1)), "waits for the grid to settle"),
+    ControlMode.ARRIVED: ("#0072B2", "-", "has arrived"),
+    ControlMode.HOMING: ("#0072B2", (0, (4, 1)), "goes straight to the goal in its cell"),
 }
 """Colour and line style of the path in every mode, and what the robot does."""
 
@@ -88,7 +88,9 @@ def draw_runs(runs: Sequence[Run], *, title: str = "", caption: str = "") -> Fig
     draw_configurations(runs[0], right, path=False)
     for run, style in zip(runs, blend_styles([run.field.k for run in runs]), strict=True):
         style |= {"solid_capstyle": "butt"}
-        label = f"k = {run.field.k:g}" + ("" if run.ending is Ending.ARRIVED else f" ({run.ending})").replace("_", " ")
+        label = f"k = {run.field.k:g}" + (
+            "" if run.ending is TerminationReason.ARRIVED else f" ({run.ending})"
+        ).replace("_", " ")
         path = without_rests(run.configuration)
         tip = scene.robot.reference_point(path)
         left.plot(*tip.T, zorder=6, label=label, **style)
@@ -177,7 +179,7 @@ def _draw_path(run: Run, axes: Axes) -> None:
         axes.scatter(taught[:, 0], taught[:, 1], s=12, marker="D", color="black", zorder=5, label="learning")
     ends = wrapped(path[[0, -1]], space)
     mark(ends[:1], axes, "start")
-    if run.ending is Ending.ARRIVED:
+    if run.ending is TerminationReason.ARRIVED:
         mark(ends[1:], axes, "end", "")
     else:
         mark(ends[1:], axes, "failure", str(run.ending).replace("_", " "))
@@ -220,7 +222,7 @@ def draw_velocities(
     Examples
     --------
     >>> field = rg.plan(rg.read_scene("examples/scenes/lesson.toml"), k=0.5).field
-    >>> ax = rg.draw_velocities(field, (0.7, 6.0), force=(0.1, 0.2), admittance=np.eye(2))
+    >>> ax = rg.plot.draw_velocities(field, (0.7, 6.0), force=(0.1, 0.2), admittance=np.eye(2))
     """
     plane = plane_of(field.space)
     at, push = np.asarray(point, dtype=np.float64), checked_force(force, 2, "the force")
@@ -256,7 +258,7 @@ def _arrow(axes: Axes, tail: NDArray[np.float64], vector: NDArray[np.float64], c
     )  # fmt: skip
 
 
-def draw_dirichlet_share(dirichlet: Field, neumann: Field, k: float, ax: Axes | None = None) -> Axes:
+def draw_dirichlet_fraction(dirichlet: Field, neumann: Field, k: float, ax: Axes | None = None) -> Axes:
     """Draw where a blend is Dirichlet and where it is Neumann, whatever its weight says.
 
     Parameters
@@ -279,7 +281,7 @@ def draw_dirichlet_share(dirichlet: Field, neumann: Field, k: float, ax: Axes | 
     Examples
     --------
     >>> planner = rg.plan(rg.read_scene("examples/scenes/lesson.toml"), k=0.5)
-    >>> ax = rg.draw_dirichlet_share(planner.obstacle_field, planner.open_field, k=0.5)
+    >>> ax = rg.plot.draw_dirichlet_fraction(planner.obstacle_field, planner.open_field, k=0.5)
     """
     plane = plane_of(dirichlet.space)
     axes = axes_or_new(ax, plane.aspect)

@@ -92,7 +92,7 @@ def _draw_potential(
     return draw_panels(field.space, ax, *layers, axis=axis, indices=indices, strip=0.6)
 
 
-def draw_page(
+def draw_summary(
     field: Field, paths: Sequence[Streamline] = (), *, k: Sequence[float] | None = None, title: str = "",
     scale: Scale = "auto",
 ) -> Figure:  # fmt: skip
@@ -127,7 +127,7 @@ def draw_page(
     Examples
     --------
     >>> planner = rg.plan(rg.read_scene("examples/scenes/lesson.toml"))
-    >>> figure = rg.draw_page(planner.field, planner.paths(), title="Eight by eight")
+    >>> figure = rg.plot.draw_summary(planner.field, planner.paths(), title="Eight by eight")
     """
     require_paths(paths, field.space)
     if field.space.ndim == 2:

@@ -125,7 +125,7 @@ def save_figure(picture: Axes | Figure, file: str | os.PathLike[str], *, dpi: fl
     Examples
     --------
     >>> ax = rg.draw(rg.read_scene("examples/scenes/lesson.toml"))
-    >>> rg.save_figure(ax, "scene.svg").name
+    >>> rg.plot.save_figure(ax, "scene.svg").name
     'scene.svg'
     """
     return write_bytes(file, render_figure(picture, picture_format(file), dpi=dpi))

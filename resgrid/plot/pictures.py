@@ -50,7 +50,7 @@ from resgrid.plot.panels import draw_space
 from resgrid.plot.paths import draw_clearance_curve, draw_line, draw_path, draw_separation, draw_streamlines
 from resgrid.plot.workspace import draw_scene
 from resgrid.plot.yield_loss import draw_yield_loss
-from resgrid.scene.sampling import sample
+from resgrid.scene.sampling import build_space
 from resgrid.scene.scene import Scene
 from resgrid.spice.circuit import Circuit
 
@@ -68,7 +68,7 @@ def _draw_operating_point(op: OperatingPoint, ax: Axes | None = None) -> Axes | 
 def _draw_scene(scene: Scene, ax: Axes | None = None) -> Axes | Figure:
     """A workspace in the plane; of a robot that moves in one of other axes, its cells."""
     if scene.robot.moves_in_workspace and scene.ndim != 2:
-        return draw_space(sample(scene, require_goal=False), ax)
+        return draw_space(build_space(scene, require_goal=False), ax)
     return draw_scene(scene, ax)
 
 
@@ -175,7 +175,7 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
     --------
     >>> path = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((0.5, 6.5))
     >>> ax = rg.draw(path, rg.draw(path.field))
-    >>> rg.save_figure(ax, "path.png").name
+    >>> rg.plot.save_figure(ax, "path.png").name
     'path.png'
     """
     value = next((part(value) for kind, part in SEEN_AS.items() if isinstance(value, kind)), value)

@@ -86,7 +86,7 @@ def draw_robot(path: Way, scene: Scene, ax: Axes | None = None, *, ghosts: int =
     Examples
     --------
     >>> scene = rg.read_scene("examples/scenes/lesson.toml")
-    >>> ax = rg.draw_robot(rg.plan(scene).path((0.5, 6.5)), scene, ghosts=5)
+    >>> ax = rg.plot.draw_robot(rg.plan(scene).path((0.5, 6.5)), scene, ghosts=5)
     """
     if not 1 <= ghosts <= 1000:
         raise InputError(f"ghosts = {ghosts}, but 1 to 1000 poses can be drawn")
@@ -111,7 +111,7 @@ def draw_robot(path: Way, scene: Scene, ax: Axes | None = None, *, ghosts: int =
     return axes
 
 
-def draw_tips(paths: Sequence[Streamline], scene: Scene, ax: Axes | None = None) -> Axes:
+def draw_tip_paths(paths: Sequence[Streamline], scene: Scene, ax: Axes | None = None) -> Axes:
     """Draw where an arm's tip, or another robot's reference point, goes along many paths.
 
     Parameters
@@ -134,7 +134,7 @@ def draw_tips(paths: Sequence[Streamline], scene: Scene, ax: Axes | None = None)
     Examples
     --------
     >>> scene = rg.read_scene("examples/scenes/lesson.toml", start=[(0.5, 6.5), (0.5, 0.5)])
-    >>> ax = rg.draw_tips(rg.plan(scene).paths(), scene)
+    >>> ax = rg.plot.draw_tip_paths(rg.plan(scene).paths(), scene)
     """
     robot = scene.robot
     axes = _draw_surroundings(scene, ax)
@@ -149,7 +149,7 @@ def draw_tips(paths: Sequence[Streamline], scene: Scene, ax: Axes | None = None)
     return axes
 
 
-def draw_pair(
+def draw_workspace_and_space(
     path: AnyPath,
     scene: Scene,
     *,
@@ -191,7 +191,7 @@ def draw_pair(
     Examples
     --------
     >>> scene = rg.read_scene("examples/scenes/lesson.toml")
-    >>> figure = rg.draw_pair(rg.plan(scene).path((0.5, 6.5)), scene)
+    >>> figure = rg.plot.draw_workspace_and_space(rg.plan(scene).path((0.5, 6.5)), scene)
     """
     plane_of((path if verdict is None else verdict).space)
     figure = new_figure(PAGE, 4.4 + caption_height(caption))

@@ -49,7 +49,7 @@ class Robot(ABC):
     ...         return np.linalg.norm(end - start, axis=1)
     >>> axes = (rg.Axis("x", 0.0, 4.0, 8), rg.Axis("y", 0.0, 1.0, 2))
     >>> ball, goal = rg.Ball((2.5, 0.25), 0.1), rg.GoalCell((7, 1))
-    >>> rg.sample(rg.Scene(axes, robot=Rod(), obstacles=(ball,), goals=(goal,))).cell.T
+    >>> rg.build_space(rg.Scene(axes, robot=Rod(), obstacles=(ball,), goals=(goal,))).cell.T
     array([[0, 0, 1, 1, 1, 1, 0, 0],
            [0, 0, 0, 1, 1, 0, 0, 2]], dtype=uint8)
     """

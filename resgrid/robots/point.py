@@ -41,7 +41,7 @@ class PointRobot(Robot):
     --------
     >>> axes = tuple(rg.Axis(name, 0.0, 4.0, 4) for name in "xyz")
     >>> ball, goal = rg.Ball((2.0, 2.0, 2.0), 0.5), rg.GoalCell((0, 0, 0))
-    >>> space = rg.sample(rg.Scene(axes, robot=rg.PointRobot(0.2), obstacles=(ball,), goals=(goal,)))
+    >>> space = rg.build_space(rg.Scene(axes, robot=rg.PointRobot(0.2), obstacles=(ball,), goals=(goal,)))
     >>> space
     <ConfigurationSpace of 4 x 4 x 4 cells, x 0 to 4 m, y 0 to 4 m, z 0 to 4 m: 8 obstacle, 1 goal>
     """
@@ -119,7 +119,7 @@ class DiscRobot(PointRobot):
     >>> axes = (rg.Axis("x", 0.0, 5.0, 5), rg.Axis("y", 0.0, 4.0, 4))
     >>> pillar, goal = rg.Box((2.1, 1.1), (2.9, 1.9)), rg.GoalCell((0, 0))
     >>> scene = rg.Scene(axes, robot=rg.DiscRobot(0.5), obstacles=(pillar,), goals=(goal,))
-    >>> rg.sample(scene).cell
+    >>> rg.build_space(scene).cell
     array([[2, 0, 0, 0],
            [1, 1, 1, 0],
            [1, 1, 1, 0],

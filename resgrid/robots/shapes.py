@@ -191,7 +191,7 @@ class HalfSpace(_Bounded):
     --------
     >>> floor = rg.HalfSpace(normal=(0.0, 1.0), offset=0.5)
     >>> axes = (rg.Axis("x", 0.0, 2.0, 2), rg.Axis("y", 0.0, 2.0, 4))
-    >>> rg.sample(rg.Scene(axes, obstacles=(floor,), goals=(rg.GoalCell((0, 3)),))).cell
+    >>> rg.build_space(rg.Scene(axes, obstacles=(floor,), goals=(rg.GoalCell((0, 3)),))).cell
     array([[1, 0, 0, 2],
            [1, 0, 0, 0]], dtype=uint8)
     """

@@ -9,8 +9,11 @@ from resgrid.scene.goals import (
     GoalPoint as GoalPoint,
 )
 from resgrid.scene.maps.arrays import MapCells as MapCells
-from resgrid.scene.maps.movingai import MovingAIScenario as MovingAIScenario, read_queries as read_queries
-from resgrid.scene.maps.ros import occupancy_grid as occupancy_grid
+from resgrid.scene.maps.movingai import (
+    MovingAIScenario as MovingAIScenario,
+    read_movingai_scenarios as read_movingai_scenarios,
+)
+from resgrid.scene.maps.ros import from_occupancy_grid as from_occupancy_grid
 from resgrid.scene.reading import parse_scene as parse_scene, read_scene as read_scene
-from resgrid.scene.sampling import sample as sample
+from resgrid.scene.sampling import build_space as build_space
 from resgrid.scene.scene import Scene as Scene

@@ -50,7 +50,7 @@ class Readout:
 
     Examples
     --------
-    >>> readout = rg.Readout(bits=8, range=(0.0, 1.2))
+    >>> readout = rg.chip.Readout(bits=8, range=(0.0, 1.2))
     >>> rg.study(rg.read_scene("examples/scenes/lesson.toml"), rg.Chip(readout=readout)).precision().sentence(8)
     'an 8-bit read-out serves 58 % of the starts'
     """
@@ -93,8 +93,8 @@ class Defects:
 
     Examples
     --------
-    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
-    >>> broken = rg.build_chip(netlist, rg.Chip(defects=rg.Defects(open_density=0.05)))
+    >>> netlist = rg.compile_space(rg.build_space(rg.read_scene("examples/scenes/lesson.toml")))
+    >>> broken = rg.chip.build_chip(netlist, rg.Chip(defects=rg.chip.Defects(open_density=0.05)))
     >>> len(netlist.conductance), len(broken.conductance)
     (140, 134)
     """
@@ -178,7 +178,7 @@ class Chip:
 
     Examples
     --------
-    >>> chip = rg.Chip(resistance="4k7", mismatch="1 %", readout=rg.Readout(bits=10))
+    >>> chip = rg.Chip(resistance="4k7", mismatch="1 %", readout=rg.chip.Readout(bits=10))
     >>> chip.resistance, chip.mismatch
     (4700.0, 0.01)
     >>> rg.study(rg.read_scene("examples/scenes/lesson.toml"), chip)

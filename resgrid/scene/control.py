@@ -71,7 +71,7 @@ class Control:
 
     Examples
     --------
-    >>> scene = rg.read_scene("examples/scenes/lesson.toml").replace(control=rg.Control(k=0.9, speed=2.0))
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml").replace(control=rg.control.Control(k=0.9, speed=2.0))
     >>> run = rg.simulation(scene).run()
     >>> str(run.ending), float(np.linalg.norm(run.velocity, axis=1).max().round(6))
     ('arrived', 2.0)

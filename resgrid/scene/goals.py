@@ -32,7 +32,7 @@ class GoalPoint:
     Examples
     --------
     >>> scene = rg.read_scene("examples/scenes/lesson.toml").replace(goal=rg.GoalPoint((7.2, 0.4)))
-    >>> np.argwhere(rg.sample(scene).cell == rg.Cell.GOAL)
+    >>> np.argwhere(rg.build_space(scene).cell == rg.Cell.GOAL)
     array([[7, 0]])
     """
 
@@ -52,7 +52,7 @@ class GoalCell:
     Examples
     --------
     >>> scene = rg.read_scene("examples/scenes/lesson.toml").replace(goal=rg.GoalCell((7, 0)))
-    >>> np.argwhere(rg.sample(scene).cell == rg.Cell.GOAL)
+    >>> np.argwhere(rg.build_space(scene).cell == rg.Cell.GOAL)
     array([[7, 0]])
     """
 
@@ -78,7 +78,7 @@ class GoalJoints:
     --------
     >>> arm = rg.Arm(lengths=(1.0, 1.0))
     >>> scene = rg.Scene(arm.axes(8), robot=arm, goals=(rg.GoalJoints((0.1, 0.1), (0.7, 0.7)),))
-    >>> np.argwhere(rg.sample(scene).cell == rg.Cell.GOAL)
+    >>> np.argwhere(rg.build_space(scene).cell == rg.Cell.GOAL)
     array([[4, 4]])
     """
 
@@ -113,7 +113,7 @@ class CostArea:
     --------
     >>> axes = (rg.Axis("x", 0.0, 3.0, 3), rg.Axis("y", 0.0, 2.0, 2))
     >>> mud = rg.CostArea(rg.Box((1.0, 0.0), (2.0, 1.0)), conductivity=0.2)
-    >>> rg.sample(rg.Scene(axes, areas=(mud,), goals=(rg.GoalCell((2, 0)),))).conductivity
+    >>> rg.build_space(rg.Scene(axes, areas=(mud,), goals=(rg.GoalCell((2, 0)),))).conductivity
     array([[1. , 1. ],
            [0.2, 1. ],
            [1. , 1. ]])

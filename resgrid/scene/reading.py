@@ -136,7 +136,7 @@ def parse_scene(text: str, source: str = "scene", folder: str | os.PathLike[str]
     ...   { name = "y", lower = 0, upper = 1, cells = 2, unit = "m" },
     ... ]
     ... ''')
-    >>> rg.sample(scene).cell
+    >>> rg.build_space(scene).cell
     array([[0, 0],
            [0, 0],
            [0, 0],

@@ -22,7 +22,7 @@ from resgrid.scene.scene import Scene
 from resgrid.scene.world_coordinates import check_cell, extent_of, located, to_space
 
 
-def sample(scene: Scene, *, require_goal: bool = True, progress: Progress | None = None) -> ConfigurationSpace:
+def build_space(scene: Scene, *, require_goal: bool = True, progress: Progress | None = None) -> ConfigurationSpace:
     """Cut a scene into cells.
 
     A cell is an obstacle as the scene's ``sampling`` and its robot say (see `PointRobot.occupancy`, and the same of
@@ -54,7 +54,7 @@ def sample(scene: Scene, *, require_goal: bool = True, progress: Progress | None
 
     Examples
     --------
-    >>> space = rg.sample(rg.read_scene("examples/scenes/lesson.toml"))
+    >>> space = rg.build_space(rg.read_scene("examples/scenes/lesson.toml"))
     >>> space
     <ConfigurationSpace of 8 x 8 cells, x 0 to 8 cell, y 0 to 8 cell: 7 obstacle, 1 goal>
     >>> (space.cell == rg.Cell.OBSTACLE).sum(axis=0)

@@ -88,7 +88,7 @@ class Scene:
     >>> axes = (rg.Axis("x", 0.0, 4.0, 4), rg.Axis("y", 0.0, 3.0, 3))
     >>> wall, goal = rg.Box((1.0, 0.0), (2.0, 2.0)), rg.GoalPoint((3.5, 0.5))
     >>> scene = rg.Scene(axes, obstacles=(wall,), goals=(goal,), starts=((0.5, 0.5),))
-    >>> rg.sample(scene).cell
+    >>> rg.build_space(scene).cell
     array([[0, 0, 0],
            [1, 1, 0],
            [0, 0, 0],

@@ -4,6 +4,6 @@
 `circuit` against the electrical rules, foretells what simulators make of it, and compares what they found.
 """
 
-import lazy_loader
+from resgrid._internal.public import attach
 
-__getattr__, _, _ = lazy_loader.attach(__name__, ["analyses"])
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -1,7 +1,7 @@
 """Analyses that a deck can be asked for, as values.
 
->>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
->>> asked = [rg.analyses.OperatingAnalysis(), rg.analyses.Probe(nodes=("n_0_0",))]
+>>> netlist = rg.compile_space(rg.build_space(rg.read_scene("examples/scenes/lesson.toml")))
+>>> asked = [rg.spice.analyses.OperatingAnalysis(), rg.spice.analyses.Probe(nodes=("n_0_0",))]
 >>> rg.write_spice(netlist, "lesson.cir", analyses=asked).commands.name
 'lesson.cir.ngspice'
 """
@@ -27,8 +27,8 @@ class OperatingAnalysis:
 
     Examples
     --------
-    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
-    >>> written = rg.write_spice(netlist, "lesson.cir", analyses=[rg.analyses.OperatingAnalysis()])
+    >>> netlist = rg.compile_space(rg.build_space(rg.read_scene("examples/scenes/lesson.toml")))
+    >>> written = rg.write_spice(netlist, "lesson.cir", analyses=[rg.spice.analyses.OperatingAnalysis()])
     >>> print(written.commands.read_text(), end="")
     * analyses of lesson.cir
     * ngspice -n -b -r analyses.raw lesson.cir.ngspice
@@ -62,7 +62,7 @@ class TransientAnalysis:
     Examples
     --------
     >>> study = rg.study(rg.read_scene("examples/scenes/lesson.toml"), rg.Chip(capacitance="100f"))
-    >>> settle = rg.analyses.TransientAnalysis(stop=1e-8, step=1e-11)
+    >>> settle = rg.spice.analyses.TransientAnalysis(stop=1e-8, step=1e-11)
     >>> written = rg.write_spice(study.netlist, "lesson.cir", analyses=[settle])
     >>> written.commands.read_text().splitlines()[-2]
     '.tran 1e-11 1e-08 0.0 1e-11'
@@ -98,8 +98,8 @@ class NoiseAnalysis:
 
     Examples
     --------
-    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
-    >>> written = rg.write_spice(netlist, "lesson.cir", analyses=[rg.analyses.NoiseAnalysis("n_6_2", stop=1e6)])
+    >>> netlist = rg.compile_space(rg.build_space(rg.read_scene("examples/scenes/lesson.toml")))
+    >>> written = rg.write_spice(netlist, "lesson.cir", analyses=[rg.spice.analyses.NoiseAnalysis("n_6_2", stop=1e6)])
     >>> written.commands.read_text().splitlines()[-2]
     '.noise v(n_6_2) v_obstacle dec 10 1.0 1000000.0'
     """
@@ -134,8 +134,8 @@ class TemperatureAnalysis:
 
     Examples
     --------
-    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
-    >>> written = rg.write_spice(netlist, "lesson.cir", analyses=[rg.analyses.TemperatureAnalysis((27.0, 85.0))])
+    >>> netlist = rg.compile_space(rg.build_space(rg.read_scene("examples/scenes/lesson.toml")))
+    >>> written = rg.write_spice(netlist, "lesson.cir", analyses=[rg.spice.analyses.TemperatureAnalysis((27.0, 85.0))])
     >>> written.commands.read_text().splitlines()[4]
     'foreach celsius 27.0 85.0'
     """
@@ -171,11 +171,12 @@ class MismatchAnalysis:
 
     Examples
     --------
-    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
-    >>> chip = rg.analyses.MismatchAnalysis(0.01, seed=3).apply(netlist)
+    >>> netlist = rg.compile_space(rg.build_space(rg.read_scene("examples/scenes/lesson.toml")))
+    >>> chip = rg.spice.analyses.MismatchAnalysis(0.01, seed=3).apply(netlist)
     >>> float((chip.conductance / netlist.conductance).std().round(3))
     0.009
-    >>> written = rg.write_spice(netlist, "many.sp", "hspice", analyses=[rg.analyses.MismatchAnalysis(0.01, runs=10)])
+    >>> asked = [rg.spice.analyses.MismatchAnalysis(0.01, runs=10)]
+    >>> written = rg.write_spice(netlist, "many.sp", "hspice", analyses=asked)
     >>> written.commands.read_text().splitlines()[4]
     '.dc monte=10'
     """
@@ -223,8 +224,8 @@ class Probe:
 
     Examples
     --------
-    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
-    >>> asked = [rg.analyses.OperatingAnalysis(), rg.analyses.Probe(("n_6_2",), sources=("v_obstacle",))]
+    >>> netlist = rg.compile_space(rg.build_space(rg.read_scene("examples/scenes/lesson.toml")))
+    >>> asked = [rg.spice.analyses.OperatingAnalysis(), rg.spice.analyses.Probe(("n_6_2",), sources=("v_obstacle",))]
     >>> written = rg.write_spice(netlist, "lesson.cir", analyses=asked)
     >>> written.commands.read_text().splitlines()[3]
     '.save v(n_6_2) i(v_obstacle)'
@@ -262,7 +263,8 @@ class Measure:
     Examples
     --------
     >>> study = rg.study(rg.read_scene("examples/scenes/lesson.toml"), rg.Chip(capacitance="100f"))
-    >>> asked = [rg.analyses.TransientAnalysis(1e-8, 1e-11), rg.analyses.Measure("rise", "n_6_2", "crossing", at=0.5)]
+    >>> rise = rg.spice.analyses.Measure("rise", "n_6_2", "crossing", at=0.5)
+    >>> asked = [rg.spice.analyses.TransientAnalysis(1e-8, 1e-11), rise]
     >>> written = rg.write_spice(study.netlist, "lesson.cir", analyses=asked)
     >>> written.commands.read_text().splitlines()[-3]
     'meas tran rise when v(n_6_2)=0.5 cross=1'

@@ -67,7 +67,7 @@ def power_balance(op: OperatingPoint) -> PowerBalance:
     Examples
     --------
     >>> divider = rg.Netlist(3, [[1, 2], [2, 0]], [1e-3, 1e-3], source_nodes=[[1, 0]], source_volts=[2.0])
-    >>> balance = rg.power_balance(rg.solve(divider))
+    >>> balance = rg.spice.power_balance(rg.solve(divider))
     >>> round(balance.delivered, 9), round(balance.dissipated, 9)
     (0.002, 0.002)
     """
@@ -126,7 +126,7 @@ def ir_drop(op: OperatingPoint) -> IrDrop:
     Examples
     --------
     >>> supply = rg.Netlist(4, [[1, 2], [2, 3], [3, 0]], [1.0, 1.0, 0.1], source_nodes=[[1, 0]], source_volts=[1.8])
-    >>> rg.ir_drop(rg.solve(supply)).drop.round(3)
+    >>> rg.spice.ir_drop(rg.solve(supply)).drop.round(3)
     array([0.  , 0.  , 0.15, 0.3 ])
     """
     netlist = op.netlist

@@ -28,10 +28,10 @@ CHIPS = {
     "switches": rg.Chip(**SWITCHES, wall_resistance=5e3),
     "rails": rg.Chip(rail_resistance=0.1, wall_resistance=5e3),
     "heat": rg.Chip(temperature=85.0, tc1=1e-3, tc2=1e-6, wall_resistance=5e3),
-    "defects": rg.Chip(defects=rg.Defects(0.05, 0.05), wall_resistance=5e3),
+    "defects": rg.Chip(defects=rg.chip.Defects(0.05, 0.05), wall_resistance=5e3),
     "everything": rg.Chip(
         preferred="E24", mismatch=0.1, rail_resistance=0.1, temperature=85.0, tc1=1e-3, wall_resistance=5e3,
-        readout=rg.Readout(input_resistance=1e8), **SWITCHES,
+        readout=rg.chip.Readout(input_resistance=1e8), **SWITCHES,
     ),
     "saturation": rg.Chip(saturation_voltage=0.2, mismatch=0.1, rail_resistance=0.1, wall_resistance=5e3, **SWITCHES),
 }  # fmt: skip
@@ -47,7 +47,7 @@ def scene() -> rg.ConfigurationSpace:
 @pytest.mark.parametrize("name", CHIPS)
 def test_ngspice_agrees_about_the_very_same_chip(name: str, boundary: str) -> None:
     wall = {"wall_resistance": 5e3} if boundary == "wall" else {}
-    netlist = rg.build_chip(rg.compile_space(scene(), boundary=boundary, rails="cells", **wall), CHIPS[name])
+    netlist = rg.chip.build_chip(rg.compile_space(scene(), boundary=boundary, rails="cells", **wall), CHIPS[name])
     tolerance = 1e-6 if name == "saturation" else 1e-9
     agreement = rg.check_deck(netlist, tolerance=tolerance)
     assert agreement.agrees, agreement
@@ -83,7 +83,7 @@ def test_thousands_of_chips_are_those_built_one_by_one(chip: rg.Chip, boundary: 
     circuit, samples = rg.study(netlist, chip).conductances(seeds)
     assert samples.shape == (3, len(circuit.conductance))
     for seed, row in zip(seeds, samples, strict=True):
-        one = rg.build_chip(netlist, chip, seed)
+        one = rg.chip.build_chip(netlist, chip, seed)
         np.testing.assert_array_equal(one.resistor_nodes, circuit.resistor_nodes)
         np.testing.assert_allclose(row, one.conductance, rtol=1e-12)
     if chip == rg.Chip(mismatch=0.2):
@@ -92,7 +92,7 @@ def test_thousands_of_chips_are_those_built_one_by_one(chip: rg.Chip, boundary: 
 
 def test_chips_that_differ_in_more_than_values_are_built_one_by_one() -> None:
     netlist = rg.compile_space(scene(), rails="cells")
-    for chip in (rg.Chip(saturation_voltage=1.0), rg.Chip(defects=rg.Defects(0.1))):
+    for chip in (rg.Chip(saturation_voltage=1.0), rg.Chip(defects=rg.chip.Defects(0.1))):
         with pytest.raises(rg.InputError, match="build them one by one"):
             rg.study(netlist, chip).conductances([1])
 
@@ -100,7 +100,7 @@ def test_chips_that_differ_in_more_than_values_are_built_one_by_one() -> None:
 def test_an_ideal_chip_is_the_netlist_itself() -> None:
     netlist = rg.compile_space(scene())
     assert rg.chip.effects.of_chip(rg.Chip()) == ()
-    assert rg.build_chip(netlist, rg.Chip()) is netlist
+    assert rg.chip.build_chip(netlist, rg.Chip()) is netlist
 
 
 def test_streams_and_children_do_not_overlap() -> None:
@@ -138,7 +138,7 @@ def test_the_chip_of_a_scene_is_built_as_its_table_says() -> None:
     assert chip.netlist.cells.wiring.supply == 3.3
     ratio = 1 / (chip.netlist.conductance * 20e3)
     assert 0.03 < ratio.std() < 0.07
-    again = rg.build_chip(rg.study(rg.sample(found), found.chip).ideal, found.chip, 11)
+    again = rg.chip.build_chip(rg.study(rg.build_space(found), found.chip).ideal, found.chip, 11)
     np.testing.assert_array_equal(chip.netlist.conductance, again.conductance)
     assert repr(chip) == "Study(chip: 6 x 6 cells, dirichlet, 38 nodes)"
     assert "<td>mismatch</td>\n<td>0.05</td>" in chip._repr_html_()

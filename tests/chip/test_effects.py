@@ -73,7 +73,7 @@ def test_a_list_of_passes_is_data() -> None:
     assert {type(effect) for effect in ALL} == set(effects.EFFECTS.values())
     text = json.dumps(effects.to_json(ALL), allow_nan=False)
     assert effects.from_json(json.loads(text)) == ALL
-    assert same(rg.build_chip(room(), effects.from_json(json.loads(text))), rg.build_chip(room(), ALL))
+    assert same(rg.chip.build_chip(room(), effects.from_json(json.loads(text))), rg.chip.build_chip(room(), ALL))
 
 
 @pytest.mark.parametrize(
@@ -188,16 +188,16 @@ def test_a_seed_is_the_same_chip_whatever_else_is_done_and_whichever_scene_is_sh
         face = netlist.cells.resistor_face
         return dict(zip(face[face >= 0].tolist(), netlist.conductance[face >= 0].round(18).tolist(), strict=True))
 
-    forward = at_faces(rg.build_chip(room(), chain))
-    late = at_faces(rg.build_chip(room(), [chain[2], chain[3], chain[0], chain[1]]))
+    forward = at_faces(rg.chip.build_chip(room(), chain))
+    late = at_faces(rg.chip.build_chip(room(), [chain[2], chain[3], chain[0], chain[1]]))
     assert forward == late
     elsewhere = np.zeros((8, 10), dtype=np.uint8)
     elsewhere[5, 5] = Cell.GOAL
-    other = at_faces(rg.build_chip(rg.compile_space(space_of(elsewhere), rails="cells"), chain))
+    other = at_faces(rg.chip.build_chip(rg.compile_space(space_of(elsewhere), rails="cells"), chain))
     common = forward.keys() & other.keys()
     assert len(common) > 100
     assert {face: forward[face] for face in common} == {face: other[face] for face in common}
-    assert forward != at_faces(rg.build_chip(room(), [effects.Mismatch(0.1, seed=10), *chain[1:]]))
+    assert forward != at_faces(rg.chip.build_chip(room(), [effects.Mismatch(0.1, seed=10), *chain[1:]]))
 
 
 def test_a_saturating_chip_has_the_same_mismatch() -> None:
@@ -216,8 +216,8 @@ def test_heat_follows_the_coefficients() -> None:
 
 def test_switches_beside_resistors_share_their_heat() -> None:
     warm = [effects.TemperatureCoefficients(2e-3, 1e-5), effects.Temperature(77.0)]
-    before = rg.build_chip(room(), [*warm, effects.InternodalSwitches(500.0)])
-    after = rg.build_chip(room(), [warm[0], effects.InternodalSwitches(500.0), warm[1]])
+    before = rg.chip.build_chip(room(), [*warm, effects.InternodalSwitches(500.0)])
+    after = rg.chip.build_chip(room(), [warm[0], effects.InternodalSwitches(500.0), warm[1]])
     np.testing.assert_allclose(before.conductance, after.conductance, rtol=1e-13)
     inner = (room().cell_of_node()[room().resistor_nodes] >= 0).all(axis=1)
     np.testing.assert_allclose(1 / before.conductance[inner], 11250 + 500)
@@ -275,7 +275,7 @@ def test_any_chip_on_any_space_solves_as_a_dense_one(space: rg.ConfigurationSpac
         mismatch=0.2, gradient=(0.2,), temperature=60.0, tc1=1e-3, internodal_switch_on=200.0,
         internodal_switch_off=1e7,
         obstacle_switch_on=100.0, obstacle_switch_off=1e8, goal_switch_on=50.0, goal_switch_off=1e8,
-        rail_resistance=2.0, readout=rg.Readout(input_resistance=1e8), wall_resistance=1e3, seed=seed,
+        rail_resistance=2.0, readout=rg.chip.Readout(input_resistance=1e8), wall_resistance=1e3, seed=seed,
     )  # fmt: skip
     edge = ["periodic" if ring else "obstacle" for ring in space.periodic]
     try:
@@ -293,7 +293,7 @@ def test_vanishing_switches_and_rails_come_back_to_the_ideal_chip() -> None:
     for boundary in ("dirichlet", "neumann", "wall"):
         options = {"wall_resistance": 3e3} if boundary == "wall" else {}
         ideal = room(boundary, **options)
-        real = rg.build_chip(
+        real = rg.chip.build_chip(
             ideal,
             [
                 effects.InternodalSwitches(1e-4, 1e16),
@@ -427,7 +427,7 @@ def test_an_effect_is_one_class_and_one_line(monkeypatch: pytest.MonkeyPatch, tm
     chain = [*rg.chip.effects.of_chip(rg.Chip(mismatch=0.1)), Leak(1e7)]
     again = rg.chip.effects.from_json(json.loads(json.dumps(rg.chip.effects.to_json(chain))))
     assert list(again) == chain
-    netlist = rg.build_chip(room(), again)
+    netlist = rg.chip.build_chip(room(), again)
     assert (netlist.conductance == 1e-7).sum() == 80
     op = rg.solve(netlist)
     assert rg.check_deck(rg.write_spice(op, tmp_path / "leaky.cir").path).agrees

@@ -48,8 +48,8 @@ def rebuilt(netlist: rg.Netlist, element: int, short: float | None) -> np.ndarra
 
 @pytest.mark.parametrize("chip", [FLAWS, rg.Chip(), rg.Chip(saturation_voltage=0.4)], ids=["flaws", "plain", "tanh"])
 def test_starts_lost_are_those_of_the_faulty_chip(chip: rg.Chip) -> None:
-    netlist = rg.build_chip(rg.study(cells(), chip).ideal, chip)
-    readout = rg.Readout(bits=7)
+    netlist = rg.chip.build_chip(rg.study(cells(), chip).ideal, chip)
+    readout = rg.chip.Readout(bits=7)
     result = rg.study(netlist).criticality(readout=readout, short_resistance=5.0)
     floor, eyes = neighbours_of(netlist.cells), converter_of(readout, netlist.cells, None)
     starts = cells().goal_connected.ravel()
@@ -85,7 +85,7 @@ def test_driven_grids_lose_the_currents_behind_a_bridge() -> None:
 
 
 def test_time_limits_and_starts() -> None:
-    netlist = rg.build_chip(rg.study(cells(), FLAWS).ideal, FLAWS)
+    netlist = rg.chip.build_chip(rg.study(cells(), FLAWS).ideal, FLAWS)
     told: list[tuple[int, int]] = []
     short = rg.study(netlist).criticality(seconds=1e-9, progress=lambda done, total: told.append((done, total)))
     assert 0 < short.examined < len(short.open)
@@ -114,7 +114,7 @@ def test_beside_leaks_faults_are_told_to_the_step_of_an_ideal_readout(leak: floa
     """A driven corridor cut off by any open: leaks alone then hold it."""
     cell = np.array([[0, 0, 0, 0, 2]], dtype=np.uint8)
     chip = rg.Chip(goal_switch_off=leak, mismatch=0.3)
-    netlist = rg.build_chip(rg.study(space_of(cell), chip, boundary="neumann", edge="open").ideal, chip)
+    netlist = rg.chip.build_chip(rg.study(space_of(cell), chip, boundary="neumann", edge="open").ideal, chip)
     order = np.arange(len(netlist.conductance))
     for element, *faulty in faulty_voltages(netlist, rg.solve(netlist).voltage, order, short):
         for siemens, volts in zip((0.0, 1 / short), faulty, strict=True):

@@ -56,7 +56,7 @@ def test_a_shorted_saturating_resistor_is_linear() -> None:
 
 
 def test_a_cell_that_opens_cut_off_is_still_fed_where_a_load_ties_it_to_ground() -> None:
-    chip = rg.Chip(readout=rg.Readout(input_resistance=5e5), defects=rg.Defects(open_density=1.0))
+    chip = rg.Chip(readout=rg.chip.Readout(input_resistance=5e5), defects=rg.chip.Defects(open_density=1.0))
     netlist = rg.study(space_of([2, 0, 0]), chip, boundary="neumann").netlist
     volts = rg.solve(netlist).voltage[netlist.cells.node]
     np.testing.assert_allclose(volts, [0.0, 5e5 * 1.0 / 10e3 / 3, 5e5 * 1.0 / 10e3 / 3], rtol=1e-12)
@@ -75,7 +75,7 @@ def test_resistors_are_opened_one_by_one():
         (1, 3, 1): {node[1, 2], node[1, 3]},
         (1, 4, 1): {node[1, 3], netlist.cells.obstacle_node},
     }.items():
-        cut = rg.build_chip(netlist, rg.Chip(defects=rg.Defects(open_at=[place])))
+        cut = rg.chip.build_chip(netlist, rg.Chip(defects=rg.chip.Defects(open_at=[place])))
         gone = set(map(frozenset, netlist.resistor_nodes.tolist())) - set(map(frozenset, cut.resistor_nodes.tolist()))
         assert gone == {frozenset(ends)}
     for place in ((5, 4, 0), (1, 5, 1), (1, 1, 2), (1, 1)):

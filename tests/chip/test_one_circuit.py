@@ -127,7 +127,7 @@ def agree(netlist: rg.Netlist, space: rg.ConfigurationSpace, expected: tuple[Any
 
 @pytest.mark.parametrize("way", WAYS)
 def test_a_seed_draws_the_same_mismatch_in_every_form(way: str, tmp_path: Path) -> None:
-    drawn = rg.analyses.MismatchAnalysis(0.4, seed=7)
+    drawn = rg.spice.analyses.MismatchAnalysis(0.4, seed=7)
     for number in range(20):
         space, options = random_scene(number, way)
         if not (space.goal_connected & (space.cell == 0)).any():
@@ -135,11 +135,11 @@ def test_a_seed_draws_the_same_mismatch_in_every_form(way: str, tmp_path: Path) 
         wall = WALL if way == "wall" else None
         chip = rg.Chip(resistance=R, supply=VOLTS, wall_resistance=WALL, mismatch=0.4, seed=7)
         flat = rg.compile_space(space, **options, resistance=R, supply=VOLTS, wall_resistance=wall, rails="cells")
-        made = rg.build_chip(flat, chip)
+        made = rg.chip.build_chip(flat, chip)
         np.testing.assert_array_equal(drawn.apply(flat).conductance, made.conductance)
         if number < 4:
             switched = rg.Chip(**vars(chip) | SWITCHES)
-            netlist = rg.build_chip(flat, switched)
+            netlist = rg.chip.build_chip(flat, switched)
             written = rg.write_spice(netlist, tmp_path / "a.cir", form="cells", chip=switched)
             assert rg.check_deck(written.path).agrees
 
@@ -159,9 +159,9 @@ def test_flat_tiles_and_passes_are_the_circuit_of_the_rule(way: str) -> None:
             agree(flat, space, ideal)
         except rg.CircuitError:
             continue  # everything is on one rail
-        agree(rg.build_chip(flat, chip), space, ideal)
+        agree(rg.chip.build_chip(flat, chip), space, ideal)
         real = dense(space, options, SWITCHES)
-        agree(rg.build_chip(flat, rg.Chip(**vars(chip) | SWITCHES)), space, real)
+        agree(rg.chip.build_chip(flat, rg.Chip(**vars(chip) | SWITCHES)), space, real)
         compared += 1
         touching += any(there is not None and {space.cell[here], space.cell[there]} == {1, 2}
                         for here, there, *_ in contacts(space, options))  # fmt: skip

@@ -177,7 +177,7 @@ def test_what_is_far_from_a_decision_flips_nothing_whatever_the_method() -> None
     weights = np.zeros(netlist.node_count)
     weights[[aside, lower]] = 1.0, -1.0
     for method in ("multigrid", "direct"):
-        adjoint = adjoint_of(op, rg.factor(netlist, method=method))
+        adjoint = adjoint_of(op, rg.factorize(netlist, method=method))
         sign, log_size = adjoint.derivatives(weights)
         found = sign * np.exp(log_size)
         assert found == pytest.approx(amps * (rising - falling), abs=2e-5 * np.abs(amps * (rising - falling)).max())

@@ -41,10 +41,10 @@ def test_a_circuit_is_made_once(made: Study, scene: rg.Scene) -> None:
     assert made.netlist is made.netlist
     assert made.op is made.op
     assert made.op.netlist is made.netlist
-    np.testing.assert_array_equal(made.netlist.conductance, rg.build_chip(made.ideal, scene.chip).conductance)
-    again = rg.study(rg.sample(scene), scene.chip)
+    np.testing.assert_array_equal(made.netlist.conductance, rg.chip.build_chip(made.ideal, scene.chip).conductance)
+    again = rg.study(rg.build_space(scene), scene.chip)
     np.testing.assert_array_equal(made.netlist.conductance, again.netlist.conductance)
-    np.testing.assert_array_equal(rg.study(scene, space=rg.sample(scene)).op.voltage, made.op.voltage)
+    np.testing.assert_array_equal(rg.study(scene, space=rg.build_space(scene)).op.voltage, made.op.voltage)
 
 
 @pytest.mark.parametrize("question", QUESTIONS)

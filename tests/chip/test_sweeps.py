@@ -24,16 +24,16 @@ def cells() -> rg.ConfigurationSpace:
     return space_of(cell)
 
 
-CHIP = rg.Chip(mismatch=0.05, goal_switch_on=100.0, readout=rg.Readout(offset=1e-3), seed=5)
+CHIP = rg.Chip(mismatch=0.05, goal_switch_on=100.0, readout=rg.chip.Readout(offset=1e-3), seed=5)
 
 
 @pytest.mark.parametrize("order", [1, -1])
 def test_keys_of_one_table_change_together(order: int) -> None:
     """On the way from one to the other, both defects at once would be more than all resistors."""
-    before = rg.Chip(defects=rg.Defects(open_density=0.7, short_density=0.2))
+    before = rg.Chip(defects=rg.chip.Defects(open_density=0.7, short_density=0.2))
     values = {"defects.open_density": 0.2, "defects.short_density": 0.7}
     after = chip_with(before, dict([*values.items()][::order]))
-    assert after == rg.Chip(defects=rg.Defects(open_density=0.2, short_density=0.7))
+    assert after == rg.Chip(defects=rg.chip.Defects(open_density=0.2, short_density=0.7))
 
 
 @pytest.mark.parametrize(
@@ -62,7 +62,7 @@ def test_every_point_is_a_yield_of_its_own(first: tuple[str, list[float]], secon
 def test_a_sweep_is_taken_up_where_it_was_killed(tmp_path: Path) -> None:
     file = tmp_path / "sweep.jsonl"
     axes = ("mismatch", [0.0, 0.1, 0.2]), ("readout.bits", [6, 10])
-    kind = dataclasses.replace(CHIP, readout=rg.Readout())
+    kind = dataclasses.replace(CHIP, readout=rg.chip.Readout())
 
     def explored(**options: Any) -> Exploration:
         return rg.study(cells(), kind).exploration(*axes, trials=12, **options)
@@ -111,8 +111,8 @@ def test_wrong_keys_and_values_are_named() -> None:
         rg.study(cells(), CHIP).exploration(("mismatch", [0.1]), ("supply", [1.0]), trials=0)
 
 
-@pytest.mark.parametrize("readout", [rg.Readout(), rg.Readout(bits=8)])
-def test_without_a_start_there_is_nothing_to_sweep(readout: rg.Readout) -> None:
+@pytest.mark.parametrize("readout", [rg.chip.Readout(), rg.chip.Readout(bits=8)])
+def test_without_a_start_there_is_nothing_to_sweep(readout: rg.chip.Readout) -> None:
     """A goal walled in: its own cell and what lies beyond the wall are between the rails, but nobody can come."""
     space = space_of(np.array([[2, 1, 0, 0, 1]], dtype=np.uint8))
     made = rg.study(space, rg.Chip(readout=readout, mismatch=0.1, goal_switch_off=1e8))

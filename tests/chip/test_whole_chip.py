@@ -47,7 +47,7 @@ def test_it_moves_as_ngspice_says_and_ends_in_its_operating_point(
     statements = f".options method=trap reltol=1e-5\n.tran {slowest / 150} {times[-1]} 0 {slowest / 150} uic"
     raw = run_analysis(flatten(netlist).text, statements, tmp_path)
     clock = raw.values[:, raw.names.index("time")]
-    found = rg.transient(netlist, [*times, 1e3 * slowest])
+    found = rg.circuit.transient(netlist, [*times, 1e3 * slowest])
     free = netlist.cells.free_node
     for node, name in zip(free.tolist(), netlist.names_of(free), strict=True):
         theirs = np.interp(times, clock, raw.values[:, raw.names.index(f"v({name})")])
@@ -108,7 +108,7 @@ def test_saturating_resistors_are_judged_by_small_signals() -> None:
     assert np.isfinite(rg.study(op).precision().starts).all()
     assert rg.study(op).power().total == pytest.approx(op.power)
     assert np.isfinite(rg.study(op).sensitivity((8, 12)).flip_drift).any()
-    small = rg.small_signal(op)
+    small = rg.circuit.linearize(op)
     assert not len(small.nonlinear_current)
     assert rg.study(small).noise().resistance.max() > rg.study(small_scene()).noise().resistance.max()
     assert rg.study(small).settling().time_constants[0] > rg.study(small_scene()).settling().time_constants[0]

@@ -23,7 +23,7 @@ NOT_EFFECTS = {"resistance", "supply", "wall_resistance", "capacitance", "width"
 
 CHIP = rg.Chip(
     mismatch=0.1, gradient=(0.1,), goal_switch_on=200.0, rail_resistance=1.0, preferred="E12", temperature=85,
-    capacitance=1e-13, seed=7, readout=rg.Readout(bits=9, offset=2e-3, noise_bandwidth=1e6, input_resistance=1e8),
+    capacitance=1e-13, seed=7, readout=rg.chip.Readout(bits=9, offset=2e-3, noise_bandwidth=1e6, input_resistance=1e8),
 )  # fmt: skip
 
 
@@ -67,7 +67,7 @@ def test_a_cause_is_the_yield_of_the_chip_without_the_effect() -> None:
 
 
 def test_an_effect_without_influence_changes_no_chip() -> None:
-    chip = dataclasses.replace(rg.Chip(mismatch=0.1, seed=3), preferred="E24", readout=rg.Readout(bits=7))
+    chip = dataclasses.replace(rg.Chip(mismatch=0.1, seed=3), preferred="E24", readout=rg.chip.Readout(bits=7))
     (cause,) = (item for item in rg.study(cells(), chip).yield_loss(trials=20).causes if item.name[:4] == "pref")
     assert (cause.gain, cause.changed) == (0.0, 0)  # 10 kohm is a preferred value
     assert (cause.low, cause.high) == pytest.approx((0.05**0.05 - 1, 1 - 0.05**0.05))
@@ -85,7 +85,7 @@ def test_intervals_of_paired_differences_hold_the_mean(confidence: float) -> Non
 
 
 def test_limits_bracket_the_target() -> None:
-    chip = dataclasses.replace(CHIP, mismatch=0.02, preferred=None, readout=rg.Readout(bits=12, offset=1e-4))
+    chip = dataclasses.replace(CHIP, mismatch=0.02, preferred=None, readout=rg.chip.Readout(bits=12, offset=1e-4))
     trials, space = 16, cells(16)
     starts = int(space.goal_connected.sum())
     loss = rg.study(space, chip).yield_loss(trials=trials, target=0.97)
@@ -110,7 +110,7 @@ def test_limits_bracket_the_target() -> None:
 
 
 def test_a_limit_that_is_not_reached_at_zero_says_so() -> None:
-    chip = dataclasses.replace(CHIP, mismatch=0.01, readout=rg.Readout(bits=6, offset=1e-3))
+    chip = dataclasses.replace(CHIP, mismatch=0.01, readout=rg.chip.Readout(bits=6, offset=1e-3))
     loss = rg.study(cells(), chip).yield_loss(trials=16, target=0.99)
     mismatch, offset, _ = loss.limits
     for limit in (mismatch, offset):
@@ -122,7 +122,7 @@ def test_a_limit_that_is_not_reached_at_zero_says_so() -> None:
 
 
 def test_pelgrom_and_mismatch_have_the_same_limit() -> None:
-    drawn = rg.Chip(pelgrom=5.0, width=1e-6, length=25e-6, readout=rg.Readout(bits=10))
+    drawn = rg.Chip(pelgrom=5.0, width=1e-6, length=25e-6, readout=rg.chip.Readout(bits=10))
     for chip in (drawn, dataclasses.replace(drawn, length=None, sheet_resistance=400.0)):
         changed = mismatch_ladder(chip).chip_with(0.02)
         assert changed.pelgrom == pytest.approx(10.0)
@@ -139,7 +139,7 @@ def test_an_ideal_chip_loses_nothing() -> None:
 
 
 def test_chips_that_are_all_the_same_have_exact_gains() -> None:
-    loss = rg.study(cells(16), rg.Chip(readout=rg.Readout(bits=8))).yield_loss(trials=4, target=0.9)
+    loss = rg.study(cells(16), rg.Chip(readout=rg.chip.Readout(bits=8))).yield_loss(trials=4, target=0.9)
     (cause,) = loss.causes
     assert (cause.name, cause.changed, cause.share.value) == ("quantization", 4, 1.0)
     assert cause.low == cause.gain == cause.high > 0

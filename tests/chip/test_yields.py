@@ -32,7 +32,7 @@ def room(side: int = 12, seed: int = 0, density: float = 0.1) -> rg.Configuratio
 
 
 def robot(
-    netlist: rg.Netlist, volts: np.ndarray, readout: rg.Readout, start: tuple[int, ...], offset: np.ndarray,
+    netlist: rg.Netlist, volts: np.ndarray, readout: rg.chip.Readout, start: tuple[int, ...], offset: np.ndarray,
     blur: np.ndarray,
 ) -> bool:  # fmt: skip
     """One robot, cell by cell, by the rules in words."""
@@ -83,7 +83,7 @@ def test_robots_walk_by_the_rules(space: rg.ConfigurationSpace, seed: int, suppl
     except rg.CircuitError:  # nothing is driven
         return
     rng = np.random.default_rng(seed)
-    readout = rg.Readout(
+    readout = rg.chip.Readout(
         bits=[None, 3, 6, 10][rng.integers(4)],
         offset=[None, 0.01][rng.integers(2)],
         noise_bandwidth=[None, 1.0][rng.integers(2)],
@@ -133,7 +133,7 @@ def test_bits_taken_away_never_raise_the_yield() -> None:
         for boundary in ("dirichlet", "neumann"):
             chip = rg.Chip(mismatch=0.05)
             netlist = rg.study(space, chip, boundary=boundary).ideal
-            experiment = prepare(netlist, chip, [rg.Readout(bits=b) for b in bits])
+            experiment = prepare(netlist, chip, [rg.chip.Readout(bits=b) for b in bits])
             starts = int(experiment.starts.sum())
             served = sum(unpacked(bits, starts).sum(axis=1) for bits in run_trials(experiment, range(2)))
             assert np.all(np.diff(served) <= 0)
@@ -142,7 +142,7 @@ def test_bits_taken_away_never_raise_the_yield() -> None:
 
 def test_leaks_make_starts_of_even_an_ideal_readout_lose_their_way() -> None:
     """A load on every node lets voltages have minima of their own, which robots get stuck in."""
-    chip = rg.Chip(readout=rg.Readout(input_resistance=50e3))
+    chip = rg.Chip(readout=rg.chip.Readout(input_resistance=50e3))
     cell = np.zeros((16, 16), dtype=np.uint8)
     cell[1, 1] = 2
     netlist = rg.study(space_of(cell), chip).ideal
@@ -151,20 +151,20 @@ def test_leaks_make_starts_of_even_an_ideal_readout_lose_their_way() -> None:
 
 
 def test_opens_cost_starts_and_shorts_break_chips() -> None:
-    chip = rg.Chip(defects=rg.Defects(open_density=0.3), seed=4)
+    chip = rg.Chip(defects=rg.chip.Defects(open_density=0.3), seed=4)
     netlist = rg.study(room(), chip).ideal
     result = rg.study(netlist, chip).yields(trials=20, batch=20)
     assert 0.3 < result.overall.value < 1.0
     assert result.perfect.value < result.overall.value
     reached = np.zeros(result.space.shape)
     for trial in range(20):
-        point = rg.solve(rg.build_chip(netlist, chip, (4, trial)))
+        point = rg.solve(rg.chip.build_chip(netlist, chip, (4, trial)))
         volts = point.voltage[netlist.cells.node]
         zero = np.zeros(result.space.shape)
         for start in map(tuple, np.argwhere(result.starts).tolist()):
             blur = np.zeros((*result.space.shape, 5))
             reached[start] += not np.isnan(volts[start]) and robot(
-                netlist, point.voltage, rg.Readout(), start, zero, blur
+                netlist, point.voltage, rg.chip.Readout(), start, zero, blur
             )
     assert np.abs(reached - result.reached).sum() <= 0.01 * result.reached.sum()
 
@@ -187,7 +187,7 @@ def test_the_interval_is_wilsons_and_counts_chips_as_clusters() -> None:
 
 
 CHIP = rg.Chip(
-    mismatch=0.03, goal_switch_on=500.0, readout=rg.Readout(bits=8, offset=1e-3, noise_bandwidth=1e9), seed=7
+    mismatch=0.03, goal_switch_on=500.0, readout=rg.chip.Readout(bits=8, offset=1e-3, noise_bandwidth=1e9), seed=7
 )
 
 
@@ -205,7 +205,7 @@ def test_trials_are_their_own_chips_whoever_does_them(tmp_path: Path) -> None:
         assert numbers(made.yields(trials=70, batch=35, half_width=1e-4, executor=processes)) == numbers(alone)
     other = made.yields(trials=70, batch=35, half_width=1e-4, seed=8)
     assert numbers(other) != numbers(alone)
-    one = rg.build_chip(made.ideal, CHIP, (7, 3))
+    one = rg.chip.build_chip(made.ideal, CHIP, (7, 3))
     experiment = prepare(made.ideal, CHIP, [CHIP.readout])
     by_hand = (
         arrivals(rg.solve(one).voltage, experiment.neighbours, experiment.converters[0], (7, 3)) & experiment.starts
@@ -315,7 +315,7 @@ def test_what_a_killed_run_kept_is_looked_for_by_all_that_makes_its_chips(tmp_pa
     space = room()
     costly = replace(space, conductivity=np.where(space.cell == 0, 0.5, 1.0))
     wide = replace(space, axes=tuple(replace(axis, upper=2 * axis.upper) for axis in space.axes))
-    opened = [rg.Chip(defects=rg.Defects(open_at=tuple((k, row, 0) for k in range(14)))) for row in (1, 2)]
+    opened = [rg.Chip(defects=rg.chip.Defects(open_at=tuple((k, row, 0) for k in range(14)))) for row in (1, 2)]
     studies = [
         rg.study(space, CHIP),
         rg.study(costly, CHIP),
@@ -389,6 +389,6 @@ def test_a_voltage_above_the_range_reads_full_scale_however_high(bits: int, volt
     )
     high = np.zeros(netlist.node_count)
     high[netlist.cells.node[1, 0]] = volts
-    floor, eyes = neighbours_of(netlist.cells), converter_of(rg.Readout(bits=bits), netlist.cells, None)
+    floor, eyes = neighbours_of(netlist.cells), converter_of(rg.chip.Readout(bits=bits), netlist.cells, None)
     assert arrivals(high, floor, eyes).all()
     assert not arrivals(-high, floor, eyes)[1]

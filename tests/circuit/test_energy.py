@@ -16,7 +16,7 @@ def test_what_a_weak_tie_takes_is_not_lost_beside_strong_ones(weak: float) -> No
         capacitor_nodes=[[2, 0]], capacitance=[1e-12],
     )  # fmt: skip
     time = 1e-6 / weak
-    found = rg.transient(netlist, [0.0, time], initial=rg.solve(netlist))
+    found = rg.circuit.transient(netlist, [0.0, time], initial=rg.solve(netlist))
     assert found.energy[-1] == pytest.approx(time / (1 / weak + 2), rel=1e-9)
 
 
@@ -31,7 +31,7 @@ def test_energy_does_not_depend_on_what_voltages_are_counted_from(common: float,
     time = 1e-6
     charge = 0.5e-9 * across * -np.expm1(-2.0 * time / 1e-6)
     wanted = across * (0.5e-3 * across * time + 0.5 * charge)
-    found = rg.transient(netlist, [time], initial=[0.0, common, common, common], step=time / 200)
+    found = rg.circuit.transient(netlist, [time], initial=[0.0, common, common, common], step=time / 200)
     assert found.energy[-1] == pytest.approx(wanted, rel=1e-5 + 1e-13 * abs(common))
 
 
@@ -41,7 +41,7 @@ def test_the_energy_of_a_settled_circuit_is_its_power_times_time() -> None:
         current_nodes=[[0, 3]], current_amps=[1e-3], capacitor_nodes=[[2, 3], [3, 0]], capacitance=[1e-9, 2e-9],
     )  # fmt: skip
     op = rg.solve(netlist)
-    found = rg.transient(netlist, [0.0, 1e3], initial=op)
+    found = rg.circuit.transient(netlist, [0.0, 1e3], initial=op)
     assert found.energy[-1] == pytest.approx(1e3 * op.power, rel=1e-12)
     assert found.energy[0] == 0.0
 
@@ -57,7 +57,7 @@ def floating_loop() -> rg.Netlist:
 @pytest.mark.parametrize(
     "analyse",
     [
-        lambda netlist: rg.transient(netlist, [1.0]),
+        lambda netlist: rg.circuit.transient(netlist, [1.0]),
         lambda netlist: rg.study(netlist).settling(),
         lambda netlist: rg.study(netlist).noise(),
     ],

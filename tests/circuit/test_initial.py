@@ -17,7 +17,7 @@ def test_an_island_keeps_its_weak_ties(ratio: float) -> None:
         5, [[2, 3], [1, 2], [3, 0], [1, 4]], [1.0, 1 / ratio, 2 / ratio, 1e-3], source_nodes=[[1, 0]],
         source_volts=[1.0], capacitor_nodes=[[4, 0]], capacitance=[1e-12],
     )  # fmt: skip
-    found = rg.transient(netlist, [0.0, 1e-12, 1e-9, 1e-6])
+    found = rg.circuit.transient(netlist, [0.0, 1e-12, 1e-9, 1e-6])
     assert found.voltage[:, 2] == pytest.approx(np.full(4, (2 + ratio) / (2 + 3 * ratio)), rel=1e-14)
 
 
@@ -27,7 +27,7 @@ def test_capacitors_in_series_share_what_they_carry(weak: float) -> None:
         4, [[2, 3]], [1e-3], source_nodes=[[1, 0]], source_volts=[1.0],
         capacitor_nodes=[[1, 2], [2, 3], [3, 0]], capacitance=[weak, 1e-6, weak],
     )  # fmt: skip
-    found = rg.transient(netlist, [0.0]).voltage[0]
+    found = rg.circuit.transient(netlist, [0.0]).voltage[0]
     share = weak / (2e-6 + weak)
     assert found[2:] == pytest.approx([0.5 + 0.5 * share, 0.5 - 0.5 * share], rel=1e-14)
 
@@ -39,7 +39,7 @@ def test_random_circuits_begin_where_an_infinitesimal_step_ends(seed: int, decad
     before = np.random.default_rng(seed).uniform(-1, 1, netlist.node_count)
     before[0] = 0.0
     wanted = _after_a_moment(netlist, before)
-    found = rg.transient(netlist, [0.0], initial=before).voltage[0]
+    found = rg.circuit.transient(netlist, [0.0], initial=before).voltage[0]
     assert np.abs(found - wanted).max() < 1e-13 * np.ptp(wanted)
 
 
@@ -77,7 +77,7 @@ def _after_a_moment(netlist: rg.Netlist, before: np.ndarray) -> np.ndarray:
 def test_a_circuit_that_is_switched_to_itself_does_not_move() -> None:
     netlist = random_dynamics(3)
     op = rg.solve(netlist)
-    assert rg.transient(netlist, [0.0], initial=op).voltage[0] == pytest.approx(op.voltage, abs=1e-14)
+    assert rg.circuit.transient(netlist, [0.0], initial=op).voltage[0] == pytest.approx(op.voltage, abs=1e-14)
 
 
 def test_what_double_precision_cannot_tell_is_refused() -> None:
@@ -87,4 +87,4 @@ def test_what_double_precision_cannot_tell_is_refused() -> None:
         current_amps=[0.1, 0.2, 0.3], capacitor_nodes=[[4, 0]], capacitance=[1.0],
     )  # fmt: skip
     with pytest.raises(rg.AccuracyError, match="0\\+"):
-        rg.transient(netlist, [0.0])
+        rg.circuit.transient(netlist, [0.0])

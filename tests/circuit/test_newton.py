@@ -14,7 +14,7 @@ from support.circuits import random_grid
 from support.spaces import serpentine, space_of, spaces
 
 import resgrid as rg
-from resgrid.circuit.nonlinear import newton, small_signal
+from resgrid.circuit.nonlinear import linearize, newton
 from resgrid.core.space import Cell
 
 
@@ -213,16 +213,16 @@ def test_small_signals_see_the_slope() -> None:
         )).voltage  # fmt: skip
 
     seen = (fed(nudge) - fed(-nudge)) / (2 * nudge)
-    slope = rg.solve(small_signal(point).replace(current_nodes=[[0, row]], current_amps=[1.0]))
+    slope = rg.solve(linearize(point).replace(current_nodes=[[0, row]], current_amps=[1.0]))
     np.testing.assert_allclose(slope.voltage, seen, rtol=1e-6, atol=1e-6 * np.abs(seen).max())
 
 
 def test_what_is_only_for_linear_circuits_says_so() -> None:
     netlist = saturating(rg.compile_space(wide_open(), boundary="neumann"), 1.0)
     with pytest.raises(rg.InputError, match="small_signal"):
-        rg.factor(netlist)
+        rg.factorize(netlist)
     with pytest.raises(rg.InputError, match="do not scale"):
-        rg.scale_drive(netlist, rg.solve(netlist))
+        rg.normalize_drive(netlist, rg.solve(netlist))
 
 
 def test_ngspice_finds_the_same_voltages(tmp_path: Path) -> None:
@@ -267,7 +267,7 @@ def test_slope_and_heat_are_those_of_the_drop_however_high_the_resistor_lies(sca
     point = rg.solve(netlist)
     drop = scale * np.arctanh(share)
     np.testing.assert_allclose(rg.study(point).power().nonlinear, [share * scale * drop], rtol=1e-9)
-    np.testing.assert_allclose(small_signal(point).conductance[-1], (1 - share) * (1 + share), rtol=1e-9)
+    np.testing.assert_allclose(linearize(point).conductance[-1], (1 - share) * (1 + share), rtol=1e-9)
 
 
 def test_a_resistor_nearly_saturated_may_have_no_operating_point() -> None:

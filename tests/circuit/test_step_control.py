@@ -28,7 +28,7 @@ def test_charge_of_an_island_stays(weak: float, options: dict[str, object]) -> N
         4, [[2, 3]], [1e-3], source_nodes=[[1, 0]], source_volts=[1.0],
         capacitor_nodes=[[1, 2], [2, 3], [3, 0]], capacitance=[weak, 1e-6, weak],
     )  # fmt: skip
-    found = rg.transient(netlist, [0.0, 1e-3, 1e-2], **options)
+    found = rg.circuit.transient(netlist, [0.0, 1e-3, 1e-2], **options)
     assert np.abs(found.voltage[:, 2] + found.voltage[:, 3] - 1.0).max() < 1e-13
     assert found.steps < 200
 
@@ -40,7 +40,7 @@ def test_a_charge_between_weakly_tied_islands_leaks_off(leak: float) -> None:
         capacitor_nodes=[[2, 4]], capacitance=[1e-10],
     )  # fmt: skip
     times = np.array([0.0, 1e-9, 1e-6, 1e-3, 1.0])
-    found = rg.transient(netlist, times, initial=[0, 3, 1, -2, 5.0])
+    found = rg.circuit.transient(netlist, times, initial=[0, 3, 1, -2, 5.0])
     # 1 V at node 2 in the end; what the capacitor holds beyond that flows through 1 ohm, 1 mS and the two leaks.
     ohms = 1e3 + 1e-3 + 2 / leak
     current = (1.0 - (-4.0)) / ohms * np.exp(-times / (1e-10 * ohms))
@@ -55,7 +55,7 @@ def test_strong_currents_within_an_island_leave_it_where_it_is() -> None:
         capacitance=[1.2e-10],
     )  # fmt: skip
     before = [0, 12.0, 382.7, 197.7, 22.4, 131.6, -192.5]
-    found = rg.transient(netlist, [0.0, 1.0], initial=before)
+    found = rg.circuit.transient(netlist, [0.0, 1.0], initial=before)
     node3 = -0.00216 * (1 / 2.12e-4 + 1 / 1.015e-2) + (0.0569 - 0.00216) / 2.67e3
     assert found.voltage[-1, 3] == pytest.approx(node3, abs=1e-4)
     ohms = 1 / 2.12e-4 + 1 / 1.015e-2 + 1 / 2.67e3 + 1 / 1.877e-11
@@ -72,7 +72,7 @@ def test_a_circuit_at_rest_without_operating_point_is_judged_by_its_own_voltages
     )  # fmt: skip
     times = np.linspace(0, 5e-6, 21)
     common, apart = amps * times / farads, amps * ohms / 2 * -np.expm1(-2 * times / (ohms * farads))
-    found = rg.transient(netlist, times)
+    found = rg.circuit.transient(netlist, times)
     error = np.abs(found.voltage[:, 1] - (common + apart) / 2)
     assert (error <= 1e-6 * np.maximum.accumulate(found.voltage.max(axis=1))).all()
 
@@ -84,7 +84,7 @@ def test_an_end_that_is_never_reached_loosens_nothing(leak: float) -> None:
         current_amps=[1e-9], capacitor_nodes=[[2, 0], [3, 0]], capacitance=[1e-9, 1e-12],
     )  # fmt: skip
     times = np.linspace(0, 5e-6, 21)
-    found = rg.transient(netlist, times)
+    found = rg.circuit.transient(netlist, times)
     assert np.abs(found.voltage[:, 2] + np.expm1(-times / 1e-6)).max() < 1e-6
 
 
@@ -100,7 +100,7 @@ def test_a_fast_mode_is_followed_however_late_the_last_time(small: int, toleranc
     end = 1e6 / (1e6 + 1e3)
     tau = 1e3 * end * farads
     times = np.array([0.5, 1, 2, 4]) * tau
-    found = rg.transient(netlist, np.append(times, last), tolerance=tolerance).voltage[:-1, 1]
+    found = rg.circuit.transient(netlist, np.append(times, last), tolerance=tolerance).voltage[:-1, 1]
     # What 1 nF takes up meanwhile is at most twice the share of the small capacitance.
     assert np.abs(found + end * np.expm1(-times / tau)).max() < tolerance + 2 * farads / 1e-9
 
@@ -121,14 +121,14 @@ def test_a_fast_mode_is_followed_however_late_the_last_time(small: int, toleranc
 )
 def test_every_method_keeps_its_tolerance(method: str, tolerance: float) -> None:
     times = np.linspace(0, 5e-6, 51)
-    found = rg.transient(one_pole(), times, method=method, tolerance=tolerance)
+    found = rg.circuit.transient(one_pole(), times, method=method, tolerance=tolerance)
     assert np.abs(found.voltage[:, 2] + np.expm1(-times / 1e-6)).max() < 0.7 * tolerance
 
 
 @pytest.mark.parametrize(("method", "tolerance"), [("backward_euler", 1e-9), ("trapezoidal", 1e-11)])
 def test_a_tolerance_beyond_rounding_is_refused(method: str, tolerance: float) -> None:
     with pytest.raises(rg.AccuracyError, match="tr-bdf2"):
-        rg.transient(one_pole(), [1e-6], method=method, tolerance=tolerance)
+        rg.circuit.transient(one_pole(), [1e-6], method=method, tolerance=tolerance)
 
 
 @pytest.mark.parametrize("method", get_args(Method))

@@ -32,7 +32,7 @@ def test_random_circuits_follow_the_matrix_exponential(seed: int, method: str) -
     exact = ExactMotion(netlist, before)
     slowest = exact.tau.max()
     times = np.append(0.0, slowest * np.geomspace(1e-4, 5, 9))
-    found = rg.transient(netlist, times, initial=before, method=method, tolerance=1e-5)
+    found = rg.circuit.transient(netlist, times, initial=before, method=method, tolerance=1e-5)
     wanted = exact.voltage(times)
     span = np.ptp(wanted)
     assert np.abs(found.voltage[0] - wanted[0]).max() < 1e-9 * span
@@ -45,7 +45,9 @@ def test_halving_the_step_gains_the_order_of_the_method(method: str, order: int)
     exact = ExactMotion(netlist)
     times = np.array([exact.tau.max()])
     error = [
-        np.abs(rg.transient(netlist, times, step=times[0] / n, method=method).voltage - exact.voltage(times)).max()
+        np.abs(
+            rg.circuit.transient(netlist, times, step=times[0] / n, method=method).voltage - exact.voltage(times)
+        ).max()
         for n in (400, 800)
     ]
     assert np.log2(error[0] / error[1]) == pytest.approx(order, abs=0.25)
@@ -55,7 +57,7 @@ def test_halving_the_step_gains_the_order_of_the_method(method: str, order: int)
 def test_it_ends_in_the_operating_point(method: str) -> None:
     netlist = small_scene()
     tolerance = 1e-3 if method == "backward_euler" else 1e-6
-    found = rg.transient(netlist, [1e-3], method=method, tolerance=tolerance)
+    found = rg.circuit.transient(netlist, [1e-3], method=method, tolerance=tolerance)
     assert np.abs(found.voltage[-1] - rg.solve(netlist).voltage).max() < 1e-12
 
 
@@ -67,7 +69,7 @@ def test_ngspice_follows_the_same_curve(boundary: str, tmp_path: Path) -> None:
     step = slowest / 1000
     statements = f".options method=trap reltol=1e-6\n.tran {step} {times[-1]} 0 {step} uic"
     raw = run_analysis(flatten(netlist).text, statements, tmp_path)
-    found = rg.transient(netlist, times, tolerance=1e-6)
+    found = rg.circuit.transient(netlist, times, tolerance=1e-6)
     free = netlist.cells.free_node
     clock = raw.values[:, raw.names.index("time")]
     supply = np.ptp(found.voltage)
@@ -94,14 +96,14 @@ def test_a_stiff_circuit_takes_few_steps() -> None:
     exact = ExactMotion(netlist)
     assert exact.tau.max() / exact.tau.min() > 1e5
     times = exact.tau.max() * np.array([1e-5, 1e-3, 0.1, 1, 5])
-    found = rg.transient(netlist, times)
+    found = rg.circuit.transient(netlist, times)
     assert np.abs(found.voltage - exact.voltage(times)).max() < 1e-6
     assert found.steps < 3000
     assert found.factorisations < 40
 
 
 def test_a_single_pole_charges_and_pays_for_it() -> None:
-    found = rg.transient(one_pole(), [0.0, 1e-6, 1e-4])
+    found = rg.circuit.transient(one_pole(), [0.0, 1e-6, 1e-4])
     assert found.voltage[:, 2] == pytest.approx([0, 1 - np.exp(-1), 1], abs=1e-6)
     assert found.stored[-1] == pytest.approx(0.5e-9, rel=1e-6)
     assert found.energy[-1] == pytest.approx(1e-9, rel=1e-6)
@@ -115,14 +117,14 @@ def test_what_sources_deliver_is_dissipated_or_stored(method: str) -> None:
     across = np.subtract(*exact.voltage(times)[:, netlist.resistor_nodes.T].transpose(1, 0, 2))
     power = across**2 @ netlist.conductance
     dissipated = np.sum((power[1:] + power[:-1]) / 2 * np.diff(times))
-    found = rg.transient(netlist, times[[0, -1]], method=method)
+    found = rg.circuit.transient(netlist, times[[0, -1]], method=method)
     assert found.energy[-1] - (found.stored[-1] - found.stored[0]) == pytest.approx(dissipated, rel=1e-4)
 
 
 def test_capacitors_to_a_rail_divide_its_jump() -> None:
     pair = one_pole(capacitor_nodes=[[2, 0], [2, 1]], capacitance=[3e-9, 1e-9])
-    assert rg.transient(pair, [0.0]).voltage[0, 2] == pytest.approx(0.25)
-    kept = rg.transient(pair, [0.0], initial=[0.0, 1.0, 0.5])
+    assert rg.circuit.transient(pair, [0.0]).voltage[0, 2] == pytest.approx(0.25)
+    kept = rg.circuit.transient(pair, [0.0], initial=[0.0, 1.0, 0.5])
     assert kept.voltage[0, 2] == pytest.approx(0.5)
 
 
@@ -131,12 +133,12 @@ def test_a_node_held_by_capacitors_alone_floats_no_more() -> None:
         4, [[1, 2]], [1e-3], source_nodes=[[1, 0]], source_volts=[1.0],
         capacitor_nodes=[[2, 3], [3, 0]], capacitance=[1e-9, 1e-9],
     )  # fmt: skip
-    assert rg.transient(netlist, [1e-4]).voltage[-1, 2:] == pytest.approx([1.0, 0.5], abs=1e-6)
+    assert rg.circuit.transient(netlist, [1e-4]).voltage[-1, 2:] == pytest.approx([1.0, 0.5], abs=1e-6)
 
 
 def test_what_nothing_ties_is_unknown() -> None:
     netlist = one_pole(node_count=5, capacitor_nodes=[[2, 0], [3, 4]], capacitance=[1e-9, 1e-9])
-    found = rg.transient(netlist, [1e-6])
+    found = rg.circuit.transient(netlist, [1e-6])
     assert np.isnan(found.voltage[-1, 3:]).all()
     assert np.isfinite(found.energy).all()
 
@@ -146,7 +148,7 @@ def test_a_current_into_a_capacitor_ramps() -> None:
         2, np.empty((0, 2), dtype=np.int64), [], current_nodes=[[0, 1]], current_amps=[1e-6],
         capacitor_nodes=[[1, 0]], capacitance=[1e-9],
     )  # fmt: skip
-    found = rg.transient(netlist, [1e-3, 2e-3])
+    found = rg.circuit.transient(netlist, [1e-3, 2e-3])
     assert found.voltage[:, 1] == pytest.approx([1.0, 2.0])
     assert found.energy[-1] == pytest.approx(found.stored[-1]) == pytest.approx(2e-9)
 
@@ -160,7 +162,7 @@ def scene(x: int, rails: str) -> rg.Netlist:
 @pytest.mark.parametrize("rails", ["merged", "cells"])
 def test_the_old_scene_is_where_the_new_one_begins(rails: str) -> None:
     old, new = rg.solve(scene(2, rails)), scene(3, rails)
-    found = rg.transient(new, [0.0, 1e-4], initial=old)
+    found = rg.circuit.transient(new, [0.0, 1e-4], initial=old)
     cell_map, before = new.cells, old.netlist.cells
     both = (cell_map.space.cell == 0) & (before.space.cell == 0)
     assert found.voltage[0][cell_map.node[both]] == pytest.approx(old.voltage[before.node[both]], abs=1e-12)
@@ -172,7 +174,7 @@ def test_the_old_scene_is_where_the_new_one_begins(rails: str) -> None:
 def test_a_scene_that_does_not_change_stays() -> None:
     netlist = small_scene()
     op = rg.solve(netlist)
-    found = rg.transient(netlist, [0.0, 1e-8, 1e-6], initial=op)
+    found = rg.circuit.transient(netlist, [0.0, 1e-8, 1e-6], initial=op)
     assert np.abs(found.voltage - op.voltage).max() < 1e-14
 
 
@@ -180,18 +182,20 @@ def test_a_scene_that_does_not_change_stays() -> None:
 def test_a_stepper_takes_the_same_steps(method: str) -> None:
     netlist = random_dynamics(7)
     h = ExactMotion(netlist).tau.max() / 50
-    stepper = rg.transient_stepper(netlist, h, method=method)
+    stepper = rg.circuit.transient_stepper(netlist, h, method=method)
     voltage = stepper.start()
     for _ in range(20):
         voltage = stepper.advance(voltage)
-    whole = rg.transient(netlist, [20 * h], step=h, method=method).voltage[-1]
+    whole = rg.circuit.transient(netlist, [20 * h], step=h, method=method).voltage[-1]
     damped = method == "trapezoidal"
     assert voltage == pytest.approx(whole, abs=1e-3 if damped else 1e-9)
 
 
 def test_multigrid_takes_the_same_steps() -> None:
     netlist = small_scene()
-    direct, multigrid = (rg.transient(netlist, [3e-8], step=1e-8, solver=name) for name in ("direct", "multigrid"))
+    direct, multigrid = (
+        rg.circuit.transient(netlist, [3e-8], step=1e-8, solver=name) for name in ("direct", "multigrid")
+    )
     assert multigrid.voltage == pytest.approx(direct.voltage, abs=1e-9)
 
 
@@ -229,7 +233,7 @@ def test_multigrid_takes_the_same_steps() -> None:
 )
 def test_bad_arguments_are_named(times: list[float], options: dict[str, object], word: str) -> None:
     with pytest.raises(rg.InputError, match=word):
-        rg.transient(one_pole(), times, **options)
+        rg.circuit.transient(one_pole(), times, **options)
 
 
 @pytest.mark.parametrize(
@@ -244,7 +248,7 @@ def test_bad_arguments_are_named(times: list[float], options: dict[str, object],
 )
 def test_bad_arguments_of_a_stepper_are_named(step: float, options: dict[str, object], word: str) -> None:
     with pytest.raises(rg.InputError, match=word):
-        rg.transient_stepper(one_pole(), step, **options)
+        rg.circuit.transient_stepper(one_pole(), step, **options)
 
 
 @pytest.mark.parametrize(
@@ -259,19 +263,19 @@ def test_bad_arguments_of_a_stepper_are_named(step: float, options: dict[str, ob
     ],
 )
 def test_bad_voltages_of_a_stepper_are_named(voltage: object, word: str) -> None:
-    stepper = rg.transient_stepper(one_pole(), 1e-6)
+    stepper = rg.circuit.transient_stepper(one_pole(), 1e-6)
     with pytest.raises(rg.InputError, match=word):
         stepper.advance(voltage)
 
 
 def test_a_stepper_takes_voltages_in_a_list() -> None:
-    stepper = rg.transient_stepper(one_pole(), 1e-6)
+    stepper = rg.circuit.transient_stepper(one_pole(), 1e-6)
     assert stepper.advance([0.0, 1.0, 0.5]) == pytest.approx(stepper.advance(np.array([0.0, 1.0, 0.5])))
 
 
 def test_what_is_no_netlist_is_named() -> None:
     with pytest.raises(rg.InputError, match="Netlist"):
-        rg.transient("netlist", [1e-6])
+        rg.circuit.transient("netlist", [1e-6])
 
 
 def test_backward_euler_steps_keep_voltages_of_all_sizes() -> None:
@@ -286,7 +290,7 @@ def test_backward_euler_steps_keep_voltages_of_all_sizes() -> None:
         capacitor_nodes=np.stack([nodes[1:], 0 * nodes[1:]], axis=1),
         capacitance=np.full(count, 1e-9),
     )
-    stepper = rg.transient_stepper(netlist, 1e-6, method="backward_euler")
+    stepper = rg.circuit.transient_stepper(netlist, 1e-6, method="backward_euler")
     voltage = stepper.advance(stepper.start())
     # KCL at a node: (C / h + 2 G) V = G (V before + V behind), and what is behind is less by many decades.
     share = 1e-12 * 1e-6 / 1e-9
@@ -295,14 +299,14 @@ def test_backward_euler_steps_keep_voltages_of_all_sizes() -> None:
 
 def test_absurd_step_counts_are_refused() -> None:
     with pytest.raises(rg.BudgetError, match="steps"):
-        rg.transient(one_pole(), [1.0], step=1e-12)
+        rg.circuit.transient(one_pole(), [1.0], step=1e-12)
 
 
 def test_a_current_into_nothing_is_refused() -> None:
     """An operating point and a transient refuse it by one rule, in the same words."""
     netlist = one_pole(node_count=4, current_nodes=[[0, 3]], current_amps=[1.0])
     with pytest.raises(rg.CircuitError, match="nothing ties to ground") as moving:
-        rg.transient(netlist, [1e-6])
+        rg.circuit.transient(netlist, [1e-6])
     with pytest.raises(rg.CircuitError) as at_rest:
         rg.solve(netlist)
     assert str(moving.value) == str(at_rest.value)
@@ -310,4 +314,4 @@ def test_a_current_into_nothing_is_refused() -> None:
 
 def test_an_old_scene_of_another_grid_is_refused() -> None:
     with pytest.raises(rg.InputError, match="same chip"):
-        rg.transient(scene(2, "merged"), [1e-6], initial=rg.solve(small_scene()))
+        rg.circuit.transient(scene(2, "merged"), [1e-6], initial=rg.solve(small_scene()))

@@ -72,7 +72,7 @@ def changed(space, rng, kind):
 def test_random_changes_as_fresh(wiring, seed, kinds):
     rng = np.random.default_rng(seed)
     space = plane((48, 61), seed % 7)
-    warm = rg.WarmStart(**wiring)
+    warm = rg.circuit.WarmStart(**wiring)
     warm.solve(space)
     for kind in kinds:
         space = changed(space, rng, kind)
@@ -98,7 +98,7 @@ def windows_always(monkeypatch):
 def test_windows_as_fresh(wiring, shape):
     rng = np.random.default_rng(9)
     space = plane(shape, 4)
-    warm = rg.WarmStart(**wiring)
+    warm = rg.circuit.WarmStart(**wiring)
     warm.solve(space)
     kept = 0
     for kind in ("walls", "freed", "goals", "conductivity", "goal moved", "walls", "freed"):
@@ -114,7 +114,7 @@ def test_windows_as_fresh(wiring, shape):
 def test_rings_as_fresh(boundary):
     rng, wiring = np.random.default_rng(5), {"boundary": boundary}
     space = plane((64, 48), 2, periodic=True)
-    warm = rg.WarmStart(**wiring)
+    warm = rg.circuit.WarmStart(**wiring)
     warm.solve(space)
     for kind in ("walls", "freed", "walls", "goals"):
         space = changed(space, rng, kind)
@@ -134,7 +134,7 @@ def room(door, goal=(5, 5)):
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
 @pytest.mark.parametrize("doors", [((3,), (3, 30), (30,)), ((9,), (), (30,)), ((), (12, 13), ())], ids=str)
 def test_doors_that_open_and_close(boundary, doors):
-    warm = rg.WarmStart(boundary=boundary)
+    warm = rg.circuit.WarmStart(boundary=boundary)
     for door in doors:
         space = room(door)
         assert_as_fresh(warm.solve(space), space, {"boundary": boundary})
@@ -152,7 +152,7 @@ def boxed_in(cell, low, high):
 @pytest.mark.parametrize("low, keeps", [((30, 30), True), ((3, 3), False)], ids=["a corner", "the goal"])
 def test_walls_that_cut_a_part_off(boundary, low, keeps):
     before = room(range(40))
-    warm = rg.WarmStart(boundary=boundary)
+    warm = rg.circuit.WarmStart(boundary=boundary)
     warm.solve(before)
     cell = before.cell.copy()
     boxed_in(cell, low, (low[0] + 5, low[1] + 5))
@@ -169,7 +169,7 @@ def test_cells_change_where_no_free_cell_has_a_free_neighbour(boundary):
     cell[15:] = rg.Cell.FREE
     cell[20, 20] = rg.Cell.GOAL
     space = rg.ConfigurationSpace([rg.Axis("x", 0.0, 1.0, 30), rg.Axis("y", 0.0, 1.0, 30)], cell)
-    warm = rg.WarmStart(boundary=boundary)
+    warm = rg.circuit.WarmStart(boundary=boundary)
     warm.solve(space)
     for place, code in (((4, 4), 1), ((4, 4), 2), ((4, 4), 0), ((10, 10), 1), ((10, 10), 0)):
         cell[place] = code
@@ -179,13 +179,13 @@ def test_cells_change_where_no_free_cell_has_a_free_neighbour(boundary):
 
 def test_a_start_that_drives():
     wiring = {"boundary": "neumann", "drive": "start", "start": (35, 35)}
-    warm = rg.WarmStart(**wiring)
+    warm = rg.circuit.WarmStart(**wiring)
     for door in ((3,), (3, 20), (20,)):
         assert_as_fresh(warm.solve(room(door)), room(door), wiring)
 
 
 def test_other_sizes_and_grids_without_two_colours_start_afresh():
-    warm = rg.WarmStart(boundary="neumann")
+    warm = rg.circuit.WarmStart(boundary="neumann")
     line = rg.ConfigurationSpace([rg.Axis("x", 0.0, 1.0, 30)], [2, *[0] * 29])
     for space in (room((3,)), plane((48, 61), 0), line, line):
         point = warm.solve(space)
@@ -195,7 +195,7 @@ def test_other_sizes_and_grids_without_two_colours_start_afresh():
 
 def test_few_iterations_and_the_same_circuit():
     before = plane((340, 330), 1)
-    warm = rg.WarmStart(boundary="neumann")
+    warm = rg.circuit.WarmStart(boundary="neumann")
     first = warm.solve(before)
     cell = before.cell.copy()
     cell[170:172, 150:155] = rg.Cell.OBSTACLE
@@ -217,7 +217,7 @@ def test_a_goal_at_the_rim_of_a_window(goal):
     cell[100:110, 140:150] = rg.Cell.OBSTACLE
     cell[goal] = rg.Cell.GOAL
     before = rg.ConfigurationSpace([rg.Axis(name, 0.0, 1.0, 256) for name in "xy"], cell)
-    warm = rg.WarmStart(boundary="neumann")
+    warm = rg.circuit.WarmStart(boundary="neumann")
     first = warm.solve(before)
     freed = cell.copy()
     freed[100:110, 140] = rg.Cell.FREE
@@ -230,7 +230,7 @@ def test_a_goal_at_the_rim_of_a_window(goal):
 
 
 def test_an_error_leaves_nothing_behind():
-    warm = rg.WarmStart()
+    warm = rg.circuit.WarmStart()
     warm.solve(room((3,)))
     with pytest.raises(rg.InputError, match="no goal cell"):
         warm.solve(room((3,)).with_cells(np.zeros((40, 40), dtype=np.uint8)))
@@ -241,14 +241,14 @@ def test_an_error_leaves_nothing_behind():
 
 def test_rails_of_cells_are_refused():
     with pytest.raises(rg.InputError, match="merged"):
-        rg.WarmStart(rails="cells")
+        rg.circuit.WarmStart(rails="cells")
 
 
 def test_what_is_no_space_is_refused():
     with pytest.raises(rg.InputError, match="must be a ConfigurationSpace"):
-        rg.WarmStart().solve("rooms.toml")
+        rg.circuit.WarmStart().solve("rooms.toml")
     with pytest.raises(rg.InputError, match="progress = 1 must be callable"):
-        rg.WarmStart().solve(room((3,)), progress=1)
+        rg.circuit.WarmStart().solve(room((3,)), progress=1)
 
 
 def test_changes_in_several_places_are_joined_where_their_windows_meet():
@@ -262,7 +262,7 @@ def test_changes_in_several_places_are_joined_where_their_windows_meet():
 def test_levels_that_do_not_serve_any_more_are_made_anew():
     """Goals, walls and conductivities over many decades: old levels stagnated, and no answer came."""
     rng = np.random.default_rng(19)
-    shape, warm = (26, 65), rg.WarmStart(boundary="neumann", edge="open")
+    shape, warm = (26, 65), rg.circuit.WarmStart(boundary="neumann", edge="open")
     axes = [rg.Axis("x", 0.0, 26.0, 26), rg.Axis("y", 0.0, 65.0, 65)]
     cell, cost = np.zeros(shape, dtype=np.uint8), 10.0 ** rng.uniform(-1, 1, shape)
     cell[3, 3] = rg.Cell.GOAL
@@ -282,7 +282,7 @@ def test_voltages_over_many_decades(boundary, seed):
     axes = [rg.Axis("x", 0.0, 26.0, 26), rg.Axis("y", 0.0, 65.0, 65)]
     cell, cost = np.zeros(shape, dtype=np.uint8), 10.0 ** rng.uniform(-1, 1, shape)
     cell[3, 3] = rg.Cell.GOAL
-    warm = rg.WarmStart(**wiring)
+    warm = rg.circuit.WarmStart(**wiring)
     for _ in range(9):
         at = [int(rng.integers(n)) for n in shape]
         near = tuple(slice(first, first + 3) for first in at)
@@ -301,7 +301,7 @@ def test_cells_freed_where_nothing_conducts(boundary):
     before = room(range(40), goal=(35, 35))
     cell = np.pad(before.cell, ((0, 80), (0, 80)), constant_values=rg.Cell.FREE)
     axes = [rg.Axis(name, 0.0, 1.0, 120) for name in "xy"]
-    warm = rg.WarmStart(boundary=boundary)
+    warm = rg.circuit.WarmStart(boundary=boundary)
     for low, high, kind in ((0, 0, 0), (70, 120, rg.Cell.OBSTACLE), (118, 120, rg.Cell.FREE)):
         cell[low:high, low:high] = kind
         space = rg.ConfigurationSpace(axes, cell.copy())

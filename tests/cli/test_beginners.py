@@ -110,7 +110,7 @@ def test_a_study_reports_options_under_its_own_names(scenes):
     ):
         with pytest.raises(TypeError, match=message):
             ask()
-    with pytest.raises(rg.InputError, match=r"no option 'boundery': did you mean 'boundary'"):
+    with pytest.raises(TypeError, match=r"^study\(\) has no option 'boundery'; did you mean 'boundary'"):
         rg.study(study.scene, boundery="x")
 
 

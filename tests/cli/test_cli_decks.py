@@ -291,7 +291,7 @@ def test_what_a_deck_does_not_hold_is_counted_by_kind(answer, call, tmp_path):
         (3, 5, "capacitor", {"capacitance": 1e-12}),
     ):  # fmt: skip
         graph.add_edge(first, second, kind=kind, nodes=[first, second], **values)
-    rg.write_network(rg.Netlist.from_networkx(graph), tmp_path / "island.json")
+    rg.save(rg.Netlist.from_networkx(graph), tmp_path / "island.json")
     for words in ((), ("--bare",)):
         data = answer("convert", tmp_path / "island.json", "-o", tmp_path / "island.cir", *words)
         assert data["left_out"] == {"floating_nodes": 3, "voltage_sources": 1, "resistors": 2, "capacitors": 1}

@@ -297,7 +297,7 @@ def test_a_fault_of_our_own_asks_for_a_report(call, room, monkeypatch):
     def broken(*_args, **_more):
         raise ZeroDivisionError("oops")
 
-    monkeypatch.setattr("resgrid.sample", broken)
+    monkeypatch.setattr("resgrid.build_space", broken)
     plain, debug = call("path", room), call("path", room, "--debug")
     assert plain.exit_code == debug.exit_code == 70
     assert "Traceback" not in plain.stderr and "ZeroDivisionError: oops" in plain.stderr and "--debug" in plain.stderr

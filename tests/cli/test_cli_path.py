@@ -21,7 +21,7 @@ def rows_of(text: str) -> list[dict[str, str]]:
 def test_the_figures_of_a_shortened_path_are_those_that_are_written(answer, call, scenes, tmp_path):
     """Measured again from the points in the file; those of the streamline are named so."""
     plain = answer("path", scenes / "rooms.toml", "--k", "0,1")["paths"]
-    space = rg.sample(rg.read_scene(scenes / "rooms.toml"))
+    space = rg.build_space(rg.read_scene(scenes / "rooms.toml"))
     for keep in ("0", None):
         options = ["path", scenes / "rooms.toml", "--k", "0,1", "--shorten"] + ["--keep-clearance", keep] * bool(keep)
         data = answer(*options, "-o", tmp_path / "paths.json")
@@ -53,7 +53,7 @@ def clearance_from(points, space):
 
 def test_the_figures_of_a_timed_path_are_those_of_its_points(answer, scenes, tmp_path):
     """With few samples a second the straight lines between them cut corners, which the figures show."""
-    space = rg.sample(rg.read_scene(scenes / "rooms.toml"))
+    space = rg.build_space(rg.read_scene(scenes / "rooms.toml"))
     for more in ((), ("--rate", "50"), ("--rate", "0.7")):
         words = ("--k", "1", "--shorten", "--speed", "0.8", "--acceleration", "1.5", *more)
         for path in answer("path", scenes / "rooms.toml", *words)["paths"]:

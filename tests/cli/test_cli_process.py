@@ -22,7 +22,7 @@ from resgrid.cli.scenes import is_first_run
 PATIENCE = 300.0
 """Seconds within which a process ends, also on a busy computer."""
 
-LIGHT = {"resgrid", "click", "lazy_loader", *sys.stdlib_module_names}
+LIGHT = {"resgrid", "click", *sys.stdlib_module_names}
 
 
 def packages_after(code: str) -> set[str]:

@@ -28,7 +28,7 @@ def test_solve_tells_what_its_meters_read(answer, room, tmp_path):
     assert 2**-52 <= data["entry_error"] < 1e-15
     assert set(data["seconds"]) >= {"assemble", "factor", "substitute", "read"}
     assert data["solver"] == "direct"
-    op = rg.solve(rg.compile_space(rg.sample(rg.read_scene(room))))
+    op = rg.solve(rg.compile_space(rg.build_space(rg.read_scene(room))))
     assert data["power"] == pytest.approx(op.power)
     arrays = read(tmp_path / "field.npz")
     field = rg.field(op)
@@ -81,7 +81,7 @@ def test_blends_share_a_start(answer, lesson):
     paths = answer("path", lesson, "--k", "0,0.5", "--k", "1")["paths"]
     assert [path["k"] for path in paths] == [0, 0.5, 1]
     scene = rg.read_scene(lesson)
-    space = rg.sample(scene)
+    space = rg.build_space(scene)
     fields = [rg.field(rg.solve(rg.compile_space(space, boundary=b))) for b in ("dirichlet", "neumann")]
     for path in paths:
         line = rg.streamline(rg.blend(*fields, path["k"]), start=scene.starts[0])
@@ -124,7 +124,7 @@ def test_paths_are_written_as_the_suffix_says(call, room, tmp_path, suffix):
         points = json.loads(file.read_text())["paths"][0]["points"]
     else:
         points = read(file)["points_0"]
-    line = rg.streamline(rg.field(rg.solve(rg.compile_space(rg.sample(rg.read_scene(room))))), start=(0.5, 0.5))
+    line = rg.streamline(rg.field(rg.solve(rg.compile_space(rg.build_space(rg.read_scene(room))))), start=(0.5, 0.5))
     np.testing.assert_array_equal(points, line.points)
     assert call("path", room, "-o", "-").stdout.startswith("path,k,outcome,x,y\n0,1.0,reached,0.5,0.5\n")
 

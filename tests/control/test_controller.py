@@ -24,7 +24,7 @@ WALL[5:7, 2:8], WALL[9, 5] = Cell.OBSTACLE, Cell.GOAL
 
 
 def controller_of(cell: np.ndarray, k: float = 0.98, **options: object) -> Controller:
-    return rg.make_controller(plan(space_of(cell), k=k).field, **options)  # type: ignore[arg-type]
+    return rg.control.make_controller(plan(space_of(cell), k=k).field, **options)  # type: ignore[arg-type]
 
 
 @settings(max_examples=40)
@@ -35,7 +35,7 @@ def test_the_velocity_is_linear_between_the_face_currents(space, seed) -> None:
         field = rg.field(solve(compile_space(space, boundary="neumann")))
     except CircuitError:
         return
-    controller = rg.make_controller(field, speed=2.0)
+    controller = rg.control.make_controller(field, speed=2.0)
     rng = np.random.default_rng(seed)
     for cell in np.argwhere(space.goal_connected)[:5]:
         local = rng.random(space.ndim)
@@ -198,7 +198,7 @@ def test_from_the_corners_of_cells_a_few_steps_lead_to_the_goal(seed: int) -> No
     cell = (rng.random((6, 6, 6)) < 0.25).astype(np.uint8)
     cell[0, 0, 0] = Cell.GOAL
     space = space_of(cell)
-    controller = rg.make_controller(solve_field(space, Wiring(boundary="neumann", edge="open")))
+    controller = rg.control.make_controller(solve_field(space, Wiring(boundary="neumann", edge="open")))
     for at in np.argwhere(space.goal_connected)[::7]:
         place = at + rng.integers(0, 2, 3) + rng.choice([0, 0, 1e-16, -1e-16, 1e-13, -1e-13, 1e-10], 3)
         place, steps = np.clip(place, space.lower, space.upper), 0

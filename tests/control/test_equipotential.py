@@ -17,7 +17,7 @@ pairs = st.integers(1, 4).flatmap(lambda n: st.tuples(*[st.lists(number, min_siz
 @given(pairs, st.floats(1e-3, 10) | st.just(0.0))
 def test_it_is_normal_to_the_streamline_and_gives_way_to_the_force(pair, c) -> None:
     v, f = pair
-    phi = rg.equipotential_velocity(v, f, c=c)
+    phi = rg.control.equipotential_velocity(v, f, c=c)
     scale = c * np.linalg.norm(v) ** 2 * np.linalg.norm(f)
     assert abs(phi @ v) <= 1e-13 * scale * np.linalg.norm(v)
     assert phi @ f >= -1e-13 * scale * np.linalg.norm(f)
@@ -29,7 +29,7 @@ def test_in_space_it_is_the_double_cross_product(pair, c) -> None:
     v, f = pair
     expected = c * np.cross(v, np.cross(f, v))
     np.testing.assert_allclose(
-        rg.equipotential_velocity(v, f, c=c), expected, atol=1e-12 * c * (v @ v) * (1 + np.abs(f).max()), rtol=0
+        rg.control.equipotential_velocity(v, f, c=c), expected, atol=1e-12 * c * (v @ v) * (1 + np.abs(f).max()), rtol=0
     )
 
 
@@ -37,7 +37,7 @@ def test_in_space_it_is_the_double_cross_product(pair, c) -> None:
 def test_a_force_along_the_streamline_gives_exactly_nothing(pair, share) -> None:
     v, _ = pair
     np.testing.assert_array_equal(following_velocity(v, share * v), 0.0)
-    np.testing.assert_array_equal(rg.equipotential_velocity(v, 2.0 * v), 0.0)
+    np.testing.assert_array_equal(rg.control.equipotential_velocity(v, 2.0 * v), 0.0)
 
 
 @given(pairs)
@@ -59,12 +59,12 @@ def test_following_moves_at_the_speed_of_the_streamline_times_the_sine(pair) -> 
 )
 def test_impossible_values_are_refused(v, f, c, says) -> None:
     with pytest.raises(InputError, match=says):
-        rg.equipotential_velocity(v, f, c=c)
+        rg.control.equipotential_velocity(v, f, c=c)
 
 
 def test_sizes_beyond_doubles_are_refused_or_of_no_account() -> None:
     with pytest.raises(InputError, match="beyond doubles"):
-        rg.equipotential_velocity((1e200, 0.0), (1e200, 1.0))
+        rg.control.equipotential_velocity((1e200, 0.0), (1e200, 1.0))
     for size in (1e-300, 1.0, 1e200, 1.7e308):
         velocity = following_velocity(np.array([2.0, 0.0]), np.array([size, size]))
         np.testing.assert_allclose(velocity, [0.0, np.sqrt(2.0)])

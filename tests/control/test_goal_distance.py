@@ -69,15 +69,15 @@ def test_without_a_scene_the_points_of_goal_cells_count() -> None:
 
 def test_an_arm_that_arrives_by_belief_tells_how_far_its_tip_is_from_the_goal() -> None:
     arm, goal = rg.Arm((1.0, 0.8)), rg.Ball((0.6, 1.1), 0.02)
-    scene = rg.Scene(arm.axes(24), robot=arm, goals=(goal,), control=rg.Control(k=0.9))
+    scene = rg.Scene(arm.axes(24), robot=arm, goals=(goal,), control=rg.control.Control(k=0.9))
     world, outside = rg.simulation(scene), 0
     for seed in range(6):
         for noise in (0.0, 0.02):
             run = world.run((0.3 + 0.2 * seed, 1.0), noise=noise, seed=seed)
             tip = np.linalg.norm(np.array(arm.tip(run.configuration[-1])) - goal.centre)
             assert run.goal_distance == pytest.approx(max(0.0, tip - goal.radius), abs=1e-8)
-            assert run.ending is not rg.Ending.ARRIVED or noise > 0 or run.goal_distance == 0.0
+            assert run.ending is not rg.control.TerminationReason.ARRIVED or noise > 0 or run.goal_distance == 0.0
             told = "outside the goal itself" in run.message
-            assert told == (run.ending is rg.Ending.ARRIVED and run.goal_distance > 0)
+            assert told == (run.ending is rg.control.TerminationReason.ARRIVED and run.goal_distance > 0)
             outside += told
     assert outside > 0

@@ -9,7 +9,7 @@ import pytest
 import shapely
 from support.hidden import hiding
 
-from resgrid.control.run_log import Ending
+from resgrid.control.run_log import TerminationReason
 from resgrid.core.regions import label_regions
 from resgrid.core.space import Cell
 from resgrid.robots import Ball, Box, DiscRobot, PointRobot, Shape, to_shapely
@@ -55,8 +55,8 @@ def test_who_has_a_path_arrives_and_who_has_none_is_told(seed: int) -> None:
         assert run.penetration == 0
         assert len(run.lessons) <= run.learnt.sum()
         if sure[at]:
-            assert run.ending is Ending.ARRIVED, (at, run.message)
+            assert run.ending is TerminationReason.ARRIVED, (at, run.message)
         elif not maybe[at]:
-            assert run.ending in {Ending.NO_PATH, Ending.GOAL_BLOCKED}, (at, run.message)
-        if run.ending in {Ending.NO_PATH, Ending.GOAL_BLOCKED}:
+            assert run.ending in {TerminationReason.NO_PATH, TerminationReason.GOAL_BLOCKED}, (at, run.message)
+        if run.ending in {TerminationReason.NO_PATH, TerminationReason.GOAL_BLOCKED}:
             assert not with_path(run.space.cell == Cell.OBSTACLE, run.space.cell)[at]

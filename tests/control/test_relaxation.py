@@ -12,10 +12,10 @@ from support.hidden import controlled, hiding, square
 
 import resgrid as rg
 from resgrid.circuit.solve import solve
-from resgrid.circuit.transient import transient
+from resgrid.circuit.transients import transient
 from resgrid.control.plant import make_plant
 from resgrid.control.relaxation import TICK, Relaxation, RelaxingGrid, field_now
-from resgrid.control.run_log import Ending, Mode
+from resgrid.control.run_log import ControlMode, TerminationReason
 from resgrid.control.simulation import Simulation, announce_hidden, wavefront
 from resgrid.core.axis import Axis
 from resgrid.core.compiler import compile_space
@@ -134,32 +134,32 @@ def test_a_fast_robot_waits_and_a_faster_one_gives_up() -> None:
     world = announce_hidden(sim, Relaxation("chip"))
     slow, usual, fast = (replace(world, relaxation=Relaxation("chip", pace=p)).run((4.1, 7.3)) for p in (500, 15, 5e-3))
     settled = replace(world, relaxation=None, before=None).run((4.1, 7.3))
-    assert slow.ending is usual.ending is settled.ending is Ending.ARRIVED
+    assert slow.ending is usual.ending is settled.ending is TerminationReason.ARRIVED
     assert slow.time[-1] == pytest.approx(settled.time[-1], rel=0.05)
-    assert Mode.WAITING not in slow.mode
-    assert fast.ending is Ending.STALLED
-    waited = np.diff(fast.time)[fast.mode[:-1] == Mode.WAITING].sum()
+    assert ControlMode.WAITING not in slow.mode
+    assert fast.ending is TerminationReason.STALLED
+    waited = np.diff(fast.time)[fast.mode[:-1] == ControlMode.WAITING].sum()
     assert waited * sim.controller.speed / sim.space.spacing.min() >= Relaxation().patience - 1.0
 
 
 def test_waiting_is_named_and_ends_when_the_grid_has_caught_up() -> None:
     sim = announce_hidden(hiding([BLOCK], robot=PointRobot(), learn=False), Relaxation("jacobi", pace=1.5))
     run = replace(sim, relaxation=replace(sim.relaxation, patience=1e4)).run((4.1, 7.3))
-    assert run.ending is Ending.ARRIVED
+    assert run.ending is TerminationReason.ARRIVED
     assert run.penetration == 0.0
     assert np.all(sim.space.cell[tuple(sim.space.locate(run.configuration).T)] != Cell.OBSTACLE)
-    assert Mode.WAITING in run.mode
-    waits = run.mode == Mode.WAITING
+    assert ControlMode.WAITING in run.mode
+    waits = run.mode == ControlMode.WAITING
     assert np.all(run.velocity[waits] == 0.0)
     impatient = replace(sim, relaxation=replace(sim.relaxation, pace=1e-3, patience=2.0)).run((4.1, 7.3))
-    assert impatient.ending is Ending.STALLED
+    assert impatient.ending is TerminationReason.STALLED
     assert "waiting" in impatient.message
 
 
 def test_what_is_learnt_spreads_while_the_robot_moves_on() -> None:
     sim = replace(hiding([Box((3.0, 3.0), (5.5, 4.0))]), relaxation=Relaxation("chip", pace=20.0))
     run = sim.run((4.1, 7.3))
-    assert run.ending is Ending.ARRIVED
+    assert run.ending is TerminationReason.ARRIVED
     assert run.lessons
     assert run.penetration == 0
     assert not np.any(run.learnt & (sim.plant.true_space(sim.space).cell != Cell.OBSTACLE))
@@ -222,7 +222,7 @@ def test_a_patient_robot_always_arrives_and_never_enters_what_is_on_the_map(seed
         return
     world = announce_hidden(sim, Relaxation(method, pace=pace, patience=1e5))
     run = world.run(truth.centre(starts[rng.integers(len(starts))]))
-    assert run.ending is Ending.ARRIVED, run.message
+    assert run.ending is TerminationReason.ARRIVED, run.message
     assert run.penetration == 0.0
     assert np.all(truth.cell[tuple(truth.locate(run.configuration).T)] != Cell.OBSTACLE)
 

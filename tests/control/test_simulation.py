@@ -10,9 +10,9 @@ from hypothesis import given, settings, strategies as st
 from support.hidden import controlled, hiding, square
 
 import resgrid as rg
-from resgrid.control.external_forces import Push, random_pushes
+from resgrid.control.external_forces import ExternalForce, random_forces
 from resgrid.control.relaxation import Relaxation
-from resgrid.control.run_log import Ending, Mode, Run
+from resgrid.control.run_log import ControlMode, Run, TerminationReason
 from resgrid.control.simulation import Simulation, simulation
 from resgrid.core.regions import label_regions
 from resgrid.core.space import Cell, ConfigurationSpace
@@ -43,7 +43,7 @@ def check(sim: Simulation, run: Run) -> None:
     moved = np.abs(np.diff(run.configuration, axis=0)) / sim.space.spacing
     assert np.all(moved <= sim.step * (1 + 1e-9))
     assert np.all(np.linalg.norm(run.contacts.normal, axis=1) == pytest.approx(1.0))
-    if run.ending is Ending.NO_PATH:
+    if run.ending is TerminationReason.NO_PATH:
         assert not connected(run.space)[tuple(run.space.locate(run.believed[0]))]
 
 
@@ -52,9 +52,9 @@ def test_in_free_space_it_runs_along_the_streamline() -> None:
     run = sim.run((1.2, 7.1))
     check(sim, run)
     path = streamline(sim.controller.field, (1.2, 7.1))
-    assert (run.ending, run.goal) == (Ending.ARRIVED, path.goal)
-    assert set(run.mode[:-1]) == {Mode.STREAMLINE}
-    assert run.mode[-1] == Mode.ARRIVED
+    assert (run.ending, run.goal) == (TerminationReason.ARRIVED, path.goal)
+    assert set(run.mode[:-1]) == {ControlMode.STREAMLINE}
+    assert run.mode[-1] == ControlMode.ARRIVED
     length = np.linalg.norm(np.diff(run.configuration, axis=0), axis=1).sum()
     assert length == pytest.approx(path.length, rel=0.02)
     np.testing.assert_allclose(np.linalg.norm(run.velocity[:-1], axis=1), sim.controller.speed)
@@ -68,7 +68,7 @@ def test_with_learning_every_start_round_a_hidden_obstacle_arrives(hidden) -> No
     for cell in np.argwhere(open_to)[::17]:
         run = sim.run(sim.space.centre(cell))
         check(sim, run)
-        assert run.ending is Ending.ARRIVED, (cell, run.message)
+        assert run.ending is TerminationReason.ARRIVED, (cell, run.message)
         lessons += len(run.lessons)
     assert lessons
 
@@ -77,17 +77,21 @@ def test_following_alone_is_a_heuristic_that_learning_is_not() -> None:
     """Behind a hidden U nothing arrives by following; with learning everything does."""
     starts = [(x, y) for x in (3.0, 3.7, 4.6, 5.1) for y in (3.9, 4.9)]
     alone = [hiding(U, learn=False).run(start, max_steps=2000) for start in starts]
-    assert {run.ending for run in alone} <= {Ending.JAM, Ending.STALLED, Ending.OUT_OF_STEPS}
+    assert {run.ending for run in alone} <= {
+        TerminationReason.JAM,
+        TerminationReason.STALLED,
+        TerminationReason.OUT_OF_STEPS,
+    }
     assert all(not run.lessons for run in alone)
-    assert {run.ending for run in (hiding(U).run(start) for start in starts)} == {Ending.ARRIVED}
+    assert {run.ending for run in (hiding(U).run(start) for start in starts)} == {TerminationReason.ARRIVED}
 
 
 def test_following_gets_round_what_it_meets_off_centre_and_names_its_modes() -> None:
     sim = hiding([Ball((3.7, 4.0), 0.5)], learn=False)
     run = sim.run((4.1, 7.5))
     check(sim, run)
-    assert run.ending is Ending.ARRIVED
-    assert {Mode.FOLLOWING, Mode.STREAMLINE} <= set(run.mode)
+    assert run.ending is TerminationReason.ARRIVED
+    assert {ControlMode.FOLLOWING, ControlMode.STREAMLINE} <= set(run.mode)
     assert np.all(run.contacts.body == 0)
 
 
@@ -95,8 +99,8 @@ def test_a_force_along_the_streamline_is_a_jam() -> None:
     """Square on to a wide wall, on the axis of symmetry."""
     sim = hiding([Box((1.0, 3.0), (7.5, 4.0))], learn=False, friction=0.0)
     run = sim.run((4.25, 6.0), max_steps=3000)
-    assert run.ending is Ending.JAM
-    assert run.mode[-2] == Mode.JAM
+    assert run.ending is TerminationReason.JAM
+    assert run.mode[-2] == ControlMode.JAM
     torque, velocity = run.torque[-2], sim.controller.nominal(run.believed[-2]).velocity
     assert (
         abs(np.cross(np.r_[torque, 0], np.r_[velocity, 0])[2]) <= 1e-3 * np.linalg.norm(torque) * sim.controller.speed
@@ -118,19 +122,19 @@ def test_the_velocity_is_the_command_at_the_logged_forces(limits) -> None:
 def test_friction_that_holds_is_named() -> None:
     sim = hiding([Box((1.0, 3.0), (7.5, 4.0))], learn=False, friction=1.0, response="admittance")
     run = sim.run((3.5, 6.0))
-    assert run.ending is Ending.STALLED
-    assert run.mode[-2] == Mode.STICKING
+    assert run.ending is TerminationReason.STALLED
+    assert run.mode[-2] == ControlMode.STICKING
     assert run.contacts.sticking[-1]
     smooth = hiding([Box((1.0, 3.0), (7.5, 4.0))], learn=False, friction=0.0, response="admittance").run((3.5, 6.0))
-    assert Mode.SLIDING in smooth.mode
+    assert ControlMode.SLIDING in smooth.mode
     assert not smooth.contacts.sticking.any()
 
 
 def test_a_robot_that_learns_its_own_cell_goes_back_the_way_it_came() -> None:
     sim = hiding(U)
     run = sim.run((4.1, 5.1))
-    assert run.ending is Ending.ARRIVED
-    rows = np.flatnonzero(run.mode == Mode.RETREATING)
+    assert run.ending is TerminationReason.ARRIVED
+    rows = np.flatnonzero(run.mode == ControlMode.RETREATING)
     assert len(rows)
     for row in rows:
         apart = np.abs(run.configuration[: row + 1] - run.configuration[row + 1]).max(axis=1)
@@ -143,14 +147,14 @@ def test_no_path_is_proved_by_the_cells_learnt() -> None:
     sim = hiding(walls)
     run = sim.run((1.2, 6.5))
     check(sim, run)
-    assert run.ending is Ending.NO_PATH
+    assert run.ending is TerminationReason.NO_PATH
     assert "separate" in run.message
 
 
 def test_a_goal_inside_a_hidden_obstacle_is_told() -> None:
     sim = hiding([Box((4.0, 0.5), (4.5, 1.0))], robot=PointRobot())
     run = sim.run((1.2, 6.5))
-    assert run.ending is Ending.GOAL_BLOCKED
+    assert run.ending is TerminationReason.GOAL_BLOCKED
     assert "every goal cell" in run.message
     check(sim, run)
 
@@ -158,25 +162,25 @@ def test_a_goal_inside_a_hidden_obstacle_is_told() -> None:
 def test_a_scene_says_how_its_robot_is_controlled() -> None:
     scene = rg.Scene(
         square().axes, goals=(rg.GoalCell((8, 1)),), starts=((4.1, 7.3),), k=(0.5,), hidden=(BOX,),
-        control=rg.Control(
+        control=rg.control.Control(
             k=0.98, speed=0.5, friction=0.0, steps=7, push=((0.0, 1.0, 1.0, 0.0),), pushes=2, bias=(0.1,)
         ),
     )  # fmt: skip
     sim = simulation(scene)
     assert (sim.controller.field.k, sim.controller.speed, sim.friction, sim.learn) == (0.98, 0.5, 0.0, True)
     run = sim.run()
-    assert run.ending is Ending.OUT_OF_STEPS
+    assert run.ending is TerminationReason.OUT_OF_STEPS
     assert run.push[0].tolist() == [1.0, 0.0]
     np.testing.assert_allclose((run.believed - run.configuration)[:-1], 0.1)
     unpushed = sim.run(pushes=(), bias=0.0, max_steps=5000)
-    assert unpushed.ending is Ending.ARRIVED
+    assert unpushed.ending is TerminationReason.ARRIVED
     assert not unpushed.push.any()
     assert simulation(scene, k=1.0, friction=0.1).friction == 0.1
-    announced = simulation(scene.replace(control=rg.Control(announce=True, pace=5.0)))
+    announced = simulation(scene.replace(control=rg.control.Control(announce=True, pace=5.0)))
     assert (announced.learn, announced.relaxation) == (False, Relaxation(pace=5.0))
     assert announced.before is not None
     with pytest.raises(InputError, match="force of 2 entries"):
-        simulation(scene.replace(control=rg.Control(push=((0.0, 1.0, 1.0),)))).run()
+        simulation(scene.replace(control=rg.control.Control(push=((0.0, 1.0, 1.0),)))).run()
 
 
 def test_a_start_within_an_obstacle_or_outside_is_refused_and_a_blocked_one_told() -> None:
@@ -188,16 +192,16 @@ def test_a_start_within_an_obstacle_or_outside_is_refused_and_a_blocked_one_told
         with pytest.raises(InputError, match=says):
             sim.run(start)
     touching = sim.run((4.0, 4.0 + 0.2 + 1e-9))
-    assert touching.ending is Ending.ARRIVED or touching.lessons
+    assert touching.ending is TerminationReason.ARRIVED or touching.lessons
     cell = np.array(sim.space.cell)
     cell[3, 3] = Cell.OBSTACLE
     cell[:, 5] = Cell.OBSTACLE
     mapped = ConfigurationSpace(sim.space.axes, cell)
     walled = Simulation(controlled(mapped, response="equipotential"), sim.plant)
-    assert walled.run((1.7, 1.7)).ending is Ending.START_BLOCKED
-    assert walled.run((1.0, 6.0)).ending is Ending.NO_PATH
+    assert walled.run((1.7, 1.7)).ending is TerminationReason.START_BLOCKED
+    assert walled.run((1.0, 6.0)).ending is TerminationReason.NO_PATH
     at_goal = sim.run((4.2, 0.7))
-    assert (at_goal.ending, at_goal.goal, len(at_goal.time)) == (Ending.ARRIVED, 0, 1)
+    assert (at_goal.ending, at_goal.goal, len(at_goal.time)) == (TerminationReason.ARRIVED, 0, 1)
 
 
 @settings(max_examples=15)
@@ -214,9 +218,9 @@ def test_pushes_do_not_prevent_arrival(seed: int) -> None:
     start = known.space.centre(cells[rng.integers(len(cells))])
     if known.plant.penetration(start)[0] > 0:
         return
-    pushes = random_pushes(seed, 2, until=20.0, size=3.0, duration=1.5)
+    pushes = random_forces(seed, 2, until=20.0, size=3.0, duration=1.5)
     run = known.run(start, pushes=pushes)
-    assert run.ending is Ending.ARRIVED, run.message
+    assert run.ending is TerminationReason.ARRIVED, run.message
     assert run.penetration == 0
     # A push is felt from the first step on that begins after it.
     assert run.push.any() == np.any(run.time[:-1] >= min(push.start for push in pushes))
@@ -224,18 +228,18 @@ def test_pushes_do_not_prevent_arrival(seed: int) -> None:
 
 def test_a_push_moves_the_robot_to_another_streamline() -> None:
     sim = hiding([])
-    push = Push(2.0, 3.0, np.array([2.0, 0.0]))
+    push = ExternalForce(2.0, 3.0, np.array([2.0, 0.0]))
     pushed, free = sim.run((1.2, 7.1), pushes=[push]), sim.run((1.2, 7.1))
-    assert pushed.ending is Ending.ARRIVED
+    assert pushed.ending is TerminationReason.ARRIVED
     during = (pushed.time >= 2.0) & (pushed.time < 5.0)
     assert np.all(pushed.push[during] == [2.0, 0.0])
-    assert set(pushed.mode[during]) == {Mode.PUSHED}
+    assert set(pushed.mode[during]) == {ControlMode.PUSHED}
     after = np.searchsorted(pushed.time, 5.0)
     assert np.linalg.norm(free.configuration - pushed.configuration[after], axis=1).min() > 0.5
     with pytest.raises(InputError, match=r"push at 0 s is not finite"):
         sim.run((1.2, 7.1), pushes=lambda _t, _q: [np.nan, 0.0])
     with pytest.raises(InputError, match="2 axes"):
-        sim.run((1.2, 7.1), pushes=[Push(0.0, 1.0, np.ones(3))])
+        sim.run((1.2, 7.1), pushes=[ExternalForce(0.0, 1.0, np.ones(3))])
 
 
 @pytest.mark.parametrize("offset", [{"bias": (0.5, -0.5)}, {"bias": (-0.4, 0.3)}, {"noise": 0.5}])
@@ -253,7 +257,7 @@ def test_whether_it_arrived_is_decided_by_where_it_truly_is(offset) -> None:
         sim = hiding([Ball((3.7, 4.0), 0.5)])
         run = sim.run((4.1, 7.5), **offset, seed=seed)
         truly = sim.space.cell[tuple(sim.space.locate(run.configuration[-1]))] == Cell.GOAL
-        assert run.ending is (Ending.ARRIVED if truly else Ending.MISSED)
+        assert run.ending is (TerminationReason.ARRIVED if truly else TerminationReason.MISSED)
         assert (run.goal is not None) == truly
         assert truly or "away from where it believes" in run.message
         assert truly or np.abs(list(offset.values())).max() >= 0.25
@@ -303,7 +307,7 @@ def test_a_corner_that_the_cells_before_and_behind_lead_to_is_left_sideways(star
         point = [1.5, 1.5]"""
     )
     run = simulation(scene).run(start, max_steps=1000)
-    assert run.ending is Ending.ARRIVED
+    assert run.ending is TerminationReason.ARRIVED
     assert run.lessons
     assert np.all(np.diff(run.time) > 0.0)
     sim = simulation(scene)
@@ -322,9 +326,9 @@ def test_problems_1_and_2(scenes, name: str) -> None:
     clear = simulation(scene.replace(hidden=()), field=sim.controller.field).run(start)
     following = simulation(scene, field=sim.controller.field, learn=False).run(start)
     learning = sim.run(start)
-    assert [run.ending for run in (clear, following, learning)] == [Ending.ARRIVED] * 3
-    assert set(clear.mode) == {Mode.STREAMLINE, Mode.HOMING, Mode.ARRIVED}
-    assert Mode.FOLLOWING in following.mode
+    assert [run.ending for run in (clear, following, learning)] == [TerminationReason.ARRIVED] * 3
+    assert set(clear.mode) == {ControlMode.STREAMLINE, ControlMode.HOMING, ControlMode.ARRIVED}
+    assert ControlMode.FOLLOWING in following.mode
     check(sim, learning)
     check(sim, following)
     assert len(learning.lessons) >= 1

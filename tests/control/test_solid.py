@@ -12,9 +12,9 @@ from support.hidden import controlled, hiding, square
 
 from resgrid.control.contact import solve_contacts, surroundings
 from resgrid.control.controller import make_controller
-from resgrid.control.external_forces import Push
+from resgrid.control.external_forces import ExternalForce
 from resgrid.control.plant import Plant, make_plant
-from resgrid.control.run_log import End, Ending, Mode, Recorder, Run
+from resgrid.control.run_log import ControlMode, End, Recorder, Run, TerminationReason
 from resgrid.control.simulation import Simulation
 from resgrid.core.axis import Axis
 from resgrid.core.space import Cell, ConfigurationSpace
@@ -101,7 +101,7 @@ def test_nothing_is_entered_whatever_the_push_the_step_the_width_and_the_cell(ro
     start = space.lower + rng.random(len(axes)) * (space.upper - space.lower)
     assume(gaps(plant, start[np.newaxis])[0] > 0)
     sim = Simulation(controlled(space, 0.9), plant, learn=learn, step=step)
-    pushes = [Push(*rng.uniform(0.5, 8.0, 2), rng.normal(size=len(axes)) * 8.0) for _ in range(3)]
+    pushes = [ExternalForce(*rng.uniform(0.5, 8.0, 2), rng.normal(size=len(axes)) * 8.0) for _ in range(3)]
     run = sim.run(start, pushes=pushes, max_steps=300)
     assert nearest_on_the_way(plant, run.configuration) >= 0
     assert run.penetration == 0
@@ -134,7 +134,7 @@ def test_a_push_through_a_disc_slides_along_it() -> None:
     space = ConfigurationSpace(arm.axes(30), cell)
     plant = make_plant(arm, space.axes, [], [Ball((1.1, -0.1), 0.1)])
     sim = Simulation(controlled(space), plant, learn=False)
-    run = sim.run((2.0, -2.7), pushes=[Push(0.0, 20.0, np.array([-2.0, 1.0]))], max_steps=3000)
+    run = sim.run((2.0, -2.7), pushes=[ExternalForce(0.0, 20.0, np.array([-2.0, 1.0]))], max_steps=3000)
     assert len(run.contacts.step) > 10
     assert nearest_on_the_way(plant, run.configuration) > 0
 
@@ -149,7 +149,7 @@ def test_a_start_on_a_side_or_a_corner_touches_and_goes_round(start, as_polygon)
         box = Polygon(((2.5, 3.0), (6.2, 3.0), (6.2, 4.0), (2.5, 4.0)))
     sim = hiding([box], robot=PointRobot())
     run = sim.run(start)
-    assert run.ending is Ending.ARRIVED, run.message
+    assert run.ending is TerminationReason.ARRIVED, run.message
     assert nearest_on_the_way(sim.plant, run.configuration) >= 0
 
 
@@ -159,7 +159,7 @@ def test_a_start_deeper_than_rounding_is_inside() -> None:
     on = np.array([1.0, 1.0]) + 0.37 * np.array([6.0, 2.0])
     into = np.array([-2.0, 6.0]) / np.hypot(2.0, 6.0)
     for depth in (-1e-12, 0.0, 1e-12):
-        assert sim.run(on + depth * into).ending is Ending.ARRIVED
+        assert sim.run(on + depth * into).ending is TerminationReason.ARRIVED
     with pytest.raises(InputError, match=r"inside hidden\[0\]"):
         sim.run(on + 1e-6 * into)
 
@@ -172,7 +172,7 @@ def test_an_arm_that_lies_along_a_side_lifts_off(gap) -> None:
     space = ConfigurationSpace(arm.axes(48), cell)
     plant = make_plant(arm, space.axes, [], [Box((0.5, gap), (2.5, 0.5))])
     run = Simulation(controlled(space, 0.5), plant, learn=False).run((0.0, 0.0))
-    assert run.ending is Ending.ARRIVED, run.message
+    assert run.ending is TerminationReason.ARRIVED, run.message
     assert run.penetration == 0
 
 
@@ -180,8 +180,8 @@ def test_an_arm_that_lies_along_a_side_lifts_off(gap) -> None:
 @pytest.mark.parametrize("learn", [True, False])
 def test_in_the_wedge_between_an_obstacle_and_the_end_of_an_axis_time_goes_on(robot, learn) -> None:
     sim = hiding([Ball((4.0, 7.6), 0.5)], robot=robot, learn=learn)
-    run = sim.run((2.5, 7.9 - robot.radius), pushes=[Push(0.0, 3.0, np.array([9.0, 9.0]))], max_steps=2000)
-    assert run.ending is Ending.ARRIVED, run.message
+    run = sim.run((2.5, 7.9 - robot.radius), pushes=[ExternalForce(0.0, 3.0, np.array([9.0, 9.0]))], max_steps=2000)
+    assert run.ending is TerminationReason.ARRIVED, run.message
     assert nearest_on_the_way(sim.plant, run.configuration) >= 0
     assert run.configuration.max() <= 8.0
     pushed = np.diff(run.time)[run.push[:-1].any(axis=1)]
@@ -198,8 +198,8 @@ def test_steps_without_known_forces_are_counted() -> None:
     recorder = Recorder(2)
     for solved in (True, False, False):
         row = replace(contacts, solved=solved)
-        recorder.add(0.0, np.array([4.0, 4.001]), none, none, Mode.SLIDING, row, none)
-    run = recorder.run(End(Ending.STALLED, "stood"), None, (), controlled(space).field, space, plant, None)
+        recorder.add(0.0, np.array([4.0, 4.001]), none, none, ControlMode.SLIDING, row, none)
+    run = recorder.run(End(TerminationReason.STALLED, "stood"), None, (), controlled(space).field, space, plant, None)
     assert run.unsolved == 2
     assert run.message == "stood; in 2 steps no contact forces were known, and the robot stood still"
 
@@ -213,10 +213,10 @@ def test_depth_is_measured_between_rows_and_an_entry_is_no_arrival() -> None:
         none = np.zeros(2)
         recorder = Recorder(2)
         for time, y in enumerate((2.9, 3.1)):
-            recorder.add(float(time), np.array([4.0, y]), np.array([4.0, y]), none, Mode.STREAMLINE, None, none)
-        run = recorder.run(End(Ending.ARRIVED, ""), 0, (), field, space, plant, None)
+            recorder.add(float(time), np.array([4.0, y]), np.array([4.0, y]), none, ControlMode.STREAMLINE, None, none)
+        run = recorder.run(End(TerminationReason.ARRIVED, ""), 0, (), field, space, plant, None)
         assert 0 < run.penetration <= 1e-4
-        assert run.ending is Ending.ENTERED
+        assert run.ending is TerminationReason.ENTERED
         assert "entered an obstacle" in run.message
         assert plant.penetration(run.configuration).max() == 0
 
@@ -244,7 +244,7 @@ def wall_at(degrees: float) -> Polygon:
 def test_speed_limits_hold_after_contacts(limit) -> None:
     sim = hiding([wall_at(-22.5)], learn=False, friction=0.0, response="admittance")
     sim = replace(sim, controller=make_controller(sim.controller.field, speed=0.4, speed_limits=limit))
-    run = sim.run((2.0, 6.5), pushes=[Push(0.0, 6.0, np.array([30.0, -30.0]))], max_steps=500)
+    run = sim.run((2.0, 6.5), pushes=[ExternalForce(0.0, 6.0, np.array([30.0, -30.0]))], max_steps=500)
     assert len(run.contacts.step)
     assert np.all(np.abs(run.velocity) <= np.asarray(limit) * (1 + 1e-12))
     lasted = np.diff(run.time)[:, None]
@@ -261,13 +261,13 @@ def test_who_moves_is_not_stalled() -> None:
     field = sim.controller.field
     for limit in (0.1, 0.005, [0.4, 0.004]):
         slow = replace(sim, controller=make_controller(field, speed=1.0, speed_limits=limit))
-        assert free_run(slow).ending is Ending.ARRIVED
-    assert free_run(replace(sim, step=0.002), max_steps=10_000).ending is Ending.ARRIVED
+        assert free_run(slow).ending is TerminationReason.ARRIVED
+    assert free_run(replace(sim, step=0.002), max_steps=10_000).ending is TerminationReason.ARRIVED
     cell = np.zeros((16, 800), np.uint8)
     cell[14, 400] = Cell.GOAL
     flat = ConfigurationSpace([Axis("x", 0, 8, 16), Axis("y", 0, 8, 800)], cell)
     wide = Simulation(controlled(flat), make_plant(PointRobot(), flat.axes, []), learn=False)
-    assert wide.run((1.25, 4.0)).ending is Ending.ARRIVED
+    assert wide.run((1.25, 4.0)).ending is TerminationReason.ARRIVED
 
 
 @pytest.mark.parametrize("cells", [16, 32])
@@ -278,14 +278,14 @@ def test_who_starts_beside_an_obstacle_leaves_its_lost_cell(cells) -> None:
     sim = Simulation(controlled(space), plant)
     run = sim.run((4.1, 4.201))
     assert run.space.cell[tuple(run.space.locate((4.1, 4.201)))] == Cell.OBSTACLE
-    assert run.ending is Ending.ARRIVED, run.message
-    assert sim.run((4.1, 4.201), noise=1e-12).ending is Ending.ARRIVED
+    assert run.ending is TerminationReason.ARRIVED, run.message
+    assert sim.run((4.1, 4.201), noise=1e-12).ending is TerminationReason.ARRIVED
 
 
 def test_no_path_says_why() -> None:
     closed = hiding([Box((0.0, 3.0), (8.0, 4.0))])
     far, near = closed.run((4.1, 6.0)), closed.run((4.1, 4.201))
-    assert far.ending is near.ending is Ending.NO_PATH
+    assert far.ending is near.ending is TerminationReason.NO_PATH
     assert "separate the start" in far.message
     assert "start's own cell (8, 8)" in near.message
 
@@ -300,26 +300,26 @@ def with_goal_point(point: tuple[float, float], hidden: list[Shape], learn: bool
 @pytest.mark.parametrize("point", [(4.05, 0.52), (4.5, 1.0), (4.25, 0.75)])
 def test_arrived_is_at_the_configuration_that_solves_the_goal(point) -> None:
     run = with_goal_point(point, []).run((1.2, 7.1))
-    assert run.ending is Ending.ARRIVED
+    assert run.ending is TerminationReason.ARRIVED
     np.testing.assert_allclose(run.configuration[-1], point, atol=1e-9)
-    assert Mode.HOMING in run.mode
+    assert ControlMode.HOMING in run.mode
     inside = np.all((run.configuration >= (4.0, 0.5)) & (run.configuration <= (4.5, 1.0)), axis=1)
-    assert np.all(inside[run.mode == Mode.HOMING])
+    assert np.all(inside[run.mode == ControlMode.HOMING])
     noisy = with_goal_point(point, []).run((1.2, 7.1), noise=0.05)
     in_cell = np.all((noisy.configuration[-1] >= (4.0, 0.5)) & (noisy.configuration[-1] <= (4.5, 1.0)))
-    assert noisy.ending is (Ending.ARRIVED if in_cell else Ending.MISSED)
+    assert noisy.ending is (TerminationReason.ARRIVED if in_cell else TerminationReason.MISSED)
     assert np.abs(noisy.configuration[-1] - point).max() <= 0.1 + 1e-9
     whole = with_goal_point((np.nan, np.nan), []).run((1.2, 7.1))
-    assert whole.ending is Ending.ARRIVED
-    assert Mode.HOMING not in whole.mode
+    assert whole.ending is TerminationReason.ARRIVED
+    assert ControlMode.HOMING not in whole.mode
 
 
 def test_a_goal_that_is_not_reached_within_its_cell_is_no_arrival() -> None:
     """A hidden wall through the goal cell: learnt, the goal is gone; not learnt, its distance is told."""
     wall = Box((3.0, 0.6), (5.5, 0.7))
-    assert with_goal_point((4.25, 0.52), [wall]).run((4.25, 5.0)).ending is Ending.GOAL_BLOCKED
+    assert with_goal_point((4.25, 0.52), [wall]).run((4.25, 5.0)).ending is TerminationReason.GOAL_BLOCKED
     run = with_goal_point((4.25, 0.52), [wall], learn=False).run((4.25, 5.0))
-    assert run.ending is Ending.STALLED
+    assert run.ending is TerminationReason.STALLED
     assert "from the configuration that solves the goal" in run.message
     assert run.penetration == 0
 

@@ -90,7 +90,7 @@ def same(turned: ArrayLike, expected: ArrayLike, within: float = 1e-9) -> None:
 
 def test_the_ten_lines_follow_the_map(worlds: tuple[World, World]) -> None:
     def ten_lines(world: World) -> rg.Streamline:
-        space = rg.sample(world.scene())
+        space = rg.build_space(world.scene())
         netlist = rg.compile_space(space, boundary="dirichlet", resistance=10e3)
         field = rg.field(rg.solve(netlist))
         path = rg.streamline(field, start=world.at(START))
@@ -134,10 +134,10 @@ def test_a_planner_answers_in_the_world(worlds: tuple[World, World]) -> None:
     same(turned.paths()[0].points, worlds[1].place(plain.paths()[0].points))
     same(turned.ends(worlds[1].place(starts)).length, plain.ends(starts).length)
     for planner, world in ((plain, worlds[0]), (turned, worlds[1])):
-        verdict = rg.separation(planner.space, world.at(ENCLOSED))
+        verdict = rg.find_blocking_obstacles(planner.space, world.at(ENCLOSED))
         assert planner.path(world.at(ENCLOSED)).outcome == verdict.outcome == "no_path"
         same(planner.path(cell=(1, 8)).points[0], world.at((0.75, 4.25)))
-    curves = [rg.clearance_curve(planner, (0.0, 1.0)) for planner in (plain, turned)]
+    curves = [rg.planning.clearance_curve(planner, (0.0, 1.0)) for planner in (plain, turned)]
     same(curves[1].starts, worlds[1].place(curves[0].starts))
     same(curves[1].clearance, curves[0].clearance)
 
@@ -145,9 +145,9 @@ def test_a_planner_answers_in_the_world(worlds: tuple[World, World]) -> None:
 def test_obstacles_that_block_are_found_from_the_same_place(worlds: tuple[World, World]) -> None:
     for world in worlds:
         bar = [Ball(world.at((5.75, 1.75)), 0.3), Ball(world.at((0.2, 0.2)), 0.1)]
-        verdict = rg.separation(world.scene(obstacles=bar), world.at(ENCLOSED))
+        verdict = rg.find_blocking_obstacles(world.scene(obstacles=bar), world.at(ENCLOSED))
         assert (verdict.outcome, verdict.separating) == ("no_path", ("map",))
-        assert rg.separation(world.scene(obstacles=bar), world.at(START)).outcome == "reached"
+        assert rg.find_blocking_obstacles(world.scene(obstacles=bar), world.at(START)).outcome == "reached"
 
 
 def test_what_is_made_of_a_path_stays_in_the_world(worlds: tuple[World, World]) -> None:
@@ -155,22 +155,22 @@ def test_what_is_made_of_a_path_stays_in_the_world(worlds: tuple[World, World]) 
     for world in worlds:
         planner = rg.plan(world.scene())
         path = planner.path(world.at(START))
-        short = rg.shorten(path, clearance=0.05)
+        short = rg.shortcut(path, clearance=0.05)
         for way in (path, short, rg.Polyline(path.points, path.space), rg.Polyline(short.points, path.space)):
-            rg.certify_free(way)
-            same(rg.unwrap(way)[-1], path.points[-1])
+            rg.certify_collision_free(way)
+            same(rg.planning.unwrap(way)[-1], path.points[-1])
         grid = path.space
         wide = rg.ConfigurationSpace(grid.axes, grid.cell, frame=grid.frame, robot=rg.PointRobot(0.05))
         far, near = Ball(world.at((0.6, 0.7)), 0.3), Ball(tuple(short.points[1].tolist()), 0.2)
-        assert rg.replay(short, [far]) is None
+        assert rg.check_collisions(short, [far]) is None
         for way, apart in ((short, 0.2), (rg.Polyline(short.points, wide), 0.25)):
-            hit = rg.replay(way, [far, near], step=1e-3)
+            hit = rg.check_collisions(way, [far, near], step=1e-3)
             assert hit is not None
             assert hit.obstacle == 1
             same(np.linalg.norm(hit.configuration - near.centre), apart, 2e-3)
-        motion = rg.time_path(short, velocity_limits=0.5, acceleration_limits=0.25)
-        made.append((short.points, motion.positions, motion.duration, rg.workspace_path(short)))
-        made[-1] += (rg.workspace_clearance(short, [far]),)
+        motion = rg.time_parameterize(short, velocity_limits=0.5, acceleration_limits=0.25)
+        made.append((short.points, motion.positions, motion.duration, rg.planning.workspace_path(short)))
+        made[-1] += (rg.planning.workspace_clearance(short, [far]),)
     (points, positions, duration, way, clear), (t_points, t_positions, t_duration, t_way, t_clear) = made
     for turned, plain in ((t_points, points), (t_positions, positions), (t_way, way)):
         same(turned, worlds[1].place(plain))
@@ -181,7 +181,7 @@ def test_written_rates_keep_the_limits_in_the_world(worlds: tuple[World, World])
     for world in worlds:
         planner = rg.plan(world.scene())
         path = planner.path(world.at(START))
-        motion = rg.time_path(path, velocity_limits=(0.5, 0.25), acceleration_limits=(0.3, 0.2))
+        motion = rg.time_parameterize(path, velocity_limits=(0.5, 0.25), acceleration_limits=(0.3, 0.2))
         _, _, velocities = motion.sample(50)
         assert np.all(np.abs(velocities) <= np.array((0.5, 0.25)) * (1 + 1e-9))
         assert np.abs(velocities).max(axis=0) == pytest.approx((0.5, 0.25), rel=0.2)
@@ -191,8 +191,8 @@ def test_files_hold_the_world(worlds: tuple[World, World], tmp_path: Path) -> No
     read = []
     for number, world in enumerate(worlds):
         planner = rg.plan(world.scene())
-        motion = rg.time_path(planner.path(world.at(START)), velocity_limits=0.5)
-        files = [rg.write_path(motion, tmp_path / f"{number}{end}") for end in (".csv", ".json", ".npz")]
+        motion = rg.time_parameterize(planner.path(world.at(START)), velocity_limits=0.5)
+        files = [rg.save(motion, tmp_path / f"{number}{end}") for end in (".csv", ".json", ".npz")]
         rows = list(csv.DictReader(files[0].read_text().splitlines()))
         names = [name for name in rows[0] if name not in ("path", "k", "outcome")]
         table = {name: np.array([float(row[name]) for row in rows]) for name in names}
@@ -200,7 +200,7 @@ def test_files_hold_the_world(worlds: tuple[World, World], tmp_path: Path) -> No
             for name, column in table.items():
                 same(arrays[name], column)
                 same(json.loads(files[1].read_text())[name], column)
-        plan = yaml.safe_load(rg.write_path(motion, tmp_path / "plan.yaml").read_text())
+        plan = yaml.safe_load(rg.save(motion, tmp_path / "plan.yaml").read_text())
         places = [(p["pose"]["position"]["x"], p["pose"]["position"]["y"]) for p in plan["poses"]]
         same(places, np.stack([table["x"], table["y"]], axis=1))
         read.append(table)
@@ -217,7 +217,7 @@ def test_a_controller_is_asked_and_answers_in_the_world(worlds: tuple[World, Wor
         answers = []
         for world in worlds:
             turn = world.turn(np.eye(2)).T
-            controller = rg.make_controller(
+            controller = rg.control.make_controller(
                 rg.plan(world.scene()).field, speed=0.4, admittance=turn @ stiff @ turn.T, speed_limits=9.0,
                 response=response,
             )  # fmt: skip
@@ -231,7 +231,7 @@ def test_a_controller_is_asked_and_answers_in_the_world(worlds: tuple[World, Wor
 
 def test_speed_limits_of_a_controller_are_those_of_the_world(worlds: tuple[World, World]) -> None:
     for world in worlds:
-        controller = rg.make_controller(rg.plan(world.scene()).field, speed=1.0, speed_limits=(0.3, 0.2))
+        controller = rg.control.make_controller(rg.plan(world.scene()).field, speed=1.0, speed_limits=(0.3, 0.2))
         asked = np.array([controller.command(world.at(point)) for point in ((0.7, 4.1), (2.9, 0.4), (6.7, 4.0))])
         assert np.abs(asked / (0.3, 0.2)).max(axis=1) == pytest.approx([1, 1, 1])
 
@@ -241,7 +241,7 @@ def test_a_run_is_told_in_the_world(worlds: tuple[World, World]) -> None:
     for world in worlds:
         scene = world.scene(hidden=(Ball(world.at((5.2, 2.3)), 0.3),))
         sim = rg.simulation(scene, speed=0.4)
-        pushes = [rg.Push(1.0, 0.5, world.turn((0.3, -0.3)))]
+        pushes = [rg.control.ExternalForce(1.0, 0.5, world.turn((0.3, -0.3)))]
         run = sim.run(world.at(START), pushes=pushes, bias=world.turn((0.02, 0.01)))
         same(run.configuration[0], world.at(START))
         assert np.all(sim.plant.penetration(run.configuration) == 0)
@@ -274,7 +274,7 @@ def test_a_run_is_told_in_the_world(worlds: tuple[World, World]) -> None:
 def test_normals_are_those_of_the_world(worlds: tuple[World, World]) -> None:
     points = np.array([(1.6, 0.3), (3.9, 3.2)])
     plain, turned = (
-        rg.surface_normals(rg.sample(world.scene()), world.place(points)) for world in worlds
+        rg.planning.surface_normals(rg.build_space(world.scene()), world.place(points)) for world in worlds
     )  # fmt: skip
     same(turned, worlds[1].turn(plain))
 
@@ -305,7 +305,7 @@ def test_a_goal_given_by_its_bounds_lies_in_the_world(worlds: tuple[World, World
     for world in worlds:
         lower = np.array(world.at((6.0, 3.5))) - 0.6
         upper = lower + 1.2
-        space = rg.sample(world.scene(goals=(GoalJoints(tuple(lower.tolist()), tuple(upper.tolist())),)))
+        space = rg.build_space(world.scene(goals=(GoalJoints(tuple(lower.tolist()), tuple(upper.tolist())),)))
         goals = space.to_world(space.goal_points)
         assert len(goals) >= 2
         assert np.all((goals >= lower - 1e-9) & (goals <= upper + 1e-9))
@@ -346,7 +346,7 @@ def test_many_starts_are_rows_and_nothing_else(worlds: tuple[World, World], star
         lambda: rg.streamlines(planner.field, starts),
         lambda: planner.ends(starts),
         lambda: planner.paths(starts),
-        lambda: rg.clearance_curve(planner, (0.0,), starts),
+        lambda: rg.planning.clearance_curve(planner, (0.0,), starts),
         lambda: planner.path(starts),
     ):
         with pytest.raises(rg.InputError, match="start"):

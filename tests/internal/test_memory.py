@@ -47,7 +47,7 @@ def test_a_grid_is_refused_before_it_is_cut_into_cells(
     scene = tmp_path / "room.toml"
     scene.write_text(ROOM)
     monkeypatch.setattr(memory, "available_memory", lambda: 4000)  # enough for 30 cells, but not for their netlist
-    monkeypatch.setattr("resgrid.sample", lambda *_, **__: pytest.fail("it was cut into cells"))
+    monkeypatch.setattr("resgrid.build_space", lambda *_, **__: pytest.fail("it was cut into cells"))
     result = call(verb, scene)
     assert result.exit_code == 4
     assert "compiling the grid: 6 x 5 = 30 cells needs about" in result.stderr

@@ -7,7 +7,7 @@ import types
 from contextlib import suppress
 from inspect import Parameter, isabstract, signature, unwrap
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, is_typeddict
 
 import numpy as np
 import pytest
@@ -16,11 +16,12 @@ from matplotlib.figure import Figure
 
 import resgrid as rg
 from resgrid._internal.validation import TypeCheck, kind_of, kinds_of
-from resgrid.control.simulation import Simulation
 from resgrid.errors import InputError
 from resgrid.planning.planner import Planner
 
-FUNCTIONS = [name for name in rg.__all__ if isinstance(getattr(rg, name), types.FunctionType)]
+PACKAGES = (rg, rg.chip, rg.circuit, rg.control, rg.maps, rg.planning, rg.plot, rg.spice)
+PUBLIC = {f"{package.__name__}.{name}": getattr(package, name) for package in PACKAGES for name in package.__all__}
+FUNCTIONS = [name for name, value in PUBLIC.items() if isinstance(value, types.FunctionType)]
 WRONG: dict[str, Any] = {
     "None": None,
     "text": "chair.toml",
@@ -36,9 +37,7 @@ WRONG: dict[str, Any] = {
 
 
 CLASSES = [
-    value
-    for value in (*(getattr(rg, name) for name in rg.__all__), Planner, Simulation)
-    if isinstance(value, type) and not isabstract(value)
+    value for value in PUBLIC.values() if isinstance(value, type) and not isabstract(value) and not is_typeddict(value)
 ]
 PLAIN = (1.0, 1, "auto", None, (1.0, 1.0), [], {}, print, [1], [("a", [])], ("a", []), True)
 
@@ -52,7 +51,7 @@ def fitting(kind: TypeCheck) -> Any:
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_an_argument_of_the_wrong_type_is_refused_by_name(name: str) -> None:
     """Made from all public names, so that a new function is covered; nothing is computed, for types come first."""
-    function = getattr(rg, name)
+    function = PUBLIC[name]
     kinds = kinds_of(function.__wrapped__)
     given: dict[str, Any] = {}
     for parameter in signature(function).parameters.values():
@@ -78,7 +77,7 @@ def test_the_obvious_mistakes_say_what_to_pass() -> None:
         (lambda: rg.simulation("chair.toml"), ("scene = 'chair.toml'", "rg.read_scene(file)")),
         (lambda: rg.solve(scene), ("netlist = <a Scene>", "rg.compile_space(space)")),
         (lambda: rg.streamline(planner, (0, 0)), ("field = <a Planner>", "rg.plan(scene).field")),
-        (lambda: rg.make_controller(planner), ("field = <a Planner>", "rg.plan(scene).field")),
+        (lambda: rg.control.make_controller(planner), ("field = <a Planner>", "rg.plan(scene).field")),
     ):
         with pytest.raises(InputError) as caught:
             call()
@@ -97,9 +96,10 @@ def test_numbers_of_every_kind_are_numbers() -> None:
 
 def test_a_public_function_keeps_its_name_its_signature_and_its_pickle() -> None:
     for name in FUNCTIONS:
-        function = getattr(rg, name)
+        function = PUBLIC[name]
         assert pickle.loads(pickle.dumps(function)) is function
-        assert function.__name__ == name == function.__qualname__
+        assert f"{function.__module__}.{function.__name__}" == name
+        assert function.__qualname__ == function.__name__
         assert function.__doc__ == function.__wrapped__.__doc__
 
 
@@ -109,25 +109,25 @@ def test_a_name_that_is_not_there_is_told_its_neighbour() -> None:
 
 
 def test_values_that_no_array_holds_and_names_that_name_nothing_are_refused(tmp_path: Path) -> None:
-    space = rg.sample(rg.read_scene(Path(__file__).parents[2] / "examples/scenes/lesson.toml"))
+    space = rg.build_space(rg.read_scene(Path(__file__).parents[2] / "examples/scenes/lesson.toml"))
     netlist = rg.compile_space(space)
     for call in (
         lambda: rg.compile_space(space, resistance=10**400),
         lambda: rg.compile_space(space, resistance=1e-320),
         lambda: rg.compile_space(space, start=np.array(3.0)),
-        lambda: rg.build_chip(netlist, [[]]),
+        lambda: rg.chip.build_chip(netlist, [[]]),
         lambda: rg.chip.effects.to_json({"a": 1}),
         lambda: rg.write_spice(netlist, ""),
-        lambda: rg.random_pushes(-1, 2, until=1.0, size=1.0, duration=0.1),
-        lambda: rg.random_pushes(0, 0, until=1.0, size=1.0, duration=0.1),
-        lambda: rg.random_pushes(0, 2, until=np.inf, size=1.0, duration=0.1),
-        lambda: rg.draw(rg.separation(space, (0.5, 6.5)), virtual=np.zeros((8, 8))),
-        lambda: rg.draw_velocities(rg.plan(space).field, (0.7, 6.0), force=(np.inf, 0.0), admittance=np.eye(2)),
+        lambda: rg.control.random_forces(-1, 2, until=1.0, size=1.0, duration=0.1),
+        lambda: rg.control.random_forces(0, 0, until=1.0, size=1.0, duration=0.1),
+        lambda: rg.control.random_forces(0, 2, until=np.inf, size=1.0, duration=0.1),
+        lambda: rg.draw(rg.find_blocking_obstacles(space, (0.5, 6.5)), virtual=np.zeros((8, 8))),
+        lambda: rg.plot.draw_velocities(rg.plan(space).field, (0.7, 6.0), force=(np.inf, 0.0), admittance=np.eye(2)),
         lambda: rg.field(None),
         lambda: rg.Polyline([(0.5, 6.5)], None),
         lambda: rg.Polyline(10**400, space),
-        lambda: rg.WarmStart(space),
-        lambda: rg.analyses.Measure("rise", "a", "crossing", at=np.inf),
+        lambda: rg.circuit.WarmStart(space),
+        lambda: rg.spice.analyses.Measure("rise", "a", "crossing", at=np.inf),
         lambda: rg.Box(np.array([np.inf, 0.0]), np.array([1.0, 1.0])),
     ):
         with pytest.raises(InputError):
@@ -150,13 +150,13 @@ RECORDS: dict[Any, dict[str, Any]] = {
     rg.GoalPoint: {"point": (1.0, 1.0)},
     rg.GoalCell: {"cell": (1, 1)},
     rg.GoalJoints: {"lower": (0.0, 0.0), "upper": (1.0, 1.0)},
-    rg.Push: {"start": 0.0, "duration": 1.0, "force": (1.0, 1.0)},
-    rg.analyses.TransientAnalysis: {"stop": 1.0, "step": 0.1},
-    rg.analyses.NoiseAnalysis: {"node": "a"},
-    rg.analyses.TemperatureAnalysis: {"celsius": (27.0,)},
-    rg.analyses.MismatchAnalysis: {"sigma": 0.1},
-    rg.analyses.Probe: {"nodes": ("a",)},
-    rg.analyses.Measure: {"name": "rise", "node": "a", "what": "crossing", "at": 0.5},
+    rg.control.ExternalForce: {"start": 0.0, "duration": 1.0, "force": (1.0, 1.0)},
+    rg.spice.analyses.TransientAnalysis: {"stop": 1.0, "step": 0.1},
+    rg.spice.analyses.NoiseAnalysis: {"node": "a"},
+    rg.spice.analyses.TemperatureAnalysis: {"celsius": (27.0,)},
+    rg.spice.analyses.MismatchAnalysis: {"sigma": 0.1},
+    rg.spice.analyses.Probe: {"nodes": ("a",)},
+    rg.spice.analyses.Measure: {"name": "rise", "node": "a", "what": "crossing", "at": 0.5},
 }
 
 

@@ -28,8 +28,8 @@ def test_a_new_format_is_one_line_and_every_writer_takes_it(monkeypatch, tmp_pat
     assert call("solve", tmp_path / "divider.sp", "-o", tmp_path / "volts.tsv").exit_code == 0
     assert "\tb\t" in (tmp_path / "volts.tsv").read_text()
     run = rg.simulation(rg.read_scene(tmp_path / "room.toml")).run((0.5, 0.5))
-    assert rg.write_run(run, tmp_path / "run.tsv").read_text().count("\n") == len(run.time)
-    (record,) = json.loads(rg.write_run([run], tmp_path / "run.json").read_text())["runs"]
+    assert rg.save(run, tmp_path / "run.tsv").read_text().count("\n") == len(run.time)
+    (record,) = json.loads(rg.save([run], tmp_path / "run.json").read_text())["runs"]
     assert record["columns"]["time"] == run.time.tolist() and record["outcome"] == run.ending
 
 
@@ -62,11 +62,11 @@ def test_two_columns_of_one_name_are_refused():
 def test_solutions_are_written_by_the_library_too(tmp_path):
     space = rg.ConfigurationSpace([rg.Axis("x", 0, 3, 3), rg.Axis("y", 0, 2, 2)], [[0, 0], [0, 2], [1, 0]])
     op = rg.solve(rg.compile_space(space))
-    with np.load(rg.write_solution(op, tmp_path / "field.npz")) as arrays:
+    with np.load(rg.save(op, tmp_path / "field.npz")) as arrays:
         np.testing.assert_array_equal(arrays["potential"], rg.field(op).potential)
         np.testing.assert_array_equal(arrays["cell"], space.cell)
     with pytest.raises(rg.InputError, match=r"must end in \.npz"):
-        rg.write_solution(op, tmp_path / "field.csv")
+        rg.save(op, tmp_path / "field.csv")
     assert [file.name for file in tmp_path.iterdir()] == ["field.npz"]
 
 

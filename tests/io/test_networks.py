@@ -43,7 +43,7 @@ def everything(seed: int) -> rg.Netlist:
 @pytest.mark.parametrize("suffix", [".graphml", ".json", ".npz"])
 def test_a_netlist_is_read_as_it_was_written(tmp_path: Path, suffix: str, seed: int) -> None:
     netlist = everything(seed)
-    rg.write_network(netlist, tmp_path / f"a{suffix}")
+    rg.save(netlist, tmp_path / f"a{suffix}")
     back = rg.read_spice(tmp_path / f"a{suffix}").netlist()
     for name in ARRAYS:
         mine, read = getattr(netlist, name), getattr(back, name)
@@ -52,14 +52,14 @@ def test_a_netlist_is_read_as_it_was_written(tmp_path: Path, suffix: str, seed: 
     everyone = range(netlist.node_count)
     assert back.names_of(everyone) == netlist.names_of(everyone)
     assert dict(back.element_names or {}) == dict(netlist.element_names or {})
-    rg.write_network(back, tmp_path / f"b{suffix}")
+    rg.save(back, tmp_path / f"b{suffix}")
     assert rg.read_spice(tmp_path / f"b{suffix}").netlist().conductance.tolist() == netlist.conductance.tolist()
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_an_edge_list_keeps_resistors_and_ground(tmp_path: Path, seed: int) -> None:
     grid = random_grid(seed)
-    rg.write_network(grid, tmp_path / "a.txt")
+    rg.save(grid, tmp_path / "a.txt")
     back = rg.read_spice(tmp_path / "a.txt").netlist()
     ours, read = ([[n.names_of(pair) for pair in n.resistor_nodes], n.conductance] for n in (grid, back))
     assert [["ground" if name == "0" else name for name in pair] for pair in ours[0]] == read[0]
@@ -71,7 +71,7 @@ def test_an_edge_list_keeps_resistors_and_ground(tmp_path: Path, seed: int) -> N
 def test_names_that_an_edge_list_cannot_hold_are_refused(tmp_path: Path, name: str) -> None:
     netlist = rg.Netlist(3, [[1, 2], [2, 0]], [1.0, 1.0], node_names=("0", name, "b"))
     with pytest.raises(rg.InputError, match="edge list cannot hold"):
-        rg.write_network(netlist, tmp_path / "a.txt")
+        rg.save(netlist, tmp_path / "a.txt")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -101,7 +101,7 @@ def test_a_damaged_file_is_one_message(tmp_path: Path, suffix: str, content: byt
 
 def test_unknown_ends_are_refused(tmp_path: Path) -> None:
     with pytest.raises(rg.InputError, match="its name must end in"):
-        rg.write_network(everything(0), tmp_path / "a.xyz")
+        rg.save(everything(0), tmp_path / "a.xyz")
 
 
 def ring_with_ground_1() -> nx.MultiGraph:
@@ -116,11 +116,11 @@ def test_every_node_of_a_graph_has_a_name_of_its_own(tmp_path: Path, suffix: str
     netlist = rg.Netlist.from_networkx(ring_with_ground_1(), ground=1)
     assert netlist.node_names == ("ground", "0", "2")
     op = rg.solve(netlist)
-    rg.write_solution(op, tmp_path / "a.csv")
+    rg.save(op, tmp_path / "a.csv")
     lines = [line.split(",") for line in (tmp_path / "a.csv").read_text().splitlines()]
     volts = {line[1]: float(line[5]) for line in lines if line[0] == "node"}
     assert volts == pytest.approx({"ground": 0.0, "0": 2 / 3, "2": 1 / 3})
-    rg.write_network(netlist, tmp_path / f"a{suffix}")
+    rg.save(netlist, tmp_path / f"a{suffix}")
     assert rg.read_spice(tmp_path / f"a{suffix}").node_names == netlist.node_names
 
 

@@ -77,11 +77,11 @@ def test_a_link_holds_broken_resistors_mismatch_and_walls():
 
 
 def test_every_verb_takes_the_chip_with_the_resistors_broken_on_the_page(tmp_path):
-    """What the page solves is `resgrid.build_chip` of the link's own description."""
+    """What the page solves is `resgrid.chip.build_chip` of the link's own description."""
     drawing = replace(blank(12), broken=((3, 4, 0), (5, 2, 1)), chip={"mismatch": 0.1, "seed": 7})
     scene = read_link(link(drawing.document()))
-    ideal = rg.compile_space(rg.sample(scene))
-    chip = rg.build_chip(ideal, scene.chip)
+    ideal = rg.compile_space(rg.build_space(scene))
+    chip = rg.chip.build_chip(ideal, scene.chip)
     assert len(chip.conductance) == len(ideal.conductance) - 2
     frame = solve_drawing(drawing, exact=True)
     np.testing.assert_array_equal(frame.field.potential, rg.field(rg.solve(chip)).potential)

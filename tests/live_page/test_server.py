@@ -70,7 +70,7 @@ def test_a_grid_settles_to_its_field(served, k):
         op = next(iter(frame.solution.operating_points.values()))
         nodes = op.netlist.cells.free_node
         capacitors = {"capacitor_nodes": [[node, 0] for node in nodes], "capacitance": [1e-12] * len(nodes)}
-        moving = rg.transient(op.netlist.replace(**capacitors), head["times"], tolerance=1e-5).voltage
+        moving = rg.circuit.transient(op.netlist.replace(**capacitors), head["times"], tolerance=1e-5).voltage
         unit = 1.0 if k else moving[-1][nodes].max()
         np.testing.assert_allclose(volts[:, shown], moving[:, op.netlist.cells.node[shown]] / unit, atol=2e-3)
         assert "blend" in ask(socket, *about("settle", replace(drawing, k=0.5)))[0]["error"]

@@ -12,7 +12,7 @@ from resgrid.core.compiler import compile_space
 from resgrid.core.regions import label_regions
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import CircuitError, InputError
-from resgrid.planning.blocking_obstacles import separation
+from resgrid.planning.blocking_obstacles import find_blocking_obstacles
 from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Outcome
 from resgrid.planning.trace import streamline
@@ -59,7 +59,7 @@ def opens(space: ConfigurationSpace, groups: list[set[Index]], start: Index, goa
 @given(spaces(max_cells=7, conductive=False), st.integers(0, 2**32 - 1))
 def test_the_least_set_is_what_trying_all_sets_finds(space: ConfigurationSpace, seed: int) -> None:
     start = tuple(np.argwhere(space.cell < 2)[seed % int((space.cell < 2).sum())].tolist())
-    found = separation(space, cell=start)
+    found = find_blocking_obstacles(space, cell=start)
     groups = groups_of(space.cell == 1, space.periodic)
     assume(len(groups) < 9)
     label = np.full(space.shape, -1)
@@ -96,7 +96,7 @@ def test_groups_meet_at_corners_and_across_seams(ndim: int, seed: int) -> None:
 
 
 def test_a_diagonal_wall_is_one_obstacle() -> None:
-    found = separation(space_of(np.eye(6) + np.pad([[2.0]], ((0, 5), (5, 0)))), cell=(5, 0))
+    found = find_blocking_obstacles(space_of(np.eye(6) + np.pad([[2.0]], ((0, 5), (5, 0)))), cell=(5, 0))
     assert found.outcome is Outcome.NO_PATH and found.edge
     assert found.separating == (0,) and found.obstructions[0].alone == (0,)
     np.testing.assert_array_equal(found.mask, np.eye(6, dtype=bool))
@@ -108,7 +108,7 @@ def test_nested_rings_and_two_goals() -> None:
     cell[1:10, 1:10], cell[2:9, 2:9] = 1, 0
     cell[3:8, 3:8], cell[4:7, 4:7] = 1, 0
     cell[2, 2], cell[0, 0] = 2, 2
-    found = separation(space_of(cell), (5.5, 5.5))
+    found = find_blocking_obstacles(space_of(cell), (5.5, 5.5))
     outside, between = found.obstructions
     assert outside.goal == 0 and outside.least == (1, 0) and outside.alone == ()
     assert between.goal == 1 and between.least == (1,) and between.alone == (1,)
@@ -121,7 +121,7 @@ def test_on_a_ring_either_of_two_walls_would_do() -> None:
     cell[2], cell[7] = 1, 1
     cell[4, 1] = 2
     space = space_of(cell, periodic=(True, False))
-    found = separation(space, cell=(0, 0))
+    found = find_blocking_obstacles(space, cell=(0, 0))
     assert found.outcome is Outcome.NO_PATH
     assert found.obstructions[0].alone == (0, 1) and found.bounding == (0, 1)
     assert len(found.separating) == 1
@@ -134,42 +134,42 @@ def test_virtual_obstacles_are_told_apart() -> None:
     cell[6, 4] = 2
     strip = np.zeros((7, 9), dtype=bool)
     strip[3, :3], strip[3, 6:] = True, True
-    found = separation(space_of(cell), cell=(0, 4), virtual=strip)
+    found = find_blocking_obstacles(space_of(cell), cell=(0, 4), virtual=strip)
     assert found.barriers.virtual.tolist() == [False, True, True]
     assert found.obstructions[0].alone == (0, 1, 2)
     assert len(found.separating) == 1
     crossed = np.array([[0, 1, 1], [1, 1, 1], [1, 1, 2]])
     diagonal = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]], dtype=bool)
-    found = separation(space_of(crossed), cell=(0, 0), virtual=diagonal)
+    found = find_blocking_obstacles(space_of(crossed), cell=(0, 0), virtual=diagonal)
     assert found.obstructions[0].alone == ()
     assert set(found.separating) == {0, 1}
 
 
 def test_a_start_in_an_obstacle_is_separated_by_it() -> None:
-    found = separation(space_of([[0, 1, 1, 0, 2]]), cell=(0, 1))
+    found = find_blocking_obstacles(space_of([[0, 1, 1, 0, 2]]), cell=(0, 1))
     assert found.outcome is Outcome.START_BLOCKED
     assert found.separating == (0,) and not found.region.any() and found.bounding == ()
 
 
 def test_enclosed_goals_and_free_starts() -> None:
-    closed = separation(space_of([[0, 1, 2]]), cell=(0, 0))
+    closed = find_blocking_obstacles(space_of([[0, 1, 2]]), cell=(0, 0))
     assert closed.outcome is Outcome.GOAL_BLOCKED and closed.separating == (0,)
-    free = separation(space_of([[0, 0, 2]]), cell=(0, 0))
+    free = find_blocking_obstacles(space_of([[0, 0, 2]]), cell=(0, 0))
     assert free.outcome is Outcome.REACHED and free.separating == () and not free.mask.any()
-    at_goal = separation(space_of([[0, 1, 2]]), cell=(0, 2))
+    at_goal = find_blocking_obstacles(space_of([[0, 1, 2]]), cell=(0, 2))
     assert at_goal.outcome is Outcome.REACHED
 
 
 def test_wrong_questions_are_refused() -> None:
     space = space_of([[0, 1, 2]])
     with pytest.raises(InputError, match="outside the grid"):
-        separation(space, (9.0, 0.0))
+        find_blocking_obstacles(space, (9.0, 0.0))
     with pytest.raises(InputError, match="either"):
-        separation(space)
+        find_blocking_obstacles(space)
     with pytest.raises(InputError, match="virtual must be"):
-        separation(space, cell=(0, 0), virtual=np.zeros((1, 2), dtype=bool))
+        find_blocking_obstacles(space, cell=(0, 0), virtual=np.zeros((1, 2), dtype=bool))
     with pytest.raises(InputError, match="no goal cell"):
-        separation(space_of([[0, 1, 0]]), cell=(0, 0))
+        find_blocking_obstacles(space_of([[0, 1, 0]]), cell=(0, 0))
 
 
 def solved(space: ConfigurationSpace, **options: object) -> Field:
@@ -189,7 +189,7 @@ def test_connectivity_field_and_current_agree(space: ConfigurationSpace, options
     field = solved(space, **options)
     check_verdicts(field)
     for cell in np.argwhere(space.cell == 0)[:20].tolist():
-        found = separation(space, cell=cell)
+        found = find_blocking_obstacles(space, cell=cell)
         path = streamline(field, cell=cell)
         assert (found.outcome is Outcome.REACHED) == (path.outcome in {Outcome.REACHED, Outcome.NO_CURRENT})
         if found.outcome is not Outcome.REACHED:

@@ -29,9 +29,9 @@ def test_currents_of_cells_are_those_of_the_circuit(wiring, data, shape):
         expected = rg.field(rg.solve(rg.compile_space(space, **wiring)))
     except rg.CircuitError:
         with pytest.raises(rg.CircuitError):
-            rg.field(rg.WarmStart(**wiring).solve(space))
+            rg.field(rg.circuit.WarmStart(**wiring).solve(space))
         return
-    field = rg.field(rg.WarmStart(rtol=1e-12, **wiring).solve(space))
+    field = rg.field(rg.circuit.WarmStart(rtol=1e-12, **wiring).solve(space))
     shown = space.goal_connected | (cell == rg.Cell.GOAL)
     np.testing.assert_allclose(field.potential[shown], expected.potential[shown], atol=1e-9)
     scale = max(np.abs(expected.face_current(axis)).max() for axis in range(space.ndim))
@@ -45,7 +45,7 @@ def test_a_start_that_drives_is_at_the_high_rail(start: tuple[int, int]):
     cell[8, 3] = rg.Cell.GOAL
     space = rg.ConfigurationSpace([rg.Axis("x", 0.0, 9.0, 9), rg.Axis("y", 0.0, 7.0, 7)], cell)
     wiring = {"boundary": "neumann", "drive": "start", "start": start}
-    field = rg.field(rg.WarmStart(rtol=1e-12, **wiring).solve(space))
+    field = rg.field(rg.circuit.WarmStart(rtol=1e-12, **wiring).solve(space))
     expected = rg.field(rg.solve(rg.compile_space(space, **wiring)))
     assert field.potential[start] == 1.0
     for axis in range(2):

@@ -15,9 +15,9 @@ from resgrid.core.axis import Axis
 from resgrid.core.compiler import compile_space
 from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import CertificateError
-from resgrid.planning.certify import certify, certify_free
+from resgrid.planning.certify import certify, certify_collision_free
 from resgrid.planning.fields import Field
-from resgrid.planning.shortcut import shorten
+from resgrid.planning.shortcuts import shortcut
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.planning.trace import streamline
 
@@ -57,8 +57,8 @@ def test_genuine_paths_pass_and_forged_ones_do_not_wherever_the_grid_lies(place:
     for start in np.argwhere(space.goal_connected)[::23]:
         path = streamline(field, cell=start.tolist())
         certify(path)
-        certify_free(path)
-        assert shorten(path, rounds=3).length <= path.length
+        certify_collision_free(path)
+        assert shortcut(path, rounds=3).length <= path.length
         points, number = path.points.copy(), int(rng.integers(len(path.points)))
         points[number] += rng.choice([-1, 1], 2) * 1e-3 * space.spacing
         refused(replace(path, axis_points=points))

@@ -233,11 +233,11 @@ def test_the_main_job_is_done_without_a_circuit(tmp_path: Path, circuit: str) ->
 def test_a_clearance_curve_needs_something_to_measure() -> None:
     open_space, walled_in = space_of(cells_of(MAPS["open"])), space_of(cells_of(MAPS["goal_walled_in"]))
     with pytest.raises(rg.InputError, match="no free cell has a path"):
-        rg.clearance_curve(rg.plan(walled_in, k=0.5))
+        rg.planning.clearance_curve(rg.plan(walled_in, k=0.5))
     flat = rg.plan(open_space, k=0.5, edge="open")
     with pytest.raises(rg.InputError, match="no current flows at k = 1: leave this setting out"):
-        rg.clearance_curve(flat)
-    assert np.isinf(rg.clearance_curve(flat, ks=[0.0, 0.5]).mean).all()
+        rg.planning.clearance_curve(flat)
+    assert np.isinf(rg.planning.clearance_curve(flat, ks=[0.0, 0.5]).mean).all()
 
 
 def test_a_robot_on_a_grid_that_settles_ends_where_the_map_has_no_way() -> None:
@@ -247,7 +247,7 @@ def test_a_robot_on_a_grid_that_settles_ends_where_the_map_has_no_way() -> None:
     for boundary in ("dirichlet", "neumann"):
         scene = rg.Scene(axes, goals=(rg.GoalCell((0, 0)),), boundary=boundary, starts=((0.5, 2.5),))
         run = rg.simulation(scene.replace(hidden=(wall,)), announce=True, settle="sor").run()
-        assert run.ending is rg.Ending.NO_PATH
+        assert run.ending is rg.control.TerminationReason.NO_PATH
         beside = (rg.Box((0.0, 1.0), (1.0, 2.0)), rg.Box((1.0, 0.0), (2.0, 2.0)))
         run = rg.simulation(scene.replace(hidden=beside), announce=True, settle="sor").run()
-        assert run.ending is rg.Ending.GOAL_BLOCKED
+        assert run.ending is rg.control.TerminationReason.GOAL_BLOCKED

@@ -21,13 +21,13 @@ def check_distinct(path: rg.Streamline) -> None:
     """The points of a path, of its shortcut and of its motion, and their certificates."""
     rg.certify(path)
     assert len(path.points) == len(path.line) <= len(path.axis_points)
-    for each in (path, rg.shorten(path)):
-        line = rg.unwrap(each)
+    for each in (path, rg.shortcut(path)):
+        line = rg.planning.unwrap(each)
         steps = np.abs(np.diff(line, axis=0) / path.space.spacing).max(axis=1)
         assert np.all(steps > NEAR), steps.min()
-        rg.certify_free(each)
-        rg.certify_free(rg.Polyline(line, path.space))
-        assert np.all(np.diff(rg.time_path(each, velocity_limits=1.0).times) > 0)
+        rg.certify_collision_free(each)
+        rg.certify_collision_free(rg.Polyline(line, path.space))
+        assert np.all(np.diff(rg.time_parameterize(each, velocity_limits=1.0).times) > 0)
 
 
 @settings(max_examples=80, deadline=None)

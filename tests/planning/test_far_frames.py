@@ -24,9 +24,9 @@ def placed(frame: rg.Frame, cell: ArrayLike, width: float = 0.05) -> rg.Configur
 
 def check_round_trips(space: rg.ConfigurationSpace, path: rg.Streamline) -> None:
     rg.certify(path)
-    for each in (path, rg.shorten(path), rg.shorten(path, clearance=0.2 * float(space.spacing.min()))):
-        rg.certify_free(each)
-        rg.certify_free(rg.Polyline(rg.unwrap(each), space))
+    for each in (path, rg.shortcut(path), rg.shortcut(path, clearance=0.2 * float(space.spacing.min()))):
+        rg.certify_collision_free(each)
+        rg.certify_collision_free(rg.Polyline(rg.planning.unwrap(each), space))
 
 
 frames = st.builds(
@@ -76,7 +76,7 @@ def test_a_controller_takes_places_on_the_border() -> None:
     cell = np.zeros((8, 6), dtype=np.uint8)
     cell[7, 5] = rg.Cell.GOAL
     space = placed(rg.Frame(5e5, 5.4e6, 0.3), cell)
-    controller = rg.make_controller(rg.plan(space, boundary="neumann").field)
+    controller = rg.control.make_controller(rg.plan(space, boundary="neumann").field)
     for x in np.linspace(0.0, 0.35, 40):
         assert np.linalg.norm(controller.command(space.to_world((x, 0.3)))) > 0
         assert np.linalg.norm(controller.command(space.to_world((x, 0.0)))) > 0

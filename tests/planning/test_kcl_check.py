@@ -27,7 +27,7 @@ def room(seed: int) -> rg.ConfigurationSpace:
 
 
 def read_warm(space: rg.ConfigurationSpace, **options: object) -> rg.Field:
-    return rg.field(rg.WarmStart(**options).solve(space))
+    return rg.field(rg.circuit.WarmStart(**options).solve(space))
 
 
 def read_normwise(space: rg.ConfigurationSpace, **options: object) -> rg.Field:

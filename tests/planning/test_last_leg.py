@@ -18,13 +18,13 @@ from resgrid.core.compiler import compile_space
 from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import CertificateError
 from resgrid.io.paths import path_columns, write_path
-from resgrid.planning.certify import certify, certify_free
+from resgrid.planning.certify import certify, certify_collision_free
 from resgrid.planning.fields import Field, undriven_field
-from resgrid.planning.shortcut import shorten
+from resgrid.planning.shortcuts import shortcut
 from resgrid.planning.streamline import Outcome, length_of, unwrap
-from resgrid.planning.time_parameterization import time_path
+from resgrid.planning.time_parameterization import time_parameterize
 from resgrid.planning.trace import streamline, streamlines
-from resgrid.planning.workspace import replay, workspace_path
+from resgrid.planning.workspace import check_collisions, workspace_path
 from resgrid.plot.paths import seam_pieces
 from resgrid.robots import CellSet
 
@@ -79,10 +79,10 @@ def test_a_path_goes_on_from_the_face_straight_to_the_goal_point(space: Configur
         assert length_of(way) == pytest.approx(path.length)
         turns = (way[-1] - goal) / (space.upper - space.lower)
         np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
-        certify_free(path)
-        short = shorten(path, rounds=5)
+        certify_collision_free(path)
+        short = shortcut(path, rounds=5)
         np.testing.assert_array_equal(short.points[-1], way[-1])
-        motion = time_path(path, velocity_limits=1.0, acceleration_limits=1.0)
+        motion = time_parameterize(path, velocity_limits=1.0, acceleration_limits=1.0)
         np.testing.assert_array_equal(motion.positions[-1], way[-1])
 
 
@@ -147,7 +147,7 @@ def test_what_uses_paths_goes_all_the_way(tmp_path: Path) -> None:
     assert path_columns(path)["x"][-1] == pytest.approx(goal[0])
     columns = json.loads(write_path(path, tmp_path / "path.json").read_text())
     assert (columns["x"][-1], columns["y"][-1]) == pytest.approx(goal)
-    assert replay(path, [CellSet(space.axes, cell == 1)]) is None
+    assert check_collisions(path, [CellSet(space.axes, cell == 1)]) is None
     lines = seam_pieces(path)
     np.testing.assert_allclose(lines[-1][-1], (9.25, 2.75))
     assert sum(map(length_of, lines)) == pytest.approx(path.length)

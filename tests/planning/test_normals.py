@@ -5,7 +5,7 @@ from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.errors import InputError
-from resgrid.planning.surface_normals import octree_voxels
+from resgrid.planning.normals import octree_voxels
 
 
 def ball(radius: float, ndim: int, margin: int = 4) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -25,7 +25,7 @@ def degrees_off(normals: np.ndarray, true: np.ndarray) -> np.ndarray:
 def test_the_honest_limits_on_a_disc(radius: int) -> None:
     """5 degrees in the cells that touch the disc, at any resolution; 1 degree 2.5 cells out."""
     model, distance, true = ball(radius, 2)
-    off = degrees_off(rg.surface_normals(model), true)
+    off = degrees_off(rg.planning.surface_normals(model), true)
     touching = binary_dilation(model) & ~model
     assert 4.4 < off[touching].mean() < 5.2
     assert 10.0 < off[touching].max() < 25.0
@@ -35,14 +35,14 @@ def test_the_honest_limits_on_a_disc(radius: int) -> None:
 def test_the_edge_is_felt_without_padding() -> None:
     model, distance, true = ball(16, 2)
     ring = ~model & (np.abs(distance - 19.5) < 0.5)
-    near = degrees_off(rg.surface_normals(model, padding=0), true)[ring].mean()
-    far = degrees_off(rg.surface_normals(model, padding=40), true)[ring].mean()
+    near = degrees_off(rg.planning.surface_normals(model, padding=0), true)[ring].mean()
+    far = degrees_off(rg.planning.surface_normals(model, padding=40), true)[ring].mean()
     assert far < 0.6 and near > 2.0
 
 
 def test_a_ball_of_voxels() -> None:
     model, distance, true = ball(6, 3, margin=3)
-    off = degrees_off(rg.surface_normals(model), true)
+    off = degrees_off(rg.planning.surface_normals(model), true)
     assert 3.0 < off[binary_dilation(model) & ~model].mean() < 7.0
     assert off[~model & (np.abs(distance - 8.5) < 0.5)].mean() < 2.0
 
@@ -51,7 +51,7 @@ def test_a_ball_of_voxels() -> None:
 def test_the_honest_limits_on_a_ball(radius: float, mean: float) -> None:
     """As documented: 6 to 8 degrees on average beside a ball, single cells up to 31, and 1 to 2 degrees farther out."""
     model, distance, true = ball(radius, 3, margin=3)
-    off = degrees_off(rg.surface_normals(model), true)
+    off = degrees_off(rg.planning.surface_normals(model), true)
     beside = off[binary_dilation(model) & ~model]
     assert 6.0 < beside.mean() < mean and 15.0 < beside.max() < 31.0
     assert 0.5 < off[~model & (np.abs(distance - radius - 2.5) < 0.5)].mean() < 1.9
@@ -80,7 +80,7 @@ def test_the_gradient_is_that_of_a_dense_laplacian() -> None:
         [(phi[2:, 1:-1] - phi[:-2, 1:-1]) / (2 * hx), (phi[1:-1, 2:] - phi[1:-1, :-2]) / (2 * hy)], axis=-1
     )
     expected = gradient / np.linalg.norm(gradient, axis=-1, keepdims=True)
-    found = rg.surface_normals(model, spacing=(hx, hy), padding=0)
+    found = rg.planning.surface_normals(model, spacing=(hx, hy), padding=0)
     np.testing.assert_allclose(found[~model], expected[~model], atol=1e-9)
     assert np.isnan(found[model]).all()
 
@@ -89,22 +89,22 @@ def test_flat_surfaces_are_exact_and_points_agree_with_cells() -> None:
     slab = np.zeros((9, 6))
     slab[3:5] = 1
     space = space_of(slab, periodic=(False, True), spacing=(0.5, 2.0))
-    normals = rg.surface_normals(space)
+    normals = rg.planning.surface_normals(space)
     np.testing.assert_allclose(normals[:3], np.broadcast_to([-1.0, 0.0], (3, 6, 2)), atol=1e-12)
     np.testing.assert_allclose(normals[5:], np.broadcast_to([1.0, 0.0], (4, 6, 2)), atol=1e-12)
     model, _, _ = ball(6, 2)
     cells = np.argwhere(~model)[::7]
-    every = rg.surface_normals(model)
-    np.testing.assert_array_equal(rg.surface_normals(model, cells=cells), every[tuple(cells.T)])
-    np.testing.assert_allclose(rg.surface_normals(model, cells + 0.5), every[tuple(cells.T)], atol=1e-12)
-    assert rg.surface_normals(model, (0.2, 0.7)).shape == (2,)
+    every = rg.planning.surface_normals(model)
+    np.testing.assert_array_equal(rg.planning.surface_normals(model, cells=cells), every[tuple(cells.T)])
+    np.testing.assert_allclose(rg.planning.surface_normals(model, cells + 0.5), every[tuple(cells.T)], atol=1e-12)
+    assert rg.planning.surface_normals(model, (0.2, 0.7)).shape == (2,)
 
 
 def test_far_corners_of_a_deep_gap_keep_their_normals() -> None:
     """At the bottom of a slot the potential underflows towards the model; ratios of currents do not."""
     model = np.ones((5, 500), dtype=bool)
     model[2, 1:] = False
-    normal = rg.surface_normals(model, cells=(2, 1), padding=4)
+    normal = rg.planning.surface_normals(model, cells=(2, 1), padding=4)
     np.testing.assert_allclose(normal, [0.0, 1.0], atol=1e-9)
 
 
@@ -139,15 +139,15 @@ def test_octrees_become_voxels() -> None:
 )
 def test_wrong_questions_are_refused(arguments: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        rg.surface_normals(**arguments)
+        rg.planning.surface_normals(**arguments)
 
 
 def test_a_cavity_and_a_symmetric_gap_have_no_normal() -> None:
     ring = np.ones((3, 3), dtype=bool)
     ring[1, 1] = False
     with pytest.raises(InputError, match="encloses it"):
-        rg.surface_normals(ring, cells=(1, 1))
-    assert np.isnan(rg.surface_normals(ring)[1, 1]).all()
+        rg.planning.surface_normals(ring, cells=(1, 1))
+    assert np.isnan(rg.planning.surface_normals(ring)[1, 1]).all()
     gap = np.zeros((3, 3), dtype=bool)
     gap[0], gap[2] = True, True
-    assert np.isnan(rg.surface_normals(gap)[1, 1]).all()
+    assert np.isnan(rg.planning.surface_normals(gap)[1, 1]).all()

@@ -26,7 +26,7 @@ def test_every_door_gives_the_same_field(boundary: str, k: float | None) -> None
     """At k = 1 obstacles are a rail, behind the wall of the chip where the scene has one; at 0 they are open."""
     chip = rg.Chip(wall_resistance=2e4) if boundary == "wall" else rg.Chip()
     room = scene(boundary=boundary, k=() if k is None else (k,), chip=chip)
-    space = rg.sample(room)
+    space = rg.build_space(room)
     closed = {"boundary": "dirichlet" if k is not None and boundary == "neumann" else boundary}
     if closed["boundary"] == "wall":
         closed["wall_resistance"] = 2e4
@@ -45,8 +45,8 @@ def test_every_door_gives_the_same_field(boundary: str, k: float | None) -> None
 def test_a_scaled_drive_is_that_of_scale_drive() -> None:
     room = scene(boundary="neumann", chip=rg.Chip(supply=2.5))
     op = solve_problem(problem_of(room), scaled=True).operating_points["neumann"]
-    netlist = rg.compile_space(rg.sample(room), boundary="neumann", supply=2.5)
-    by_hand = rg.solve(rg.scale_drive(netlist, rg.solve(netlist)))
+    netlist = rg.compile_space(rg.build_space(room), boundary="neumann", supply=2.5)
+    by_hand = rg.solve(rg.normalize_drive(netlist, rg.solve(netlist)))
     np.testing.assert_allclose(op.voltage, by_hand.voltage, rtol=1e-12)
     assert np.nanmax(op.voltage) == pytest.approx(2.5)
 

@@ -45,7 +45,7 @@ def test_a_planner_gives_what_the_stages_give() -> None:
     for path in paths:
         certify(path)
     assert planner.path(cell=(0, 0)).outcome is Outcome.REACHED
-    assert rg.separation(planner.space, cell=(0, 0)).separating == ()
+    assert rg.find_blocking_obstacles(planner.space, cell=(0, 0)).separating == ()
 
 
 def test_blends_share_two_solves(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ from resgrid.core.compiler import compile_space
 from resgrid.core.netlist import Netlist
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import CircuitError, InputError
-from resgrid.planning.random_walk import collision_probability, hitting_probability, random_walk
+from resgrid.planning.random_walks import collision_probability, hitting_probability, random_walk
 from resgrid.planning.trace import basins, streamline
 
 BOUNDARIES = [{}, {"boundary": "wall", "wall_resistance": 3.0}, {"boundary": "neumann"}, {"rails": "cells"}]

@@ -18,7 +18,7 @@ from resgrid.core.regions import label_regions
 from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import CertificateError, InputError
 from resgrid.planning import kernels
-from resgrid.planning.certify import certify_free
+from resgrid.planning.certify import certify_collision_free
 from resgrid.planning.fields import Field
 from resgrid.planning.streamline import length_of, unwrap
 from resgrid.planning.trace import streamline
@@ -85,7 +85,7 @@ def test_short_paths_are_free_shorter_and_join_the_same_ends(space: Configuratio
     field = rg.field(solve(compile_space(space, boundary="neumann")))
     cell = reachable[data.draw(st.integers(0, len(reachable) - 1))]
     path = streamline(field, cell=cell.tolist())
-    short = rg.shorten(path, rounds=30)
+    short = rg.shortcut(path, rounds=30)
     way = unwrap(path)
     np.testing.assert_array_equal(short.points[[0, -1]], way[[0, -1]])
     assert length_of(short.points) <= path.length * (1 + 1e-12)
@@ -104,7 +104,7 @@ def test_an_open_room_is_crossed_in_one_line() -> None:
     cell[28, 18] = Cell.GOAL
     field = dirichlet(space_of(cell))
     path = streamline(field, start=(1.5, 1.5))
-    short = rg.shorten(path)
+    short = rg.shortcut(path)
     assert len(short.points) == 2
     assert short.length == pytest.approx(float(np.linalg.norm(path.points[-1] - path.points[0])))
     assert short.original is path
@@ -114,15 +114,15 @@ def test_a_corner_is_not_cut_even_by_a_touch() -> None:
     cell = np.zeros((4, 4), dtype=np.uint8)
     cell[1, 1] = Cell.OBSTACLE
     space = space_of(cell)
-    certify_free(rg.Polyline([(0.5, 2.6), (3.0, 3.5)], space))
+    certify_collision_free(rg.Polyline([(0.5, 2.6), (3.0, 3.5)], space))
     with pytest.raises(CertificateError, match=r"segment 0 touches cell \(1, 1\)"):
-        certify_free(rg.Polyline([(0.5, 2.5), (2.5, 0.5), (3.5, 0.5)], replace_cell(space, (2, 2))))
+        certify_collision_free(rg.Polyline([(0.5, 2.5), (2.5, 0.5), (3.5, 0.5)], replace_cell(space, (2, 2))))
     with pytest.raises(CertificateError, match=r"\(1, 1\)"):
-        certify_free(rg.Polyline([(0.5, 2.5), (1.5, 1.5)], space))
+        certify_collision_free(rg.Polyline([(0.5, 2.5), (1.5, 1.5)], space))
     with pytest.raises(CertificateError, match="outside"):
-        certify_free(rg.Polyline([(0.5, 0.5), (-0.5, 3.5)], space))
-    certify_free(rg.Polyline([(1.0, 0.2), (1.0, 1.0)], space_of(np.zeros((4, 4), dtype=np.uint8))))
-    certify_free(
+        certify_collision_free(rg.Polyline([(0.5, 0.5), (-0.5, 3.5)], space))
+    certify_collision_free(rg.Polyline([(1.0, 0.2), (1.0, 1.0)], space_of(np.zeros((4, 4), dtype=np.uint8))))
+    certify_collision_free(
         rg.Polyline([(0.2, 1.0), (1.0, 1.8)], space)
     )  # within one closed cell, though it ends on the obstacle's side
 
@@ -146,7 +146,7 @@ def test_a_free_way_never_joins_what_faces_do_not(seed: int, ndim: int) -> None:
         cell = beside[rng.integers(len(beside))] if len(beside) else cell
         way.append(cell + 0.5)
         try:
-            certify_free(rg.Polyline(way, space))
+            certify_collision_free(rg.Polyline(way, space))
         except CertificateError:
             break
         passed += 1
@@ -163,30 +163,30 @@ def test_nothing_slips_through_an_edge_where_two_blocks_meet(knot: tuple[float, 
     cell[:2, 2:], cell[2:, :2] = Cell.OBSTACLE, Cell.OBSTACLE
     space = space_of(cell)
     along = (2.0, 2.0, knot[2] + 0.5)
-    certify_free(rg.Polyline([(1.5, 1.5, 1.5), knot, along, (1.5, 1.5, 1.5)], space))
+    certify_collision_free(rg.Polyline([(1.5, 1.5, 1.5), knot, along, (1.5, 1.5, 1.5)], space))
     with pytest.raises(CertificateError, match="corner or edge"):
-        certify_free(rg.Polyline([(1.5, 1.5, 1.5), knot, (2.5, 2.5, 1.5)], space))
+        certify_collision_free(rg.Polyline([(1.5, 1.5, 1.5), knot, (2.5, 2.5, 1.5)], space))
     with pytest.raises(CertificateError, match="corner or edge"):
-        certify_free(rg.Polyline([(1.5, 1.5, 1.5), knot, along, (2.5, 2.5, 1.5)], space))
+        certify_collision_free(rg.Polyline([(1.5, 1.5, 1.5), knot, along, (2.5, 2.5, 1.5)], space))
 
 
 def test_a_corner_of_three_free_cells_may_be_passed() -> None:
     """Around the inner corner of an L the way leads through the faces of its third cell."""
-    certify_free(rg.Polyline([(0.5, 0.5), (1.0, 1.0), (1.5, 1.5)], space_of([[0, 0], [1, 0]])))
+    certify_collision_free(rg.Polyline([(0.5, 0.5), (1.0, 1.0), (1.5, 1.5)], space_of([[0, 0], [1, 0]])))
     with pytest.raises(CertificateError, match="corner or edge"):
-        certify_free(rg.Polyline([(0.5, 0.5), (1.0, 1.0), (1.5, 1.5)], space_of([[0, 1], [1, 0]])))
+        certify_collision_free(rg.Polyline([(0.5, 0.5), (1.0, 1.0), (1.5, 1.5)], space_of([[0, 1], [1, 0]])))
     ring = space_of([[0, 1], [1, 0]], periodic=(True, True))
     with pytest.raises(CertificateError, match="corner or edge"):
-        certify_free(rg.Polyline([(0.5, 0.5), (0.0, 0.0), (-0.5, -0.5)], ring))
+        certify_collision_free(rg.Polyline([(0.5, 0.5), (0.0, 0.0), (-0.5, -0.5)], ring))
 
 
 def test_ways_that_leave_the_grid_or_never_end_are_refused_at_once() -> None:
     space = space_of(np.zeros((3, 3)), periodic=(True, False))
-    certify_free(rg.Polyline([(-40.0, 1.0), (80.0, 2.0)], space))
+    certify_collision_free(rg.Polyline([(-40.0, 1.0), (80.0, 2.0)], space))
     with pytest.raises(CertificateError, match="point 1 lies outside"):
-        certify_free(rg.Polyline([(0.0, 1.0), (0.0, 1e12)], space))
+        certify_collision_free(rg.Polyline([(0.0, 1.0), (0.0, 1e12)], space))
     with pytest.raises(InputError, match="longer than"):
-        certify_free(rg.Polyline([(0.0, 1.0), (1e12, 1.0)], space))
+        certify_collision_free(rg.Polyline([(0.0, 1.0), (1e12, 1.0)], space))
 
 
 def replace_cell(space: ConfigurationSpace, cell: tuple[int, int]) -> ConfigurationSpace:
@@ -200,7 +200,7 @@ def test_the_clearance_asked_for_is_kept() -> None:
     cell[20, :22], cell[38, 2] = Cell.OBSTACLE, Cell.GOAL
     field = dirichlet(space_of(cell))
     path = streamline(field, start=(2.5, 14.5))
-    bold, usual, careful = (rg.shorten(path, clearance=clearance) for clearance in (0.0, None, 1.5))
+    bold, usual, careful = (rg.shortcut(path, clearance=clearance) for clearance in (0.0, None, 1.5))
     assert path.length > careful.length >= usual.length > bold.length
     assert usual.clearance >= path.clearance / 2
     assert bold.clearance < 0.5
@@ -216,7 +216,7 @@ def test_half_of_the_clearance_is_kept_by_default(space: ConfigurationSpace, pic
     path = rg.plan(space, boundary="neumann").path(cell=free[pick % len(free)].tolist())
     if path.outcome is not rg.Outcome.REACHED:
         return
-    short = rg.shorten(path, rounds=30)
+    short = rg.shortcut(path, rounds=30)
     assert short.clearance >= path.clearance / 2 * (1 - 1e-9) or np.isinf(path.clearance)
 
 
@@ -225,10 +225,10 @@ def test_a_maze_keeps_its_way_and_the_seed_its_path() -> None:
     field = dirichlet(space)
     free = np.argwhere(space.goal_connected)
     path = streamline(field, cell=free[-1].tolist())
-    first, again = rg.shorten(path, seed=3), rg.shorten(path, seed=3)
+    first, again = rg.shortcut(path, seed=3), rg.shortcut(path, seed=3)
     np.testing.assert_array_equal(first.points, again.points)
     assert first.length < path.length
-    certify_free(first)
+    certify_collision_free(first)
 
 
 def test_lines_cross_seams() -> None:
@@ -236,10 +236,10 @@ def test_lines_cross_seams() -> None:
     cell[10, :], cell[2, 6] = Cell.OBSTACLE, Cell.GOAL
     space = space_of(cell, periodic=(True, False))
     path = streamline(dirichlet(space), start=(15.5, 4.5))
-    short = rg.shorten(path)
+    short = rg.shortcut(path)
     assert len(short.points) == 2
     assert short.points[-1, 0] == pytest.approx(22.0, abs=0.51)
-    certify_free(short)
+    certify_collision_free(short)
 
 
 def test_only_what_reached_a_goal_is_shortened() -> None:
@@ -247,14 +247,14 @@ def test_only_what_reached_a_goal_is_shortened() -> None:
     cell[1, :], cell[2, 2] = Cell.OBSTACLE, Cell.GOAL
     field = dirichlet(space_of(cell))
     with pytest.raises(InputError, match="no_path"):
-        rg.shorten(streamline(field, cell=(0, 0)))
+        rg.shortcut(streamline(field, cell=(0, 0)))
     path = streamline(field, cell=(2, 0))
     with pytest.raises(InputError, match="clearance = nan"):
-        rg.shorten(path, clearance=float("nan"))
+        rg.shortcut(path, clearance=float("nan"))
     for wrong in ({"rounds": -1}, {"rounds": 2_000_000}, {"rounds": 1.5}, {"seed": -1}, {"clearance": "wide"}):
         with pytest.raises(InputError, match=next(iter(wrong))):
-            rg.shorten(path, **wrong)
+            rg.shortcut(path, **wrong)
     with pytest.raises(InputError, match="must be a Streamline"):
-        rg.shorten(path.points)
-    goal = rg.shorten(streamline(field, cell=(2, 2)))
+        rg.shortcut(path.points)
+    goal = rg.shortcut(streamline(field, cell=(2, 2)))
     assert (len(goal.points), goal.length) == (1, 0.0)

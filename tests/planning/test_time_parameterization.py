@@ -14,8 +14,8 @@ from resgrid.circuit.solve import solve
 from resgrid.core.compiler import compile_space
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
-from resgrid.planning.certify import certify_free
-from resgrid.planning.shortcut import shorten
+from resgrid.planning.certify import certify_collision_free
+from resgrid.planning.shortcuts import shortcut
 from resgrid.planning.trace import streamline
 from resgrid.robots import Arm, DiscRobot, PointRobot
 
@@ -23,7 +23,7 @@ PLANE = space_of(np.zeros((20, 20)))
 
 
 def test_velocity_alone_is_a_sum_of_quotients() -> None:
-    motion = rg.time_path(rg.Polyline([(0, 0), (3, 1), (3, 1), (3, 5)], PLANE), velocity_limits=(1.0, 0.5))
+    motion = rg.time_parameterize(rg.Polyline([(0, 0), (3, 1), (3, 1), (3, 5)], PLANE), velocity_limits=(1.0, 0.5))
     assert motion.duration == 3.0 + 8.0
     np.testing.assert_allclose(motion.velocities, [(1, 1 / 3), (0, 0.5), (0, 0)])
     np.testing.assert_allclose(motion.at([1.5, 7.0])[0], [(1.5, 0.5), (3, 3)])
@@ -34,13 +34,17 @@ def test_velocity_alone_is_a_sum_of_quotients() -> None:
     [(8.0, 8 / 2 + 2 / 1), (1.0, 2.0), (4.0, 4.0)],  # trapezium s/v + v/a; triangle 2 sqrt(s/a); just both
 )
 def test_a_straight_line_takes_the_textbooks_time(length: float, seconds: float) -> None:
-    motion = rg.time_path(rg.Polyline([(0, 0), (length, 0)], PLANE), velocity_limits=2.0, acceleration_limits=1.0)
+    motion = rg.time_parameterize(
+        rg.Polyline([(0, 0), (length, 0)], PLANE), velocity_limits=2.0, acceleration_limits=1.0
+    )
     assert motion.duration == pytest.approx(seconds)
     np.testing.assert_allclose(motion.at(seconds / 2)[0], [(length / 2, 0)])
 
 
 def test_corners_without_tolerance_are_taken_at_rest() -> None:
-    motion = rg.time_path(rg.Polyline([(0, 0), (1, 0), (1, 1)], PLANE), velocity_limits=9.0, acceleration_limits=1.0)
+    motion = rg.time_parameterize(
+        rg.Polyline([(0, 0), (1, 0), (1, 1)], PLANE), velocity_limits=9.0, acceleration_limits=1.0
+    )
     assert motion.duration == pytest.approx(4.0)
     np.testing.assert_allclose(motion.at(2.0), [[(1, 0)], [(0, 0)]], atol=1e-9)
 
@@ -51,7 +55,7 @@ def test_rounding_of_coordinates_far_from_the_origin_is_no_corner_to_rest_at(yaw
     corner = np.concatenate(
         [along, along[-1] + np.linspace(0.0, 1.0, 20)[1:, np.newaxis] * (-np.sin(yaw), np.cos(yaw))]
     )
-    far = rg.time_path(
+    far = rg.time_parameterize(
         rg.Polyline(np.add(corner, (500000.0, 5400000.0)), PLANE), velocity_limits=2.0, acceleration_limits=1.0
     )
     assert far.duration == pytest.approx((8 / 2 + 2) + 2, rel=1e-6)  # rests at the one true corner
@@ -60,7 +64,9 @@ def test_rounding_of_coordinates_far_from_the_origin_is_no_corner_to_rest_at(yaw
 @pytest.mark.parametrize(("limit", "turn"), [((1.0, 1.0), 1.0), (1.0, np.sqrt(2))])  # of each axis, of the robot
 def test_a_right_angle_is_rounded_within_half_the_tolerance(limit: object, turn: float) -> None:
     corner = [(0.0, 0.0), (5.0, 0.0), (5.0, 5.0)]
-    motion = rg.time_path(rg.Polyline(corner, PLANE), velocity_limits=9.0, acceleration_limits=limit, tolerance=0.2)
+    motion = rg.time_parameterize(
+        rg.Polyline(corner, PLANE), velocity_limits=9.0, acceleration_limits=limit, tolerance=0.2
+    )
     points = motion.sample(500)[1]
     away = np.minimum(np.abs(points[:, 1]), np.abs(points[:, 0] - 5)).max()
     gap = np.linalg.norm(points - (5, 0), axis=1).min()
@@ -76,15 +82,17 @@ def test_a_right_angle_is_rounded_within_half_the_tolerance(limit: object, turn:
 @pytest.mark.parametrize("robot", [None, PointRobot(), DiscRobot(0.1)])
 def test_one_number_limits_the_speed_of_a_robot_that_is_a_place(robot: object) -> None:
     way = rg.Polyline([(0, 0), (3, 4), (3, 9)], ConfigurationSpace(PLANE.axes, PLANE.cell, robot=robot))
-    assert rg.time_path(way, velocity_limits=1.0).duration == pytest.approx(5 + 5)
-    motion = rg.time_path(way, velocity_limits=0.5, acceleration_limits=0.3, tolerance=0.2)
+    assert rg.time_parameterize(way, velocity_limits=1.0).duration == pytest.approx(5 + 5)
+    motion = rg.time_parameterize(way, velocity_limits=0.5, acceleration_limits=0.3, tolerance=0.2)
     assert np.linalg.norm(motion.velocities, axis=1).max() == pytest.approx(0.5)
     assert np.linalg.norm(motion.accelerations, axis=1).max() == pytest.approx(0.3)
 
 
 def test_one_number_limits_every_joint_of_an_arm() -> None:
     space = ConfigurationSpace(PLANE.axes, PLANE.cell, robot=Arm((1.0, 1.0)))
-    assert rg.time_path(rg.Polyline([(0, 0), (3, 4)], space), velocity_limits=1.0).duration == pytest.approx(4.0)
+    assert rg.time_parameterize(rg.Polyline([(0, 0), (3, 4)], space), velocity_limits=1.0).duration == pytest.approx(
+        4.0
+    )
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3), st.sampled_from([0.0, 0.01, 0.5]))
@@ -95,7 +103,7 @@ def test_limits_hold_and_the_path_is_kept(seed: int, ndim: int, tolerance: float
     corners = rng.uniform(0, 10, (int(rng.integers(1, 8)), ndim))
     velocity, acceleration = rng.uniform(0.2, 3, ndim), rng.uniform(0.2, 3, ndim)
     way = rg.Polyline(corners, space)
-    motion = rg.time_path(way, velocity_limits=velocity, acceleration_limits=acceleration, tolerance=tolerance)
+    motion = rg.time_parameterize(way, velocity_limits=velocity, acceleration_limits=acceleration, tolerance=tolerance)
     np.testing.assert_array_equal(motion.positions[[0, -1]], corners[[0, -1]])
     assert np.all(np.diff(motion.times) > 0)
     times, points, speeds = motion.sample(max(200.0 / max(motion.duration, 0.1), 1.0))
@@ -117,17 +125,19 @@ def test_the_default_tolerance_stays_clear_of_obstacles() -> None:
     space = space_of(serpentine(4, 10, 2))
     field = rg.field(solve(compile_space(space)))
     path = streamline(field, cell=np.argwhere(space.goal_connected)[-1].tolist())
-    for way in (path, shorten(path, clearance=0.25)):
-        motion = rg.time_path(way, velocity_limits=1.0, acceleration_limits=1.0)
-        certify_free(rg.Polyline(motion.sample(50)[1], space))
+    for way in (path, shortcut(path, clearance=0.25)):
+        motion = rg.time_parameterize(way, velocity_limits=1.0, acceleration_limits=1.0)
+        certify_collision_free(rg.Polyline(motion.sample(50)[1], space))
         assert motion.duration >= way.length * (1 - 0.1)
-    slow = rg.time_path(path, velocity_limits=1.0, acceleration_limits=1.0, tolerance=0.0)
-    assert slow.duration > rg.time_path(path, velocity_limits=1.0, acceleration_limits=1.0).duration
+    slow = rg.time_parameterize(path, velocity_limits=1.0, acceleration_limits=1.0, tolerance=0.0)
+    assert slow.duration > rg.time_parameterize(path, velocity_limits=1.0, acceleration_limits=1.0).duration
 
 
 def test_a_single_point_takes_no_time() -> None:
     for acceleration in (None, 1.0):
-        motion = rg.time_path(rg.Polyline([(1, 2), (1, 2)], PLANE), velocity_limits=1, acceleration_limits=acceleration)
+        motion = rg.time_parameterize(
+            rg.Polyline([(1, 2), (1, 2)], PLANE), velocity_limits=1, acceleration_limits=acceleration
+        )
         assert motion.duration == 0
         np.testing.assert_array_equal(motion.at([-1, 0, 5])[0], [(1, 2)] * 3)
         assert len(motion.sample(10)[0]) == 1
@@ -147,7 +157,7 @@ def test_a_single_point_takes_no_time() -> None:
 )
 def test_bad_limits_are_named(options: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        rg.time_path(rg.Polyline([(0, 0), (1, 1)], PLANE), **options)
+        rg.time_parameterize(rg.Polyline([(0, 0), (1, 1)], PLANE), **options)
 
 
 @pytest.mark.parametrize("acceleration", [None, 0.5], ids=["velocities", "accelerations"])
@@ -155,7 +165,7 @@ def test_bad_limits_are_named(options: dict, message: str) -> None:
 def test_a_resampled_motion_is_the_same_motion(acceleration: float | None, rate: float) -> None:
     """At the knots, which files hold, and at every time between: positions never jump."""
     options = {} if acceleration is None else {"acceleration_limits": acceleration, "tolerance": 0.1}
-    motion = rg.time_path(rg.Polyline([(1, 1), (9, 1), (9, 9)], PLANE), velocity_limits=1.0, **options)
+    motion = rg.time_parameterize(rg.Polyline([(1, 1), (9, 1), (9, 9)], PLANE), velocity_limits=1.0, **options)
     again = motion.resampled(rate)
     times = np.linspace(0, motion.duration, 777)
     for found in (again, again.resampled(3 * rate).resampled(rate)):
@@ -170,7 +180,7 @@ def test_samples_do_not_repeat_the_end(acceleration: float | None) -> None:
     """Durations such as 0.351 s are a whole number of periods but for rounding."""
     for thousandths in range(1, 400):
         line = rg.Polyline([(0.05, 1), (0.05 + thousandths / 1000, 1)], PLANE)
-        motion = rg.time_path(line, velocity_limits=1.0, acceleration_limits=acceleration)
+        motion = rg.time_parameterize(line, velocity_limits=1.0, acceleration_limits=acceleration)
         for rate in (1e-4, 10.0, 20.0, 1000.0):
             again = motion.resampled(rate)
             step = np.diff(again.times)
@@ -181,7 +191,7 @@ def test_samples_do_not_repeat_the_end(acceleration: float | None) -> None:
 
 
 def test_absurd_rates_are_refused() -> None:
-    motion = rg.time_path(rg.Polyline([(0, 0), (1, 1)], PLANE), velocity_limits=1)
+    motion = rg.time_parameterize(rg.Polyline([(0, 0), (1, 1)], PLANE), velocity_limits=1)
     for rate in (0, -1, float("nan"), float("inf"), 1e30):
         with pytest.raises(InputError, match=r"rate|samples"):
             motion.sample(rate)

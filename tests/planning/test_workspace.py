@@ -18,7 +18,7 @@ from resgrid.core.compiler import compile_space
 from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.planning.clearance import clearance_of, obstacle_reach
-from resgrid.planning.shortcut import shorten
+from resgrid.planning.shortcuts import shortcut
 from resgrid.planning.streamline import unwrap
 from resgrid.planning.trace import streamline
 from resgrid.planning.workspace import dense, workspace_path
@@ -61,34 +61,34 @@ def test_an_arm_sweeping_past_a_disc_comes_as_near_as_geometry_says() -> None:
     disc = Ball((2.5 * cos(pi / 4), 2.5 * sin(pi / 4)), 0.2)
     sweep = rg.Polyline([(0.0, 0.0), (pi / 2, 0.0)], TORUS)
     step = 0.01
-    found = rg.workspace_clearance(sweep, [disc], step=step)
+    found = rg.planning.workspace_clearance(sweep, [disc], step=step)
     exact = 2.5 - 2.0 - 0.03 - 0.2
     assert exact - 1e-12 <= found <= exact + step**2
     wall = HalfSpace((0.0, 2.0), -5.0)
-    assert rg.workspace_clearance(sweep, [wall]) == pytest.approx(2.5 - 0.05)
-    assert rg.replay(sweep, [disc, wall]) is None
+    assert rg.planning.workspace_clearance(sweep, [wall]) == pytest.approx(2.5 - 0.05)
+    assert rg.check_collisions(sweep, [disc, wall]) is None
 
 
 def test_the_first_collision_is_told_with_link_and_obstacle() -> None:
     """The second link, at rest straight on, meets a disc on the circle of its middle."""
     angle = 1.0
     obstacles = [Ball((9.0, 9.0), 1.0), Ball((1.5 * cos(angle), 1.5 * sin(angle)), 0.1)]
-    hit = rg.replay(rg.Polyline([(0.0, 0.0), (0.5, 0.0), (1.5, 0.0)], TORUS), obstacles, step=1e-3)
+    hit = rg.check_collisions(rg.Polyline([(0.0, 0.0), (0.5, 0.0), (1.5, 0.0)], TORUS), obstacles, step=1e-3)
     assert hit is not None
     assert (hit.segment, hit.part, hit.obstacle) == (1, 1, 1)
     # The link's side meets the disc when sin(angle - theta) * 1.5 = 0.1 + 0.03.
     assert hit.configuration[0] == pytest.approx(angle - np.arcsin(0.13 / 1.5), abs=1e-3)
-    assert rg.workspace_clearance(rg.Polyline([(0.0, 0.0), (1.5, 0.0)], TORUS), obstacles) == 0.0
+    assert rg.planning.workspace_clearance(rg.Polyline([(0.0, 0.0), (1.5, 0.0)], TORUS), obstacles) == 0.0
 
 
 def test_to_touch_is_not_to_enter() -> None:
     for robot, wall in ((PointRobot(), 2.0), (DiscRobot(0.5), 1.5)):
         way = rg.Polyline([(0.5, 2.0), (8.0, 2.0)], moved_by(robot))
         for obstacle in (Box((0.0, 0.0), (9.0, wall)), HalfSpace((0.0, 1.0), wall)):
-            assert rg.workspace_clearance(way, [obstacle]) == 0.0
-            assert rg.replay(way, [obstacle]) is None
+            assert rg.planning.workspace_clearance(way, [obstacle]) == 0.0
+            assert rg.check_collisions(way, [obstacle]) is None
         for obstacle in (Box((0.0, 0.0), (9.0, wall + 0.01)), HalfSpace((0.0, 1.0), wall + 0.01)):
-            assert rg.replay(way, [obstacle]) is not None
+            assert rg.check_collisions(way, [obstacle]) is not None
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -122,7 +122,7 @@ def test_exact_distances_agree_with_shapelys_polygons(seed: int) -> None:
     for robot, space, scale in ((ARM, TORUS, 3.0), (BAR, POSES, 4.0), (DiscRobot(0.4), moved_by(DiscRobot(0.4)), 5.0)):
         pose = rng.uniform(-scale, scale, space.ndim)
         near = min(s.distance(to_shapely(o)) for s in robot.shapes_at(pose) for o in obstacles)
-        assert rg.workspace_clearance(rg.Polyline([pose], space), obstacles) == pytest.approx(near, abs=2e-3)
+        assert rg.planning.workspace_clearance(rg.Polyline([pose], space), obstacles) == pytest.approx(near, abs=2e-3)
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -144,8 +144,8 @@ def test_obstacles_described_turns_away_are_where_sampling_puts_them(seed: int) 
     points = shapely.points(dense(way, 0.1)[0])
     radius = shape.radius if isinstance(shape, Ball) else 0.0
     nearest = max(float(shapely.distance(points, images).min()) - radius - 0.1, 0.0)
-    assert rg.workspace_clearance(way, [shape], step=0.1) == pytest.approx(nearest, abs=1e-12)
-    hit = rg.replay(way, [shape], step=0.1)
+    assert rg.planning.workspace_clearance(way, [shape], step=0.1) == pytest.approx(nearest, abs=1e-12)
+    hit = rg.check_collisions(way, [shape], step=0.1)
     assert (hit is None) == (nearest > 0)
     if hit is not None:
         assert space.cell[tuple(space.locate(hit.configuration))] == Cell.OBSTACLE
@@ -155,17 +155,19 @@ def test_shapes_and_robots_of_other_dimensions_are_refused() -> None:
     """A ball in space has a disc's centre as its first two coordinates, which it is not."""
     for shape in (Ball((0.0, 0.0, 0.0), 1.0), Box((0, 0, 0), (1, 1, 1)), HalfSpace((0.0, 0.0, 1.0), 1.0), "wall"):
         with pytest.raises(InputError, match=r"obstacle 0: geometry|obstacles\[0\] = 'wall'"):
-            rg.replay(rg.Polyline([(1.0, 1.0), (2.0, 2.0)], PLANE), [shape])
+            rg.check_collisions(rg.Polyline([(1.0, 1.0), (2.0, 2.0)], PLANE), [shape])
     for robot in (BAR, Arm((1.0, 1.0, 1.0))):
         with pytest.raises(InputError):
-            rg.replay(rg.Polyline([(1.0, 1.0), (2.0, 2.0)], moved_by(robot)), [])
+            rg.check_collisions(rg.Polyline([(1.0, 1.0), (2.0, 2.0)], moved_by(robot)), [])
 
 
 def test_a_half_plane_that_leans_along_a_ring_is_refused_as_in_sampling() -> None:
     ring = space_of(np.zeros((4, 4)), periodic=(True, False))
-    assert rg.workspace_clearance(rg.Polyline([(1.0, 3.0)], ring), [HalfSpace((0.0, 1.0), 1.0)]) == pytest.approx(2.0)
+    assert rg.planning.workspace_clearance(
+        rg.Polyline([(1.0, 3.0)], ring), [HalfSpace((0.0, 1.0), 1.0)]
+    ) == pytest.approx(2.0)
     with pytest.raises(InputError, match="cannot lean along"):
-        rg.replay(rg.Polyline([(1.0, 3.0)], ring), [HalfSpace((1.0, 1.0), 1.0)])
+        rg.check_collisions(rg.Polyline([(1.0, 3.0)], ring), [HalfSpace((1.0, 1.0), 1.0)])
 
 
 def test_cells_of_a_map_are_obstacles_too_across_seams() -> None:
@@ -173,15 +175,17 @@ def test_cells_of_a_map_are_obstacles_too_across_seams() -> None:
     cell[9, 2:4], cell[4, 3] = Cell.OBSTACLE, Cell.GOAL
     space = space_of(cell, periodic=(True, False))
     obstacles = [CellSet(space.axes, space.cell == Cell.OBSTACLE)]
-    assert rg.workspace_clearance(
+    assert rg.planning.workspace_clearance(
         rg.Polyline([(0.5, 2.5)], moved_by(PointRobot(0.25), space)), obstacles
     ) == pytest.approx(0.25)
-    assert rg.workspace_clearance(rg.Polyline([(10.5, 1.0)], space), obstacles) == pytest.approx(hypot(0.5, 1.0))
+    assert rg.planning.workspace_clearance(rg.Polyline([(10.5, 1.0)], space), obstacles) == pytest.approx(
+        hypot(0.5, 1.0)
+    )
     path = streamline(rg.field(solve(compile_space(space))), start=(0.5, 0.5))
-    assert rg.replay(path, obstacles) is None
+    assert rg.check_collisions(path, obstacles) is None
     cells_apart = clearance_of(unwrap(path), space, ("periodic", "open"), obstacle_reach(space))
-    assert rg.workspace_clearance(path, obstacles) == pytest.approx(cells_apart, abs=1e-2)
-    assert rg.replay(rg.Polyline([(0.5, 2.5), (-0.5, 2.5)], space), obstacles) is not None
+    assert rg.planning.workspace_clearance(path, obstacles) == pytest.approx(cells_apart, abs=1e-2)
+    assert rg.check_collisions(rg.Polyline([(0.5, 2.5), (-0.5, 2.5)], space), obstacles) is not None
 
 
 def test_an_arm_plans_and_drives_without_a_collision() -> None:
@@ -193,11 +197,11 @@ def test_an_arm_plans_and_drives_without_a_collision() -> None:
     space = ConfigurationSpace(axes, cell, robot=ARM)
     field = rg.field(solve(compile_space(space)))
     path = streamline(field, start=(-0.5, 0.3))
-    short = shorten(path)
+    short = shortcut(path)
     assert short.length < path.length
     for way in (path, short):
-        assert rg.replay(way, obstacles, step=5e-3) is None
-    assert rg.workspace_clearance(path, obstacles) > 0
+        assert rg.check_collisions(way, obstacles, step=5e-3) is None
+    assert rg.planning.workspace_clearance(path, obstacles) > 0
 
 
 def test_dense_steps_are_as_short_as_asked() -> None:
@@ -214,10 +218,10 @@ def test_what_cannot_be_answered_is_refused() -> None:
         pass
 
     with pytest.raises(InputError, match="Snake"):
-        rg.replay(rg.Polyline([(0, 0), (1, 1)], moved_by(Snake())), [])  # type: ignore[arg-type]
+        rg.check_collisions(rg.Polyline([(0, 0), (1, 1)], moved_by(Snake())), [])  # type: ignore[arg-type]
     for step in (0.0, -1.0, float("nan"), 1e-12):
         with pytest.raises(InputError, match="step"):
-            rg.replay(rg.Polyline([(0, 0), (9, 9)], PLANE), [], step=step)
+            rg.check_collisions(rg.Polyline([(0, 0), (9, 9)], PLANE), [], step=step)
     with pytest.raises(InputError, match="plane alone"):
-        rg.replay(rg.Polyline([(0, 0, 0), (1, 1, 1)], space_of(np.zeros((2, 2, 2)))), [])
-    assert rg.workspace_clearance(rg.Polyline([(0, 0), (1, 1)], PLANE), []) == np.inf
+        rg.check_collisions(rg.Polyline([(0, 0, 0), (1, 1, 1)], space_of(np.zeros((2, 2, 2)))), [])
+    assert rg.planning.workspace_clearance(rg.Polyline([(0, 0), (1, 1)], PLANE), []) == np.inf

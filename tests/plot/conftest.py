@@ -45,5 +45,5 @@ def scene() -> rg.Scene:
 
 
 @pytest.fixture(scope="session")
-def run(scene: rg.Scene) -> rg.Run:
+def run(scene: rg.Scene) -> rg.control.Run:
     return rg.simulation(scene).run(scene.starts[0])

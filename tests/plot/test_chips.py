@@ -166,7 +166,7 @@ def plain_space() -> rg.ConfigurationSpace:
     return space_of(cell)
 
 
-CHIP = rg.Chip(mismatch=0.05, goal_switch_on=200.0, readout=rg.Readout(bits=7))
+CHIP = rg.Chip(mismatch=0.05, goal_switch_on=200.0, readout=rg.chip.Readout(bits=7))
 
 
 def test_yield_is_drawn_by_start() -> None:
@@ -192,8 +192,8 @@ def test_exploration_marks_the_cheapest_points() -> None:
 
 @pytest.mark.parametrize("chip", [CHIP, rg.Chip(saturation_voltage=0.5)])
 def test_criticality_draws_the_elements_that_cost_starts(chip: rg.Chip) -> None:
-    netlist = rg.build_chip(rg.study(plain_space(), chip).ideal, chip)
-    result = rg.study(netlist).criticality(readout=rg.Readout(bits=7), seconds=5.0)
+    netlist = rg.chip.build_chip(rg.study(plain_space(), chip).ideal, chip)
+    result = rg.study(netlist).criticality(readout=rg.chip.Readout(bits=7), seconds=5.0)
     for fault in ("open", "short"):
         axes = rg.draw(result, fault=fault)
         drawn = [lines.get_array() for lines in axes.collections if isinstance(lines, LineCollection)]

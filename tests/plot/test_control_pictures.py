@@ -13,7 +13,7 @@ from matplotlib.quiver import Quiver
 from PIL import Image
 
 import resgrid as rg
-from resgrid.control.run_log import Mode
+from resgrid.control.run_log import ControlMode
 from resgrid.control.simulation import Wavefront, wavefront
 from resgrid.errors import InputError, ToolMissingError
 from resgrid.plot.animations import check_animation, frame_rows
@@ -23,10 +23,10 @@ def labels(axes) -> set[str]:
     return {text.get_text() for text in axes.get_legend().get_texts()}
 
 
-def test_a_run_shows_forces_modes_and_lessons(run: rg.Run) -> None:
+def test_a_run_shows_forces_modes_and_lessons(run: rg.control.Run) -> None:
     left, right = rg.draw(run, title="t", caption="c").axes
     assert {"hidden obstacle", "contact force"} <= labels(left)
-    named = {Mode(mode).name.lower() for mode in set(run.mode)} - {"arrived", "dithering"}
+    named = {ControlMode(mode).name.lower() for mode in set(run.mode)} - {"arrived", "dithering"}
     assert named | {"cell learnt", "hidden obstacle", "start"} <= labels(right)
     circles = next(c for c in right.collections if c.get_label() == "cell learnt")
     assert len(circles.get_offsets()) == run.learnt.sum()
@@ -38,13 +38,13 @@ def test_a_run_shows_forces_modes_and_lessons(run: rg.Run) -> None:
         assert np.all(np.sum(drawn * felt, axis=1) > 0)
 
 
-def test_runs_at_several_k_share_a_picture(run: rg.Run) -> None:
+def test_runs_at_several_k_share_a_picture(run: rg.control.Run) -> None:
     figure = rg.draw([run, replace(run, field=replace(run.field, k=0.5))])
     assert {"k = 0.98", "k = 0.5"} <= labels(figure.axes[0]) & labels(figure.axes[1])
 
 
 def test_the_velocity_diagram_adds_up(field) -> None:
-    axes = rg.draw_velocities(field, (2.0, 0.0), (0.3, 1.0), 0.1)
+    axes = rg.plot.draw_velocities(field, (2.0, 0.0), (0.3, 1.0), 0.1)
     arrows = {c.get_label(): np.array([c.U[0], c.V[0]]) for c in axes.collections if isinstance(c, Quiver)}
     nominal = arrows["nominal velocity $V_0$"]
     np.testing.assert_allclose(nominal + arrows["answer $AF$"], arrows["$V = V_0 + AF$"])
@@ -61,7 +61,7 @@ def test_the_share_of_dirichlet_lies_between_none_and_all(space, field, neumann)
     assert np.all(planner.at(1.0).dirichlet_share()[space.goal_connected] == 1)
     with pytest.raises(InputError, match="0 <= k <= 1"):
         planner.at(2.0).dirichlet_share()
-    axes = rg.draw_dirichlet_share(field, neumann, 0.98)
+    axes = rg.plot.draw_dirichlet_fraction(field, neumann, 0.98)
     assert axes.images
 
 
@@ -70,7 +70,7 @@ def front(scene: rg.Scene) -> Wavefront:
     return wavefront(rg.simulation(scene, announce=True, pace=2.0), np.array([0.0, 1, 5]))
 
 
-def test_a_wavefront_is_a_row_of_pictures_and_an_animation(front: Wavefront, run: rg.Run, tmp_path) -> None:
+def test_a_wavefront_is_a_row_of_pictures_and_an_animation(front: Wavefront, run: rg.control.Run, tmp_path) -> None:
     figure = rg.draw(front)
     assert len([axes for axes in figure.axes if axes.get_title()]) == 3
     with pytest.raises(InputError, match="0 to 2"):
@@ -86,7 +86,7 @@ def frames_of(file) -> list[np.ndarray]:
         return [np.asarray((picture.seek(number), picture.convert("RGB"))[1]) for number in range(picture.n_frames)]
 
 
-def test_an_animation_of_a_run_holds_its_lessons_and_its_end(run: rg.Run, tmp_path) -> None:
+def test_an_animation_of_a_run_holds_its_lessons_and_its_end(run: rg.control.Run, tmp_path) -> None:
     assert {0, len(run.time) - 1} <= set(frame_rows(run, 6).tolist())
     drawn: list[int] = []
     first, *_, last = frames_of(rg.animate(run, tmp_path / "run.gif", count=3, progress=drawn.append))

@@ -16,10 +16,10 @@ from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.planning.planner import Planner
-from resgrid.plot import pictures, render_figure
-from resgrid.plot.figures import figure_of
+from resgrid.plot import pictures
+from resgrid.plot.figures import figure_of, render_figure
 
-CHIP = rg.Chip(mismatch=0.05, goal_switch_on=200.0, readout=rg.Readout(bits=7))
+CHIP = rg.Chip(mismatch=0.05, goal_switch_on=200.0, readout=rg.chip.Readout(bits=7))
 
 
 def small_space() -> rg.ConfigurationSpace:
@@ -39,12 +39,12 @@ def small_planner() -> Planner:
 
 
 def of_chip(what: str) -> Any:
-    netlist = rg.build_chip(rg.study(small_space(), CHIP).ideal, CHIP)
+    netlist = rg.chip.build_chip(rg.study(small_space(), CHIP).ideal, CHIP)
     match what:
         case "yield":
             return rg.study(small_space(), CHIP).yields(trials=8, batch=8)
         case "criticality":
-            return rg.study(netlist).criticality(readout=rg.Readout(bits=7), seconds=5.0)
+            return rg.study(netlist).criticality(readout=rg.chip.Readout(bits=7), seconds=5.0)
     return rg.study(small_space(), CHIP).exploration(("mismatch", [0.0, 0.1]), ("readout.bits", [4, 8]), trials=2)
 
 
@@ -52,24 +52,24 @@ def paths() -> list[rg.Streamline]:
     return [small_planner().path(start) for start in ((0.5, 5.5), (6.5, 4.5))]
 
 
-ALBUM: dict[str, Callable[[rg.Run], Any]] = {
+ALBUM: dict[str, Callable[[rg.control.Run], Any]] = {
     "scene": lambda run: rg.draw(run.scene),
     "space": lambda _: rg.draw(small_space()),
     "potential": lambda _: rg.draw(small_planner().field),
     "currents": lambda _: rg.draw(small_planner().field, quantity="currents"),
     "paths": lambda _: rg.draw(paths(), k=[0.5, 0.5]),
-    "page": lambda _: rg.draw_page(small_planner().field, paths(), title="Page"),
+    "page": lambda _: rg.plot.draw_summary(small_planner().field, paths(), title="Page"),
     "netlist": lambda _: rg.draw(rg.compile_space(small_space())),
     "circuit": lambda _: rg.draw(rg.solve(rg.compile_space(small_space(), boundary="neumann"))),
-    "separation": lambda _: rg.draw(rg.separation(small_space(), (6.5, 0.5))),
-    "clearance": lambda _: rg.draw(rg.clearance_curve(small_planner(), (0.0, 1.0), [(0.5, 5.5)]), unit="m"),
-    "share": lambda _: rg.draw_dirichlet_share(small_planner().obstacle_field, small_planner().open_field, 0.5),
-    "velocities": lambda _: rg.draw_velocities(small_planner().field, (5.2, 4.8), (0.3, 1.0), 0.1),
+    "separation": lambda _: rg.draw(rg.find_blocking_obstacles(small_space(), (6.5, 0.5))),
+    "clearance": lambda _: rg.draw(rg.planning.clearance_curve(small_planner(), (0.0, 1.0), [(0.5, 5.5)]), unit="m"),
+    "share": lambda _: rg.plot.draw_dirichlet_fraction(small_planner().obstacle_field, small_planner().open_field, 0.5),
+    "velocities": lambda _: rg.plot.draw_velocities(small_planner().field, (5.2, 4.8), (0.3, 1.0), 0.1),
     "run": lambda run: rg.draw(run, title="Run", caption="Two\nlines"),
     "runs": lambda run: rg.draw([run, run]),
-    "robot": lambda run: rg.draw_robot(run.configuration, run.scene),
+    "robot": lambda run: rg.plot.draw_robot(run.configuration, run.scene),
     "wavefront": lambda run: rg.draw(
-        rg.wavefront(rg.simulation(run.scene, announce=True, pace=2.0), np.array([0.0, 5.0]))
+        rg.control.wavefront(rg.simulation(run.scene, announce=True, pace=2.0), np.array([0.0, 5.0]))
     ),
     "settling": lambda _: rg.draw(rg.study(small_scene()).settling(bits=8)),
     "settling curve": lambda _: rg.draw(rg.study(small_scene()).settling(bits=8), quantity="curve"),
@@ -85,7 +85,7 @@ ALBUM: dict[str, Callable[[rg.Run], Any]] = {
 
 
 @pytest.mark.parametrize("name", ALBUM)
-def test_every_picture_has_data_units_legible_text_and_the_same_bytes_twice(name: str, run: rg.Run) -> None:
+def test_every_picture_has_data_units_legible_text_and_the_same_bytes_twice(name: str, run: rg.control.Run) -> None:
     first, second = (figure_of(ALBUM[name](run)) for _ in range(2))
     assert render_figure(first, "png", dpi=60) == render_figure(second, "png", dpi=60)
     drawn = [axes for axes in first.findobj(Axes) if axes.axison]
@@ -112,7 +112,9 @@ def test_a_new_picture_is_a_function_and_a_line_of_the_table(monkeypatch) -> Non
     assert rg.draw(Reading(), axes) is axes
 
 
-def test_what_has_no_picture_and_options_that_do_not_belong_are_refused(run: rg.Run, space, field, cube) -> None:
+def test_what_has_no_picture_and_options_that_do_not_belong_are_refused(
+    run: rg.control.Run, space, field, cube
+) -> None:
     with pytest.raises(rg.InputError, match=r"a dict has no picture; there are pictures of .*Field"):
         rg.draw({})
     with pytest.raises(rg.InputError, match=r"colour is no option of a picture of a ConfigurationSpace; .*virtual"):
@@ -150,9 +152,9 @@ def test_spaces_paths_and_separations_of_one_and_three_axes_have_pictures(ndim: 
     space = spaces_of_one_and_three_axes()[ndim]
     path = rg.plan(space).path((0.5,) * ndim)
     walled = space_of(np.where(np.arange(space.shape[0]).reshape(-1, *(1,) * (ndim - 1)) == 1, 1, space.cell))
-    verdict = rg.separation(walled, (0.5,) * ndim)
+    verdict = rg.find_blocking_obstacles(walled, (0.5,) * ndim)
     separated = (verdict, "must go for a goal to be reached")
-    for value, what in [(space, "goal"), (path, "path"), separated, (rg.shorten(path), "path")]:
+    for value, what in [(space, "goal"), (path, "path"), separated, (rg.shortcut(path), "path")]:
         figure = figure_of(rg.draw(value))
         panels = [axes for axes in figure.axes if axes.get_xlabel()]
         assert len(panels) == ndim
@@ -189,7 +191,9 @@ def test_a_notebook_shows_what_was_drawn(field: rg.Field, cube: rg.Field) -> Non
         assert draw()._repr_png_() == render_figure(draw(), "png", dpi=100)
 
 
-def test_central_values_have_a_repr_of_one_line_and_a_picture_in_a_notebook(run: rg.Run, field: rg.Field) -> None:
+def test_central_values_have_a_repr_of_one_line_and_a_picture_in_a_notebook(
+    run: rg.control.Run, field: rg.Field
+) -> None:
     op = rg.solve(rg.compile_space(small_space()))
     pictured = (run.scene, field.space, field, op, small_op(), run, rg.study(small_op()).power())
     for value in (*pictured, op.netlist, op.netlist.cells, rg.streamline(field, cell=(0, 4)), run.contacts):
@@ -202,7 +206,9 @@ def test_central_values_have_a_repr_of_one_line_and_a_picture_in_a_notebook(run:
         assert type(value).__name__ in value._repr_html_()
     solid = rg.Scene(tuple(rg.Axis(name, 0, 3, 3) for name in "xyz"), obstacles=(rg.Ball((1.0, 1.0, 1.0), 0.4),))
     assert '<img src="data:image/png;base64,' in solid._repr_html_()
-    assert render_figure(rg.draw(solid), "png") == render_figure(rg.draw(rg.sample(solid, require_goal=False)), "png")
+    assert render_figure(rg.draw(solid), "png") == render_figure(
+        rg.draw(rg.build_space(solid, require_goal=False)), "png"
+    )
     deep = space_of(np.ones((3, 3, 3, 3), int))
     assert deep._repr_html_() is None
     assert repr(field.space).startswith(

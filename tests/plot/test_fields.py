@@ -70,7 +70,7 @@ def test_the_legend_says_where_obstacles_are_larger_than_they_are(radius: float,
     axes = [rg.Axis(name, 0, 6, 6) for name in "xy"]
     wall, goal = rg.Box((4, 0), (5, 1)), rg.GoalCell((0, 0))
     scene = rg.Scene(axes, robot=rg.PointRobot(radius), obstacles=[wall], goals=[goal])
-    assert legend_of(rg.draw(rg.sample(scene))) == ["free", name, "goal"]
+    assert legend_of(rg.draw(rg.build_space(scene))) == ["free", name, "goal"]
 
 
 def test_unknown_cells_have_a_colour_of_their_own(space: rg.ConfigurationSpace) -> None:
@@ -271,7 +271,7 @@ def test_wrong_slices_are_refused(cube: rg.Field, options: dict, message: str) -
 
 def test_a_profile_is_the_potential_over_the_coordinate(line: rg.Field) -> None:
     paths = [rg.streamline(line, start=[0.25]), rg.streamline(line, start=[6.5])]
-    (axes,) = rg.draw_page(line, paths, scale="linear").axes
+    (axes,) = rg.plot.draw_summary(line, paths, scale="linear").axes
     curve = next(artist for artist in axes.lines if artist.get_label() == "cells")
     assert np.array_equal(curve.get_xdata(), np.arange(8) + 0.5)
     free = line.space.cell != rg.Cell.OBSTACLE

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import resgrid as rg
-from resgrid.plot import render_figure
+from resgrid.plot.figures import render_figure
 
 
 @pytest.mark.parametrize(("name", "first"), [("a.png", b"\x89PNG"), ("a.PDF", b"%PDF"), ("a.svg", b"<?xml")])
@@ -16,7 +16,7 @@ def test_the_suffix_says_the_format_and_the_bytes_repeat(field, tmp_path: Path, 
     contents = []
     for folder in ("one", "two"):
         (tmp_path / folder).mkdir()
-        path = rg.save_figure(rg.draw_page(field), tmp_path / folder / name)
+        path = rg.plot.save_figure(rg.plot.draw_summary(field), tmp_path / folder / name)
         contents.append(path.read_bytes())
     assert contents[0].startswith(first)
     assert contents[0] == contents[1]
@@ -28,7 +28,7 @@ def test_the_suffix_says_the_format_and_the_bytes_repeat(field, tmp_path: Path, 
 @pytest.mark.parametrize("name", ["a.jpg", "a", "a.png.txt"])
 def test_an_unknown_suffix_is_refused_and_nothing_written(field, tmp_path: Path, name: str) -> None:
     with pytest.raises(rg.InputError, match=r"suffix must be one of \.png, \.pdf, \.svg"):
-        rg.save_figure(rg.draw(field), tmp_path / name)
+        rg.plot.save_figure(rg.draw(field), tmp_path / name)
     assert not list(tmp_path.iterdir())
 
 
@@ -37,7 +37,7 @@ def test_wrong_formats_folders_and_resolutions_are_input_errors(field, tmp_path:
     with pytest.raises(rg.InputError, match="'gif' is unknown"):
         render_figure(axes.figure, "gif")
     with pytest.raises(rg.InputError, match="no folder"):
-        rg.save_figure(axes, tmp_path / "absent" / "a.png")
+        rg.plot.save_figure(axes, tmp_path / "absent" / "a.png")
     for dpi in (0, -5, 1e6, float("nan")):
         with pytest.raises(rg.InputError, match="10 to 2400"):
             render_figure(axes.figure, "png", dpi=dpi)
@@ -48,7 +48,7 @@ def test_computing_never_imports_matplotlib_and_drawing_never_pyplot() -> None:
         "import sys, resgrid.planning.trace, resgrid.planning.blend, resgrid.circuit.solve, resgrid.core.compiler\n"
         "import resgrid.scene, resgrid.spice\n"
         "assert 'matplotlib' not in sys.modules\n"
-        "import resgrid.plot\n"
+        "import resgrid.plot.pictures\n"
         "assert 'matplotlib' in sys.modules and 'matplotlib.pyplot' not in sys.modules\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

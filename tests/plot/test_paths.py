@@ -101,7 +101,7 @@ def test_lines_break_at_seams_and_keep_their_length(cells: int) -> None:
 
 
 def test_a_page_has_its_panels_side_by_side_or_stacked(field: rg.Field) -> None:
-    figure = rg.draw_page(field, [rg.streamline(field, cell=(0, 4))], title="Title")
+    figure = rg.plot.draw_summary(field, [rg.streamline(field, cell=(0, 4))], title="Title")
     assert [axes.get_title() for axes in figure.axes[:2]] == ["Potential and paths", "Current"]
     assert figure.get_suptitle() == "Title"
     figure.canvas.draw()
@@ -110,7 +110,7 @@ def test_a_page_has_its_panels_side_by_side_or_stacked(field: rg.Field) -> None:
     titles = [axes.title.get_window_extent() for axes in figure.axes[:2]]
     assert not titles[0].overlaps(titles[1])
     assert not figure._suptitle.get_window_extent().overlaps(titles[0])
-    figure = rg.draw_page(rg.field(rg.solve(rg.compile_space(space_of(np.eye(4, dtype=int) * 2)))))
+    figure = rg.plot.draw_summary(rg.field(rg.solve(rg.compile_space(space_of(np.eye(4, dtype=int) * 2)))))
     figure.canvas.draw()
     left, right = (axes.get_position() for axes in figure.axes[:2])
     assert left.x1 < right.x0
@@ -118,7 +118,7 @@ def test_a_page_has_its_panels_side_by_side_or_stacked(field: rg.Field) -> None:
 
 def test_a_path_is_bold_only_in_its_slice(cube: rg.Field) -> None:
     path = rg.streamline(cube, cell=(0, 0, 0))
-    labelled = [line for axes in rg.draw_page(cube, [path]).axes for line in axes.lines]
+    labelled = [line for axes in rg.plot.draw_summary(cube, [path]).axes for line in axes.lines]
     bold = [line.get_xydata() for line in labelled if line.get_label() == "path in the slice"]
     assert len(bold) == 3  # one a slice: z = 3.5, y = 4.5, x = 5.5
     inside = path.points[path.points[:, 2] >= 3.0][:, :2]
@@ -129,7 +129,7 @@ def test_paths_of_other_spaces_are_refused(field: rg.Field, cube: rg.Field, line
     for each, other in ((field, cube), (cube, line), (line, field)):
         path = rg.streamline(other, cell=(0,) * other.space.ndim)
         with pytest.raises(rg.InputError, match="coordinates, the space"):
-            rg.draw_page(each, [path])
+            rg.plot.draw_summary(each, [path])
 
 
 @settings(max_examples=12)
@@ -145,6 +145,6 @@ def test_every_field_has_a_page(space: rg.ConfigurationSpace, boundary: str, per
     except rg.CircuitError:
         assume(False)
     paths = [rg.streamline(field, cell=cell) for cell in np.argwhere(space.cell != rg.Cell.GOAL)[::3].tolist()]
-    figure = rg.draw_page(field, paths)
+    figure = rg.plot.draw_summary(field, paths)
     figure.canvas.draw()
     assert figure.axes

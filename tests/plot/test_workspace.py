@@ -45,7 +45,7 @@ def colour_at(axes, point: tuple[float, float]) -> tuple[int, ...]:
 
 def test_links_are_drawn_where_the_joints_are(arm, planner) -> None:
     path = planner.path((-0.5, 0.6))
-    axes = rg.draw_robot(path, arm, ghosts=5)
+    axes = rg.plot.draw_robot(path, arm, ghosts=5)
     lines = lines_of(axes)
     np.testing.assert_allclose(lines["robot at the start"], ARM.joints(path.points[0]))
     np.testing.assert_allclose(lines["robot at the end"], ARM.joints(path.points[-1]))
@@ -59,7 +59,7 @@ def test_links_are_drawn_where_the_joints_are(arm, planner) -> None:
 
 
 def test_a_pose_alone_has_no_path(arm) -> None:
-    lines = lines_of(rg.draw_robot([(0.0, pi / 2)], arm))
+    lines = lines_of(rg.plot.draw_robot([(0.0, pi / 2)], arm))
     assert "path of the tip" not in lines
     np.testing.assert_allclose(lines["robot at the start"], [(0, 0), (1, 0), (1, 0.5)], atol=1e-12)
 
@@ -67,15 +67,15 @@ def test_a_pose_alone_has_no_path(arm) -> None:
 def test_polygons_and_discs_are_filled_where_they_are() -> None:
     bar = rg.PolygonRobot(((-0.2, -0.1), (0.2, -0.1), (0.0, 0.3)))
     turning = rg.Scene((*PLANE, bar.turning_axis(4)), robot=bar)
-    axes = rg.draw_robot([(1, 1, 0), (3, 2, pi)], turning, ghosts=3)
+    axes = rg.plot.draw_robot([(1, 1, 0), (3, 2, pi)], turning, ghosts=3)
     drawn = [patch.get_path().vertices[:3] for patch in axes.patches]
     assert len(drawn) == 3
     assert any(np.allclose(sorted(corners.tolist()), sorted(bar.corners((1, 1, 0)).tolist())) for corners in drawn)
     disc = rg.Scene(PLANE, robot=rg.DiscRobot(0.5))
-    drawn = rg.draw_robot([(1, 1), (3, 2)], disc, ghosts=2).patches
+    drawn = rg.plot.draw_robot([(1, 1), (3, 2)], disc, ghosts=2).patches
     assert drawn[0].get_extents().width == pytest.approx(drawn[1].get_extents().width)
     with pytest.raises(rg.InputError, match="ghosts = 0"):
-        rg.draw_robot([(1, 1)], disc, ghosts=0)
+        rg.plot.draw_robot([(1, 1)], disc, ghosts=0)
 
 
 def test_a_scene_shows_shapes_of_all_kinds_with_their_holes() -> None:
@@ -90,14 +90,14 @@ def test_a_scene_shows_shapes_of_all_kinds_with_their_holes() -> None:
     marks = {mark.get_label(): mark.get_offsets().tolist() for mark in drawn.collections}
     assert marks == {"start": [[-3, 7]], "goal": [[7, 7]]}
     with pytest.raises(rg.InputError, match="not a plane"):
-        rg.draw_robot([(1, 1, 1)], rg.Scene([rg.Axis(name, 0, 4, 4) for name in "xyz"]))
+        rg.plot.draw_robot([(1, 1, 1)], rg.Scene([rg.Axis(name, 0, 4, 4) for name in "xyz"]))
 
 
 def test_a_pair_has_the_workspace_left_and_the_configurations_right(arm, planner) -> None:
     path = planner.path((-0.5, 0.6))
     virtual = np.zeros(planner.space.shape, dtype=bool)
     virtual[3, 3] = True
-    figure = rg.draw_pair(path, arm, virtual=virtual, title="Title", caption="Caption")
+    figure = rg.plot.draw_workspace_and_space(path, arm, virtual=virtual, title="Title", caption="Caption")
     figure.canvas.draw()
     left, right = figure.axes
     assert [left.get_title(), right.get_title()] == ["Workspace", "Configuration space"]
@@ -112,7 +112,8 @@ def test_titles_panels_and_legends_of_pairs_lie_below_each_other_on_the_page(arm
     path = planner.path((-0.5, 0.6))
     runs = [run, replace(run, field=replace(run.field, k=0.5)), replace(run, field=replace(run.field, k=0.0))]
     for figure in (
-        rg.draw_pair(path, arm, title="Title", caption="Caption"), rg.draw_pair(path, arm, title="Title"),
+        rg.plot.draw_workspace_and_space(path, arm, title="Title", caption="Caption"),
+        rg.plot.draw_workspace_and_space(path, arm, title="Title"),
         rg.draw(run, title="Title", caption="Caption"), rg.draw(runs, title="Title"),
     ):  # fmt: skip
         figure.canvas.draw()
@@ -127,27 +128,27 @@ def test_what_separates_is_red_in_both_halves() -> None:
     cell = np.zeros((8, 6), dtype=np.uint8)
     cell[4, :], cell[7, 0] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     space = space_of(cell)
-    verdict = rg.separation(space, cell=(1, 1))
+    verdict = rg.find_blocking_obstacles(space, cell=(1, 1))
     wall = rg.Box((4, 0), (5, 6))
     scene = rg.Scene(space.axes, robot=rg.DiscRobot(0.1), obstacles=(wall,))
     path = rg.streamline(rg.field(rg.solve(rg.compile_space(space))), cell=(1, 1))
-    figure = rg.draw_pair(path, scene, verdict=verdict, separating=[wall])
+    figure = rg.plot.draw_workspace_and_space(path, scene, verdict=verdict, separating=[wall])
     left, right = figure.axes
     red = np.round(255 * np.array(to_rgba(FAILURE)))
     np.testing.assert_array_equal(
         np.all(right.images[-1].get_array() == red, axis=2).T, cell == rg.Cell.OBSTACLE
     )  # fmt: skip
     assert any(patch.get_facecolor() == to_rgba(FAILURE) for patch in left.patches)
-    reachable = rg.draw(rg.separation(space, cell=(6, 1)))
+    reachable = rg.draw(rg.find_blocking_obstacles(space, cell=(6, 1)))
     assert any("reached" in text.get_text() for text in reachable.get_legend().get_texts())
     cube = space_of(np.diag([2, 0])[:, :, None] * np.ones((1, 1, 2), int))
     with pytest.raises(rg.InputError, match="two axes"):
-        rg.draw_pair(path, scene, verdict=rg.separation(cube, cell=(1, 1, 0)))
+        rg.plot.draw_workspace_and_space(path, scene, verdict=rg.find_blocking_obstacles(cube, cell=(1, 1, 0)))
 
 
 def test_many_paths_are_those_of_the_tip(arm, planner) -> None:
     paths = planner.paths([(-0.5, 0.6), (1.0, 0.2)])
-    axes = rg.draw_tips(paths, arm)
+    axes = rg.plot.draw_tip_paths(paths, arm)
     (lines,) = (c.get_segments() for c in axes.collections if isinstance(c, LineCollection))
     for line, path in zip(lines, paths, strict=True):
         np.testing.assert_allclose(line[[0, -1]], ARM.tip(path.points[[0, -1]]))
@@ -156,7 +157,7 @@ def test_many_paths_are_those_of_the_tip(arm, planner) -> None:
 def test_the_curve_shows_its_means() -> None:
     cell = np.zeros((12, 9), dtype=np.uint8)
     cell[5, 2:], cell[11, 8] = rg.Cell.OBSTACLE, rg.Cell.GOAL
-    curve = rg.clearance_curve(rg.plan(space_of(cell), k=0.5), (0.0, 0.5, 1.0), [(1.5, 7.5), (2.5, 4.5)])
+    curve = rg.planning.clearance_curve(rg.plan(space_of(cell), k=0.5), (0.0, 0.5, 1.0), [(1.5, 7.5), (2.5, 4.5)])
     axes = rg.draw(curve, unit="m", cell=1.0)
     np.testing.assert_allclose(lines_of(axes)["mean of 2 starts"], np.stack([curve.value, curve.mean], axis=1))
     assert axes.get_ylabel().endswith("(m)")
@@ -164,16 +165,16 @@ def test_the_curve_shows_its_means() -> None:
 
 def test_short_paths_and_separations_of_scenes_have_pictures() -> None:
     scene = rg.parse_scene(ROOM, "room")
-    short = rg.shorten(rg.plan(scene).path((0.5, 0.5)))
+    short = rg.shortcut(rg.plan(scene).path((0.5, 0.5)))
     for path in (short, rg.Polyline(short.points, short.space)):
         (lines,) = [lines for lines in rg.draw(path).collections if lines.get_label() == "path"]
         assert any(np.array_equal(line, short.points) for line in lines.get_segments())
-    verdict = rg.separation(scene, (5.5, 4.5))
+    verdict = rg.find_blocking_obstacles(scene, (5.5, 4.5))
     assert verdict.separating == ("obstacle[0]",) and rg.draw(verdict).get_legend() is not None
     for value in (
         short,
         rg.Polyline(short.points, short.space),
         rg.plan(scene),
-        rg.time_path(short, velocity_limits=1.0),
+        rg.time_parameterize(short, velocity_limits=1.0),
     ):
         assert len(repr(value)) < 500 and "[" not in repr(value)

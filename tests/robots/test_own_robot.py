@@ -60,10 +60,10 @@ def test_it_is_planned_for_replayed_drawn_and_controlled() -> None:
     planner = rg.plan(SCENE)
     path = planner.path(SCENE.starts[0])
     assert path.outcome is rg.Outcome.REACHED
-    assert rg.replay(path, OBSTACLES) is None
-    assert len(rg.draw_robot(path.points, SCENE).patches) > 10
+    assert rg.check_collisions(path, OBSTACLES) is None
+    assert len(rg.plot.draw_robot(path.points, SCENE).patches) > 10
     run = rg.simulation(SCENE).run()
-    assert run.ending is rg.Ending.ARRIVED
+    assert run.ending is rg.control.TerminationReason.ARRIVED
     assert run.penetration == 0.0
     np.testing.assert_allclose(run.configuration[-1, :2], (2.2, 1.2), atol=0.1)
     assert rg.draw(run)
@@ -73,7 +73,7 @@ def test_it_feels_and_learns_what_the_map_does_not_show() -> None:
     scene = replace(SCENE, obstacles=OBSTACLES[:1], hidden=OBSTACLES[1:2])
     run = rg.simulation(scene).run()
     assert run.lessons
-    assert run.ending is rg.Ending.ARRIVED, run.message
+    assert run.ending is rg.control.TerminationReason.ARRIVED, run.message
     assert run.penetration == 0.0
 
 

@@ -20,7 +20,7 @@ from resgrid.robots import (
     Robot,
     to_shapely,
 )
-from resgrid.scene import read_scene, sample
+from resgrid.scene import build_space, read_scene
 from resgrid.scene.overrides import apply_overrides
 
 OBSTACLES = [
@@ -130,7 +130,7 @@ def test_edges_that_coincide_hide_no_collision(robot, turns):
 @pytest.mark.parametrize("turns", [5, 24, 36, 64, 72])
 def test_the_shipped_scene_can_be_turned_by_any_number_of_cells(scenes, turns):
     scene = apply_overrides(read_scene(scenes / "turning.toml"), {"grid.axes.2.cells": str(turns)})
-    space = sample(scene)
+    space = build_space(scene)
     free = np.argwhere(space.cell != Cell.OBSTACLE)
     chosen = np.random.default_rng(turns).choice(free, 500)
     share = np.random.default_rng(0).choice([0.0, 0.5, 1.0], (500, 3))

@@ -47,7 +47,7 @@ def test_a_simulation_is_as_the_scene_says_unless_it_is_told_otherwise() -> None
     assert controller.admittance.tolist() == [[0.2, 0.0], [0.0, 0.3]]
     assert rg.simulation(scene, speed=0.25, k=0.5).controller.speed == 0.25
     run = world.run()
-    assert run.ending is rg.Ending.ARRIVED
+    assert run.ending is rg.control.TerminationReason.ARRIVED
     assert np.abs(np.diff(run.configuration, axis=0) / np.diff(run.time)[:, None]).max() <= 0.4 + 1e-9
     usual = rg.simulation(rg.parse_scene(SCENE))
     assert (usual.friction, usual.learn, usual.controller.response) == (0.2, True, "equipotential")
@@ -90,8 +90,8 @@ def test_a_file_with_a_wrong_table_is_named(tmp_path: Path) -> None:
 
 
 def test_tables_made_in_python_are_checked() -> None:
-    assert rg.Control(admittance=0.5).admittance == (0.5,)
+    assert rg.control.Control(admittance=0.5).admittance == (0.5,)
     with pytest.raises(rg.InputError, match="friction: must be at least 0"):
-        rg.Control(friction=-0.1)
+        rg.control.Control(friction=-0.1)
     with pytest.raises(rg.InputError, match=r"noise\[1\]: must be at least 0"):
-        rg.Control(noise=(0.1, -0.02))
+        rg.control.Control(noise=(0.1, -0.02))

@@ -10,7 +10,7 @@ from PIL import Image
 
 import resgrid as rg
 from resgrid.errors import BudgetError, InputError, ResgridError
-from resgrid.scene import read_queries, read_scene, sample
+from resgrid.scene import build_space, read_movingai_scenarios, read_scene
 from resgrid.scene.maps.formats import FORMATS, MapFormat
 from resgrid.scene.maps.pictures import read_raster
 from resgrid.scene.maps.pnm import read_pnm
@@ -24,7 +24,7 @@ def write(path, content):
 
 
 def cells(path, **options):
-    return sample(read_scene(path, **options), require_goal=False).cell
+    return build_space(read_scene(path, **options), require_goal=False).cell
 
 
 def png(pixels, mode="L"):
@@ -38,7 +38,7 @@ def test_movingai_letters(tmp_path):
     assert cells(file).T[::-1].tolist() == [[0, 0, 1, 1], [1, 0, 1, 0], [0, 0, 0, 0]]
     assert cells(file, passable=".").T[::-1].tolist() == [[0, 1, 1, 1], [1, 1, 1, 0], [0, 0, 0, 0]]
     scene = read_scene(file, goal=(3.5, 1.5))
-    assert sample(scene).cell[3, 1] == 2
+    assert build_space(scene).cell[3, 1] == 2
     assert [(axis.lower, axis.upper, axis.unit) for axis in scene.axes] == [(0, 4, "cell"), (0, 3, "cell")]
     assert (cells(write(tmp_path / "crlf.map", MAP.replace("\n", "\r\n"))) == cells(file)).all()
 
@@ -75,7 +75,7 @@ def test_movingai_options(tmp_path):
 
 def test_queries(tmp_path):
     text = "version 1\n0\ta b.map\t4\t3\t0\t0\t3\t2\t3.82842712\n\n3 c.map 4 3 1 1 2 2 1.5\n"
-    first, second = read_queries(write(tmp_path / "a.scen", text))
+    first, second = read_movingai_scenarios(write(tmp_path / "a.scen", text))
     assert (first.map, first.start, first.goal, first.optimal_length) == ("a b.map", (0, 2), (3, 0), 3.82842712)
     assert (second.bucket, second.start, second.goal) == (3, (1, 1), (2, 0))
     for bad, expected in (
@@ -88,22 +88,22 @@ def test_queries(tmp_path):
         ("version 1\n0 a.map 4 3 0 0 3 2 nan\n", "line 2: expected 9 fields"),
     ):
         with pytest.raises(InputError, match=expected):
-            read_queries(write(tmp_path / "a.scen", bad))
+            read_movingai_scenarios(write(tmp_path / "a.scen", bad))
 
 
 @pytest.mark.parametrize("first", ["", "version 0\n", "version 0.0\n"])
 def test_queries_of_version_0_have_the_size_of_their_map(tmp_path, first):
     write(tmp_path / "a.map", MAP)
     file = write(tmp_path / "a.scen", f"{first}0\tmaps/dao/a.map\t0\t0\t3\t2\t3.8\n1 a.map 1 1 2 2 1.5\n")
-    one, other = read_queries(file)
+    one, other = read_movingai_scenarios(file)
     assert (one.width, one.height, one.start, one.goal, one.optimal_length) == (4, 3, (0, 2), (3, 0), 3.8)
     assert (other.bucket, other.start, other.goal) == (1, (1, 1), (2, 0))
     with pytest.raises(InputError, match=r"line 1: the goal \(3, 3\) is outside the 4 x 3 map"):
-        read_queries(write(tmp_path / "a.scen", "0 a.map 0 0 3 3 1\n"))
+        read_movingai_scenarios(write(tmp_path / "a.scen", "0 a.map 0 0 3 3 1\n"))
 
 
 def test_queries_of_version_1_need_no_line_that_says_so(tmp_path):
-    (query,) = read_queries(write(tmp_path / "a.scen", "0\ta b.map\t4\t3\t0\t0\t3\t2\t3.8\n"))
+    (query,) = read_movingai_scenarios(write(tmp_path / "a.scen", "0\ta b.map\t4\t3\t0\t0\t3\t2\t3.8\n"))
     assert (query.map, query.start, query.goal) == ("a b.map", (0, 2), (3, 0))
 
 
@@ -114,7 +114,7 @@ def test_letters_of_warehouses(tmp_path):
 
 def test_voxel_maps(tmp_path):
     file = write(tmp_path / "v.3dmap", "voxel 4 3 2\n1 2 0\n\n1 2 1\n3 0 0\n1 2 0\n")
-    space = sample(read_scene(file, goal=(0.5, 0.5, 1.5)))
+    space = build_space(read_scene(file, goal=(0.5, 0.5, 1.5)))
     assert np.argwhere(space.cell == 1).tolist() == [[1, 2, 0], [1, 2, 1], [3, 0, 0]]
     assert np.argwhere(space.cell == 2).tolist() == [[0, 0, 1]]
     assert [(axis.name, axis.upper, axis.unit) for axis in space.axes] == [
@@ -150,7 +150,7 @@ def test_the_ends_of_every_query_are_free_and_joined(cases, name):
     from resgrid.core.regions import label_regions
 
     folder = cases / "movingai"
-    (queries,) = (read_queries(file) for file in folder.glob(f"{name}*.scen"))
+    (queries,) = (read_movingai_scenarios(file) for file in folder.glob(f"{name}*.scen"))
     cell = cells(folder / f"{name}.map")
     region = label_regions(cell == 0, (False, False))
     for query in queries:
@@ -419,9 +419,9 @@ def test_a_scene_may_stand_on_a_map(tmp_path):
         'schema = 1\n[map]\nfile = "floor.map"\n[[goal]]\ncell = [0, 0]\n'
         '[[obstacle]]\nshape = "rectangle"\nlower = [1, 0]\nupper = [2, 1]\n',
     )
-    space = sample(read_scene(scene))
+    space = build_space(read_scene(scene))
     assert (space.cell[0, 0], space.cell[1, 0], space.cell[2, 2]) == (2, 1, 1)
-    assert sample(read_scene(scene, passable=".")).cell[1, 1] == 1
+    assert build_space(read_scene(scene, passable=".")).cell[1, 1] == 1
     for line, expected in (
         ('file = "gone.map"', r"gone\.map: there is no such file"),
         ('file = "floor.map"\npasable = "."', "did you mean 'passable'"),

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from resgrid.errors import BudgetError, InputError
-from resgrid.scene import parse_scene, read_scene, sample
+from resgrid.scene import build_space, parse_scene, read_scene
 from resgrid.scene.overrides import apply_overrides
 from resgrid.scene.schema import scene_schema
 
@@ -22,7 +22,7 @@ GOAL = "[[goal]]\npoint = [3.5, 0.5]\n"
 def message(text, **options):
     with pytest.raises(InputError) as caught:
         scene = parse_scene(text, "s.toml")
-        sample(scene)
+        build_space(scene)
     return str(caught.value)
 
 
@@ -152,7 +152,7 @@ def test_shapes_of_the_plane_need_two_axes():
 def test_huge_grids_are_refused_before_anything_is_allocated():
     scene = parse_scene(GRID.replace("cells = 4", "cells = 1_000_000_000_000") + GOAL)
     with pytest.raises(BudgetError, match=r"3e\+12 cells needs about 4.47e\+04 GiB"):
-        sample(scene)
+        build_space(scene)
 
 
 def test_files_that_cannot_be_read(tmp_path):
@@ -195,21 +195,21 @@ def _written(path, data):
 
 
 def test_goals_take_the_cells_they_overlap():
-    big = sample(parse_scene(GRID + '[[goal]]\nshape="rectangle"\nlower=[0.4, 0.4]\nupper=[2.6, 1.0]'))
+    big = build_space(parse_scene(GRID + '[[goal]]\nshape="rectangle"\nlower=[0.4, 0.4]\nupper=[2.6, 1.0]'))
     assert np.argwhere(big.cell == 2).tolist() == [[0, 0], [1, 0], [2, 0]]
-    small = sample(parse_scene(GRID + '[[goal]]\nshape="circle"\ncentre=[1.9, 1.9]\nradius=0.2'))
+    small = build_space(parse_scene(GRID + '[[goal]]\nshape="circle"\ncentre=[1.9, 1.9]\nradius=0.2'))
     assert np.argwhere(small.cell == 2).tolist() == [[1, 1], [1, 2], [2, 1], [2, 2]]
-    part = sample(parse_scene(GRID + '[[goal]]\nshape="rectangle"\nlower=[0, 0]\nupper=[2, 1]\n'
+    part = build_space(parse_scene(GRID + '[[goal]]\nshape="rectangle"\nlower=[0, 0]\nupper=[2, 1]\n'
                               '[[obstacle]]\nshape="rectangle"\nlower=[0, 0]\nupper=[1, 1]'))  # fmt: skip
     assert np.argwhere(part.cell == 2).tolist() == [[1, 0]]
 
 
 def test_areas_change_the_conductivity():
-    space = sample(
+    space = build_space(
         parse_scene(GRID + GOAL + '[[area]]\nshape="rectangle"\nlower=[0, 0]\nupper=[2, 3]\nconductivity=0.1')
     )
     assert space.conductivity[:, 0].tolist() == [0.1, 0.1, 1, 1]
-    assert sample(parse_scene(GRID + GOAL)).conductivity is None
+    assert build_space(parse_scene(GRID + GOAL)).conductivity is None
 
 
 def test_overrides_are_checked_like_the_file():
@@ -223,8 +223,8 @@ def test_overrides_are_checked_like_the_file():
     assert (changed.boundary, changed.edge, changed.k) == ("neumann", ("open", "open"), (0, 0.5))
     assert changed.starts == ((1, 1), (2, 2))
     assert changed.robot.radius == 0.1
-    assert sample(changed).cell[1, 0] == 2
-    assert sample(apply_overrides(scene, {"goal_cell": (0, 2)})).cell[0, 2] == 2
+    assert build_space(changed).cell[1, 0] == 2
+    assert build_space(apply_overrides(scene, {"goal_cell": (0, 2)})).cell[0, 2] == 2
     assert apply_overrides(scene, {"start_cell": "[[0, 2]]"}).starts == ((0.5, 2.5),)
     assert apply_overrides(scene, {"edge": "open, obstacle"}).edge == ("open", "obstacle")
     spaced = apply_overrides(scene, {"grid.axes.0.spacing": 0.5})
@@ -266,7 +266,7 @@ def test_the_schema_is_json_and_names_every_key():
 @pytest.mark.parametrize("name", ["lesson", "rooms", "voxels", "ring"])
 def test_shipped_scenes_have_a_way_from_every_start(scenes, name):
     scene = read_scene(scenes / f"{name}.toml")
-    space = sample(scene)
+    space = build_space(scene)
     assert scene.title
     assert scene.starts
     assert space.goal_count == (2 if name == "rooms" else 1)

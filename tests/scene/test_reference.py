@@ -29,7 +29,7 @@ def test_every_key_has_a_meaning() -> None:
     assert [row[0] for row in rows if len(row[-1].removesuffix(" |")) < 8] == []
 
 
-@pytest.mark.parametrize("value", [rg.Chip, rg.Readout, rg.Defects, rg.Control])
+@pytest.mark.parametrize("value", [rg.Chip, rg.chip.Readout, rg.chip.Defects, rg.control.Control])
 def test_every_field_is_a_key_of_the_schema(value: type) -> None:
     keys = json.loads(json.dumps(rg.scene_schema()))["$defs"][value.__name__]["properties"]
     assert list(keys) == [item.name for item in dataclasses.fields(value)]

@@ -7,7 +7,7 @@ import resgrid as rg
 from resgrid.core.regions import label_regions
 from resgrid.errors import InputError
 from resgrid.robots import Arm, Box, DiscRobot, PolygonRobot
-from resgrid.scene import GoalJoints, parse_scene, read_scene, sample
+from resgrid.scene import GoalJoints, build_space, parse_scene, read_scene
 from resgrid.scene.overrides import apply_overrides, document_of
 from resgrid.scene.reading import build_scene
 
@@ -48,10 +48,10 @@ def test_an_arm_brings_its_axes_along():
 def test_goals_in_joint_space():
     box = parse_scene(ARM + "[[goal]]\njoints_lower = [-0.5, -0.5]\njoints_upper = [0.5, 0.5]\n")
     assert box.goals == (GoalJoints((-0.5, -0.5), (0.5, 0.5)),)
-    cells = sample(box).centre(np.argwhere(sample(box).cell == 2))
+    cells = build_space(box).centre(np.argwhere(build_space(box).cell == 2))
     assert len(cells) == 4 * 6
     assert np.abs(cells).max() <= 0.5 + 1e-12
-    one = sample(parse_scene(ARM + "[[goal]]\njoints = [3.3, 0.1]\n"))  # 3.3 rad is -2.98 rad
+    one = build_space(parse_scene(ARM + "[[goal]]\njoints = [3.3, 0.1]\n"))  # 3.3 rad is -2.98 rad
     assert np.argwhere(one.cell == 2).tolist() == [[0, 10]]
 
 
@@ -81,12 +81,12 @@ def test_overrides_reach_robots_and_cells():
     )
     assert [axis.cells for axis in scene.axes] == [8, 8]
     assert scene.robot.lengths == (1.5, 0.8)
-    assert sample(scene).goal_count >= 1
+    assert build_space(scene).goal_count >= 1
 
 
 def test_progress_is_passed_on():
     told = []
-    sample(parse_scene(ARM + GOAL), progress=lambda done, total: told.append((done, total)))
+    build_space(parse_scene(ARM + GOAL), progress=lambda done, total: told.append((done, total)))
     assert told[-1] == (24 + 480, 24 + 480)
 
 
@@ -125,14 +125,14 @@ def test_progress_is_passed_on():
 )  # fmt: skip
 def test_one_clear_message(text, expected):
     with pytest.raises(InputError) as caught:
-        sample(parse_scene(text, "s.toml"))
+        build_space(parse_scene(text, "s.toml"))
     assert expected in str(caught.value)
     assert "\n" not in str(caught.value) or "errors" in str(caught.value)
 
 
 def test_problem_a_has_a_goal_in_both_bands_and_no_isolated_cell(scenes):
     scene = read_scene(scenes / "problem_a.toml")
-    space = sample(scene)
+    space = build_space(scene)
     region = label_regions(space.cell != rg.Cell.OBSTACLE, space.periodic)
     assert region.max() == 2  # elbow left and elbow right: no isolated cell either
     assert sorted(region[space.cell == rg.Cell.GOAL].tolist()) == [1] * 19 + [2] * 19
@@ -147,7 +147,7 @@ def test_problem_a_has_a_goal_in_both_bands_and_no_isolated_cell(scenes):
 def volume_lost(scene):
     """Share of the volume, free by cell centres, that the conservative rule takes away."""
     sure, centres = (
-        sample(scene.replace(sampling=rule), require_goal=False).cell == rg.Cell.OBSTACLE
+        build_space(scene.replace(sampling=rule), require_goal=False).cell == rg.Cell.OBSTACLE
         for rule in ("conservative", "centre")
     )
     return (sure & ~centres).sum() / (~centres).sum()
@@ -161,7 +161,7 @@ def test_the_conservative_rule_costs_little_volume(scenes):
 
 def test_problem_b_cuts_off_a_sixth_of_the_free_cells(scenes):
     scene = read_scene(scenes / "problem_b.toml")
-    space = sample(scene)
+    space = build_space(scene)
     free = space.cell == rg.Cell.FREE
     cut_off = 1 - space.goal_connected.sum() / free.sum()
     assert 0.15 < cut_off < 0.18
@@ -172,7 +172,7 @@ def test_problem_b_cuts_off_a_sixth_of_the_free_cells(scenes):
 @pytest.mark.parametrize("name", ["problem_a", "problem_b", "problem_two_goals", "three_link", "turning", "voxel_maze"])
 def test_shipped_robot_scenes_plan_from_every_connected_start(scenes, name):
     scene = read_scene(scenes / f"{name}.toml")
-    space = sample(scene)
+    space = build_space(scene)
     field = rg.field(rg.solve(rg.compile_space(space)))
     outcomes = []
     for start in scene.starts:
@@ -190,7 +190,7 @@ def test_a_space_says_where_in_each_goal_cell_the_goal_is():
         '[[goal]]\nshape = "circle"\ncentre = [1.0, 1.0]\nradius = 0.25\n[[goal]]\npoint = [0.5, 2.0]\n'
         '[[obstacle]]\nshape = "rectangle"\nlower = [1.6, 0.5]\nupper = [2, 1]\n'
     )
-    space = sample(parse_scene(text))
+    space = build_space(parse_scene(text))
     goals = np.argwhere(space.cell == rg.Cell.GOAL)
     points = dict(zip(map(tuple, goals.tolist()), space.goal_points, strict=True))
     assert np.isnan(points.pop((7, 7))).all()
@@ -212,7 +212,7 @@ def test_a_goal_given_in_the_world_says_its_place_in_the_space(tmp_path):
         f'schema = 1\n[map]\nfile = "map.yaml"\n[[goal]]\npoint = {place.tolist()}\n[[obstacle]]\n'
         f'shape = "rectangle"\nlower = [5.0, 1.0]\nupper = [5.0, 2.0]\n'  # a line, turned
     )
-    space = sample(rg.read_scene(tmp_path / "scene.toml"))
+    space = build_space(rg.read_scene(tmp_path / "scene.toml"))
     assert np.allclose(space.goal_points, [(6.1, 2.2)])
     line = [(5.0, share) for share in np.linspace(1.0, 2.0, 50)]
     assert (space.cell[tuple(space.locate(line).T)] == rg.Cell.OBSTACLE).all()
@@ -221,7 +221,7 @@ def test_a_goal_given_in_the_world_says_its_place_in_the_space(tmp_path):
 @pytest.mark.parametrize("at", ["centre = [1.5, 1.5]\nradius = 0", "centre = [1.2, 1.5]\nradius = 0"])
 def test_a_goal_without_area_on_a_border_of_cells_lies_in_the_grid(at):
     text = DISC.replace("cells = 9", "cells = 10").replace("cells = 8", "cells = 10")
-    space = sample(parse_scene(text.replace("point = [1, 1]", f'shape = "circle"\n{at}')))
+    space = build_space(parse_scene(text.replace("point = [1, 1]", f'shape = "circle"\n{at}')))
     assert space.goal_count == 1
     assert np.allclose(space.goal_points[:, 1], 1.5)
 
@@ -230,6 +230,6 @@ def test_a_start_or_goal_on_the_upper_end_of_an_axis_lies_in_the_grid():
     for cells in (49, 98, 103, 107):
         text = DISC.replace("upper = 3", "upper = 1").replace("radius = 0.2", "radius = 0.002")
         text = text.replace("cells = 9", f"cells = {cells}").replace(", cells = 8", "").replace("[1, 1]", "[1.0, 1.0]")
-        space = sample(parse_scene(text + "", "s.toml"))
+        space = build_space(parse_scene(text + "", "s.toml"))
         assert np.argwhere(space.cell == rg.Cell.GOAL).tolist() == [[cells - 1, cells - 1]]
         assert np.allclose(space.goal_points, 1.0)

@@ -90,17 +90,17 @@ def test_a_footprint_in_a_file_has_a_goal_with_a_heading(turned: Path) -> None:
         f"centre = [{x}, {y - 1.2}]\nradius = 0.2\n"
     )
     scene = rg.read_scene(file)
-    space = rg.sample(scene)
+    space = rg.build_space(scene)
     assert np.argwhere(space.cell == rg.Cell.GOAL).tolist() == [[50, 20, 0]]
     assert np.allclose(space.goal_points, [(5.05, 2.05, 0.05)])
-    bare = rg.sample(scene.replace(obstacles=()))
+    bare = rg.build_space(scene.replace(obstacles=()))
     assert (space.cell == rg.Cell.OBSTACLE).sum() > (bare.cell == rg.Cell.OBSTACLE).sum()
     changed = apply_overrides(scene, {"start": f"{x},{y},1.0", "map.headings": "12"})
     assert (changed.axes[2].cells, changed.robot, changed.frame) == (12, scene.robot, scene.frame)
     assert changed.starts == ((x, y, 1.0),)
     square = apply_overrides(rg.read_scene(turned), {"robot.footprint": "[[0, 0], [0.2, 0], [0, 0.2]]"})
     assert (square.ndim, square.robot.turning_length) == (3, 1.0)
-    disc = rg.sample(scene.replace(robot=rg.DiscRobot(0.2), goal=(x, y)))
+    disc = rg.build_space(scene.replace(robot=rg.DiscRobot(0.2), goal=(x, y)))
     assert disc.shape == (60, 40)
 
 
@@ -113,7 +113,7 @@ def test_an_arm_has_a_map_for_its_workspace(tmp_path: Path) -> None:
     with pytest.raises(rg.InputError, match=r"needs a \[grid\] for its joints"):
         rg.parse_scene(text, folder=tmp_path)
     scene = rg.parse_scene(text + "[grid]\ncells = 48\n", folder=tmp_path)
-    space = rg.sample(scene)
+    space = rg.build_space(scene)
     free = space.axis_centre(np.argwhere(space.cell != rg.Cell.OBSTACLE))
     walls = walls_of(scene)
     poses = np.concatenate([free, space.goal_points])
@@ -134,14 +134,14 @@ def test_axes_of_a_map_may_be_rings(tmp_path: Path) -> None:
 
 def test_occupancies_between_free_and_lethal_are_costs_when_asked(tmp_path: Path) -> None:
     file = ros_map(tmp_path, "[0, 0, 0]", "scale")
-    assert rg.sample(rg.read_scene(file, goal=(5, 2))).conductivity is None
-    space = rg.sample(rg.read_scene(file, goal=(5, 2), least_conductivity=0.01))
-    occupancy = rg.occupancy_grid(file).T[40, 35]
+    assert rg.build_space(rg.read_scene(file, goal=(5, 2))).conductivity is None
+    space = rg.build_space(rg.read_scene(file, goal=(5, 2), least_conductivity=0.01))
+    occupancy = rg.maps.from_occupancy_grid(file).T[40, 35]
     assert 0 < occupancy < 65
     assert space.conductivity[40, 35] == pytest.approx(0.01 ** (occupancy / 65))
     assert space.conductivity[10, 10] == 1.0
     turning = rg.read_scene(file, goal=(5, 2), least_conductivity=0.01, robot=rg.PolygonRobot(FOOTPRINT), headings=8)
-    assert np.array_equal(rg.sample(turning).conductivity[..., 3], space.conductivity)
+    assert np.array_equal(rg.build_space(turning).conductivity[..., 3], space.conductivity)
 
 
 def test_a_whole_scene_is_made_without_a_file() -> None:
@@ -155,7 +155,7 @@ def test_a_whole_scene_is_made_without_a_file() -> None:
         areas=(rg.CostArea(rg.HalfSpace((0.0, 1.0), 1.0), 0.5),),
         boundary="wall",
         chip=rg.Chip(resistance="4k7", wall_resistance=1e3),
-        control=rg.Control(speed=0.2),
+        control=rg.control.Control(speed=0.2),
     )
     assert (scene.chip.resistance, scene.edge) == (4700.0, ("obstacle", "obstacle"))
     assert isinstance(scene.obstacles, tuple)

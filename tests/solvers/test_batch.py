@@ -70,7 +70,7 @@ def test_every_chip_is_that_of_nodal_analysis(name: str) -> None:
     method = solve_in_order if name in {"odd ring", "small"} else solve_by_levels
     assert batch.solver.func is method
     conductance = samples(netlist, 3)
-    found = rg.solve_many(netlist, conductance)
+    found = rg.circuit.solve_many(netlist, conductance)
     scale = np.nanmax(np.abs(found))
     for volts, chip in zip(found, conductance, strict=True):
         point = rg.solve(netlist.replace(conductance=chip), accuracy="normwise", rtol=1e-14, method="direct")
@@ -90,25 +90,25 @@ def test_floating_sources_and_parallel_resistors_follow_their_conductances() -> 
         current_amps=[0.1],
     )
     conductance = samples(netlist, 4, 0.5)
-    for volts, chip in zip(rg.solve_many(netlist, conductance, rtol=1e-14), conductance, strict=True):
+    for volts, chip in zip(rg.circuit.solve_many(netlist, conductance, rtol=1e-14), conductance, strict=True):
         np.testing.assert_allclose(volts, exact(netlist, chip), rtol=1e-12)
 
 
 def test_chips_do_not_depend_on_their_company_nor_on_the_executor() -> None:
     netlist = open_grid((40, 50))
     conductance = samples(netlist, 20)
-    together = rg.solve_many(netlist, conductance)
-    np.testing.assert_array_equal(rg.solve_many(netlist, conductance[7:8])[0], together[7])
+    together = rg.circuit.solve_many(netlist, conductance)
+    np.testing.assert_array_equal(rg.circuit.solve_many(netlist, conductance[7:8])[0], together[7])
     with ThreadPoolExecutor(2) as threads:
-        np.testing.assert_array_equal(rg.solve_many(netlist, conductance, executor=threads), together)
+        np.testing.assert_array_equal(rg.circuit.solve_many(netlist, conductance, executor=threads), together)
     with ProcessPoolExecutor(1) as processes:
-        np.testing.assert_array_equal(rg.solve_many(netlist, conductance, executor=processes), together)
+        np.testing.assert_array_equal(rg.circuit.solve_many(netlist, conductance, executor=processes), together)
 
 
 def test_nothing_to_solve_and_no_chips() -> None:
     rails = rg.Netlist(2, [[0, 1]], [1.0], source_nodes=[[1, 0]], source_volts=[2.0])
-    np.testing.assert_array_equal(rg.solve_many(rails, [[3.0], [4.0]]), [[0, 2], [0, 2]])
-    assert rg.solve_many(open_grid((9, 9)), np.empty((0, len(open_grid((9, 9)).conductance)))).shape[0] == 0
+    np.testing.assert_array_equal(rg.circuit.solve_many(rails, [[3.0], [4.0]]), [[0, 2], [0, 2]])
+    assert rg.circuit.solve_many(open_grid((9, 9)), np.empty((0, len(open_grid((9, 9)).conductance)))).shape[0] == 0
 
 
 def test_wrong_conductances_are_refused() -> None:
@@ -117,20 +117,20 @@ def test_wrong_conductances_are_refused() -> None:
     bad = good.copy()
     bad[1, 5] = -1.0
     with pytest.raises(rg.InputError, match="chip 1: resistor 5 has conductance -1"):
-        rg.solve_many(netlist, bad)
+        rg.circuit.solve_many(netlist, bad)
     with pytest.raises(rg.InputError, match="one row a chip"):
-        rg.solve_many(netlist, good[0])
+        rg.circuit.solve_many(netlist, good[0])
     with pytest.raises(rg.InputError, match="must be numbers"):
-        rg.solve_many(netlist, "many")  # type: ignore[arg-type]
+        rg.circuit.solve_many(netlist, "many")  # type: ignore[arg-type]
     with pytest.raises(rg.InputError, match="rtol"):
-        rg.solve_many(netlist, good, rtol=0.0)
+        rg.circuit.solve_many(netlist, good, rtol=0.0)
 
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
 def test_chips_far_from_the_nominal_one_keep_the_residual_they_promise(boundary: str) -> None:
     netlist = open_grid((40, 50), boundary=boundary)
     far = samples(netlist, 6, 1.5)
-    for volts, chip in zip(rg.solve_many(netlist, far, rtol=1e-8), far, strict=True):
+    for volts, chip in zip(rg.circuit.solve_many(netlist, far, rtol=1e-8), far, strict=True):
         system = assemble(netlist.replace(conductance=chip))
         solved, x = system.unknown >= 0, np.zeros(system.size)
         x[system.unknown[solved]] = volts[solved] - system.reference
@@ -147,7 +147,7 @@ def test_a_chip_is_the_same_as_alone_however_far_it_is(shape: tuple[int, int], b
     netlist = open_grid(shape, boundary=boundary)
     for rtol in (1e-6, 1e-10):
         chips = samples(netlist, 2, spread)
-        for volts, chip in zip(rg.solve_many(netlist, chips, rtol=rtol), chips, strict=True):
+        for volts, chip in zip(rg.circuit.solve_many(netlist, chips, rtol=rtol), chips, strict=True):
             alone = rg.solve(netlist.replace(conductance=chip)).voltage
             assert np.abs(volts - alone).max() <= 1e2 * rtol * np.abs(alone).max()
 
@@ -162,7 +162,7 @@ def test_shorts_hide_nothing(shape: tuple[int, int], where: str, times: float) -
     contact = np.flatnonzero((netlist.resistor_nodes == netlist.cells.obstacle_node).any(axis=1))
     inside = np.setdiff1d(np.arange(len(chip)), contact)
     chip[{"contact": contact[:1], "inside": inside[len(inside) // 2 :][:1], "contacts": contact}[where]] *= times
-    (volts,) = rg.solve_many(netlist, [chip])
+    (volts,) = rg.circuit.solve_many(netlist, [chip])
     np.testing.assert_allclose(volts, rg.solve(netlist.replace(conductance=chip)).voltage, rtol=0, atol=2e-8)
 
 
@@ -170,7 +170,7 @@ def test_weak_parts_beside_stiff_ones_are_solved_too() -> None:
     netlist = rg.Netlist(
         4, [[1, 2], [2, 0], [1, 3], [3, 0]], [1.0, 1.0, 1e-11, 1e-11], source_nodes=[[1, 0]], source_volts=[1.0]
     )
-    (volts,) = rg.solve_many(netlist, [[1.0, 1.0, 3e-11, 1e-11]])
+    (volts,) = rg.circuit.solve_many(netlist, [[1.0, 1.0, 3e-11, 1e-11]])
     np.testing.assert_allclose(volts, [0.0, 1.0, 0.5, 0.75], rtol=1e-9)
 
 
@@ -179,10 +179,10 @@ def test_weak_parts_beside_stiff_ones_are_solved_too() -> None:
 def test_units_make_no_difference(shape: tuple[int, int], scale: float) -> None:
     netlist = open_grid(shape)
     chips = samples(netlist, 2)
-    expected = rg.solve_many(netlist, chips)
-    np.testing.assert_allclose(rg.solve_many(netlist, scale * chips), expected, rtol=0, atol=1e-8)
+    expected = rg.circuit.solve_many(netlist, chips)
+    np.testing.assert_allclose(rg.circuit.solve_many(netlist, scale * chips), expected, rtol=0, atol=1e-8)
     scaled = netlist.replace(conductance=scale * netlist.conductance)
-    np.testing.assert_allclose(rg.solve_many(scaled, scale * chips), expected, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(rg.circuit.solve_many(scaled, scale * chips), expected, rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize("on", [100.0, 1.0, 1e-3, 1e-6])
@@ -191,7 +191,7 @@ def test_switches_as_good_as_wires_hide_nothing(on: float) -> None:
     netlist = open_grid((40, 50), rails="cells")
     chip = rg.Chip(mismatch=0.2, obstacle_switch_on=on, goal_switch_on=on)
     built, chips = rg.study(netlist, chip).conductances([1, 2])
-    for volts, conductance in zip(rg.solve_many(built, chips), chips, strict=True):
+    for volts, conductance in zip(rg.circuit.solve_many(built, chips), chips, strict=True):
         alone = rg.solve(built.replace(conductance=conductance)).voltage
         np.testing.assert_allclose(volts, alone, rtol=0, atol=2e-8)
 
@@ -211,7 +211,7 @@ def test_stiff_parts_of_a_chip_do_not_hide_what_weak_ones_hold_them_by() -> None
     ]  # fmt: skip
     netlist = rg.Netlist(11, ends, nominal, source_nodes=[[0, 9]], source_volts=[-5.0])
     up, down = wild[5] + wild[6], wild[3]  # nodes 2 and 6, 7 are at the rails, but for some 1e-7
-    assert rg.solve_many(netlist, [wild])[0, 4] == pytest.approx(5.0 * up / (up + down), rel=1e-6)
+    assert rg.circuit.solve_many(netlist, [wild])[0, 4] == pytest.approx(5.0 * up / (up + down), rel=1e-6)
 
 
 def test_products_of_residuals_may_underflow() -> None:
@@ -220,4 +220,4 @@ def test_products_of_residuals_may_underflow() -> None:
         source_nodes=[[3, 0], [2, 0]], source_volts=[-1.0, -1.0],
     )  # fmt: skip
     chip = [2.2817240247438017e-17, 446932994385.402, 2.455655477476633e-13, 1.2704184391898117e25]
-    assert rg.solve_many(netlist, [chip])[0, 1] == pytest.approx(-1.0)
+    assert rg.circuit.solve_many(netlist, [chip])[0, 1] == pytest.approx(-1.0)

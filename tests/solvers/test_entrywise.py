@@ -10,7 +10,7 @@ from support.spaces import serpentine, space_of
 import resgrid as rg
 from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.circuit.solve import scale_drive, solve
+from resgrid.circuit.solve import normalize_drive, solve
 from resgrid.core.compiler import compile_space
 from resgrid.core.netlist import Netlist
 from resgrid.errors import AccuracyError, InputError
@@ -118,9 +118,11 @@ def test_an_operating_point_is_that_of_its_own_circuit() -> None:
     point, same, other = solve(netlist(2)), netlist(2), netlist(7)
     assert point.is_of(same)
     assert not point.is_of(other)
-    np.testing.assert_array_equal(scale_drive(same, point).current_amps, scale_drive(point.netlist, point).current_amps)
+    np.testing.assert_array_equal(
+        normalize_drive(same, point).current_amps, normalize_drive(point.netlist, point).current_amps
+    )
     with pytest.raises(InputError, match="another netlist; solve this one first"):
-        scale_drive(other, point)
+        normalize_drive(other, point)
 
 
 def test_conductances_of_24_decades_in_one_circuit() -> None:

@@ -21,10 +21,10 @@ def room(*shape: int) -> rg.Netlist:
 
 
 FACTORS = {
-    "direct": lambda: rg.factor(room(24, 30), method="direct"),
-    "direct, in space": lambda: rg.factor(room(12, 13, 14), method="direct"),
-    "multigrid": lambda: rg.factor(room(24, 30), method="multigrid"),
-    "direct, in a corridor": lambda: rg.factor(rg.compile_space(space_of(serpentine(3, 30, 1)))),
+    "direct": lambda: rg.factorize(room(24, 30), method="direct"),
+    "direct, in space": lambda: rg.factorize(room(12, 13, 14), method="direct"),
+    "multigrid": lambda: rg.factorize(room(24, 30), method="multigrid"),
+    "direct, in a corridor": lambda: rg.factorize(rg.compile_space(space_of(serpentine(3, 30, 1)))),
 }
 
 
@@ -83,7 +83,7 @@ def test_the_best_answer_has_all_rows_and_all_nodes() -> None:
     netlist = rg.compile_space(
         space_of(maze, conductivity=10.0 ** np.random.default_rng(1).uniform(-9, 9, maze.shape)), boundary="neumann"
     )
-    factors = rg.factor(netlist, method="multigrid")
+    factors = rg.factorize(netlist, method="multigrid")
     with pytest.raises(rg.AccuracyError) as failure:
         factors.solve(factors.system.drive, rtol=1e-20)
     assert np.shape(failure.value.best) == (factors.system.size,)
@@ -98,7 +98,7 @@ def test_the_best_answer_has_all_rows_and_all_nodes() -> None:
 def test_factors_go_to_other_processes(method: str, density: float) -> None:
     cell = (np.random.default_rng(1).random((60, 60)) < density).astype(np.uint8)
     cell[20:22, 20:22] = 2, 0
-    factors = rg.factor(rg.compile_space(space_of(cell)), method=method)
+    factors = rg.factorize(rg.compile_space(space_of(cell)), method=method)
     rhs = factors.system.drive
     if factors.factors.name == "direct":
         np.testing.assert_array_equal(pickle.loads(pickle.dumps(factors)).solve(rhs), factors.solve(rhs))
@@ -120,7 +120,7 @@ def wild_network(nodes: int, seed: int) -> rg.Netlist:
 
 @pytest.mark.parametrize("method", ["direct", "multigrid"])
 def test_an_answer_does_not_depend_on_what_was_asked_before(method: str) -> None:
-    factors = rg.factor(wild_network(600, 1), method=method)
+    factors = rg.factorize(wild_network(600, 1), method=method)
     rhs = np.ones(factors.system.size)
     first = factors.solve(rhs)
     factors.factors.solve_nonnegative(rhs)
@@ -133,7 +133,7 @@ def test_values_hold_their_fields_alone(method: str) -> None:
     corridor = np.zeros((60, 8), dtype=np.uint8)
     corridor[0, 0] = 2
     for netlist in (rg.compile_space(space_of(corridor)), wild_network(600, 0)):
-        factors = rg.factor(netlist, method=method)
+        factors = rg.factorize(netlist, method=method)
         rhs = np.ones(factors.system.size)
         factors.solve(rhs)
         factors.factors.solve_nonnegative(rhs)

@@ -5,7 +5,7 @@ from support.spaces import serpentine, space_of, spaces
 
 from resgrid.circuit.dynamics import dynamics_of, factor_resolvent
 from resgrid.circuit.equations import Equations, assemble
-from resgrid.circuit.solve import factor, solve
+from resgrid.circuit.solve import factorize, solve
 from resgrid.core.compiler import compile_space
 from resgrid.core.netlist import Netlist
 from resgrid.errors import BudgetError, CircuitError, InputError
@@ -210,7 +210,7 @@ def test_what_multigrid_cannot_reach_is_balanced() -> None:
 
 def test_a_factor_serves_many_right_hand_sides() -> None:
     netlist = compile_space(space_of(blocks((40, 30), 3)))
-    direct, multigrid = factor(netlist, method="direct"), factor(netlist, method="multigrid")
+    direct, multigrid = factorize(netlist, method="direct"), factorize(netlist, method="multigrid")
     rng = np.random.default_rng(1)
     for _ in range(3):
         rhs = rng.standard_normal(direct.system.size)
@@ -250,6 +250,6 @@ def test_leaks_that_outweigh_the_grid_are_no_harder(boundary: str, leak: float) 
 
 def test_the_stage_called_factor_coarsens(monkeypatch: pytest.MonkeyPatch) -> None:
     plane = compile_space(space_of(blocks((160, 160), 1)), boundary="neumann")
-    factors = factor(plane, method="multigrid").factors
+    factors = factorize(plane, method="multigrid").factors
     monkeypatch.setattr("resgrid.solvers.multigrid.hierarchy.build_hierarchy", lambda _: pytest.fail("coarsened late"))
     assert np.isfinite(factors.solve(np.ones(factors.laplacian.size))).all()

@@ -363,7 +363,7 @@ def test_ngspice_agrees(space: rg.ConfigurationSpace, options: dict[str, object]
     except rg.CircuitError:
         assume(False)
     if options.get("boundary") == "neumann":
-        netlist = rg.scale_drive(netlist, point)
+        netlist = rg.normalize_drive(netlist, point)
         point = rg.solve(netlist)
     agreement = rg.check_deck(point)
     assert agreement.agrees, agreement.findings
@@ -374,7 +374,7 @@ def test_the_supply_of_a_saturating_chip_is_what_its_sources_give(tmp_path: Path
     cell = np.zeros((5, 5), dtype=np.uint8)
     cell[1, 1], cell[3, 3] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     netlist = rg.compile_space(space_of(cell), rails="cells", supply=5.0)
-    chip = rg.build_chip(netlist, [rg.chip.effects.RailSwitches(goal_on=10.0), rg.chip.effects.Saturation(2.0)])
+    chip = rg.chip.build_chip(netlist, [rg.chip.effects.RailSwitches(goal_on=10.0), rg.chip.effects.Saturation(2.0)])
     written = write_spice(rg.solve(chip), tmp_path / "chip.cir")
     assert read_sidecar(written.path).supply == pytest.approx(5.0, rel=0.1)
     assert check_deck(written.path).agrees

@@ -19,18 +19,18 @@ from support.tiles import tiled
 import resgrid as rg
 
 ALL = {
-    "operating": [rg.analyses.OperatingAnalysis()],
+    "operating": [rg.spice.analyses.OperatingAnalysis()],
     "transient": [
-        rg.analyses.TransientAnalysis(2e-6, 4e-9),
-        rg.analyses.Measure("top", "n_0_0", "maximum"),
-        rg.analyses.Measure("low", "n_0_0", "minimum"),
-        rg.analyses.Measure("late", "n_0_1", "value", 1e-6),
-        rg.analyses.Measure("passed", "n_0_1", "crossing", 0.5),
+        rg.spice.analyses.TransientAnalysis(2e-6, 4e-9),
+        rg.spice.analyses.Measure("top", "n_0_0", "maximum"),
+        rg.spice.analyses.Measure("low", "n_0_0", "minimum"),
+        rg.spice.analyses.Measure("late", "n_0_1", "value", 1e-6),
+        rg.spice.analyses.Measure("passed", "n_0_1", "crossing", 0.5),
     ],
-    "noise": [rg.analyses.NoiseAnalysis("n_0_0", 1e3, 1e9)],
-    "temperature": [rg.analyses.TemperatureAnalysis((27.0, 85.0))],
-    "mismatch": [rg.analyses.MismatchAnalysis(0.01, seed=3, runs=3)],
-    "probes": [rg.analyses.OperatingAnalysis(), rg.analyses.Probe(("n_0_0",), ("v_obstacle",))],
+    "noise": [rg.spice.analyses.NoiseAnalysis("n_0_0", 1e3, 1e9)],
+    "temperature": [rg.spice.analyses.TemperatureAnalysis((27.0, 85.0))],
+    "mismatch": [rg.spice.analyses.MismatchAnalysis(0.01, seed=3, runs=3)],
+    "probes": [rg.spice.analyses.OperatingAnalysis(), rg.spice.analyses.Probe(("n_0_0",), ("v_obstacle",))],
 }
 
 
@@ -61,13 +61,15 @@ def whole(deck: Any) -> str:
 def test_decks_keep_the_grammar(tmp_path: Path, dialect: str, form: str, asked: list[object]) -> None:
     after = tiles((1, 1))[0] if form == "cells" else scene(supply=2.0)
     asked = [
-        rg.analyses.TransientAnalysis(2e-6, 4e-9, after) if isinstance(item, rg.analyses.TransientAnalysis) else item
+        rg.spice.analyses.TransientAnalysis(2e-6, 4e-9, after)
+        if isinstance(item, rg.spice.analyses.TransientAnalysis)
+        else item
         for item in asked
     ]
     for options in ({}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 1e4}):
         if options.get("boundary") == "neumann" and ("v_obstacle" in str(asked) or form == "flat"):
             continue
-        if any(isinstance(item, rg.analyses.TransientAnalysis) for item in asked) and options:
+        if any(isinstance(item, rg.spice.analyses.TransientAnalysis) for item in asked) and options:
             continue
         netlist, chip = tiles(**options) if form == "cells" else (scene(**options), None)
         written = rg.write_spice(netlist, tmp_path / "a.cir", dialect, form=form, chip=chip, analyses=asked)
@@ -83,7 +85,7 @@ def test_the_grammar_can_refuse() -> None:
 @pytest.mark.parametrize("dialect", ["ngspice", "ltspice", "hspice"])
 def test_a_transient_goes_from_scene_to_scene(tmp_path: Path, dialect: str) -> None:
     (before, chip), (after, _) = tiles(), tiles((1, 1), supply=2.0)
-    asked = [rg.analyses.TransientAnalysis(4e-6, 4e-9, after)]
+    asked = [rg.spice.analyses.TransientAnalysis(4e-6, 4e-9, after)]
     written = rg.write_spice(before, tmp_path / "a.cir", dialect, form="cells", chip=chip, analyses=asked)
     run(written.commands, dialect)
     found = waves(tmp_path / "out.raw")
@@ -94,12 +96,16 @@ def test_a_transient_goes_from_scene_to_scene(tmp_path: Path, dialect: str) -> N
 
 
 def test_ngspice_measures_what_its_waves_show(tmp_path: Path) -> None:
-    asked = [rg.analyses.OperatingAnalysis(), *ALL["transient"], rg.analyses.TemperatureAnalysis((27.0, 85.0))]
+    asked = [
+        rg.spice.analyses.OperatingAnalysis(),
+        *ALL["transient"],
+        rg.spice.analyses.TemperatureAnalysis((27.0, 85.0)),
+    ]
     (before, chip), (after, _) = tiles(), tiles((1, 1), supply=2.0)
-    asked[1] = rg.analyses.TransientAnalysis(2e-6, 4e-9, after)
+    asked[1] = rg.spice.analyses.TransientAnalysis(2e-6, 4e-9, after)
     ends = [rg.solve(netlist) for netlist in (before, after)]
     middle = float(np.mean([point.voltage[point.netlist.cells.node[0, 1]] for point in ends]))
-    asked[5] = rg.analyses.Measure("passed", "n_0_1", "crossing", middle)
+    asked[5] = rg.spice.analyses.Measure("passed", "n_0_1", "crossing", middle)
     written = rg.write_spice(before, tmp_path / "a.cir", form="cells", chip=chip, analyses=asked)
     command = written.commands.read_text().splitlines()[1].removeprefix("* ").split()
     assert command[:2] == ["ngspice", "-n"]
@@ -115,7 +121,7 @@ def test_ngspice_measures_what_its_waves_show(tmp_path: Path) -> None:
 
 def test_drives_step_too(tmp_path: Path) -> None:
     (before, chip), (after, _) = tiles(boundary="neumann"), tiles((1, 1), boundary="neumann")
-    asked = [rg.analyses.TransientAnalysis(2e-5, 2e-8, after)]
+    asked = [rg.spice.analyses.TransientAnalysis(2e-5, 2e-8, after)]
     written = rg.write_spice(before, tmp_path / "a.cir", form="cells", chip=chip, analyses=asked)
     run(written.commands)
     found, voltage = waves(tmp_path / "out.raw"), rg.solve(after).voltage
@@ -125,7 +131,9 @@ def test_drives_step_too(tmp_path: Path) -> None:
 
 
 def test_noise_is_that_of_the_resistance_seen(tmp_path: Path) -> None:
-    written = rg.write_spice(scene(), tmp_path / "a.cir", analyses=[rg.analyses.NoiseAnalysis("n_2_2", 1.0, 10.0)])
+    written = rg.write_spice(
+        scene(), tmp_path / "a.cir", analyses=[rg.spice.analyses.NoiseAnalysis("n_2_2", 1.0, 10.0)]
+    )
     run(written.commands)
     density = waves(tmp_path / "out.raw")["onoise_spectrum"][0]
     netlist = scene()
@@ -140,13 +148,15 @@ def test_noise_is_that_of_the_resistance_seen(tmp_path: Path) -> None:
 def test_noise_is_referred_to_a_source_that_the_deck_holds(tmp_path: Path) -> None:
     ends, sources = [[1, 2], [2, 0], [3, 4]], [[3, 4], [1, 0]]
     netlist = rg.Netlist(5, ends, [1e-3, 1e-3, 1e-3], source_nodes=sources, source_volts=[1.0, 2.0])
-    written = rg.write_spice(netlist, tmp_path / "a.cir", analyses=[rg.analyses.NoiseAnalysis("node_2", 1.0, 10.0)])
+    written = rg.write_spice(
+        netlist, tmp_path / "a.cir", analyses=[rg.spice.analyses.NoiseAnalysis("node_2", 1.0, 10.0)]
+    )
     assert "no AC value" not in run(written.commands).stdout
     density = waves(tmp_path / "out.raw")["onoise_spectrum"][0]
     assert density == pytest.approx(math.sqrt(4 * 1.380649e-23 * 300.15 * 500.0), rel=1e-4)
     without = rg.Netlist(2, [[1, 0]], [1.0], current_nodes=[[0, 1]], current_amps=[1.0])
     with pytest.raises(rg.InputError, match="the deck holds none"):
-        rg.write_spice(without, tmp_path / "b.cir", analyses=[rg.analyses.NoiseAnalysis("node_1")])
+        rg.write_spice(without, tmp_path / "b.cir", analyses=[rg.spice.analyses.NoiseAnalysis("node_1")])
 
 
 def test_temperatures_are_swept(tmp_path: Path) -> None:
@@ -154,7 +164,7 @@ def test_temperatures_are_swept(tmp_path: Path) -> None:
     heated = netlist.replace(
         tc1=np.linspace(0, 5e-3, len(netlist.conductance)), tc2=np.full(len(netlist.conductance), 1e-6)
     )
-    written = rg.write_spice(heated, tmp_path / "a.cir", analyses=[rg.analyses.TemperatureAnalysis((27.0, 87.0))])
+    written = rg.write_spice(heated, tmp_path / "a.cir", analyses=[rg.spice.analyses.TemperatureAnalysis((27.0, 87.0))])
     run(written.commands)
     factor = 1 + heated.tc1 * 60 + heated.tc2 * 3600
     for celsius, scale in (("27.0", 1.0), ("87.0", factor)):
@@ -168,7 +178,7 @@ def test_mismatch_has_a_seed(tmp_path: Path, form: str) -> None:
     texts = []
     for i, seed in enumerate((1, 1, 2)):
         netlist, chip = tiles() if form == "cells" else (scene(), None)
-        asked = [rg.analyses.MismatchAnalysis(0.02, seed)]
+        asked = [rg.spice.analyses.MismatchAnalysis(0.02, seed)]
         written = rg.write_spice(netlist, tmp_path / f"{i}.cir", form=form, chip=chip, analyses=asked)
         assert verdict(written.companion) == (0, "PASS")
         texts.append((written.chip or written.path).read_text().replace(f"{i}.cir", ""))
@@ -187,7 +197,7 @@ def test_ngspice_draws_mismatch(tmp_path: Path, form: str) -> None:
     found = []
     for name in ("a.cir", "b.cir"):
         netlist, chip = tiles() if form == "cells" else (scene(), None)
-        asked = [rg.analyses.MismatchAnalysis(0.05, 7, runs=4)]
+        asked = [rg.spice.analyses.MismatchAnalysis(0.05, 7, runs=4)]
         written = rg.write_spice(netlist, tmp_path / name, form=form, chip=chip, analyses=asked)
         assert written.companion is None
         run(written.commands)
@@ -215,7 +225,7 @@ def test_a_saturating_resistor_is_a_behavioural_source(tmp_path: Path) -> None:
 
 
 def test_the_sidecar_tells_what_was_asked(tmp_path: Path) -> None:
-    asked = [rg.analyses.TransientAnalysis(1e-6, 1e-9), rg.analyses.NoiseAnalysis("n_0_0")]
+    asked = [rg.spice.analyses.TransientAnalysis(1e-6, 1e-9), rg.spice.analyses.NoiseAnalysis("n_0_0")]
     expected = {"noise": {"density": 1e-8}}
     netlist, chip = tiles()
     written = rg.write_spice(
@@ -233,16 +243,20 @@ def test_the_sidecar_tells_what_was_asked(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("asked", "options", "message"),
     [
-        ([rg.analyses.NoiseAnalysis("n_9_9")], {}, "no node or voltage source 'n_9_9'"),
-        ([rg.analyses.Probe(("n_0_0",), ("r_1",))], {}, "'r_1'"),
+        ([rg.spice.analyses.NoiseAnalysis("n_9_9")], {}, "no node or voltage source 'n_9_9'"),
+        ([rg.spice.analyses.Probe(("n_0_0",), ("r_1",))], {}, "'r_1'"),
         (
-            [rg.analyses.OperatingAnalysis(), rg.analyses.NoiseAnalysis("n_0_0")],
+            [rg.spice.analyses.OperatingAnalysis(), rg.spice.analyses.NoiseAnalysis("n_0_0")],
             {"dialect": "xyce"},
             "one analysis per file",
         ),
-        ([rg.analyses.Measure("top", "n_0_0", "maximum")], {}, "add a TransientAnalysis"),
-        ([rg.analyses.TransientAnalysis(1.0, 0.1), rg.analyses.TransientAnalysis(1.0, 0.1)], {}, "one of each"),
-        ([rg.analyses.TransientAnalysis(1.0, 0.1, scene((1, 1)))], {}, "form='cells'"),
+        ([rg.spice.analyses.Measure("top", "n_0_0", "maximum")], {}, "add a TransientAnalysis"),
+        (
+            [rg.spice.analyses.TransientAnalysis(1.0, 0.1), rg.spice.analyses.TransientAnalysis(1.0, 0.1)],
+            {},
+            "one of each",
+        ),
+        ([rg.spice.analyses.TransientAnalysis(1.0, 0.1, scene((1, 1)))], {}, "form='cells'"),
     ],
 )
 def test_what_does_not_fit_is_refused(
@@ -256,17 +270,17 @@ def test_what_does_not_fit_is_refused(
 @pytest.mark.parametrize(
     ("make", "values"),
     [
-        (rg.analyses.TransientAnalysis, (1e-9, 1e-6)),
-        (rg.analyses.NoiseAnalysis, ("n", 10.0, 1.0)),
-        (rg.analyses.TemperatureAnalysis, ((-300.0,),)),
-        (rg.analyses.TemperatureAnalysis, ((),)),
-        (rg.analyses.MismatchAnalysis, (1.0,)),
-        (rg.analyses.MismatchAnalysis, (0.2, 0, 5)),
-        (rg.analyses.MismatchAnalysis, (0.01, -1)),
-        (rg.analyses.Measure, ("a b", "n", "maximum")),
-        (rg.analyses.Measure, ("a", "n", "value")),
-        (rg.analyses.Measure, ("a", "n", "median")),
-        (rg.analyses.Probe, ((),)),
+        (rg.spice.analyses.TransientAnalysis, (1e-9, 1e-6)),
+        (rg.spice.analyses.NoiseAnalysis, ("n", 10.0, 1.0)),
+        (rg.spice.analyses.TemperatureAnalysis, ((-300.0,),)),
+        (rg.spice.analyses.TemperatureAnalysis, ((),)),
+        (rg.spice.analyses.MismatchAnalysis, (1.0,)),
+        (rg.spice.analyses.MismatchAnalysis, (0.2, 0, 5)),
+        (rg.spice.analyses.MismatchAnalysis, (0.01, -1)),
+        (rg.spice.analyses.Measure, ("a b", "n", "maximum")),
+        (rg.spice.analyses.Measure, ("a", "n", "value")),
+        (rg.spice.analyses.Measure, ("a", "n", "median")),
+        (rg.spice.analyses.Probe, ((),)),
     ],
 )
 def test_analyses_that_cannot_be_are_refused(make: type, values: tuple[object, ...]) -> None:

@@ -201,7 +201,7 @@ def test_a_legal_name_keeps_its_place_before_a_mapped_one() -> None:
 def test_nodes_of_rails_are_named_by_rail_and_cell(tmp_path: Path, scenes: Path) -> None:
     scene = rg.read_scene(scenes / "lesson.toml")
     chip = rg.Chip(rail_resistance=0.5, goal_switch_on=10.0, goal_switch_off=1e10, obstacle_switch_on=1e3)
-    study = rg.study(rg.sample(scene), chip)
+    study = rg.study(rg.build_space(scene), chip)
     written = rg.write_spice(study.netlist, tmp_path / "chip.cir")
     deck = rg.read_spice(written.path)
     names = set(deck.node_names)

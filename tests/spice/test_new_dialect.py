@@ -56,7 +56,7 @@ def test_a_deck_is_written_and_read_back(tmp_path: Path) -> None:
     there = rg.solve(read)
     order = [there.netlist.node_names.index(name) for name in names]
     np.testing.assert_allclose(there.voltage[order], op.voltage, rtol=0, atol=1e-12)
-    assert not [violation for violation in rg.check_rules(read) if violation.severity == "error"]
+    assert not [violation for violation in rg.check_erc(read) if violation.severity == "error"]
     agreement = rg.check_deck(written.path)
     assert not agreement.verified and agreement.as_read.agrees and "sparrow" in agreement.remark
 
@@ -64,19 +64,19 @@ def test_a_deck_is_written_and_read_back(tmp_path: Path) -> None:
 def test_its_quirks_are_foretold(tmp_path: Path) -> None:
     (tmp_path / "a.cir").write_text("* t\n.option sparrow=1\nv1 a 0 1\nr1 a b 0.5\nr2 b 0 1\nr3 gnd b 1k\n.end\n")
     read = rg.read_spice(tmp_path / "a.cir")
-    prediction = next(item for item in rg.predict_simulators(read) if item.simulator == "sparrow")
+    prediction = next(item for item in rg.spice.check_portability(read) if item.simulator == "sparrow")
     assert (prediction.outcome, prediction.basis) == ("wrong", "documented")
     assert "become 1 ohm" in prediction.reasons[0]
     named = rg.Netlist(2, [[1, 0]], [1.0], node_names=("0", "GND"), source_nodes=[[1, 0]], source_volts=[1.0])
-    assert any("Sparrow" in violation.message for violation in rg.check_rules(named))
+    assert any("Sparrow" in violation.message for violation in rg.check_erc(named))
 
 
 def test_analyses_and_tiles_are_in_its_words(tmp_path: Path) -> None:
     netlist, chip = tiled(space_of([[0, 1], [0, 2]]), rg.Chip(capacitance=1e-12))
     asked = [
-        rg.analyses.TransientAnalysis(1e-6, 1e-9),
-        rg.analyses.Measure("top", "n_0_0", "maximum"),
-        rg.analyses.Probe(("n_0_0",)),
+        rg.spice.analyses.TransientAnalysis(1e-6, 1e-9),
+        rg.spice.analyses.Measure("top", "n_0_0", "maximum"),
+        rg.spice.analyses.Probe(("n_0_0",)),
     ]
     written = rg.write_spice(netlist, tmp_path / "a.cir", "sparrow", form="cells", chip=chip, analyses=asked)
     lines = written.commands.read_text().splitlines()

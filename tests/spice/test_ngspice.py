@@ -50,7 +50,7 @@ def test_the_simulators_way_to_a_saturated_chip_is_no_complaint(volts: float) ->
     """It lowers gmin in steps until it needs none; a floating node is told by what else it says."""
     cell = np.zeros((3, 3), dtype=np.uint8)
     cell[1, 1], cell[2, 2] = rg.Cell.OBSTACLE, rg.Cell.GOAL
-    chip = rg.Chip(saturation_voltage=volts, readout=rg.Readout(input_resistance=1e6))
+    chip = rg.Chip(saturation_voltage=volts, readout=rg.chip.Readout(input_resistance=1e6))
     agreement = rg.check_deck(rg.study(space_of(cell), chip, boundary="neumann").op)
     assert agreement.findings == ()
     assert agreement.agrees

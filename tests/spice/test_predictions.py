@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 from support.circuits import random_grid
 
 from resgrid.errors import BudgetError
-from resgrid.spice.check.portability import Prediction, predict_simulators
+from resgrid.spice.check.portability import Prediction, check_portability
 from resgrid.spice.circuit import Circuit
 from resgrid.spice.read.deck import read_spice
 from resgrid.spice.run.ngspice import ngspice_version, simulate
@@ -24,7 +24,7 @@ def deck_of(folder: Path, text: str) -> Circuit:
 
 
 def verdict_of(circuit: object, simulator: str = "ngspice") -> Prediction:
-    return next(v for v in predict_simulators(circuit) if v.simulator == simulator)  # type: ignore[arg-type]
+    return next(v for v in check_portability(circuit) if v.simulator == simulator)  # type: ignore[arg-type]
 
 
 def measured_error(text: str, deck: Circuit) -> float:
@@ -222,7 +222,7 @@ def test_other_simulators_are_told_from_their_manuals(tmp_path: Path) -> None:
     assert verdict_of(deck, "hspice").outcome == "right"  # both are raised alike, and the part that floats is alone
     assert verdict_of(deck, "xyce").outcome == "unsure"
     assert verdict_of(deck, "spectre").outcome == "right"
-    assert all(v.basis == "documented" for v in predict_simulators(deck) if v.simulator != "ngspice")
+    assert all(v.basis == "documented" for v in check_portability(deck) if v.simulator != "ngspice")
     raised = deck_of(tmp_path, "* t\nv1 a 0 1\nr1 a b 1e-6\nr2 b 0 1\n.op\n.end\n")
     assert verdict_of(raised, "hspice").max_error == pytest.approx(9e-6, rel=1e-3)
     assert verdict_of(raised).outcome == "right"

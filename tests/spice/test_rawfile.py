@@ -73,7 +73,7 @@ def test_the_message_says_what_is_wrong(data: bytes, message: str) -> None:
 @pytest.mark.parametrize("form", FORMS)
 def test_ngspice_loads_what_is_written(tmp_path: Path, form: str) -> None:
     point = solve(random_grid(3))
-    rg.write_solution(point, tmp_path / "x.raw", form=form, title="a  title\nof two lines")
+    rg.save(point, tmp_path / "x.raw", form=form, title="a  title\nof two lines")
     deck = tmp_path / "load.cir"
     words = ["load x.raw", "set numdgt=16", "print v(node_7)", "print i(v1)", "quit"]
     deck.write_text("* load\n.control\n" + "\n".join(words) + "\n.endc\n.end\n")
@@ -111,4 +111,4 @@ def test_names_are_those_of_ngspice_and_floating_nodes_are_left_out() -> None:
 
 def test_a_wrong_form_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="binary or ascii"):
-        rg.write_solution(solve(random_grid(1)), tmp_path / "x.raw", form="hex")
+        rg.save(solve(random_grid(1)), tmp_path / "x.raw", form="hex")

@@ -14,7 +14,7 @@ from resgrid.core.netlist import Netlist
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import CircuitError
 from resgrid.spice.check.connectivity import loop_voltages
-from resgrid.spice.check.erc import check_rules
+from resgrid.spice.check.erc import check_erc
 from resgrid.spice.circuit import Circuit
 from resgrid.spice.read.deck import read_spice
 
@@ -26,8 +26,8 @@ def with_more(**changes: object) -> Netlist:
 
 
 def test_sound_circuits_pass() -> None:
-    assert check_rules(ladder()) == ()
-    assert check_rules(random_grid(0)) == ()
+    assert check_erc(ladder()) == ()
+    assert check_erc(random_grid(0)) == ()
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_sound_circuits_pass() -> None:
     ],
 )
 def test_each_rule_finds_its_fault(netlist: Netlist, rule: str, severity: str, place: str) -> None:
-    found = {finding.rule: finding for finding in check_rules(netlist)}
+    found = {finding.rule: finding for finding in check_erc(netlist)}
     assert rule in found
     assert (found[rule].severity, found[rule].place) == (severity, place)
     assert found[rule].message
@@ -63,7 +63,7 @@ def test_each_rule_finds_its_fault(netlist: Netlist, rule: str, severity: str, p
 
 
 def test_errors_come_first() -> None:
-    severities = [finding.severity for finding in check_rules(with_more(current_nodes=[[0, 5]], current_amps=[1e-6]))]
+    severities = [finding.severity for finding in check_erc(with_more(current_nodes=[[0, 5]], current_amps=[1e-6]))]
     assert severities == ["error", "warning"]
 
 
@@ -71,7 +71,7 @@ SOUND = "* sound\nv1 a 0 1\nr1 a b 1k\nr2 b 0 1k\n"
 
 
 def findings_of(text: str) -> dict[tuple[str, str], str]:
-    return {(f.rule, f.severity): f.place for f in check_rules(read_spice(io.StringIO(text))) if f.rule != "reading"}
+    return {(f.rule, f.severity): f.place for f in check_erc(read_spice(io.StringIO(text))) if f.rule != "reading"}
 
 
 def test_a_sound_deck_passes() -> None:
@@ -110,14 +110,14 @@ def test_a_deck_without_ground_is_an_error() -> None:
 
 def test_islands_are_told_one_by_one_with_their_nodes() -> None:
     text = SOUND + "".join(f"rx{i} p{i} q{i} 1k\n" for i in range(12)) + ".end\n"
-    floating = [f for f in check_rules(read_spice(io.StringIO(text))) if f.rule == "floating"]
+    floating = [f for f in check_erc(read_spice(io.StringIO(text))) if f.rule == "floating"]
     assert len(floating) == 11
     assert floating[0].nodes == ("p0", "q0")
     assert "2 more parts, with 4 nodes" in floating[-1].message
 
 
 def test_what_the_reader_noted_is_among_the_findings() -> None:
-    found = [f for f in check_rules(read_spice(io.StringIO(SOUND + "r9 b 0 1M\n.end\n"))) if f.rule == "reading"]
+    found = [f for f in check_erc(read_spice(io.StringIO(SOUND + "r9 b 0 1M\n.end\n"))) if f.rule == "reading"]
     assert any("milli" in finding.message and finding.severity == "warning" for finding in found)
     assert "milli" in str(found[0])
 
@@ -140,8 +140,8 @@ def test_names_that_are_misread_are_told(name: str, severity: str, word: str) ->
     netlist = Netlist(
         3, [[1, 2], [2, 0]], [1.0, 1.0], source_nodes=[[1, 0]], source_volts=[1.0], node_names=("0", "fine", name)
     )
-    assert any(f.rule == "names" and f.severity == severity and word in f.message for f in check_rules(netlist))
-    assert check_rules(netlist.replace(node_names=("0", "fine", "n_12_7"))) == ()
+    assert any(f.rule == "names" and f.severity == severity and word in f.message for f in check_erc(netlist))
+    assert check_erc(netlist.replace(node_names=("0", "fine", "n_12_7"))) == ()
 
 
 def test_places_in_a_scene_are_cells() -> None:
@@ -159,7 +159,7 @@ def test_places_in_a_scene_are_cells() -> None:
 @pytest.mark.parametrize(("volts", "contradicts"), [(1.0, False), (1.0 + 1e-13, False), (1.0 + 1e-10, True)])
 def test_a_loop_contradicts_itself_where_it_has_no_solution(volts: float, contradicts: bool) -> None:
     netlist = Netlist(2, [[1, 0]], [1.0], source_nodes=[[1, 0], [1, 0]], source_volts=[1.0, volts])
-    assert any(violation.severity == "error" for violation in check_rules(netlist)) == contradicts
+    assert any(violation.severity == "error" for violation in check_erc(netlist)) == contradicts
     if contradicts:
         with pytest.raises(CircuitError, match="contradicts"):
             solve(netlist)
@@ -177,7 +177,7 @@ def test_a_large_source_outside_a_loop_hides_no_contradiction(loop: list[tuple[i
         source_nodes=[source[:2] for source in sources],
         source_volts=[source[2] for source in sources],
     )
-    assert any(violation.severity == "error" for violation in check_rules(netlist))
+    assert any(violation.severity == "error" for violation in check_erc(netlist))
     with pytest.raises(CircuitError, match=r"contradicts the other sources by 1e-09 V"):
         solve(netlist)
 

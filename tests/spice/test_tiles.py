@@ -152,8 +152,8 @@ def test_a_chip_that_the_netlist_is_not_of_is_refused(tmp_path: Path, values: di
     [
         {"rail_resistance": 1.0},
         {"saturation_voltage": 0.3},
-        {"readout": rg.Readout(input_resistance=1e8)},
-        {"defects": rg.Defects(open_density=0.2)},
+        {"readout": rg.chip.Readout(input_resistance=1e8)},
+        {"defects": rg.chip.Defects(open_density=0.2)},
         {"tc1": 1e-3},
     ],
     ids=str,

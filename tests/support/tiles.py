@@ -12,4 +12,4 @@ def tiled(space: rg.ConfigurationSpace, chip: rg.Chip | None = None, **options: 
     wall = options.get("wall_resistance")
     supply = options.get("supply", 1.0)
     chip = with_tile_switches(chip or rg.Chip(wall_resistance=wall, supply=supply), boundary)
-    return rg.build_chip(rg.compile_space(space, rails="cells", **options), chip), chip
+    return rg.chip.build_chip(rg.compile_space(space, rails="cells", **options), chip), chip

@@ -1,13 +1,13 @@
 """The effects of a chip: passes from an ideal netlist to that of one real chip, as values and as data.
 
-A pass is a frozen value with ``apply(netlist) -> netlist``; `resgrid.build_chip` takes a list of them, or a chip's
+A pass is a frozen value with ``apply(netlist) -> netlist``; `resgrid.chip.build_chip` takes a list of them, or a chip's
 description.  A new one is a file with a dataclass that derives from `Effect`, and a line in `EFFECTS`.
 
 >>> netlist = rg.Netlist(2, [[1, 0]], [1e-3])
 >>> effects = (rg.chip.effects.PreferredValues("E6"), rg.chip.effects.Mismatch(0.01, seed=3))
 >>> rg.chip.effects.from_json(rg.chip.effects.to_json(effects)) == effects
 True
->>> rg.build_chip(netlist, effects).conductance.round(5)
+>>> rg.chip.build_chip(netlist, effects).conductance.round(5)
 array([0.00101])
 """
 

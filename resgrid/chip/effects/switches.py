@@ -19,6 +19,7 @@ from resgrid.core import random_sites
 from resgrid.core.compiler import compile_space
 from resgrid.core.netlist import GROUND, CellMap, Netlist, add_elements, select_elements
 from resgrid.core.space import Cell
+from resgrid.core.wiring import EdgeRule
 from resgrid.errors import InputError
 from resgrid.scene.chip import Ohms, OhmsOrZero
 from resgrid.scene.quantities import Quantity
@@ -86,7 +87,7 @@ def _with_open_nodes(netlist: Netlist, on: float, off: float) -> Netlist:
     netlist, nodes = add_nodes(netlist, int(missing.sum()))
     node = cells.node.copy()
     node[missing] = nodes
-    edge = ["open" if rule == "obstacle" else rule for rule in cells.wiring.edge]
+    edge: list[EdgeRule] = ["open" if rule == "obstacle" else rule for rule in cells.wiring.edges(cells.space)]
     full = compile_space(cells.space, edge=edge, rails="cells", resistance=cells.wiring.resistance)
     ends = full.cell_of_node()[full.resistor_nodes]
     new = ~np.isin(full.cells.resistor_face, cells.resistor_face)

@@ -113,7 +113,7 @@ def _first_misfit(lines: list[str], sizes: list[int], path: Path) -> InputError:
     return InputError(f"{path}: the voxels cannot be read")
 
 
-def read_queries(file: str | os.PathLike[str]) -> list[MovingAIScenario]:
+def read_movingai_scenarios(file: str | os.PathLike[str]) -> list[MovingAIScenario]:
     r"""Read the problems of a MovingAI scenario file, of version 1 or 0, with or without a line that says so.
 
     Parameters
@@ -135,7 +135,7 @@ def read_queries(file: str | os.PathLike[str]) -> list[MovingAIScenario]:
     --------
     >>> from pathlib import Path
     >>> size = Path("a.scen").write_text("version 1\n0\ta.map\t4\t2\t0\t0\t1\t1\t1.41421356\n")
-    >>> (query,) = rg.read_queries("a.scen")
+    >>> (query,) = rg.maps.read_movingai_scenarios("a.scen")
     >>> query.start, query.goal, query.optimal_length
     ((0, 1), (1, 0), 1.41421356)
     """

@@ -82,7 +82,7 @@ def _require_dialect(dialect: str) -> None:
         raise InputError(f"dialect: {unknown_word(repr(dialect), dialect, ', '.join(CONVERTERS), list(CONVERTERS))}")
 
 
-def occupancy_grid(file: str | os.PathLike[str], dialect: Dialect = NEWEST) -> NDArray[np.int8]:
+def from_occupancy_grid(file: str | os.PathLike[str], dialect: Dialect = NEWEST) -> NDArray[np.int8]:
     r"""Occupancies of a ROS map, as the reader of a dialect publishes them.
 
     Parameters
@@ -112,7 +112,7 @@ def occupancy_grid(file: str | os.PathLike[str], dialect: Dialect = NEWEST) -> N
     >>> Image.fromarray(np.array([[254, 254, 254], [254, 0, 254]], np.uint8)).save("map.pgm")
     >>> keys = "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\norigin: [0, 0, 0]\n"
     >>> size = Path("map.yaml").write_text("image: map.pgm\nresolution: 0.1\n" + keys)
-    >>> rg.occupancy_grid("map.yaml")
+    >>> rg.maps.from_occupancy_grid("map.yaml")
     array([[  0, 100,   0],
            [  0,   0,   0]], dtype=int8)
     """

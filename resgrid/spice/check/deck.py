@@ -16,7 +16,7 @@ from resgrid.errors import InputError
 from resgrid.spice.check.agreement import Agreement, Reference, compare, unverified
 from resgrid.spice.check.external import expected_of, place_of, runnable, written_anew
 from resgrid.spice.check.kcl_location import inspect_deck
-from resgrid.spice.check.portability import predict_simulators
+from resgrid.spice.check.portability import check_portability
 from resgrid.spice.circuit import TOLERANCE, Circuit
 from resgrid.spice.dialects import dialect_named
 from resgrid.spice.read.deck import read_spice
@@ -96,7 +96,7 @@ def check_deck(
 
     Examples
     --------
-    >>> netlist = rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml")))
+    >>> netlist = rg.compile_space(rg.build_space(rg.read_scene("examples/scenes/lesson.toml")))
     >>> written = rg.write_spice(netlist, "lesson.cir")
     >>> agreement = rg.check_deck("lesson.cir")
     >>> agreement.agrees, agreement.nodes, agreement.max_abs_error < 1e-12
@@ -169,6 +169,6 @@ def _check_external(
     agreement = compare(expected, simulation, tolerance=limits.tolerance, place_of=partial(place_of, deck))
     if agreement.agrees:
         return agreement
-    prediction = next(item for item in predict_simulators(deck) if item.simulator == SIMULATED)
+    prediction = next(item for item in check_portability(deck) if item.simulator == SIMULATED)
     known = [] if prediction.outcome == "right" else [f"this was to be expected: {prediction}"]
     return replace(agreement, findings=(*agreement.findings, *known))

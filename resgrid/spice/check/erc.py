@@ -27,7 +27,7 @@ SMALLEST_SAFE, LARGEST_SAFE = 1e-5, 1e12
 """In ohms: HSPICE raises what lies below (RESMIN); what lies above competes with the 1e-12 S a simulator may add."""
 
 
-def check_rules(circuit: Netlist | Circuit) -> tuple[Violation, ...]:
+def check_erc(circuit: Netlist | Circuit) -> tuple[Violation, ...]:
     """Check a netlist, or a deck as it was written, against the electrical rules.
 
     Parameters
@@ -43,7 +43,7 @@ def check_rules(circuit: Netlist | Circuit) -> tuple[Violation, ...]:
     Examples
     --------
     >>> circuit = rg.Netlist(3, [[1, 0]], [1.0], source_nodes=[[1, 0]], source_volts=[1.0])
-    >>> rg.check_rules(circuit)[0].message
+    >>> rg.check_erc(circuit)[0].message
     '1 node has no path of resistors or voltage sources to ground'
     """
     subject = Circuit.of(circuit)

@@ -18,7 +18,7 @@ from resgrid.circuit.solve import solve
 from resgrid.core.netlist import GROUND, Netlist, add_elements, select_elements
 from resgrid.errors import ResgridError
 from resgrid.spice.check.connectivity import Loops, loops_of
-from resgrid.spice.check.erc import check_rules
+from resgrid.spice.check.erc import check_erc
 from resgrid.spice.check.rereading import first_difference, reread
 from resgrid.spice.check.singular import singularity
 from resgrid.spice.circuit import TOLERANCE, Circuit, Violation, connected_parts, rebase
@@ -78,7 +78,7 @@ class _Case:
     voltage: NDArray[np.float64] | None
 
 
-def predict_simulators(
+def check_portability(
     circuit: Netlist | Circuit, violations: tuple[Violation, ...] | None = None
 ) -> tuple[Prediction, ...]:
     """Say for every simulator whether it will find the right operating point.
@@ -88,7 +88,7 @@ def predict_simulators(
     circuit : Netlist or Circuit
         Of a deck the file is judged, as each simulator would read it; a netlist as the deck that resgrid writes of it.
     violations : tuple of Violation, optional
-        From `check_rules`, if they are known.
+        From `check_erc`, if they are known.
 
     Returns
     -------
@@ -98,13 +98,13 @@ def predict_simulators(
     Examples
     --------
     >>> divider = rg.Netlist(3, [[1, 2], [2, 0]], [1e-3, 1e-3], source_nodes=[[1, 0]], source_volts=[2.0])
-    >>> for prediction in rg.predict_simulators(divider)[:2]:
+    >>> for prediction in rg.spice.check_portability(divider)[:2]:
     ...     print(prediction)
     ngspice: right
     ltspice: right (from its documentation, not run)
     """
     circuit = Circuit.of(circuit)
-    errors = [item for item in violations or check_rules(circuit) if item.severity == "error"]
+    errors = [item for item in violations or check_erc(circuit) if item.severity == "error"]
     if circuit.is_deck:
         case = _case_of(circuit, errors)
         outcomes = [_of_file(dialect, case) for dialect in DIALECTS.values()]
@@ -141,7 +141,7 @@ def _of_file(dialect: Dialect, case: _Case) -> _Result:
     if found.circuit is case.deck:
         outcome, error, worst, reasons = _of_deck(dialect.quirks, case)
     else:
-        own = _case_of(found.circuit, check_rules(found.circuit))
+        own = _case_of(found.circuit, check_erc(found.circuit))
         if own.voltage is not None and case.voltage is not None:
             difference = first_difference((case.deck, found.circuit), (case.voltage, own.voltage))
             if difference is not None:

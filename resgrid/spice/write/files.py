@@ -101,7 +101,7 @@ def write_spice(
 
     Examples
     --------
-    >>> op = rg.solve(rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml"))))
+    >>> op = rg.solve(rg.compile_space(rg.build_space(rg.read_scene("examples/scenes/lesson.toml"))))
     >>> written = rg.write_spice(op, "lesson.cir")
     >>> written.path.read_text().splitlines()[1]
     '* ngspice dialect: 58 nodes besides ground, 2 voltage sources, 140 resistors'

@@ -22,7 +22,7 @@ from resgrid.core.compiler import compile_space
 from resgrid.core.netlist import Netlist
 from resgrid.core.regions import face_counts
 from resgrid.core.space import Cell
-from resgrid.core.wiring import Wiring
+from resgrid.core.wiring import EdgeRule, Wiring
 from resgrid.errors import CircuitError, InputError
 from resgrid.scene.chip import Chip
 from resgrid.spice.write.flat import resistances, rounded
@@ -143,7 +143,7 @@ def tiles_of(netlist: Netlist, chip: Chip) -> Tiles:
     amps = netlist.current_amps
     if amps.size and not np.allclose(amps, amps[0], rtol=1e-12, atol=0):
         raise InputError("tiles are fed the same current each, and this netlist is fed unevenly; write it flat")
-    edge = ["open" if wiring.is_driven and rule == "obstacle" else rule for rule in wiring.edge]
+    edge: list[EdgeRule] = ["open" if wiring.is_driven and rule == "obstacle" else rule for rule in wiring.edges(space)]
     full = compile_space(space, edge=edge, rails="cells", resistance=wiring.resistance)
     face, nominal = full.cells.resistor_face, resistances(full.conductance)
     cell, beyond = full.cell_of_node()[full.resistor_nodes].T

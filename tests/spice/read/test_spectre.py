@@ -206,5 +206,5 @@ def test_notes_use_words_of_the_language() -> None:
 @pytest.mark.parametrize(("master", "severity"), [("vsource dc=0", "error"), ("inductor l=1n", "warning")])
 def test_what_an_instance_is_its_master_says_and_not_its_name(master: str, severity: str) -> None:
     deck = read(f"* loop\nsimulator lang=spectre\nv1 (a 0) vsource dc=1\nlow (a b) {master}\nlate (b a) {master}\n")
-    loops = [violation for violation in rg.check_rules(deck) if violation.rule == "voltage loop"]
+    loops = [violation for violation in rg.check_erc(deck) if violation.rule == "voltage loop"]
     assert [violation.severity for violation in loops] == [severity]

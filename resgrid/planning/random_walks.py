@@ -17,7 +17,7 @@ from resgrid._internal.memory import require_memory
 from resgrid._internal.values import frozen
 from resgrid.circuit.linear import CircuitFactor
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.circuit.solve import factor
+from resgrid.circuit.solve import factorize
 from resgrid.core.netlist import GROUND, CellMap, Netlist
 from resgrid.core.space import Cell
 from resgrid.errors import AccuracyError, InputError
@@ -88,10 +88,10 @@ def random_walk(circuit: Netlist | OperatingPoint | RandomWalk, *, method: str =
 
     Examples
     --------
-    >>> walk = rg.random_walk(rg.compile_space(rg.sample(rg.read_scene("examples/scenes/lesson.toml"))))
-    >>> round(float(rg.collision_probability(walk).success[6, 2]), 6)
+    >>> walk = rg.planning.random_walk(rg.compile_space(rg.build_space(rg.read_scene("examples/scenes/lesson.toml"))))
+    >>> round(float(rg.planning.collision_probability(walk).success[6, 2]), 6)
     0.426282
-    >>> round(float(rg.hitting_probability(walk).probability[0, 6, 2]), 6)
+    >>> round(float(rg.planning.hitting_probability(walk).probability[0, 6, 2]), 6)
     0.426282
     """
     if isinstance(circuit, RandomWalk):
@@ -106,7 +106,7 @@ def random_walk(circuit: Netlist | OperatingPoint | RandomWalk, *, method: str =
     # With one current into every free node no part of the circuit is flat, so that all of it is factored.
     feeds = np.stack([np.full(free.size, GROUND), free], axis=1)
     fed = netlist.replace(current_nodes=feeds, current_amps=np.full(free.size, 1.0 / cells.wiring.resistance))
-    factors = factor(fed, method=method)
+    factors = factorize(fed, method=method)
     system, space = factors.system, cells.space
     node_goal = np.full(netlist.node_count, -1, dtype=np.int64)
     goals = space.cell == Cell.GOAL
@@ -175,7 +175,7 @@ def collision_probability(circuit: Netlist | OperatingPoint | RandomWalk) -> Col
     Examples
     --------
     >>> space = rg.ConfigurationSpace([rg.Axis("x", 0.0, 5.0, 5)], [2, 0, 0, 0, 1])
-    >>> walk = rg.collision_probability(rg.compile_space(space))
+    >>> walk = rg.planning.collision_probability(rg.compile_space(space))
     >>> walk.success.round(6), walk.steps.round(6)
     (array([1.  , 0.75, 0.5 , 0.25, 0.  ]), array([0., 3., 4., 3., 0.]))
     """
@@ -249,7 +249,7 @@ def hitting_probability(circuit: Netlist | OperatingPoint | RandomWalk) -> Hitti
     Examples
     --------
     >>> space = rg.ConfigurationSpace([rg.Axis("x", 0.0, 5.0, 5)], [2, 0, 0, 0, 2])
-    >>> hits = rg.hitting_probability(rg.compile_space(space))
+    >>> hits = rg.planning.hitting_probability(rg.compile_space(space))
     >>> hits.probability.round(6)
     array([[1.  , 0.75, 0.5 , 0.25, 0.  ],
            [0.  , 0.25, 0.5 , 0.75, 1.  ]])

@@ -56,7 +56,7 @@ def surface_normals(
     ----------
     model : ConfigurationSpace or array_like of bool
         A bitmap (two axes) or voxels (three), True inside the model; or a space whose obstacle cells are the model
-        (one to four axes, periodic ones included).  `resgrid.planning.surface_normals.octree_voxels` makes voxels of
+        (one to four axes, periodic ones included).  `resgrid.planning.normals.octree_voxels` makes voxels of
         an octree.
     points : array_like of float, shape (..., ndim), optional
         Where to take normals, in world coordinates; cell ``i`` of an array covers ``[i, i + 1] * spacing``.
@@ -85,7 +85,7 @@ def surface_normals(
     --------
     >>> model = np.zeros((9, 9), dtype=bool)
     >>> model[3:6, 3:6] = True
-    >>> rg.surface_normals(model, points=[(2.2, 2.2), (6.8, 2.2)]).round(3)
+    >>> rg.planning.surface_normals(model, points=[(2.2, 2.2), (6.8, 2.2)]).round(3)
     array([[-0.707, -0.707],
            [ 0.707, -0.707]])
     """

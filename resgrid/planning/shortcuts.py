@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from resgrid._internal.validation import Natural, NotNegative
 from resgrid.core.space import Cell
 from resgrid.errors import InputError
-from resgrid.planning.certify import certify_free
+from resgrid.planning.certify import certify_collision_free
 from resgrid.planning.clearance import clearance_of
 from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Outcome, ShortPath, Streamline, distinct_rows, length_of
@@ -22,7 +22,7 @@ Sight = Callable[[NDArray[np.float64], NDArray[np.float64]], bool]
 _GAIN = 1e-12
 
 
-def shorten(
+def shortcut(
     path: Streamline,
     *,
     clearance: NotNegative | None = None,
@@ -53,7 +53,7 @@ def shorten(
     Returns
     -------
     ShortPath
-        Certified by `certify_free`.
+        Certified by `certify_collision_free`.
 
     Raises
     ------
@@ -65,7 +65,7 @@ def shorten(
     Examples
     --------
     >>> path = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((0.5, 6.5))
-    >>> short, kept = rg.shorten(path), rg.shorten(path, clearance=0.2)
+    >>> short, kept = rg.shortcut(path), rg.shortcut(path, clearance=0.2)
     >>> round(path.length, 3), round(short.length, 3), round(kept.length, 3)
     (8.712, 8.27, 8.228)
     >>> round(path.clearance, 3), round(short.clearance, 3), round(kept.clearance, 3)
@@ -82,7 +82,7 @@ def shorten(
         clearance=clearance_of(points, path.space, path.field.edge, path.field.obstacle_reach),
         original=path,
     )
-    certify_free(short)
+    certify_collision_free(short)
     return short
 
 

@@ -166,7 +166,7 @@ def transient(
     >>> rc = rg.Netlist(
     ...     3, [[1, 2]], [1e-3], source_nodes=[[1, 0]], source_volts=[1.0], capacitor_nodes=[[2, 0]], capacitance=[1e-9]
     ... )
-    >>> rg.transient(rc, [0.0, 1e-6, 5e-6]).voltage[:, 2].round(3)
+    >>> rg.circuit.transient(rc, [0.0, 1e-6, 5e-6]).voltage[:, 2].round(3)
     array([0.   , 0.632, 0.993])
     """
     when = np.array(real_numbers("times", times), dtype=np.float64)
@@ -220,7 +220,7 @@ def transient_stepper(
     >>> rc = rg.Netlist(
     ...     3, [[1, 2]], [1e-3], source_nodes=[[1, 0]], source_volts=[1.0], capacitor_nodes=[[2, 0]], capacitance=[1e-9]
     ... )
-    >>> stepper = rg.transient_stepper(rc, step=1e-7)
+    >>> stepper = rg.circuit.transient_stepper(rc, step=1e-7)
     >>> voltage = stepper.start(np.zeros(3))
     >>> for _ in range(10):
     ...     voltage = stepper.advance(voltage)

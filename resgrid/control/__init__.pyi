@@ -1,0 +1,18 @@
+"""Public names of `resgrid.control`."""
+
+from resgrid.scene.control import Control as Control
+
+from .controller import (
+    Controller as Controller,
+    equipotential_velocity as equipotential_velocity,
+    make_controller as make_controller,
+)
+from .external_forces import ExternalForce as ExternalForce, random_forces as random_forces
+from .run_log import (
+    ContactLog as ContactLog,
+    ControlMode as ControlMode,
+    MapUpdate as MapUpdate,
+    Run as Run,
+    TerminationReason as TerminationReason,
+)
+from .simulation import Simulation as Simulation, Wavefront as Wavefront, wavefront as wavefront

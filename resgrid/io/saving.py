@@ -1,0 +1,91 @@
+"""`save`: results to files, by the type of the value and the end of the file's name."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from functools import singledispatch
+from pathlib import Path
+from typing import Any
+
+from resgrid._internal.validation import check_call, with_article
+from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.control.run_log import Run
+from resgrid.core.netlist import Netlist
+from resgrid.errors import InputError
+from resgrid.io.networks import write_network
+from resgrid.io.paths import write_path
+from resgrid.io.runs import write_run
+from resgrid.io.solutions import write_solution
+from resgrid.planning.fields import Field
+from resgrid.planning.streamline import Polyline, ShortPath, Streamline
+from resgrid.planning.time_parameterization import Trajectory
+
+
+def save(value: object, file: str | os.PathLike[str], **options: Any) -> Path:
+    """Write a result to a file, whole or not at all, in the format that the end of the file's name states.
+
+    Parameters
+    ----------
+    value : Streamline, ShortPath, Polyline, Trajectory, Run, sequence of Run, OperatingPoint, Field or Netlist
+        A path: its points in continuous world coordinates, with times if it has some, and the tip of an arm.  A run:
+        every step.  An operating point or a field: potentials and currents.  A netlist: its elements.
+    file : path-like
+        ``-`` is standard output.  By type of value:
+
+        =====================  ==========================================================================
+        path                   ``.csv``, ``.json``, ``.npz``; ``.yaml``: a ``nav_msgs/Path`` for ROS
+        run, runs              ``.csv``, ``.json``, ``.npz``
+        field, solved space    ``.npz``: ``potential``, ``log_drop``, ``cell``, perhaps ``safe``
+        other operating point  ``.csv``, ``.json``, ``.npz``, ``.raw`` (for waveform viewers)
+        netlist                ``.txt`` (edge list), ``.graphml``, ``.json`` (node-link), ``.npz``
+        =====================  ==========================================================================
+    **options
+        For ``.raw``: ``title``, its first line, and ``form``, ``"binary"`` or ``"ascii"``.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    InputError
+        If values of this type have no such format, the file cannot be written, an axis has the name of another column,
+        or a message for ROS is asked of a path that reached no goal.
+
+    Notes
+    -----
+    Decks are written by `resgrid.write_spice`, pictures by `resgrid.draw` and `resgrid.animate`.
+
+    Examples
+    --------
+    >>> path = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((5.5, 2.5))
+    >>> rg.save(path, "path.csv").read_text().splitlines()[:2]
+    ['path,k,outcome,x,y', '0,1.0,reached,5.5,2.5']
+    >>> with np.load(rg.save(path.field, "field.npz")) as arrays:
+    ...     arrays["potential"].shape
+    (8, 8)
+    """
+    writer = _save.dispatch(type(value))
+    check_call("save", writer, (value, file), options, bound=2)
+    return writer(value, file, **options)
+
+
+@singledispatch
+def _save(value: object, file: str | os.PathLike[str]) -> Path:
+    """Save a sequence of runs, or raise InputError for a value without a writer."""
+    if isinstance(value, Sequence) and value and all(isinstance(one, Run) for one in value):
+        return write_run(value, file)
+    raise InputError(
+        f"{with_article(type(value).__name__)} has no file format; save takes a path, a run or runs, an operating "
+        "point, a field or a netlist (a deck: rg.write_spice; a picture: rg.draw)"
+    )
+
+
+for _kind in (Streamline, ShortPath, Polyline, Trajectory):
+    _save.register(_kind, write_path)
+_save.register(OperatingPoint, write_solution)
+_save.register(Field, write_solution)
+_save.register(Run, write_run)
+_save.register(Netlist, write_network)

@@ -1,0 +1,8 @@
+"""Public names of `resgrid.spice`."""
+
+from . import analyses as analyses
+from .check.agreement import Agreement as Agreement
+from .check.portability import Prediction as Prediction, check_portability as check_portability
+from .circuit import Circuit as Circuit, Note as Note, Violation as Violation
+from .power import IrDrop as IrDrop, PowerBalance as PowerBalance, ir_drop as ir_drop, power_balance as power_balance
+from .write.files import WrittenDeck as WrittenDeck
