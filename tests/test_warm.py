@@ -31,6 +31,28 @@ rg.sample(rg.read_scene(sys.argv[1]))
 print(len(count.names))
 """
 
+LAST = """
+import sys
+import resgrid as rg
+from resgrid.loops import compile_last_stages
+from resgrid.planning import kernels as paths
+from resgrid.spice.read import kernels as decks
+
+def signatures():
+    kernels = paths.trace, paths.clearance, decks.cut, decks.gather, decks.number_names
+    return [(kernel if hasattr(kernel, "signatures") else kernel.__wrapped__).signatures for kernel in kernels]
+
+compile_last_stages()
+known = signatures()
+assert all(known)
+scene, deck = sys.argv[1:]
+path = rg.plan(rg.read_scene(scene)).path((0.6, 5.3))
+assert path.outcome is rg.Outcome.REACHED and path.clearance > 0
+rg.write_spice(rg.solve(rg.compile_space(path.space)), deck)
+rg.read_spice(deck)
+assert signatures() == known
+"""
+
 
 def compiled(folder: Path) -> int:
     """Return the number of kernels that sampling a scene compiles in a new process that keeps them in a folder."""
@@ -48,6 +70,11 @@ def test_what_one_process_has_compiled_the_next_one_loads(tmp_path):
     """Of the other kernels of ``resgrid run``, tests/test_wheel.py shows it."""
     assert compiled(tmp_path) > 0
     assert compiled(tmp_path) == 0
+
+
+def test_the_last_stages_of_a_run_call_no_kernels_but_those_compiled_beside_the_first(tmp_path):
+    words = [sys.executable, "-c", LAST, str(SCENE), str(tmp_path / "deck.cir")]
+    subprocess.run(words, capture_output=True, check=True)
 
 
 def _fail() -> None:
