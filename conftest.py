@@ -1,6 +1,10 @@
 """What the examples in docstrings take for granted: `np`, `rg`, and the project's folder."""
 
+import os
 from pathlib import Path
+
+# Workers of pytest-xdist fill all cores: threads of OpenBLAS would wait for each other.  Set before numpy is loaded.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pytest

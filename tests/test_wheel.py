@@ -23,6 +23,19 @@ SCENES = sorted(file.stem for file in (PROJECT / "examples" / "scenes").glob("*.
 FOREIGN = {"petsc4py": "comes with the system", "IPython": "is there in a notebook"}
 """Packages that no requirement names, and why."""
 
+COMPILED = """
+import sys
+import numba.core.event as event
+
+with event.install_recorder("numba:compile") as recorder:
+    from resgrid.cli import main
+    try:
+        main(sys.argv[1:])
+    except SystemExit as end:
+        assert not end.code
+print(len(recorder.buffer))
+"""
+
 
 @pytest.fixture(scope="session")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -112,14 +125,16 @@ def test_it_holds_every_file_of_the_package(wheel: Path) -> None:
 
 
 def test_it_runs_a_shipped_scene_by_name_from_an_empty_folder(program: Path, tmp_path: Path) -> None:
-    command = str(program.with_name("resgrid"))
-    done = run(program, tmp_path, command, "run", "lesson", "--no-check", "--json")
+    words = ("run", "lesson", "--no-check")
+    done = run(program, tmp_path, str(program.with_name("resgrid")), *words, "--json")
     assert done.returncode == 0, done.stderr
     data: dict[str, Any] = json.loads(done.stdout)
     assert {path["outcome"] for path in data["paths"]} == {"reached"}
     assert "site-packages" in done.stderr and str(PROJECT) not in done.stderr
     assert (tmp_path / "out" / "lesson" / "paths.csv").is_file()
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
+    again = run(program, tmp_path, "-c", COMPILED, *words)  # which finds the kernels that the first run compiled
+    assert (again.returncode, again.stdout.splitlines()[-1]) == (0, "0"), again.stderr
 
 
 def test_it_is_a_module_of_python(program: Path, tmp_path: Path) -> None:

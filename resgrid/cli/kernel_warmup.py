@@ -188,6 +188,30 @@ CASES: dict[str, Callable[[], None]] = {
 """Small jobs, those that compile longest first."""
 
 
+def compile_last_stages() -> None:
+    """Compile the kernels of the last stages of ``resgrid run``: streamlines, clearances and large decks.
+
+    Nothing is solved, so that a second process compiles none of the kernels that the run itself begins with.
+    """
+    nothing, along = -np.inf, np.zeros((4, 1), np.int8)
+    along[2] = 1
+    field = rg.Field(
+        space=rg.ConfigurationSpace(_axes(x=3, y=1), np.array([[1], [0], [2]], dtype=np.uint8)),
+        wiring=rg.Wiring(),
+        potential=np.array([[1.0], [0.5], [0.0]]),
+        log_drop=None,
+        face_direction=(along, np.zeros((3, 2), np.int8)),
+        face_log_current=(np.where(along, 0.0, nothing), np.full((3, 2), nothing)),
+        k=1.0,
+    )
+    _ = rg.streamline(field, (4.0, 4.0)).clearance
+    with tempfile.TemporaryDirectory() as folder:
+        deck = Path(folder) / "ladder.cir"
+        resistors = "".join(f"r{node} n{node} n{node + 1} 1.0\n" for node in range(4000))
+        deck.write_text(f"* ladder\nv0 n0 0 1.0\n{resistors}rload n4000 0 1.0\n", encoding="utf-8")
+        rg.read_spice(deck)
+
+
 def compile_loops(jobs: int | None = None) -> Iterator[str]:
     """Run every case in one of ``jobs`` processes, by default as many as there are cores; yields names.
 

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +19,7 @@ from resgrid.cli.compile import write_deck
 from resgrid.cli.options import CommandInput, dialect_option, folder_of, output_option, verb, with_source
 from resgrid.cli.paths import Plan, plan_routes, route_lines
 from resgrid.cli.plot import draw_all
-from resgrid.cli.scenes import Job, open_job, report_ignored, size_of, solution_summary
+from resgrid.cli.scenes import Job, is_first_run, open_job, report_ignored, size_of, solution_summary
 from resgrid.cli.terminal import NEGATIVE, NOT_VERIFIED, counted, finish, stage
 
 if TYPE_CHECKING:
@@ -46,7 +50,7 @@ def command(source: CommandInput, output: str | None, asked: bool | None, dialec
     from resgrid.io.tables import json_text
 
     folder = folder_of(output, source)
-    with whole_folder(folder) as work:
+    with whole_folder(folder) as work, _last_kernels():
         job = open_job(source)
         ignored = report_ignored(job, "grid")
         plan = plan_routes(job)
@@ -60,6 +64,21 @@ def command(source: CommandInput, output: str | None, asked: bool | None, dialec
     if not plan.complete or False in verdicts:
         return NEGATIVE
     return NOT_VERIFIED if asked and None in verdicts else 0
+
+
+@contextmanager
+def _last_kernels() -> Iterator[None]:
+    """On a first run, let a second process compile the kernels of the last stages while this one compiles the first."""
+    if not is_first_run() or (os.cpu_count() or 1) < 2:
+        yield
+        return
+    words = [sys.executable, "-Pc", "from resgrid.cli.kernel_warmup import compile_last_stages; compile_last_stages()"]
+    none = subprocess.DEVNULL
+    with subprocess.Popen(words, stdin=none, stdout=none, stderr=none) as process:
+        try:
+            yield
+        finally:
+            process.kill()  # what it has not finished, this process has compiled itself
 
 
 def _described(job: Job, op: rg.OperatingPoint) -> rg.OperatingPoint:

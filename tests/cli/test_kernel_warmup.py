@@ -11,9 +11,12 @@ from click.testing import CliRunner
 from resgrid.cli import kernel_warmup
 from resgrid.cli.warm import command
 
+SCENE = Path(__file__).resolve().parents[1] / "examples" / "scenes" / "rooms.toml"
+
 COMPILED = """
 import sys
 import numba.core.event as event
+import resgrid as rg
 from resgrid.cli.kernel_warmup import CASES
 
 class Count(event.Listener):
@@ -25,18 +28,38 @@ class Count(event.Listener):
 
 count = Count()
 event.register("numba:compile", count)
-CASES[sys.argv[1]]()
+rg.build_space(rg.read_scene(sys.argv[1]))
 print(len(count.names))
 """
 
+LAST = """
+import sys
+import resgrid as rg
+from resgrid.cli.kernel_warmup import compile_last_stages
+from resgrid.planning import kernels as paths
+from resgrid.spice.read import kernels as decks
 
-def compiled(case: str, folder: Path) -> int:
-    """How many loops a case compiles in a new process that keeps them in a folder."""
+def signatures():
+    kernels = paths.trace, paths.clearance, decks.cut, decks.gather, decks.number_names
+    return [(kernel if hasattr(kernel, "signatures") else kernel.__wrapped__).signatures for kernel in kernels]
+
+compile_last_stages()
+known = signatures()
+assert all(known)
+scene, deck = sys.argv[1:]
+path = rg.plan(rg.read_scene(scene)).path((0.6, 5.3))
+assert path.outcome is rg.Outcome.REACHED and path.clearance > 0
+rg.write_spice(rg.solve(rg.compile_space(path.space)), deck)
+rg.read_spice(deck)
+assert signatures() == known
+"""
+
+
+def compiled(folder: Path) -> int:
+    """Return the number of kernels that sampling a scene compiles in a new process that keeps them in a folder."""
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder)}
-    done = subprocess.run(
-        [sys.executable, "-c", COMPILED, case], capture_output=True, text=True, check=True, env=environment
-    )
-    return int(done.stdout)
+    words = [sys.executable, "-c", COMPILED, str(SCENE)]
+    return int(subprocess.run(words, capture_output=True, text=True, check=True, env=environment).stdout)
 
 
 @pytest.mark.parametrize("case", kernel_warmup.CASES)
@@ -45,8 +68,14 @@ def test_every_case_runs(case):
 
 
 def test_what_one_process_has_compiled_the_next_one_loads(tmp_path):
-    assert compiled("decks", tmp_path) > 0
-    assert compiled("decks", tmp_path) == 0
+    """Of the other kernels of ``resgrid run``, tests/test_wheel.py shows it."""
+    assert compiled(tmp_path) > 0
+    assert compiled(tmp_path) == 0
+
+
+def test_the_last_stages_of_a_run_call_no_kernels_but_those_compiled_beside_the_first(tmp_path):
+    words = [sys.executable, "-c", LAST, str(SCENE), str(tmp_path / "deck.cir")]
+    subprocess.run(words, capture_output=True, check=True)
 
 
 def _fail() -> None:

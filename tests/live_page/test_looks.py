@@ -87,6 +87,7 @@ def hover(page: Page) -> None:
 
 
 def film(page: Page) -> None:
+    example("lesson")(page)  # the film of a small grid shows the same controls after a tenth of the time
     page.get_by_role("button", name="Let it settle").click()
     until(page, "document.getElementById('moment').value === document.getElementById('moment').max")
 

@@ -21,7 +21,7 @@ def check_distinct(path: rg.Streamline) -> None:
     """The points of a path, of its shortcut and of its motion, and their certificates."""
     rg.certify(path)
     assert len(path.points) == len(path.line) <= len(path.axis_points)
-    for each in (path, rg.shortcut(path)):
+    for each in (path, rg.shortcut(path, rounds=50)):
         line = rg.planning.unwrap(each)
         steps = np.abs(np.diff(line, axis=0) / path.space.spacing).max(axis=1)
         assert np.all(steps > NEAR), steps.min()

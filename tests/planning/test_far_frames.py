@@ -24,7 +24,8 @@ def placed(frame: rg.Frame, cell: ArrayLike, width: float = 0.05) -> rg.Configur
 
 def check_round_trips(space: rg.ConfigurationSpace, path: rg.Streamline) -> None:
     rg.certify(path)
-    for each in (path, rg.shortcut(path), rg.shortcut(path, clearance=0.2 * float(space.spacing.min()))):
+    narrow = 0.2 * float(space.spacing.min())
+    for each in (path, rg.shortcut(path, rounds=40), rg.shortcut(path, clearance=narrow, rounds=40)):
         rg.certify_collision_free(each)
         rg.certify_collision_free(rg.Polyline(rg.planning.unwrap(each), space))
 
