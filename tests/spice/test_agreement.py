@@ -407,4 +407,4 @@ def test_a_deck_that_ngspice_does_not_run_is_not_verified(tmp_path: Path) -> Non
     deck.write_text(f"* a sweep\nV1 in 0 1\n{sweep}R1 in a {{p}}\nR2 a 0 1k\n.end\n")
     agreement = check_deck(deck)
     assert not agreement.verified and agreement.agrees is not True
-    assert any("left no raw file" in finding for finding in agreement.findings)
+    assert any("wrote no raw file" in finding for finding in agreement.findings)
