@@ -72,5 +72,5 @@ def test_solutions_are_written_by_the_library_too(tmp_path):
 
 def test_standard_output_that_takes_no_bytes_is_refused(monkeypatch):
     monkeypatch.setattr("sys.stdout", io.StringIO())
-    with pytest.raises(rg.InputError, match="name"):
+    with pytest.raises(rg.InputError, match="accepts no bytes"):
         emit("-", b"")

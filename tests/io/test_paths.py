@@ -204,9 +204,9 @@ def test_a_path_without_a_goal_says_so_in_every_file(tmp_path) -> None:
         with np.load(write_path(path, tmp_path / "path.npz")) as arrays:
             assert arrays["outcome"] == outcome
         for refused in (path, time_path(path, velocity_limits=1.0)):
-            with pytest.raises(InputError, match=f"ended with '{outcome}'.*cannot say so"):
+            with pytest.raises(InputError, match=f"ended with '{outcome}'.*cannot hold an outcome"):
                 write_path(refused, tmp_path / "path.yaml")
-            with pytest.raises(InputError, match="cannot say so"):
+            with pytest.raises(InputError, match="cannot hold an outcome"):
                 ros_plan(refused)
     assert not (tmp_path / "path.yaml").exists()
 
