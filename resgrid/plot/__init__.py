@@ -1,4 +1,4 @@
-"""Pictures: `draw` takes a value and an axes, draws, and returns the axes; only `save_figure` and `animate` write."""
+"""Matplotlib pictures: `draw` draws a value on an ax and returns the ax; `save_figure` and `animate` write files."""
 
 from resgrid.plot.animations import animate
 from resgrid.plot.control import draw_dirichlet_share, draw_velocities

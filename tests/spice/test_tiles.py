@@ -131,7 +131,7 @@ def test_what_is_written_is_read_back(
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"goal_switch_on": None}, r"give chip\.goal_switch_on"),
+        ({"goal_switch_on": None}, r"set chip\.goal_switch_on"),
         ({"goal_switch_on": 20.0}, "is not an array of tiles"),
         ({"internodal_switch_on": 2e4, "internodal_switch_off": 1e9}, "is not an array of tiles"),
         ({"wall_resistance": 1.0}, ""),
