@@ -42,13 +42,17 @@ def islands(circuit: Circuit) -> Iterator[Violation]:
         groups = [floating[~by_capacitor], floating[by_capacitor]]
     groups = sorted((group for group in groups if group.size), key=lambda group: -group.size)
     for group in groups[:_MOST]:
-        yield _island(circuit, group, by_capacitor=bool(held[circuit.part[group[0]]]))
+        yield _floating_violation(circuit, group, by_capacitor=bool(held[circuit.part[group[0]]]))
     if len(groups) > _MOST:
         rest = np.concatenate(groups[_MOST:])
-        yield _island(circuit, rest, by_capacitor=False, heading=f"{len(groups) - _MOST:,} more parts, with ")
+        yield _floating_violation(
+            circuit, rest, by_capacitor=False, heading=f"{len(groups) - _MOST:,} more parts, with "
+        )
 
 
-def _island(circuit: Circuit, nodes: NDArray[np.int64], *, by_capacitor: bool, heading: str = "") -> Violation:
+def _floating_violation(
+    circuit: Circuit, nodes: NDArray[np.int64], *, by_capacitor: bool, heading: str = ""
+) -> Violation:
     """Return the violation for floating nodes; `nodes` (n,), `heading`: begins the message."""
     many = nodes.size > 1
     names = f" ({circuit.shown(nodes)})" if circuit.is_deck else ""
@@ -68,7 +72,7 @@ def _island(circuit: Circuit, nodes: NDArray[np.int64], *, by_capacitor: bool, h
     )
 
 
-def _of_elements(
+def _element_violation(
     circuit: Circuit, severity: Severity, rule: str, kind: str, numbers: NDArray[np.int64], message: str, remedy: str
 ) -> Violation:
     """Return the violation for elements of one kind; `numbers` (n,): their indices.
@@ -89,7 +93,7 @@ def trapped_currents(circuit: Circuit) -> Iterator[Violation]:
         drive = "drives" if trapped.size == 1 else "drive"
         message = f"{{count}} current source{{s}} ({{names}}) {drive} a floating part, which has no return path"
         remedy = "remove these sources, or join the part to ground by a resistor"
-        yield _of_elements(circuit, "error", "trapped current", "current source", trapped, message, remedy)
+        yield _element_violation(circuit, "error", "trapped current", "current source", trapped, message, remedy)
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +179,7 @@ def source_loops(circuit: Circuit) -> Iterator[Violation]:
     for severity, kind, problem, numbers in closing:
         if numbers.size:
             message = f"{{count}} {problem} ({{names}}), so the currents around the loops are undetermined"
-            yield _of_elements(circuit, severity, "voltage loop", kind, numbers, message, remedy)
+            yield _element_violation(circuit, severity, "voltage loop", kind, numbers, message, remedy)
 
 
 def shorted(circuit: Circuit) -> Iterator[Violation]:
@@ -184,7 +188,7 @@ def shorted(circuit: Circuit) -> Iterator[Violation]:
         both = np.flatnonzero(circuit.ends[kind][:, 0] == circuit.ends[kind][:, 1])
         if both.size:
             message = f"{{count}} {kind}s have both ends on one node ({{names}}) and have no effect"
-            yield _of_elements(circuit, "warning", f"shorted {kind}", kind, both, message, "remove them")
+            yield _element_violation(circuit, "warning", f"shorted {kind}", kind, both, message, "remove them")
 
 
 def dangling(circuit: Circuit) -> Iterator[Violation]:

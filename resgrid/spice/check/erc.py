@@ -202,7 +202,7 @@ _TRAPS = (
 )
 
 
-def alike(circuit: Circuit) -> Iterator[Violation]:
+def name_clashes(circuit: Circuit) -> Iterator[Violation]:
     """Report names of elements, or of nodes of a netlist, that are used twice or differ in case only."""
     nodes = {} if circuit.is_deck else {"node": circuit.node_names}
     for kind, names in {**nodes, **circuit.element_names}.items():
@@ -248,14 +248,14 @@ def repeated_names(circuit: Circuit) -> tuple[Note, ...]:
     effect = f"{own.label} does not run such a deck" if fails else f"it is not known which of them {own.label} keeps"
     outcome: Literal["fails", "unsure"] = "fails" if fails else "unsure"
     notes = []
-    for violation in alike(circuit):
+    for violation in name_clashes(circuit):
         file, _, line = violation.place.rpartition(":")
         text = f"{violation.message.partition(';')[0]}; {effect}; resgrid keeps all of them"
         notes.append(Note("warning", file, int(line), 0, text, outcome))
     return tuple(notes)
 
 
-def misread(circuit: Circuit) -> Iterator[Violation]:
+def misread_names(circuit: Circuit) -> Iterator[Violation]:
     """Report node names that some simulator misreads."""
     if len(circuit.node_names) < 2:
         return
@@ -296,8 +296,8 @@ RULES: tuple[Callable[[Circuit], Iterator[Violation]], ...] = (
     limits,
     spread,
     connectivity.shorted,
-    alike,
-    misread,
+    name_clashes,
+    misread_names,
     connectivity.dangling,
     _notes,
 )

@@ -118,16 +118,16 @@ def predict_simulators(
     errors = [item for item in violations or check_rules(circuit) if item.severity == "error"]
     if circuit.is_deck:
         case = _case_of(circuit, errors)
-        outcomes = [_of_file(dialect, case) for dialect in DIALECTS.values()]
+        outcomes = [_predict_file(dialect, case) for dialect in DIALECTS.values()]
     else:
-        outcomes = [_of_netlist(dialect.quirks, circuit.resistance, errors) for dialect in DIALECTS.values()]
+        outcomes = [_predict_netlist(dialect.quirks, circuit.resistance, errors) for dialect in DIALECTS.values()]
     return tuple(
         Prediction(dialect.name, *outcome, dialect.quirks.basis)
         for dialect, outcome in zip(DIALECTS.values(), outcomes, strict=True)
     )
 
 
-def _of_netlist(quirks: Quirks, resistance: NDArray[np.float64], errors: list[Violation]) -> _Result:
+def _predict_netlist(quirks: Quirks, resistance: NDArray[np.float64], errors: list[Violation]) -> _Result:
     """Predict the result for a deck that resgrid writes, which avoids the known traps; `resistance` (m,) in ohms."""
     if errors:
         return "fails", None, None, (f"the netlist has no deck: {errors[0].message}",)
@@ -138,7 +138,7 @@ def _of_netlist(quirks: Quirks, resistance: NDArray[np.float64], errors: list[Vi
     return "unsure" if doubts else "right", None, None, doubts
 
 
-def _of_file(dialect: Dialect, case: _Case) -> _Result:
+def _predict_file(dialect: Dialect, case: _Case) -> _Result:
     """Predict the result for a deck's file: read it by the simulator's rules, then judge the circuit."""
     label = dialect.label
     found = reread(case.deck, dialect)
@@ -150,7 +150,7 @@ def _of_file(dialect: Dialect, case: _Case) -> _Result:
     if stops:
         return "fails", None, None, tuple(str(note) for note in stops[:_SHOWN])
     if found.circuit is case.deck:
-        outcome, error, worst, reasons = _of_deck(dialect.quirks, case)
+        outcome, error, worst, reasons = _predict_deck(dialect.quirks, case)
     else:
         own = _case_of(found.circuit, check_rules(found.circuit))
         if own.voltage is not None and case.voltage is not None:
@@ -158,7 +158,7 @@ def _of_file(dialect: Dialect, case: _Case) -> _Result:
             if difference is not None:
                 reason = f"{label} reads another circuit from this file"
                 return "wrong", _finite(difference[1]), difference[0], (reason,)
-        outcome, error, worst, reasons = _of_deck(dialect.quirks, own)
+        outcome, error, worst, reasons = _predict_deck(dialect.quirks, own)
     doubts = tuple(str(note) for note in found.circuit.notes if note.outcome == "unsure")[:_SHOWN]
     if doubts and outcome == "right":
         outcome = "unsure"
@@ -177,7 +177,7 @@ def _case_of(deck: Circuit, violations: Iterable[Violation]) -> _Case:
     return _Case(deck, duplicates, loops_of(deck), right)
 
 
-def _of_deck(quirks: Quirks, case: _Case) -> _Result:
+def _predict_deck(quirks: Quirks, case: _Case) -> _Result:
     """Predict the result for a deck as read: fatal defects, then changes of the circuit, then doubts."""
     fatal = [
         f"a loop of voltage sources makes the matrix singular ({case.deck.place_of('voltage source', number)})"
@@ -187,8 +187,8 @@ def _of_deck(quirks: Quirks, case: _Case) -> _Result:
         fatal += [f"a name is given twice ({place})" for place in case.duplicates[:1]]
     if fatal:
         return "fails", None, None, tuple(fatal)
-    lost = _lost_to_title(case.deck)
-    resistance, raised = _raised(quirks, case.deck)
+    lost = _elements_on_title_line(case.deck)
+    resistance, raised = _raised_resistances(quirks, case.deck)
     siemens, shunts, shunt_doubts = _shunt(quirks, case)
     reasons = (*(f"the first line is read as the title, so {name} is lost" for name in lost[:1]), *raised, *shunts)
     doubts = (*_doubts(quirks, case, resistance), *shunt_doubts)
@@ -283,7 +283,7 @@ def _spread_doubts(resistance: NDArray[np.float64]) -> tuple[str, ...]:
     return (f"resistances span {orders:.0f} orders of magnitude, and double precision has 16 digits",)
 
 
-def _lost_to_title(deck: Circuit) -> list[str]:
+def _elements_on_title_line(deck: Circuit) -> list[str]:
     """Return the names of the elements on the first line, which simulators read as the title."""
     if deck.title is not None:
         return []
@@ -291,7 +291,7 @@ def _lost_to_title(deck: Circuit) -> list[str]:
     return [deck.element_names[kind][i] for kind, lines in first for i in np.flatnonzero(lines).tolist()]
 
 
-def _raised(quirks: Quirks, deck: Circuit) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+def _raised_resistances(quirks: Quirks, deck: Circuit) -> tuple[NDArray[np.float64], tuple[str, ...]]:
     """Return the resistances (m,) in ohms as a simulator uses them, and the reason if small ones are raised."""
     resistance, _, _ = rebase(deck.resistance, deck.tc1, deck.tc2, deck.heating)
     least, size = quirks.smallest_resistance, np.abs(resistance)

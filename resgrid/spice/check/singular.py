@@ -37,11 +37,11 @@ def singularity(circuit: Circuit) -> Singular:
         return "yes"
     if len(parts) > _MOST:
         return "unknown"
-    found = {_of_part(circuit, np.flatnonzero(circuit.part == part)) for part in parts.tolist()}
+    found = {_part_singularity(circuit, np.flatnonzero(circuit.part == part)) for part in parts.tolist()}
     return "yes" if "yes" in found else "unknown" if "unknown" in found else "no"
 
 
-def _of_part(circuit: Circuit, nodes: NDArray[np.int64]) -> Singular:
+def _part_singularity(circuit: Circuit, nodes: NDArray[np.int64]) -> Singular:
     """Return whether elimination finds a zero pivot in one floating part.  Shapes: `nodes` (n,)."""
     inside = {kind: np.isin(ends, nodes).all(axis=1) for kind, ends in circuit.ends.items()}
     if inside["nonlinear resistor"].any():

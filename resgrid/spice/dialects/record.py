@@ -21,7 +21,7 @@ from typing import Literal
 Basis = Literal["measured", "documented"]
 
 GROUND_NAME = "0"
-"""Name of the reference node in all simulators."""
+"""Name of the reference node in every simulator."""
 
 
 SUFFIXES = {"t": 12, "g": 9, "meg": 6, "k": 3, "m": -3, "u": -6, "µ": -6, "μ": -6, "n": -9, "p": -12, "f": -15}
@@ -32,7 +32,7 @@ _NAMES = (
     "sin cos tan asin acos atan sinh cosh tanh asinh acosh atanh"
 )
 FUNCTIONS = {name: name for name in _NAMES.split()}
-"""Functions with the same name and meaning in all dialects."""
+"""Functions with the same name and meaning in every dialect."""
 
 ARCS = {"arctan": "atan", "arcsin": "asin", "arccos": "acos"}
 """Long names of the inverse trigonometric functions."""

@@ -116,9 +116,9 @@ def write_spice(
     .end
     """
     target = _checked_target(Path(file))
-    circuit, asked = _drawn(circuit, analyses)
+    circuit, requested = _apply_mismatch(circuit, analyses)
     op = circuit if isinstance(circuit, OperatingPoint) else solve(circuit)
-    added = additions(asked, op.netlist, dialect_named(dialect))
+    added = additions(requested, op.netlist, dialect_named(dialect))
     more: dict[str, Any] = {}
     if form == "cells":
         chip = Chip() if chip is None else chip
@@ -128,13 +128,11 @@ def write_spice(
     else:
         deck = flatten(op.netlist, dialect=dialect, title=title, additions=added)
     answers = expect(deck, op)
-    beside = {**deck.parts, deck.dialect.name: format_commands(target.name, deck, asked)}
+    texts = {**deck.parts, deck.dialect.name: format_commands(target.name, deck, requested)}
     checks = len(answers.voltage) + len(answers.source_current) + len(deck.resistors)
     if verify and deck.dialect.checks_itself and not added.spread and checks <= LARGEST:
-        beside["verify"] = format_self_check(target.name, deck, answers, digest(deck.text.encode()))
-    companions = {
-        f"{target.name}.{key}": digest(text.encode()) for key, text in beside.items() if key not in deck.parts
-    }
+        texts["verify"] = format_self_check(target.name, deck, answers, digest(deck.text.encode()))
+    companions = {f"{target.name}.{key}": digest(text.encode()) for key, text in texts.items() if key not in deck.parts}
     more = {"companions": companions, **more}
     if analyses:
         more["analyses"] = [_described(item) for item in analyses]
@@ -148,10 +146,10 @@ def write_spice(
         more["scene_sha256"] = scene_sha256
     if form == "cells":
         more["difference_from_flat"] = difference_from_ideal(op)
-    beside["json"] = format_sidecar(target.name, deck, answers, more)
-    files = {key: target.with_name(f"{target.name}.{key}") for key in beside}
+    texts["json"] = format_sidecar(target.name, deck, answers, more)
+    files = {key: target.with_name(f"{target.name}.{key}") for key in texts}
     with ExitStack() as stack:  # all files are renamed at the end, the deck last: hashes reveal an interrupted set
-        for path, text in ((target, deck.text), *((files[key], text) for key, text in reversed(beside.items()))):
+        for path, text in ((target, deck.text), *((files[key], text) for key, text in reversed(texts.items()))):
             stack.enter_context(atomic_path(path)).write_bytes(text.encode())
     return WrittenDeck(
         path=target,
@@ -165,7 +163,7 @@ def write_spice(
     )
 
 
-def _drawn(
+def _apply_mismatch(
     circuit: Netlist | OperatingPoint, analyses: Sequence[Analysis]
 ) -> tuple[Netlist | OperatingPoint, list[Analysis]]:
     """Apply a mismatch that resgrid draws; return the circuit and the analyses that remain for the simulator."""
@@ -173,11 +171,11 @@ def _drawn(
     if mismatch is None or mismatch.runs:
         return circuit, list(analyses)
     netlist = circuit.netlist if isinstance(circuit, OperatingPoint) else circuit
-    asked = [item for item in analyses if item is not mismatch]
-    for place, item in enumerate(asked):
+    requested = [item for item in analyses if item is not mismatch]
+    for place, item in enumerate(requested):
         if isinstance(item, TransientAnalysis) and item.after is not None:
-            asked[place] = dataclasses.replace(item, after=mismatch.apply(item.after))
-    return mismatch.apply(netlist), asked
+            requested[place] = dataclasses.replace(item, after=mismatch.apply(item.after))
+    return mismatch.apply(netlist), requested
 
 
 def _checked_target(target: Path) -> Path:

@@ -88,12 +88,12 @@ def flatten(
     for a current source that drives a floating part.
     """
     rules = dialect_named(dialect)
-    held = _held_nodes(netlist)
+    held = _grounded_nodes(netlist)
     names = name_nodes(netlist, rules, held)
     elements = _choose_elements(netlist, held)
     element_names = {kind: name_elements(netlist, kind, chosen, names) for kind, chosen in elements.items()}
     ohms = resistances(netlist.conductance[elements["resistor"]])
-    heading = _heading(netlist, title)
+    heading = _one_line_title(netlist, title)
     nodes = np.flatnonzero(held)[1:]  # without ground
     node_names = [names[node] for node in nodes.tolist()]
     left_out = netlist.names_of(np.flatnonzero(~held))
@@ -176,7 +176,7 @@ def rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(np.rint(values * scale) / scale)
 
 
-def _held_nodes(netlist: Netlist) -> NDArray[np.bool_]:
+def _grounded_nodes(netlist: Netlist) -> NDArray[np.bool_]:
     """Return the mask (node_count,) of the nodes that resistors and voltage sources connect to ground.
 
     Raises InputError if only ground is left, and CircuitError for a current source that drives a floating part.
@@ -284,7 +284,7 @@ def _renamed(names: Sequence[str], given: Sequence[str] | None, numbers: NDArray
     return {name: original for name, original in pairs if name != original}
 
 
-def _heading(netlist: Netlist, title: str | None) -> str:
+def _one_line_title(netlist: Netlist, title: str | None) -> str:
     """Return the title as one line of printable ASCII, since old simulators read only ASCII."""
     if title is None and netlist.cell_map is not None:
         cells = " x ".join(str(cells) for cells in netlist.cell_map.space.shape)

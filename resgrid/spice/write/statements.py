@@ -93,14 +93,14 @@ def _sums(netlist: Netlist, kind: str, key: str) -> dict[tuple[str, str], float]
     return total
 
 
-def format_commands(name: str, deck: FlatDeck, asked: Sequence[Analysis]) -> str:
+def format_commands(name: str, deck: FlatDeck, requested: Sequence[Analysis]) -> str:
     """Return the text of the file that includes a deck and requests analyses.
 
-    `name`: file name of the deck; `asked`: the analyses; empty for the operating point.  Raises InputError for analyses
-    that do not fit the deck or cannot share a file.
+    `name`: file name of the deck; `requested`: the analyses, empty for the operating point.  Raises InputError for
+    analyses that do not fit the deck or cannot share a file.
     """
-    analyses = asked or [OperatingAnalysis()]
-    heading = "analyses" if asked else "operating point"
+    analyses = requested or [OperatingAnalysis()]
+    heading = "analyses" if requested else "operating point"
     rules, words = deck.dialect, deck.dialect.statements
     _check_names(deck, analyses)
     runs = [kind_of(item) for item in analyses if type(item) in _KIND_WORDS]
@@ -132,10 +132,10 @@ def _check_names(deck: FlatDeck, analyses: Sequence[Analysis]) -> None:
         raise InputError("noise: the analysis needs a voltage source as its input, but the deck has none; add one")
     nodes, sources = set(deck.node_names), set(deck.source_names)
     for analysis in analyses:
-        asked = analysis.nodes if isinstance(analysis, Probe) else ()
+        requested = analysis.nodes if isinstance(analysis, Probe) else ()
         if isinstance(analysis, NoiseAnalysis | Measure):
-            asked = (analysis.node,)
-        missing = [name for name in asked if name not in nodes]
+            requested = (analysis.node,)
+        missing = [name for name in requested if name not in nodes]
         missing += [name for name in getattr(analysis, "sources", ()) if name not in sources]
         if missing:
             raise InputError(

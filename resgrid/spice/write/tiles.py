@@ -103,12 +103,12 @@ class Tiles:
 
 def with_tile_switches(chip: Chip, boundary: str) -> Chip:
     """Return a chip with all switches that its tiles need; missing ones get 10 ohm (on) and 10 Gohm (off)."""
-    assumed = {key: _ON if key.endswith("_on") else _OFF for key in _needed(chip, boundary)}
+    assumed = {key: _ON if key.endswith("_on") else _OFF for key in _needed_switches(chip, boundary)}
     changes: dict[str, Any] = {key: ohms for key, ohms in assumed.items() if getattr(chip, key) is None}
     return dataclasses.replace(chip, **changes)
 
 
-def _needed(chip: Chip, boundary: str) -> list[str]:
+def _needed_switches(chip: Chip, boundary: str) -> list[str]:
     """Return the keys of the switches that tiles need with a boundary."""
     between = boundary in ("neumann", "wall") or any((chip.internodal_switch_on, chip.internodal_switch_off))
     return [f"{name}_switch_{end}" for name in (SWITCHES if between else RAILS) for end in ENDS]
@@ -146,7 +146,7 @@ def tiles_of(netlist: Netlist, chip: Chip) -> Tiles:
     InputError if the netlist is not an array of tiles.
     """
     space, wiring = netlist.cells.space, netlist.cells.wiring
-    ohms = {key: getattr(chip, key) for key in _needed(chip, wiring.boundary)}
+    ohms = {key: getattr(chip, key) for key in _needed_switches(chip, wiring.boundary)}
     missing = [f"chip.{key}" for key, value in ohms.items() if not value]
     if missing:
         raise InputError(f"tiles need switches with a resistance: set {', '.join(missing)}, or write a flat deck")
@@ -170,7 +170,7 @@ def tiles_of(netlist: Netlist, chip: Chip) -> Tiles:
     wall = np.full(len(face), wiring.wall_resistance or 0.0)
     factor = (total - closed) / (nominal + np.where(walled, wall, 0.0))
     factor[np.isnan(total)] = 1.0  # the netlist has no resistor at an open switch
-    resistance, wall = _tidy(nominal * factor, total), _tidy(wall * factor, total)
+    resistance, wall = _round_within_error(nominal * factor, total), _round_within_error(wall * factor, total)
     series = closed + np.where(walled, wall, 0.0)
     if wiring.is_driven:
         series = np.where(blocked[cell] | blocked[beyond], ohms["internodal_switch_off"], series)
@@ -188,11 +188,11 @@ def tiles_of(netlist: Netlist, chip: Chip) -> Tiles:
         wall=wall,
         series=series,
     )
-    _check_whole(tiles)
+    _check_complete(tiles)
     return tiles
 
 
-def _tidy(ohms: NDArray[np.float64], total: NDArray[np.float64]) -> NDArray[np.float64]:
+def _round_within_error(ohms: NDArray[np.float64], total: NDArray[np.float64]) -> NDArray[np.float64]:
     """Round resistances to 12 digits where the change is within the rounding error of their series sum.
 
     Shapes: `ohms` (n,), `total` (n,): the sum of which the resistance is a part; returns (n,).
@@ -216,7 +216,7 @@ def _states(netlist: Netlist) -> NDArray[np.uint8]:
     return state.ravel()
 
 
-def _check_whole(tiles: Tiles) -> None:
+def _check_complete(tiles: Tiles) -> None:
     """Raise InputError unless the tiles account for every node, source, resistor and switch of the netlist."""
     netlist, cells = tiles.netlist, tiles.netlist.cells
     count = len(tiles.state)
