@@ -162,10 +162,8 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
     wavefront           change of the potential over time            ``shown`` (indices of its times)
     ==================  ===========================================  =================================================
 
-    `draw.register` adds the picture of another type:
-
-        @rg.draw.register(MyType)
-        def draw_my_type(value, ax=None): ...
+    The decorator ``@rg.draw.register(MyType)`` adds the picture of another type: a function of a value, ``ax`` and
+    options.
 
     Parameters
     ----------

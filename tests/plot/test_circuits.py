@@ -203,7 +203,7 @@ def test_a_real_chip_is_drawn_without_what_is_not_on_its_grid() -> None:
     notes = [text.get_text() for text in rg.draw(rg.solve(chip)).get_legend().get_texts()]
     hidden = int((chip.cells.resistor_face < 0).sum())
     assert f"resistor, 10 kΩ; not drawn: {hidden} of switches, rails, loads" in notes
-    with pytest.raises(rg.InputError, match="nonlinear resistors is not drawn"):
+    with pytest.raises(rg.InputError, match="no symbol for nonlinear resistors"):
         rg.draw(rg.study(space_of(SMALL), rg.Chip(saturation_voltage=0.1)).netlist)
 
 
