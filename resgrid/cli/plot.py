@@ -102,13 +102,15 @@ def _drawn(what: str, job: Job, plan: Plan, field: rg.Field | None) -> Any:
                 raise InputError("--what circuit: nothing drives this scene, so there is no circuit; draw 'page'")
             return rg.draw(next(iter(plan.operating_points.values())))
         case "potential" | "currents":
-            return rg.draw(field, quantity=what)
+            assert field is not None
+            return _titled(rg.draw(field, quantity=what), _title(job, plan, field))
         case "paths" if lines:
             return _titled(rg.draw(lines, k=[line.field.k for line in lines]), job.scene.title)
         case "space" | "paths":
             from resgrid.scene.world_coordinates import unknown_cells
 
-            return rg.draw(job.space, unknown=unknown_cells(job.scene.map, job.space.axes))
+            picture = rg.draw(job.space, unknown=unknown_cells(job.scene.map, job.space.axes))
+            return _titled(picture, job.scene.title)
     assert field is not None
     own = [line for line in lines if not line.field.is_flowing or line.field is field]
     return rg.plot.draw_summary(field, own, title=_title(job, plan, field))

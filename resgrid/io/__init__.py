@@ -1,1 +1,1 @@
-"""Paths, runs and solutions as files: a table, a record or arrays of each, one encoder a format."""
+"""Result files: writers of paths, runs, solutions and netlists, with one encoder for each file format."""

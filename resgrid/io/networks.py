@@ -1,6 +1,6 @@
-"""Netlists in files that are no decks: edge lists, graphs and arrays; `read_spice` reads back what is written.
+"""Netlists as edge lists, graphs and arrays, which `read_spice` can read.
 
-Only the cells of a space are lost, and in an edge list everything but resistors.
+These files do not hold the cells of a space; an edge list holds resistors only.
 """
 
 from __future__ import annotations
@@ -19,26 +19,28 @@ from resgrid.spice.networks.graph_files import graphml, netlist_arrays, node_lin
 
 _VIEWS = {"edges": edges_text, "graph": graphml, "record": node_link, "arrays": netlist_arrays}
 NETWORK_SUFFIXES = tuple(suffix for suffix, form in FORMATS.items() if form.view in _VIEWS)
+"""File name suffixes of netlists that are not decks."""
 
 
 def write_network(netlist: Netlist, file: str | os.PathLike[str]) -> Path:
-    """Write a netlist as a graph, whole or not at all.
+    """Write a netlist as an edge list, a graph or arrays.  The file is written atomically.
 
     Parameters
     ----------
     netlist : Netlist
     file : path-like
-        ``.txt``: a list of edges, two nodes and a resistance a line, resistors alone; ``.graphml`` and node-link
-        ``.json``: graphs with every element; ``.npz``: the netlist's arrays and names.
+        ``.txt``: list of edges, two nodes and a resistance in ohms per line, resistors only; ``.graphml`` and
+        node-link ``.json``: graphs with all elements; ``.npz``: arrays and names of the netlist.
 
     Returns
     -------
     Path
+        The file.
 
     Raises
     ------
     InputError
-        If the file's name ends otherwise, an edge list cannot hold a node's name, or the file cannot be written.
+        If the suffix is unknown, an edge list cannot hold a node's name, or the file cannot be written.
 
     Examples
     --------
@@ -50,7 +52,10 @@ def write_network(netlist: Netlist, file: str | os.PathLike[str]) -> Path:
 
 
 def left_out(netlist: Netlist, file: str | os.PathLike[str]) -> dict[str, int]:
-    """How much of a netlist a file of that name has no place for, by kind: in an edge list, all but resistances."""
+    """Return the number of elements that a file of this name cannot hold, by kind; an edge list holds resistors only.
+
+    A nonzero temperature coefficient counts as an element.
+    """
     if FORMATS[Path(file).suffix.lower()].view != "edges":
         return {}
     counts = {kind: len(getattr(netlist, nodes)) for kind, (nodes, _) in ELEMENTS.items() if kind != "resistor"}

@@ -1,6 +1,6 @@
-"""Paths as files: tables, records, arrays, and messages for ROS.
+"""Path files: tables, records, arrays, and messages for ROS.
 
-All of them hold the same columns and values: world coordinates that are continuous across periodic seams.
+All formats hold the same columns and values, in world coordinates that are continuous across periodic seams.
 """
 
 from __future__ import annotations
@@ -25,23 +25,24 @@ from resgrid.planning.streamline import Outcome, Polyline, ShortPath, Streamline
 from resgrid.planning.time_parameterization import Trajectory
 
 _VIEWS = ("table", "record", "arrays", "message")
-_OWN = {".csv": ["path", "k", "outcome"], ".json": ["schema", "k", "outcome"], ".npz": ["k", "outcome"]}
-"""Columns, keys and arrays of a file of one path beside those of `column_names`."""
+"""Views of a path, which determine its file formats."""
+_FIXED_NAMES = {".csv": ["path", "k", "outcome"], ".json": ["schema", "k", "outcome"], ".npz": ["k", "outcome"]}
+"""Columns, keys and arrays of a file of one path, in addition to those of `column_names`, by suffix."""
 
 
 def write_path(path: Timed, file: str | os.PathLike[str]) -> Path:
-    """Write a path, whole or not at all, in the format that the end of the file's name says.
+    """Write a path in the format that the file's suffix selects.  The file is written atomically.
 
-    Coordinates are those of the world, and continuous across periodic seams; a file of ``resgrid path -o`` has the same
+    The coordinates are world coordinates, continuous across periodic seams.  A file of ``resgrid path -o`` has the same
     columns and values.
 
     Parameters
     ----------
     path : Streamline, ShortPath, Polyline or Trajectory
-        The files of an arm also have the place of its tip.
+        For an arm, the file also holds the positions of its tip.
     file : path-like
-        ``.csv``, or ``-`` for standard output: a table with a header; ``.json``: one list a column; ``.npz``: one
-        array a column; ``.yaml``: a ``nav_msgs/Path`` for ROS.
+        ``.csv``, or ``-`` for standard output: table with a header; ``.json``: one list per column; ``.npz``: one
+        array per column; ``.yaml``: a ``nav_msgs/Path`` message for ROS.
 
     Returns
     -------
@@ -51,8 +52,8 @@ def write_path(path: Timed, file: str | os.PathLike[str]) -> Path:
     Raises
     ------
     InputError
-        If the name ends otherwise, the path does not fit, an axis has the name of another column, the file cannot be
-        written, or a message for ROS is asked of a path that reached no goal.
+        If the suffix is unknown, an axis has the name of another column, the file cannot be written, or the format is a
+        message for ROS and the path reached no goal or its configurations are not poses in the plane.
 
     Examples
     --------
@@ -61,7 +62,7 @@ def write_path(path: Timed, file: str | os.PathLike[str]) -> Path:
     ['path,k,outcome,x,y', '0,1.0,reached,5.5,2.5']
     """
     route = Route(path, tuple(points_of(path)[0].tolist()))
-    _check_names(path.space, suffix_of(file, _VIEWS, "a path"), _OWN, timed=isinstance(path, Trajectory))
+    _check_names(path.space, suffix_of(file, _VIEWS, "a path"), _FIXED_NAMES, timed=isinstance(path, Trajectory))
     views: Views = {
         "table": lambda: _routes_table([route]),
         "record": lambda: {"k": route.k, "outcome": route.outcome, **route.columns},
@@ -72,9 +73,9 @@ def write_path(path: Timed, file: str | os.PathLike[str]) -> Path:
 
 
 def path_columns(path: Timed) -> dict[str, NDArray[np.float64]]:
-    """Return a path as named columns, one entry a point, in continuous world coordinates.
+    """Return the columns of a path by name, one entry per point; positions are continuous world coordinates.
 
-    Shapes: returns (n,).
+    Shapes: returns arrays (n,).
     """
     space, points = path.space, points_of(path)
     names = column_names(space, timed=isinstance(path, Trajectory))
@@ -88,7 +89,7 @@ def path_columns(path: Timed) -> dict[str, NDArray[np.float64]]:
 
 
 def column_names(space: ConfigurationSpace, *, timed: bool) -> list[str]:
-    """Names of the columns of a path."""
+    """Return the names of the columns of a path: time, position, tip of an arm, velocity; `timed`: of a trajectory."""
     axes = [axis.name for axis in space.axes]
     mounted = space.robot is not None and space.robot.base is not None
     tip = [f"{space.robot.reference}_{name}" for name in "xy"] if mounted else []
@@ -97,18 +98,18 @@ def column_names(space: ConfigurationSpace, *, timed: bool) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class Route:
-    """A start and the path from it, as a robot is to follow it.
+    """A requested start and the path from it.
 
     Attributes
     ----------
     path : Streamline, ShortPath, Polyline or Trajectory
-        The path that is written; its figures are those of the route.
+        The path that is written; length and clearance are those of this path.
     start : tuple of float
-        The start that was asked for, in world coordinates.
+        The requested start, in world coordinates.
     certified : bool
         Whether the streamline has passed `certify`.
     advice : str, optional
-        Why no goal is reached, in place of `Streamline.reason`.
+        Reason why no goal is reached, replaces `Streamline.reason`.
     """
 
     path: Timed
@@ -118,12 +119,12 @@ class Route:
 
     @cached_property
     def streamline(self) -> Streamline | None:
-        """The streamline that the path was made of; None for a path without a field."""
+        """Streamline from which the path was made; None for a path without a field."""
         return streamline_of(self.path)
 
     @property
     def outcome(self) -> str | None:
-        """The outcome of the streamline; None without one."""
+        """Outcome of the streamline; None without a streamline."""
         return None if self.streamline is None else str(self.streamline.outcome)
 
     @property
@@ -133,7 +134,7 @@ class Route:
 
     @property
     def reason(self) -> str | None:
-        """Why no goal is reached, and what to do; None where one is."""
+        """Reason why no goal is reached, with a remedy; None if one is reached."""
         return self.advice or (None if self.streamline is None else self.streamline.reason)
 
     @property
@@ -143,13 +144,13 @@ class Route:
 
     @cached_property
     def length(self) -> float:
-        """Length of the polyline through the points that are written, in axis units."""
+        """Length of the polyline through the written points, in axis units."""
         path = self.path
         return path.length if isinstance(path, Streamline | ShortPath) else length_of(_line(path))
 
     @cached_property
     def clearance(self) -> float | None:
-        """Least distance from that polyline to an obstacle cell, in axis units; None without a field."""
+        """Smallest distance from that polyline to an obstacle cell, in axis units; None without a field."""
         path = self.path
         if isinstance(path, Streamline | ShortPath):
             return path.clearance
@@ -160,29 +161,30 @@ class Route:
 
     @property
     def duration(self) -> float | None:
-        """Time from start to end, in seconds; None for a path without times."""
+        """Duration of a trajectory, in seconds; None for a path without times."""
         return self.path.duration if isinstance(self.path, Trajectory) else None
 
     @cached_property
     def columns(self) -> dict[str, NDArray[np.float64]]:
-        """The columns of the path, `path_columns`."""
+        """Columns of the path by name, shapes (n,), as `path_columns` returns them."""
         return path_columns(self.path)
 
 
 def _line(path: Polyline | Trajectory) -> NDArray[np.float64]:
-    """The points that are written, in axis units, shape (n, ndim)."""
+    """Return the written points in axis units, shape (n, ndim)."""
     return path.line if isinstance(path, Polyline) else path.space.from_world(path.positions)
 
 
 def _number(value: float | None) -> float:
+    """Return a number, NaN for None."""
     return math.nan if value is None else value
 
 
 def write_routes(routes: Sequence[Route], target: str | os.PathLike[str]) -> Path:
-    """Write routes, whole or not at all: one table, record or set of arrays for all, or one message for ROS each.
+    """Write routes atomically: one table, record or set of arrays for all routes, or one message for ROS per route.
 
-    Messages of several routes name their starts in comments; a route that reaches no goal has its outcome there
-    instead of a message.  Raises InputError where no route has a message.
+    With several routes, a comment before each message names the start; a route that reaches no goal has only the
+    comment, with its outcome.  Raises InputError if no route reaches a goal.
     """
     views: Views = {
         "table": lambda: _routes_table(routes),
@@ -194,25 +196,31 @@ def write_routes(routes: Sequence[Route], target: str | os.PathLike[str]) -> Pat
 
 
 def check_routes_file(target: str, space: ConfigurationSpace | None = None, *, timed: bool = False) -> None:
-    """Raise InputError for a file that routes cannot be written to."""
+    """Raise InputError if routes cannot be written to a file of this name.
+
+    `space`: of the routes, if known; `timed`: whether they are trajectories.
+    """
     suffix = suffix_of(target, _VIEWS, "paths")
     if space is not None:
-        _check_names(space, suffix, {".csv": _OWN[".csv"], ".npz": ["points", "cells"]}, timed=timed)
+        _check_names(space, suffix, {".csv": _FIXED_NAMES[".csv"], ".npz": ["points", "cells"]}, timed=timed)
 
 
-def _check_names(space: ConfigurationSpace, suffix: str, own: dict[str, list[str]], *, timed: bool) -> None:
-    """Raise InputError if an axis has the name of another column, or the robot no poses for a message."""
+def _check_names(space: ConfigurationSpace, suffix: str, fixed: dict[str, list[str]], *, timed: bool) -> None:
+    """Raise InputError if an axis has the name of another column, or a message for ROS cannot hold the poses.
+
+    `fixed`: names of the further columns, by suffix.
+    """
     if suffix == ".yaml":
         require_plane(space)
     else:
-        require_names(space.axes, [*own.get(suffix, []), *column_names(space, timed=timed)])
+        require_names(space.axes, [*fixed.get(suffix, []), *column_names(space, timed=timed)])
 
 
 def route_record(route: Route, *, points: bool = True) -> dict[str, Any]:
-    """Return the figures of a route, and its points in continuous world coordinates.
+    """Return outcome, length, clearance and further values of a route for a JSON file, with its points if `points`.
 
-    `length`, `clearance` and `points` are those of the path that is written; of a shortened or timed one `streamline`
-    holds those of the streamline.
+    `length`, `clearance` and `points` (continuous world coordinates) are those of the written path.  For a shortened or
+    timed path, the key `streamline` holds length and clearance of the streamline.
     """
     path = route.streamline
     record: dict[str, Any] = {
@@ -240,9 +248,9 @@ def route_record(route: Route, *, points: bool = True) -> dict[str, Any]:
 
 
 def _routes_table(routes: Sequence[Route]) -> dict[str, list[Any]]:
-    """One row a point, route after route; empty where a route has no such column."""
+    """Return the table of all routes, one row per point; entries of columns that a route lacks are empty."""
     names = max((list(route.columns) for route in routes), key=len, default=[])
-    table: dict[str, list[Any]] = {name: [] for name in (*_OWN[".csv"], *names)}
+    table: dict[str, list[Any]] = {name: [] for name in (*_FIXED_NAMES[".csv"], *names)}
     for number, route in enumerate(routes):
         count = len(points_of(route.path))
         for name, value in (("path", number), ("k", _number(route.k)), ("outcome", route.outcome or "")):
@@ -253,6 +261,7 @@ def _routes_table(routes: Sequence[Route]) -> dict[str, list[Any]]:
 
 
 def _routes_arrays(routes: Sequence[Route]) -> dict[str, Any]:
+    """Return the arrays of all routes: one entry per route, and the columns of route ``i`` with the suffix ``_i``."""
     goals = [None if route.streamline is None else route.streamline.goal for route in routes]
     arrays: dict[str, Any] = {
         "outcome": [route.outcome or "" for route in routes],
@@ -271,11 +280,13 @@ def _routes_arrays(routes: Sequence[Route]) -> dict[str, Any]:
 
 
 def _documents(routes: Sequence[Route]) -> str:
-    """A message for each route that reaches a goal; comments name the starts and the outcomes of the others."""
+    """Return one message per route that reaches a goal, with comments on starts and outcomes of all routes."""
     if len(routes) == 1:
         return to_ros_path(routes[0].path)
     if not any(route.reached for route in routes):
-        raise InputError("no path reaches a goal, so there is no message to write; write .csv, .json or .npz")
+        raise InputError(
+            "no path reaches a goal, and a nav_msgs/Path message cannot hold an outcome; write .csv, .json or .npz"
+        )
     text, begin = "", ""
     for route in routes:
         place = ", ".join(f"{value:.6g}" for value in route.start)

@@ -1,4 +1,4 @@
-"""Paths as ``nav_msgs/Path`` messages for ROS."""
+"""Writer of paths as ``nav_msgs/Path`` messages for ROS."""
 
 from __future__ import annotations
 
@@ -18,15 +18,16 @@ from resgrid.planning.time_parameterization import Trajectory
 from resgrid.robots import PointRobot
 
 Timed = AnyPath | Trajectory
+"""A path, with or without times."""
 
 
 def points_of(path: Timed) -> NDArray[np.float64]:
-    """Points of a path in the world, shape (n, ndim), continuous across periodic seams, as every file holds them."""
+    """Return the points of a path in world coordinates, continuous across periodic seams, shape (n, ndim)."""
     return path.positions if isinstance(path, Trajectory) else unwrap(path)
 
 
 def streamline_of(path: Timed) -> Streamline | None:
-    """The streamline that was shortened or timed; None for a path without a field."""
+    """Return the streamline from which a path was made; None for a path without a field."""
     if isinstance(path, Trajectory):
         path = path.path
     if isinstance(path, ShortPath):
@@ -35,26 +36,27 @@ def streamline_of(path: Timed) -> Streamline | None:
 
 
 def to_ros_path(path: Timed, *, frame_id: str = "map") -> str:
-    """Return a path as the text of a ``nav_msgs/Path`` message, as ``ros2 topic pub`` reads it.
+    """Return the text of a ``nav_msgs/Path`` message of a path, as ``ros2 topic pub`` reads it.
 
-    Every pose looks towards the next, the last one as the one before; a turning polygon as its angle says.  A
-    trajectory's times are the stamps.
+    Every pose is oriented towards the next one, the last pose like the one before; a turning polygon has its own
+    heading.  The times of a trajectory are the stamps.
 
     Parameters
     ----------
     path : Streamline, ShortPath, Polyline or Trajectory
-        In a space of two axes with one unit, or of a turning polygon.  A streamline must have reached a goal.
+        In a space of two axes with the same unit, or of a turning polygon.  A streamline must have reached a goal.
     frame_id : str
-        The frame that the poses are given in.
+        Coordinate frame of the poses.
 
     Returns
     -------
     str
+        YAML text.
 
     Raises
     ------
     InputError
-        If the robot does not move in the plane, or the path reached no goal: a message has no field for the outcome.
+        If the robot does not move in the plane, or the path reached no goal (the message has no field for an outcome).
 
     Examples
     --------
@@ -75,17 +77,17 @@ def to_ros_path(path: Timed, *, frame_id: str = "map") -> str:
 
 
 def require_reached(path: Timed) -> None:
-    """Raise InputError for a streamline without a goal, whose message would look like a path to one."""
+    """Raise InputError for a streamline that reached no goal, because its message would look like a path to one."""
     streamline = streamline_of(path)
     if streamline is not None and streamline.outcome is not Outcome.REACHED:
         raise InputError(
-            f"this path ended with {str(streamline.outcome)!r} ({streamline.reason}), and a nav_msgs/Path cannot say "
-            "so; test path.outcome first, or write .csv, .json or .npz, which hold the outcome"
+            f"this path ended with {str(streamline.outcome)!r} ({streamline.reason}), and a nav_msgs/Path cannot hold "
+            "an outcome; test path.outcome first, or write .csv, .json or .npz, which hold it"
         )
 
 
 def require_plane(space: ConfigurationSpace) -> None:
-    """Raise InputError unless the robot has poses in the plane."""
+    """Raise InputError unless configurations are poses in the plane."""
     if not has_poses(space):
         robot, axes = (
             with_article(type(space.robot or PointRobot()).__name__),
@@ -104,7 +106,10 @@ def has_poses(space: ConfigurationSpace) -> bool:
 
 
 def headings(place: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Direction from every place to the next that differs, in radians; the last as the one before, alone 0."""
+    """Return the direction (n,) from every point (n, 2) to the next distinct one, in radians.
+
+    The last point has the direction of the one before; a single point has 0.
+    """
     step = np.diff(place, axis=0)
     moved = np.flatnonzero(np.any(step != 0, axis=1))
     if not len(moved):
@@ -114,7 +119,7 @@ def headings(place: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _message(times: Sequence[float], places: Sequence[Sequence[float]], yaws: Sequence[float], frame_id: str) -> str:
-    """Return a ``nav_msgs/Path`` as YAML."""
+    """Return a ``nav_msgs/Path`` message as YAML; `times` in seconds, `places` (n, 2), `yaws` in radians."""
 
     def header(time: float) -> dict[str, Any]:
         seconds, nanoseconds = divmod(round(time * 1e9), 10**9)

@@ -1,4 +1,4 @@
-"""Runs of a robot under control as files: a log of every step, and what each run came to."""
+"""Files of controlled runs: a log of every step, and the outcome of each run."""
 
 from __future__ import annotations
 
@@ -15,30 +15,33 @@ from resgrid.core.axis import Axis
 from resgrid.io.tables import Views, require_names, suffix_of, write
 
 _STEP = {"": "configuration", "_believed": "believed", "_rate": "velocity", "_torque": "torque", "_push": "push"}
-"""Ends of the names of columns, one for each axis, and the arrays of a run that they hold."""
+"""Arrays of a run with one column per axis, by the end of the column's name."""
 
 _CONTACT = ("contact_x", "contact_y", "force_x", "force_y", "part", "body", "sticking")
+"""Columns of the strongest contact of a step."""
 
 
 def write_run(run: Run | Sequence[Run], file: str | os.PathLike[str]) -> Path:
-    """Write every step of a run, or of several, whole or not at all.
+    """Write all steps of one or several runs.  The file is written atomically.
 
     Parameters
     ----------
     run : Run or sequence of Run
+        Runs to write.
     file : path-like
-        ``.csv``, or ``-`` for standard output: a table, one step a line, in world coordinates, with the strongest
-        contact of the step; ``.json``: what each run came to, and all its columns; ``.npz``: every array of run ``i``,
-        with ``_i`` at the end of its name.
+        ``.csv``, or ``-`` for standard output: table with one step per line, in world coordinates, with the strongest
+        contact of the step; ``.json``: outcome and all columns of each run; ``.npz``: the arrays of run ``i``, with the
+        suffix ``_i``.
 
     Returns
     -------
     Path
+        The file.
 
     Raises
     ------
     InputError
-        If the file's name ends otherwise, an axis has the name of another column, or the file cannot be written.
+        If the suffix is unknown, an axis has the name of another column, or the file cannot be written.
 
     Examples
     --------
@@ -51,13 +54,13 @@ def write_run(run: Run | Sequence[Run], file: str | os.PathLike[str]) -> Path:
 
 
 def check_run_file(file: str | os.PathLike[str], axes: Sequence[Axis] = ()) -> None:
-    """Refuse a file that runs with some axes cannot be written to."""
+    """Raise InputError if runs with these axes cannot be written to a file of this name."""
     if suffix_of(file, _views(()), "a run") == ".csv":
         require_names(axes, _names(axes))
 
 
 def run_record(run: Run) -> dict[str, Any]:
-    """What a run came to."""
+    """Return outcome, times, contacts and further totals of a run, for JSON."""
     modes, counts = np.unique(run.mode, return_counts=True)
     return {
         "outcome": str(run.ending),
@@ -82,17 +85,19 @@ def run_record(run: Run) -> dict[str, Any]:
 
 
 def _views(runs: Sequence[Run]) -> Views:
+    """Return the views of runs, which determine their file formats."""
     return {"table": lambda: _table(runs), "record": lambda: _record(runs), "arrays": lambda: _arrays(runs)}
 
 
 def _names(axes: Sequence[Axis]) -> list[str]:
+    """Return the names of the columns of the table."""
     return [
         "run", "k", "t", "mode", *(axis.name + end for end in _STEP for axis in axes), "contacts", *_CONTACT,
     ]  # fmt: skip
 
 
 def _table(runs: Sequence[Run]) -> dict[str, list[Any]]:
-    """One row a step, run after run."""
+    """Return the table of all runs, one row per step."""
     names = _names(runs[0].space.axes)
     require_names(runs[0].space.axes, names)
     rows = [(number, run.field.k, *row) for number, run in enumerate(runs) for row in _rows(run)]
@@ -100,6 +105,7 @@ def _table(runs: Sequence[Run]) -> dict[str, list[Any]]:
 
 
 def _rows(run: Run) -> list[list[Any]]:
+    """Return the rows of one run: time, mode, values per axis, number of contacts, strongest contact."""
     contacts = run.contacts
     size = np.hypot(*contacts.force.T)
     values = np.hstack([getattr(run, name) for name in _STEP.values()]).tolist()
@@ -116,6 +122,7 @@ def _rows(run: Run) -> list[list[Any]]:
 
 
 def _arrays(runs: Sequence[Run]) -> dict[str, NDArray[np.generic]]:
+    """Return the arrays of all runs: one entry per run, and the columns of run ``i`` with the suffix ``_i``."""
     arrays: dict[str, NDArray[np.generic]] = {
         "k": np.array([run.field.k for run in runs]),
         "start": np.array([run.configuration[0] for run in runs]),
@@ -128,6 +135,7 @@ def _arrays(runs: Sequence[Run]) -> dict[str, NDArray[np.generic]]:
 
 
 def _record(runs: Sequence[Run]) -> dict[str, Any]:
+    """Return names of modes, and outcome and columns of each run, for JSON."""
     return {
         "mode_names": [mode.name.lower() for mode in ControlMode],
         "runs": [run_record(run) | {"columns": _columns(run)} for run in runs],
@@ -135,6 +143,6 @@ def _record(runs: Sequence[Run]) -> dict[str, Any]:
 
 
 def _columns(run: Run) -> dict[str, NDArray[np.generic]]:
-    """Everything of a run, in world coordinates: an entry a step, or a contact."""
+    """Return all arrays of a run in world coordinates, with one entry per step or per contact."""
     columns = {name: getattr(run, name) for name in ("time", "mode", *_STEP.values(), "learnt")}
     return columns | {f"contact_{name}": column for name, column in vars(run.contacts).items()}

@@ -1,4 +1,4 @@
-"""Operating points as files: the field of a space as arrays, any other circuit node by node and element by element."""
+"""Files of operating points: arrays of a space's field, or tables of nodes and elements of any other circuit."""
 
 from __future__ import annotations
 
@@ -27,32 +27,33 @@ def write_solution(
     form: str = "binary",
     about: Mapping[str, Any] | None = None,
 ) -> Path:
-    """Write what a circuit's meters read, whole or not at all.
+    """Write the voltages, currents and powers of a circuit, or a field.  The file is written atomically.
 
     Parameters
     ----------
     op : OperatingPoint or Field
+        Solution to write.
     file : path-like
-        Of a field or a space's circuit ``.npz``: ``potential`` (NaN where there is no node), ``log_drop`` where it
-        exists, ``cell``, and of a field ``safe`` where there is such a mask, one dimension per axis.  Of any other
-        circuit ``.csv``: a table of nodes, then elements; ``.json``, ``.npz``: the same by names; ``.raw``: for
-        waveform viewers.  ``-`` is standard output (arrays of a space, the table otherwise).
+        For a field or the circuit of a space, ``.npz``: arrays with one dimension per axis, ``potential`` (NaN in cells
+        without a node), ``log_drop`` if it exists, ``cell``, and for a field ``safe`` if it has that mask.  For any
+        other circuit, ``.csv``: table of nodes, then elements; ``.json``, ``.npz``: the same values by name; ``.raw``:
+        raw file for waveform viewers.  ``-`` is standard output (arrays of a space, otherwise the table).
     title : str
         First line of a raw file.
     form : {"binary", "ascii"}
-        Of a raw file.
+        Encoding of a raw file.
     about : mapping, optional
-        What else a JSON file says, before everything else.
+        Further keys of a JSON file, placed first.
 
     Returns
     -------
     Path
+        The file.
 
     Raises
     ------
     InputError
-        If the file's name ends otherwise, the potential of a space's circuit is not defined, or the file cannot be
-        written.
+        If the suffix is unknown, the potential of a space's circuit is not defined, or the file cannot be written.
 
     Examples
     --------
@@ -65,12 +66,12 @@ def write_solution(
 
 
 def check_solution_file(file: str | os.PathLike[str], *, of_space: bool) -> None:
-    """Refuse a file that a solution cannot be written to."""
+    """Raise InputError if a solution cannot be written to a file of this name; `of_space`: solution of a space."""
     suffix_of(file, ("arrays",) if of_space else ("table", "record", "arrays", "waveforms"), "a solution")
 
 
 def solution_record(op: OperatingPoint, worst: int = 10) -> dict[str, Any]:
-    """What the meters of a circuit read, with its worst drops from the supply and the sources that deliver most."""
+    """Return residual, powers, the `worst` largest drops from the supply and the largest source currents, for JSON."""
     netlist = op.netlist
     drops, balance = ir_drop(op), power_balance(op)
     lowest = drops.worst(worst)
@@ -91,6 +92,7 @@ def solution_record(op: OperatingPoint, worst: int = 10) -> dict[str, Any]:
 
 
 def _supplies(op: OperatingPoint, count: int) -> list[dict[str, Any]]:
+    """Return name, voltage and current of the voltage sources with the largest currents; undetermined ones first."""
     amps = np.nan_to_num(np.abs(op.source_current), nan=np.inf)
     names = _names(op.netlist, "voltage source", "v", len(amps))
     order = np.argsort(-amps, kind="stable")[:count].tolist()
@@ -98,6 +100,7 @@ def _supplies(op: OperatingPoint, count: int) -> list[dict[str, Any]]:
 
 
 def _views(op: OperatingPoint | Field, title: str, form: str, about: Mapping[str, Any]) -> Views:
+    """Return the views of a solution, which determine its file formats."""
     if isinstance(op, Field):
         arrays = {"potential": op.potential, "log_drop": op.log_drop, "cell": op.space.cell, "safe": op.safe}
         return {"arrays": lambda: {name: array for name, array in arrays.items() if array is not None}}
@@ -112,9 +115,13 @@ def _views(op: OperatingPoint | Field, title: str, form: str, about: Mapping[str
 
 
 def _field_arrays(op: OperatingPoint) -> dict[str, NDArray[Any]]:
+    """Return potential, log drop and cell codes of a space's circuit, shapes of the space."""
     cell_map = op.netlist.cell_map
     if cell_map is None or op.potential is None:
-        raise InputError("this circuit has more rails or drives than a potential is defined for; write it as a deck")
+        raise InputError(
+            "the potential is defined for circuits with two rails, or one rail and a drive, but this circuit has more; "
+            "write it as a deck"
+        )
     per_node = {"potential": op.potential, "log_drop": op.log_drop}
     per_cell = {
         name: np.where(cell_map.node >= 0, value[cell_map.node], np.nan)
@@ -125,7 +132,7 @@ def _field_arrays(op: OperatingPoint) -> dict[str, NDArray[Any]]:
 
 
 def _table(op: OperatingPoint) -> dict[str, list[Any]]:
-    """One row a node, then one an element."""
+    """Return the table with one row per node, then one row per element."""
     nodes = _node_names(op)
     names = "kind", "name", "first", "second", "value", "voltage", "current", "power"
     rows: list[tuple[Any, ...]] = [
@@ -142,6 +149,7 @@ def _table(op: OperatingPoint) -> dict[str, list[Any]]:
 
 
 def _record(op: OperatingPoint) -> dict[str, Any]:
+    """Return the voltages of all nodes and the values of all elements by name, for JSON."""
     nodes = _node_names(op)
     elements = {
         kind: {
@@ -154,6 +162,7 @@ def _record(op: OperatingPoint) -> dict[str, Any]:
 
 
 def _arrays(op: OperatingPoint) -> dict[str, Any]:
+    """Return arrays of nodes and of each kind of element."""
     arrays: dict[str, Any] = {"node": np.array(_node_names(op)), "voltage": op.voltage}
     for kind, columns in _elements(op).items():
         arrays |= {f"{kind.replace(' ', '_')}_{name}": column for name, column in columns.items()}
@@ -161,11 +170,15 @@ def _arrays(op: OperatingPoint) -> dict[str, Any]:
 
 
 def _lists(columns: Mapping[str, NDArray[Any]]) -> list[list[Any]]:
+    """Return the columns as lists."""
     return [column.tolist() for column in columns.values()]
 
 
 def _elements(op: OperatingPoint) -> dict[str, dict[str, NDArray[Any]]]:
-    """Of each kind: nodes (m, 2), values in SI units, currents from first to second node, power dissipated, names."""
+    """Return the columns of each kind of element.
+
+    They are nodes (m, 2), values in SI units, currents from first to second node, dissipated powers, and names.
+    """
     netlist, balance = op.netlist, power_balance(op)
     columns = {
         "resistor": (netlist.resistor_nodes, 1 / netlist.conductance, op.resistor_current, balance.resistor_power),
@@ -184,9 +197,11 @@ def _elements(op: OperatingPoint) -> dict[str, dict[str, NDArray[Any]]]:
 
 
 def _names(netlist: Netlist, kind: str, letter: str, count: int) -> list[str]:
+    """Return the names of elements of one kind, numbered from ``r1`` (with their own letter) if they have none."""
     given = (netlist.element_names or {}).get(kind)
     return list(given) if given is not None else [f"{letter}{i + 1}" for i in range(count)]
 
 
 def _node_names(op: OperatingPoint) -> list[str]:
+    """Return the names of all nodes, ground first."""
     return op.netlist.names_of(np.arange(op.netlist.node_count))

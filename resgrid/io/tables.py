@@ -1,4 +1,4 @@
-"""Values to files: each offers views of itself (a table, a record, arrays), each format encodes one of them."""
+"""Encoders of file formats: each format encodes one view of a value (a table, a record, arrays, a message)."""
 
 from __future__ import annotations
 
@@ -21,20 +21,21 @@ from resgrid.core.axis import Axis
 from resgrid.errors import InputError
 
 SCHEMA = 1
+"""Version of the JSON records."""
 
 Views = Mapping[str, Callable[[], Any]]
-"""What a value is in files, by the names of views, made when asked for."""
+"""Functions that return the views of a value, by name; called only for the view that is written."""
 
 
 class Format(NamedTuple):
-    """A kind of file: which view of a value it holds, and how that becomes bytes."""
+    """A file format: name of the view that it holds, and the function that encodes the view as bytes."""
 
     view: str
     encode: Callable[[Any], bytes]
 
 
 def csv_bytes(table: Mapping[str, Sequence[Any]]) -> bytes:
-    """Named columns of one length as comma-separated text; empty where there is no number."""
+    """Encode named columns of the same length as comma-separated text; NaN becomes an empty entry."""
     text = StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(table)
@@ -43,22 +44,23 @@ def csv_bytes(table: Mapping[str, Sequence[Any]]) -> bytes:
 
 
 def _cells(column: Sequence[Any]) -> list[Any]:
+    """Return the entries of a column, NaN as empty text."""
     values = column.tolist() if isinstance(column, np.ndarray) else column
     return ["" if isinstance(value, float) and math.isnan(value) else value for value in values]
 
 
 def json_bytes(record: Mapping[str, Any]) -> bytes:
-    """A record as one JSON object."""
+    """Encode a record as one JSON object with its schema number."""
     return f"{json_text(record)}\n".encode()
 
 
 def json_text(record: Mapping[str, Any]) -> str:
-    """One JSON object as text, with its schema number first."""
+    """Return the text of a record as one JSON object, with the schema number first."""
     return json.dumps({"schema": SCHEMA, **as_json(record)}, allow_nan=False, indent=2)
 
 
 def as_json(value: Any) -> Any:
-    """Values that JSON knows: finite numbers, text, lists, objects, null."""
+    """Convert a value to JSON types: arrays to lists, NaN and infinity to null, other objects to text."""
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, Mapping):
@@ -71,7 +73,7 @@ def as_json(value: Any) -> Any:
 
 
 def npz_bytes(arrays: Mapping[str, Any]) -> bytes:
-    """Named arrays as NumPy reads them; the same arrays give the same bytes."""
+    """Encode named arrays as an NPZ file; equal arrays give equal bytes (no timestamps)."""
     data = BytesIO()
     with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, array in arrays.items():
@@ -90,11 +92,14 @@ FORMATS: dict[str, Format] = {
     ".txt": Format("edges", str.encode),
     ".graphml": Format("graph", bytes),
 }
-"""Every format, by the end of the file's name; ``-`` takes the first that a value offers a view for."""
+"""All formats by suffix; standard output (``-``) uses the first one for which a value has a view."""
 
 
 def suffix_of(target: str | os.PathLike[str], views: Collection[str], kind: str) -> str:
-    """The format of a file that is to hold a value with some views; refused where there is none."""
+    """Return the suffix that selects the format of a file; raise InputError if the value has no view for it.
+
+    `views`: names of the value's views; `kind`: the value in messages, e.g. "a path".
+    """
     known = [suffix for suffix, form in FORMATS.items() if form.view in views]
     suffix = known[0] if os.fspath(target) == "-" else Path(target).suffix.lower()
     if suffix not in known:
@@ -105,17 +110,17 @@ def suffix_of(target: str | os.PathLike[str], views: Collection[str], kind: str)
 
 
 def write(target: str | os.PathLike[str], views: Views, kind: str) -> Path:
-    """Write a value, whole or not at all, as the end of the file's name says; ``-`` is standard output."""
+    """Write a value atomically, in the format that the suffix selects; ``-`` is standard output."""
     form = FORMATS[suffix_of(target, views, kind)]
     return emit(target, form.encode(views[form.view]()))
 
 
 def emit(target: str | os.PathLike[str], data: bytes) -> Path:
-    """Write bytes to a file, whole or not at all; ``-`` is standard output."""
+    """Write bytes to a file atomically; ``-`` is standard output."""
     if os.fspath(target) == "-":
         stream = getattr(sys.stdout, "buffer", None)
         if stream is None:
-            raise InputError("'-' is standard output, and what stands for that here takes no bytes: name a file")
+            raise InputError("'-' is standard output, but sys.stdout accepts no bytes here; give the name of a file")
         sys.stdout.flush()
         stream.write(data)
         return Path(target)
@@ -123,17 +128,17 @@ def emit(target: str | os.PathLike[str], data: bytes) -> Path:
 
 
 def require_names(axes: Iterable[Axis], names: Sequence[str]) -> None:
-    """Refuse columns of which two would have the name of an axis."""
+    """Raise InputError if the name of an axis occurs twice among the names of columns."""
     for axis in axes:
         if names.count(axis.name) > 1:
             raise InputError(
-                f"axis {axis.name!r} has a name that this file needs for something else; rename the axis, or write "
-                "another format"
+                f"axis {axis.name!r} has the name of another column of this file; rename the axis, or write another "
+                "format"
             )
 
 
 def html_page(title: str, markdown: str) -> str:
-    """A Markdown text as a page for browsers."""
+    """Return an HTML page of a Markdown text."""
     from markdown_it import MarkdownIt
 
     body = MarkdownIt("commonmark").enable("table").render(markdown)

@@ -1,4 +1,4 @@
-"""Pictures: functions that take a value and an axes, draw, and return the axes; `save_figure` writes a file.
+"""Pictures: functions that draw a value on an ax and return the ax; `save_figure` writes a picture to a file.
 
 Only this package imports matplotlib.
 """

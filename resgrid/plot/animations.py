@@ -1,4 +1,4 @@
-"""Animations: a robot under control, the wavefront of a new obstacle; as GIF with one palette, or MP4 by ffmpeg."""
+"""Animations of controlled runs and of wavefronts, as GIF with one palette, or as MP4 by ffmpeg."""
 
 from __future__ import annotations
 
@@ -43,12 +43,16 @@ from resgrid.plot.workspace import draw_pose, draw_robot
 ROBOT = "#0072B2"
 SUFFIXES = (".gif", ".mp4")
 MOST_FRAMES = 600
+"""Maximum number of frames."""
 _COLOURS = 255
+"""Maximum number of colours of a GIF's palette."""
 _DPI = 100
+"""Resolution of frames, in dots per inch."""
 _HELD = 12
-"""Frames for which the last one is shown."""
+"""Number of repetitions of the last frame."""
 
 _PANEL = 3.6
+"""Width of a panel, in inches."""
 
 
 def animate(
@@ -60,23 +64,23 @@ def animate(
     rate: float = 20.0,
     progress: Callable[[int], object] | None = None,
 ) -> Path:
-    """Write an animation of a controlled motion, or of a change of the map that spreads through the grid.
+    """Write an animation of a controlled run, or of the spread of a map change through the grid.
 
     Parameters
     ----------
     value : Run or Wavefront
-        A run is shown in its workspace with contact forces, in configuration space, and in words; a wavefront, of a
-        space with two axes, at each of its times.
+        A run is shown in its workspace with contact forces and, with two axes, in configuration space, with the mode in
+        the title.  A wavefront must have a space with two axes, and is shown at each of its times.
     file : path-like
-        Its suffix, ``.gif`` or ``.mp4``, says the format; MP4 needs ffmpeg.  An interruption leaves no file behind.
+        The suffix ``.gif`` or ``.mp4`` selects the format; MP4 needs ffmpeg.  The file is written atomically.
     run : Run, optional
-        A robot that moved meanwhile, at its nominal speed, to be marked on a wavefront.
+        For a wavefront: robot that moves at its nominal speed meanwhile, and is marked in each frame.
     count : int
-        Frames of a run, evenly in time; the last one is held for a moment.
+        Number of frames of a run, evenly spaced in time; the last one is repeated.
     rate : float
-        Frames a second, at most 100.
+        Frames per second, at most 100.
     progress : callable, optional
-        Called with the number of frames drawn.
+        Called after each frame with the number of frames so far.
 
     Returns
     -------
@@ -86,9 +90,9 @@ def animate(
     Raises
     ------
     InputError
-        If the suffix is unknown, a number out of range, or the path cannot be written.
+        If the suffix is unknown, a number is out of range, or the file cannot be written.
     ToolMissingError
-        If ffmpeg is asked for and not installed.
+        If the file is an MP4 and ffmpeg is not installed.
 
     Examples
     --------
@@ -97,7 +101,7 @@ def animate(
     'run.gif'
     """
     if not 0 < rate <= 100:
-        raise InputError(f"rate = {rate}, but an animation shows more than 0 and at most 100 frames a second")
+        raise InputError(f"rate = {rate} must be above 0 and at most 100 frames per second")
     writer = _writer(file, rate)
     frames = _run_frames(value, count) if isinstance(value, Run) else _wavefront_frames(value, run)
     with atomic_path(file) as temporary:
@@ -114,28 +118,29 @@ def animate(
 
 
 def check_animation(path: str | os.PathLike[str]) -> None:
-    """Refuse a file that no animation can be written to, before anything is drawn; errors as `animate`."""
+    """Raise the errors of `animate` for a file with an unknown suffix, or an MP4 without ffmpeg."""
     _writer(path, 20.0)
 
 
 def _writer(path: str | os.PathLike[str], rate: float) -> AbstractMovieWriter:
+    """Return the writer for a file's suffix; `rate`: frames per second."""
     suffix = Path(path).suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(f"cannot write an animation as {str(path)!r}: its suffix must be {' or '.join(SUFFIXES)}")
     if suffix == ".gif":
         return _GifWriter(fps=rate)  # type: ignore[arg-type]
     if not FFMpegWriter.isAvailable():
-        raise ToolMissingError("MP4 needs ffmpeg, which is not installed; install it, or name the file .gif")
+        raise ToolMissingError("MP4 needs ffmpeg, which is not installed; install it, or write a .gif file")
     return FFMpegWriter(fps=rate, codec="h264")  # type: ignore[arg-type]
 
 
 class _GifWriter(PillowWriter):
-    """One palette for all frames, so that no colour changes from frame to frame."""
+    """GIF writer with one palette for all frames, so that colours do not change between frames."""
 
     _frames: list[Image.Image]
 
     def grab_frame(self, **_: Any) -> None:
-        """Keep the figure as it is; `savefig` would draw it twice, and one that is held need not be drawn again."""
+        """Store the figure as a frame; draw it only if it changed (`savefig` would draw it twice)."""
         canvas = self.fig.canvas
         assert isinstance(canvas, FigureCanvasAgg)
         if self.fig.stale:
@@ -143,7 +148,7 @@ class _GifWriter(PillowWriter):
         self._frames.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy()))  # type: ignore[no-untyped-call]
 
     def finish(self) -> None:
-        """Write all frames: first their colours decide the palette, then each is drawn in it."""
+        """Choose the palette from the colours of all frames, and write the frames."""
         if not self._frames:
             return
         colours, number_of = _palette(map(_packed, self._frames))
@@ -159,16 +164,16 @@ class _GifWriter(PillowWriter):
 
 
 def _packed(frame: Image.Image) -> NDArray[np.uint32]:
-    """Colours as one number each, shape (height, width)."""
+    """Return the colours of a frame as one integer per pixel, shape (height, width)."""
     red, green, blue = np.moveaxis(np.asarray(frame, dtype=np.uint32), -1, 0)
     return np.asarray(red << 16 | green << 8 | blue)
 
 
 def _palette(frames: Iterator[NDArray[np.uint32]]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """At most 255 colours, and the number of the nearest for every colour seen, by the colour's own number.
+    """Return a palette of at most 255 colours, and the index of the nearest palette colour for every colour.
 
-    Half of them are the most frequent, counting pixels that a frame changes, half those farthest from all others.
-    Shapes: returns (n, 3), (2**24,).
+    Half of the palette are the most frequent colours, counted over the pixels that change between frames; the others
+    are the colours farthest from all chosen ones.  Shapes: `frames` (height, width); returns (n, 3), (2**24,).
     """
     from scipy.spatial import KDTree
 
@@ -191,9 +196,9 @@ def _palette(frames: Iterator[NDArray[np.uint32]]) -> tuple[NDArray[np.uint8], N
 
 
 def _run_frames(run: Run, count: int) -> Iterator[Figure]:
-    """The figure of a run, drawn anew for every frame."""
+    """Yield the figure of a run, redrawn for every frame."""
     if not 2 <= count <= MOST_FRAMES - _HELD:
-        raise InputError(f"count = {count}, but an animation has 2 to {MOST_FRAMES - _HELD} frames")
+        raise InputError(f"count = {count} must lie between 2 and {MOST_FRAMES - _HELD}: it is the number of frames")
     flat = run.space.ndim == 2
     figure = new_figure(8.6 if flat else 4.6, panel_height(_PANEL, panel_aspect(run)) + 0.4)
     panels = [_workspace(run, figure.add_subplot(1, 1 + flat, 1))]
@@ -213,7 +218,7 @@ def _run_frames(run: Run, count: int) -> Iterator[Figure]:
 
 
 def frame_rows(run: Run, count: int) -> NDArray[np.int64]:
-    """Rows of a log, evenly in time, with the last one and every lesson's."""
+    """Return rows (n,) of a run's log: evenly spaced in time, the last one, and those at which cells are learnt."""
     times = np.linspace(run.time[0], run.time[-1], count)
     rows = np.searchsorted(run.time, times).clip(0, len(run.time) - 1)
     lessons = [lesson.step for lesson in run.lessons][:count]
@@ -221,7 +226,7 @@ def frame_rows(run: Run, count: int) -> NDArray[np.int64]:
 
 
 def _workspace(run: Run, axes: Axes) -> Callable[[int], list[Artist]]:
-    """Draw what stands in a workspace; what is returned adds the robot, and what it touches, at a row of the log."""
+    """Draw the static part of a workspace; return a function that adds robot and contact forces of a row of the log."""
     robot, contacts = scene_of(run).robot, run.contacts
     draw_robot(run.configuration[:1], scene_of(run), axes, ghosts=1)
     tips = robot.reference_point(run.configuration)
@@ -241,7 +246,7 @@ def _workspace(run: Run, axes: Axes) -> Callable[[int], list[Artist]]:
 
 
 def _configurations(run: Run, axes: Axes) -> Callable[[int], list[Artist]]:
-    """Draw a configuration space of two axes; what is returned adds where the robot is, was, and what it learnt."""
+    """Draw a configuration space of two axes; return a function that adds position, path and learnt cells of a row."""
     draw_configurations(run, axes, path=False)
     mark(wrapped(run.configuration[:1], run.space), axes, "start")
     axes.plot([], [], "o", color=ROBOT, markersize=5, label="robot")
@@ -263,9 +268,12 @@ def _configurations(run: Run, axes: Axes) -> Callable[[int], list[Artist]]:
 
 
 def _wavefront_frames(front: Wavefront, run: Run | None) -> Iterator[Figure]:
-    """The figure of a wavefront, drawn anew for each of its times, with the robot's place at that time."""
+    """Yield the figure of a wavefront, redrawn for each of its times, with the robot's position at that time."""
     if len(front.cells) > MOST_FRAMES:
-        raise InputError(f"{len(front.cells)} times, but an animation has at most {MOST_FRAMES} frames")
+        raise InputError(
+            f"the wavefront has {len(front.cells)} times, but an animation has at most {MOST_FRAMES} frames; "
+            "compute it at fewer times"
+        )
     figure = new_figure(5.2, panel_height(_PANEL, plane_of(front.after).aspect) + 0.2)
     axes = figure.add_subplot()
     image = draw_moment(front, 0, axes)
@@ -288,7 +296,7 @@ def _wavefront_frames(front: Wavefront, run: Run | None) -> Iterator[Figure]:
 
 
 def _places(front: Wavefront, run: Run) -> NDArray[np.float64]:
-    """Where the robot was at the times of a wavefront, shape (times, 2)."""
+    """Return the robot's positions (times, 2) at the times of a wavefront."""
     speeds = np.linalg.norm(run.velocity, axis=1)
     seconds = front.cells * float(front.after.spacing.min()) / max(float(speeds.max()), 1e-300)
     rows = np.searchsorted(run.time, seconds).clip(0, len(run.time) - 1)
@@ -296,8 +304,8 @@ def _places(front: Wavefront, run: Run) -> NDArray[np.float64]:
 
 
 def _settle_layout(figure: Figure) -> None:
-    """Lay out once, for a picture whose axes move from frame to frame cannot be watched."""
+    """Compute the layout once, so that axes do not move between frames."""
     figure.set_dpi(_DPI)
-    for _ in range(2):  # axes of a fixed aspect find their place in two rounds
+    for _ in range(2):  # the layout of axes with a fixed aspect converges in two passes
         figure.canvas.draw()
     figure.set_layout_engine("none")

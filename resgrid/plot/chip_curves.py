@@ -1,4 +1,4 @@
-"""Curves of a chip: how it settles, what bits its starts need, and what becomes of its yield over two values."""
+"""Curves and tables of chip analyses: settling, converter bits of starts, yield over two parameters."""
 
 from __future__ import annotations
 
@@ -34,28 +34,29 @@ from resgrid.scene.chip import Chip
 from resgrid.scene.table_models import described_keys
 
 _MOST_LABELS = 80
+"""Largest number of points of a sweep with their values as text."""
 _CONTOUR = "#E69F00"
-_SHARES = {"mismatch", "defects.open_density", "defects.short_density"}
-"""Keys whose values are shares, written as percentages."""
+_FRACTIONS = {"mismatch", "defects.open_density", "defects.short_density"}
+"""Keys of a chip with dimensionless fractions, which are labelled in per cent."""
 
 
 def draw_settled(result: Settling, ax: Axes | None = None, *, quantity: Literal["map", "curve"] = "map") -> Axes:
-    """Draw when every cell has settled, or the curve of the last node on its way."""
+    """Draw the settling time of every cell, or the settling curve of the slowest node."""
     return draw_settling(result, ax) if quantity == "map" else draw_settling_curve(result, ax)
 
 
 def draw_settling_curve(result: Settling, ax: Axes | None = None) -> Axes:
-    """Draw how far the last node is from its final voltage over time, and the slowest exponential beside it."""
+    """Draw the largest distance of a node from its final voltage over time, with the slowest exponential."""
     axes = axes_or_new(ax, 0.7)
     band = result.span / 2.0 ** (result.bits + 1)
     times, distance = result.times, result.distance
-    axes.plot(times, distance, color=PATHS[3], linewidth=1.4, label="largest distance of a node from its end")
+    axes.plot(times, distance, color=PATHS[3], linewidth=1.4, label="largest distance of a node from its final voltage")
     tau, end = float(result.time_constants[0]), result.settle_time
     slope = band * np.exp((end - times) / tau)
     near = slope < 3.0 * distance.max(initial=band)
     axes.plot(
         times[near], slope[near], color=PATHS[0], linewidth=1.0, linestyle=LINE_STYLES[1],
-        label="slowest time constant alone",
+        label="exponential of the slowest time constant",
     )  # fmt: skip
     axes.axhline(band, color="black", linewidth=0.8, linestyle=LINE_STYLES[3], label=f"half a {result.bits}-bit step")
     axes.plot([end], [band], marker="o", markersize=4, color=FAILURE, linestyle="", label="settled")
@@ -74,24 +75,27 @@ def draw_precisions(
     results: Mapping[str, Precision], ax: Axes | None = None, *,
     quantity: Literal["page", "served", "histogram"] = "page", bits: int = 10, title: str = "",
 ) -> Axes | Figure:  # fmt: skip
-    """Draw precision by name, e.g. of the boundary: a page, the share of starts served, or a histogram of bits."""
+    """Draw required converter bits of several chips: a page, the fraction of starts served, or a histogram.
+
+    `results`: by name, e.g. of the boundary; `bits`: resolution that is marked; `title`: of the page.
+    """
     if quantity == "served":
         return _draw_served(results, ax, bits)
     if quantity == "histogram":
         return _draw_histogram(results, ax, bits)
     if ax is not None:
-        raise InputError("a page of precision has several panels, and is not drawn into one ax: leave ax out")
+        raise InputError("a page of precision has several panels and cannot use one ax; omit ax")
     return _precision_page(results, bits, title)
 
 
 def _draw_served(results: Mapping[str, Precision], ax: Axes | None, bits: int) -> Axes:
-    """The share of starts that a read-out serves against its bits."""
+    """Draw the fraction of starts that a read-out serves against its bits."""
     axes = axes_or_new(ax, 0.6)
     most = _most_bits(results, bits)
     ticks = np.linspace(0.0, most, 400)
     for number, (name, result) in enumerate(results.items()):
-        share = np.searchsorted(np.sort(result.starts), ticks, side="right") / max(len(result.starts), 1)
-        axes.plot(ticks, share, **_line(number), label=f"{name}: {result.sentence(bits)}")
+        fraction = np.searchsorted(np.sort(result.starts), ticks, side="right") / max(len(result.starts), 1)
+        axes.plot(ticks, fraction, **_line(number), label=f"{name}: {result.sentence(bits)}")
     axes.axvline(bits, color="black", linewidth=0.8, linestyle=LINE_STYLES[3])
     axes.set(xlabel="bits of the read-out", ylabel="starts served", xlim=(0.0, most), ylim=(0.0, 1.03))
     axes.yaxis.set_major_formatter(PercentFormatter(1.0))
@@ -101,7 +105,7 @@ def _draw_served(results: Mapping[str, Precision], ax: Axes | None, bits: int) -
 
 
 def _draw_histogram(results: Mapping[str, Precision], ax: Axes | None, bits: int) -> Axes:
-    """How many starts need how many whole bits: one that needs 9.3 is served by 10."""
+    """Draw the histogram of whole bits that starts require: a start that requires 9.3 bits counts at 10."""
     axes = axes_or_new(ax, 0.6)
     most = int(np.ceil(_most_bits(results, bits)))
     for number, (name, result) in enumerate(results.items()):
@@ -116,7 +120,7 @@ def _draw_histogram(results: Mapping[str, Precision], ax: Axes | None, bits: int
 
 
 def _precision_page(results: Mapping[str, Precision], bits: int, title: str) -> Figure:
-    """Maps side by side, a histogram, and the share of starts served."""
+    """Draw a page: one map per result, the histogram, and the fraction of starts served."""
     aspect = max(plane_of(result.space).aspect for result in results.values())
     height = panel_height(PAGE / len(results) - 1.0, aspect) + 0.2
     figure = new_figure(PAGE, height + 3.2)
@@ -135,21 +139,28 @@ def _precision_page(results: Mapping[str, Precision], bits: int, title: str) -> 
 
 
 def _line(number: int) -> dict[str, Any]:
+    """Return the style of the curve with an index."""
     colour, style = PATHS[number % len(PATHS)], LINE_STYLES[number % len(LINE_STYLES)]
     return {"color": colour, "linestyle": style, "linewidth": 1.4}
 
 
 def _most_bits(results: Mapping[str, Precision], bits: int) -> float:
+    """Return the upper limit of the bits' axis."""
     return max(bits + 2.0, *(_largest(result) for result in results.values()))
 
 
 def _largest(result: Precision) -> float:
+    """Return the largest finite number of bits that a start requires, at least 1."""
     finite = result.starts[np.isfinite(result.starts)]
     return float(finite.max(initial=1.0))
 
 
 def draw_exploration(result: Exploration, ax: Axes | None = None, *, share: float = 0.99) -> Axes:
-    """Draw the yield over two values of a chip, with contours, and the cheapest points of a yield asked for."""
+    """Draw the yield over two parameters of a chip, with contours.
+
+    `share`: fraction of starts; for each value of the first parameter, the smallest sufficient value of the second one
+    is marked.
+    """
     axes = axes_or_new(ax, 0.8)
     values = 100.0 * result.share.T
     image = axes.imshow(
@@ -170,7 +181,7 @@ def draw_exploration(result: Exploration, ax: Axes | None = None, *, share: floa
         (axes.yaxis, result.second, result.second_values),
     ):
         unit = described_keys(Chip)[key][0]
-        texts = [value_text(100 * tick, "%") if key in _SHARES else value_text(tick, unit) for tick in ticks]
+        texts = [value_text(100 * tick, "%") if key in _FRACTIONS else value_text(tick, unit) for tick in ticks]
         axis.set_ticks(range(len(ticks)), texts)
         axis.set_label_text(key.replace("_", " ").replace(".", ", "))
     add_colour_bar(image, axes, "starts served (%)")
@@ -181,6 +192,7 @@ def draw_exploration(result: Exploration, ax: Axes | None = None, *, share: floa
 
 
 def _mark_cheapest(result: Exploration, share: float, axes: Axes) -> None:
+    """Mark the smallest second value that serves a fraction `share` of the starts, for each first value."""
     marks = [(column, value) for column, value in enumerate(result.cheapest(share)) if value is not None]
     if marks:
         rows = [result.second_values.index(value) for _, value in marks]

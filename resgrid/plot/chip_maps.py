@@ -1,4 +1,4 @@
-"""Maps of what a chip does, cell by cell and resistor by resistor: settling, noise, heat, bits, yield, faults."""
+"""Maps of chip analyses per cell or resistor: settling, noise, heat, converter bits, yield, faults."""
 
 from __future__ import annotations
 
@@ -28,22 +28,26 @@ from resgrid.plot.plane import draw_cells, draw_image, finish, paint, plane_of
 from resgrid.plot.style import FAILURE, TEXT, add_colour_bar, add_swatch, refresh_legend, strength_map
 from resgrid.scene.quantities import format_quantity, prefix_of
 
-_NO_BITS_DO = "#e8d3e4"
+_UNSERVED = "#e8d3e4"
+"""Colour of starts that no resolution serves."""
 _HARMLESS = "#c8c8c8"
+"""Colour of resistors whose fault costs no start."""
 _MOST_DRIFT = 100.0
-"""Drift in per cent above which a resistor is left out of the picture."""
+"""Largest drift of a resistor in the picture, in per cent."""
 
 _HEAT_DECADES = 5.0
+"""Range of the heat's colour scale, in decades."""
 _NOISE = {
     "total": ("rms noise within the band", "V"),
     "limit": ("rms noise, all frequencies", "V"),
     "resistance": ("resistance to the rails", "Ω"),
 }
+"""Label and unit of each quantity of the noise."""
 _POWER = {"heat": ("heat per cell", "W"), "droop": ("droop of rail cells", "V")}
 
 
 def draw_settling(result: Settling, ax: Axes | None = None) -> Axes:
-    """Draw when every cell has settled."""
+    """Draw the settling time of every cell."""
     values = _of_free_cells(result.netlist.cells, result.node_time)
     axes = draw_map(result.netlist.cells.space, values, ax, f"time to settle to {result.bits} bits", "s")
     settled, slowest = (format_quantity(t, "s", 3) for t in (result.settle_time, float(result.time_constants[0])))
@@ -54,12 +58,15 @@ def draw_settling(result: Settling, ax: Axes | None = None) -> Axes:
 def draw_noise(
     result: Noise, ax: Axes | None = None, *, quantity: Literal["total", "limit", "resistance"] | None = None
 ) -> Axes:
-    """Draw the thermal noise of every cell within the band or over all frequencies, or its resistance to the rails."""
+    """Draw the rms thermal noise of every cell, or its resistance to the rails.
+
+    `quantity`: "total" (band), "limit" (all frequencies) or "resistance"; by default the first one available.
+    """
     shown = quantity or ("resistance" if result.total is None else "total")
     label, unit = _NOISE[shown]
     values = getattr(result, shown)
     if values is None:
-        raise InputError("the noise within a band was not computed: give the analysis a band")
+        raise InputError("the noise within a band was not computed: call study.noise(band=(low, high))")
     cells = result.netlist.cells
     axes = draw_map(cells.space, _of_free_cells(cells, values), ax, label, unit)
     if shown == "total" and result.band is not None:
@@ -69,7 +76,7 @@ def draw_noise(
 
 
 def draw_power(result: Power, ax: Axes | None = None, *, quantity: Literal["heat", "droop"] = "heat") -> Axes:
-    """Draw where heat arises, with the hottest resistors, or how far rail cells droop."""
+    """Draw the heat per cell with the hottest resistors, or the voltage droop of rail cells."""
     label, unit = _POWER[quantity]
     netlist = result.op.netlist
     cells = netlist.cells
@@ -93,7 +100,10 @@ def draw_power(result: Power, ax: Axes | None = None, *, quantity: Literal["heat
 
 
 def draw_sensitivity(result: Sensitivity, ax: Axes | None = None, *, drift: float = 0.01) -> Axes:
-    """Draw the resistors by the drift of each that changes a robot's step; in red where the given drift does."""
+    """Draw the resistors, coloured by the smallest drift that changes a robot's step; red if `drift` suffices.
+
+    `drift`: relative change of one resistance.
+    """
     netlist = result.op.netlist
     space = netlist.cells.space
     plane = plane_of(space)
@@ -123,21 +133,24 @@ def draw_sensitivity(result: Sensitivity, ax: Axes | None = None, *, drift: floa
 def draw_precision(
     result: Precision, ax: Axes | None = None, *, starts: bool = True, most: float | None = None
 ) -> Axes:
-    """Draw the converter bits that every start, or the cell itself, needs, on a colour scale up to the most."""
+    """Draw the converter bits that every start requires, or every cell itself.
+
+    `starts`: whether the bits are those of a whole path from the cell; `most`: upper limit of the colour scale.
+    """
     values = result.start_bits if starts else result.cell_bits
     shown = np.where(np.isfinite(values), values, np.nan)
     label = f"bits that a {'start' if starts else 'cell'} needs"
     norm = None if most is None else Normalize(0.0, most)
     axes = draw_map(result.space, shown, ax, label, "bit", norm=norm)
     never = np.isinf(values) & result.space.goal_connected
-    paint(plane_of(result.space), axes, (never, _NO_BITS_DO, "no number of bits will do"))
+    paint(plane_of(result.space), axes, (never, _UNSERVED, "no resolution suffices"))
     refresh_legend(axes)
     axes.set_title(result.sentence(), fontsize=TEXT)
     return axes
 
 
 def draw_yield(result: Yield, ax: Axes | None = None) -> Axes:
-    """Draw on which share of the chips a robot reaches the goal, start by start."""
+    """Draw, for every start, the percentage of chips on which a robot reaches the goal."""
     per_cent, label = 100.0 * result.probability, "chips on which a start is served"
     axes = draw_map(result.space, per_cent, ax, label, "%", norm=Normalize(0, 100))
     overall = result.overall
@@ -148,7 +161,7 @@ def draw_yield(result: Yield, ax: Axes | None = None) -> Axes:
 
 
 def draw_criticality(result: Criticality, ax: Axes | None = None, *, fault: Literal["open", "short"] = "open") -> Axes:
-    """Draw how many starts every resistor costs when it is open, or shorted; switches as dots in their cells."""
+    """Draw the number of starts lost by an open or shorted resistor; switches and loads are squares in their cells."""
     netlist, cells = result.netlist, result.netlist.cells
     plane = plane_of(cells.space)
     axes = axes_or_new(ax, plane.aspect)
@@ -175,15 +188,15 @@ def draw_criticality(result: Criticality, ax: Axes | None = None, *, fault: Lite
     add_colour_bar(lines, axes, "starts lost")
     _plain_ticks(lines)
     critical = int((np.nan_to_num(lost) > 0).sum())
-    what = "open" if fault == "open" else f"shorted by {format_quantity(result.short_resistance, 'Ω', 3)}"
+    state = "open" if fault == "open" else f"shorted by {format_quantity(result.short_resistance, 'Ω', 3)}"
     axes.set_title(
-        f"{what}: {critical} of {result.examined:,} elements cost some of {result.served} starts", fontsize=TEXT
+        f"{state}: {critical} of {result.examined:,} elements cost some of {result.served} starts", fontsize=TEXT
     )
     return axes
 
 
 def _switches(netlist: Netlist, lost: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Cells with a switch or load whose fault costs starts, and how many the worst of theirs costs."""
+    """Return flat indices (n,) of cells with a critical switch or load, and starts (n,) lost by the worst fault."""
     extra = np.flatnonzero(netlist.cells.resistor_face < 0)
     cell = netlist.cell_of_node()[netlist.resistor_nodes[extra, 0]]
     own = (cell >= 0) & (np.nan_to_num(lost[extra]) > 0)
@@ -204,7 +217,11 @@ def draw_map(
     log: bool = False,
     rails: bool = False,
 ) -> Axes:
-    """Draw a value per cell with its colour bar; under obstacles and goals, or (``rails``) on them."""
+    """Draw a value per cell with its colour bar; `values`: shape of the space, NaN for no value.
+
+    `label, unit`: of the colour bar; `norm`: colour scale; `log`: whether the scale is logarithmic; `rails`: whether
+    obstacles and goals have values, too.
+    """
     plane = plane_of(space)
     axes = axes_or_new(ax, plane.aspect)
     values = np.where(np.isfinite(values), values, np.nan)
@@ -227,7 +244,7 @@ def draw_map(
 
 
 def _plain_ticks(mappable: ScalarMappable) -> None:
-    """Write 0.01, 20, 500 on a logarithmic colour bar."""
+    """Label a logarithmic colour bar with plain decimal numbers: 0.01, 20, 500."""
     bar = mappable.colorbar
     low, high = mappable.get_clim()
     if bar is not None and low and high:
@@ -240,7 +257,10 @@ def _plain_ticks(mappable: ScalarMappable) -> None:
 def draw_resistors(
     netlist: Netlist, which: NDArray[np.int64], axes: Axes, faces: NDArray[np.integer[Any]] | None = None
 ) -> LineCollection:
-    """Draw resistors by their numbers, or those of some faces, between cells' centres, or to the edge."""
+    """Draw resistors as lines between cell centres, or to the grid's edge.
+
+    `which` (n,): indices of the elements; `faces`: cell face of every element, by default of the resistors.
+    """
     space = netlist.cells.space
     across, index = crossed_faces((netlist.cells.resistor_face if faces is None else faces)[which], space.shape)
     along = np.eye(space.ndim)[across]
@@ -253,5 +273,5 @@ def draw_resistors(
 
 
 def _of_free_cells(cells: CellMap, value: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values of nodes on the free cells, NaN elsewhere; shape of the space."""
+    """Return the values of nodes (nodes,) on free cells, NaN elsewhere; shape of the space."""
     return np.where((cells.space.cell == Cell.FREE) & (cells.node >= 0), value[cells.node], np.nan)

@@ -1,4 +1,4 @@
-"""Pictures of small circuits: compiled ones at their cells, others as networkx lays them out (`netlist_graphs`)."""
+"""Circuit diagrams of netlists compiled from small grids, with nodes at the centres of their cells."""
 
 from __future__ import annotations
 
@@ -34,29 +34,32 @@ SYMBOLS = {
     "current source": "SourceI",
     "capacitor": "Capacitor",
 }
-"""What schemdraw calls every kind of element."""
+"""Names of schemdraw's symbols for every kind of element."""
 
 MOST_CELLS_A_SIDE = 10
+"""Largest number of cells along an axis in a circuit diagram."""
 
 HALF = 0.3
-"""Half the side of the square that a rail cell is drawn as, in cells."""
+"""Half the side of the square of a rail cell, in cells."""
 
 _GAP = 0.5 - HALF
+"""Distance between the border of a rail cell and its square, in cells."""
 _BAND = 0.5
-"""Width of the rail around the grid before it is drawn thinner by the gap on both sides."""
+"""Width of the rail around the grid, in cells, including a gap on both sides."""
 
 _BODY = 0.36
 """Length of a symbol without its leads, in cells."""
 
 _INCHES = 0.8
+"""Size of a cell in a new figure, in inches."""
 _DRIVE = "#8E2A84"
 _SUPPLY_GAP, _SUPPLY_HEIGHT, _SUPPLY_WIDTH = 0.5, 1.5, 2.4
-"""In cells: between the drawing and the first row of supplies, and the size of one."""
+"""Distance between the grid and the first row of supplies, height and width of a supply, in cells."""
 
 
 @contextmanager
 def symbols_on(axes: Axes) -> Iterator[Any]:
-    """A drawing of schemdraw that symbols are added to, drawn on the axes in the end."""
+    """Yield a schemdraw drawing to which symbols can be added; draw it on the axes at the end."""
     import schemdraw
 
     drawing = schemdraw.Drawing(canvas=axes, show=False)
@@ -66,7 +69,7 @@ def symbols_on(axes: Axes) -> Iterator[Any]:
 
 
 def add_symbol(drawing: Any, kind: str, start: ArrayLike, end: ArrayLike) -> None:
-    """Add an element from one point to another: a source from plus to minus, or along its current."""
+    """Add the symbol of an element between two points (2,): from plus to minus, or along the current."""
     import schemdraw.elements
 
     first, last = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
@@ -77,7 +80,7 @@ def add_symbol(drawing: Any, kind: str, start: ArrayLike, end: ArrayLike) -> Non
 
 
 def add_ground(drawing: Any, at: ArrayLike, along: ArrayLike = (0.0, -1.0)) -> None:
-    """Add a ground symbol beyond a point, in a direction: below it."""
+    """Add a ground symbol at a point (2,), pointing in a direction (2,), by default downwards."""
     import schemdraw.elements
 
     x, y = np.asarray(along, dtype=np.float64)
@@ -86,7 +89,7 @@ def add_ground(drawing: Any, at: ArrayLike, along: ArrayLike = (0.0, -1.0)) -> N
 
 
 def draw_compiled(netlist: Netlist, op: OperatingPoint | None, ax: Axes | None) -> Axes:
-    """Draw a netlist compiled from a space of one or two axes: nodes where their cells are, resistors, supplies."""
+    """Draw the circuit of a space with one or two axes: nodes at the cell centres, resistors, rails and supplies."""
     columns, rows = in_plane(netlist.cells.node).shape
     number, start, end, seam = resistor_ends(netlist.cells)
     supplies = _supplies(netlist)
@@ -117,6 +120,7 @@ def draw_compiled(netlist: Netlist, op: OperatingPoint | None, ax: Axes | None) 
 
 
 def _draw_rails(netlist: Netlist, axes: Axes) -> None:
+    """Draw the areas of the rails with their names, and the cells without a node."""
     cells = netlist.cells
     hatched: dict[str, Any] = {"edgecolor": "#999999", "hatch": "////", "linewidth": 0.5, "zorder": 1}
     filled: dict[str, Any] = {"linewidth": 0, "zorder": 2.5}
@@ -126,7 +130,7 @@ def _draw_rails(netlist: Netlist, axes: Axes) -> None:
             fill(area, axes, facecolor=colour, **style)
             add_swatch(axes, label, colour)
     named = [(Cell.GOAL, "black")] + [(Cell.OBSTACLE, "white")] * (cells.wiring.rails == "cells")
-    for code, colour in named:  # each rail's name in its first square
+    for code, colour in named:  # each rail's name is written in its first square
         places = np.argwhere(cells.space.cell == code)
         nodes, first = np.unique(cells.node[tuple(places.T)], return_index=True)
         for name, place in zip(netlist.names_of(nodes), places[first] + 0.5, strict=True):
@@ -135,7 +139,7 @@ def _draw_rails(netlist: Netlist, axes: Axes) -> None:
 
 
 def resistor_note(netlist: Netlist) -> str:
-    """What the resistors measure: their values if there are few, otherwise the range."""
+    """Return the legend entry of the resistors: their values, or their range if there are more than three values."""
     drawn = netlist.cells.resistor_face >= 0
     hidden = int(np.count_nonzero(~drawn))
     rest = f"; not drawn: {hidden} of switches, rails, loads" if hidden else ""
@@ -151,7 +155,10 @@ def resistor_note(netlist: Netlist) -> str:
 def _draw_seam(
     netlist: Netlist, number: int, terminal: NDArray[np.float64], end: NDArray[np.float64], axes: Axes
 ) -> None:
-    """A resistor across a seam ends in a terminal; so does a wire from its other node, and each names the other."""
+    """Draw the terminal of a resistor across a seam, and a wire with a terminal at its other node.
+
+    Each terminal has the name of the node at the other one; `terminal, end` (2,): ends of the resistor.
+    """
     names = netlist.names_of(netlist.resistor_nodes[number])
     before, after = names if netlist.cells.resistor_upward[number] else names[::-1]
     axis = int(np.argmax(np.abs(end - terminal)))
@@ -167,6 +174,7 @@ def _draw_seam(
 
 
 def _draw_nodes(netlist: Netlist, op: OperatingPoint | None, axes: Axes) -> None:
+    """Draw the nodes of free cells with names and voltages, coloured by their potential."""
     cells = netlist.cells
     free = (in_plane(cells.space.cell) == Cell.FREE) & (in_plane(cells.node) >= 0)
     nodes, places = in_plane(cells.node)[free], np.argwhere(free) + 0.5
@@ -186,7 +194,7 @@ def _draw_nodes(netlist: Netlist, op: OperatingPoint | None, axes: Axes) -> None
 
 
 def voltage_texts(op: OperatingPoint | None, nodes: NDArray[np.integer[Any]]) -> tuple[list[str], str]:
-    """Voltages of nodes, to a ten-thousandth of the largest voltage in the circuit, and their unit."""
+    """Return the voltages of nodes (n,) as text, rounded to 1/10000 of the largest voltage, and their unit."""
     if op is None:
         return [""] * len(nodes), "V"
     largest = float(np.nanmax(np.abs(op.voltage), initial=0.0))
@@ -196,7 +204,7 @@ def voltage_texts(op: OperatingPoint | None, nodes: NDArray[np.integer[Any]]) ->
 
 
 def _draw_drive(netlist: Netlist, axes: Axes) -> None:
-    """An arrow into every node that a current is fed into."""
+    """Draw an arrow at every node with an injected current."""
     if not len(netlist.current_nodes):
         return
     cell = netlist.cell_of_node()[netlist.current_nodes[:, 1]]
@@ -211,7 +219,7 @@ def _draw_drive(netlist: Netlist, axes: Axes) -> None:
 
 
 def _supplies(netlist: Netlist) -> dict[tuple[str, float], list[int]]:
-    """Numbers of the voltage sources of each rail and voltage: they are drawn as one symbol."""
+    """Return the indices of the voltage sources of each rail and voltage, which share one symbol."""
     groups: dict[tuple[str, float], list[int]] = {}
     for number, supply in enumerate(zip(rail_names(netlist), netlist.source_volts.tolist(), strict=True)):
         groups.setdefault(supply, []).append(number)
@@ -221,7 +229,7 @@ def _supplies(netlist: Netlist) -> dict[tuple[str, float], list[int]]:
 def _draw_supply(
     drawing: Any, axes: Axes, rail: tuple[str, float], count: int, amps: float | None, at: tuple[float, float]
 ) -> None:
-    """One symbol for the sources of a rail, with the current into their plus terminals."""
+    """Draw the symbol for `count` sources of a rail, with their current (into the plus terminals) in amperes."""
     (name, volts), (x, y) = rail, at
     colour = {"obstacle": OBSTACLE, "goal": GOAL}.get(name.partition("_")[0], INK)
     axes.plot([x - 0.28, x + 0.28], [y, y], color=colour, linewidth=3.0, solid_capstyle="butt", zorder=2)
@@ -235,7 +243,7 @@ def _draw_supply(
 
 
 def rail_areas(cells: CellMap) -> tuple[BaseGeometry, BaseGeometry, BaseGeometry]:
-    """Areas of obstacle rails, the one around the grid among them, of goal rails, and of cells without a node."""
+    """Return the areas of the obstacle rails (also around the grid), the goal rails, and cells without a node."""
     cell = in_plane(cells.space.cell)
     has_node = in_plane(cells.node) >= 0
     edges = (*cells.wiring.edges(cells.space), "open")[:2]
@@ -250,16 +258,16 @@ def rail_areas(cells: CellMap) -> tuple[BaseGeometry, BaseGeometry, BaseGeometry
 
 
 def in_plane(values: NDArray[Any]) -> NDArray[Any]:
-    """Values of cells of one or two axes, as of two."""
+    """Return values of cells of one or two axes as an array of two dimensions."""
     return values.reshape(len(values), -1)
 
 
 def resistor_ends(
     cells: CellMap,
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Numbers (m,) of the grid's resistors, starts and ends (m, 2) upwards, and whether they cross a seam (m,).
+    """Return indices (m,), lower and upper ends (m, 2) of the grid's resistors, and whether they cross a seam (m,).
 
-    Those across a seam are drawn outwards at the upper end.
+    A resistor across a seam is drawn outwards from the upper end of its axis.
     """
     across, index = crossed_faces(cells.resistor_face, cells.space.shape)
     number = np.flatnonzero(across >= 0)
@@ -276,18 +284,22 @@ def resistor_ends(
 
 
 def _end(cell: NDArray[np.uint8], at: NDArray[np.int64], along: NDArray[np.int64], side: int) -> NDArray[np.float64]:
-    """Where a resistor ends in a cell: in its middle, or on the square of a rail; shape (n, 2)."""
+    """Return the ends (n, 2) of resistors in cells `at` (n, 2): cell centre, or border of a rail's square.
+
+    `along` (n, 2): unit vectors of the axes; `side`: direction from the cell to the resistor.
+    """
     inside = np.all((at >= 0) & (at < cell.shape), axis=1)
     free = inside & (cell[tuple(np.clip(at, 0, np.array(cell.shape) - 1).T)] == Cell.FREE)
     return np.asarray(at + 0.5 + side * along * np.where(free, 0.0, HALF)[:, None])
 
 
 def _squares(mask: NDArray[np.bool_]) -> list[BaseGeometry]:
+    """Return the squares of the cells in a mask (n, m)."""
     return [shapely.box(i, j, i + 1, j + 1) for i, j in np.argwhere(mask).tolist()]
 
 
 def _bands(shape: tuple[int, ...], railed: list[bool]) -> list[BaseGeometry]:
-    """The rail around the grid, on the sides of the axes that have one."""
+    """Return the parts of the rail around a grid; `railed`: for each axis, whether its ends have a rail."""
     (width, height), (x, y) = shape, (_BAND * rail for rail in railed)
     sides = [(-x, -y, 0, height + y), (width, -y, width + x, height + y)] if railed[0] else []
     sides += [(-x, -y, width + x, 0), (-x, height, width + x, height + y)] if railed[1] else []
@@ -295,6 +307,6 @@ def _bands(shape: tuple[int, ...], railed: list[bool]) -> list[BaseGeometry]:
 
 
 def _area(groups: list[list[BaseGeometry]]) -> BaseGeometry:
-    """Groups of touching squares, each joined and drawn thinner by the gap."""
+    """Return the union of groups of squares; each group is merged and shrunk by the gap."""
     joined = [shapely.union_all(group).buffer(-_GAP, join_style="mitre") for group in groups if group]
     return shapely.union_all(joined)

@@ -1,4 +1,4 @@
-"""Pictures of control: runs with contact forces and lessons, velocities at a contact, blends, and wavefronts."""
+"""Pictures of control: runs with contact forces and learnt cells, velocities at a contact, blends, and wavefronts."""
 
 from __future__ import annotations
 
@@ -48,21 +48,25 @@ MODES: dict[ControlMode, tuple[str, Any, str]] = {
     ControlMode.ARRIVED: ("#0072B2", "-", "has arrived"),
     ControlMode.HOMING: ("#0072B2", (0, (4, 1)), "goes straight to the goal in its cell"),
 }
-"""Colour and line style of the path in every mode, and what the robot does."""
+"""Colour and line style of the path in every mode, and a description of the robot's motion."""
 
 LEARNT = "#D55E00"
 FORCE = "#B2182B"
 _HIDDEN_CELLS = "#e3bcbc"
 _FORCE_LENGTH = 0.12
-"""Of the largest contact force, as a share of the picture's width."""
+"""Length of the arrow of the largest contact force, as a fraction of the picture's width."""
 
 _MOST_ARROWS = 8
+"""Largest number of contact forces in the picture of a run."""
 _FAINT = 1e-4
-"""Change of the potential at which its colours begin, as a share of the largest one."""
+"""Smallest change of the potential with a colour of its own, as a fraction of the largest change."""
 
 
 def draw_run(run: Run, *, title: str = "", caption: str = "") -> Figure:
-    """Draw a run: workspace with contact forces and poses; beside it, of two axes, the path with modes and lessons."""
+    """Draw a run: poses and contact forces in the workspace, and the path in a configuration space of two axes.
+
+    The colours of the path are the modes; learnt cells are circled.  `title, caption`: texts above the figure.
+    """
     flat = run.space.ndim == 2
     height = panel_height(PAGE / 2 - 0.6, panel_aspect(run)) + 0.4 + caption_height(caption)
     figure = new_figure(PAGE, height)
@@ -79,7 +83,7 @@ def draw_run(run: Run, *, title: str = "", caption: str = "") -> Figure:
 
 
 def draw_runs(runs: Sequence[Run], *, title: str = "", caption: str = "") -> Figure:
-    """Draw the same motion at several k: paths of the reference point, and paths through configuration space."""
+    """Draw runs of the same scene at several k: paths of the reference point, and paths in configuration space."""
     runs = sorted(runs, key=lambda run: run.field.k)
     figure = new_figure(PAGE, panel_height(PAGE / 2 - 0.6, 1.0) + 0.5 + caption_height(caption))
     left, right = figure.subplots(1, 2)
@@ -103,20 +107,20 @@ def draw_runs(runs: Sequence[Run], *, title: str = "", caption: str = "") -> Fig
 
 
 def scene_of(run: Run) -> Scene:
-    """The scene that was set in motion."""
+    """Return the scene of a run; raise InputError if the run has none."""
     if run.scene is None:
-        raise InputError("this run had no scene, so that nobody knows its workspace; make it by simulation(scene)")
+        raise InputError("this run has no scene, so its workspace is unknown; create it by simulation(scene)")
     return run.scene
 
 
 def panel_aspect(run: Run) -> float:
-    """Height over width of the taller panel; the workspace of an arm or of what turns is drawn as a square."""
+    """Return height over width of the taller panel; the workspace of an arm or a turning robot is a square."""
     flat = run.space.ndim == 2 and scene_of(run).robot.moves_in_workspace
     return plane_of(run.space).aspect if flat else 1.0
 
 
 def draw_forces(contacts: ContactLog, rows: NDArray[np.int64], axes: Axes, **style: Any) -> list[Artist]:
-    """Arrows of some contact forces on the robot, in parts of the picture's width."""
+    """Draw arrows of the contact forces in some rows of a log, scaled to the picture's width; return the artists."""
     if not len(rows):
         return []
     left, right = axes.get_xlim()
@@ -129,9 +133,9 @@ def draw_forces(contacts: ContactLog, rows: NDArray[np.int64], axes: Axes, **sty
 
 
 def draw_configurations(run: Run, axes: Axes, *, path: bool = True) -> None:
-    """Draw what happened in a configuration space of two axes: the path in colours of its modes, the cells learnt."""
+    """Draw a run in a configuration space of two axes: the path in the colours of its modes, and the learnt cells."""
     if run.space.ndim != 2:
-        raise InputError(f"the configuration space of this motion has {run.space.ndim} axes, and a picture has two")
+        raise InputError(f"this picture needs a configuration space of two axes, but this run has {run.space.ndim}")
     learnt = run.learnt
     scene = scene_of(run)
     plant = plant_of(scene)
@@ -153,14 +157,14 @@ def draw_configurations(run: Run, axes: Axes, *, path: bool = True) -> None:
 
 
 def without_rests(configuration: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Configurations without repetitions."""
+    """Return configurations (n, ndim) without consecutive repetitions."""
     keep = np.ones(len(configuration), dtype=np.bool_)
     keep[1:] = np.any(np.diff(configuration, axis=0) != 0.0, axis=1)
     return configuration[keep]
 
 
 def _draw_path(run: Run, axes: Axes) -> None:
-    """The path in colours of its modes, with copies where it crosses seams, and its ends."""
+    """Draw the path in the colours of its modes, with copies across periodic seams, and its ends."""
     path, space = run.configuration, run.space
     own = [(shift, space.from_world(path + shift)) for shift in seam_shifts(space)]
     copies = [shift for shift, at in own if np.any(np.all((at >= space.lower) & (at <= space.upper), axis=-1))]
@@ -186,27 +190,28 @@ def _draw_path(run: Run, axes: Axes) -> None:
 
 
 def draw_lessons(centres: NDArray[np.float64], axes: Axes) -> Any:
-    """Circle cells learnt, shape (c, 2)."""
+    """Circle learnt cells; `centres` (c, 2): their centres."""
     return axes.scatter(
         centres[:, 0], centres[:, 1], s=9 if len(centres) < 60 else 5, marker="o", facecolor="none", edgecolor=LEARNT,
-        linewidth=0.6, zorder=3, label="cell learnt",
+        linewidth=0.6, zorder=3, label="learnt cell",
     )  # fmt: skip
 
 
 def draw_velocities(
     field: Field, point: ArrayLike, force: ArrayLike, admittance: ArrayLike, ax: Axes | None = None
 ) -> Axes:
-    """Draw what control does at one point: the diagram of figure 14 of Connolly & Grupen (1992).
+    """Draw the velocities of harmonic control at a contact: figure 14 of Connolly & Grupen (1992).
 
     Parameters
     ----------
     field : Field
-        Of two axes.
+        Field of two axes.
     point, force : array_like of float, shape (2,)
-        A configuration in the world, and the generalised force of a contact there.
+        Configuration in world coordinates, and the generalised force of a contact at this configuration.
     admittance : array_like of float, shape (2, 2)
+        Maps the force to a velocity.
     ax : matplotlib.axes.Axes, optional
-        Made when None.
+        Axes to draw on; by default those of a new figure.
 
     Returns
     -------
@@ -217,7 +222,7 @@ def draw_velocities(
     Raises
     ------
     InputError
-        If the space does not have two axes, or a value is not as `make_controller` wants it.
+        If the space does not have two axes, or `make_controller` rejects a value.
 
     Examples
     --------
@@ -228,7 +233,7 @@ def draw_velocities(
     at, push = np.asarray(point, dtype=np.float64), checked_force(force, 2, "the force")
     controller = make_controller(field, admittance=admittance)
     nominal = controller.nominal(at).velocity
-    answer = controller.admittance @ push
+    response = controller.admittance @ push
     axes = axes_or_new(ax, plane.aspect)
     shading = shading_of(field)
     draw_shading(plane, shading, shading.values, axes).set_alpha(0.35)
@@ -236,15 +241,15 @@ def draw_velocities(
     height = np.ma.masked_invalid(shading.values)
     level = shading.values[tuple(field.space.locate(at))]
     axes.contour(*plane.centres, height, levels=[level], colors="black", linewidths=1.6, zorder=3)
-    axes.plot([], [], color="black", linewidth=1.6, label="the robot's equipotential")
+    axes.plot([], [], color="black", linewidth=1.6, label="equipotential of the robot")
     path = streamline(field, at)
     axes.plot(*path.points.T, color="black", linewidth=1.2, linestyle=(0, (4, 2)), zorder=4, label="streamline")
     scale = 0.22 * float((field.space.upper - field.space.lower).max()) / controller.speed
     along = following_velocity(nominal, push)
     _arrow(axes, at, nominal * scale, PATHS[3], "nominal velocity $V_0$")
     _arrow(axes, at, push * (0.8 * scale * controller.speed / float(np.linalg.norm(push))), FAILURE, "force $F$")
-    _arrow(axes, at + nominal * scale, answer * scale, PATHS[2], "answer $AF$")
-    _arrow(axes, at, (nominal + answer) * scale, PATHS[4], "$V = V_0 + AF$")
+    _arrow(axes, at + nominal * scale, response * scale, PATHS[2], "response $AF$")
+    _arrow(axes, at, (nominal + response) * scale, PATHS[4], "$V = V_0 + AF$")
     _arrow(axes, at, along * scale, PATHS[0], r"along the equipotential, $v_\phi$")
     axes.scatter(at[:1], at[1:], s=26, color="black", zorder=8, label="robot")
     finish(plane, axes)
@@ -252,6 +257,7 @@ def draw_velocities(
 
 
 def _arrow(axes: Axes, tail: NDArray[np.float64], vector: NDArray[np.float64], colour: str, label: str) -> None:
+    """Draw an arrow from a point (2,), in the units of the axes."""
     axes.quiver(
         tail[:1], tail[1:], vector[:1], vector[1:], color=colour, angles="xy", scale_units="xy", scale=1.0,
         width=0.011, zorder=7, label=label,
@@ -259,24 +265,28 @@ def _arrow(axes: Axes, tail: NDArray[np.float64], vector: NDArray[np.float64], c
 
 
 def draw_dirichlet_fraction(dirichlet: Field, neumann: Field, k: float, ax: Axes | None = None) -> Axes:
-    """Draw where a blend is Dirichlet and where it is Neumann, whatever its weight says.
+    """Draw the fraction of the Dirichlet gradient in the gradient of a blend, cell by cell.
+
+    This fraction differs from the weight k, because the gradients of the two fields differ in magnitude.
 
     Parameters
     ----------
     dirichlet, neumann : Field
-        Of one space with two axes.
+        Fields of the same space with two axes.
     k : float
+        Weight of the Dirichlet field, 0 to 1.
     ax : matplotlib.axes.Axes, optional
-        Made when None.
+        Axes to draw on; by default those of a new figure.
 
     Returns
     -------
     matplotlib.axes.Axes
+        The axes.
 
     Raises
     ------
     InputError
-        If the space does not have two axes, or as `dirichlet_share`.
+        If the space does not have two axes, the fields do not belong together, or k is out of range.
 
     Examples
     --------
@@ -293,17 +303,17 @@ def draw_dirichlet_fraction(dirichlet: Field, neumann: Field, k: float, ax: Axes
         axes.plot([], [], color="black", linewidth=0.8, label="both equal")
     draw_cells(plane, axes)
     finish(plane, axes)
-    add_colour_bar(image, axes, rf"share of the Dirichlet gradient, $k$ = {k:g}")
+    add_colour_bar(image, axes, rf"fraction of the Dirichlet gradient, $k$ = {k:g}")
     return axes
 
 
 def draw_wavefront(front: Wavefront, *, shown: Sequence[int] | None = None) -> Figure:
-    """Draw how a change of the map spreads, as a row of pictures, one for each of the times shown, by default six."""
+    """Draw the spread of a change of the map in one panel per time; `shown`: indices of the times, by default six."""
     plane_of(front.after)
     count = len(front.cells)
     rows = np.unique(np.linspace(0, count - 1, min(count, 6)).astype(int)) if shown is None else np.asarray(shown)
     if rows.dtype.kind not in "iu" or rows.ndim != 1 or not len(rows) or not np.all((rows >= 0) & (rows < count)):
-        raise InputError(f"shown = {shown!r} must be at least one of the numbers of its times, 0 to {count - 1}")
+        raise InputError(f"shown = {shown!r} must hold indices of the wavefront's times, 0 to {count - 1}")
     columns = min(len(rows), 3)
     lines = -(-len(rows) // columns)
     figure = new_figure(PAGE, 2.6 * lines + 0.4)
@@ -320,7 +330,7 @@ def draw_wavefront(front: Wavefront, *, shown: Sequence[int] | None = None) -> F
 
 
 def draw_moment(front: Wavefront, row: int, axes: Axes) -> AxesImage:
-    """One moment of a wavefront: how far the potential is from where it was."""
+    """Draw a wavefront at the time with index `row`: change of the potential, cells and the new obstacle."""
     plane = plane_of(front.after)
     image = draw_change(front, row, axes)
     draw_cells(plane, axes)
@@ -331,7 +341,7 @@ def draw_moment(front: Wavefront, row: int, axes: Axes) -> AxesImage:
 
 
 def draw_change(front: Wavefront, row: int, axes: Axes) -> AxesImage:
-    """What moves in a wavefront: the change of the potential since the map changed, and the title."""
+    """Draw the change of the potential since the map changed, with the time in the title; `row`: index of the time."""
     changes = np.abs(front.potential - front.first)
     finite = changes[np.isfinite(changes)]
     limit = max(float(np.quantile(finite, 0.995)), 1e-12) if len(finite) else 1.0
@@ -343,7 +353,7 @@ def draw_change(front: Wavefront, row: int, axes: Axes) -> AxesImage:
 
 
 def add_change_bar(image: AxesImage, axes: Axes) -> None:
-    """The colour bar of a wavefront, with a tick for every decade that stands clear of zero."""
+    """Add the colour bar of a wavefront, with ticks at zero and at the four largest decades of both signs."""
     add_colour_bar(image, axes, r"change of $\phi$")
     largest = int(np.floor(np.log10(image.norm.vmax or 1.0)))
     decades = 10.0 ** np.arange(largest - 3, largest + 1)

@@ -1,4 +1,4 @@
-"""Pictures of fields of one to three axes: potential with equipotentials, currents; and a page of both with paths."""
+"""Pictures of fields: potential with equipotentials, currents, and an overview page with paths."""
 
 from __future__ import annotations
 
@@ -35,11 +35,12 @@ from resgrid.plot.shading import Scale, Shading, add_border, fill_open_walls, no
 from resgrid.plot.style import NO_DROP, TEXT, add_colour_bar, spanning, strength_map
 
 _ARROWS = 26
+"""Number of arrows along the longer side of a map."""
 _ARROW_LENGTH = 0.85
-"""In blocks of cells."""
+"""Length of an arrow, as a fraction of a block of cells."""
 
 _WIDE = 0.55
-"""Height over width below which a map is so wide that panels are stacked."""
+"""Height over width of a map below which the panels of a page are stacked."""
 
 
 def draw_field(
@@ -52,7 +53,7 @@ def draw_field(
     axis: int | None = None,
     indices: Sequence[int] | None = None,
 ) -> Axes | Figure:
-    """Draw the potential of a field, as a profile, an image or slices by its number of axes, or its currents."""
+    """Draw the potential of a field (profile, image or slices for one, two or three axes), or its currents."""
     if quantity == "currents":
         return draw_currents(field, ax)
     return _draw_potential(field, ax, scale=scale, contours=contours, axis=axis, indices=indices)
@@ -69,7 +70,7 @@ def _draw_potential(
     paths: Sequence[Streamline] = (),
     k: Sequence[float] | None = None,
 ) -> Axes | Figure:
-    """Draw the potential and paths; those of a space with one axis start on its curve."""
+    """Draw the potential and paths; with one axis, a mark on the curve is the start of a path."""
     shading = shading_of(field, scale)
     shown = np.where(field.space.cell == Cell.OBSTACLE, np.nan, shading.values)
     high = no_drop(field, shading)
@@ -96,33 +97,33 @@ def draw_summary(
     field: Field, paths: Sequence[Streamline] = (), *, k: Sequence[float] | None = None, title: str = "",
     scale: Scale = "auto",
 ) -> Figure:  # fmt: skip
-    """Draw the overview of a field and its paths, whatever its dimension.
+    """Draw the overview of a field of one to three axes with its paths.
 
-    Two axes: obstacles, potential, equipotentials and paths beside the currents (below, where the map is wide).  One
-    axis: a profile.  Three axes: slices through the goal.
+    With two axes, one panel shows obstacles, potential, equipotentials and paths, a second one (below it for a wide
+    map) the currents.  With one axis the potential is a profile; with three axes it is shown in slices through a goal.
 
     Parameters
     ----------
     field : Field
-        Of one to three axes.
+        Field of one to three axes.
     paths : sequence of Streamline
-        To draw on it.
+        Paths to draw on the potential.
     k : sequence of float, optional
         Blend of each path.
     title : str
-        Above the figure.
+        Title above the figure.
     scale : {"auto", "linear", "log"}
-        As in `draw`.
+        Scale of the potential: linear, or logarithm of the drop; by default by the range of the drop.
 
     Returns
     -------
     matplotlib.figure.Figure
-        17 to 19 cm wide, which a page of two columns bears unscaled.
+        Figure 17 to 19 cm wide, the width of a page with two columns.
 
     Raises
     ------
     InputError
-        If the space has four axes, or the paths are not of this space.
+        If the space has four axes, or a path has another number of coordinates.
 
     Examples
     --------
@@ -139,6 +140,7 @@ def draw_summary(
 
 
 def _plane_page(field: Field, paths: Sequence[Streamline], k: Sequence[float] | None, scale: Scale) -> Figure:
+    """Draw potential with paths, and currents, of a field with two axes in two panels."""
     aspect = plane_of(field.space).aspect
     stacked = aspect < _WIDE
     width = PAGE if stacked else PAGE / 2
@@ -153,7 +155,7 @@ def _plane_page(field: Field, paths: Sequence[Streamline], k: Sequence[float] | 
 
 
 def draw_currents(field: Field, ax: Axes | None = None) -> Axes:
-    """Draw the direction of the current by arrows of one length, and its magnitude by their colour."""
+    """Draw the currents as arrows of equal length, coloured by the logarithm of the magnitude."""
     plane = plane_of(field.space)
     axes = axes_or_new(ax, plane.aspect)
     draw_cells(plane, axes)
@@ -173,7 +175,7 @@ def draw_currents(field: Field, ax: Axes | None = None) -> Axes:
 def draw_shading(
     plane: PicturePlane, shading: Shading, values: NDArray[np.float64], axes: Axes, *, contours: bool = True
 ) -> AxesImage:
-    """Draw values of a field in a plane, with equipotentials."""
+    """Draw values (x.cells, y.cells) of a field in a plane, with equipotentials if `contours`."""
     image = draw_image(
         plane, values, axes, cmap=shading.colours, vmin=shading.lower, vmax=shading.upper,
         zorder=0.5,
@@ -184,6 +186,7 @@ def draw_shading(
 
 
 def _draw_contours(plane: PicturePlane, shading: Shading, values: NDArray[np.float64], axes: Axes) -> None:
+    """Draw the equipotentials of values (x.cells, y.cells), of block means for large maps."""
     block = block_size(values.shape, MOST_CELLS)
     coarse = block_means(values, block)
     if shading.wall is None:
@@ -208,10 +211,10 @@ def _draw_contours(plane: PicturePlane, shading: Shading, values: NDArray[np.flo
 
 
 class Arrows(NamedTuple):
-    """Arrows of the current, all equally long when measured in cells.
+    """Arrows of the current, of equal length in cells.
 
-    `tail` (n, 2): cells that show one; `vector` (n, 2): in axis units; `decades` (n,): log10 of the current through the
-    cell, in units of supply / resistance.
+    `tail` (n, 2): cells with an arrow; `vector` (n, 2): in axis units; `decades` (n,): log10 of the current through the
+    cell in units of supply / resistance.
     """
 
     tail: NDArray[np.int64]
@@ -220,7 +223,10 @@ class Arrows(NamedTuple):
 
 
 def current_arrows(field: Field, block: int) -> Arrows:
-    """One arrow in each block of cells, by the mean velocity of opposite faces; in logarithms, for faint currents."""
+    """Return one arrow per block of `block` x `block` cells, with the mean current of opposite faces.
+
+    Currents are averaged relative to the largest one at the cell, because small ones underflow.
+    """
     cells = nearest_to_middles(field.space.goal_connected, block)
     log_face, sign = _both_faces(field.face_log_current, cells), _both_faces(field.face_direction, cells)
     largest = log_face.max(axis=(1, 2))
@@ -234,7 +240,7 @@ def current_arrows(field: Field, block: int) -> Arrows:
 
 
 def nearest_to_middles(eligible: NDArray[np.bool_], block: int) -> NDArray[np.int64]:
-    """In every block of cells, the eligible one nearest to the middle.  Returns (n, 2)."""
+    """Return the eligible cell nearest to the middle of each block, shape (blocks, 2); `eligible` (n, m): mask."""
     padded = np.pad(eligible, [(0, -size % block) for size in eligible.shape])
     rows, columns = padded.shape[0] // block, padded.shape[1] // block
     blocks = padded.reshape(rows, block, columns, block).swapaxes(1, 2).reshape(rows * columns, block * block)
@@ -248,7 +254,7 @@ def nearest_to_middles(eligible: NDArray[np.bool_], block: int) -> NDArray[np.in
 
 
 def _both_faces(faces: Sequence[NDArray[Any]], cells: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Values on the lower and upper face of cells across both axes, shape (n, 2, 2)."""
+    """Return the values on the faces of cells (n, 2); shape (n, 2, 2): axis across the face, lower or upper face."""
     i, j = cells.T
     across, up = faces
     return np.array([[across[i, j], across[i + 1, j]], [up[i, j], up[i, j + 1]]], dtype=np.float64).transpose(2, 0, 1)

@@ -1,4 +1,4 @@
-"""Figures without a screen: making them, and writing them whole, the same bytes every time."""
+"""Creation, layout and reproducible saving of figures, independent of a screen."""
 
 from __future__ import annotations
 
@@ -17,12 +17,14 @@ from resgrid.errors import InputError
 from resgrid.plot.style import DPI, TEXT
 
 FORMATS = ("png", "pdf", "svg")
+"""File formats of pictures."""
 PAGE = 7.4
-"""Width in inches of a figure that a page of two columns bears unscaled."""
+"""Width of a figure that spans both columns of a page, in inches."""
 
 NOTEBOOK_DPI = 100
+"""Resolution of pictures in notebooks, in dots per inch."""
 
-# What would otherwise hold the date or the version of matplotlib.
+# These fields would hold the date or the version of matplotlib, so that files would differ between runs.
 _NO_METADATA: dict[str, dict[str, None]] = {
     "png": {"Software": None},
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
@@ -32,10 +34,10 @@ _SETTINGS: Any = {"svg.hashsalt": "resgrid", "pdf.fonttype": 42}
 
 
 class NotebookFigure(Figure):
-    """A figure that a notebook shows, though no window knows of it."""
+    """A figure that a notebook displays although it has no window."""
 
     def add_subplot(self, *place: Any, **options: Any) -> Any:
-        """Add axes that a notebook shows, too."""
+        """Add axes that a notebook displays, too."""
         return super().add_subplot(*place, **{"axes_class": NotebookAxes} | options)
 
     def _repr_png_(self) -> bytes:
@@ -43,26 +45,26 @@ class NotebookFigure(Figure):
 
 
 class NotebookAxes(Axes):
-    """Axes that a notebook shows, with their whole figure."""
+    """Axes that a notebook displays as their whole figure."""
 
     def _repr_png_(self) -> bytes:
         return render_figure(self, "png", dpi=NOTEBOOK_DPI)
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Make a figure that no window knows of."""
+    """Return a figure without a window; width and height in inches."""
     figure = NotebookFigure(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
 def axes_or_new(axes: Axes | None, aspect: float = 1.0) -> Axes:
-    """Return the axes given, or those of a new figure for a drawing of the given height over width."""
+    """Return the given axes, or the axes of a new figure; `aspect`: height over width of the drawing."""
     return new_figure(4.8, panel_height(3.6, aspect)).add_subplot() if axes is None else axes
 
 
 def add_title(figure: Figure, title: str, caption: str = "") -> None:
-    """Write a title above a figure, and a caption right below the title, if there are any; axes move up to them."""
+    """Write a title above a figure and a caption below the title; empty ones are omitted.  Axes are aligned upwards."""
     for axes in figure.axes:
         axes.set_anchor("N")
     if caption:
@@ -72,21 +74,24 @@ def add_title(figure: Figure, title: str, caption: str = "") -> None:
 
 
 def caption_height(caption: str) -> float:
-    """Height in inches of a caption."""
+    """Return the height of a caption, in inches."""
     return 0.2 + 0.19 * (caption.count("\n") + 1) if caption else 0.0
 
 
 def panel_height(width: float, aspect: float) -> float:
-    """Height in inches of a figure whose drawing is so wide, with labels and a legend below."""
+    """Return the height of a panel with labels and a legend, in inches.
+
+    `width`: of the drawing, in inches; `aspect`: height over width of the drawing.
+    """
     return min(max(width * aspect, 1.0), 2.2 * width) + 1.1
 
 
 def render_figure(picture: Axes | Figure, file_format: str, *, dpi: float = DPI) -> bytes:
-    """Render a picture as a file's content."""
+    """Return the content of a picture file; `dpi`: dots per inch.  The same picture gives the same bytes."""
     if file_format not in FORMATS:
-        raise InputError(f"the picture format {file_format!r} is unknown; it may be one of {', '.join(FORMATS)}")
+        raise InputError(f"the picture format {file_format!r} is unknown; choose one of {', '.join(FORMATS)}")
     if not 10 <= dpi <= 2400:
-        raise InputError(f"dpi = {dpi}, but a picture has 10 to 2400 dots per inch")
+        raise InputError(f"dpi = {dpi} must lie between 10 and 2400 dots per inch")
     buffer = io.BytesIO()
     with mpl.rc_context(_SETTINGS):
         figure_of(picture).savefig(buffer, format=file_format, dpi=dpi, metadata=_NO_METADATA[file_format])
@@ -94,23 +99,23 @@ def render_figure(picture: Axes | Figure, file_format: str, *, dpi: float = DPI)
 
 
 def figure_of(picture: Axes | Figure) -> Figure:
-    """The figure that a picture, one or several axes, is drawn on."""
+    """Return the figure of axes, or the figure itself."""
     figure = picture.get_figure(root=True)
     assert figure is not None
     return figure
 
 
 def save_figure(picture: Axes | Figure, file: str | os.PathLike[str], *, dpi: float = DPI) -> Path:
-    """Write a picture, whole or not at all.
+    """Write a picture to a file.  The file is written atomically.
 
     Parameters
     ----------
     picture : matplotlib.axes.Axes or matplotlib.figure.Figure
-        What `draw` returned.
+        Result of `draw`.
     file : path-like
-        Its suffix, ``.png``, ``.pdf`` or ``.svg``, says the format.
+        The suffix ``.png``, ``.pdf`` or ``.svg`` selects the format.
     dpi : float
-        Dots per inch of PNG, and of images inside the others.
+        Dots per inch of PNG, and of images inside the other formats.
 
     Returns
     -------
@@ -120,7 +125,7 @@ def save_figure(picture: Axes | Figure, file: str | os.PathLike[str], *, dpi: fl
     Raises
     ------
     InputError
-        If the suffix is unknown, the resolution absurd, or the path cannot be written.
+        If the suffix is unknown, the resolution is out of range, or the file cannot be written.
 
     Examples
     --------
@@ -132,7 +137,7 @@ def save_figure(picture: Axes | Figure, file: str | os.PathLike[str], *, dpi: fl
 
 
 def picture_format(file: str | os.PathLike[str]) -> str:
-    """The format that a file's name says; refused where there is none."""
+    """Return the format that a file's suffix selects; raise InputError for an unknown suffix."""
     suffix = Path(file).suffix.lower().lstrip(".")
     if suffix not in FORMATS:
         allowed = ", ".join("." + name for name in FORMATS)

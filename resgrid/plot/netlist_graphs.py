@@ -1,4 +1,4 @@
-"""Pictures of circuits: the door for all of them, and those without cells, placed by networkx."""
+"""Circuit diagrams: choice of the layout, and diagrams of netlists without cells, laid out by networkx."""
 
 from __future__ import annotations
 
@@ -30,8 +30,11 @@ from resgrid.plot.style import SMALL
 from resgrid.scene.quantities import format_quantity
 
 MOST_NODES = 40
+"""Largest number of nodes, including ground, in a diagram."""
 _NODES_APART = 2.2
-_HALF_LENGTH, _HALF_SYMBOL = 0.3, 0.18  # of an element with its leads, and without
+"""Smallest distance of nodes."""
+_HALF_LENGTH, _HALF_SYMBOL = 0.3, 0.18
+"""Half the length of an element with and without its leads."""
 _LETTER = np.array([0.073, 0.15])
 """Width and height of a letter."""
 
@@ -41,17 +44,20 @@ _ELEMENTS = {
     "current source": ("current_nodes", "current_amps", "A"),
     "capacitor": ("capacitor_nodes", "capacitance", "F"),
 }
-"""Where a netlist keeps every kind of element, and the unit of what is written beside it."""
+"""Arrays of a netlist with the nodes and values of each kind of element, and the unit of the values."""
 
 Place = NDArray[np.float64]
+"""Coordinates of a point, shape (2,), or of several, shape (n, 2)."""
 Elements = list[tuple[str, float, bool]]
+"""Kind, value and direction (from the higher to the lower node index) of parallel elements."""
 Groups = dict[tuple[int, int], Elements]
+"""Elements between two nodes, by the node indices, the higher one first."""
 Shapes = list[BaseGeometry]
 
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """An element on paper: its ends, and the side its value is written on if that is free."""
+    """An element in the picture: kind, value, ends (2,), and preferred side of the value (unit vector)."""
 
     kind: str
     value: float
@@ -66,7 +72,7 @@ class Branch:
 
     @property
     def symbol(self) -> BaseGeometry:
-        """The area of its symbol."""
+        """Area of the symbol."""
         along = np.array([self.outward[1], -self.outward[0]])
         ends = (self.start + self.end) / 2 + np.outer((-_HALF_SYMBOL, _HALF_SYMBOL), along)
         return shapely.LineString(ends).buffer(self.half_width, cap_style="flat")
@@ -74,7 +80,7 @@ class Branch:
 
 @dataclass(frozen=True, eq=False)
 class Bundle:
-    """All elements between two nodes, side by side; the wires that join them; where a ground symbol goes, if any."""
+    """Parallel elements between two nodes: branches, wires, and point and direction of a ground symbol, if any."""
 
     branches: list[Branch]
     wires: list[tuple[Place, Place]]
@@ -82,44 +88,46 @@ class Bundle:
 
     @property
     def body(self) -> Shapes:
-        """Its elements and what joins them, without the two wires that lead there."""
+        """Shapes of the elements and the wires between them, without the two wires to the nodes."""
         lines = [*self.wires[2:], *((branch.start, branch.end) for branch in self.branches)]
         return [*(branch.symbol for branch in self.branches), *map(shapely.LineString, lines)]
 
     @property
     def shapes(self) -> Shapes:
-        """Everything drawn."""
+        """Shapes of all elements, wires and the ground symbol."""
         ground = [] if self.ground is None else [shapely.Point(self.ground[0] + 0.1 * self.ground[1]).buffer(0.1)]
         return [*self.body, *map(shapely.LineString, self.wires[:2]), *ground]
 
 
 def draw_circuit(netlist: Netlist, ax: Axes | None = None, *, op: OperatingPoint | None = None) -> Axes:
-    """Draw a small netlist as a circuit: nodes with names and voltages, elements with values.
+    """Draw the circuit diagram of a small netlist: nodes with names and voltages, elements with values.
 
-    One compiled from a space of one or two axes is drawn where its cells are; the others by their graph.
+    Nodes of a netlist compiled from one or two axes lie at the cell centres; other netlists are laid out as graphs.
+    `op`: operating point of the netlist, whose voltages are written.
     """
     if netlist.nonlinear_nodes.size:
-        raise InputError("a circuit with nonlinear resistors is not drawn; draw its field")
+        raise InputError("circuit diagrams have no symbol for nonlinear resistors; draw the field of this circuit")
     if op is not None and not op.is_of(netlist):
         raise InputError("the operating point belongs to another netlist; solve this one first")
     if netlist.cell_map is None or len(netlist.cells.resistor_face) != len(netlist.resistor_nodes):
         return _draw_graph(netlist, op, ax)
     shape = netlist.cells.space.shape
     if len(shape) > 2:
-        raise InputError(f"a circuit is drawn for one or two axes, this space has {len(shape)}; draw its field")
+        raise InputError(f"a circuit diagram needs one or two axes, but this space has {len(shape)}; draw its field")
     if max(shape) > MOST_CELLS_A_SIDE:
         raise InputError(
-            f"a circuit of {' x '.join(map(str, shape))} cells cannot be read; at most {MOST_CELLS_A_SIDE} a side are "
-            "drawn.  Draw its field, or sample the scene more coarsely"
+            f"a circuit diagram of {' x '.join(map(str, shape))} cells is not legible; at most {MOST_CELLS_A_SIDE} per "
+            "axis are drawn.  Draw its field, or use fewer cells"
         )
     return draw_compiled(netlist, op, ax)
 
 
 def _draw_graph(netlist: Netlist, op: OperatingPoint | None, ax: Axes | None) -> Axes:
+    """Draw the circuit diagram of a netlist without cells."""
     if netlist.node_count > MOST_NODES:
         raise InputError(
-            f"a circuit of {netlist.node_count} nodes cannot be read; at most {MOST_NODES} are drawn.  "
-            "Look at its values instead, or compile a coarser space"
+            f"a circuit diagram of {netlist.node_count} nodes is not legible; at most {MOST_NODES} are drawn.  "
+            "Read the values instead (op.voltage), or compile a space with fewer cells"
         )
     groups = _groups(netlist)
     place = _places(netlist, groups)
@@ -147,7 +155,7 @@ def _draw_graph(netlist: Netlist, op: OperatingPoint | None, ax: Axes | None) ->
 
 
 def _groups(netlist: Netlist) -> Groups:
-    """Kind and value of all elements between two nodes, and whether they lead from the higher node to the lower."""
+    """Return the elements of a netlist, grouped by their two nodes."""
     groups: Groups = {}
     for kind, (nodes, values, _) in _ELEMENTS.items():
         value = getattr(netlist, values)
@@ -158,7 +166,7 @@ def _groups(netlist: Netlist) -> Groups:
 
 
 def _places(netlist: Netlist, groups: Groups) -> Place:
-    """Where the nodes go; ground has a symbol wherever it is needed instead of a place."""
+    """Return the positions (nodes, 2) of the nodes; ground has none, since each of its elements has a ground symbol."""
     import networkx as nx
 
     graph: nx.Graph[int] = nx.Graph()
@@ -183,7 +191,7 @@ def _places(netlist: Netlist, groups: Groups) -> Place:
 
 
 def _lying(places: Place) -> Place:
-    """Scale a layout to its nearest nodes; if it is longer than wide, turn it to lie, its first node on the left."""
+    """Scale a layout (n, 2) by the distance of nearest nodes; turn an elongated one horizontal, first node left."""
     centred = places - places.mean(axis=0)
     _, extent, axes = np.linalg.svd(np.concatenate([centred, np.zeros((1, 2))]), full_matrices=False)
     if extent[0] > 1.2 * extent[1]:
@@ -196,14 +204,14 @@ def _lying(places: Place) -> Place:
 
 
 def _closeness(edges: NDArray[np.float64]) -> float:
-    """Length on which edges, shape (edges, 2, 2), run close to others away from their ends."""
+    """Return the length over which edges (edges, 2, 2) run close to other edges, away from their ends."""
     lines = np.array(shapely.linestrings(edges + 0.15 * (edges[:, ::-1] - edges)))
     near = shapely.length(shapely.intersection(lines[:, None], shapely.buffer(lines, 0.3)))
     return float(near.sum() - near.trace())
 
 
 def _bundles(groups: Groups, place: Place) -> list[Bundle]:
-    """Places of all elements: first those between nodes, then those to ground where there is room."""
+    """Return the bundles of all elements: first those between two nodes, then those to ground, placed in free space."""
     nodes: Shapes = [*map(shapely.Point, place[1:])]
     lines = {pair: shapely.LineString(place[list(pair)]) for pair in groups if GROUND not in pair and len({*pair}) == 2}
     bundles: list[Bundle] = []
@@ -220,7 +228,7 @@ def _bundles(groups: Groups, place: Place) -> list[Bundle]:
 
 
 def _to_ground(elements: Elements, node: Place, drawn: Shapes) -> Bundle:
-    """Elements from a node to ground: downwards if that is free, else into the widest sector that is."""
+    """Return the bundle from a node to ground: downwards if there is room, else into the widest free sector."""
     around = shapely.Point(node).buffer(0.4).boundary
     arms = shapely.get_coordinates(shapely.intersection(drawn, around)) - node
     angles = np.sort(np.arctan2(arms[:, 1], arms[:, 0])) if len(arms) else np.zeros(1)
@@ -235,13 +243,14 @@ def _to_ground(elements: Elements, node: Place, drawn: Shapes) -> Bundle:
 
 
 def _to_itself(elements: Elements, node: Place, drawn: Shapes) -> Bundle:
-    """Elements from a node back to it: loops one around the other, into the direction with most room."""
+    """Return the bundle of elements with both ends at a node: nested loops in the direction with the most room."""
     angles = np.pi / 4 * (np.arange(8) + 2)
     choices = [_loop(elements, node, np.array([np.cos(angle), np.sin(angle)])) for angle in angles.tolist()]
     return choices[_roomiest([choice.body for choice in choices], drawn, 0.4, shapely.Point(node).buffer(0.3))]
 
 
 def _loop(elements: Elements, node: Place, out: Place) -> Bundle:
+    """Return nested loops at a node in the direction `out` (unit vector)."""
     across = np.array([-out[1], out[0]])
     middles = [node + (0.8 + 0.75 * rank) * out for rank in range(len(elements))]
     lower, upper = ([middle + side * _HALF_LENGTH * across for middle in middles] for side in (-1.0, 1.0))
@@ -253,11 +262,14 @@ def _loop(elements: Elements, node: Place, out: Place) -> Bundle:
 
 
 def _bundle(elements: Elements, a: Place, b: Place, slide: float, *, grounded: bool = False) -> Bundle:
-    """Elements side by side, symmetrical about the line from ``a`` to ``b``, this far along it."""
+    """Return parallel elements, symmetrical about the line from `a` to `b` (2,).
+
+    `slide`: position of the elements as a fraction of the line; `grounded`: whether `b` is a ground symbol.
+    """
     length = max(float(np.linalg.norm(b - a)), 1e-9)
     along = (b - a) / length
     across = np.array([-along[1], along[0]])
-    across = across if across @ (1.0, 1.0) > 0 else -across  # a lone value is written above or to the right
+    across = across if across @ (1.0, 1.0) > 0 else -across  # a single value is written above or to the right
     aside = (0.68 + 0.35 * abs(along[1])) * (np.arange(len(elements)) - (len(elements) - 1) / 2)
     half = min(_HALF_LENGTH, 0.3 * length) * along
     middle = a + slide * (b - a)
@@ -275,7 +287,7 @@ def _bundle(elements: Elements, a: Place, b: Place, slide: float, *, grounded: b
 def _texts(
     netlist: Netlist, op: OperatingPoint | None, place: Place, bundles: list[Bundle]
 ) -> list[tuple[str, BaseGeometry]]:
-    """Values beside their elements and names beside their nodes, each with its box."""
+    """Return the values of elements and the names of nodes with the boxes in which they are written."""
     drawn = [*map(shapely.Point, place[1:]), *_all_shapes(bundles)]
     texts: list[tuple[str, BaseGeometry]] = []
 
@@ -306,13 +318,14 @@ def _texts(
 
 
 def _all_shapes(bundles: list[Bundle]) -> Shapes:
+    """Return the shapes of all bundles."""
     return [shape for bundle in bundles for shape in bundle.shapes]
 
 
 def _roomiest(choices: list[Shapes], drawn: Shapes, enough: float, within: BaseGeometry | None = None) -> int:
-    """The first choice of shapes that are this far from all that is drawn, or else the farthest.
+    """Return the index of the first choice at a distance of at least `enough` from all drawn shapes, else the farthest.
 
-    `within`: where they may touch, such as the node that all of them lead to.
+    `within`: area that is ignored, such as the common node of the shapes.
     """
     touched = shapely.Point() if within is None else within
     others, *bodies = (shapely.difference(shapes, touched) for shapes in (drawn, *choices))

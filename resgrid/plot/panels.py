@@ -1,4 +1,4 @@
-"""Spaces on paper, whatever their dimension: a strip, a plane, or slices side by side under one legend."""
+"""Panels of a space's picture: a strip for one axis, a plane for two, slices with a common legend for three."""
 
 from __future__ import annotations
 
@@ -45,16 +45,17 @@ from resgrid.plot.style import (
 )
 
 VIRTUAL = "#8c8c8c"
-"""Colour of obstacle cells that stand for no body."""
+"""Colour of obstacle cells that no body occupies."""
 
 _MOST_SLICES = 6
+"""Default number of slices along an axis."""
 
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """What one ax shows: a space of one or two axes, or of three the cells `index` along the axis `normal`.
+    """Content of one ax: a space of one or two axes, or the slice `index` normal to the axis `normal` of three.
 
-    `plane`: where that lies on paper; None of one axis.
+    `plane`: the plane of the picture; None for one axis.
     """
 
     space: ConfigurationSpace
@@ -64,23 +65,23 @@ class Panel:
     index: int = 0
 
     def of(self, values: NDArray[Any]) -> NDArray[Any]:
-        """What the panel holds of values of all cells."""
+        """Return the panel's part of values of all cells; `values`: shape of the space."""
         return values if self.normal is None else np.asarray(np.moveaxis(values, self.normal, 0)[self.index])
 
     def seen(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Points in axis units (n, ndim) on paper (n, 2); those of three axes as seen along the normal."""
+        """Return picture coordinates (n, 2) of points (n, ndim) in axis units; in a slice, their projections."""
         if self.plane is None:
             return np.column_stack([points, np.full(len(points), np.mean(self.axes.get_ylim()))])
         return self.plane.frame.to_world(points if self.normal is None else np.delete(points, self.normal, axis=1))
 
     def holds(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Which points (n, 3) lie in the slice."""
+        """Return the mask (n,) of the points (n, 3) inside the slice."""
         assert self.normal is not None
         lower, upper = self.space.axes[self.normal].edges[[self.index, self.index + 1]]
         return np.asarray((points[:, self.normal] >= lower) & (points[:, self.normal] <= upper))
 
     def paint(self, *masks: Mask, order: float = 2.2) -> None:
-        """Paint cells of the space over whatever else there is, and put those there are into the legend."""
+        """Paint masks of the space's cells above the image; masks with cells get a legend entry."""
         if self.plane is not None:
             own: list[Mask] = [(self.of(where), colour, label) for where, colour, label in masks]
             paint(self.plane, self.axes, *own, order=order)
@@ -91,7 +92,7 @@ class Panel:
                 self.axes.axvspan(left, right, color=colour, linewidth=0, label=label, zorder=0.5)
 
     def draw_cells(self) -> None:
-        """Draw obstacles, goals and unreachable cells, limits and labels."""
+        """Draw obstacles, goals and unreachable cells, and set limits and labels."""
         if self.plane is not None:
             draw_cells(self.plane, self.axes)
             finish(self.plane, self.axes, columns=0)
@@ -103,7 +104,7 @@ class Panel:
         dress(self.axes)
 
     def plot_curve(self, values: NDArray[np.float64], quantity: str, **style: Any) -> None:
-        """Draw values over the only axis of the space."""
+        """Draw values (cells,) over the axis of a space with one axis; `quantity`: label."""
         centres = self.space.axes[0].centres
         self.axes.plot(centres, values, "o-", markersize=3, linewidth=1.2, color=PATHS[3], **style)
         self.axes.set_ylabel(quantity, fontsize=TEXT)
@@ -111,7 +112,7 @@ class Panel:
 
 
 Layer = Callable[[Panel], tuple[ScalarMappable, str] | None]
-"""Draws on a panel; returns the colours that a bar must explain, and what they mean, if there are any."""
+"""A function that draws on a panel; it returns the colours and the label of a colour bar, or None."""
 
 
 def draw_panels(
@@ -124,10 +125,10 @@ def draw_panels(
     columns: int = 3,
     strip: float = 0.3,
 ) -> Axes | Figure:
-    """Draw layers, one over the other, on an ax, or of a space with three axes in slices.
+    """Draw layers above each other on an ax, or, for a space with three axes, in slices.
 
-    `axis, indices`: the slices, by default one normal to each axis; `through`: a cell they hold, by default a goal's;
-    `columns`: of the legend; `strip`: height over width of a space with one axis.
+    `axis, indices`: normal axis and indices of the slices, by default one slice normal to each axis; `through`: cell
+    that the slices contain, by default a goal cell; `columns`: of the legend; `strip`: height over width for one axis.
     """
     if space.ndim <= 2:
         plane = plane_of(space) if space.ndim == 2 else None
@@ -148,7 +149,7 @@ def draw_panels(
 
 
 def draw_known(panel: Panel) -> tuple[ScalarMappable, str] | None:
-    """The cells, and their conductivity if there is one: as colours, of one axis as a curve."""
+    """Draw the cells and the conductivity, if the space has one: as colours, or as a curve for one axis."""
     conductivity, label = panel.space.conductivity, "conductivity (relative)"
     if conductivity is None or panel.plane is None:
         panel.draw_cells()
@@ -173,13 +174,16 @@ def draw_space(
     axis: int | None = None,
     indices: Sequence[int] | None = None,
 ) -> Axes | Figure:
-    """Draw obstacles, goals, the conductivity if there is one; unknown and virtual obstacle cells have own colours."""
+    """Draw obstacles, goals and the conductivity of a space.
+
+    `virtual`: mask of obstacle cells that no body occupies; `unknown`: mask of obstacle cells of unknown occupancy.
+    """
     painted = painter(*virtual_cells(virtual), *unknown_cells(space.cell, unknown))
     return draw_panels(space, ax, _name_free_cells, draw_known, painted, axis=axis, indices=indices)
 
 
 def _name_free_cells(panel: Panel) -> None:
-    """Put the colour of free cells into the legend, unless the conductivity colours them."""
+    """Add free cells to the legend, unless they have the colours of the conductivity."""
     if panel.space.conductivity is None and (panel.of(panel.space.cell) == Cell.FREE).any():
         add_swatch(panel.axes, "free", FREE)
 
@@ -194,19 +198,19 @@ def paint_unknown(picture: Axes | Figure, space: ConfigurationSpace, unknown: ND
 
 
 def painter(*masks: Mask) -> Layer:
-    """A layer of painted cells."""
+    """Return a layer that paints masks of cells."""
     return lambda panel: panel.paint(*masks)
 
 
 def virtual_cells(virtual: NDArray[np.bool_] | None) -> list[Mask]:
-    """How obstacle cells that stand for no body are painted, if it is known which."""
+    """Return the mask of obstacle cells that no body occupies, with its colour; empty for None."""
     return [] if virtual is None else [(virtual, VIRTUAL, "virtual obstacle")]
 
 
 def _slices(space: ConfigurationSpace, ax: Axes | None, cuts: list[tuple[int, int]]) -> list[Panel]:
-    """A panel for each axis and index along it."""
+    """Return one panel of a new figure for each slice; `cuts`: normal axis and index."""
     if ax is not None:
-        raise InputError("what has 3 axes is drawn in several slices, not into one ax: leave ax out")
+        raise InputError("a space with 3 axes is drawn in several slices and cannot use one ax; omit ax")
     planes = [plane_of(space, cut) for cut in cuts]
     columns = min(3, len(cuts))
     rows = -(-len(cuts) // columns)
@@ -227,15 +231,15 @@ def _slices(space: ConfigurationSpace, ax: Axes | None, cuts: list[tuple[int, in
 def _cuts(
     space: ConfigurationSpace, axis: int | None, indices: Sequence[int] | None, through: Sequence[int] | None
 ) -> list[tuple[int, int]]:
-    """Axis and index of every slice."""
+    """Return normal axis and index of every slice; raise InputError for ones that the space does not have."""
     if space.ndim != 3:
-        raise InputError(f"a space of {space.ndim} axes has no picture: fix an axis, and draw what is left")
+        raise InputError(f"a space of {space.ndim} axes has no picture: fix an axis, and draw the space of the others")
     goals = np.argwhere(space.cell == Cell.GOAL)
     middle = goals[0] if len(goals) else np.array(space.shape) // 2
     centre = middle if through is None else np.asarray(through)
     if axis is None:
         if indices is not None:
-            raise InputError("indices of slices need the axis they count along")
+            raise InputError("indices of slices need the axis that is normal to them: give axis")
         return [(normal, int(centre[normal])) for normal in (2, 1, 0)]
     if axis not in (0, 1, 2):
         raise InputError(f"axis = {axis}, but the space has axes 0, 1 and 2")
@@ -246,11 +250,15 @@ def _cuts(
         indices = np.unique(spread).tolist()
     wrong = [index for index in indices if not 0 <= index < size]
     if wrong or not len(indices):
-        raise InputError(f"slice {wrong[0] if wrong else '(none)'} is not one of the cells 0 to {size - 1} of the axis")
+        raise InputError(
+            f"slice {wrong[0] if wrong else '(none)'} is not one of the cells 0 to {size - 1} of the axis; "
+            "give indices in this range"
+        )
     return [(axis, int(index)) for index in indices]
 
 
 def _add_legend(figure: Figure, panels: list[Panel]) -> None:
+    """Add one legend of all panels below a figure."""
     entries: dict[str, Artist] = {}
     for panel in panels:
         handles, labels = panel.axes.get_legend_handles_labels()

@@ -1,4 +1,4 @@
-"""Pictures of paths in configuration space, of what separates a start from the goals, and of clearance."""
+"""Pictures of paths in configuration space, of obstacles between a start and the goals, and of clearance."""
 
 from __future__ import annotations
 
@@ -26,17 +26,18 @@ from resgrid.plot.plane import at_small_goals, finish, seam_shifts
 from resgrid.plot.style import FAILURE, FEW, PATHS, TEXT, blend_styles, dress, mark
 
 _PIECES = 256
+"""Number of pieces of a straight line in slices of a space with three axes."""
 MOST_ENDS = 12
-"""Paths whose ends are marked; more of them would hide the goals."""
+"""Largest number of paths whose ends are marked; more marks would hide the goals."""
 
 _REGION = "#9ecae1"
-_REACHABLE, _SEPARATING = "can be reached from the start", "must go for a goal to be reached"
+_REACHABLE, _SEPARATING = "reachable from the start", "to be removed for a path to a goal"
 
 
 def draw_path(
     path: Streamline, ax: Axes | None = None, *, axis: int | None = None, indices: Sequence[int] | None = None
 ) -> Axes | Figure:
-    """Draw a streamline; as `draw_streamlines` otherwise."""
+    """Draw a streamline with its start and end, on the cells of its space unless `ax` is given."""
     return draw_streamlines([path], ax, axis=axis, indices=indices)
 
 
@@ -48,20 +49,20 @@ def draw_streamlines(
     axis: int | None = None,
     indices: Sequence[int] | None = None,
 ) -> Axes | Figure:
-    """Draw streamlines over what the ax shows, on cells of their space if there is none.
+    """Draw streamlines with their starts and ends, on the cells of their space unless `ax` is given.
 
-    Their starts and ends are marked, and a cross where a start leads nowhere; those of one k share a colour.
+    Streamlines of the same k have the same colour.  A cross marks a start without a path to a goal.
     """
     return draw_panels(paths[0].space, ax, *_ground(ax), path_layer(paths, k), axis=axis, indices=indices)
 
 
 def _ground(ax: Axes | None) -> list[Layer]:
-    """What lies under paths: an ax that is given shows the space already."""
+    """Return the layers below paths: the cells of the space, or nothing on a given ax."""
     return [draw_known] if ax is None else []
 
 
 def path_layer(paths: Sequence[Streamline], k: Sequence[float] | None) -> Layer:
-    """The paths of every k that reach a goal, and the ends of all."""
+    """Return a layer with the paths that reach a goal, by k, and the starts and ends of all paths."""
     groups, reached = by_blend(paths, k), [path for path in paths if path.outcome is Outcome.REACHED]
     failed = Counter(path.outcome for path in paths if path.outcome is not Outcome.REACHED)
 
@@ -89,7 +90,7 @@ def path_layer(paths: Sequence[Streamline], k: Sequence[float] | None) -> Layer:
 
 
 def by_blend(paths: Sequence[Streamline], k: Sequence[float] | None) -> list[tuple[float | None, list[Streamline]]]:
-    """Every k in ascending order, None where none is given, and those of its paths that reach a goal."""
+    """Return the values of k in ascending order, each with its paths that reach a goal; None without `k`."""
     if k is not None and len(k) != len(paths):
         raise InputError(f"{len(k)} values of k for {len(paths)} paths; give one for each")
     if paths:
@@ -103,7 +104,7 @@ def by_blend(paths: Sequence[Streamline], k: Sequence[float] | None) -> list[tup
 
 
 def _blend_label(k: float | None) -> str:
-    """What a legend calls the paths of one k."""
+    """Return the name of the paths of one k in the legend."""
     kind = {0.0: " (Neumann)", 1.0: " (Dirichlet)"}.get(-1.0 if k is None else k, "")
     return "path" if k is None else f"$k$ = {k:g}{kind}"
 
@@ -112,7 +113,7 @@ def _draw_lines(
     lines: list[NDArray[np.float64]], panel: Panel, label: str, *, color: str = PATHS[0],
     linestyle: str | tuple[int, tuple[float, ...]] = "-", linewidth: float = 1.5, is_cased: bool = True,
 ) -> None:  # fmt: skip
-    """Draw lines in axis units; those of three axes faintly, and boldly where the slice holds them."""
+    """Draw lines (n, ndim) in axis units; in a slice, projections are thin and the parts inside the slice bold."""
     axes, colour = panel.axes, color
     if panel.normal is not None:
         for line in lines:
@@ -134,26 +135,29 @@ def _draw_lines(
 
 
 def mark_outcome(path: Streamline, place: ArrayLike, axes: Axes) -> None:
-    """Mark where a path starts on paper: a disc, or a cross that names why it leads nowhere."""
+    """Mark the start of a path at a point (2,) of the picture: a disc, or a cross with the outcome in the legend."""
     reached = path.outcome == Outcome.REACHED
     mark(place, axes, "start" if reached else "failure", None if reached else path.outcome.value.replace("_", " "))
 
 
 def require_paths(paths: Sequence[Streamline], space: ConfigurationSpace) -> None:
-    """Refuse streamlines of a space with another number of axes."""
+    """Raise InputError if a streamline has another number of coordinates than the space has axes."""
     for number, path in enumerate(paths):
         if path.axis_points.shape[1:] != (space.ndim,):
-            raise InputError(f"path {number} has {path.axis_points.shape[-1]} coordinates, the space {space.ndim} axes")
+            raise InputError(
+                f"path {number} has {path.axis_points.shape[-1]} coordinates, but the space has {space.ndim} axes; "
+                "draw the paths of one space together"
+            )
 
 
 def seam_pieces(path: Streamline) -> list[NDArray[np.float64]]:
-    """Cut a streamline where it crosses a periodic seam.  Returns (n, ndim)."""
+    """Return the pieces (n, ndim) of a streamline between its crossings of periodic seams, in axis units."""
     points, space = path.axis_points, path.space
     if len(points) < 2:
         return []
     starts, ends = points[:-1], points[1:].copy()
     extent = np.where(space.periodic, space.upper - space.lower, np.inf)
-    # A segment lies in the cell of its first point: of the copies of its end, take the one in that cell.
+    # A segment lies in the cell of its first point, so its end is shifted by whole periods into that cell.
     ends -= np.where(space.periodic, extent, 0.0) * np.round((ends - space.axis_centre(path.point_cells[:-1])) / extent)
     torn = np.flatnonzero(np.any(np.abs(ends[:-1] - starts[1:]) > 0.5 * extent, axis=1)) + 1
     bounds = [0, *torn.tolist(), len(starts)]
@@ -167,7 +171,7 @@ def draw_line(
     axis: int | None = None,
     indices: Sequence[int] | None = None,
 ) -> Axes | Figure:
-    """Draw a path of straight lines over what the ax shows, on cells of its space if there is none."""
+    """Draw a polyline with its start, on the cells of its space unless `ax` is given."""
     space, points = path.space, unwrap(path)
     copies = [space.from_world(points + shift) for shift in seam_shifts(space)] if len(points) > 1 else []
     lines = [_subdivided(line) if space.ndim == 3 else line for line in copies]
@@ -180,7 +184,7 @@ def draw_line(
 
 
 def _subdivided(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points so close on straight lines that pictures show which part of each lies in a slice, shape (n, ndim)."""
+    """Return points (n, ndim) on a polyline, close enough to show the part of each line inside a slice."""
     along = np.linspace(0.0, len(points) - 1.0, _PIECES * (len(points) - 1) + 1)
     return np.stack([np.interp(along, np.arange(len(points)), column) for column in points.T], axis=1)
 
@@ -193,7 +197,10 @@ def draw_separation(
     axis: int | None = None,
     indices: Sequence[int] | None = None,
 ) -> Axes | Figure:
-    """Draw the cells that a start can reach, and the obstacles that must go for a goal to be reached."""
+    """Draw the cells reachable from a start, and the obstacle cells to be removed for a path to a goal.
+
+    `virtual`: mask of obstacle cells that no body occupies.
+    """
     space, outcome = result.space, result.outcome
     reachable = result.region & (space.cell == Cell.FREE)
     masks = [(reachable, _REGION, _REACHABLE), (result.mask, FAILURE, _SEPARATING)]
@@ -210,9 +217,9 @@ def draw_separation(
 
 
 def draw_clearance_curve(curve: ClearanceCurve, ax: Axes | None = None, *, unit: str = "", cell: float = 0.0) -> Axes:
-    """Draw the mean clearance of paths against k or the wall resistance, with the spread between starts.
+    """Draw the mean clearance of paths against k or the wall resistance, with the quartiles over starts.
 
-    A bar of half a cell's width, if that is given, shows how small a difference means nothing.
+    `unit`: of the clearance; `cell`: width of a cell, whose half is drawn as an error bar (the discretization error).
     """
     axes = axes_or_new(ax, 0.7)
     part = curve.clearance[:, curve.counted]

@@ -1,121 +1,130 @@
-"""One function for all pictures: a table says which picture a value has."""
+"""Dispatch of `draw`: the registry of pictures by the type of the value."""
 
 from __future__ import annotations
 
+import functools
 import inspect
 from base64 import b64encode
 from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
 from operator import attrgetter, methodcaller
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from resgrid._internal.validation import guarded, with_article
-from resgrid.chip.adc_resolution import Precision
-from resgrid.chip.fault_analysis import Criticality
-from resgrid.chip.noise import Noise
-from resgrid.chip.power import Power
-from resgrid.chip.sensitivity import Sensitivity
-from resgrid.chip.settling import Settling
-from resgrid.chip.study_analyses import Study
-from resgrid.chip.sweeps import Exploration
-from resgrid.chip.yield_loss import YieldLoss
-from resgrid.chip.yields import Yield
-from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.control.run_log import Run
-from resgrid.control.simulation import Wavefront
-from resgrid.core.netlist import Netlist
-from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError, ResgridError
-from resgrid.planning.blocking_obstacles import SceneSeparation, Separation
-from resgrid.planning.fields import Field, field
-from resgrid.planning.planner import ClearanceCurve, Planner
-from resgrid.planning.streamline import Polyline, ShortPath, Streamline
-from resgrid.plot.chip_curves import draw_exploration, draw_precisions, draw_settled
-from resgrid.plot.chip_maps import (
-    draw_criticality,
-    draw_noise,
-    draw_power,
-    draw_precision,
-    draw_sensitivity,
-    draw_yield,
-)  # fmt: skip
-from resgrid.plot.circuits import MOST_CELLS_A_SIDE
-from resgrid.plot.control import draw_run, draw_runs, draw_wavefront
-from resgrid.plot.fields import draw_field
 from resgrid.plot.figures import NOTEBOOK_DPI, render_figure
-from resgrid.plot.netlist_graphs import draw_circuit
-from resgrid.plot.panels import draw_space
-from resgrid.plot.paths import draw_clearance_curve, draw_line, draw_path, draw_separation, draw_streamlines
-from resgrid.plot.workspace import draw_scene
-from resgrid.plot.yield_loss import draw_yield_loss
-from resgrid.scene.sampling import build_space
-from resgrid.scene.scene import Scene
-from resgrid.spice.circuit import Circuit
+
+if TYPE_CHECKING:
+    from resgrid.circuit.operating_point import OperatingPoint
+    from resgrid.scene.scene import Scene
 
 Picture = Callable[..., Axes | Figure]
+"""A function that draws a value: it takes the value, perhaps ``ax``, and options."""
 
+PictureT = TypeVar("PictureT", bound=Picture)
 
-def _draw_operating_point(op: OperatingPoint, ax: Axes | None = None) -> Axes | Figure:
-    """A circuit with its voltages, or, of a grid too large for that, the potential."""
-    cells = op.netlist.cell_map
-    if cells is None or (max(cells.space.shape) <= MOST_CELLS_A_SIDE and cells.space.ndim <= 2):
-        return draw_circuit(op.netlist, ax, op=op)
-    return draw_field(field(op), ax)
-
-
-def _draw_scene(scene: Scene, ax: Axes | None = None) -> Axes | Figure:
-    """A workspace in the plane; of a robot that moves in one of other axes, its cells."""
-    if scene.robot.moves_in_workspace and scene.ndim != 2:
-        return draw_space(build_space(scene, require_goal=False), ax)
-    return draw_scene(scene, ax)
-
-
-PICTURES: dict[type, Picture] = {
-    ClearanceCurve: draw_clearance_curve,
-    ConfigurationSpace: draw_space,
-    Criticality: draw_criticality,
-    Exploration: draw_exploration,
-    Field: draw_field,
-    Netlist: draw_circuit,
-    Noise: draw_noise,
-    OperatingPoint: _draw_operating_point,
-    Polyline: draw_line,
-    Power: draw_power,
-    Precision: draw_precision,
-    Run: draw_run,
-    Scene: _draw_scene,
-    Sensitivity: draw_sensitivity,
-    Separation: draw_separation,
-    SceneSeparation: draw_separation,
-    Settling: draw_settled,
-    ShortPath: draw_line,
-    Streamline: draw_path,
-    Wavefront: draw_wavefront,
-    Yield: draw_yield,
-    YieldLoss: draw_yield_loss,
+PICTURES = {
+    "resgrid.chip.adc_resolution:Precision": "chip_maps:draw_precision",
+    "resgrid.chip.fault_analysis:Criticality": "chip_maps:draw_criticality",
+    "resgrid.chip.noise:Noise": "chip_maps:draw_noise",
+    "resgrid.chip.power:Power": "chip_maps:draw_power",
+    "resgrid.chip.sensitivity:Sensitivity": "chip_maps:draw_sensitivity",
+    "resgrid.chip.settling:Settling": "chip_curves:draw_settled",
+    "resgrid.chip.sweeps:Exploration": "chip_curves:draw_exploration",
+    "resgrid.chip.yield_loss:YieldLoss": "yield_loss:draw_yield_loss",
+    "resgrid.chip.yields:Yield": "chip_maps:draw_yield",
+    "resgrid.circuit.operating_point:OperatingPoint": "pictures:draw_operating_point",
+    "resgrid.control.run_log:Run": "control:draw_run",
+    "resgrid.control.simulation:Wavefront": "control:draw_wavefront",
+    "resgrid.core.netlist:Netlist": "netlist_graphs:draw_circuit",
+    "resgrid.core.space:ConfigurationSpace": "panels:draw_space",
+    "resgrid.planning.blocking_obstacles:SceneSeparation": "paths:draw_separation",
+    "resgrid.planning.blocking_obstacles:Separation": "paths:draw_separation",
+    "resgrid.planning.fields:Field": "fields:draw_field",
+    "resgrid.planning.planner:ClearanceCurve": "paths:draw_clearance_curve",
+    "resgrid.planning.streamline:Polyline": "paths:draw_line",
+    "resgrid.planning.streamline:ShortPath": "paths:draw_line",
+    "resgrid.planning.streamline:Streamline": "paths:draw_path",
+    "resgrid.planning.time_parameterization:Trajectory": "trajectories:draw_trajectory",
+    "resgrid.scene.scene:Scene": "pictures:draw_scene_or_cells",
 }
-"""The picture of a value, by its type: a function of the value, perhaps an ax, and options."""
+"""Picture of each type, a module of `resgrid.plot` and a function; imported when the first such value is drawn."""
 
-PICTURES_OF_MANY: dict[type, Picture] = {
-    Precision: draw_precisions,
-    Run: draw_runs,
-    Streamline: draw_streamlines,
+PICTURES_OF_SEVERAL = {
+    "resgrid.chip.adc_resolution:Precision": "chip_curves:draw_precisions",
+    "resgrid.control.run_log:Run": "control:draw_runs",
+    "resgrid.planning.streamline:Streamline": "paths:draw_streamlines",
 }
-"""The picture of several values together: of a sequence, of precisions a mapping from their names."""
+"""Picture of a sequence of values of a type, or of a mapping of names to values."""
 
-
-SEEN_AS: dict[type, Callable[[Any], object]] = {
-    Circuit: methodcaller("netlist"),
-    Planner: attrgetter("field"),
-    Study: attrgetter("op"),
+SHOWN_PARTS: dict[str, Callable[[Any], object]] = {
+    "resgrid.chip.study_analyses:Study": attrgetter("op"),
+    "resgrid.planning.planner:Planner": attrgetter("field"),
+    "resgrid.spice.circuit:Circuit": methodcaller("netlist"),
 }
-"""What is drawn of a value that has no picture of its own."""
+"""For types without a picture: the part of the value that is drawn instead."""
 
 
+@functools.singledispatch
+def _one(value: object) -> Axes | Figure:
+    """Registry of the pictures of one value; this entry, of `object`, stands for no picture."""
+    raise NotImplementedError
+
+
+@functools.singledispatch
+def _several(value: object) -> Axes | Figure:
+    """Registry of the pictures of several values; this entry, of `object`, stands for no picture."""
+    raise NotImplementedError
+
+
+def register(kind: type, *, several: bool = False) -> Callable[[PictureT], PictureT]:
+    """Return a decorator that makes a function the picture of a type and its subclasses.
+
+    Parameters
+    ----------
+    kind : type
+        Type of the values.
+    several : bool
+        Whether the function draws a sequence of such values, or a mapping of names to values.
+
+    Returns
+    -------
+    callable
+        Decorator of a function that takes the value, perhaps ``ax``, and options, and returns axes or a figure.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> @rg.draw.register(complex)
+    ... def draw_point(value, ax):
+    ...     ax.plot(value.real, value.imag, "o")
+    ...     return ax
+    >>> len(rg.draw(1 + 2j, Figure().add_subplot()).lines)
+    1
+    """
+    return cast("Callable[[PictureT], PictureT]", (_several if several else _one).register(kind))
+
+
+class _Draw(Protocol):
+    """Type of `draw`: a function with the decorator `register`."""
+
+    register: Callable[..., Callable[[PictureT], PictureT]]
+
+    def __call__(self, value: object, ax: Axes | None = None, **options: Any) -> Any: ...
+
+
+def _with_register(function: Callable[..., Any]) -> _Draw:
+    """Attach `register` to a function."""
+    function.register = register  # type: ignore[attr-defined]
+    return cast("_Draw", function)
+
+
+@_with_register
 def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
-    """Draw a value: a scene, a space, a field, paths, a circuit, a run, or what a study of a chip found.
+    """Draw a value: scene, space, field, path, circuit, run, or result of a chip analysis.
 
     ==================  ===========================================  =================================================
     value               picture                                      options
@@ -128,48 +137,52 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
     field               potential of one to three axes, or currents  ``quantity`` ("potential", "currents"), ``scale``
                                                                      ("auto", "linear", "log": decades of the drop),
                                                                      ``contours``, ``axis``, ``indices``
-    path, paths         streamlines, over what the ax shows          ``axis``, ``indices``; of several ``k`` (of each)
+    path, paths         streamlines on the cells, or on a given ax   ``axis``, ``indices``; of several ``k`` (of each)
+    trajectory          speed and position over time                 ``quantity`` ("page", "speed", "position")
     netlist             circuit diagram                              ``op`` (voltages to write)
-    circuit of a deck   as its netlist
+    circuit of a deck   circuit diagram of its netlist
     operating point     circuit with voltages, or the potential of
                         a grid with more than 10 cells a side
     planner, study      its field, its operating point
-    separation          what keeps a start from the goals            ``virtual``, ``axis``, ``indices``
+    separation          obstacles between a start and the goals      ``virtual``, ``axis``, ``indices``
     clearance curve     mean and spread against k                    ``unit``, ``cell`` (width, for an error bar)
     run                 workspace and configuration space            ``title``, ``caption``
     runs                the same motion at several k                 ``title``, ``caption``
-    settling            when each cell has settled                   ``quantity`` ("map", "curve")
+    settling            settling time of each cell                   ``quantity`` ("map", "curve")
     noise               rms noise, resistance to the rails           ``quantity`` ("total", "limit", "resistance")
     power               heat, droop of the rails                     ``quantity`` ("heat", "droop")
-    precision           converter bits that starts need              ``starts``, ``most``
-    {name: precision}   maps, histogram, share served                ``quantity`` ("page", "served", "histogram"),
+    precision           converter bits required by starts            ``starts``, ``most``
+    {name: precision}   maps, histogram, fraction served             ``quantity`` ("page", "served", "histogram"),
                                                                      ``bits``, ``title``
     sensitivity         resistors that change a step                 ``drift``
     criticality         resistors that cost starts                   ``fault`` ("open", "short")
-    yield               share of chips that serve each start
+    yield               fraction of chips that serve each start
     yield loss          change of the yield without each effect
     exploration         yield over two values                        ``share``
-    wavefront           how a new obstacle spreads                   ``shown`` (numbers of its times)
+    wavefront           change of the potential over time            ``shown`` (indices of its times)
     ==================  ===========================================  =================================================
+
+    The decorator ``@rg.draw.register(MyType)`` adds the picture of another type: a function of a value, ``ax`` and
+    options.
 
     Parameters
     ----------
     value : object
         One of the above.
     ax : matplotlib.axes.Axes, optional
-        Where to draw; made when None.  Pictures of several panels make a figure of their own.
+        Axes to draw on; by default those of a new figure.  Pictures with several panels make a figure of their own.
     **options
-        As the table says.
+        Options of the picture, see the table.
 
     Returns
     -------
     matplotlib.axes.Axes or matplotlib.figure.Figure
-        The axes, or the figure where there are several; `save_figure` takes both.
+        The axes, or the figure of a picture with several panels; `save_figure` accepts both.
 
     Raises
     ------
     InputError
-        If the value has no picture, an option does not belong to it, or the value cannot be drawn.
+        If the value has no picture, an option does not belong to the picture, or the value cannot be drawn.
 
     Examples
     --------
@@ -178,20 +191,21 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
     >>> rg.plot.save_figure(ax, "path.png").name
     'path.png'
     """
-    value = next((part(value) for kind, part in SEEN_AS.items() if isinstance(value, kind)), value)
+    value = _shown_part(value)
     picture = _picture_of(value)
-    takes = list(inspect.signature(picture).parameters)[1:]
-    unknown = [name for name in options if name not in takes]
+    parameters = inspect.signature(picture).parameters
+    accepted = list(parameters)[1:]
+    unknown = [name for name in options if name not in accepted]
     if unknown:
-        allowed = ", ".join(name for name in takes if name != "ax") or "no option"
-        raise InputError(f"{unknown[0]} is no option of a picture of {_named(value)}; it takes {allowed}")
-    if ax is not None and "ax" not in takes:
-        raise InputError(f"a picture of {_named(value)} has several panels, and is not drawn into one ax: leave ax out")
-    return guarded("draw", picture)(value, **options, **({"ax": ax} if "ax" in takes else {}))
+        allowed = ", ".join(name for name in accepted if name != "ax") or "no option"
+        raise InputError(f"{unknown[0]} is not an option of a picture of {_named(value)}; it takes {allowed}")
+    if ax is not None and "ax" not in accepted:
+        raise InputError(f"a picture of {_named(value)} has several panels and cannot use one ax; omit ax")
+    return guarded("draw", picture)(value, **options, **({"ax": ax} if "ax" in accepted else {}))
 
 
 def image_html(value: object) -> str | None:
-    """The picture of a value as an image in HTML; None where it cannot be drawn."""
+    """Return the picture of a value as an HTML image; None if the value cannot be drawn."""
     try:
         content = render_figure(draw(value), "png", dpi=NOTEBOOK_DPI)
     except ResgridError:
@@ -199,16 +213,61 @@ def image_html(value: object) -> str | None:
     return f'<img src="data:image/png;base64,{b64encode(content).decode()}" alt="picture of {_named(value)}">'
 
 
+def draw_operating_point(op: OperatingPoint, ax: Axes | None = None) -> Axes | Figure:
+    """Draw a circuit with its voltages; for a grid that is too large, its potential."""
+    from resgrid.planning.fields import field
+    from resgrid.plot.circuits import MOST_CELLS_A_SIDE
+    from resgrid.plot.fields import draw_field
+    from resgrid.plot.netlist_graphs import draw_circuit
+
+    cells = op.netlist.cell_map
+    if cells is None or (max(cells.space.shape) <= MOST_CELLS_A_SIDE and cells.space.ndim <= 2):
+        return draw_circuit(op.netlist, ax, op=op)
+    return draw_field(field(op), ax)
+
+
+def draw_scene_or_cells(scene: Scene, ax: Axes | None = None) -> Axes | Figure:
+    """Draw the workspace of a scene in the plane; for a point or disc robot in another dimension, its cells."""
+    from resgrid.plot.panels import draw_space
+    from resgrid.plot.workspace import draw_scene
+    from resgrid.scene.sampling import build_space
+
+    if scene.robot.moves_in_workspace and scene.ndim != 2:
+        return draw_space(build_space(scene, require_goal=False), ax)
+    return draw_scene(scene, ax)
+
+
 def _picture_of(value: object) -> Picture:
-    table, one = PICTURES, value
+    """Return the picture of a value, or of several values in a sequence or mapping; raise InputError without one."""
+    registry, table, one = _one, PICTURES, value
     if isinstance(value, Mapping | Sequence) and not isinstance(value, str | bytes) and len(value):
-        table, one = PICTURES_OF_MANY, next(iter(value.values() if isinstance(value, Mapping) else value))
-    for kind, picture in table.items():
-        if isinstance(one, kind):
-            return picture
-    known = ", ".join(kind.__name__ for kind in PICTURES)
-    raise InputError(f"{_named(value)} has no picture; there are pictures of {known}")
+        registry, table = _several, PICTURES_OF_SEVERAL
+        one = next(iter(value.values() if isinstance(value, Mapping) else value))
+    for kind in type(one).__mro__:
+        entry = table.get(_key(kind))
+        if entry is not None and kind not in registry.registry:
+            module, name = entry.split(":")
+            registry.register(kind, getattr(import_module(f"resgrid.plot.{module}"), name))
+    picture = registry.dispatch(type(one))
+    if picture is registry.registry[object]:
+        known = {key.partition(":")[2] for key in PICTURES} | {kind.__name__ for kind in _one.registry} - {"object"}
+        raise InputError(f"{_named(value)} has no picture; there are pictures of {', '.join(sorted(known))}")
+    return picture
+
+
+def _shown_part(value: object) -> object:
+    """Return the part of a value that is drawn: the value itself, unless its type is in `SHOWN_PARTS`."""
+    for kind in type(value).__mro__:
+        if _key(kind) in SHOWN_PARTS and kind not in _one.registry:
+            return SHOWN_PARTS[_key(kind)](value)
+    return value
+
+
+def _key(kind: type) -> str:
+    """Return the name of a type in the tables."""
+    return f"{kind.__module__}:{kind.__qualname__}"
 
 
 def _named(value: object) -> str:
+    """Return the name of a value's type with its article, for messages."""
     return with_article(type(value).__name__)

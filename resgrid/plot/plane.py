@@ -1,4 +1,4 @@
-"""The plane a picture shows: a space of two axes, or a slice of one with three, and where it lies on paper."""
+"""Geometry of a picture's plane: a space with two axes, or a slice of one with three, and images of its cells."""
 
 from __future__ import annotations
 
@@ -25,20 +25,24 @@ from resgrid.errors import InputError
 from resgrid.plot.style import OBSTACLE, UNKNOWN, UNREACHABLE, add_swatch, axis_label, dress, refresh_legend
 
 MOST_CELLS = 1024
-"""Cells along an axis above which pictures show means over blocks."""
+"""Largest number of cells along an axis that are drawn one by one; larger grids are drawn as means over blocks."""
 
 _VISIBLE = 0.015
+"""Size of a goal that needs no ring, as a fraction of the picture."""
 _SMALL_PART = 0.6
+"""The picture is cropped if its content is smaller than this fraction of the grid."""
 _MOST_RINGS = 30
+"""Largest number of goals that are ringed."""
 
 
 @dataclass(frozen=True, eq=False)
 class PicturePlane:
-    """Two axes, the cells between them, and where they lie in the picture.
+    """Two axes, their cells, and their place in the picture.
 
-    `x, y`: across and up; `cell` (x.cells, y.cells): `Cell` codes; `connected`: free cells that lead to a goal (in
-    the whole space, if this is a slice); `frame`: from axis units to the picture's coordinates; `of_map`: whether these
-    are a map's own, which is turned or moved in the world; `obstacle`: what obstacle cells are called.
+    `x, y`: horizontal and vertical axis; `cell` (x.cells, y.cells): `Cell` codes; `connected` (x.cells, y.cells): free
+    cells with a path to a goal (in the whole space, for a slice); `frame`: transforms axis units to coordinates of the
+    picture; `of_map`: whether these are coordinates of a map that is rotated or moved in the world; `obstacle`: name of
+    obstacle cells in the legend.
     """
 
     x: Axis
@@ -51,7 +55,7 @@ class PicturePlane:
 
     @property
     def aspect(self) -> float:
-        """Height of the picture over its width; 1 where the axes have different units."""
+        """Height of the picture over its width; 1 if the axes have different units."""
         if self.x.unit != self.y.unit:
             return 1.0
         width, height = np.ptp(self.view, axis=0)
@@ -59,7 +63,7 @@ class PicturePlane:
 
     @cached_property
     def window(self) -> tuple[slice, slice]:
-        """Cells worth showing: all, unless whatever is not obstacle keeps to a small part of the grid."""
+        """Cells in the picture: all, or only those around free cells and goals that fill a small part of the grid."""
         inside = self.cell != Cell.OBSTACLE
         slices = []
         for axis, size in enumerate(self.cell.shape):
@@ -81,6 +85,7 @@ class PicturePlane:
         return self._corners(slice(0, self.x.cells), slice(0, self.y.cells))
 
     def _corners(self, across: slice, up: slice) -> NDArray[np.float64]:
+        """Return the corners (4, 2) of a block of cells in the picture."""
         (left, right), (bottom, top) = (
             axis.edges[[part.start, part.stop]] for axis, part in ((self.x, across), (self.y, up))
         )
@@ -88,18 +93,18 @@ class PicturePlane:
 
     @property
     def centres(self) -> NDArray[np.float64]:
-        """Both coordinates of the cells' centres in the picture, shape (2, x.cells, y.cells)."""
+        """Coordinates of the cell centres in the picture, shape (2, x.cells, y.cells)."""
         own = np.stack(np.meshgrid(self.x.centres, self.y.centres, indexing="ij"), axis=-1)
         return np.moveaxis(self.frame.to_world(own), -1, 0)
 
     @property
     def cells_shown(self) -> int:
-        """Cells along the longer side of the window."""
+        """Number of cells along the longer side of the window."""
         return max(int(part.stop - part.start) for part in self.window)
 
 
 def plane_of(space: ConfigurationSpace, cut: tuple[int, int] | None = None) -> PicturePlane:
-    """Plane of a space with two axes, in the world; or of three, through the cells at an index along an axis."""
+    """Return the plane of a space with two axes, or a slice of one with three; `cut`: normal axis and index."""
     connected = leading_on(space)
     if cut is not None:
         normal, index = cut
@@ -108,7 +113,7 @@ def plane_of(space: ConfigurationSpace, cut: tuple[int, int] | None = None) -> P
         return PicturePlane(x, y, cell, leading, Frame(), not space.frame.is_world)
     if space.ndim != 2:
         raise InputError(
-            f"this picture needs a space of two axes, this one has {space.ndim}; draw(field) shows one to three axes"
+            f"this picture needs a space of two axes, but this space has {space.ndim}; draw(field) shows one to three"
         )
     x, y = space.axes
     robot = space.robot
@@ -118,30 +123,33 @@ def plane_of(space: ConfigurationSpace, cut: tuple[int, int] | None = None) -> P
 
 
 def leading_on(space: ConfigurationSpace) -> NDArray[np.bool_]:
-    """Cells that lead to a goal; all of them where there is none yet, for then nothing is cut off from it."""
+    """Return the cells with a path to a goal, shape of the space; all cells if there is no goal yet."""
     return space.goal_connected if (space.cell == Cell.GOAL).any() else np.ones(space.shape, dtype=np.bool_)
 
 
 Mask = tuple[NDArray[np.bool_], str, str]
-"""Cells, their colour and their name."""
+"""Mask of cells, their colour, and their name in the legend."""
 
 
 def kinds_of(cell: NDArray[np.uint8], connected: NDArray[np.bool_], obstacle: str = "obstacle") -> list[Mask]:
-    """What is drawn over a field; free cells without a way to a goal among it."""
+    """Return the masks of obstacles, goals and free cells without a path to a goal."""
     return [
         (cell == Cell.OBSTACLE, OBSTACLE, obstacle),
         (cell == Cell.GOAL, GOAL, "goal"),
-        ((cell == Cell.FREE) & ~connected, UNREACHABLE, "no way to a goal"),
+        ((cell == Cell.FREE) & ~connected, UNREACHABLE, "no path to a goal"),
     ]
 
 
 def unknown_cells(cell: NDArray[np.uint8], unknown: NDArray[np.bool_] | None) -> list[Mask]:
-    """Return the mask of obstacle cells of unknown occupancy, with its colour and name."""
+    """Return the mask of obstacle cells of unknown occupancy; empty without `unknown`."""
     return [] if unknown is None else [((cell == Cell.OBSTACLE) & unknown, UNKNOWN, "unknown")]
 
 
 def draw_image(plane: PicturePlane, values: NDArray[Any], axes: Axes, **style: Any) -> AxesImage:
-    """Draw one value or colour a cell, first axis to the right and second one upwards; `values` (x.cells, y.cells)."""
+    """Draw one value or colour per cell, first axis to the right, second axis upwards.
+
+    `values`: shape (x.cells, y.cells), or (x.cells, y.cells, 4) for colours.
+    """
     block = block_size(values.shape, MOST_CELLS)
     coloured = values.ndim == 3
     pixels = block_colours(values, block) if coloured else np.ma.masked_invalid(block_means(values, block))
@@ -158,25 +166,28 @@ def draw_image(plane: PicturePlane, values: NDArray[Any], axes: Axes, **style: A
 
 
 def draw_cells(plane: PicturePlane, axes: Axes) -> None:
-    """Draw obstacles, goals and unreachable cells over whatever else there is, and put them into the legend."""
+    """Draw obstacles, goals and unreachable cells above an image, with legend entries."""
     paint(plane, axes, *kinds_of(plane.cell, plane.connected, plane.obstacle), order=2.0)
     _ring_small_goals(plane, axes)
 
 
 def paint(plane: PicturePlane, axes: Axes, *masks: Mask, order: float = 2.2) -> None:
-    """Paint cells over whatever else there is, each kind in its colour, and put those there are into the legend."""
-    there = [mask for mask in masks if mask[0].any()]
-    if not there:
+    """Paint masks of cells above an image, each in its colour; masks with cells get a legend entry.
+
+    `order`: matplotlib's drawing order.
+    """
+    present = [mask for mask in masks if mask[0].any()]
+    if not present:
         return
     pixels = np.zeros((*plane.cell.shape, 4), dtype=np.uint8)
-    for where, colour, label in there:
+    for where, colour, label in present:
         pixels[where] = np.round(255 * np.array(to_rgba(colour)))
         add_swatch(axes, label, colour)
     draw_image(plane, pixels, axes, zorder=order)
 
 
 def _small_goals(plane: PicturePlane) -> NDArray[np.int64]:
-    """Return the first cells, and those beyond the last, of goals too small to be seen, shape (n, 2, 2)."""
+    """Return the index ranges of goals too small to be seen, shape (n, 2, 2): first index and end, axis."""
     from scipy.ndimage import find_objects
 
     boxes = find_objects(label_regions(plane.cell == Cell.GOAL, (False, False)))
@@ -186,8 +197,8 @@ def _small_goals(plane: PicturePlane) -> NDArray[np.int64]:
     return np.asarray(ends[is_small] if is_small.sum() <= _MOST_RINGS else ends[:0])
 
 
-def _on_paper(plane: PicturePlane, cells: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return points, in cells from the lower corner, on paper, shape (n, 2)."""
+def _in_picture(plane: PicturePlane, cells: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the picture coordinates (n, 2) of points; `cells` (n, 2): in cells from the lower corner."""
     return plane.frame.to_world((plane.x.lower, plane.y.lower) + cells * (plane.x.spacing, plane.y.spacing))
 
 
@@ -196,7 +207,7 @@ def _ring_small_goals(plane: PicturePlane, axes: Axes) -> None:
     boxes = _small_goals(plane)
     if not len(boxes):
         return
-    centres = _on_paper(plane, boxes.mean(axis=1))
+    centres = _in_picture(plane, boxes.mean(axis=1))
     for width, colour in ((2.6, "white"), (1.4, GOAL)):
         axes.scatter(
             centres[:, 0], centres[:, 1], s=70, marker="o", facecolor="none", edgecolor=colour, linewidth=width,
@@ -205,17 +216,21 @@ def _ring_small_goals(plane: PicturePlane, axes: Axes) -> None:
 
 
 def at_small_goals(plane: PicturePlane, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return points on paper (n, 2), those at the border of a ringed goal moved to the middle of its ring."""
+    """Return points (n, 2) of the picture; points in a ringed goal are moved to the centre of its ring."""
     moved = points.copy()
     own = (plane.frame.from_world(points) - (plane.x.lower, plane.y.lower)) / (plane.x.spacing, plane.y.spacing)
     for box in _small_goals(plane):
         near = np.all((own >= box[0] - 0.01) & (own <= box[1] + 0.01), axis=1)
-        moved[near] = _on_paper(plane, box.mean(axis=0)[np.newaxis])
+        moved[near] = _in_picture(plane, box.mean(axis=0)[np.newaxis])
     return moved
 
 
 def finish(plane: PicturePlane, axes: Axes, points: Sequence[NDArray[np.float64]] = (), columns: int = 3) -> None:
-    """Set limits that hold points on paper, too, equal aspect where both axes have the same unit, labels, legend."""
+    """Set limits, aspect, labels and legend.
+
+    `points`: points (n, 2) of the picture that the limits must contain; `columns`: of the legend, 0 for no legend.  The
+    aspect is equal if both axes have the same unit.
+    """
     shown = np.concatenate([plane.view, *points])
     (left, bottom), (right, top) = shown.min(axis=0), shown.max(axis=0)
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal" if plane.x.unit == plane.y.unit else "auto")
@@ -229,24 +244,24 @@ def finish(plane: PicturePlane, axes: Axes, points: Sequence[NDArray[np.float64]
 
 
 def seam_shifts(space: ConfigurationSpace) -> list[NDArray[np.float64]]:
-    """Shifts in the world by which what crosses seams is drawn again."""
+    """Return the shifts (ndim,) in the world at which copies of a path that crosses seams are drawn."""
     turns = [range(-2, 3) if ring else range(1) for ring in space.periodic]
     return list(space.frame.turned_to_world(np.array(list(product(*turns))) * (space.upper - space.lower)))
 
 
 def wrapped(points: NDArray[np.float64], space: ConfigurationSpace) -> NDArray[np.float64]:
-    """Points of the world brought back into the grid across periodic seams."""
+    """Return points (n, ndim) of the world shifted into the grid by whole periods."""
     own, extent = space.from_world(points), space.upper - space.lower
     return space.to_world(np.where(space.periodic, space.lower + np.mod(own - space.lower, extent), own))
 
 
 def block_size(shape: tuple[int, ...], most: int) -> int:
-    """Cells along each side of a block, so that there are at most ``most`` blocks along either axis."""
+    """Return the side of a block in cells, such that there are at most `most` blocks along each axis."""
     return -(-max(shape[:2]) // most)
 
 
 def block_means(values: NDArray[np.float64], block: int) -> NDArray[np.float64]:
-    """Means over square blocks of cells."""
+    """Return the means over square blocks of cells, without NaN.  Shapes: `values` (n, m)."""
     if block == 1:
         return values
     known = np.isfinite(values)
@@ -256,7 +271,7 @@ def block_means(values: NDArray[np.float64], block: int) -> NDArray[np.float64]:
 
 
 def block_colours(colours: NDArray[np.uint8], block: int) -> NDArray[np.uint8]:
-    """Blend colours over square blocks of cells; as `block_means` otherwise.  Shapes: `colours` (n, m, 4)."""
+    """Return the mean colours over square blocks of cells, weighted by opacity.  Shapes: `colours` (n, m, 4)."""
     if block == 1:
         return colours
     opacity = colours[..., 3:].astype(np.float32)
@@ -267,6 +282,7 @@ def block_colours(colours: NDArray[np.uint8], block: int) -> NDArray[np.uint8]:
 
 
 def _block_sums(values: NDArray[Any], block: int) -> NDArray[Any]:
+    """Return the sums over square blocks along the first two dimensions."""
     for axis in (0, 1):
         values = np.add.reduceat(values, np.arange(0, values.shape[axis], block), axis=axis)
     return values

@@ -1,4 +1,4 @@
-"""What number a picture of a field shows: the potential, or the decades of the drop where it spans many."""
+"""Scale of a field's picture: the potential, or the logarithm of the drop if it spans several decades."""
 
 from __future__ import annotations
 
@@ -16,19 +16,22 @@ from resgrid.plot.style import height_map
 
 Scale = Literal["auto", "linear", "log"]
 _DECADES_WORTH_A_LOG = 2.0
+"""Range of the drop, in decades, above which the automatic scale is logarithmic."""
 _LINES = 16
+"""Approximate number of equipotentials on a logarithmic scale."""
 _TAIL = 0.02
+"""Fraction of cells that may lie below the colour scale."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shading:
-    """Values of a field as they are shown.
+    """Values of a field with their scale.
 
-    `values` as the space: the potential, or log10 of the drop ``u = 1 - phi``; NaN where there is nothing to show;
-    `lower, upper`: ends of the colour scale; `levels`: equipotentials, strictly between the ends; `label`: what the
-    values are; `lines`: what the equipotentials are, for the legend; `is_log`: whether the values are decades of the
-    drop; `wall`: value of an obstacle, NaN where it has none on this scale; None where obstacles are open; `edge`:
-    per axis ``"periodic"``, ``"obstacle"`` or ``"open"``.
+    `values`, shape of the space: the potential, or log10 of the drop ``u = 1 - phi``; NaN in cells without a value;
+    `lower, upper`: limits of the colour scale; `levels`: equipotentials, strictly between the limits; `label`: of the
+    colour bar; `lines`: legend entry of the equipotentials; `is_log`: whether the values are logarithms of the drop;
+    `wall`: value of an obstacle, NaN if it has none on this scale, None if obstacles are open; `edge`: per axis
+    ``"periodic"``, ``"obstacle"`` or ``"open"``.
     """
 
     values: NDArray[np.float64]
@@ -43,12 +46,12 @@ class Shading:
 
     @property
     def colours(self) -> Colormap:
-        """Colour map: yellow at the goal, whichever way the values run."""
+        """Colour map, yellow at the goal on both scales."""
         return height_map().reversed() if self.is_log else height_map()
 
 
 def shading_of(field: Field, scale: Scale = "auto") -> Shading:
-    """Choose what to show of a field."""
+    """Return the values and the scale of a field's picture; raise InputError for a logarithm without a drop."""
     if field.log_drop is None:
         if scale == "log":
             kind = "a blend" if field.boundary == "blend" else f"drive = {field.wiring.drive!r}"
@@ -65,13 +68,14 @@ def shading_of(field: Field, scale: Scale = "auto") -> Shading:
 
 
 def no_drop(field: Field, shading: Shading) -> NDArray[np.bool_]:
-    """Free cells with a way to a goal, yet at the very voltage of the high rail: they have no place in decades."""
+    """Return the mask of goal-connected free cells with a drop of exactly 0, which has no logarithm."""
     if field.log_drop is None or not shading.is_log:
         return np.zeros(field.space.shape, dtype=np.bool_)
     return np.asarray(field.space.goal_connected & np.isneginf(field.log_drop))
 
 
 def _linear(field: Field) -> Shading:
+    """Return the potential on a linear scale from 0 to 1."""
     step = 0.05 if max(field.space.shape) > 24 else 0.1
     return Shading(
         values=field.potential,
@@ -87,6 +91,7 @@ def _linear(field: Field) -> Shading:
 
 
 def _potential_label(field: Field) -> str:
+    """Return the label of the potential, by boundary and drive."""
     if field.boundary == "blend":
         return rf"potential $\phi$ of the blend, $k$ = {field.k:g}"
     if field.wiring.drive == "uniform":
@@ -96,6 +101,7 @@ def _potential_label(field: Field) -> str:
 
 
 def _logarithmic(field: Field, decades: NDArray[np.float64], smallest: float) -> Shading:
+    """Return the drop on a logarithmic scale; `decades`: its log10, `smallest`: lower limit of the colours."""
     step = nice_step(-smallest / _LINES)
     lower = min(np.floor(smallest / step) * step, -step)
     rail = "start" if field.wiring.drive == "start" else "obstacle"
@@ -113,20 +119,23 @@ def _logarithmic(field: Field, decades: NDArray[np.float64], smallest: float) ->
 
 
 def span(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Smallest and largest value worth a colour: a far tail of few cells gets no share of the scale."""
+    """Return the limits of the colour scale: minimum and maximum, without the lowest 2 % if these lie far below."""
     finite = values[np.isfinite(values)]
     lowest, low, high = (float(value) for value in (finite.min(), np.quantile(finite, _TAIL), finite.max()))
     return (low if high - lowest > 2 * (high - low) > 0 else lowest), high
 
 
 def nice_step(smallest: float) -> float:
-    """Smallest of 1, 2 or 5 times a power of ten that is at least ``smallest``."""
+    """Return the smallest of 1, 2 or 5 times a power of ten that is at least `smallest`."""
     power = 10.0 ** np.floor(np.log10(smallest))
     return float(next(factor * power for factor in (1, 2, 5, 10) if factor * power >= smallest * (1 - 1e-9)))
 
 
 def fill_open_walls(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Give cells without a value the mean of their face neighbours: equipotentials meet open walls at right angles."""
+    """Fill cells without a value with the mean of their face neighbours.
+
+    Equipotentials then meet open walls at right angles.  Shapes: `values` (n, m); returns (n, m).
+    """
     padded = np.pad(values, 1, constant_values=np.nan)
     around = np.stack([padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:]])
     known = np.isfinite(around)
@@ -136,7 +145,7 @@ def fill_open_walls(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def add_border(values: NDArray[np.float64], edge: tuple[str, ...], wall: float | None) -> NDArray[np.float64]:
-    """Add one layer of cells around a field, as its edges have it."""
+    """Pad a field by one layer of cells: periodic copies, copies of the edge, or the value of a wall."""
     padded = values
     for axis, rule in enumerate(edge):
         width = [(1, 1) if number == axis else (0, 0) for number in range(values.ndim)]

@@ -1,7 +1,7 @@
-"""Colours, sizes, labels and legends shared by all pictures.
+"""Colours, sizes, labels and legends of all pictures.
 
-The categorical colours are those of Okabe & Ito (2008), which stay apart for every kind of colour vision; line styles
-repeat what colours say.
+The categorical colours are those of Okabe & Ito (2008), which can be distinguished with every kind of colour vision.
+Line styles distinguish the same categories, so that no information depends on colour.
 """
 
 from __future__ import annotations
@@ -63,19 +63,22 @@ _AMONG_MANY: dict[str, dict[str, Any]] = {
     "failure": {"s": 4, "path_effects": []},
 }
 FEW = 40
-"""Things that a picture shows large; more of them are drawn small."""
+"""Largest number of marks or paths that are drawn at full size; more are drawn small."""
 
 TEXT = 8.0
+"""Size of labels and titles, in points."""
 SMALL = 7.0
+"""Size of ticks and legends, in points."""
 DPI = 200
+"""Default resolution of files, in dots per inch."""
 
 _GREEK = re.compile(r"(alpha|beta|gamma|theta|phi|psi|omega)(?:_(\w+))?")
 
 
 def blend_styles(blends: Sequence[float | None]) -> list[dict[str, Any]]:
-    """Return colour, line style and width of the paths of every k, in ascending order of k.
+    """Return colour, line style and width of the paths of every k; `blends`: the values of k, ascending.
 
-    k = 0 is blue and k = 1 orange, as on the live page.  Later lines are narrower, so that none hides another.
+    k = 0 is blue and k = 1 orange, as on the live page.  Lines of larger k are narrower, so that all stay visible.
     """
     between = [blend for blend in blends if blend not in _ENDS]
     return [
@@ -89,17 +92,20 @@ def blend_styles(blends: Sequence[float | None]) -> list[dict[str, Any]]:
 
 
 def height_map() -> Colormap:
-    """Return the colours of a height above the goal: yellow at the goal, dark blue where it is highest."""
+    """Return the colour map of a height above the goal: yellow at the goal, dark blue at the maximum."""
     return LinearSegmentedColormap.from_list("height", HEIGHT, N=256)
 
 
 def strength_map() -> Colormap:
-    """Return the colours of a strength on white paper: pale blue where it is weak, dark purple where strong."""
+    """Return the colour map of a magnitude on white ground: pale blue for small values, dark purple for large ones."""
     return LinearSegmentedColormap.from_list("strength", mpl.colormaps["BuPu"](np.linspace(0.3, 1.0, 64)), N=256)
 
 
 def axis_label(axis: Axis, *, world: bool = False, of_map: bool = False) -> str:
-    """Label of an axis: its name, Greek where it is a Greek letter, whose it is where that may be asked, its unit."""
+    """Return the label of an axis: name (Greek letters as symbols), frame and unit.
+
+    `world`: whether the label says "world"; `of_map`: whether it says that the coordinates are those of the map.
+    """
     greek = _GREEK.fullmatch(axis.name)
     name = axis.name
     if greek:
@@ -109,7 +115,7 @@ def axis_label(axis: Axis, *, world: bool = False, of_map: bool = False) -> str:
 
 
 def dress(axes: Axes) -> None:
-    """Set tick and label sizes."""
+    """Set the sizes of ticks, labels and frame."""
     axes.tick_params(labelsize=SMALL, width=0.6, length=2.5)
     for label in (axes.xaxis.label, axes.yaxis.label):
         label.set_fontsize(TEXT)
@@ -118,14 +124,17 @@ def dress(axes: Axes) -> None:
 
 
 def add_swatch(axes: Axes, label: str, colour: str) -> None:
-    """Add a square to the legend for something that is drawn as part of an image."""
+    """Add a coloured square to the legend, for cells that are drawn as part of an image."""
     axes.add_line(
         Line2D([], [], linestyle="", marker="s", markersize=6, color=colour, markeredgecolor="#00000080", label=label)
     )
 
 
 def mark(places: ArrayLike, axes: Axes, kind: str, label: str | None = None) -> None:
-    """Mark starts, goals, ends at goals or failures, shape (n, 2); the legend names the kind unless `label` does."""
+    """Mark points (n, 2) of one kind: "start", "goal", "end" (at a goal) or "failure".
+
+    `label`: name in the legend, by default the kind.
+    """
     x, y = np.reshape(places, (-1, 2)).T
     if len(x):
         style = _MARKS[kind] if len(x) <= FEW else _MARKS[kind] | _AMONG_MANY[kind]
@@ -133,7 +142,7 @@ def mark(places: ArrayLike, axes: Axes, kind: str, label: str | None = None) -> 
 
 
 def refresh_legend(axes: Axes, columns: int = 3, gap: float = 4.6) -> None:
-    """Draw one legend, ``gap`` text heights below the axes, of everything labelled so far, each label once."""
+    """Draw one legend below the axes with every label once; `gap`: distance in text heights."""
     handles, labels = axes.get_legend_handles_labels()
     unique = dict(zip(reversed(labels), reversed(handles), strict=True))
     names = list(dict.fromkeys(labels))
@@ -146,7 +155,7 @@ def refresh_legend(axes: Axes, columns: int = 3, gap: float = 4.6) -> None:
 
 
 def add_colour_bar(colours: ScalarMappable, where: Axes | Figure, label: str) -> None:
-    """Add a colour bar beside axes, as tall as they are, or one beside all axes of a figure."""
+    """Add a colour bar to the right of axes, with their height, or one to the right of all axes of a figure."""
     values, lowest = colours.get_array(), colours.norm.vmin
     below = values is not None and lowest is not None and bool(np.any(values < lowest))
     figure = where.get_figure(root=True)
@@ -161,5 +170,5 @@ def add_colour_bar(colours: ScalarMappable, where: Axes | Figure, label: str) ->
 
 
 def spanning(low: float, high: float) -> Normalize:
-    """A colour scale between two values, of some width though they be equal."""
+    """Return a linear colour scale between two values; of width 1 if they are equal."""
     return Normalize(low, high if high > low else low + 1.0)

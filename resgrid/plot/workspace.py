@@ -1,4 +1,4 @@
-"""Pictures of the workspace: obstacles, goals, and the robot itself along a path."""
+"""Pictures of the workspace: obstacles, goals, and poses of the robot along a path."""
 
 from __future__ import annotations
 
@@ -43,15 +43,17 @@ from resgrid.robots import CellSet, HalfSpace, Robot, Shape, to_shapely
 from resgrid.scene.goals import GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.scene import Scene
 
-Way = AnyPath | ArrayLike
+Motion = AnyPath | ArrayLike
+"""A path, or an array of configurations (n, ndim) in the world."""
 
 _GHOSTS = 12
+"""Default number of poses along a path."""
 _START, _END = "#2b2b2b", "#0072B2"
 _EARLY, _LATE = np.array(to_rgb("#b5b5b5")), np.array(to_rgb("#7fb2d6"))
 
 
 def draw_scene(scene: Scene, ax: Axes | None = None) -> Axes:
-    """Draw the workspace of a scene: obstacles, those that the map does not show, goals, and the starts."""
+    """Draw the workspace of a scene: obstacles, hidden obstacles, goals and starts."""
     axes = _draw_surroundings(scene, ax)
     places = np.array([_reference(start, scene) for start in scene.starts]).reshape(-1, 2)
     mark(places, axes, "start")
@@ -60,23 +62,26 @@ def draw_scene(scene: Scene, ax: Axes | None = None) -> Axes:
     return axes
 
 
-def draw_robot(path: Way, scene: Scene, ax: Axes | None = None, *, ghosts: int = _GHOSTS) -> Axes:
-    """Draw a scene's robot along a path: black at the start, blue at the end, pale between; and its reference point.
+def draw_robot(path: Motion, scene: Scene, ax: Axes | None = None, *, ghosts: int = _GHOSTS) -> Axes:
+    """Draw poses of a scene's robot along a path, and the path of its reference point.
+
+    The robot is black at the start, blue at the end and pale between.
 
     Parameters
     ----------
     path : Streamline, ShortPath, Polyline or array_like of float, shape (n, ndim)
-        An array holds points of the world.
+        An array holds configurations in world coordinates.
     scene : Scene
-        Of a robot that moves in the plane.
+        Scene with a robot that moves in the plane.
     ax : matplotlib.axes.Axes, optional
-        Made when None.
+        Axes to draw on; by default those of a new figure.
     ghosts : int
-        How many poses to draw, at least 1; evenly spaced along the way that the robot's points move.
+        Number of poses, 1 to 1000, evenly spaced by the distance that the robot's points move.
 
     Returns
     -------
     matplotlib.axes.Axes
+        The axes.
 
     Raises
     ------
@@ -89,7 +94,7 @@ def draw_robot(path: Way, scene: Scene, ax: Axes | None = None, *, ghosts: int =
     >>> ax = rg.plot.draw_robot(rg.plan(scene).path((0.5, 6.5)), scene, ghosts=5)
     """
     if not 1 <= ghosts <= 1000:
-        raise InputError(f"ghosts = {ghosts}, but 1 to 1000 poses can be drawn")
+        raise InputError(f"ghosts = {ghosts} must lie between 1 and 1000: it is the number of poses")
     robot = scene.robot
     poses = _dense(path, scene)
     axes = _draw_surroundings(scene, ax)
@@ -112,19 +117,21 @@ def draw_robot(path: Way, scene: Scene, ax: Axes | None = None, *, ghosts: int =
 
 
 def draw_tip_paths(paths: Sequence[Streamline], scene: Scene, ax: Axes | None = None) -> Axes:
-    """Draw where an arm's tip, or another robot's reference point, goes along many paths.
+    """Draw the paths of an arm's tip, or of another robot's reference point, in the workspace.
 
     Parameters
     ----------
     paths : sequence of Streamline
+        Paths of the robot.
     scene : Scene
-        Of a robot that moves in the plane.
+        Scene with a robot that moves in the plane.
     ax : matplotlib.axes.Axes, optional
-        Made when None.
+        Axes to draw on; by default those of a new figure.
 
     Returns
     -------
     matplotlib.axes.Axes
+        The axes.
 
     Raises
     ------
@@ -159,29 +166,29 @@ def draw_workspace_and_space(
     title: str = "",
     caption: str = "",
 ) -> Figure:
-    """Draw a robot along a path in its workspace, beside the path in a configuration space of two axes.
+    """Draw poses of a robot along a path in its workspace, and the path in a configuration space of two axes.
 
     This is the layout of Connolly & Grupen (1992).
 
     Parameters
     ----------
     path : Streamline, ShortPath or Polyline
-        In a space of two axes.  The robot is drawn along it; at its start alone where it goes nowhere.
+        Path in a space of two axes.  Without a path to a goal, the robot is drawn at its start only.
     scene : Scene
-        Of a robot that moves in the plane.
+        Scene with a robot that moves in the plane.
     virtual : ndarray of bool, shape of the space, optional
-        Obstacle cells that stand for no body, such as strips along singularities; drawn paler.
+        Mask of obstacle cells that no body occupies, such as strips along singularities; drawn paler.
     verdict : Separation, optional
-        Of the path's start, where it reaches no goal: the configuration space then shows what separates it.
+        Obstacles that separate the start from the goals; drawn in the configuration space in place of the path.
     separating : sequence of Shape
-        Obstacles of the workspace to be marked as those that separate.
+        Obstacles of the workspace that are marked as separating.
     title, caption : str
-        Above the figure.
+        Texts above the figure.
 
     Returns
     -------
     matplotlib.figure.Figure
-        18.8 cm wide.
+        Figure 18.8 cm wide.
 
     Raises
     ------
@@ -197,7 +204,7 @@ def draw_workspace_and_space(
     figure = new_figure(PAGE, 4.4 + caption_height(caption))
     left, right = figure.subplots(1, 2)
     draw_robot(path, scene, left)
-    mark_shapes(separating, left, FAILURE, "keeps it from the goals")
+    mark_shapes(separating, left, FAILURE, "separates the start from the goals")
     refresh_legend(left)
     if verdict is not None:
         draw_separation(verdict, right, virtual=virtual)
@@ -213,14 +220,14 @@ def draw_workspace_and_space(
 
 
 def empty_space(scene: Scene) -> ConfigurationSpace:
-    """The configuration space of a scene without its obstacles and goals."""
+    """Return the configuration space of a scene with free cells only."""
     return ConfigurationSpace(
         scene.axes, np.zeros([axis.cells for axis in scene.axes], np.uint8), frame=scene.frame, robot=scene.robot
     )
 
 
 def mark_shapes(shapes: Sequence[Shape], axes: Axes, colour: str, label: str, order: float = 2.2) -> None:
-    """Fill shapes of the workspace with a colour, and name it in the legend."""
+    """Fill shapes of the workspace with a colour, with a legend entry."""
     for shape in shapes:
         fill(to_shapely(shape), axes, facecolor=colour, edgecolor="#00000080", linewidth=0.5, zorder=order)
     if shapes:
@@ -228,7 +235,7 @@ def mark_shapes(shapes: Sequence[Shape], axes: Axes, colour: str, label: str, or
 
 
 def fill(shape: Any, axes: Axes, **style: Any) -> list[PathPatch]:
-    """Fill a shapely polygon, or several, holes left open."""
+    """Fill a shapely polygon, or the polygons of a collection; holes are not filled."""
     patches = []
     for part in map(orient, getattr(shape, "geoms", [shape])):
         rings = [part.exterior, *part.interiors]
@@ -239,9 +246,11 @@ def fill(shape: Any, axes: Axes, **style: Any) -> list[PathPatch]:
 
 
 def _draw_surroundings(scene: Scene, ax: Axes | None) -> Axes:
-    """Obstacles, cells of a map, hidden obstacles and goals of a scene whose robot moves in the plane."""
+    """Draw map cells, obstacles, hidden obstacles and goals of a scene whose robot moves in the plane."""
     if scene.robot.moves_in_workspace and scene.ndim != 2:
-        raise InputError(f"the workspace of a scene with {scene.ndim} axes is not a plane: sample it, and draw fields")
+        raise InputError(
+            f"the workspace of a scene with {scene.ndim} axes is not a plane; draw its space or its field instead"
+        )
     axes = axes_or_new(ax)
     if scene.map is not None:
         known = ConfigurationSpace(scene.map.axes, scene.map.cell, frame=scene.map.frame)
@@ -259,13 +268,14 @@ def _draw_surroundings(scene: Scene, ax: Axes | None) -> Axes:
 
 
 def _goal_regions(scene: Scene) -> list[Shape]:
+    """Return the goals that are shapes in the plane."""
     return [
         goal for goal in scene.goals if isinstance(goal, Shape) and not isinstance(goal, CellSet) and goal.ndim == 2
     ]
 
 
 def goal_places(scene: Scene) -> NDArray[np.float64]:
-    """Where the robot's reference point is at goals that are places, cells or configurations, shape (g, 2)."""
+    """Return the positions (g, 2) of the reference point at goals that are points, cells or joint ranges."""
     places: list[Any] = []
     for goal in scene.goals:
         match goal:
@@ -279,30 +289,30 @@ def goal_places(scene: Scene) -> NDArray[np.float64]:
 
 
 def _reference(configuration: Any, scene: Scene) -> NDArray[np.float64]:
-    """Where the robot's reference point is in a configuration of the world, shape (2,)."""
+    """Return the position (2,) of the robot's reference point in a configuration (ndim,) of the world."""
     return scene.robot.reference_point(np.reshape(configuration, (1, -1)))[0, :2]
 
 
-def _dense(path: Way, scene: Scene) -> NDArray[np.float64]:
-    """Configurations in the world close enough for smooth lines, whatever the scale of the workspace."""
+def _dense(path: Motion, scene: Scene) -> NDArray[np.float64]:
+    """Return configurations (n, ndim) along a path, at most 1/400 of its length apart."""
     own = path if isinstance(path, AnyPath) else Polyline(path, empty_space(scene))
     travel = float(scene.robot.travel(own.line[:-1], own.line[1:]).sum())
     return own.space.to_world(dense(own, travel / 400)[0] if travel else own.line)
 
 
 def _draw_poses(robot: Robot, poses: NDArray[np.float64], axes: Axes) -> None:
-    """Poses along a path: strong at both ends."""
+    """Draw poses (n, ndim) along a path, the first and the last one in strong colours."""
     ends = {len(poses) - 1: ("robot at the end", _END), 0: ("robot at the start", _START)}
-    for number, (pose, share) in enumerate(zip(poses, np.linspace(0.0, 1.0, len(poses)).tolist(), strict=True)):
-        label, colour = ends.get(number, ("", to_hex((1 - share) * _EARLY + share * _LATE)))
-        draw_pose(robot, pose, axes, colour, label, bold=bool(label), order=3.0 + share / 2 + bool(label))
+    for number, (pose, part) in enumerate(zip(poses, np.linspace(0.0, 1.0, len(poses)).tolist(), strict=True)):
+        label, colour = ends.get(number, ("", to_hex((1 - part) * _EARLY + part * _LATE)))
+        draw_pose(robot, pose, axes, colour, label, bold=bool(label), order=3.0 + part / 2 + bool(label))
 
 
 def draw_pose(
     robot: Robot, pose: NDArray[np.float64], axes: Axes, colour: str, label: str = "", *, bold: bool = True,
     order: float = 7.5,
 ) -> list[Artist]:  # fmt: skip
-    """Draw the bodies of a robot in a pose, and its joints; nothing of a point."""
+    """Draw the bodies and joints of a robot in a configuration (ndim,); return the artists, none for a point."""
     drawn: list[Artist] = []
     for shape in robot.shapes_at(pose):
         if shape.area:
@@ -321,7 +331,7 @@ def draw_pose(
 
 
 def skeleton(robot: Robot, pose: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Joints of a robot whose parts are segments, one after the other, shape (n, 2); else none."""
+    """Return the joints (n, 2) of a robot whose parts are a chain of segments; empty for other robots."""
     cores = [part.core[0] for part in robot.parts(pose[np.newaxis])]
     if not all(isinstance(core, shapely.LineString) for core in cores):
         return np.empty((0, 2))
@@ -330,7 +340,10 @@ def skeleton(robot: Robot, pose: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _frame(axes: Axes, scene: Scene, lines: list[NDArray[np.float64]]) -> None:
-    """Limits: of the grid, or around lines and bounded shapes, an arm's reach among them to compare its pictures."""
+    """Set the limits of a workspace: those of the grid, or around lines (n, 2), bounded shapes and an arm's reach.
+
+    The reach gives all pictures of an arm the same limits.
+    """
     robot = scene.robot
     if robot.moves_in_workspace:
         places, margin = plane_of(empty_space(scene)).corners, 0.0

@@ -1,4 +1,4 @@
-"""Causes of yield loss as bars: the change of the yield when each effect of a chip is switched off."""
+"""Bar chart of the causes of yield loss: the change of the yield when each effect of a chip is switched off."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from resgrid.plot.style import PATHS, TEXT, dress
 
 
 def draw_yield_loss(result: YieldLoss, ax: Axes | None = None) -> Axes:
-    """Draw the change of the yield without each effect, in percentage points, with its interval."""
+    """Draw the change of the yield without each effect, in percentage points, with its confidence interval."""
     axes = axes_or_new(ax, 0.25 + 0.06 * len(result.causes))
     places = np.arange(len(result.causes))[::-1]
     gain, low, high = (

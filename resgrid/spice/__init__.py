@@ -1,7 +1,8 @@
-"""Decks: simulators as data (`dialects`), circuits read (`read`, `networks`) and written (`write`), run and checked.
+"""SPICE decks: dialects, readers, writers, simulator runs and checks.
 
-`write` turns a netlist into a deck, its commands and its sidecar; `run` hands it to a simulator; `check` holds a
-`circuit` against the electrical rules, foretells what simulators make of it, and compares what they found.
+`dialects` describes each simulator as data.  `read` and `networks` read circuits from files.  `write` turns a netlist
+into a deck, simulator commands and a sidecar.  `run` runs a simulator on a deck.  `check` applies the electrical rule
+check (ERC) to a `circuit`, predicts its portability between simulators, and compares simulated with expected voltages.
 """
 
 from resgrid._internal.public import attach

@@ -39,7 +39,7 @@ def test_an_axis_named_as_another_column_is_refused(call, hidden, tmp_path, name
     hidden.write_text(ROOM.replace('name = "x"', f'name = "{name}"'))
     result = call("control", hidden, "-o", tmp_path / "log.csv")
     assert result.exit_code == 2
-    assert f"axis '{name}' has a name that this file needs" in result.stderr
+    assert f"axis '{name}' has the name of another column" in result.stderr
     assert not (tmp_path / "log.csv").exists()
 
 

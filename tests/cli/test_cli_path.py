@@ -98,7 +98,7 @@ def test_an_axis_named_as_another_column_is_refused(call, room, tmp_path, monkey
     room.write_text(room.read_text().replace('name = "x"', f'name = "{name}"'))
     result = call("path", room, *words)
     assert result.exit_code == 2
-    assert f"axis '{name}' has a name that this file needs" in result.stderr
+    assert f"axis '{name}' has the name of another column" in result.stderr
     assert not list(tmp_path.glob("paths.*"))
     assert call("path", room).exit_code == 1  # the second start has no path
 

@@ -172,6 +172,13 @@ def test_every_picture_is_drawn(call, lesson, tmp_path, what):
     assert file.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.parametrize("what", ["page", "space", "potential", "currents", "paths"])
+def test_single_pictures_have_the_title_of_the_scene(call, lesson, tmp_path, what):
+    file = tmp_path / "picture.svg"
+    assert call("plot", lesson, "--what", what, "-o", file).exit_code == 0
+    assert "<!-- Eight by eight -->" in file.read_text()
+
+
 def test_pictures_have_other_formats_and_refusals(call, answer, lesson, scenes, tmp_path):
     assert call("plot", lesson, "--what", "space", "-o", "-").stdout_bytes.startswith(b"\x89PNG")
     assert answer("plot", lesson, "-o", tmp_path / "a.svg")["what"] == "page"

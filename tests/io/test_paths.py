@@ -108,7 +108,7 @@ def test_no_column_is_lost_to_an_axis_of_its_name(tmp_path, names, suffix, robot
     own = rg.Polyline([(1, 1), (2, 2)], space)
     way = time_parameterize(own, velocity_limits=1.0) if timed else own
     named = next(name for name in names if name != "x")
-    with pytest.raises(InputError, match=f"axis '{named}' has a name"):
+    with pytest.raises(InputError, match=f"axis '{named}' has the name"):
         write_path(way, tmp_path / f"path{suffix}")
     assert not list(tmp_path.iterdir())
     plain = rg.Polyline([(1, 1), (2, 2)], ConfigurationSpace(space.axes, space.cell))
@@ -120,7 +120,7 @@ def test_no_column_is_lost_to_an_axis_of_its_name(tmp_path, names, suffix, robot
 def test_no_axis_has_the_name_of_a_figure(tmp_path, name) -> None:
     space = ConfigurationSpace([Axis(name, 0.0, 4.0, 4), Axis("x", 0.0, 4.0, 4)], np.zeros((4, 4)))
     for suffix in (".csv", ".json", ".npz"):
-        with pytest.raises(InputError, match=f"axis '{name}' has a name"):
+        with pytest.raises(InputError, match=f"axis '{name}' has the name"):
             write_path(rg.Polyline([(1, 1), (2, 2)], space), tmp_path / f"path{suffix}")
 
 
@@ -204,9 +204,9 @@ def test_a_path_without_a_goal_says_so_in_every_file(tmp_path) -> None:
         with np.load(write_path(path, tmp_path / "path.npz")) as arrays:
             assert arrays["outcome"] == outcome
         for refused in (path, time_parameterize(path, velocity_limits=1.0)):
-            with pytest.raises(InputError, match=f"ended with '{outcome}'.*cannot say so"):
+            with pytest.raises(InputError, match=f"ended with '{outcome}'.*cannot hold an outcome"):
                 write_path(refused, tmp_path / "path.yaml")
-            with pytest.raises(InputError, match="cannot say so"):
+            with pytest.raises(InputError, match="cannot hold an outcome"):
                 to_ros_path(refused)
     assert not (tmp_path / "path.yaml").exists()
 

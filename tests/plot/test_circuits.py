@@ -115,13 +115,13 @@ def test_one_axis_is_drawn_in_a_row() -> None:
 def test_large_and_deep_circuits_are_refused() -> None:
     cell = np.zeros((11, 3), dtype=int)
     cell[0, 0] = rg.Cell.GOAL
-    with pytest.raises(rg.InputError, match=r"11 x 3 cells cannot be read; at most 10 a side"):
+    with pytest.raises(rg.InputError, match=r"11 x 3 cells is not legible; at most 10 per axis"):
         rg.draw(rg.compile_space(space_of(cell)))
     cube = space_of([[[0, 0], [0, 0]], [[0, 0], [0, 2]]])
     with pytest.raises(rg.InputError, match="one or two axes"):
         rg.draw(rg.compile_space(cube))
     chain = [[i, i + 1] for i in range(49)]
-    with pytest.raises(rg.InputError, match="50 nodes cannot be read; at most 40"):
+    with pytest.raises(rg.InputError, match="50 nodes is not legible; at most 40"):
         rg.draw(rg.Netlist(50, np.array(chain), np.ones(49)))
     netlist = rg.compile_space(space_of(SMALL))
     with pytest.raises(rg.InputError, match="another netlist"):
@@ -203,7 +203,7 @@ def test_a_real_chip_is_drawn_without_what_is_not_on_its_grid() -> None:
     notes = [text.get_text() for text in rg.draw(rg.solve(chip)).get_legend().get_texts()]
     hidden = int((chip.cells.resistor_face < 0).sum())
     assert f"resistor, 10 kΩ; not drawn: {hidden} of switches, rails, loads" in notes
-    with pytest.raises(rg.InputError, match="nonlinear resistors is not drawn"):
+    with pytest.raises(rg.InputError, match="no symbol for nonlinear resistors"):
         rg.draw(rg.study(space_of(SMALL), rg.Chip(saturation_voltage=0.1)).netlist)
 
 

@@ -27,8 +27,8 @@ def test_a_run_shows_forces_modes_and_lessons(run: rg.control.Run) -> None:
     left, right = rg.draw(run, title="t", caption="c").axes
     assert {"hidden obstacle", "contact force"} <= labels(left)
     named = {ControlMode(mode).name.lower() for mode in set(run.mode)} - {"arrived", "dithering"}
-    assert named | {"cell learnt", "hidden obstacle", "start"} <= labels(right)
-    circles = next(c for c in right.collections if c.get_label() == "cell learnt")
+    assert named | {"learnt cell", "hidden obstacle", "start"} <= labels(right)
+    circles = next(c for c in right.collections if c.get_label() == "learnt cell")
     assert len(circles.get_offsets()) == run.learnt.sum()
     arrows = next(c for c in left.collections if isinstance(c, Quiver))
     drawn, felt = np.stack([arrows.U, arrows.V], axis=1), run.contacts.force
@@ -47,11 +47,11 @@ def test_the_velocity_diagram_adds_up(field) -> None:
     axes = rg.plot.draw_velocities(field, (2.0, 0.0), (0.3, 1.0), 0.1)
     arrows = {c.get_label(): np.array([c.U[0], c.V[0]]) for c in axes.collections if isinstance(c, Quiver)}
     nominal = arrows["nominal velocity $V_0$"]
-    np.testing.assert_allclose(nominal + arrows["answer $AF$"], arrows["$V = V_0 + AF$"])
+    np.testing.assert_allclose(nominal + arrows["response $AF$"], arrows["$V = V_0 + AF$"])
     along = arrows[r"along the equipotential, $v_\phi$"]
     assert abs(along @ nominal) < 1e-12 * (nominal @ nominal)
     assert along @ [0.3, 1.0] >= 0
-    assert {"the robot's equipotential", "streamline"} <= labels(axes)
+    assert {"equipotential of the robot", "streamline"} <= labels(axes)
 
 
 def test_the_share_of_dirichlet_lies_between_none_and_all(space, field, neumann) -> None:

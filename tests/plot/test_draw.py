@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -52,6 +53,10 @@ def paths() -> list[rg.Streamline]:
     return [small_planner().path(start) for start in ((0.5, 5.5), (6.5, 4.5))]
 
 
+def trajectory() -> Any:
+    return rg.time_parameterize(paths()[0], velocity_limits=1.0, acceleration_limits=2.0)
+
+
 ALBUM: dict[str, Callable[[rg.control.Run], Any]] = {
     "scene": lambda run: rg.draw(run.scene),
     "space": lambda _: rg.draw(small_space()),
@@ -61,6 +66,8 @@ ALBUM: dict[str, Callable[[rg.control.Run], Any]] = {
     "page": lambda _: rg.plot.draw_summary(small_planner().field, paths(), title="Page"),
     "netlist": lambda _: rg.draw(rg.compile_space(small_space())),
     "circuit": lambda _: rg.draw(rg.solve(rg.compile_space(small_space(), boundary="neumann"))),
+    "trajectory": lambda _: rg.draw(trajectory()),
+    "speed": lambda _: rg.draw(trajectory(), quantity="speed"),
     "separation": lambda _: rg.draw(rg.find_blocking_obstacles(small_space(), (6.5, 0.5))),
     "clearance": lambda _: rg.draw(rg.planning.clearance_curve(small_planner(), (0.0, 1.0), [(0.5, 5.5)]), unit="m"),
     "share": lambda _: rg.plot.draw_dirichlet_fraction(small_planner().obstacle_field, small_planner().open_field, 0.5),
@@ -97,19 +104,58 @@ def test_every_picture_has_data_units_legible_text_and_the_same_bytes_twice(name
     assert min(sizes) >= 7
 
 
-def test_a_new_picture_is_a_function_and_a_line_of_the_table(monkeypatch) -> None:
+def test_a_decorator_registers_the_picture_of_a_type_and_its_subclasses() -> None:
     class Reading:
         value = 3.0
 
+    class FineReading(Reading):
+        value = 3.14
+
+    @rg.draw.register(Reading)
     def draw_reading(reading: Reading, ax: Axes | None = None, *, colour: str = "black") -> Axes:
         axes = Figure().add_subplot() if ax is None else ax
         axes.plot([0, reading.value], color=colour)
         return axes
 
-    monkeypatch.setitem(pictures.PICTURES, Reading, draw_reading)
-    axes = rg.draw(Reading(), colour="red")
+    @rg.draw.register(Reading, several=True)
+    def draw_readings(readings: list[Reading]) -> Figure:
+        figure = Figure()
+        figure.suptitle(f"{len(readings)} readings")
+        return figure
+
+    axes = rg.draw(FineReading(), colour="red")
     assert axes.lines[0].get_color() == "red"
     assert rg.draw(Reading(), axes) is axes
+    assert rg.draw([Reading(), FineReading()]).get_suptitle() == "2 readings"
+    with pytest.raises(rg.InputError, match="size is not an option of a picture of a FineReading; it takes colour"):
+        rg.draw(FineReading(), size=3)
+    with pytest.raises(rg.InputError, match="omit ax"):
+        rg.draw([Reading()], axes)
+
+
+@pytest.mark.parametrize("table", [pictures.PICTURES, pictures.PICTURES_OF_SEVERAL, pictures.SHOWN_PARTS])
+def test_the_tables_of_pictures_name_types_and_functions_that_exist(table: dict[str, Any]) -> None:
+    for kind, picture in table.items():
+        module, name = kind.split(":")
+        assert isinstance(getattr(import_module(module), name), type)
+        if isinstance(picture, str):
+            module, name = picture.split(":")
+            assert callable(getattr(import_module(f"resgrid.plot.{module}"), name))
+
+
+def test_a_users_picture_takes_precedence_over_a_built_in_one(monkeypatch) -> None:
+    class Wall(rg.ConfigurationSpace):
+        pass
+
+    @rg.draw.register(Wall)
+    def draw_wall(wall: Wall, ax: Axes | None = None) -> Axes:
+        axes = Figure().add_subplot() if ax is None else ax
+        axes.set_title("wall")
+        return axes
+
+    space = small_space()
+    assert rg.draw(Wall(space.axes, space.cell)).get_title() == "wall"
+    assert rg.draw(space).get_title() == ""
 
 
 def test_what_has_no_picture_and_options_that_do_not_belong_are_refused(
@@ -117,17 +163,17 @@ def test_what_has_no_picture_and_options_that_do_not_belong_are_refused(
 ) -> None:
     with pytest.raises(rg.InputError, match=r"a dict has no picture; there are pictures of .*Field"):
         rg.draw({})
-    with pytest.raises(rg.InputError, match=r"colour is no option of a picture of a ConfigurationSpace; .*virtual"):
+    with pytest.raises(rg.InputError, match=r"colour is not an option of a picture of a ConfigurationSpace; .*virtual"):
         rg.draw(space, colour="red")
     with pytest.raises(rg.InputError, match="contours = 3 must be True or False"):
         rg.draw(field, contours=3)
     for value in (run, cube):
-        with pytest.raises(rg.InputError, match="leave ax out"):
+        with pytest.raises(rg.InputError, match="omit ax"):
             rg.draw(value, rg.draw(space))
     deep = space_of(np.diag([2, 0])[:, :, None, None] * np.ones((1, 1, 2, 2), int))
     with pytest.raises(rg.InputError, match="a space of 4 axes has no picture: fix an axis"):
         rg.draw(rg.plan(deep).field)
-    with pytest.raises(rg.InputError, match="indices of slices need the axis they count along"):
+    with pytest.raises(rg.InputError, match="indices of slices need the axis that is normal"):
         rg.draw(cube.space, indices=[0])
 
 
@@ -137,6 +183,31 @@ def test_what_has_parts_is_drawn_by_the_part_that_shows_it(tmp_path) -> None:
     assert {"5 V", "1 kΩ"} <= {text.get_text() for text in deck.texts}
     for whole, part in ((small_planner(), small_planner().field), (rg.study(small_op()), small_op())):
         assert render_figure(rg.draw(whole), "png") == render_figure(rg.draw(part), "png")
+
+
+def test_a_trajectory_is_drawn_by_speed_and_position_in_the_units_of_its_axes() -> None:
+    timed = trajectory()
+    figure = rg.draw(timed)
+    speed, position = figure.axes
+    assert speed.get_ylabel() == "speed (m/s)" and position.get_ylabel() == "position (m)"
+    assert position.get_xlabel() == "time (s)" and len(position.lines) == 2
+    times, values = speed.lines[0].get_data()
+    assert times[-1] == timed.duration and max(values) == pytest.approx(1.0) and values[0] == values[-1] == 0.0
+    ax = Figure().add_subplot()
+    assert rg.draw(timed, ax) is ax and ax.get_ylabel() == "speed (m/s)"
+    with pytest.raises(rg.InputError, match="several panels"):
+        rg.draw(timed, ax, quantity="page")
+
+
+def test_axes_of_different_units_have_panels_of_their_own() -> None:
+    space = space_of(np.array([[0, 0, 2]] * 3))
+    mixed = rg.ConfigurationSpace([space.axes[0], rg.Axis("theta", 0, 3, 3, unit="rad")], space.cell)
+    timed = rg.time_parameterize(rg.Polyline([(0.5, 0.5), (2.5, 1.5)], mixed), velocity_limits=[1.0, 2.0])
+    labels = [axes.get_ylabel() for axes in rg.draw(timed).axes]
+    assert labels[0] == "velocity of x (m/s)" and labels[1].endswith("(rad/s)")
+    assert labels[2:] == ["position (m)", "position (rad)"]
+    with pytest.raises(rg.InputError, match="different units"):
+        rg.draw(timed, Figure().add_subplot())
 
 
 def spaces_of_one_and_three_axes() -> dict[int, rg.ConfigurationSpace]:
@@ -153,7 +224,7 @@ def test_spaces_paths_and_separations_of_one_and_three_axes_have_pictures(ndim: 
     path = rg.plan(space).path((0.5,) * ndim)
     walled = space_of(np.where(np.arange(space.shape[0]).reshape(-1, *(1,) * (ndim - 1)) == 1, 1, space.cell))
     verdict = rg.find_blocking_obstacles(walled, (0.5,) * ndim)
-    separated = (verdict, "must go for a goal to be reached")
+    separated = (verdict, "to be removed for a path to a goal")
     for value, what in [(space, "goal"), (path, "path"), separated, (rg.shortcut(path), "path")]:
         figure = figure_of(rg.draw(value))
         panels = [axes for axes in figure.axes if axes.get_xlabel()]
@@ -167,7 +238,7 @@ def test_spaces_paths_and_separations_of_one_and_three_axes_have_pictures(ndim: 
                 "x = 4.5 m",
                 "x = 5.5 m (through a goal)",
             ]
-            with pytest.raises(rg.InputError, match="leave ax out"):
+            with pytest.raises(rg.InputError, match="omit ax"):
                 rg.draw(value, panels[0])
 
 

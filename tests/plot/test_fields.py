@@ -54,7 +54,7 @@ def test_dots_on_paper_lie_where_the_cells_are(space: rg.ConfigurationSpace) -> 
     axes = rg.draw(space, virtual=virtual)
     for index, colour in {(2, 1): 0x3D, (6, 0): 0xE8, (5, 3): 0xC4, (0, 4): 255, (2, 3): 0x8C}.items():
         assert coloured(axes, tuple(space.centre(index)))[0] == colour
-    assert legend_of(axes) == ["free", "obstacle", "goal", "no way to a goal", "virtual obstacle"]
+    assert legend_of(axes) == ["free", "obstacle", "goal", "no path to a goal", "virtual obstacle"]
 
 
 def test_a_frame_turns_the_picture(space: rg.ConfigurationSpace) -> None:
@@ -79,7 +79,7 @@ def test_unknown_cells_have_a_colour_of_their_own(space: rg.ConfigurationSpace) 
     axes = rg.draw(space, unknown=unknown)
     for index, colour in {(2, 1): 0x9D, (2, 3): 0x3D, (6, 0): int(GOAL[1:3], 16), (0, 4): 255}.items():
         assert coloured(axes, tuple(space.centre(index)))[0] == colour
-    assert legend_of(axes) == ["free", "obstacle", "goal", "no way to a goal", "unknown"]
+    assert legend_of(axes) == ["free", "obstacle", "goal", "no path to a goal", "unknown"]
 
 
 @pytest.mark.parametrize("scale", ["linear", "log"])
@@ -276,4 +276,4 @@ def test_a_profile_is_the_potential_over_the_coordinate(line: rg.Field) -> None:
     assert np.array_equal(curve.get_xdata(), np.arange(8) + 0.5)
     free = line.space.cell != rg.Cell.OBSTACLE
     assert np.array_equal(np.asarray(curve.get_ydata())[free], line.potential[free])
-    assert legend_of(axes) == ["obstacle", "goal", "no way to a goal", "cells", "start", "no path"]
+    assert legend_of(axes) == ["obstacle", "goal", "no path to a goal", "cells", "start", "no path"]

@@ -39,7 +39,7 @@ def test_wrong_formats_folders_and_resolutions_are_input_errors(field, tmp_path:
     with pytest.raises(rg.InputError, match="no folder"):
         rg.plot.save_figure(axes, tmp_path / "absent" / "a.png")
     for dpi in (0, -5, 1e6, float("nan")):
-        with pytest.raises(rg.InputError, match="10 to 2400"):
+        with pytest.raises(rg.InputError, match="between 10 and 2400"):
             render_figure(axes.figure, "png", dpi=dpi)
 
 

@@ -128,7 +128,7 @@ def test_a_path_is_bold_only_in_its_slice(cube: rg.Field) -> None:
 def test_paths_of_other_spaces_are_refused(field: rg.Field, cube: rg.Field, line: rg.Field) -> None:
     for each, other in ((field, cube), (cube, line), (line, field)):
         path = rg.streamline(other, cell=(0,) * other.space.ndim)
-        with pytest.raises(rg.InputError, match="coordinates, the space"):
+        with pytest.raises(rg.InputError, match="coordinates, but the space"):
             rg.plot.draw_summary(each, [path])
 
 

@@ -178,8 +178,8 @@ def test_a_changed_resistor_is_found_beside_parts_that_carry_no_current() -> Non
     [
         ("r_x n_1 0 0", "0 ohm"),
         ("r_x n_1 0 -5", "-5 ohm"),
-        (".temp 99", ".temp is stated"),
-        (".option gmin=1e-9", "gmin is stated"),
+        (".temp 99", ".temp is set"),
+        (".option gmin=1e-9", "gmin is set"),
         ("d_x n_1 0 dd", "a diode"),
         ("r_x y 0 5", "names the node y"),
     ],
@@ -248,7 +248,7 @@ def test_a_floated_node_fails_the_check_and_is_named(deck: Path) -> None:
 def test_an_island_that_was_added_is_named(deck: Path) -> None:
     deck.write_text(deck.read_text().replace(".end", "r_x x y 1000.0\n.end"))
     findings = "\n".join(check_deck(deck).findings)
-    assert "names the node x, which is not expected" in findings
+    assert "names the node x, which has no expected voltage" in findings
     assert "singular" in findings
     assert "simulated but not expected: x, y" in findings
 
@@ -395,7 +395,7 @@ def test_what_is_no_file_or_no_deck_is_checked_as_it_was_read(tmp_path: Path) ->
     (tmp_path / "amps.txt").write_text("a 1e-3\n")
     network = rg.read_spice(tmp_path / "a.csv", sources=tmp_path / "amps.txt")
     stream = rg.read_spice(io.StringIO("t\nv1 a 0 1\nr1 a 0 1k\n"))
-    for circuit, why in ((network, "it is no deck"), (stream, "there is no file <text>")):
+    for circuit, why in ((network, "it is not a deck"), (stream, "the file <text> does not exist")):
         agreement = rg.check_deck(circuit)
         assert not agreement.verified and why in agreement.remark
         assert agreement.as_read is not None and agreement.as_read.agrees
@@ -407,4 +407,4 @@ def test_a_deck_that_ngspice_does_not_run_is_not_verified(tmp_path: Path) -> Non
     deck.write_text(f"* a sweep\nV1 in 0 1\n{sweep}R1 in a {{p}}\nR2 a 0 1k\n.end\n")
     agreement = check_deck(deck)
     assert not agreement.verified and agreement.agrees is not True
-    assert any("left no raw file" in finding for finding in agreement.findings)
+    assert any("wrote no raw file" in finding for finding in agreement.findings)

@@ -155,7 +155,7 @@ def test_noise_is_referred_to_a_source_that_the_deck_holds(tmp_path: Path) -> No
     density = waves(tmp_path / "out.raw")["onoise_spectrum"][0]
     assert density == pytest.approx(math.sqrt(4 * 1.380649e-23 * 300.15 * 500.0), rel=1e-4)
     without = rg.Netlist(2, [[1, 0]], [1.0], current_nodes=[[0, 1]], current_amps=[1.0])
-    with pytest.raises(rg.InputError, match="the deck holds none"):
+    with pytest.raises(rg.InputError, match="the deck has none"):
         rg.write_spice(without, tmp_path / "b.cir", analyses=[rg.spice.analyses.NoiseAnalysis("node_1")])
 
 

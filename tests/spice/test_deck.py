@@ -139,7 +139,7 @@ def test_a_title_stays_one_comment_line(title: str) -> None:
         (ladder().replace(source_nodes=[[1, 0], [1, 0]], source_volts=[1.0, 2.0]), CircuitError, "contradicts"),
         (ladder().replace(node_count=9, current_nodes=[[0, 8]], current_amps=[1.0]), CircuitError, "floating part"),
         (ladder().replace(conductance=[1e-310] * 5), InputError, "open"),
-        (Netlist(2, [], []), InputError, "nothing is left"),
+        (Netlist(2, [], []), InputError, "no node has a path"),
     ],
 )
 def test_a_netlist_without_a_deck_is_refused(netlist: Netlist, error: type[Exception], message: str) -> None:

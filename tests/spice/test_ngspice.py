@@ -108,10 +108,10 @@ def test_a_script_is_no_deck_and_code_models_are_not_run() -> None:
 @pytest.mark.parametrize(
     ("body", "message"),
     [
-        ("print('all is well'); sys.exit(0)", r"left no raw file \(exit status 0\)"),
-        ("sys.exit(1)", r"left no raw file \(exit status 1\)"),
+        ("print('all is well'); sys.exit(0)", r"wrote no raw file \(exit status 0\)"),
+        ("sys.exit(1)", r"wrote no raw file \(exit status 1\)"),
         ("pathlib.Path('operating_point.raw').write_bytes(bytes(range(256)))", "ends before its data"),
-        ("pathlib.Path('operating_point.raw').mkdir()", "left no raw file"),
+        ("pathlib.Path('operating_point.raw').mkdir()", "wrote no raw file"),
     ],
 )
 def test_neither_status_nor_silence_is_believed(

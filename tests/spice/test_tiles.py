@@ -131,9 +131,9 @@ def test_what_is_written_is_read_back(
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"goal_switch_on": None}, r"give chip\.goal_switch_on"),
-        ({"goal_switch_on": 20.0}, "is no array of tiles"),
-        ({"internodal_switch_on": 2e4, "internodal_switch_off": 1e9}, "is no array of tiles"),
+        ({"goal_switch_on": None}, r"set chip\.goal_switch_on"),
+        ({"goal_switch_on": 20.0}, "is not an array of tiles"),
+        ({"internodal_switch_on": 2e4, "internodal_switch_off": 1e9}, "is not an array of tiles"),
         ({"wall_resistance": 1.0}, ""),
     ],
 )
@@ -160,7 +160,7 @@ def test_a_chip_that_the_netlist_is_not_of_is_refused(tmp_path: Path, values: di
 )
 def test_what_is_no_part_of_a_tile_is_refused(tmp_path: Path, values: dict[str, Any]) -> None:
     netlist, chip = tiled(room(), rg.Chip(**values))
-    with pytest.raises(rg.InputError, match="write it flat"):
+    with pytest.raises(rg.InputError, match="write a flat deck"):
         rg.write_spice(netlist, tmp_path / "a.cir", form="cells", chip=chip)
     assert list(tmp_path.iterdir()) == []
 

@@ -1,1 +1,1 @@
-"""Checking circuits: electrical rules, what simulators would make of them, and what they did."""
+"""Circuit checks: electrical rules (ERC), portability between simulators, and comparison with a simulator run."""

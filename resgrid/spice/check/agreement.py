@@ -1,4 +1,4 @@
-"""What a simulator found, held against what is expected."""
+"""Comparison of a simulator's voltages and source currents with the expected ones."""
 
 from __future__ import annotations
 
@@ -23,31 +23,32 @@ class Agreement:
     Attributes
     ----------
     reference : {"sidecar", "scene", "solve"}
-        Where the expected voltages come from.
+        Source of the expected voltages.
     agrees : bool or None
-        Whether nothing at all was found; None where nothing was, but the simulator did not run the deck itself, or
-        found no operating point.
+        Whether the comparison has no finding.  None if there is no finding but the simulator did not run the deck's own
+        bytes, or found no operating point.
     verified : bool
-        Whether the simulator was given the deck itself, byte for byte but for its analyses, and answered.
+        Whether the simulator ran the deck's own bytes (only the analyses are replaced) and returned an operating point.
     max_abs_error : float or None
         Largest difference of a node's voltage, in volts; None if nothing could be compared.
     max_relative_error : float or None
-        The same relative to the supply (the largest voltage difference in the circuit).
+        ``max_abs_error`` relative to the supply (the largest voltage difference in the circuit).
     nodes : int
         Number of nodes compared.
     simulator, version : str
-        Who was asked.
+        Simulator that was run, and its version.
     tolerance : float
         Largest relative error that still agrees.
     findings : tuple of str
-        What is wrong and where; empty if they agree.
+        One message for each difference, with its place; empty if there is no difference.
     worst : tuple of (str, float, float)
-        Node, expected and simulated voltage, the largest differences first.
+        Node, expected and simulated voltage in volts, the largest differences first.
     remark : str
-        What else is to be known of the comparison, empty if nothing; where it is not verified, why.
+        Note on the comparison, or empty; for an unverified deck, the reason.
     as_read : Agreement or None
-        Where the deck itself was not run: the comparison with what was read of it, written anew.  It tests the solution
-        and not the reading; the deck's own figures are None, and its number of nodes 0.
+        For a deck that was not run itself: the comparison for a deck written from the circuit that resgrid read.  This
+        comparison tests the solution and not the reader.  The errors of the deck itself are then None, and its number
+        of nodes is 0.
     """
 
     reference: Reference
@@ -74,7 +75,7 @@ def compare(
     findings: Sequence[str] = (),
     place_of: Callable[[str], str] = lambda _: "",
 ) -> Agreement:
-    """Compare what a simulator said with what is expected; ``place_of`` says where a node stands in the deck."""
+    """Compare simulated with expected voltages and currents; ``place_of`` returns a node's place in the deck."""
     error = _errors(expected.voltage, simulation.voltage)
     largest = next(iter(error.values()), np.inf)
     compared: tuple[tuple[str, str, Mapping[str, float | None], Mapping[str, float], float], ...] = (
@@ -82,16 +83,16 @@ def compare(
         ("voltage source", "A", expected.source_current, simulation.source_current, expected.current_scale),
     )
     problems = [*findings, *simulation.complaints]
-    for what, _, known, got, _ in compared:
-        problems += _unmatched(known, got, what)
-    for what, unit, known, got, scale in compared:
-        for name, distance in list(_errors(known, got).items())[:SHOWN]:
-            if distance > tolerance * scale:
-                where = place_of(name) if what == "node" else ""
+    for kind, _, known, got, _ in compared:
+        problems += _unmatched(known, got, kind)
+    for kind, unit, known, got, scale in compared:
+        for name, difference in list(_errors(known, got).items())[:SHOWN]:
+            if difference > tolerance * scale:
+                where = place_of(name) if kind == "node" else ""
                 finds = f"{simulation.simulator} finds {got[name]!r} {unit}, expected {known[name]!r} {unit}"
-                problems.append(f"{where}{what} {name}: {finds}")
+                problems.append(f"{where}{kind} {name}: {finds}")
     unknown = simulation.simulator == SIMULATED and simulation.version not in (*VERSIONS, "not run")
-    tried = f"resgrid is tried with {SIMULATED} {' and '.join(VERSIONS)}; this is version {simulation.version}"
+    tested = f"resgrid is tested with {SIMULATED} {' and '.join(VERSIONS)}; this is version {simulation.version}"
     silent = bool(expected.voltage) and not simulation.voltage and not findings
     return Agreement(
         reference=reference,
@@ -106,30 +107,31 @@ def compare(
         worst=tuple(
             (name, expected.voltage[name], simulation.voltage[name]) for name in list(error)[:SHOWN] if error[name] > 0
         ),
-        remark=f"{simulation.simulator} found no operating point" if silent else tried if unknown else "",
+        remark=f"{simulation.simulator} found no operating point" if silent else tested if unknown else "",
         verified=not silent,
     )
 
 
 def _errors(expected: Mapping[str, float | None], got: Mapping[str, float]) -> dict[str, float]:
-    """Distances of what both have, the largest first; NaN is larger than every number."""
-    distance = {name: abs(got[name] - value) for name, value in expected.items() if name in got and value is not None}
-    finite = {name: error if error < np.inf else np.inf for name, error in distance.items()}
+    """Return the absolute differences of the common names, the largest first; NaN becomes infinity."""
+    error_of = {name: abs(got[name] - value) for name, value in expected.items() if name in got and value is not None}
+    finite = {name: error if error < np.inf else np.inf for name, error in error_of.items()}
     return dict(sorted(finite.items(), key=lambda entry: -entry[1]))
 
 
-def _unmatched(expected: Mapping[str, object], got: Mapping[str, object], what: str) -> list[str]:
+def _unmatched(expected: Mapping[str, object], got: Mapping[str, object], kind: str) -> list[str]:
+    """Return a finding for the names that only one of the two mappings has; `kind`: node or voltage source."""
     missing = [name for name in expected if name not in got]
-    strange = [name for name in got if name not in expected]
+    extra = [name for name in got if name not in expected]
     return [
-        f"{len(names)} {what}{'s' if len(names) > 1 else ''} {verb}: {some(names, len(names))}"
-        for names, verb in ((missing, "absent from the simulation"), (strange, "simulated but not expected"))
+        f"{len(names)} {kind}{'s' if len(names) > 1 else ''} {state}: {some(names, len(names))}"
+        for names, state in ((missing, "absent from the simulation"), (extra, "simulated but not expected"))
         if names
     ]
 
 
 def unverified(agreement: Agreement, why: str) -> Agreement:
-    """What a comparison with what was read of a deck, written anew, says of the deck itself: nothing good."""
+    """Wrap the comparison for a rewritten deck as the unverified result for the deck itself, with the reason."""
     return replace(
         agreement,
         agrees=None if agreement.agrees else False,

@@ -1,4 +1,4 @@
-"""Rules about what is joined to what: ground, islands, loops of sources, loose ends."""
+"""Electrical rules on connectivity: ground, floating parts, loops of voltage sources, dangling nodes."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from resgrid.core.netlist import GROUND, Netlist
 from resgrid.spice.circuit import CONDUCTING, SHOWN, Circuit, Severity, Violation, some
 
 _MOST = 10
+"""Maximum number of violations that one rule reports."""
 
 
 def ground(circuit: Circuit) -> Iterator[Violation]:
-    """Nothing that conducts touches ground."""
+    """Report an error if no resistor and no voltage source touches ground."""
     if not any((circuit.ends[kind] == GROUND).any() for kind in CONDUCTING):
         yield Violation(
             "error",
@@ -28,7 +29,7 @@ def ground(circuit: Circuit) -> Iterator[Violation]:
 
 
 def islands(circuit: Circuit) -> Iterator[Violation]:
-    """Parts without a path to ground, those that capacitors hold told apart."""
+    """Report the connected parts without a DC path to ground; parts tied by capacitors are a rule of their own."""
     floating = np.flatnonzero(circuit.is_floating)
     if not floating.size:
         return
@@ -41,35 +42,43 @@ def islands(circuit: Circuit) -> Iterator[Violation]:
         groups = [floating[~by_capacitor], floating[by_capacitor]]
     groups = sorted((group for group in groups if group.size), key=lambda group: -group.size)
     for group in groups[:_MOST]:
-        yield _island(circuit, group, by_capacitor=bool(held[circuit.part[group[0]]]))
+        yield _floating_violation(circuit, group, by_capacitor=bool(held[circuit.part[group[0]]]))
     if len(groups) > _MOST:
         rest = np.concatenate(groups[_MOST:])
-        yield _island(circuit, rest, by_capacitor=False, what=f"{len(groups) - _MOST:,} more parts, with ")
+        yield _floating_violation(
+            circuit, rest, by_capacitor=False, heading=f"{len(groups) - _MOST:,} more parts, with "
+        )
 
 
-def _island(circuit: Circuit, nodes: NDArray[np.int64], *, by_capacitor: bool, what: str = "") -> Violation:
+def _floating_violation(
+    circuit: Circuit, nodes: NDArray[np.int64], *, by_capacitor: bool, heading: str = ""
+) -> Violation:
+    """Return the violation for floating nodes; `nodes` (n,), `heading`: begins the message."""
     many = nodes.size > 1
     names = f" ({circuit.shown(nodes)})" if circuit.is_deck else ""
     if by_capacitor:
-        state = f"{'are' if many else 'is'} held by capacitors only, which are open"
+        state = f"{'are' if many else 'is'} held by capacitors only, which are open at direct current"
     else:
         state = f"{'have' if many else 'has'} no path of resistors or voltage sources to ground"
     return Violation(
         "error" if circuit.is_deck else "warning",
         "capacitor node" if by_capacitor else "floating",
         circuit.place_of_nodes(nodes),
-        f"{what}{nodes.size:,} node{'s' if many else ''}{names} {state}",
-        "join it to the circuit by a resistor, or remove it: ngspice would answer wrongly everywhere"
+        f"{heading}{nodes.size:,} node{'s' if many else ''}{names} {state}",
+        "join it to the circuit by a resistor, or remove it: with it ngspice computes wrong voltages at all nodes"
         if circuit.is_deck
         else "they are left out of decks; join them to the circuit by a resistor if they belong to it",
         circuit.listed(nodes),
     )
 
 
-def _of_elements(
+def _element_violation(
     circuit: Circuit, severity: Severity, rule: str, kind: str, numbers: NDArray[np.int64], message: str, remedy: str
 ) -> Violation:
-    """What is wrong with elements of a kind; fields of the message are ``count``, ``s`` (of a plural) and ``names``."""
+    """Return the violation for elements of one kind; `numbers` (n,): their indices.
+
+    Fields of the message are ``count``, ``s`` (plural ending) and ``names``.
+    """
     nodes = np.unique(circuit.ends[kind][numbers])
     names = some([circuit.element_name(kind, number) for number in numbers[:SHOWN].tolist()], numbers.size)
     place = circuit.place_of(kind, int(numbers[0])) if circuit.is_deck else circuit.shown(nodes)
@@ -78,21 +87,24 @@ def _of_elements(
 
 
 def trapped_currents(circuit: Circuit) -> Iterator[Violation]:
-    """Current sources that feed a part which lets no current out."""
+    """Report current sources that drive a floating part, from which no current can return."""
     trapped = circuit.trapped_sources
     if trapped.size:
-        feed = "feeds" if trapped.size == 1 else "feed"
-        message = f"{{count}} current source{{s}} ({{names}}) {feed} a floating part, which lets no current out"
-        remedy = "remove these sources, or join the part to ground"
-        yield _of_elements(circuit, "error", "trapped current", "current source", trapped, message, remedy)
+        drive = "drives" if trapped.size == 1 else "drive"
+        message = f"{{count}} current source{{s}} ({{names}}) {drive} a floating part, which has no return path"
+        remedy = "remove these sources, or join the part to ground by a resistor"
+        yield _element_violation(circuit, "error", "trapped current", "current source", trapped, message, remedy)
 
 
 @dataclass(frozen=True, eq=False)
 class Loops:
-    """Elements that close loops of voltage sources; of those in a loop, inductors and then resistors of 0 ohm close it.
+    """Elements that close loops of voltage sources, inductors and resistors of 0 ohm.
 
-    `sources, inductors, shorts`: numbers of the voltage sources (inductors apart) and resistors that close consistent
-    loops; `contradictions`: kind and number of those that contradict the others, and by how many volts.
+    The spanning tree takes voltage sources first, then inductors, then resistors: the last element of a loop closes it.
+
+    `sources, inductors, shorts`: indices of the voltage sources (inductors counted apart) and resistors that close a
+    consistent loop; `contradictions`: kind and index of each element whose voltage contradicts its loop, and the
+    difference in volts.
     """
 
     sources: NDArray[np.int64]
@@ -102,7 +114,7 @@ class Loops:
 
 
 def loops_of(circuit: Circuit) -> Loops:
-    """Find the loops of voltage sources; resistors of 0 ohm count as sources of 0 V."""
+    """Find the loops of voltage sources in a circuit; resistors of 0 ohm count as sources of 0 V."""
     zero = np.flatnonzero(circuit.resistance == 0)
     sources = len(circuit.source_volts)
     order = np.argsort(circuit.is_inductor, kind="stable")
@@ -123,9 +135,10 @@ def loops_of(circuit: Circuit) -> Loops:
 def loop_voltages(
     ends: NDArray[np.int32], volts: NDArray[np.float64], node_count: int
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return by how many volts each source contradicts those before it, whether it closes a loop, and in contradiction.
+    """Classify voltage sources by a spanning forest in which earlier sources come first.
 
-    Shapes: `ends` (sources, 2); `volts` and all three results (sources,).
+    Shapes: `ends` (sources, 2); `volts` (sources,).  Returns three arrays (sources,): the difference in volts between a
+    source and the earlier ones, whether the source closes a loop, and whether it contradicts that loop.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import minimum_spanning_tree
@@ -144,7 +157,7 @@ def loop_voltages(
 
 
 def source_loops(circuit: Circuit) -> Iterator[Violation]:
-    """Loops of voltage sources, contradictory or consistent; inductors and resistors of 0 ohm count as such."""
+    """Report loops of voltage sources, inductors and resistors of 0 ohm: contradictory, then consistent ones."""
     loops = loops_of(circuit)
     for kind, number, volts in loops.contradictions[:_MOST]:
         names = circuit.names_of(circuit.ends[kind][number])
@@ -163,23 +176,23 @@ def source_loops(circuit: Circuit) -> Iterator[Violation]:
         ("warning", "voltage source", "inductors close loops of shorts", loops.inductors),
         ("warning", "resistor", "resistors of 0 ohm close loops of shorts", loops.shorts),
     )
-    for severity, kind, what, numbers in closing:
+    for severity, kind, problem, numbers in closing:
         if numbers.size:
-            message = f"{{count}} {what} ({{names}}), so the currents around them are undetermined"
-            yield _of_elements(circuit, severity, "voltage loop", kind, numbers, message, remedy)
+            message = f"{{count}} {problem} ({{names}}), so the currents around the loops are undetermined"
+            yield _element_violation(circuit, severity, "voltage loop", kind, numbers, message, remedy)
 
 
 def shorted(circuit: Circuit) -> Iterator[Violation]:
-    """Elements with both ends on one node."""
+    """Report elements with both ends on one node."""
     for kind in ("resistor", "current source", "nonlinear resistor"):
         both = np.flatnonzero(circuit.ends[kind][:, 0] == circuit.ends[kind][:, 1])
         if both.size:
-            message = f"{{count}} {kind}s have both ends on one node ({{names}}) and do nothing"
-            yield _of_elements(circuit, "warning", f"shorted {kind}", kind, both, message, "remove them")
+            message = f"{{count}} {kind}s have both ends on one node ({{names}}) and have no effect"
+            yield _element_violation(circuit, "warning", f"shorted {kind}", kind, both, message, "remove them")
 
 
 def dangling(circuit: Circuit) -> Iterator[Violation]:
-    """Nodes with a single element, which carry no current."""
+    """Report nodes with a single element, which therefore carries no current."""
     loose = (circuit.degree == 1) & ~circuit.is_floating
     nodes = np.flatnonzero(loose[1:]) + 1  # ground may be touched once
     if nodes.size:

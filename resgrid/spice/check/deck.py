@@ -1,4 +1,4 @@
-"""Whether an outside simulator agrees with resgrid, and where it does not."""
+"""Check of a deck by an outside simulator: run the deck, compare the voltages, locate the differences."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from resgrid.circuit.solve import solve
 from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
 from resgrid.spice.check.agreement import Agreement, Reference, compare, unverified
-from resgrid.spice.check.external import expected_of, place_of, runnable, written_anew
+from resgrid.spice.check.external import expected_of, place_of, rewritten, runnable
 from resgrid.spice.check.kcl_location import inspect_deck
 from resgrid.spice.check.portability import check_portability
 from resgrid.spice.circuit import TOLERANCE, Circuit
@@ -28,7 +28,7 @@ from resgrid.spice.write.sidecar import Sidecar, altered_files, expect, read_sid
 
 @dataclass(frozen=True)
 class _Limits:
-    """Which simulator is asked, how close it must come, and how long it may take, in seconds."""
+    """Settings of one check: the simulator, the tolerance relative to the supply, and the timeout in seconds."""
 
     engine: str
     tolerance: float
@@ -37,10 +37,13 @@ class _Limits:
     def __post_init__(self) -> None:
         engine_named(self.engine)
         if not 0 < self.tolerance < 1:
-            raise InputError(f"tolerance = {self.tolerance} must lie between 0 and 1: it is relative to the supply")
+            raise InputError(
+                f"tolerance = {self.tolerance} must lie between 0 and 1: it is relative to the supply; "
+                f"the default is {TOLERANCE:g}"
+            )
 
     def run(self, data: bytes, source: str, **options: Any) -> SimulatorRun:
-        """Ask the simulator for the operating point of a deck's content."""
+        """Run the simulator on a deck's content and return its operating point."""
         return engine_named(self.engine)(data, source=source, timeout=self.timeout, **options)
 
 
@@ -54,30 +57,33 @@ def check_deck(
     engine: str = "ngspice",
     timeout: float = 600.0,
 ) -> Agreement:
-    """Ask the simulator whether it finds the voltages that are expected of a deck.
+    """Run a simulator on a deck and compare its operating point with the expected one.
 
-    A deck with a sidecar is checked three times: its bytes against the sidecar's hash, its elements and the simulator
-    against the sidecar's voltages.  Any other deck is read and solved, and the simulator is held against that; so is a
-    netlist, of which a deck is written.  The simulator is given the deck itself, with the files that it includes,
-    where that is safe.  Otherwise (control blocks, another dialect, files from elsewhere) it is given what was read,
-    and the deck is not verified: ``agrees`` is not True.
+    A deck with a sidecar is checked three times: its bytes against the sidecar's hash, its elements against the
+    sidecar's voltages, and the simulated voltages against the sidecar's voltages.  Any other deck is read and solved by
+    resgrid, and the simulated voltages are compared with that solution.  For a netlist a deck is written first.
+
+    The simulator runs the deck's own bytes, with the files that it includes, where that is safe.  Otherwise (control
+    blocks, another dialect, includes outside the root) it runs a deck written from the circuit that resgrid read.  The
+    deck is then not verified, and ``agrees`` is not True.
 
     Parameters
     ----------
     deck : path-like, Circuit, Netlist or OperatingPoint
         A deck's file, or a circuit.
     tolerance : float
-        Relative to the supply, the largest voltage difference in the circuit.
+        Largest accepted voltage error relative to the supply (the largest voltage difference in the circuit).
     reference : OperatingPoint, optional
-        Solution of the scene to compare a file with, instead of its sidecar; of a deck that was read, its solution, if
-        it is known.  A sidecar's hash is compared either way.
+        Expected operating point, in place of the sidecar's voltages: of the scene for a deck of resgrid, of the
+        circuit itself for a `Circuit` that was read.  The hash in a sidecar is compared in either case.
     dialect : str
-        Of a file without sidecar, as in `read_spice`.
+        Dialect of a file without sidecar, as in `read_spice`.
     root : path-like, optional
-        Folder that the includes of such a deck may not leave, as in `read_spice`.
+        Folder that must contain all files included by a deck without sidecar, as in `read_spice`.
     engine : {"ngspice", "eecircuit"}
+        Simulator to run.
     timeout : float
-        How long the simulator may take, in seconds.
+        Longest run of the simulator, in seconds.
 
     Returns
     -------
@@ -88,11 +94,11 @@ def check_deck(
     InputError
         If the deck or its sidecar cannot be read.
     CircuitError
-        If a circuit has no operating point, or makes no deck.
+        If a circuit has no operating point, or cannot be written as a deck.
     ToolMissingError
         If the simulator is not installed.
     BudgetError
-        If it does not end in time.
+        If the simulator does not finish within the timeout.
 
     Examples
     --------
@@ -122,7 +128,7 @@ def check_deck(
 def _check_own(
     path: Path, data: bytes, sidecar: Sidecar | None, reference: OperatingPoint | None, dialect: str, limits: _Limits
 ) -> Agreement:
-    """A deck that we wrote, against its sidecar or a scene's solution."""
+    """Check a deck that resgrid wrote against its sidecar or against the solution of a scene."""
     name = dialect_named((SIMULATED if dialect == "auto" else dialect) if sidecar is None else sidecar.dialect).name
     findings = [] if sidecar is None else altered_files(data, sidecar)
     if reference is not None:
@@ -134,16 +140,16 @@ def _check_own(
     tiled = sidecar if sidecar is not None and sidecar.files and name == SIMULATED else None
     if name != SIMULATED:
         why = f"it is written for {name}, and only {SIMULATED} is run here"
-        data = written_anew(read_spice(path, dialect=name))
+        data = rewritten(read_spice(path, dialect=name))
     elif tiled is not None:
         data = with_parts(path, data, tiled)
     else:
         findings += inspect_deck(data, expected, limits.tolerance)
     try:
         simulation = limits.run(data, str(path), direct=bool(why))
-    except InputError as error:  # a deck with commands is not run, and that is an answer: it is not what was written
+    except InputError as error:  # a deck of resgrid holds no commands, so commands are a finding and not an exception
         simulation = SimulatorRun({}, {}, limits.engine, "not run", (str(error),))
-    if tiled is not None:  # the inner nodes of tiles are nobody's business
+    if tiled is not None:  # the nodes inside tile subcircuits have no expected voltage
         known = {node: volts for node, volts in simulation.voltage.items() if node in expected.voltage}
         simulation = replace(simulation, voltage=known)
     origin: Reference = "sidecar" if reference is None else "scene"
@@ -158,7 +164,10 @@ def _check_external(
     limits: _Limits,
     root: str | os.PathLike[str] | None,
 ) -> Agreement:
-    """Somebody's deck (None where it has no file), against our solution of it; the worst nodes' places are told."""
+    """Compare the simulation of a foreign deck with the solution by resgrid, and locate the worst nodes in the file.
+
+    `data`: content of the file, None without a file; `op`: the solution, if known.
+    """
     op = solve(deck.netlist()) if op is None else op
     job = runnable(deck, data, root=None if root is None else Path(root), engine=limits.engine)
     options = {"files": job.files, "place": job.place} if job.files else {}
@@ -170,5 +179,5 @@ def _check_external(
     if agreement.agrees:
         return agreement
     prediction = next(item for item in check_portability(deck) if item.simulator == SIMULATED)
-    known = [] if prediction.outcome == "right" else [f"this was to be expected: {prediction}"]
+    known = [] if prediction.outcome == "right" else [f"the portability check predicts this: {prediction}"]
     return replace(agreement, findings=(*agreement.findings, *known))

@@ -1,7 +1,7 @@
-"""The electrical rule check: what makes a circuit unfit for a deck, or a simulator stumble.
+"""The electrical rule check (ERC): defects of a circuit that prevent a deck or mislead a simulator.
 
-Each rule is a function from a `Circuit` to violations, in time proportional to the number of elements: those about what
-is joined to what stand in `connection`, those about values and names here.
+Each rule is a function from a `Circuit` to violations, in time proportional to the number of elements.  This module
+holds the rules on values and names; `connectivity` holds the rules on connections.
 """
 
 from __future__ import annotations
@@ -21,14 +21,17 @@ from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.dialects.record import ReadingRules
 
 WIDEST_SPREAD = 1e15
-"""Ratio of resistances beyond which double precision loses the small currents beside the large ones."""
+"""Largest ratio of resistances at which double precision still resolves the small currents next to the large ones."""
 
 SMALLEST_SAFE, LARGEST_SAFE = 1e-5, 1e12
-"""In ohms: HSPICE raises what lies below (RESMIN); what lies above competes with the 1e-12 S a simulator may add."""
+"""Resistances without simulator trouble, in ohms.
+
+HSPICE raises smaller ones to its RESMIN.  Larger ones carry less current than the 1e-12 S that a simulator may add.
+"""
 
 
 def check_erc(circuit: Netlist | Circuit) -> tuple[Violation, ...]:
-    """Check a netlist, or a deck as it was written, against the electrical rules.
+    """Apply the electrical rule check (ERC) to a netlist, or to a deck as it was written.
 
     Parameters
     ----------
@@ -38,7 +41,7 @@ def check_erc(circuit: Netlist | Circuit) -> tuple[Violation, ...]:
     Returns
     -------
     tuple of Violation
-        Errors first, then warnings, then what is merely worth knowing; empty if nothing was found.
+        Violations: errors, then warnings, then notes (``"info"``); empty if the circuit passes.
 
     Examples
     --------
@@ -52,7 +55,7 @@ def check_erc(circuit: Netlist | Circuit) -> tuple[Violation, ...]:
 
 
 class _Limit(NamedTuple):
-    """What resistances may not be; fields of the message are ``count`` and ``shown``."""
+    """A rule on resistances: `is_beyond` marks violations; fields of the message are ``count`` and ``shown``."""
 
     severity: Severity
     rule: str
@@ -62,6 +65,7 @@ class _Limit(NamedTuple):
 
 
 def _overflows(ohms: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return where a resistance or its reciprocal is infinite; shapes (n,)."""
     with np.errstate(over="ignore", divide="ignore"):
         return np.asarray(np.isinf(ohms) | (np.isinf(1 / ohms) & (ohms != 0)))
 
@@ -78,16 +82,16 @@ _LIMITS = (
         "warning",
         "zero resistance",
         lambda ohms: ohms == 0,
-        "{count} resistances are 0 ohm ({shown}): resgrid takes them for shorts, ngspice silently for 1 milliohm, "
-        "HSPICE for its RESMIN",
-        "write voltage sources of 0 V, or the resistance that is meant",
+        "{count} resistances are 0 ohm ({shown}): resgrid reads them as shorts, ngspice silently as 1 milliohm, "
+        "HSPICE as its RESMIN",
+        "write voltage sources of 0 V, or the intended resistance",
     ),
     _Limit(
         "error",
         "value",
         _overflows,
-        "{count} resistances or their reciprocals are beyond the largest number ({shown})",
-        "leave a resistor that large out: it is open; write one that small as a voltage source of 0 V",
+        "{count} resistances or their reciprocals exceed the largest double ({shown})",
+        "omit a resistor that is too large: it is open; replace one that is too small by a voltage source of 0 V",
     ),
     _Limit(
         "info",
@@ -100,15 +104,15 @@ _LIMITS = (
         "info",
         "extreme value",
         lambda ohms: (np.abs(ohms) > LARGEST_SAFE) & np.isfinite(ohms),
-        f"{{count}} resistances are above {LARGEST_SAFE:g} ohm: weaker than the 1e-12 S (gmin, rshunt) that a "
-        "simulator may add to a node ({shown})",
-        "switch gmin and rshunt off, or leave the resistors out",
+        f"{{count}} resistances are above {LARGEST_SAFE:g} ohm: they conduct less than the 1e-12 S (gmin, rshunt) that "
+        "a simulator may add to a node ({shown})",
+        "switch gmin and rshunt off, or omit the resistors",
     ),
 )
 
 
 def limits(circuit: Circuit) -> Iterator[Violation]:
-    """Resistances that some simulator, or none, can take as they are."""
+    """Report resistances that a simulator cannot use or changes: negative, zero, infinite, very small, very large."""
     for limit in _LIMITS:
         beyond = np.flatnonzero(limit.is_beyond(circuit.resistance))
         if beyond.size:
@@ -122,7 +126,7 @@ def limits(circuit: Circuit) -> Iterator[Violation]:
 
 
 def spread(circuit: Circuit) -> Iterator[Violation]:
-    """Resistances that lie too many decades apart."""
+    """Report resistances whose ratio exceeds `WIDEST_SPREAD`."""
     size = np.where(circuit.resistance > 0, circuit.resistance, np.nan)
     if np.isnan(size).all():
         return
@@ -133,16 +137,18 @@ def spread(circuit: Circuit) -> Iterator[Violation]:
             "value range",
             circuit.place_of("resistor", high),
             f"resistances run from {size[low]:g} ({circuit.element_name('resistor', low)}) to {size[high]:g} ohm "
-            f"({circuit.element_name('resistor', high)}); a simulator loses the weak ones beside the strong ones",
-            "replace the smallest by voltage sources of 0 V, or leave the largest out",
+            f"({circuit.element_name('resistor', high)}); rounding errors at the small ones exceed the currents of the "
+            "large ones",
+            "replace the smallest by voltage sources of 0 V, or omit the largest",
         )
 
 
 class _Trap(NamedTuple):
-    """Names of nodes that a simulator misreads.
+    """A class of node names that some simulators misread.
 
-    `pattern`: matches the whole of such a name, case ignored; `severity`: names that are written are mapped, so nothing
-    worse than a warning; `message, remedy`: what happens, and what to do; ``simulators`` are those that fall for it.
+    `pattern`: matches the whole name, case ignored; `severity`: at most a warning, because written decks rename such
+    nodes; `message, remedy`: text of the violation, with the field ``simulators``; `misreads`: whether the rules of a
+    dialect misread such names.
     """
 
     pattern: str
@@ -157,7 +163,7 @@ _TRAPS = (
         r"gnd!?",
         "warning",
         "are other names of ground in {simulators}",
-        "call the node otherwise",
+        "choose another name for the node",
         lambda rules: "gnd" in rules.grounds,
     ),
     _Trap(
@@ -170,7 +176,7 @@ _TRAPS = (
         r".*\$.*",
         "warning",
         "hold a $, which begins a comment in {simulators}",
-        "leave it out",
+        "remove it from the name",
         lambda rules: rules.dollar_comments,
     ),
     _Trap(r".*[^ -~\t\n].*", "warning", "hold characters beyond ASCII, which few simulators read", "write ASCII"),
@@ -178,23 +184,26 @@ _TRAPS = (
         r".*[-+*/^%!&|<>~?@\[\]:].*",
         "info",
         "hold operators, so that v(...) of them is misread in expressions and measurements",
-        "use letters, digits and underscores where you measure",
+        "use letters, digits and underscores in names of measured nodes",
     ),
     _Trap(
         r"[0-9]+[A-Za-z_].*",
         "info",
-        "begin with a digit but are no numbers, which {simulators} reads only escaped",
+        "begin with a digit but are not numbers, which {simulators} reads only when escaped",
         "put a letter in front",
         lambda rules: rules.instances,
     ),
     _Trap(
-        r"time|temper|temp|hertz", "info", "are variables of the simulator in expressions", "call the node otherwise"
+        r"time|temper|temp|hertz",
+        "info",
+        "are variables of the simulator in expressions",
+        "choose another name for the node",
     ),
 )
 
 
-def alike(circuit: Circuit) -> Iterator[Violation]:
-    """Names that two elements bear, or two nodes of a netlist, or that differ in case only."""
+def name_clashes(circuit: Circuit) -> Iterator[Violation]:
+    """Report names of elements, or of nodes of a netlist, that are used twice or differ in case only."""
     nodes = {} if circuit.is_deck else {"node": circuit.node_names}
     for kind, names in {**nodes, **circuit.element_names}.items():
         folded = [name.lower() for name in names]
@@ -208,7 +217,7 @@ def alike(circuit: Circuit) -> Iterator[Violation]:
                 "names",
                 circuit.place_of(kind, second),
                 f"{len(twice):,} {kind} names are given twice ({some(twice, len(twice))}); ngspice does not run such a "
-                "deck, others keep one of the two",
+                "deck, other simulators keep one of the two",
                 "rename the second",
             )
         else:
@@ -216,38 +225,38 @@ def alike(circuit: Circuit) -> Iterator[Violation]:
                 "warning",
                 "names",
                 some(twice, len(twice)),
-                f"{len(twice):,} {kind} names are shared or differ in case only, which simulators do not see",
-                "decks number them apart (the sidecar holds the map); rename them to keep their names",
+                f"{len(twice):,} {kind} names are shared or differ in case only, which simulators ignore",
+                "decks append numbers to them (the sidecar holds the map); rename them to keep their names",
                 tuple(twice[:LISTED]) if kind == "node" else (),
             )
 
 
 def repeated_names(circuit: Circuit) -> tuple[Note, ...]:
-    r"""Return a warning for every kind of element of a deck in which names are given twice.
+    r"""Return one warning for every kind of element of a deck in which a name is given twice.
 
     Examples
     --------
     >>> import io
     >>> deck = rg.read_spice(io.StringIO("title\nV1 a 0 1\nR1 a 0 1\nr1 a 0 1\n"))
     >>> print(repeated_names(deck)[0])
-    <text>:4: 1 resistor names are given twice (r1); ngspice does not run such a deck; all of them count here
+    <text>:4: 1 resistor names are given twice (r1); ngspice does not run such a deck; resgrid keeps all of them
     """
     own = DIALECTS.get(circuit.dialect)
     if own is None:
         return ()
     fails = own.quirks.duplicates == "fails"
-    what = f"{own.label} does not run such a deck" if fails else f"it is not known here which of them {own.label} keeps"
+    effect = f"{own.label} does not run such a deck" if fails else f"it is not known which of them {own.label} keeps"
     outcome: Literal["fails", "unsure"] = "fails" if fails else "unsure"
     notes = []
-    for violation in alike(circuit):
+    for violation in name_clashes(circuit):
         file, _, line = violation.place.rpartition(":")
-        text = f"{violation.message.partition(';')[0]}; {what}; all of them count here"
+        text = f"{violation.message.partition(';')[0]}; {effect}; resgrid keeps all of them"
         notes.append(Note("warning", file, int(line), 0, text, outcome))
     return tuple(notes)
 
 
-def misread(circuit: Circuit) -> Iterator[Violation]:
-    """Node names that some simulator takes for something else."""
+def misread_names(circuit: Circuit) -> Iterator[Violation]:
+    """Report node names that some simulator misreads."""
     if len(circuit.node_names) < 2:
         return
     text = "\n".join(name.replace("\n", " ") for name in circuit.node_names[1:])
@@ -267,14 +276,15 @@ def misread(circuit: Circuit) -> Iterator[Violation]:
 
 
 def _simulators(trap: _Trap) -> str:
+    """Return the names of the simulators that misread such names, joined by commas and "and"."""
     labels = [item.label for item in DIALECTS.values() if trap.misreads(item.reading)]
     return " and ".join(filter(None, (", ".join(labels[:-1]), labels[-1])))
 
 
 def _notes(circuit: Circuit) -> Iterator[Violation]:
-    """What the reader of a deck noted."""
+    """Report the notes of the reader of a deck."""
     for note in circuit.notes:
-        remedy = "see whether this was meant" if note.severity != "info" else "nothing to do"
+        remedy = "check whether this is intended" if note.severity != "info" else "nothing to do"
         yield Violation(note.severity, "reading", note.place, note.text, remedy)
 
 
@@ -286,9 +296,9 @@ RULES: tuple[Callable[[Circuit], Iterator[Violation]], ...] = (
     limits,
     spread,
     connectivity.shorted,
-    alike,
-    misread,
+    name_clashes,
+    misread_names,
     connectivity.dangling,
     _notes,
 )
-"""Every rule, in the order in which violations of equal severity are told."""
+"""All rules, in the order in which violations of equal severity are reported."""

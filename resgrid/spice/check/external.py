@@ -1,8 +1,9 @@
-"""Decks that someone else wrote, held against a simulator: as they stand, where that is safe, otherwise as read.
+"""Preparation of foreign decks for a simulator: unchanged where that is safe, otherwise rewritten.
 
-ngspice looks for a file in the folder it runs in and in that of the file that includes it, wherever these names lead:
-so they are followed here first, by the same rule and no further than a root, and copied by their places below it.
-Anything that is not plainly a name in that folder is refused, and so is what could run a command.
+ngspice looks for an included file in the folder it runs in and in the folder of the including file, wherever these
+names lead.  The includes are therefore resolved first, by the same rule but only below a root folder, and copied to
+the same relative paths.  A name that is not plainly a path below that folder is rejected, and so is a line that could
+run a command.
 """
 
 from __future__ import annotations
@@ -38,11 +39,11 @@ _WORD = re.compile(r"[\w.+,@=#%-][\w.+,@=#% -]*")
 
 @dataclass(frozen=True, eq=False)
 class Runnable:
-    """What a simulator is given for someone else's deck.
+    """Input of a simulator for a foreign deck.
 
-    `data`: with one analysis, the operating point; `why`: why it is not the deck itself, but what was read of it,
-    written anew and flat; empty if it is; `files`: what it includes, by places in the folder it is run in; `place`: its
-    own place there.
+    `data`: content of the deck, with the operating point as its only analysis; `why`: the reason if `data` is a flat
+    deck written from the circuit that was read, empty if it is the deck itself; `files`: content of the included files
+    by their paths relative to the working folder; `place`: relative path of the deck.
     """
 
     data: bytes
@@ -52,56 +53,56 @@ class Runnable:
 
 
 def runnable(deck: Circuit, data: bytes | None, *, root: Path | None, engine: str) -> Runnable:
-    """Make a deck safe to run, with its operating point as the only analysis.
+    """Return a safe simulator input for a deck, with the operating point as the only analysis.
 
-    Only the lines of its analyses and outputs are taken out; everything else is run byte for byte, in the files that
-    hold it.
+    Lines of analyses and outputs are removed; all other lines are kept byte for byte, in their own files.  A deck that
+    is not safe to run is rewritten from the circuit that was read.
     """
     path = Path(deck.path).resolve()
     root = path.parent if root is None else root.resolve()
     try:
         if data is None:
-            raise InputError(f"there is no file {deck.path} that could be run")
+            raise InputError(f"the file {deck.path} does not exist")
         files = _safe_files(deck, path, data, root, engine)
     except InputError as error:
-        return Runnable(written_anew(deck), str(error))
+        return Runnable(rewritten(deck), str(error))
     if not files:
         return Runnable(_only_operating_point(data))
     bare = {place: b"\n".join(_without_analyses(content.split(b"\n"))) for place, content in files.items()}
     return Runnable(_only_operating_point(data), "", bare, path.relative_to(root).as_posix())
 
 
-def written_anew(deck: Circuit) -> bytes:
-    """What was read of a deck, flat, for the simulator that is run."""
+def rewritten(deck: Circuit) -> bytes:
+    """Return a flat deck of the circuit that was read, in the dialect of the simulator that is run."""
     text = flatten(deck.netlist(), dialect=SIMULATED, title=f"{deck.title or deck.path}, as read").text
     return _only_operating_point(text.encode("ascii"))
 
 
 def _safe_files(deck: Circuit, path: Path, data: bytes, root: Path, engine: str) -> dict[str, bytes]:
-    """What a deck includes."""
+    """Return the content of all included files by relative path; raise InputError if the deck is not safe to run."""
     if not deck.is_deck:
-        raise InputError("it is no deck, and no simulator reads it")
+        raise InputError("it is not a deck, and no simulator reads it")
     if deck.dialect != SIMULATED:
         raise InputError(f"it is written for {deck.dialect}, and only {SIMULATED} is run here")
     refuse_commands(data, deck.path, models=True, includes=len(deck.files) > 1)
     if len(deck.files) == 1:
         return {}
     if engine != _TAKES_FILES:
-        raise InputError(f"it includes other files, which the engine {engine} cannot be given")
+        raise InputError(f"it includes other files, which the engine {engine} cannot read")
     if not path.is_relative_to(root):
         raise InputError(f"it includes other files, and lies outside {str(root)!r}")
     return _gather_includes(path, data, root)
 
 
 def _only_operating_point(data: bytes) -> bytes:
-    """Every analysis and output is left out, the first line, the title, never."""
+    """Replace all analyses and outputs of a deck by an operating point; the first line, the title, is kept."""
     rows = data.split(b"\n")
     title = rows[0] if rows[0].strip() else b"* untitled"
     return b"\n".join([title, *_without_analyses(rows[1:]), b".options klu", b".op", b".end", b""])
 
 
 def _without_analyses(rows: Iterable[bytes]) -> Iterator[bytes]:
-    """Lines that ask for nothing; a comment takes the place of one that does."""
+    """Yield the lines of a deck, those of analyses and outputs replaced by an empty comment."""
     dropping = False
     for row in rows:
         word = row.lstrip()
@@ -111,7 +112,10 @@ def _without_analyses(rows: Iterable[bytes]) -> Iterator[bytes]:
 
 
 def _gather_includes(deck: Path, data: bytes, root: Path) -> dict[str, bytes]:
-    """Every file that a simulator may read for a deck, by its place below the root; the deck itself is left out."""
+    """Return the content of every file that a simulator may include, by its path relative to the root.
+
+    The deck itself is not part of the result.
+    """
     files: dict[str, bytes] = {}
     todo = [(deck, data)]
     while todo:
@@ -122,7 +126,7 @@ def _gather_includes(deck: Path, data: bytes, root: Path) -> dict[str, bytes]:
                 if place in files or other == deck:
                     continue
                 if len(files) >= MAX_FILES:
-                    raise InputError(f"{deck}: more than {MAX_FILES} files are included")
+                    raise InputError(f"{deck} includes more than {MAX_FILES} files")
                 files[place] = deck_bytes(other, str(other))
                 refuse_commands(b"\n" + files[place], place, models=True, includes=True)
                 todo.append((other, files[place]))
@@ -130,7 +134,7 @@ def _gather_includes(deck: Path, data: bytes, root: Path) -> dict[str, bytes]:
 
 
 def _names(path: Path, data: bytes) -> Iterator[str]:
-    """Names in the lines that include files, each found to be plain."""
+    """Yield the names in the lines that include files; raise InputError for a name that is not plain."""
     lone = _LONE_RETURN.search(data)
     if lone is not None:
         number = data.count(b"\n", 0, lone.start()) + 1
@@ -140,12 +144,12 @@ def _names(path: Path, data: bytes) -> Iterator[str]:
         name = "" if match is None else next(group for group in match.groups() if group is not None).decode("latin-1")
         if not _is_plain(name):
             number = data.count(b"\n", 0, line.start(1)) + 1
-            raise InputError(f"{path.name}, line {number}: {name!r} is no plain name of a file in the deck's folder")
+            raise InputError(f"{path.name}, line {number}: {name!r} is not a plain name of a file in the deck's folder")
         yield name
 
 
 def _is_plain(name: str) -> bool:
-    """Whether a name is one of a file below, perhaps after some steps up, and means the same wherever it is read."""
+    """Return whether a name is a relative path of plain words, with at most `MAX_ASCENT` leading ``..``."""
     words = name.split("/")
     steps = next((i for i, word in enumerate(words) if word != ".."), len(words))
     rest = words[steps:]
@@ -154,22 +158,25 @@ def _is_plain(name: str) -> bool:
 
 
 def _places(name: str, path: Path, root: Path) -> Iterator[Path]:
-    """The files that a name may mean: in the folder of the file that includes it, and in the root."""
+    """Yield the existing files that a name can refer to: in the folder of the including file, and in the root."""
     for folder in dict.fromkeys((path.parent, root)):
         place = Path(os.path.normpath(folder / name))
         if not place.exists():
             continue
         if not place.is_relative_to(root):
             if folder == root and path.parent != root:
-                continue  # not what is meant; nor is it there where the deck is run
+                continue  # the file is not copied either, so the simulator does not find it there
             raise InputError(f"{name!r} lies outside {str(root)!r}")
         if place.resolve() != place:
-            raise InputError(f"{name!r} is reached by a link")
+            raise InputError(f"{name!r} is a symbolic link, or lies below one")
         yield place
 
 
 def expected_of(deck: Circuit, op: OperatingPoint, *, as_written: bool) -> Expected:
-    """What a simulator should find in a deck, by the names it gives; as `expect` otherwise."""
+    """Return the expected voltages and source currents under the names that the simulator uses.
+
+    `as_written`: whether the simulator runs the deck itself; otherwise the names of the rewritten deck are used.
+    """
     if not as_written:
         return expect(flatten(op.netlist, dialect=SIMULATED), op)
     nodes = np.flatnonzero(np.isfinite(op.voltage))[1:]
@@ -180,6 +187,6 @@ def expected_of(deck: Circuit, op: OperatingPoint, *, as_written: bool) -> Expec
 
 
 def place_of(deck: Circuit, name: str) -> str:
-    """Where a node, by its folded name, first occurs in a deck."""
+    """Return the place (``file:line: ``) where a node first occurs in a deck; `name` is in lower case."""
     numbers = [number for number, spelt in enumerate(deck.node_names) if spelt.lower() == name]
     return f"{deck.place_of_nodes(np.array(numbers))}: " if numbers else ""

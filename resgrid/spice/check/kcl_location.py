@@ -1,4 +1,4 @@
-"""Where a deck is wrong: its own elements, held against the voltages that it should have."""
+"""Location of altered lines in a deck: Kirchhoff's laws at the deck's own values and the expected voltages."""
 
 from __future__ import annotations
 
@@ -15,32 +15,33 @@ from resgrid.spice.write.sidecar import Expected
 _MAX_FINDINGS = 5
 _OPTIONS = {"reltol", "abstol", "vntol"}
 _ROUNDING = 64 * np.finfo(np.float64).eps
+"""Relative rounding error that is allowed in a voltage difference."""
 
 
 def inspect_deck(data: bytes, expected: Expected, tolerance: float) -> list[str]:
-    """Say where a flat deck contradicts the voltages that are expected of it.
+    """Return findings with line numbers where a flat deck contradicts its expected voltages.
 
-    Kirchhoff's current law is evaluated at every node with the deck's own values and the expected voltages; this sees
-    a changed element even where the voltages hardly move.
+    Kirchhoff's current law is evaluated at every node with the deck's own values and the expected voltages.  This
+    detects a changed element even where the node voltages hardly change.
     """
     try:
         circuit = read_with(io.BytesIO(data), dialect="ngspice")
     except InputError as error:
         return [_by_line(text) for text in str(error).split("\n")][:_MAX_FINDINGS]
     problems = [_by_line(str(note)) for note in circuit.notes if note.severity == "warning"]
-    strange = sorted(circuit.options.keys() - _OPTIONS) + [".temp"] * (circuit.temperature is not None)
-    problems += [f"{name} is stated, which no deck that is written here does" for name in strange]
+    foreign = sorted(circuit.options.keys() - _OPTIONS) + [".temp"] * (circuit.temperature is not None)
+    problems += [f"{name} is set, which decks of resgrid never do: remove it" for name in foreign]
     problems += [
         f"line {circuit.place['resistor'][i, 1]} has a value out of range: {circuit.resistance[i]:g} ohm"
         for i in np.flatnonzero(~(circuit.resistance > 0))[:_MAX_FINDINGS].tolist()
     ]
-    strangers = [number for number, name in enumerate(circuit.node_names) if number and name not in expected.voltage]
-    for number in strangers[:_MAX_FINDINGS]:
+    unknown = [number for number, name in enumerate(circuit.node_names) if number and name not in expected.voltage]
+    for number in unknown[:_MAX_FINDINGS]:
         line = circuit.places_at(np.array([number]))[0, 1]
-        problems.append(f"line {line} names the node {circuit.node_names[number]}, which is not expected")
+        problems.append(f"line {line} names the node {circuit.node_names[number]}, which has no expected voltage")
     missing = sorted(expected.voltage.keys() - set(circuit.node_names))
     problems += [f"node {name} has no element" for name in missing[:_MAX_FINDINGS]]
-    if not strangers:
+    if not unknown:
         voltage = np.array([0.0, *(expected.voltage[name] for name in circuit.node_names[1:])])
         problems += _wrong_sources(circuit, voltage, expected.supply * tolerance)
         problems += _wrong_nodes(circuit, voltage, max(tolerance, 4 * expected.kcl_residual))
@@ -48,10 +49,12 @@ def inspect_deck(data: bytes, expected: Expected, tolerance: float) -> list[str]
 
 
 def _by_line(text: str) -> str:
+    """Replace the reader's name of a text without a file by the word "line"."""
     return text.replace("<text>:", "line ")
 
 
 def _wrong_sources(circuit: Circuit, voltage: NDArray[np.float64], allowed: float) -> list[str]:
+    """Return findings for voltage sources off by more than `allowed` volts; `voltage` (nodes,): expected."""
     plus, minus = voltage[circuit.source_nodes].T
     error = np.abs(plus - minus - circuit.source_volts)
     line = circuit.place["voltage source"][:, 1]
@@ -63,17 +66,18 @@ def _wrong_sources(circuit: Circuit, voltage: NDArray[np.float64], allowed: floa
 
 
 def _wrong_nodes(circuit: Circuit, voltage: NDArray[np.float64], tolerance: float) -> list[str]:
+    """Return findings for nodes with a KCL residual above `tolerance` times their current; `voltage` (nodes,)."""
     count = circuit.node_count
     ends, current, rounding = _currents(circuit, voltage)
     out, into = (np.bincount(column, current, count) for column in ends.T)
-    through, noise = (np.bincount(ends.ravel(), np.repeat(size, 2), count) for size in (np.abs(current), rounding))
+    through, error = (np.bincount(ends.ravel(), np.repeat(size, 2), count) for size in (np.abs(current), rounding))
     net = out - into
     held = np.zeros(count, dtype=np.bool_)
     held[[0, *circuit.source_nodes.ravel()]] = True
-    allowed = tolerance * through + noise
+    allowed = tolerance * through + error
     excess = np.where(held, 0.0, np.abs(net)) / np.where(allowed > 0, allowed, 1.0)
     return [
-        f"at node {circuit.node_names[node]} the currents do not add up: {abs(net[node]):.3g} A is left over "
+        f"at node {circuit.node_names[node]} the currents do not sum to zero: the residual is {abs(net[node]):.3g} A "
         f"(lines {_lines_at(circuit, node)})"
         for node in np.argsort(-excess, kind="stable")[:_MAX_FINDINGS].tolist()
         if excess[node] > 1
@@ -83,9 +87,9 @@ def _wrong_nodes(circuit: Circuit, voltage: NDArray[np.float64], tolerance: floa
 def _currents(
     circuit: Circuit, voltage: NDArray[np.float64]
 ) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
-    """Ends of elements, their currents from the first to the second, and what rounding of voltages may change in them.
+    """Return the nodes of all elements, their currents from first to second node, and the rounding errors of these.
 
-    Shapes: `voltage` (nodes,); returns (elements, 2), (elements,) and (elements,).
+    Shapes: `voltage` (nodes,); returns (elements, 2), (elements,) and (elements,); currents in amperes.
     """
     sizes = len(circuit.resistance), len(circuit.current_amps)
     ends = np.concatenate([circuit.resistor_nodes, circuit.current_nodes, circuit.nonlinear_nodes])
@@ -100,5 +104,6 @@ def _currents(
 
 
 def _lines_at(circuit: Circuit, node: int) -> str:
+    """Return the numbers of the lines whose elements touch a node, shortened to a few."""
     lines = [str(line) for _, line in circuit.places_at(np.array([node])).tolist()]
     return some(lines, len(lines))

@@ -1,7 +1,7 @@
-"""Will your simulator get it right?  The circuit as each simulator understands it, solved and compared.
+"""Portability check: the circuit as each simulator reads it, solved and compared with the circuit as written.
 
-Where a simulator changes a circuit (a shunt at every node, 1 milliohm for 0 ohm, a device taken for the title), the
-changed circuit is solved too, and the largest difference is the error to expect.
+A simulator may change a circuit (a shunt at every node, 1 milliohm for 0 ohm, a first element read as the title).  The
+changed circuit is then solved too, and the largest voltage difference is the predicted error.
 """
 
 from __future__ import annotations
@@ -30,28 +30,34 @@ Outcome = Literal["right", "wrong", "fails", "unsure"]
 _Result = tuple[Outcome, float | None, str | None, tuple[str, ...]]
 
 _LARGEST = 300_000
+"""Largest number of nodes of a deck that is solved."""
 _SAFE_SPREAD = 1e12
+"""Ratio of resistances above which the result of a simulator is uncertain."""
 _ROUNDING = 2.0**-52
+"""Relative rounding error of a double."""
 _SHOWN = 3
+"""Maximum number of notes among the reasons."""
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """Whether one simulator will find a deck's operating point.
+    """Predicted result of one simulator for a deck's operating point.
 
     Attributes
     ----------
     simulator : str
+        Name of the dialect.
     outcome : {"right", "wrong", "fails", "unsure"}
-        ``"wrong"``: it answers, without an error, something else; ``"fails"``: it gives no answer.
+        ``"wrong"``: the simulator returns wrong voltages without an error; ``"fails"``: it returns no result;
+        ``"unsure"``: its behaviour is not known, or depends on rounding errors.
     max_error : float or None
-        Largest error of a node's voltage to expect, in volts; None where it was not computed.
+        Largest predicted voltage error, in volts; None if it was not computed.
     worst_node : str or None
-        Where it occurs.
+        Node with the largest error.
     reasons : tuple of str
-        Why.
+        Reasons for an outcome other than ``"right"``.
     basis : {"measured", "documented"}
-        Whether the simulator was asked, or its manual.
+        Source of the simulator's behaviour: runs of the simulator, or its documentation.
     """
 
     simulator: str
@@ -70,7 +76,11 @@ class Prediction:
 
 @dataclass(frozen=True, eq=False)
 class _Case:
-    """A deck, places of names given twice, and its right answer (None where there is none, or it is too large)."""
+    """A deck with the results that all simulators need.
+
+    `duplicates`: places of names that are given twice; `loops`: its loops of voltage sources; `voltage` (nodes,): the
+    right voltages, None if the deck has no operating point or is too large.
+    """
 
     deck: Circuit
     duplicates: tuple[str, ...]
@@ -81,19 +91,20 @@ class _Case:
 def check_portability(
     circuit: Netlist | Circuit, violations: tuple[Violation, ...] | None = None
 ) -> tuple[Prediction, ...]:
-    """Say for every simulator whether it will find the right operating point.
+    """Predict for every simulator whether it finds the right operating point.
 
     Parameters
     ----------
     circuit : Netlist or Circuit
-        Of a deck the file is judged, as each simulator would read it; a netlist as the deck that resgrid writes of it.
+        A deck, whose file is judged as each simulator reads it, or a netlist, which is judged as the deck that resgrid
+        writes.
     violations : tuple of Violation, optional
-        From `check_erc`, if they are known.
+        Result of `check_erc`, if it is known.
 
     Returns
     -------
     tuple of Prediction
-        One a simulator.  Errors are computed for up to 300,000 nodes; beyond, reasons are given without a number.
+        One for each simulator.  Errors are computed for up to 300,000 nodes; larger circuits get reasons only.
 
     Examples
     --------
@@ -107,19 +118,19 @@ def check_portability(
     errors = [item for item in violations or check_erc(circuit) if item.severity == "error"]
     if circuit.is_deck:
         case = _case_of(circuit, errors)
-        outcomes = [_of_file(dialect, case) for dialect in DIALECTS.values()]
+        outcomes = [_predict_file(dialect, case) for dialect in DIALECTS.values()]
     else:
-        outcomes = [_of_netlist(dialect.quirks, circuit.resistance, errors) for dialect in DIALECTS.values()]
+        outcomes = [_predict_netlist(dialect.quirks, circuit.resistance, errors) for dialect in DIALECTS.values()]
     return tuple(
-        Prediction(dialect.name, *what, dialect.quirks.basis)
-        for dialect, what in zip(DIALECTS.values(), outcomes, strict=True)
+        Prediction(dialect.name, *outcome, dialect.quirks.basis)
+        for dialect, outcome in zip(DIALECTS.values(), outcomes, strict=True)
     )
 
 
-def _of_netlist(quirks: Quirks, resistance: NDArray[np.float64], errors: list[Violation]) -> _Result:
-    """Our own decks leave out what simulators stumble over."""
+def _predict_netlist(quirks: Quirks, resistance: NDArray[np.float64], errors: list[Violation]) -> _Result:
+    """Predict the result for a deck that resgrid writes, which avoids the known traps; `resistance` (m,) in ohms."""
     if errors:
-        return "fails", None, None, (f"there is no deck to run: {errors[0].message}",)
+        return "fails", None, None, (f"the netlist has no deck: {errors[0].message}",)
     doubts = _spread_doubts(resistance)
     least = quirks.smallest_resistance
     if least and not quirks.raises_zero_only and resistance.min(initial=np.inf) < least:
@@ -127,26 +138,27 @@ def _of_netlist(quirks: Quirks, resistance: NDArray[np.float64], errors: list[Vi
     return "unsure" if doubts else "right", None, None, doubts
 
 
-def _of_file(dialect: Dialect, case: _Case) -> _Result:
-    """Judge the file that a simulator would be given: how it reads it, then what it makes of the circuit."""
+def _predict_file(dialect: Dialect, case: _Case) -> _Result:
+    """Predict the result for a deck's file: read it by the simulator's rules, then judge the circuit."""
     label = dialect.label
     found = reread(case.deck, dialect)
     if found.circuit is None:
         if found.fails:
             return "fails", None, None, (found.why,)
-        return "unsure", None, None, (f"this file is not read by the rules of {label}: {found.why}",)
+        return "unsure", None, None, (f"this file cannot be read by the rules of {label}: {found.why}",)
     stops = [note for note in found.circuit.notes if note.outcome == "fails"]
     if stops:
         return "fails", None, None, tuple(str(note) for note in stops[:_SHOWN])
     if found.circuit is case.deck:
-        outcome, error, worst, reasons = _of_deck(dialect.quirks, case)
+        outcome, error, worst, reasons = _predict_deck(dialect.quirks, case)
     else:
         own = _case_of(found.circuit, check_erc(found.circuit))
         if own.voltage is not None and case.voltage is not None:
             difference = first_difference((case.deck, found.circuit), (case.voltage, own.voltage))
             if difference is not None:
-                return "wrong", _finite(difference[1]), difference[0], (f"{label} reads another circuit in this file",)
-        outcome, error, worst, reasons = _of_deck(dialect.quirks, own)
+                reason = f"{label} reads another circuit from this file"
+                return "wrong", _finite(difference[1]), difference[0], (reason,)
+        outcome, error, worst, reasons = _predict_deck(dialect.quirks, own)
     doubts = tuple(str(note) for note in found.circuit.notes if note.outcome == "unsure")[:_SHOWN]
     if doubts and outcome == "right":
         outcome = "unsure"
@@ -154,34 +166,36 @@ def _of_file(dialect: Dialect, case: _Case) -> _Result:
 
 
 def _finite(volts: float) -> float | None:
+    """Return a finite number of volts, None for infinity."""
     return volts if np.isfinite(volts) else None
 
 
 def _case_of(deck: Circuit, violations: Iterable[Violation]) -> _Case:
-    """Solve a deck once for all simulators."""
+    """Compute the results of a deck that the predictions for all simulators need."""
     duplicates = tuple(item.place for item in violations if item.severity == "error" and item.rule == "names")
     right = _voltages(deck.netlist) if deck.node_count <= _LARGEST else None
     return _Case(deck, duplicates, loops_of(deck), right)
 
 
-def _of_deck(quirks: Quirks, case: _Case) -> _Result:
+def _predict_deck(quirks: Quirks, case: _Case) -> _Result:
+    """Predict the result for a deck as read: fatal defects, then changes of the circuit, then doubts."""
     fatal = [
-        f"a loop of voltage sources leaves no answer ({case.deck.place_of('voltage source', number)})"
+        f"a loop of voltage sources makes the matrix singular ({case.deck.place_of('voltage source', number)})"
         for number in _failing_loops(quirks, case)[:1]
     ]
     if quirks.duplicates == "fails":
         fatal += [f"a name is given twice ({place})" for place in case.duplicates[:1]]
     if fatal:
         return "fails", None, None, tuple(fatal)
-    lost = _lost_to_title(case.deck)
-    resistance, raised = _raised(quirks, case.deck)
+    lost = _elements_on_title_line(case.deck)
+    resistance, raised = _raised_resistances(quirks, case.deck)
     siemens, shunts, shunt_doubts = _shunt(quirks, case)
-    reasons = (*(f"the first line is taken for the title, so {name} is lost" for name in lost[:1]), *raised, *shunts)
+    reasons = (*(f"the first line is read as the title, so {name} is lost" for name in lost[:1]), *raised, *shunts)
     doubts = (*_doubts(quirks, case, resistance), *shunt_doubts)
     trapped = case.deck.trapped_sources
     if trapped.size:
         name = case.deck.element_name("current source", int(trapped[0]))
-        text = f"{name} feeds a floating part, which lets no current out: no answer exists"
+        text = f"{name} drives a floating part, which has no return path: no operating point exists"
         if quirks.floating == "unknown":
             doubts += (text,)
         else:
@@ -201,7 +215,7 @@ def _of_deck(quirks: Quirks, case: _Case) -> _Result:
 
 
 def _failing_loops(quirks: Quirks, case: _Case) -> list[int]:
-    """Voltage sources that close a loop which leaves no answer."""
+    """Return the indices of the voltage sources that close a loop at which the simulator fails."""
     ends = case.deck.source_nodes
     closing = [int(number) for number in case.loops.sources]
     inductive = case.deck.is_inductor
@@ -213,70 +227,72 @@ def _failing_loops(quirks: Quirks, case: _Case) -> list[int]:
 
 
 def _doubts(quirks: Quirks, case: _Case, resistance: NDArray[np.float64]) -> tuple[str, ...]:
-    """What speaks against an answer to a deck whose resistances a simulator takes so."""
-    doubts = _spread_doubts(np.abs(case.deck.resistance)) or _drowned(case.deck, np.abs(resistance))
-    answered = quirks.loops == "fail at ground"
+    """Return reasons why the result is uncertain; `resistance` (m,): as the simulator uses them, in ohms."""
+    doubts = _spread_doubts(np.abs(case.deck.resistance)) or _cancellation(case.deck, np.abs(resistance))
+    continues = quirks.loops == "fail at ground"
     for kind, numbers in (("inductors", case.loops.inductors), ("voltage sources", case.loops.sources)):
         if not numbers.size:
             continue
         place = case.deck.place_of("voltage source", int(numbers[0]))
-        what = "the answer is what a transient comes to, and may be anything" if answered else "it may fail"
-        doubts += (f"a loop of {kind} ({place}): {what}",)
+        effect = "the result is the end of a transient, and may be arbitrary" if continues else "it may fail"
+        doubts += (f"a loop of {kind} ({place}): {effect}",)
     if case.deck.is_floating.any() and quirks.floating == "unknown":
-        doubts += ("it is not known here what it makes of floating nodes",)
+        doubts += ("its treatment of floating nodes is not known",)
     if quirks.smallest_resistance is None and (case.deck.resistance == 0).any():
-        doubts += ("it is not known here what it makes of 0 ohm",)
+        doubts += ("its treatment of 0 ohm is not known",)
     if (case.deck.resistance < 0).any():
-        doubts += ("negative resistances cannot be checked here",)
+        doubts += ("decks with negative resistances cannot be checked",)
     if quirks.duplicates == "unknown" and case.duplicates:
-        doubts += ("it is not known here which of two elements of one name it keeps",)
+        doubts += ("it is not known which of two elements of one name it keeps",)
     return doubts
 
 
-def _drowned(deck: Circuit, size: NDArray[np.float64]) -> tuple[str, ...]:
-    """Whether conductances drown in those beside them: groups of nodes tied together far more firmly than to the rest.
+def _cancellation(deck: Circuit, size: NDArray[np.float64]) -> tuple[str, ...]:
+    """Return a doubt if elimination loses small conductances next to large ones; `size` (m,): resistances in ohms.
 
-    The conductances that leave such a group are what is left of the sums on the diagonal of the matrix when those
-    within it cancel, so that they are known to the rounding of the latter.
+    Elimination in a group of nodes that large conductances join subtracts these from the diagonal sums.  The remainder
+    is the conductance that leaves the group, with the rounding error of the large ones.
     """
     usable = (size > 0) & np.isfinite(size)
     size, ends = size[usable], deck.resistor_nodes[usable]
     if not size.size or size.max() <= size.min() * TOLERANCE / _ROUNDING:
         return ()
     worst = 0.0
-    for decade in np.unique(np.ceil(np.log10(size))).tolist()[:-1]:
-        firm = size <= 10.0**decade
-        group = connected_parts(np.concatenate([ends[firm], deck.source_nodes]), deck.node_count)
-        leaves = ~firm & (group[ends[:, 0]] != group[ends[:, 1]])
+    for exponent in np.unique(np.ceil(np.log10(size))).tolist()[:-1]:
+        small = size <= 10.0**exponent
+        group = connected_parts(np.concatenate([ends[small], deck.source_nodes]), deck.node_count)
+        leaves = ~small & (group[ends[:, 0]] != group[ends[:, 1]])
         leaving = np.bincount(group[ends[leaves]].ravel(), np.repeat(1 / size[leaves], 2), deck.node_count)
         within = np.zeros(deck.node_count)
-        np.maximum.at(within, group[ends[firm, 0]], 1 / size[firm])
+        np.maximum.at(within, group[ends[small, 0]], 1 / size[small])
         held = leaving > 0
         held[group[GROUND]] = False
         worst = max(worst, float(np.max(within[held] / leaving[held], initial=0.0)))
     if worst * _ROUNDING <= TOLERANCE:
         return ()
-    return (f"the smallest resistances drown the others: about {worst * _ROUNDING:.0e} of the voltage is lost",)
+    error = f"{worst * _ROUNDING:.0e}"
+    return (f"cancellation at the smallest resistances causes a relative voltage error of about {error}",)
 
 
 def _spread_doubts(resistance: NDArray[np.float64]) -> tuple[str, ...]:
+    """Return a doubt if the ratio of resistances is too large for doubles; `resistance` (m,) in ohms."""
     size = resistance[(resistance > 0) & np.isfinite(resistance)]
     if not size.size or size.max() <= _SAFE_SPREAD * size.min():
         return ()
-    decades = np.log10(size.max() / size.min())
-    return (f"resistances span {decades:.0f} decades, and double precision holds 16",)
+    orders = np.log10(size.max() / size.min())
+    return (f"resistances span {orders:.0f} orders of magnitude, and double precision has 16 digits",)
 
 
-def _lost_to_title(deck: Circuit) -> list[str]:
-    """Names of the elements on a first line, which simulators take for the title."""
+def _elements_on_title_line(deck: Circuit) -> list[str]:
+    """Return the names of the elements on the first line, which simulators read as the title."""
     if deck.title is not None:
         return []
     first = ((kind, (place == [0, 1]).all(axis=1)) for kind, place in deck.place.items())
     return [deck.element_names[kind][i] for kind, lines in first for i in np.flatnonzero(lines).tolist()]
 
 
-def _raised(quirks: Quirks, deck: Circuit) -> tuple[NDArray[np.float64], tuple[str, ...]]:
-    """Resistances as a simulator takes them, and what it does to those that are too small."""
+def _raised_resistances(quirks: Quirks, deck: Circuit) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+    """Return the resistances (m,) in ohms as a simulator uses them, and the reason if small ones are raised."""
     resistance, _, _ = rebase(deck.resistance, deck.tc1, deck.tc2, deck.heating)
     least, size = quirks.smallest_resistance, np.abs(resistance)
     if least is None:
@@ -290,7 +306,7 @@ def _raised(quirks: Quirks, deck: Circuit) -> tuple[NDArray[np.float64], tuple[s
 
 
 def _shunt(quirks: Quirks, case: _Case) -> tuple[float, tuple[str, ...], tuple[str, ...]]:
-    """The conductance that a simulator adds from every node to ground, in siemens, why, and what is uncertain of it."""
+    """Return the conductance that a simulator adds from every node to ground, in siemens, with reasons and doubts."""
     siemens, reasons, doubts = 0.0, [], []
     for option, unit in quirks.shunt_options.items():
         value = _option(case.deck, option)
@@ -301,24 +317,28 @@ def _shunt(quirks: Quirks, case: _Case) -> tuple[float, tuple[str, ...], tuple[s
     if floating and quirks.floating == "everywhere":
         given = (_option(case.deck, option) for option in quirks.gmin_options)
         gmin = next((value for value in given if value), quirks.gmin)
-        text = f"as if {gmin:g} S led from every node to ground"
+        text = f"for a circuit with {gmin:g} S from every node to ground"
         singular = singularity(case.deck)
         if singular == "yes":
             siemens += gmin
-            reasons.append(f"{floating:,} floating nodes: the answer comes, with exit status 0, {text}")
+            reasons.append(f"{floating:,} floating nodes: the result, with exit status 0, is {text}")
         elif singular == "unknown":
-            doubts.append(f"{floating:,} floating nodes: rounding decides whether the answer comes {text}")
+            doubts.append(f"{floating:,} floating nodes: rounding errors decide whether the result is {text}")
     return siemens, tuple(reasons), tuple(doubts)
 
 
 def _option(deck: Circuit, name: str) -> float:
-    """Value of an option, 0 where it is not set or no positive number."""
+    """Return the value of an option, 0 if it is not set or not a positive number."""
     number = parse_numeral(deck.options.get(name, "0"), DIALECTS[deck.dialect].reading)
     return number.value if isinstance(number, Numeral) and number.value > 0 else 0.0
 
 
 def _simulated(deck: Circuit, lost: list[str], resistance: NDArray[np.float64], siemens: float) -> Netlist:
-    """What a simulator solves: these resistances, a shunt at every node, and not the elements that it lost."""
+    """Return the netlist that a simulator solves.
+
+    `lost`: names of the elements that it drops; `resistance` (m,): its resistances in ohms; `siemens`: its shunt from
+    every node to ground.
+    """
     netlist = replace(deck, resistance=resistance, tc1=None, tc2=None).netlist()
     for kind, names in (netlist.element_names or {}).items() if lost else ():
         netlist = select_elements(netlist, kind, ~np.isin(names, lost))
@@ -327,10 +347,10 @@ def _simulated(deck: Circuit, lost: list[str], resistance: NDArray[np.float64], 
 
 
 def _voltages(netlist: Callable[[], Netlist]) -> NDArray[np.float64] | None:
-    """Node voltages of a netlist, None where it has none."""
+    """Return the node voltages (nodes,) of a netlist, None if it has no operating point."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # currents in loops of shorts are of no interest here
+            warnings.simplefilter("ignore")  # undetermined currents in loops of shorts do not change voltages
             return solve(netlist(), accuracy="normwise", rtol=1e-12).voltage
     except ResgridError:
         return None

@@ -1,4 +1,4 @@
-"""A deck's file as other simulators read it: the same bytes, by the rules of another dialect."""
+"""Re-reading of a deck's file by the rules of another simulator's dialect."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from resgrid.spice.dialects.record import Dialect
 from resgrid.spice.read.deck import read_with
 
 _MOST_BYTES = 20_000_000
-"""Size of the files of a deck, in bytes, beyond which they are not read again."""
+"""Largest total size of a deck's files that are read a second time, in bytes."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rereading:
-    """A deck's file by the rules of a simulator.
+    """Result of reading a deck's file by another simulator's rules.
 
-    `circuit`: what these rules make of it, None where they make nothing; `why`: the first error then; `fails`: whether
-    the simulator certainly gives no answer.
+    `circuit`: the circuit, None if the file cannot be read by these rules; `why`: the first error in that case;
+    `fails`: whether the simulator is certain to return no result.
     """
 
     circuit: Circuit | None
@@ -33,7 +33,7 @@ class Rereading:
 
 
 def reread(deck: Circuit, dialect: Dialect) -> Rereading:
-    """Read the file of a deck by the rules of a dialect; a deck without a file is taken as it was read."""
+    """Read the file of a deck by the rules of a dialect; a deck without a file, or a large one, is returned as read."""
     if dialect.name == deck.dialect or deck.dialect not in DIALECTS:
         return Rereading(deck)
     if DIALECTS[deck.dialect].reading.instances and not dialect.reading.instances:
@@ -52,8 +52,9 @@ def reread(deck: Circuit, dialect: Dialect) -> Rereading:
 def first_difference(
     names: tuple[Circuit, Circuit], volts: tuple[NDArray[np.float64], NDArray[np.float64]]
 ) -> tuple[str, float] | None:
-    """Return the node whose voltage differs most between two readings of a file, and by how much; None without one.
+    """Return the node with the largest voltage difference between two readings of a file, and the difference in volts.
 
+    The difference is infinite for a node that only the first reading has.  Returns None if the readings agree.
     Shapes: `volts` (nodes,) each.
     """
     first, second = (
@@ -71,7 +72,7 @@ def first_difference(
 
 
 def _are_small(files: list[Path]) -> bool:
-    """Return whether files can be read once more."""
+    """Return whether the files exist and are small enough to read again."""
     try:
         return bool(files) and sum(file.stat().st_size for file in files) <= _MOST_BYTES
     except OSError:

@@ -1,8 +1,8 @@
-"""Whether elimination finds the matrix of a circuit singular where a part of it floats.
+"""Detection of zero pivots: whether ngspice's elimination finds the block of a floating part singular.
 
 A floating part has a singular block.  Elimination as in ngspice's Sparse 1.3 multiplies by the reciprocal of the pivot,
-so that rounding may leave a small last pivot instead of zero: the block is then solved as if it were regular, with any
-voltages in it and right ones elsewhere.
+so that rounding may leave a small last pivot instead of zero.  The block is then solved as if it were regular: the
+voltages in the part are arbitrary, the others right.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from resgrid.spice.circuit import Circuit
 
 _MOST = 50
-"""Number of floating parts that are examined."""
+"""Maximum number of floating parts that are examined."""
 
 Singular = Literal["yes", "no", "unknown"]
 
@@ -37,23 +37,23 @@ def singularity(circuit: Circuit) -> Singular:
         return "yes"
     if len(parts) > _MOST:
         return "unknown"
-    found = {_of_part(circuit, np.flatnonzero(circuit.part == part)) for part in parts.tolist()}
+    found = {_part_singularity(circuit, np.flatnonzero(circuit.part == part)) for part in parts.tolist()}
     return "yes" if "yes" in found else "unknown" if "unknown" in found else "no"
 
 
-def _of_part(circuit: Circuit, nodes: NDArray[np.int64]) -> Singular:
-    """Return the answer for one floating part.  Shapes: `nodes` (n,)."""
+def _part_singularity(circuit: Circuit, nodes: NDArray[np.int64]) -> Singular:
+    """Return whether elimination finds a zero pivot in one floating part.  Shapes: `nodes` (n,)."""
     inside = {kind: np.isin(ends, nodes).all(axis=1) for kind, ends in circuit.ends.items()}
     if inside["nonlinear resistor"].any():
         return "unknown"
-    if not inside["resistor"].any():  # one node, or nodes that sources alone join: sums of ones, which are exact
+    if not inside["resistor"].any():  # nodes joined by sources alone: the entries are ones, without rounding
         return "yes"
     if len(nodes) > 2 or inside["voltage source"].any():
         return "unknown"
     ohms = circuit.resistance[inside["resistor"]]
     with np.errstate(divide="ignore", invalid="ignore"):
         conductances = 1.0 / ohms
-    # The order of summation in the simulator is not known; both orders have to agree.
+    # The simulator's order of summation is not known, so both orders must give the same result.
     totals = {float(sum(order)) for order in (conductances.tolist(), conductances[::-1].tolist())}
     pivots = {total - total * (1.0 / total) * total if total else 0.0 for total in totals}
     if not np.isfinite(list(pivots)).all():

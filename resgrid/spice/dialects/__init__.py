@@ -1,9 +1,9 @@
-"""Simulators as data: one page each, in a table.
+"""Dialects: one record of data for each simulator, in a table.
 
-All of them read elements by the first letter, nodes by name, and numbers; everything else has its traps, told on their
-pages.  Sources, where nothing else is said: ngspice manual, chapter "Analyses and Output Control"; LTspice help, "Dot
-Commands"; Xyce Reference Guide, chapter "Netlist Commands"; HSPICE Command Reference; Spectre Circuit Simulator
-Reference, chapter "Analysis Statements"; for quirks also their mailing lists.  Only ngspice was run.
+All simulators except Spectre read elements by their first letter, nodes by name, and numbers.  The module of each
+dialect describes its other rules and traps.  Default sources: ngspice manual, chapter "Analyses and Output Control";
+LTspice help, "Dot Commands"; Xyce Reference Guide, chapter "Netlist Commands"; HSPICE Command Reference; Spectre
+Circuit Simulator Reference, chapter "Analysis Statements"; for quirks also their mailing lists.  Only ngspice was run.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from resgrid.spice.dialects.spectre import SPECTRE
 from resgrid.spice.dialects.xyce import XYCE
 
 DIALECTS = {dialect.name: dialect for dialect in (NGSPICE, LTSPICE, XYCE, HSPICE, SPECTRE)}
-"""Every simulator by its name."""
+"""All dialects by name."""
 
 OWN_SUFFIXES = {item.reading.suffix: item.name for item in DIALECTS.values() if item.reading.suffix}
-"""Ends of files' names that say whose deck it is."""
+"""File name suffixes that determine the dialect."""
 
 DECK_SUFFIXES = (".cir", ".sp", ".spice", ".ckt", ".net", ".cdl", *OWN_SUFFIXES)
-"""Ends of the names of decks."""
+"""File name suffixes of decks."""
 
 
 def dialect_named(name: str) -> Dialect:
-    """Look a dialect up."""
+    """Return the dialect of a name; raise InputError for an unknown one."""
     if name not in DIALECTS:
         hint = suggestion(name, DIALECTS) or f"choose one of {', '.join(sorted(DIALECTS))}"
         raise InputError(f"there is no SPICE dialect {name!r}; {hint}")

@@ -1,14 +1,15 @@
-"""HSPICE, told from its references.
+"""Dialect of HSPICE, from its reference manuals; HSPICE was not run.
 
-- ``$`` begins a comment anywhere; expressions go in single quotes; ``gnd``, ``gnd!`` and ``ground`` are node ``0``.
-- The nominal temperature is 25 degrees Celsius, not 27: decks say ``.option tnom=27``, and ``.temp 27``.
-- A behavioural current is a G element, ``cur='...'``; it has no B element.
-- ``.end`` ends a simulation, and what follows is the next one: decks are included last.
-- ``gauss(nominal, relative variation, sigma)`` and ``agauss`` draw anew wherever an element refers to them.
+- ``$`` begins a comment anywhere; expressions are written in single quotes; ``gnd``, ``gnd!`` and ``ground`` are node
+  ``0``.
+- The nominal temperature is 25 degrees Celsius, not 27: decks set ``.option tnom=27`` and ``.temp 27``.
+- A behavioural current source is a G element, ``cur='...'``; HSPICE has no B element.
+- ``.end`` ends a simulation, and the lines after it are the next one: decks are included last.
+- ``gauss(nominal, relative variation, sigma)`` and ``agauss`` draw a new value for every element that refers to them.
 - ``time``, ``temper`` and ``hertz`` are variables of the simulator (HSPICE Simulation and Analysis User Guide, "HSPICE
   special variables"); a deck that redefines one is rejected, and so is a function of a built-in name.  An expression
-  with blanks stands in quotes.
-- Resistances are raised to ``RESMIN`` (1e-5 ohm); ``gmin`` is put at the floating nodes only, and it says so.
+  with blanks is written in quotes.
+- Smaller resistances are raised to ``RESMIN`` (1e-5 ohm); ``gmin`` is added at the floating nodes only, with a message.
 """
 
 from __future__ import annotations
@@ -73,7 +74,7 @@ HSPICE = Dialect(
         functions={**FUNCTIONS, "log": "ln", "nint": "nint", "pow": "pow_integer", "pwr": "pwr_signed"},
         d_exponents=True,
         lengths_twice=True,
-        refused_elements={"s": "an S element, which HSPICE takes for scattering parameters"},
+        refused_elements={"s": "an S element, which HSPICE reads as scattering parameters"},
         holds_initial=True,
         inductor_keys=frozenset({"r"}),
         words=_WORDS,

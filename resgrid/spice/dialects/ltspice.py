@@ -1,15 +1,16 @@
-"""LTspice, told from its help.
+"""Dialect of LTspice, from its help; LTspice was not run.
 
-- ``M`` is milli and ``Meg`` mega, as in SPICE; ``1F`` is a femto, and so is the ``F`` of a unit.
-- Temperature coefficients are a list, ``tc=tc1, tc2`` (LTspice help, "R. Resistor"); of a blank before the second one
-  ngspice in its compatibility mode is fond, too.
-- Raw files hold voltages in single precision unless ``.options numdgt=15`` says otherwise.
+- ``M`` is milli and ``Meg`` mega, as in SPICE; ``1F`` is 1e-15, so a unit ``F`` changes the value.
+- Temperature coefficients are a list, ``tc=tc1, tc2`` (LTspice help, "R. Resistor"); with a blank before the second
+  one ngspice in its compatibility mode reads the list, too.
+- Raw files hold voltages in single precision unless ``.options numdgt=15`` is set.
 - ``;`` begins a comment anywhere in a line, ``*`` at its start.
-- ``gauss(sigma)`` and ``mc(value, tolerance)`` take new values for every element and step, but the same ones in every
-  run unless its control panel says otherwise; there is no seed statement.
+- ``gauss(sigma)`` and ``mc(value, tolerance)`` draw new values for every element and step, but the same ones in every
+  run unless the control panel is set otherwise; there is no seed statement.
 - ``pi`` is a constant and ``temp`` the simulation temperature (LTspice help, ".PARAM" and ".STEP", and its list of
-  functions); a deck that redefines one of them, or ``time``, is rejected, for its help does not say which one counts.
-- Values behind ``.param name=`` need no braces (LTspice help, ".PARAM": ``z=1k*tan(pi/4+.1)``).
+  functions).  A deck that redefines one of them, or ``time``, is rejected, because the help does not define which value
+  is used.
+- Values after ``.param name=`` need no braces (LTspice help, ".PARAM": ``z=1k*tan(pi/4+.1)``).
 """
 
 from __future__ import annotations

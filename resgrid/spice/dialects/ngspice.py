@@ -1,55 +1,57 @@
-"""ngspice: what its decks must respect, each learnt by experiment with version 39, and tried with 46.
+"""Dialect of ngspice; each rule was found by experiment with version 39 and confirmed with version 46.
 
-- The first line of a file it is given is a title, whatever it says; in an included file it is not.  A full-line
-  comment in front serves both.  A line that begins with ``*#`` is a command, not a comment.
-- ``1M`` is a milliohm and ``1F`` a femto-anything: numbers are written plain.  They are read digit by digit, so a
-  number of 17 digits arrives with an error of up to 2 units in the last place.
+- The first line of the main file is always read as the title; that of an included file is not.  A full-line comment as
+  first line serves both cases.  A line that begins with ``*#`` is a command, not a comment.
+- ``1M`` is a milliohm and ``1F`` means 1e-15: numbers are written without suffixes.  They are read digit by digit, so a
+  number of 17 digits is read with an error of up to 2 units in the last place.
 - Case is folded, and ``gnd`` is another name of node ``0``.
-- A node that floats, if only behind a capacitor, makes the matrix singular.  ngspice then steps gmin and supplies,
-  ends in a pseudo-transient, and reports, with exit status 0, the answer of a circuit with ``gmin`` (``.option
-  gshunt`` or else ``.option gmin``, 1e-12 S without) from *every* node to ground.
-- 0 ohm silently becomes 1 milliohm; smaller but positive values are kept.  Version 46 says that it is 1e-12 ohm, and
-  loses nine digits to it.
-- A second device of the same name, or a loop of voltage sources that ground is tied to, ends the run without an
-  answer; a loop elsewhere is mostly answered rightly, but not always.
-- A loop of inductors, or of inductors and sources, makes the matrix singular: the answer is what a transient comes to,
-  which depends on their inductances and may be anything.
-- Where a resistance is far smaller than everything else that holds its nodes, their difference drowns in its
-  conductance: 1e-9 ohm behind 5 ohm costs a millionth of the voltage.
+- A floating node, including one that only a capacitor ties, makes the matrix singular.  ngspice then steps gmin and
+  supplies, ends in a pseudo-transient, and reports, with exit status 0, the result of a circuit with ``gmin``
+  (``.option gshunt``, else ``.option gmin``, else 1e-12 S) from *every* node to ground.
+- 0 ohm silently becomes 1 milliohm; smaller positive values are kept.  Version 46 reports 1e-12 ohm, which costs nine
+  digits of accuracy.
+- A second device of the same name, or a loop of voltage sources tied to ground, ends the run without a result.  Other
+  loops of voltage sources are usually, but not always, solved correctly.
+- A loop of inductors, or of inductors and sources, makes the matrix singular.  The result is the end of a transient,
+  which depends on their inductances and may be arbitrary.
+- A resistance much smaller than all others at its nodes causes cancellation: 1e-9 ohm in series with 5 ohm gives a
+  relative voltage error of 1e-6.
 - A linear operating point is solved directly: ``gmin``, ``reltol``, ``abstol``, ``vntol``, ``pivtol`` and ``pivrel``
-  change nothing (agreement is 1e-14 on uniform grids, 1e-10 where conductances span ten decades), ``rshunt=R``, which
-  puts ``R`` from every node to ground, ruins it (1e-6), ``noopiter`` goes the way of the floating node.  So no option
-  is set but ``klu``, the faster matrix package of newer versions, which older ones ignore; their own takes 0.4 s for
-  64 x 64 cells, 11 s for 128 x 128.
-- Printed numbers are cut to ``numdgt`` digits: only the binary raw file holds the voltages as they are.
-  ``SPICE_ASCIIRAWFILE`` in the environment and a ``.spiceinit`` in the home folder can change what is written.
-- In batch mode with a control block it may exit with status 1 after a perfect run: neither status says anything.
-- A control block may run any shell command: no deck from elsewhere is simulated with one.
-- Functions and what an ``X`` line gives are put in as text, so that names in them are looked up where they land;
-  ``m=`` of an ``X`` line takes the place of that of the elements within; ``.end`` ends nothing; ``.temp`` counts before
-  ``.option temp``; the first of two models counts; ``rsh`` counts before ``r``.  Where nobody can have meant it (a
-  parameter that means another one where it lands), the deck is refused.
-- Names of numparam's functions (``fmathS`` in ``src/frontend/numparam/xpressn.c``) are functions wherever they stand
+  have no effect (agreement is 1e-14 on uniform grids, 1e-10 with conductances over ten orders of magnitude).
+  ``rshunt=R``, which adds ``R`` from every node to ground, spoils the result (error 1e-6); ``noopiter`` has the effect
+  of a floating node.  The only option set is therefore ``klu``, the faster matrix package of newer versions, which
+  older ones ignore; their own takes 0.4 s for 64 x 64 cells, 11 s for 128 x 128.
+- Printed numbers are cut to ``numdgt`` digits: only the binary raw file holds full precision.
+  ``SPICE_ASCIIRAWFILE`` in the environment and a ``.spiceinit`` in the home folder can change the output format.
+- In batch mode with a control block the exit status may be 1 after a correct run: the exit status carries no
+  information.
+- A control block can run any shell command: a foreign deck with a control block is never simulated.
+- Functions and the values of an ``X`` line are substituted as text, so that their names are looked up in the place of
+  substitution; ``m=`` of an ``X`` line replaces that of the elements in the subcircuit; lines after ``.end`` are read;
+  ``.temp`` overrides ``.option temp``; the first of two models of one name is used; ``rsh`` overrides ``r``.  If a
+  parameter's name has another meaning in the place of substitution, the deck is rejected.
+- Names of numparam's functions (``fmathS`` in ``src/frontend/numparam/xpressn.c``) are functions wherever they occur
   in an expression: ``.param max=5`` is lost, ``{max*100}`` is 0, ``{100*max}`` an error. ``temper`` is the simulation
-  temperature whatever ``.param`` says, in the values of R, C, L and models only (``inp_fix_temper_in_param`` and
+  temperature even if ``.param`` redefines it, in the values of R, C, L and models only (``inp_fix_temper_in_param`` and
   ``b_transformation_wanted`` in ``inpcom.c``), where a B element evaluates it: without ``int``, ``arctan``, ``%``, a
   backslash and without a third argument of ``min`` and ``max``; ``time`` and ``hertz`` make a resistor fail;
-  ``{last}`` is a word of ``.meas``. Constants (``pi``, ``e``, ``boltz``) are known to its commands and B elements, not
-  to ``.param``.
-- The name of a parameter ends at the first character that is no letter, digit or underscore: ``.param a.b=5`` defines
-  ``a`` (``getword``).  ``min(a,b,c)`` compares ``a`` and ``c``.  An unquoted value ends at a blank, unless it is alone
-  on its line and begins with a number.
+  ``{last}`` is a word of ``.meas``.  Constants (``pi``, ``e``, ``boltz``) are defined in commands and B elements, not
+  in ``.param``.
+- The name of a parameter ends at the first character that is not a letter, digit or underscore: ``.param a.b=5``
+  defines ``a`` (``getword``).  ``min(a,b,c)`` compares ``a`` and ``c``.  An unquoted value ends at a blank, unless it
+  is the only one on its line and begins with a number.
 - ``gnd`` between blanks, commas or parentheses becomes ``0`` in every line, in expressions as well
-  (``inp_fix_gnd_name``). A line with the word ``temper`` becomes a B element, whatever the word names. A model called
-  ``r`` is overlooked. The node ``null`` is the same one in every subcircuit (``gettrans`` in ``subckt.c``).
-- Double quotes are dropped before expressions are looked for: ``"300+200"`` is 200 (39). Calls and first lines of
-  subcircuits are read as meant.
-- Every parameter is evaluated, needed or not.  A second definition of one makes ngspice forget another one, where that
-  stands in a line without braces.
-- No ``.meas`` is computed in a batch that writes a raw file, so that it is asked in a control block.
+  (``inp_fix_gnd_name``).  A line with the word ``temper`` becomes a B element, even if the word is the name of a node.
+  A model called ``r`` is ignored.  The node ``null`` is global: all subcircuits share it (``gettrans`` in
+  ``subckt.c``).
+- Double quotes are removed before expressions are parsed: ``"300+200"`` is 200 (39).  Calls and first lines of
+  subcircuits are read correctly.
+- Every parameter is evaluated, also unused ones.  A second definition of a parameter makes ngspice lose another
+  parameter that is used in a line without braces.
+- ``.meas`` is not computed in a batch run that writes a raw file, so measurements are requested in a control block.
 
-Engines: up to version 41 it orders its matrix by Markowitz's rule with linear searches; from version 42 on it has KLU,
-as has ``eecircuit``, its WebAssembly.
+Engines: up to version 41 ngspice orders its matrix by Markowitz's rule with linear searches; from version 42 on it has
+KLU, as has ``eecircuit``, its WebAssembly build.
 """
 
 from __future__ import annotations
@@ -205,7 +207,7 @@ NGSPICE = Dialect(
 
 
 def ngspice_name(name: str) -> str:
-    """How ngspice spells the name of an element: ``r1``, but ``r.x1.r1`` for one inside a subcircuit.
+    """Return ngspice's name of an element: ``r1`` at the top level, ``r.x1.r1`` inside a subcircuit.
 
     Examples
     --------

@@ -1,14 +1,14 @@
-"""What is known of a circuit simulator, as one record: how decks are read and written, and where it errs.
+"""Records that describe a circuit simulator: rules for reading and writing decks, its statements and its errors.
 
-What dialects of SPICE disagree about when they read, and what follows (more traps stand on the simulators' pages):
+Dialects of SPICE disagree in these points when they read a deck (the module of each dialect lists more):
 
-- A suffix ``x`` is mega in HSPICE and Xyce and an ignored unit in ngspice and LTspice; ``a`` is atto in HSPICE alone.
-  ``M`` is milli in all of them, but mega in Spectre.  ``4k7`` is 4700 in LTspice and 4000 in ngspice, so it is refused
+- A suffix ``x`` is mega in HSPICE and Xyce and an ignored unit in ngspice and LTspice; ``a`` is atto in HSPICE only.
+  ``M`` is milli in SPICE and mega in Spectre.  ``4k7`` is 4700 in LTspice and 4000 in ngspice, so it is rejected
   outside LTspice.
-- ``;``, ``//`` and ``$`` (after a blank) end a line of ngspice; HSPICE knows ``$`` alone, LTspice and Xyce ``;``.
-- Ground is ``0``; ``gnd`` is another name of it except in Xyce (unless ``.preprocess replaceground true``).
+- ``;``, ``//`` and ``$`` (after a blank) begin a comment in ngspice, ``$`` in HSPICE, ``;`` in LTspice and Xyce.
+- Ground is ``0``; ``gnd`` is another name of ground except in Xyce (unless ``.preprocess replaceground true``).
 - ``^`` is a power in ngspice and exclusive or in LTspice and Xyce.  ``log`` is the natural logarithm, but
-  Xyce's manuals differ between versions, so there it is refused.  HSPICE's ``pow`` cuts its exponent to an integer.
+  Xyce's manuals differ between versions, so it is rejected there.  HSPICE's ``pow`` truncates its exponent.
 - The ``r`` of a resistor's model is a resistance in ngspice and a factor in Xyce.
 """
 
@@ -21,33 +21,34 @@ from typing import Literal
 Basis = Literal["measured", "documented"]
 
 GROUND_NAME = "0"
-"""What every simulator calls the reference node."""
+"""Name of the reference node in every simulator."""
 
 
 SUFFIXES = {"t": 12, "g": 9, "meg": 6, "k": 3, "m": -3, "u": -6, "µ": -6, "μ": -6, "n": -9, "p": -12, "f": -15}
-"""Powers of ten of the suffixes that all but Spectre know, in lower case."""
+"""Powers of ten of the suffixes that all dialects except Spectre have, in lower case."""
 
 _NAMES = (
     "sqrt exp ln log10 abs int floor ceil min max pow pwr sgn atan2 hypot "
     "sin cos tan asin acos atan sinh cosh tanh asinh acosh atanh"
 )
 FUNCTIONS = {name: name for name in _NAMES.split()}
-"""Functions that mean the same everywhere."""
+"""Functions with the same name and meaning in every dialect."""
 
 ARCS = {"arctan": "atan", "arcsin": "asin", "arccos": "acos"}
+"""Long names of the inverse trigonometric functions."""
 
 
 @dataclass(frozen=True, eq=False)
 class Words:
-    """Reserved names of one dialect, and how expressions are written in it.
+    """Reserved names and expression syntax of one dialect.
 
     Names are in lower case.
 
     Attributes
     ----------
     functions : frozenset of str
-        Names that the simulator reads as functions, whether or not they are evaluated here.  A parameter of such a name
-        is rejected where an expression refers to it.
+        Names that the simulator reads as functions, including those that resgrid cannot evaluate.  A parameter of such
+        a name is rejected where an expression refers to it.
     constants : mapping of str to float
         Built-in constants.
     temperature : frozenset of str
@@ -55,40 +56,40 @@ class Words:
     nominal : frozenset of str
         Names of the nominal temperature, in degrees Celsius.
     variables : mapping of str to str
-        Built-in variables that have no value here, and what they are.
+        Built-in variables that resgrid has no value for, and their meanings.
     undefinable : frozenset of str
         Names that no parameter, argument or function may have.  Other reserved names are rejected where they are used.
     parameter : str
         Regular expression for the name of a parameter.
     temperature_in_values : bool
-        Whether the temperature is known in the values of resistors, capacitors, inductors and models only.
+        Whether the temperature is available only in the values of resistors, capacitors, inductors and models.
     cold : frozenset of str
-        Functions and operators that the simulator does not have in an expression of the temperature.
+        Functions and operators that are not available in an expression that contains the temperature.
     loose : {"", "tight", "numeric", "any"}
-        Unquoted expressions behind ``name=``: not read, read without blanks outside parentheses, also read with blanks
+        Unquoted expressions after ``name=``: not read, read without blanks outside parentheses, also read with blanks
         if the card has one definition that begins with a number, read up to the next name.
     loose_functions : bool
         Whether the body of a function needs neither braces nor quotes.
     redefines_functions : bool
-        Whether a function of the deck takes the place of a built-in one.
+        Whether a function defined in the deck replaces a built-in one.
     ends_of_three : bool
         Whether ``min`` and ``max`` of three arguments compare the first and the last.
     exponential_coefficient : bool
         Whether ``tce=`` of a resistor multiplies by ``1.01**(tce (T - Tnom))``.
     model_aliases : mapping of str to str
-        Further names for parameters of resistors' models.
+        Alternative names for parameters of resistor models.
     inner_names : bool
-        Whether a name in the values of an ``X`` line that is unknown there is looked up in the subcircuit.
+        Whether a name in the values of an ``X`` line that is undefined at that line is looked up in the subcircuit.
     joins_brackets : bool
-        Whether parentheses directly behind a word belong to the name of a node.
+        Whether parentheses directly after a word belong to the name of a node.
     misread : mapping of str to frozenset of str
         Names that the simulator misreads as those of a ``"node"``, a ``"model"`` or a ``"subcircuit"``.
     common_nodes : frozenset of str
         Nodes that all subcircuits share without ``.global``.
     true_above_half : bool
-        Whether conditions are true above one half, and not wherever they differ from zero.
+        Whether a condition is true above one half; otherwise it is true if it differs from zero.
     drops_quotes : bool
-        Whether double quotes are dropped, so that an expression within them is misread, except in calls and first lines
+        Whether double quotes are removed, so that an expression within them is misread, except in calls and first lines
         of subcircuits.
     """
 
@@ -117,14 +118,14 @@ class Words:
 
 @dataclass(frozen=True, eq=False)
 class Refusals:
-    """Text that is read here, but stops the simulator, which then gives no answer, or of which that is not known.
+    """Text that resgrid can read but that stops the simulator (``"fails"``) or may stop it (``"unsure"``).
 
     Attributes
     ----------
     commands : frozenset of str
         Commands that end the run.
     foreign_commands : frozenset of str
-        Commands that the manual does not have.
+        Commands that are not in the simulator's manual.
     blank_names : {"", "fails", "unsure"}
         Consequence of a blank in a quoted name.
     letters : {"", "unsure"}
@@ -132,15 +133,16 @@ class Refusals:
     encodings : frozenset of str
         Encodings of files that end the run: ``"latin-1"``, ``"utf-16"``, ``"cr"`` (carriage returns between lines).
     commas : bool
-        Whether a comma directly behind a value, in front of the next name, leaves no answer.
+        Whether a comma directly after a value and before the next name ends the run.
     idle_parameters : bool
-        Whether a parameter without a value ends the run even if nothing refers to it.
+        Whether a parameter without a value ends the run even if no expression refers to it.
     redefinitions : bool
         Whether the run may end where a parameter is defined twice.
     keys : mapping of str to frozenset of str
-        Keys at which the run ends, by the letter of the element that has them.
+        Keys that end the run, by the first letter of the element.
     commands_in_comments : bytes
-        Regular expression of comments that are commands, which are not run here; empty without such comments.
+        Regular expression of comments that the simulator executes as commands; resgrid does not.  Empty if there are
+        none.
     """
 
     commands: frozenset[str] = frozenset()
@@ -156,41 +158,41 @@ class Refusals:
 
 
 LTSPICE_COMMANDS = frozenset({".backanno", ".loadbias", ".machine", ".savebias", ".wave"})
-"""Commands of LTspice alone."""
+"""Commands that only LTspice has."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReadingRules:
-    """How decks of one dialect are read.
+    """Rules for reading decks of one dialect.
 
-    `name`: the dialect; `signs`: what only its decks hold, in lower case, and `suffix`: what their names end in;
-    `comments`: marks that end a line wherever they stand; `dollar_comments`: whether ``$`` after a blank or a
-    comma, or first in a line, ends it too; `suffixes`: power of ten of a suffix; `infix_suffixes`: whether ``4k7``
-    is 4700; `d_exponents`: whether ``1d3`` is 1000; `milli_mil`: whether ``mil`` is milli in expressions, 25.4e-6
-    elsewhere; `grounds`: names of node 0, in lower case; `no_grounds`: names that are ground elsewhere; `powers`:
-    operators that raise to a power; `functions`: what functions in expressions are called and which of
-    `resgrid.spice.read.expressions.FUNCTIONS` they are; `model_factor`: whether the ``r`` of a resistor's model
-    multiplies; `lengths_twice`: whether a model's ``narrow`` and ``short`` are taken off at both ends;
-    `annotations`: what may be written behind an element without meaning anything to a simulation; `flags`: words of
-    that kind; `operators`: operators that are not what `resgrid.spice.read.expressions` takes their symbols for;
-    `narrow_parser`: whether signs after operators and choices within choices are misread; `puts_in_text`: whether
-    functions, and what an ``X`` line gives, are put in as text: their names are looked up where they land;
-    `replaces_multipliers`: whether ``m=`` of an ``X`` line takes the place of ``m=`` within, and does not reach
-    switches; `end_is_comment`: whether what stands after ``.end`` is read; `first_counts`: whether the first of
-    several models of one name counts, and the first of several options on a line; `temp_command_first`: whether
-    ``.temp`` counts before ``.option temp``, wherever they stand; `braced_temperatures`: whether a temperature must
-    be a number, or stand in braces; `sheet_first`: whether a model's ``rsh`` counts before its ``r``, even without
-    length and width; `models_first`: whether a model's name is overlooked after a value that does not begin with a
-    digit; `ignored_model_keys`: parameters of resistors' models that others obey, and what to write instead
-    (nothing: they are obeyed, and not read here); `spaced_lists`: whether the values of ``tc=`` are parted by
-    blanks, without parentheses; `scale_key`: whether ``scale=`` of a resistor is obeyed; `refused_options`: options
-    that change the circuit in a way that is not followed here; `refused_elements`: what else a letter means;
-    `series_resistance`: whether voltage sources may have ``rser=``; `inductor_ohms`: what an inductor has unless it
-    says ``rser=0``; `inductor_keys, capacitor_keys`: series resistances and parasitics that an inductor and a
-    capacitor may have; `off_ohms`: resistance of a switch that is off; `holds_initial`: whether ``.ic`` holds nodes
-    at the operating point; `instances`: whether elements are instances of a master, as in Spectre, whose names and
-    suffixes differ by case, too; `spice`: how such a deck is read behind ``simulator lang=spice``; `words`:
-    reserved names and how expressions are written; `refusals`: text that stops the simulator itself.
+    `name`: of the dialect; `signs`: byte strings that only its decks contain, in lower case; `suffix`: of its file
+    names; `comments`: marks that begin a comment anywhere in a line; `dollar_comments`: whether ``$`` after a blank
+    or a comma, or first in a line, begins a comment; `suffixes`: power of ten of each suffix; `infix_suffixes`:
+    whether ``4k7`` is 4700; `d_exponents`: whether ``1d3`` is 1000; `milli_mil`: whether ``mil`` is milli in
+    expressions and 25.4e-6 elsewhere; `grounds`: names of node 0, in lower case; `no_grounds`: names of ordinary nodes
+    that are ground in other dialects; `powers`: operators that raise to a power; `functions`: names of functions in
+    expressions, mapped to those of `resgrid.spice.read.expressions.FUNCTIONS`; `model_factor`: whether the ``r`` of a
+    resistor model is a factor; `lengths_twice`: whether a model's ``narrow`` and ``short`` are subtracted at both ends;
+    `annotations`: keys of an element without effect on a simulation; `flags`: words of that kind; `operators`:
+    operators with another meaning than in `resgrid.spice.read.expressions`; `narrow_parser`: whether signs after
+    operators and nested conditionals are misread; `puts_in_text`: whether functions and the values of an ``X`` line
+    are substituted as text, so that their names are looked up in the place of substitution; `replaces_multipliers`:
+    whether ``m=`` of an ``X`` line replaces ``m=`` in the subcircuit and does not apply to switches; `end_is_comment`:
+    whether lines after ``.end`` are read; `first_counts`: whether the first of several models of one name is used, and
+    the first of several options on a line; `temp_command_first`: whether ``.temp`` overrides ``.option temp``
+    regardless of their order; `braced_temperatures`: whether a temperature must be a number or an expression in braces;
+    `sheet_first`: whether a model's ``rsh`` overrides its ``r``, even without length and width; `models_first`:
+    whether a model's name is ignored after a value that does not begin with a digit; `ignored_model_keys`: parameters
+    of resistor models that only other dialects apply, with the replacement to suggest (empty: this dialect applies
+    the parameter, but resgrid does not); `spaced_lists`: whether the values of ``tc=`` are separated by blanks, without
+    parentheses; `scale_key`: whether ``scale=`` of a resistor is applied; `refused_options`: options that change the
+    circuit in a way that resgrid does not model; `refused_elements`: first letters with another meaning than in SPICE,
+    and that meaning; `series_resistance`: whether voltage sources may have ``rser=``; `inductor_ohms`: series
+    resistance of an inductor without ``rser=0``; `inductor_keys, capacitor_keys`: keys of series resistances and
+    parasitics of an inductor and a capacitor; `off_ohms`: resistance of an open switch, in ohms; `holds_initial`:
+    whether ``.ic`` fixes node voltages at the operating point; `instances`: whether elements are instances of a master
+    and names are case-sensitive, as in Spectre; `spice`: rules after ``simulator lang=spice`` in such a deck; `words`:
+    reserved names and expression syntax; `refusals`: text that stops the simulator.
     """
 
     name: str
@@ -239,18 +241,18 @@ class ReadingRules:
 
 @dataclass(frozen=True)
 class Statements:
-    """How a simulator is asked for analyses; templates for `str.format`, a line each.
+    """Statements of a simulator that request analyses; templates for `str.format`, one line each.
 
-    Fields are those of `resgrid.spice.analyses`, and ``deck``, ``results`` (the name of a file), ``source`` (a voltage
-    source of the deck, for analyses that need one) and its ``volts``.
+    The fields are those of `resgrid.spice.analyses`, and ``deck``, ``results`` (name of the result file), ``source`` (a
+    voltage source of the deck, for analyses that need one) and its ``volts``.
 
-    `first, last`: lines in front of all others, and behind them; `deck_first`: whether the deck is included before
-    the statements, not after them; `operating, transient, noise, temperature, mismatch`: the analyses;
-    ``temperatures`` is a list with blanks, and so is ``numbers``, of the runs; `run`: what starts the other analyses
-    where one of them is a control block; `one_a_run`: whether the simulator runs one analysis only; `print_all`: what
-    must be there for anything to be printed; ``kind`` is the analysis; `probe, probe_voltage, probe_current`: what is
-    kept, a statement with ``what``, and how a voltage and a current stand in it; `maximum, minimum, value, crossing`:
-    the measurements, by `Measure.what`; `measure_first, measure_last`: lines around the measurements.
+    `first, last`: lines before and after all others; `deck_first`: whether the deck is included before the
+    statements; `operating, transient, noise, temperature, mismatch`: the analyses, where ``temperatures`` and
+    ``numbers`` (of the runs) are lists separated by blanks; `run`: lines that start the other analyses if one analysis
+    is a control block; `one_a_run`: whether a file may hold one analysis only; `print_all`: statement that prints all
+    voltages, with the analysis as ``kind``; empty if they are saved by default; `probe`: statement that saves
+    ``what``; `probe_voltage, probe_current`: a voltage and a current in that statement; `maximum, minimum, value,
+    crossing`: the measurements, by `Measure.what`; `measure_first, measure_last`: lines around the measurements.
     """
 
     first: tuple[str, ...]
@@ -277,15 +279,15 @@ class Statements:
 
 @dataclass(frozen=True)
 class Quirks:
-    """What a simulator makes of circuits that are not quite sound; what is not known is not claimed.
+    """Behaviour of a simulator for circuits that violate electrical rules.
 
-    `basis`: whether the simulator was asked, or its manual; `smallest_resistance`: in ohms: what smaller resistances
-    are raised to, 0 included; None where that is not known; `raises_zero_only`: positive values are kept; `floating`:
-    where a conductance is added when a part floats: at every node, at the floating nodes, or nobody knows; `gmin`:
-    that conductance, in siemens; `gmin_options`: options that change it, those that count before others first;
-    `shunt_options`: options that tie every node to ground; `duplicates`: what a second element of the same name leads
-    to; `loops`: which loops of voltage sources leave no answer; other loops, and those of inductors, leave it to a
-    transient.
+    `basis`: whether the behaviour was measured or taken from the manual; `smallest_resistance`: value in ohms to which
+    smaller resistances are raised, 0 ohm included; None if it is not known; `raises_zero_only`: whether only 0 ohm is
+    raised; `floating`: nodes that receive a conductance to ground if a part floats: all nodes, the floating nodes, or
+    unknown; `gmin`: that conductance, in siemens; `gmin_options`: options that set it, by decreasing precedence;
+    `shunt_options`: options that add a resistor from every node to ground, and their unit; `duplicates`: effect of a
+    second element of the same name; `loops`: whether all loops of voltage sources end the run, or only those tied to
+    ground; loops that do not are solved by a transient, as are loops of inductors.
     """
 
     basis: Basis = "documented"
@@ -301,11 +303,11 @@ class Quirks:
 
 @dataclass(frozen=True)
 class Costs:
-    """What one engine takes for an operating point; seconds on one core of 2020s server hardware.
+    """Cost model of one engine for an operating point, in seconds on one core of 2020s server hardware and in bytes.
 
-    `start`: seconds before it begins; `element`: seconds an element; `core`: seconds for a core of one node, one
-    wide; `width_power, size_power`: powers of the core's width and of its size; `start_bytes, element_bytes,
-    fill_bytes`: memory at its start, an element, and an entry of ``size * width``.
+    The time is ``start + element * elements + core * width**width_power * size**size_power`` and the memory
+    ``start_bytes + element_bytes * elements + fill_bytes * size * width``, with the size and width of the network's
+    core (`resgrid.spice.run.cost_estimate.core_of`).
     """
 
     start: float
@@ -320,29 +322,29 @@ class Costs:
 
 @dataclass(frozen=True)
 class Dialect:
-    """One simulator.
+    """One simulator: templates of its statements, its reading rules, its quirks and its engines.
 
-    Templates are for `str.format`; their fields are ``name``, ``a`` and ``b`` (nodes), ``value``, and what is named.
+    Templates are for `str.format`.  Their fields are ``name``, ``a`` and ``b`` (nodes), ``value``, and those named
+    below.
 
-    `name`: what the user calls it; `label`: what it calls itself; `reserved`: legal words that mean something else as a
-    node name; `comment`: what a full-line comment begins with; `preamble`: lines that every deck begins with, behind
-    its title; `resistor, voltage_source, current_source, capacitor`: a line of each kind; values in SI units;
-    `nonlinear_resistor`: the same for ``I = current * tanh(V / voltage)``; `behavioural_current`: a source of the
-    current ``value``, an expression; `spread_resistor`: a resistor whose value the simulator draws: normal, ``sigma``
-    times the value its standard deviation; `spread_preamble`: what that needs in front, for ``sigma``;
-    `temperature_coefficients`: what is added to a resistor's line, for ``tc1`` in 1/K and ``tc2`` in 1/K^2;
-    `piecewise`: what is added to a source's line to make it move in time: ``points``, pairs of time and value;
-    `small_signal`: what is added to the line of a source of 1 V in a small-signal analysis; `expression`: how an
-    expression ``value`` stands where a number would; `parameter`: definition of the parameter ``name``; `subcircuit,
-    parameters, instance, end_subcircuit`: first line of a subcircuit (``name``, ``nodes``, ``defaults``), how its
-    parameters are introduced (in the body or in that line, see `parameters_in_body`), an instance (``name``, ``nodes``,
-    ``master``, ``values``), and the last line; `instance_parameters`: what stands in front of an instance's values;
-    `parameters_in_body`: whether the parameters of a subcircuit stand in a line of their own; `include`: the statement
-    that includes ``file``; `precise`: the options that make Newton's method agree to 1e-9 where there are nonlinear
-    resistors; `end`: last line of a deck; may be empty; `statements`: the second file, that includes the deck and asks
-    for analyses; `quirks`: where it errs; `nominal_temperature`: at which values hold unless a deck says otherwise, in
-    degrees Celsius; `engines`: programs that run its decks here, and what they cost; `checks_itself`: whether its decks
-    have a companion; `reading`: how its decks are read.
+    `name`: used in options and arguments; `label`: as displayed; `reserved`: legal words with a special meaning as
+    a node name; `comment`: beginning of a full-line comment; `preamble`: lines after the title of every deck;
+    `resistor, voltage_source, current_source, capacitor`: line of an element, values in SI units;
+    `nonlinear_resistor`: line of an element with ``I = current * tanh(V / voltage)``; `behavioural_current`: line of
+    a current source whose ``value`` is an expression; `spread_resistor`: line of a resistor with a normally distributed
+    value, drawn by the simulator, of standard deviation ``sigma * value``; `spread_preamble`: lines that define it, for
+    ``sigma``; `temperature_coefficients`: end of a resistor's line, for ``tc1`` in 1/K and ``tc2`` in 1/K^2;
+    `piecewise`: end of a source's line for a piecewise linear waveform with ``points``, pairs of time and value;
+    `small_signal`: end of the line of a source of 1 V in a small-signal analysis; `expression`: an expression ``value``
+    in place of a number; `parameter`: definition of the parameter ``name``; `subcircuit`: first line of a subcircuit
+    (``name``, ``nodes``, ``defaults``); `parameters`: introduces its parameters, in a line of their own if
+    `parameters_in_body`, else in the first line; `instance`: an instance (``name``, ``nodes``, ``master``, ``values``);
+    `instance_parameters`: word before the values of an instance; `end_subcircuit`: last line of a subcircuit;
+    `include`: statement that includes ``file``; `precise`: options with which Newton's method converges to 1e-9 in
+    circuits with nonlinear resistors; `end`: last line of a deck, may be empty; `statements`: of the second file, which
+    includes the deck and requests analyses; `quirks`: behaviour for defective circuits; `nominal_temperature`: default
+    temperature of element values, in degrees Celsius; `engines`: programs that can run its decks, with their costs;
+    `checks_itself`: whether a self-check deck is written; `reading`: rules for reading its decks.
     """
 
     name: str

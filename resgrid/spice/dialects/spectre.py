@@ -1,11 +1,12 @@
-"""Spectre, told from its references.
+"""Dialect of Spectre, from its reference manuals; Spectre was not run.
 
-- Its own language: ``name (nodes) master parameter=value``, ``//`` comments, and a line ``simulator lang=spectre``.
-- Case matters; ``M`` is mega and ``m`` milli, unlike in every SPICE; ``1meg`` is not a number.
-- Subcircuit parameters stand in the body, behind ``parameters``; mismatch varies per subcircuit instance, so that
-  every resistor becomes one.
+- Its language is not SPICE: ``name (nodes) master parameter=value``, ``//`` comments, and a line ``simulator
+  lang=spectre``.
+- Names are case-sensitive; ``M`` is mega and ``m`` milli, unlike in SPICE; ``1meg`` is not a number.
+- Subcircuit parameters are declared in the body, after ``parameters``.  Mismatch varies per subcircuit instance, so
+  every resistor becomes an instance.
 - It has no end statement and no measurements of its own (those belong to MDL): decks hold analyses only.
-- ``gmin`` is put at the floating nodes only, and it says so.
+- ``gmin`` is added at the floating nodes only, with a message.
 - ``temp``, ``tnom``, ``scale``, ``scalem``, ``freq`` and ``time`` are predefined parameters, ``M_...`` and ``P_...``
   constants (Spectre Circuit Simulator Reference, "Expressions"); a deck that redefines one, or gives a parameter a word
   of the language as its name, is rejected.
@@ -49,7 +50,7 @@ _VARIABLES = {
     "scale": "the scale of lengths",
     "scalem": "the scale of models' lengths",
     **dict.fromkeys(
-        ("P_Q", "P_C", "P_K", "P_H", "P_EPS0", "P_U0"), "a constant of physics, whose digits differ between versions"
+        ("P_Q", "P_C", "P_K", "P_H", "P_EPS0", "P_U0"), "a physical constant, whose digits differ between versions"
     ),
 }
 _WORDS = Words(

@@ -1,12 +1,12 @@
-"""Xyce, told from its guides.
+"""Dialect of Xyce, from its guides; Xyce was not run.
 
-- Expressions go in braces, subcircuit parameters behind ``PARAMS:``, in the definition and in every instance.
-- Nothing is printed but what ``.PRINT`` asks for; an operating point is a ``.DC`` sweep of one step.
-- ``gnd`` is a node like any other, unless ``.PREPROCESS REPLACEGROUND TRUE`` is there.
+- Expressions are written in braces, subcircuit parameters after ``PARAMS:``, in the definition and in every instance.
+- Only quantities in a ``.PRINT`` statement are printed; an operating point is a ``.DC`` sweep of one step.
+- ``gnd`` is an ordinary node, unless the deck has ``.PREPROCESS REPLACEGROUND TRUE``.
 - ``TIME, FREQ, HERTZ, VT, TEMP, TEMPER, GMIN`` may not be names of parameters (Xyce Reference Guide, ".PARAM");
   ``PI`` and ``CTOK`` are tokens of its expressions (``src/UtilityPKG/ExpressionSrc/ExpressionLexer.l``).  A function is
-  one only if a parenthesis follows, so that a parameter may be called ``max``.
-- A random function in an expression is a new draw for every element under ``.SAMPLING`` with ``useExpr=true``.
+  recognized only if a parenthesis follows, so a parameter may be called ``max``.
+- A random function in an expression draws a new value for every element under ``.SAMPLING`` with ``useExpr=true``.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Running simulators, by the name that ``--engine`` takes."""
+"""Simulator runs: the table of engines that the option ``--engine`` selects from."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from resgrid.spice.run.eecircuit import simulate_eecircuit
 from resgrid.spice.run.ngspice import SimulatorRun, simulate
 
 SIMULATED = "ngspice"
-"""The dialect that all of them read."""
+"""Dialect that all engines read."""
 
 ENGINES: dict[str, Callable[..., SimulatorRun]] = {"ngspice": simulate, "eecircuit": simulate_eecircuit}
+"""Function of each engine that computes the operating point of a deck's content."""
 
 
 def engine_named(name: str) -> Callable[..., SimulatorRun]:
-    """Look up what finds the operating point of a deck's content, as `simulate` does."""
+    """Return the function that runs an engine on a deck's content; raise InputError for an unknown engine."""
     if name not in ENGINES:
         raise InputError(f"there is no engine {name!r}; choose one of {', '.join(ENGINES)}")
     return ENGINES[name]

@@ -1,10 +1,10 @@
-"""How long a simulator will take, and how much memory, estimated before it starts.
+"""Estimate of the time and memory of a simulator run, before it starts.
 
 ngspice up to version 41 orders its matrix by Markowitz's rule with linear searches.  Measured with version 39 on grids
-of 16^2 to 256^2 cells, cubes of 10^3 to 26^3 nodes, four dimensions, chains, trees and random networks, its time goes
-as the 3.5th power of the width of the network's core (nodes a breadth-first level) and the 0.6th of the core's size.
-Trees and chains fill nothing and take time in proportion to their elements.  KLU, which newer versions and the
-`eecircuit` engine use, takes seconds where that takes minutes.
+of 16^2 to 256^2 cells, cubes of 10^3 to 26^3 nodes, four dimensions, chains, trees and random networks, its time grows
+as the 3.5th power of the width of the network's core (nodes per breadth-first level) and the 0.6th power of the core's
+size.  Trees and chains cause no fill-in and take time in proportion to their elements.  KLU, which newer versions and
+the `eecircuit` engine use, takes seconds instead of minutes.
 """
 
 from __future__ import annotations
@@ -21,22 +21,25 @@ from resgrid.spice.circuit import CONDUCTING, Circuit, connected_parts
 from resgrid.spice.dialects import DIALECTS
 
 _FIRST_WITH_KLU = 42
-"""From this version on ngspice is another engine."""
+"""First version of ngspice that uses KLU."""
 _RANDOM_WIDTH = 0.117
-"""Random networks have few levels: their width counts as at most this times the neighbours and ``size**(2/3)``."""
+"""Factor in the upper limit of the core's width, times neighbours per node and ``size**(2/3)``.
+
+Random networks have few breadth-first levels, so that nodes per level overestimates their cost.
+"""
 
 
 COSTS = {engine: costs for dialect in DIALECTS.values() for engine, costs in dialect.engines.items()}
-"""What is known of every engine."""
+"""Cost model of every engine."""
 
 
 @dataclass(frozen=True)
 class Forecast:
-    """What a run of a simulator is expected to take.
+    """Estimated cost of a simulator run.
 
     `engine`: ``"ngspice"`` (Markowitz ordering), ``"ngspice-klu"`` or ``"eecircuit"`` (both KLU); `seconds`: wall-clock
-    time, right within a factor of three or so; `memory`: at its peak, in bytes; `core_nodes`: nodes whose elimination
-    fills the matrix: what is left when loose ends and known voltages are taken away; `core_width`: nodes of the core a
+    time, accurate to a factor of about three; `memory`: peak, in bytes; `core_nodes`: nodes of the core, whose
+    elimination causes fill-in (without dangling trees and nodes of known voltage); `core_width`: core nodes per
     breadth-first level.
     """
 
@@ -49,17 +52,20 @@ class Forecast:
     def __str__(self) -> str:
         return (
             f"{self.engine} will take about {_duration(self.seconds)} and {self.memory / 2**20:,.0f} MiB "
-            f"({self.core_nodes:,} nodes in loops, {self.core_width:,.0f} abreast)"
+            f"({self.core_nodes:,} nodes in loops, {self.core_width:,.0f} per breadth-first level)"
         )
 
 
 def forecast(circuit: Netlist | Circuit, engine: str = "ngspice", version: str = "") -> Forecast:
-    """Time and memory of a simulator's operating point, in time proportional to the elements."""
+    """Estimate time and memory of an operating point by an engine; takes time proportional to the elements.
+
+    `version`: of ngspice, which decides between its two matrix packages.  Raises InputError for an unknown engine.
+    """
     major = version.partition(".")[0].rstrip("+")
     if engine == "ngspice" and major.isdecimal() and int(major) >= _FIRST_WITH_KLU:
         engine = "ngspice-klu"
     if engine not in COSTS:
-        raise InputError(f"nothing is known of the engine {engine!r}; it may be one of {', '.join(COSTS)}")
+        raise InputError(f"there is no cost model for the engine {engine!r}; choose one of {', '.join(COSTS)}")
     circuit = Circuit.of(circuit)
     size, width = core_of(circuit)
     costs = COSTS[engine]
@@ -70,15 +76,19 @@ def forecast(circuit: Netlist | Circuit, engine: str = "ngspice", version: str =
 
 
 def require_time(expected: Forecast, timeout: float) -> None:
-    """Refuse a run that will not end in time."""
+    """Raise BudgetError if the estimated time exceeds `timeout` seconds."""
     if expected.seconds > timeout:
-        other = "" if expected.engine != "ngspice" else ", take the faster engine (--engine eecircuit)"
+        other = "" if expected.engine != "ngspice" else ", use the faster engine (--engine eecircuit)"
         more = f"allow more (--timeout {max(expected.seconds * 3, 1):.0f})"
-        raise BudgetError(f"{expected}, and {_duration(timeout)} is allowed: {more}{other} or check a smaller circuit")
+        limit = f"the time limit is {_duration(timeout)}"
+        raise BudgetError(f"{expected}, but {limit}: {more}{other} or check a smaller circuit")
 
 
 def core_of(circuit: Circuit) -> tuple[int, float]:
-    """Size and width of what remains of a network without its loose ends and its nodes of known voltage."""
+    """Return the size and the width of a network's core: the network without nodes of known voltage and dangling trees.
+
+    The size counts core nodes with more than two neighbours; the width is the number of nodes per breadth-first level.
+    """
     from scipy.sparse import coo_array
 
     tree = connected_parts(circuit.source_nodes, circuit.node_count)
@@ -104,7 +114,7 @@ def core_of(circuit: Circuit) -> tuple[int, float]:
 
 
 def _strip_leaves(graph: Any, degree: NDArray[np.int64]) -> None:
-    """Take away nodes with one neighbour, again and again; ``degree`` ends as that of the rest, 0 for those taken."""
+    """Remove nodes with one neighbour until there are none; updates `degree` (nodes,) in place, 0 for removed nodes."""
     leaves = np.flatnonzero(degree == 1).tolist()
     while leaves:
         node = leaves.pop()
@@ -117,7 +127,7 @@ def _strip_leaves(graph: Any, degree: NDArray[np.int64]) -> None:
 
 
 def _sweep(graph: Any, start: int) -> tuple[int, int, int]:
-    """Breadth-first levels from a node: their number, the nodes reached, and the last of them."""
+    """Return the number of breadth-first levels from a node, the number of nodes reached, and the last node."""
     from scipy.sparse.csgraph import breadth_first_order
 
     order, before = breadth_first_order(graph, start)
@@ -128,6 +138,7 @@ def _sweep(graph: Any, start: int) -> tuple[int, int, int]:
 
 
 def _duration(seconds: float) -> str:
+    """Format a duration in seconds, minutes, hours or days."""
     if seconds < 1:
         return f"{seconds:.1g} s"
     if seconds < 120:

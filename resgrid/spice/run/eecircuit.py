@@ -1,7 +1,7 @@
-"""The optional engine for large decks: the npm package ``eecircuit-engine``, ngspice as WebAssembly with KLU.
+"""Optional engine for large decks: the npm package ``eecircuit-engine``, ngspice as WebAssembly with KLU.
 
-KLU orders sparse matrices well: 256 x 256 cells take seconds where ngspice 39 takes minutes.  The package is no part of
-resgrid: ``npm install eecircuit-engine`` in the folder you work in, or anywhere that ``NODE_PATH`` names.
+KLU orders sparse matrices well: 256 x 256 cells take seconds instead of the minutes of ngspice 39.  The package is not
+part of resgrid; install it with ``npm install eecircuit-engine`` in the working folder or in a folder of ``NODE_PATH``.
 """
 
 from __future__ import annotations
@@ -38,7 +38,11 @@ _END = re.compile(rb"^[ \t]*\.end[ \t\r]*$.*", re.IGNORECASE | re.MULTILINE | re
 def simulate_eecircuit(
     data: bytes, *, source: str = "deck", timeout: float = 600.0, direct: bool = False
 ) -> SimulatorRun:
-    """Find the operating point of a deck's content with ``eecircuit-engine``; as `ngspice.simulate`."""
+    """Compute the operating point of a deck's content with ``eecircuit-engine``.
+
+    `source`: name of the deck in messages; `timeout` in seconds; `direct`: whether the deck holds its own analysis
+    statement.  Raises ToolMissingError, InputError for a deck with commands, and BudgetError after the timeout.
+    """
     node, module = find_program(NODE_VARIABLE, "node", _INSTALL), find_module()
     refuse_commands(data, source, models=direct)
     with temporary_folder() as folder:
@@ -50,7 +54,7 @@ def simulate_eecircuit(
 
 
 def find_module() -> Path:
-    """The package's ES module."""
+    """Return the path of the package's ES module; raise ToolMissingError if it is not installed."""
     for folder in _folders():
         manifest = folder / "package.json"
         try:
@@ -61,12 +65,13 @@ def find_module() -> Path:
         if module.is_file():
             return module.resolve()
     raise ToolMissingError(
-        f"the engine {PACKAGE} is not installed: 'npm install {PACKAGE}' here, or name its folder in {MODULE_VARIABLE} "
-        "or the folder above it in NODE_PATH"
+        f"the engine {PACKAGE} is not installed: run 'npm install {PACKAGE}' in this folder, or set {MODULE_VARIABLE} "
+        "to its folder, or add the folder above it to NODE_PATH"
     )
 
 
 def _folders() -> Iterator[Path]:
+    """Yield the folders in which the package may be installed, by precedence."""
     named = os.environ.get(MODULE_VARIABLE)
     if named:
         yield Path(named)

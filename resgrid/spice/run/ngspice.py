@@ -1,4 +1,4 @@
-"""Running ngspice on a deck, and believing neither its exit status nor its silence."""
+"""Runs of ngspice on a deck; success is judged by its messages and raw file, never by its exit status."""
 
 from __future__ import annotations
 
@@ -33,10 +33,13 @@ _DECK, RAW, _LOG = "deck.cir", "operating_point.raw", "log.txt"
 _RUN = '* operating point of {deck}\n.include "{deck}"\n.options klu\n.op\n.end\n'
 _PLOT = "Operating Point"
 _MAX_LOG = 2**20
+"""Number of bytes that are read of a log."""
 _MAX_SECONDS = 2**31
+"""Largest limit of processor time, in seconds."""
 _MAX_COMPLAINTS = 10
+"""Maximum number of messages that are reported."""
 MAX_ASCENT = 8
-"""How many ``..`` the name of an included file may hold: so deep lies the folder that such a deck is run in."""
+"""Maximum number of ``..`` in the name of an included file; the deck runs in a folder at this depth."""
 _VERSION = re.compile(r"ngspice-(\d[\w.+-]*)")
 _COMPLAINT = re.compile(
     r"warning|error|fatal|singular|gmin|source step|transient op|no convergence|timestep|abort|fail|unable|cannot|"
@@ -50,22 +53,22 @@ _HARMLESS = re.compile(
     r"^note: starting (dynamic|true) gmin stepping$|^note: (dynamic|true) gmin stepping completed$",
     re.IGNORECASE,
 )
-# ngspice goes by how a word begins, drops carriage returns wherever they stand, and takes a file for a script whose
-# title says so; its code models (elements A) open files and run programs.
+# ngspice recognizes commands by their first letters, ignores carriage returns anywhere, and reads a file with the title
+# *ng_script as a script; its code models (elements A) open files and run programs.
 _BOM = b"\xef\xbb\xbf"
 _COMMANDS = rb"\*#|\*ng_script|\.(?:control|exec|csparam)\w*"
 _FILES, _MODELS, _CODE_MODELS = rb"|\.(?:inc|lib)\w*", rb"|\.(?:model|func)\w*", rb"|(?<=\n)[ \t\v\f]*a\S*"
 VERSIONS = ("39", "46")
-"""Those that resgrid is tried with: Debian 12's own and that of its backports."""
+"""Versions that resgrid is tested with: those of Debian 12 and of its backports."""
 
 
 @dataclass(frozen=True, eq=False)
 class SimulatorRun:
-    """What a simulator said.
+    """Result of a simulator run.
 
-    `voltage`: per node, in volts; empty if there is no operating point; `source_current`: into the plus terminal of
-    every voltage source, in amperes; `simulator, version`: who was asked; ``"unknown"`` if it does not tell;
-    `complaints`: what is wrong with the run, if only by its own messages; empty if it can be trusted.
+    `voltage`: of every node, in volts; empty if there is no operating point; `source_current`: into the plus terminal
+    of every voltage source, in amperes; `simulator, version`: name and version of the simulator, ``"unknown"`` if it
+    prints none; `complaints`: defects of the run and suspicious messages of the simulator; empty if there are none.
     """
 
     voltage: Mapping[str, float]
@@ -84,10 +87,12 @@ def simulate(
     files: Mapping[str, bytes] = MappingProxyType({}),
     place: str = _DECK,
 ) -> SimulatorRun:
-    """Find the operating point of a deck's content, in a private folder; a deck at fault is no exception.
+    """Compute the operating point of a deck's content with ngspice, in a temporary folder.
 
-    ``source`` names it in messages; ``direct``: it asks for its analysis itself; ``files``: what it includes, by their
-    places beside its own ``place``.  It may take ``timeout`` seconds.
+    `source`: name of the deck in messages; `timeout` in seconds; `direct`: whether the deck holds its own analysis
+    statement; `files`: content of the included files by relative path; `place`: relative path of the deck.  A defective
+    deck gives complaints in the result, not an exception.  Raises ToolMissingError, InputError for a deck with
+    commands, and BudgetError after the timeout.
     """
     program = find_program(EXECUTABLE_VARIABLE, "ngspice", _INSTALL)
     refuse_commands(data, source, models=direct, includes=bool(files))
@@ -105,13 +110,16 @@ def simulate(
 
 
 def ngspice_version() -> str:
-    """Version of the installed ngspice, e.g. ``"39"``; ``"unknown"`` if it does not tell."""
+    """Return the version of the installed ngspice, e.g. ``"39"``; ``"unknown"`` if it prints none."""
     with temporary_folder() as folder:
         return _version(find_program(EXECUTABLE_VARIABLE, "ngspice", _INSTALL), folder)
 
 
 def find_program(variable: str, name: str, remedy: str) -> str:
-    """Absolute path of a program, which a variable of the environment may name."""
+    """Return the absolute path of a program, which an environment variable may override.
+
+    Raises ToolMissingError with the text of `remedy` (its field ``name`` is the program) if it is not installed.
+    """
     named = os.environ.get(variable) or name
     path = shutil.which(named)
     if path is None:
@@ -120,7 +128,10 @@ def find_program(variable: str, name: str, remedy: str) -> str:
 
 
 def refuse_commands(data: bytes, source: str, *, models: bool = False, includes: bool = False) -> None:
-    """Refuse a deck that could run commands or read other files."""
+    """Raise InputError for a deck that could run commands or read other files.
+
+    `models`: whether ``.model`` and ``.func`` are allowed; `includes`: whether included files are.
+    """
     words = _COMMANDS + (b"" if includes else _FILES) + (_CODE_MODELS if models else _MODELS)
     forbidden = re.compile(rb"^\s*(" + words + rb")", re.IGNORECASE | re.MULTILINE)
     data = data.removeprefix(_BOM)
@@ -130,12 +141,13 @@ def refuse_commands(data: bytes, source: str, *, models: bool = False, includes:
             line = text.count(b"\n", 0, match.start(1)) + 1
             word = match.group(1).decode("ascii", "replace").strip()
             raise InputError(
-                f"{source}, line {line}: {word!r} is not simulated, for it could run commands or read other files; "
+                f"{source}, line {line}: {word!r} is not simulated, because it could run commands or read other files; "
                 "remove it"
             )
 
 
 def _version(program: str, folder: Path) -> str:
+    """Return the version that a program prints, ``"unknown"`` if it prints none within 10 s."""
     try:
         run_quietly([program, "--version"], folder, 10.0, "--version")
     except BudgetError:
@@ -144,7 +156,7 @@ def _version(program: str, folder: Path) -> str:
 
 
 def version_in(folder: Path) -> str:
-    """Version of ngspice that the log in a folder tells of."""
+    """Return the version of ngspice that the log in a folder contains, ``"unknown"`` without one."""
     match = _VERSION.search(_read_log(folder))
     return match.group(1) if match else "unknown"
 
@@ -152,14 +164,17 @@ def version_in(folder: Path) -> str:
 def run_quietly(
     command: list[str], folder: Path, timeout: float, source: str, name: str = "ngspice", cwd: Path | None = None
 ) -> int:
-    """Run a simulator in a folder, its output in a log there; its exit status, of which nothing follows.
+    """Run a simulator with its output in a log in `folder`; return its exit status.
 
-    With ``cwd`` it runs in another folder than that of the log.
+    `timeout` in seconds; `source`: name of the deck in messages; `name`: of the simulator; `cwd`: working folder,
+    `folder` by default.  Raises ToolMissingError if the program cannot be run, and BudgetError after the timeout.
     """
     environment = {key: value for key, value in os.environ.items() if not key.startswith(("SPICE", "NGSPICE"))}
     environment |= {"LC_ALL": "C"}
     if name == "ngspice":
-        environment |= {"OMP_NUM_THREADS": "1"}  # so that its processor time is at most the time that passes
+        environment |= {
+            "OMP_NUM_THREADS": "1"
+        }  # processor time then never exceeds wall-clock time, so the limit below holds
     with (folder / _LOG).open("wb") as log:
         try:
             process = subprocess.Popen(
@@ -172,7 +187,7 @@ def run_quietly(
                 start_new_session=True,
             )
         except OSError as error:
-            raise ToolMissingError(f"cannot run {command[0]}: {error.strerror}; install {name} anew") from error
+            raise ToolMissingError(f"cannot run {command[0]}: {error.strerror}; reinstall {name}") from error
         _limit_processor_time(process.pid, timeout * (1 if name == "ngspice" else os.cpu_count() or 1))
         try:
             return process.wait(timeout)
@@ -180,9 +195,9 @@ def run_quietly(
             raise BudgetError(
                 f"{name} did not finish {source} within {timeout:g} s; allow more time or check a smaller grid"
             ) from error
-        finally:  # a time-out and Ctrl-C alike leave no process behind
+        finally:  # end the process after a timeout and after Ctrl-C
             if process.poll() is None:
-                if hasattr(os, "killpg"):  # with all that it started
+                if hasattr(os, "killpg"):  # includes the children of the process
                     os.killpg(process.pid, signal.SIGKILL)
                 else:  # Windows
                     process.kill()
@@ -190,21 +205,22 @@ def run_quietly(
 
 
 def _limit_processor_time(pid: int, seconds: float) -> None:
-    """Let the system end a process that computes longer, for a killed parent cannot; on Linux only."""
+    """Limit the processor time of a process (Linux only), which also ends it if this process is killed."""
     if sys.platform != "linux":
         return
     limit = min(math.ceil(seconds) + 1, _MAX_SECONDS)
-    with contextlib.suppress(OSError, ValueError):  # it has ended, or a lower limit holds
+    with contextlib.suppress(OSError, ValueError):  # the process has ended, or has a lower limit
         resource.prlimit(pid, resource.RLIMIT_CPU, (limit, limit))
 
 
 def _read_log(folder: Path) -> str:
+    """Return the beginning of the log in a folder."""
     with (folder / _LOG).open("rb") as log:
         return log.read(_MAX_LOG).decode("utf-8", "replace")
 
 
 def result_in(folder: Path, simulator: str, version: str, status: int) -> SimulatorRun:
-    """What a simulator left in a folder: its raw file, and what it complains about in its log."""
+    """Return the result of a run from the raw file and the log in a folder; `status`: exit status, for messages."""
     lines = (re.sub(r"\s+", " ", line).strip() for line in re.split(r"[\r\n]+", _read_log(folder)))
     bad = dict.fromkeys(line for line in lines if _COMPLAINT.search(line) and not _HARMLESS.search(line))
     complaints = tuple(f"{simulator} says: {line[:200]}" for line in list(bad)[:_MAX_COMPLAINTS])
@@ -216,21 +232,21 @@ def result_in(folder: Path, simulator: str, version: str, status: int) -> Simula
     for name, kind, value in zip(raw.names, raw.kinds, raw.values[0].tolist(), strict=True):
         if kind in read:  # n_0_0 from v(n_0_0), v_obstacle from i(v_obstacle) or v_obstacle#branch
             inner = name[2:-1] if name[1:2] == "(" and name.endswith(")") else name
-            inner += ")" * (inner.count("(") - inner.count(")"))  # v(net-(r1) is what it writes for net-(r1)
+            inner += ")" * (inner.count("(") - inner.count(")"))  # ngspice writes v(net-(r1) for net-(r1)
             read[kind][inner.removesuffix("#branch")] = value
     return SimulatorRun(read["voltage"], read["current"], simulator, version, complaints)
 
 
 def _operating_point(path: Path) -> RawFile:
-    """The raw file of an operating point."""
+    """Read the raw file of an operating point; raise InputError if it holds anything else."""
     if not path.is_file():
-        raise InputError("ngspice left no raw file")
+        raise InputError("ngspice wrote no raw file")
     raw = read_rawfile(path.read_bytes(), "ngspice's raw file")
     if raw.plot != _PLOT:
         raise InputError(f"ngspice computed {raw.plot!r} instead of an operating point")
     if raw.values.shape[0] != 1 or np.iscomplexobj(raw.values):
         raise InputError(
-            f"ngspice left {raw.values.shape[0]} points of kind {raw.values.dtype}, not one of real numbers"
+            f"ngspice wrote {raw.values.shape[0]} points of type {raw.values.dtype}, not one point of real numbers"
         )
     if "voltage" not in raw.kinds:
         raise InputError("ngspice found no node in the deck")

@@ -1,4 +1,4 @@
-"""Raw files, the binary format in which ngspice leaves its results and that waveform viewers open."""
+"""Reader and writer of raw files, the result format of ngspice that waveform viewers open."""
 
 from __future__ import annotations
 
@@ -17,14 +17,16 @@ from resgrid.spice.dialects.ngspice import ngspice_name
 _BINARY = b"Binary:\n"
 _COUNTED = ("no. variables", "no. points")
 FORMS = ("binary", "ascii")
+"""Encodings of the numbers in a raw file."""
 
 
 @dataclass(frozen=True, eq=False)
 class RawFile:
     """One plot of a raw file.
 
-    `plot`: what was computed, e.g. ``"Operating Point"``; `names`: one per variable, e.g. ``v(n_0_0)`` or
-    ``i(v_obstacle)``; `kinds`: ``"voltage"``, ``"current"``, ; `values` (points, variables): in SI units.
+    `plot`: name of the analysis, e.g. ``"Operating Point"``; `names`: one per variable, e.g. ``v(n_0_0)`` or
+    ``i(v_obstacle)``; `kinds`: one per variable, e.g. ``"voltage"`` or ``"current"``; `values` (points, variables): in
+    SI units.
     """
 
     plot: str
@@ -34,11 +36,11 @@ class RawFile:
 
 
 def read_rawfile(data: bytes, source: str = "raw file") -> RawFile:
-    """Read a binary raw file that holds one plot."""
+    """Read a binary raw file that holds one plot; raise InputError with the name `source` for any other content."""
     head, separator, body = data.partition(_BINARY)
     if not separator:
         if b"\nValues:\n" in data:
-            raise InputError(f"{source} is a text raw file, which rounds its numbers; ask for a binary one")
+            raise InputError(f"{source} is a text raw file, which rounds its numbers; write a binary one")
         raise InputError(f"{source} ends before its data ({len(data)} bytes)")
     lines = head.decode("utf-8", "replace").split("\n")
     parted = (line.partition(":") for line in lines if not line.startswith("\t"))
@@ -49,7 +51,7 @@ def read_rawfile(data: bytes, source: str = "raw file") -> RawFile:
     needed = variables * points * dtype.itemsize
     if len(body) != needed:
         problem = "ends too early" if len(body) < needed else "holds more than one plot"
-        raise InputError(f"{source} {problem}: {len(body)} bytes of data where {needed} were announced")
+        raise InputError(f"{source} {problem}: {len(body)} bytes of data, but its header announces {needed}")
     rows = [line.split() for line in lines if line.startswith("\t")]
     if len(rows) != variables or any(len(row) < 3 or row[0] != str(i) for i, row in enumerate(rows)):
         raise InputError(
@@ -61,6 +63,7 @@ def read_rawfile(data: bytes, source: str = "raw file") -> RawFile:
 
 
 def _count(fields: Mapping[str, str], key: str, source: str) -> int:
+    """Return a number from the fields of the header; raise InputError for any other text."""
     text = fields.get(key, "")
     if not (text.isascii() and text.isdigit() and len(text) < 12):
         raise InputError(f"{source} is damaged: {key!r} is {text!r}, not a number")
@@ -68,7 +71,7 @@ def _count(fields: Mapping[str, str], key: str, source: str) -> int:
 
 
 def raw_of(op: OperatingPoint) -> RawFile:
-    """Voltages and source currents of an operating point, with ngspice's names."""
+    """Return the voltages and source currents of an operating point as one plot, with ngspice's names."""
     netlist = op.netlist
     nodes = np.flatnonzero(np.isfinite(op.voltage))
     nodes = nodes[nodes != GROUND]
@@ -83,9 +86,9 @@ def raw_of(op: OperatingPoint) -> RawFile:
 
 
 def format_raw(raw: RawFile, *, title: str = "resistor network", form: str = "binary") -> bytes:
-    """One plot as the content of a raw file."""
+    """Return the content of a raw file that holds one plot; `form`: ``"binary"`` or ``"ascii"``."""
     if form not in FORMS:
-        raise InputError(f"a raw file cannot be {form!r}; it may be {' or '.join(FORMS)}")
+        raise InputError(f"form = {form!r} is not a form of a raw file; choose {' or '.join(FORMS)}")
     points, variables = raw.values.shape
     spaceless = ("".join(name.split()) for name in raw.names)
     rows = (f"\t{i}\t{name}\t{kind}" for i, (name, kind) in enumerate(zip(spaceless, raw.kinds, strict=True)))
@@ -106,6 +109,7 @@ def format_raw(raw: RawFile, *, title: str = "resistor network", form: str = "bi
 
 
 def _rows(values: NDArray[Any]) -> Iterable[str]:
+    """Yield the lines of a text raw file; `values` (points, variables)."""
     for number, row in enumerate(values.tolist()):
         first, *rest = map(repr, row) if row else ("",)
         yield f" {number}\t{first}"

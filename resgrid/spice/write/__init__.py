@@ -1,1 +1,1 @@
-"""Writing decks: names, the flat form and tiles, statements of analyses, sidecar and companion."""
+"""Deck writers: names, flat form, tiles, statements of analyses, sidecar and self-check deck."""

@@ -1,4 +1,4 @@
-"""Writing a deck: the portable file, its commands for the simulator, its sidecar, and what makes ngspice check it."""
+"""Writer of a deck's set of files: portable deck, simulator commands, sidecar and self-check deck."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from resgrid.scene.chip import Chip
 from resgrid.spice.analyses import Analysis, MismatchAnalysis, TransientAnalysis, kind_of
 from resgrid.spice.dialects import dialect_named
 from resgrid.spice.write.flat import flatten
-from resgrid.spice.write.self_check import LARGEST, format_companion
+from resgrid.spice.write.self_check import LARGEST, format_self_check
 from resgrid.spice.write.sidecar import digest, expect, format_sidecar, sidecar_path
 from resgrid.spice.write.statements import additions, format_commands, only_one
 from resgrid.spice.write.tile_deck import write_tiles
@@ -30,13 +30,13 @@ Form = Literal["flat", "cells"]
 
 @dataclasses.dataclass(frozen=True)
 class WrittenDeck:
-    """The files of one deck.
+    """Paths of the files of one deck.
 
-    `path`: the portable deck, without commands; `commands`: the file that includes it and asks the simulator for its
-    operating point, or for other analyses; `sidecar`: hashes, cells, expected voltages and versions, as JSON;
-    `sha256`: hash of the deck; `companion`: the file that makes ngspice print PASS or FAIL; None for other dialects,
-    and where values are random; `chip, pattern`: in tile form, the array of tiles and the scene, which the deck
-    includes; `left_out`: how many floating nodes, and elements by kind, of the circuit the deck does not hold.
+    `path`: the portable deck, without commands; `commands`: the file that includes the deck and requests the operating
+    point or other analyses; `sidecar`: JSON with hashes, cells, reference results and versions; `sha256`: hash of the
+    deck; `companion`: the self-check deck, with which ngspice prints PASS or FAIL; None for other dialects, and for
+    random values; `chip, pattern`: in tile form, the array of tiles and the scene, which the deck includes;
+    `left_out`: number of floating nodes, and of elements of each kind, that the deck omits.
     """
 
     path: Path
@@ -62,34 +62,36 @@ def write_spice(
     scene_sha256: str | None = None,
     verify: bool = True,
 ) -> WrittenDeck:
-    """Write a deck, the simulator's commands, the sidecar, and for ngspice the companion that checks the deck.
+    """Write a deck, the simulator's commands, the sidecar, and for ngspice the self-check deck.
 
     Parameters
     ----------
     circuit : Netlist or OperatingPoint
-        A solved circuit, or a netlist, which is then solved: the sidecar holds the expected voltages.
+        A solved circuit.  A netlist is solved first, because the sidecar holds the expected voltages.
     file : path-like
-        The deck; ``FILE.json``, ``FILE.ngspice`` (the dialect's name) and ``FILE.verify`` are written beside it, in
-        tile form also ``FILE.chip`` and ``FILE.pattern``.
+        The deck.  ``FILE.json``, ``FILE.ngspice`` (the dialect's name) and ``FILE.verify`` are written to the same
+        folder, in tile form also ``FILE.chip`` and ``FILE.pattern``.
     dialect : {"ngspice", "ltspice", "xyce", "hspice", "spectre"}
+        Simulator that will read the deck.
     title : str, optional
         First line of the deck.
     chip : Chip, optional
-        For ``form="cells"``: what the netlist was built of (`build_chip`), with all switches of its tiles.
+        For ``form="cells"``: the chip that the netlist was built from (`build_chip`), with all switches of its tiles.
     form : {"flat", "cells"}
         One line per element, or an array of tiles and a pattern that sets their switches.
     analyses : sequence of Analysis
-        What the commands ask for, instead of the operating point; such as `TransientAnalysis`.
+        Analyses that the commands request in place of the operating point, such as `TransientAnalysis`.
     expected : mapping of str to object, optional
-        Answers that the caller expects of the analyses, for the sidecar; must be JSON without NaN.
+        Expected results of the analyses, stored in the sidecar; must be JSON without NaN.
     scene_sha256 : str, optional
-        Hash of the scene's file, for the sidecar.
+        Hash of the scene's file, stored in the sidecar.
     verify : bool
-        Whether to write the companion.
+        Whether to write the self-check deck.
 
     Returns
     -------
     WrittenDeck
+        Paths of the files, and the hash of the deck.
 
     Raises
     ------
@@ -114,9 +116,9 @@ def write_spice(
     .end
     """
     target = _checked_target(Path(file))
-    circuit, asked = _drawn(circuit, analyses)
+    circuit, requested = _apply_mismatch(circuit, analyses)
     op = circuit if isinstance(circuit, OperatingPoint) else solve(circuit)
-    added = additions(asked, op.netlist, dialect_named(dialect))
+    added = additions(requested, op.netlist, dialect_named(dialect))
     more: dict[str, Any] = {}
     if form == "cells":
         chip = Chip() if chip is None else chip
@@ -126,13 +128,11 @@ def write_spice(
     else:
         deck = flatten(op.netlist, dialect=dialect, title=title, additions=added)
     answers = expect(deck, op)
-    beside = {**deck.parts, deck.dialect.name: format_commands(target.name, deck, asked)}
+    texts = {**deck.parts, deck.dialect.name: format_commands(target.name, deck, requested)}
     checks = len(answers.voltage) + len(answers.source_current) + len(deck.resistors)
     if verify and deck.dialect.checks_itself and not added.spread and checks <= LARGEST:
-        beside["verify"] = format_companion(target.name, deck, answers, digest(deck.text.encode()))
-    companions = {
-        f"{target.name}.{key}": digest(text.encode()) for key, text in beside.items() if key not in deck.parts
-    }
+        texts["verify"] = format_self_check(target.name, deck, answers, digest(deck.text.encode()))
+    companions = {f"{target.name}.{key}": digest(text.encode()) for key, text in texts.items() if key not in deck.parts}
     more = {"companions": companions, **more}
     if analyses:
         more["analyses"] = [_described(item) for item in analyses]
@@ -140,16 +140,16 @@ def write_spice(
         try:
             json.dumps(expected, allow_nan=False)
         except (TypeError, ValueError) as error:
-            raise InputError(f"expected answers must be JSON without NaN: {error}") from error
+            raise InputError(f"expected must hold only values that JSON can store, without NaN: {error}") from error
         more["expected"] = expected
     if scene_sha256 is not None:
         more["scene_sha256"] = scene_sha256
     if form == "cells":
         more["difference_from_flat"] = difference_from_ideal(op)
-    beside["json"] = format_sidecar(target.name, deck, answers, more)
-    files = {key: target.with_name(f"{target.name}.{key}") for key in beside}
-    with ExitStack() as stack:  # all aside, then renamed, the deck last: an interrupted set contradicts its hashes
-        for path, text in ((target, deck.text), *((files[key], text) for key, text in reversed(beside.items()))):
+    texts["json"] = format_sidecar(target.name, deck, answers, more)
+    files = {key: target.with_name(f"{target.name}.{key}") for key in texts}
+    with ExitStack() as stack:  # all files are renamed at the end, the deck last: hashes reveal an interrupted set
+        for path, text in ((target, deck.text), *((files[key], text) for key, text in reversed(texts.items()))):
             stack.enter_context(atomic_path(path)).write_bytes(text.encode())
     return WrittenDeck(
         path=target,
@@ -163,31 +163,38 @@ def write_spice(
     )
 
 
-def _drawn(
+def _apply_mismatch(
     circuit: Netlist | OperatingPoint, analyses: Sequence[Analysis]
 ) -> tuple[Netlist | OperatingPoint, list[Analysis]]:
-    """The circuit of one chip of a mismatch that is drawn here, and what is left to ask of the simulator."""
+    """Apply a mismatch that resgrid draws; return the circuit and the analyses that remain for the simulator."""
     mismatch: MismatchAnalysis | None = only_one(analyses, MismatchAnalysis)
     if mismatch is None or mismatch.runs:
         return circuit, list(analyses)
     netlist = circuit.netlist if isinstance(circuit, OperatingPoint) else circuit
-    asked = [item for item in analyses if item is not mismatch]
-    for place, item in enumerate(asked):
+    requested = [item for item in analyses if item is not mismatch]
+    for place, item in enumerate(requested):
         if isinstance(item, TransientAnalysis) and item.after is not None:
-            asked[place] = dataclasses.replace(item, after=mismatch.apply(item.after))
-    return mismatch.apply(netlist), asked
+            requested[place] = dataclasses.replace(item, after=mismatch.apply(item.after))
+    return mismatch.apply(netlist), requested
 
 
 def _checked_target(target: Path) -> Path:
+    """Return the path of a deck; raise InputError if it cannot be written or included."""
     sidecar_path(target)
     if target.exists() and not (target.is_file() or target.is_dir()):
-        raise InputError(f"cannot write a deck to {target}: its sidecar needs a place beside it; name a file")
+        raise InputError(
+            f"cannot write a deck to {target}: its sidecar needs a regular file next to it; give the name of a file"
+        )
     if '"' in target.name or not target.name.isprintable():
-        raise InputError(f"cannot write a deck to {str(target)!r}: simulators cannot include a file of that name")
+        raise InputError(
+            f"cannot write a deck to {str(target)!r}: simulators cannot include a file of that name; "
+            "use printable characters without quotes"
+        )
     return target
 
 
 def _described(analysis: Analysis) -> dict[str, Any]:
+    """Return an analysis as JSON values for the sidecar."""
     if isinstance(analysis, TransientAnalysis):
         changed = analysis.after is not None
         return {"kind": "transient", "stop": analysis.stop, "step": analysis.step, "changes_scene": changed}

@@ -1,4 +1,4 @@
-"""From a netlist to a flat deck: one line an element, in the order of their nodes."""
+"""Writer of flat decks: one line per element of a netlist, sorted by nodes."""
 
 from __future__ import annotations
 
@@ -22,16 +22,15 @@ _MAX_TITLE = 200
 
 @dataclass(frozen=True, eq=False)
 class FlatDeck:
-    """A deck's text, and what ties its names to the netlist.
+    """Text of a deck, and the correspondence of its names to the netlist.
 
-    `netlist`: what was written; `text`: the deck, LF line ends; `dialect`: whose rules it keeps; `title`: its title,
-    one line of ASCII; `nodes` (n,): nodes of the netlist that the deck holds, ascending, without ground;
-    `node_names`: their names in the deck; `sources` (s,): voltage sources of the netlist that the deck holds, in its
-    order; `source_names`: their names in the deck; `left_out`: names (the netlist's) of the nodes that float and are
-    left out; `renamed_nodes, renamed_elements`: name in the deck to name in the netlist, where they differ;
-    `resistors`: names of the resistors as the simulator has them; `resistor_value` in ohms goes with them; `parts`:
-    the files that the deck includes, by the end of their names; `dropped`: how many elements of the netlist are left
-    out, by kind: they touch a node that floats, or close a loop of voltage sources.
+    `netlist`: the netlist that was written; `text`: the deck, LF line ends; `dialect`: of the deck; `title`: one line
+    of ASCII; `nodes` (n,): nodes of the netlist that the deck holds, ascending, without ground; `node_names`: their
+    names in the deck; `sources` (s,): indices of the voltage sources that the deck holds, in the order of the deck;
+    `source_names`: their names in the deck; `left_out`: netlist names of the floating nodes, which the deck omits;
+    `renamed_nodes, renamed_elements`: deck name to netlist name, where they differ; `resistors`: the simulator's names
+    of the resistors; `resistor_value`: their resistances in ohms; `parts`: content of the included files, by suffix;
+    `dropped`: number of omitted elements of each kind (they touch a floating node, or close a loop of voltage sources).
     """
 
     netlist: Netlist
@@ -52,17 +51,17 @@ class FlatDeck:
 
     @property
     def missing(self) -> dict[str, int]:
-        """How many nodes and elements of the netlist it does not hold, by kind."""
+        """Number of nodes and elements of the netlist that the deck omits, by kind."""
         return {**({"floating node": len(self.left_out)} if self.left_out else {}), **self.dropped}
 
 
 @dataclass(frozen=True, eq=False)
 class Additions:
-    """What analyses ask of the lines of a deck.
+    """Changes of a deck's lines that analyses require.
 
-    `suffix`: what is added to the line of which of the netlist's voltage sources (a waveform); `first`: what is added
-    to that of the first one that the deck holds; `spread`: standard deviation of the resistances, relative, to be drawn
-    by the simulator; 0 for none.
+    `suffix`: text appended to the line of a voltage source (a waveform), by the source's index in the netlist; `first`:
+    text appended to the first voltage source that the deck holds; `spread`: relative standard deviation of the
+    resistances, which the simulator draws; 0 for fixed values.
     """
 
     suffix: Mapping[int, str] = field(default_factory=dict)
@@ -70,7 +69,7 @@ class Additions:
     spread: float = 0.0
 
     def of(self, sources: Iterable[int]) -> list[str]:
-        """What is added to the lines of the voltage sources of a deck, numbered as in the netlist."""
+        """Return the text appended to each voltage source; `sources`: their indices in the netlist."""
         numbers = list(sources)
         least = min(numbers, default=0)
         return [self.suffix.get(number, "") + self.first * (number == least) for number in numbers]
@@ -82,17 +81,19 @@ _NOTHING = Additions()
 def flatten(
     netlist: Netlist, *, dialect: str = "ngspice", title: str | None = None, additions: Additions = _NOTHING
 ) -> FlatDeck:
-    """Write a netlist as a flat deck; the same netlist gives the same text, whatever the order of its elements.
+    """Return the flat deck of a netlist.  The text does not depend on the order of the netlist's elements.
 
-    Floating nodes and the elements that touch them are left out, as are sources that close a (consistent) loop.
+    Floating nodes, the elements that touch them, and sources that close a consistent loop are omitted.  Raises
+    InputError for an unknown dialect, an overflowing resistance or a netlist without grounded nodes, and CircuitError
+    for a current source that drives a floating part.
     """
     rules = dialect_named(dialect)
-    held = _held_nodes(netlist)
+    held = _grounded_nodes(netlist)
     names = name_nodes(netlist, rules, held)
     elements = _choose_elements(netlist, held)
     element_names = {kind: name_elements(netlist, kind, chosen, names) for kind, chosen in elements.items()}
     ohms = resistances(netlist.conductance[elements["resistor"]])
-    heading = _heading(netlist, title)
+    heading = _one_line_title(netlist, title)
     nodes = np.flatnonzero(held)[1:]  # without ground
     node_names = [names[node] for node in nodes.tolist()]
     left_out = netlist.names_of(np.flatnonzero(~held))
@@ -132,7 +133,7 @@ def flatten(
 
 
 def fill(template: str, columns: Mapping[str, Iterable[str]]) -> list[str]:
-    r"""Fill a `str.format` template once a row of its columns.
+    r"""Return one line per row of the columns, filled into a `str.format` template.
 
     Examples
     --------
@@ -145,17 +146,17 @@ def fill(template: str, columns: Mapping[str, Iterable[str]]) -> list[str]:
 
 
 def plain(values: NDArray[np.float64]) -> list[str]:
-    """Numbers as ``repr`` writes them, without a minus in front of zero; shape (n,)."""
+    """Return the shortest exact decimal text of each number, with ``0.0`` for negative zero; `values` (n,)."""
     return list(map(repr, (values + 0.0).tolist()))
 
 
 def resistances(conductance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Resistances whose reciprocals are the given conductances, to the last bit where one exists.
+    """Return resistances whose floating-point reciprocals equal the given conductances, where such doubles exist.
 
-    Of the candidates within one unit in the last place of ``1 / conductance``, and that value rounded to 12 digits
-    (which gives 3300.0 back where 3300.0 was meant), the first whose reciprocal is exact is taken.
+    The candidates are ``1 / conductance`` rounded to 12 digits (which restores 3300.0 from 1 / 3300.0), that quotient
+    itself, and its two neighbours; the first one with an exact reciprocal is used, else the quotient.
 
-    Shapes: `conductance` (m,); returns (m,).
+    Shapes: `conductance` (m,) in siemens; returns (m,) in ohms.
     """
     nearest = 1 / conductance
     best = nearest.copy()
@@ -169,34 +170,43 @@ def resistances(conductance: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Positive numbers rounded to 12 digits."""
+    """Return positive numbers rounded to 12 significant digits; shapes (n,)."""
     with np.errstate(all="ignore"):
         scale = 10.0 ** (11 - np.floor(np.log10(values)))
         return np.asarray(np.rint(values * scale) / scale)
 
 
-def _held_nodes(netlist: Netlist) -> NDArray[np.bool_]:
-    """Which nodes a deck can hold: those that resistors and voltage sources join to ground; shape (node_count,)."""
+def _grounded_nodes(netlist: Netlist) -> NDArray[np.bool_]:
+    """Return the mask (node_count,) of the nodes that resistors and voltage sources connect to ground.
+
+    Raises InputError if only ground is left, and CircuitError for a current source that drives a floating part.
+    """
     circuit = Circuit.of(netlist)
     for source in circuit.trapped_sources.tolist():
         where = netlist.names_of(netlist.current_nodes[source])
         raise CircuitError(
-            f"current source {source} from node {where[0]} to node {where[1]} feeds a floating part that lets no "
-            "current out: remove it, or join the part to ground"
+            f"current source {source} from node {where[0]} to node {where[1]} drives a floating part, which has no "
+            "return path: remove it, or join the part to ground by a resistor"
         )
     held = ~circuit.is_floating
     if held.sum() < 2:
-        raise InputError("nothing is left to write: no node has a path of resistors or voltage sources to ground")
+        raise InputError(
+            "the netlist cannot be written as a deck: no node has a path of resistors or voltage sources to ground; "
+            "connect it to node 0"
+        )
     return held
 
 
 def _choose_elements(netlist: Netlist, held: NDArray[np.bool_]) -> dict[str, NDArray[np.int64]]:
-    """Numbers of the elements that the deck holds, per kind, in the order of their nodes and values."""
+    """Return the indices of the elements that the deck holds, per kind, sorted by nodes and values.
+
+    `held` (node_count,): mask of the nodes that the deck holds.
+    """
     from resgrid.circuit.sources import tie_sources
 
     with np.errstate(over="ignore"):
         if np.isinf(1 / netlist.conductance).any():
-            raise InputError("a resistance is beyond the largest number; leave that resistor out: it is open")
+            raise InputError("a resistance exceeds the largest double; remove that resistor: it is open")
     in_tree = np.zeros(len(netlist.source_volts), dtype=np.bool_)
     parents = tie_sources(netlist).source
     in_tree[parents[parents >= 0]] = True
@@ -220,7 +230,10 @@ def _lines_of(
     columns: Mapping[str, list[str]],
     additions: Additions,
 ) -> list[str]:
-    """Lines of elements of a kind; ``columns`` holds their names, and the values of resistors."""
+    """Return the lines of the elements of one kind.
+
+    `chosen` (m,): their indices; `names`: of all nodes; `columns`: names of the elements, and values of resistors.
+    """
     template: str = getattr(rules, kind.replace(" ", "_"))
     first, second = getattr(netlist, ELEMENTS[kind][0])[chosen].T.tolist()
     columns = {**columns, "a": [names[node] for node in first], "b": [names[node] for node in second]}
@@ -241,17 +254,22 @@ def _lines_of(
 
 
 def _has_coefficients(netlist: Netlist) -> bool:
+    """Return whether a resistor has a nonzero temperature coefficient."""
     return any(tc is not None and tc.any() for tc in (netlist.tc1, netlist.tc2))
 
 
 def _preamble(netlist: Netlist, rules: Dialect, additions: Additions) -> list[str]:
+    """Return the lines between the comments at the top and the elements: dialect, tolerances, random resistors."""
     precise = [rules.precise] if netlist.nonlinear_nodes.size else []
     spread = spread_preamble(rules, additions.spread, temperature=_has_coefficients(netlist))
     return [*rules.preamble, *precise, *spread]
 
 
 def spread_preamble(rules: Dialect, sigma: float, *, temperature: bool = False) -> list[str]:
-    """Lines that resistors of random value need in front of them; ``temperature``: whether they have coefficients."""
+    """Return the definitions that resistors of random value need.
+
+    `sigma`: relative standard deviation, 0 for fixed values; `temperature`: whether resistors have coefficients.
+    """
     if not sigma:
         return []
     defaults, passed = (" tc1=0 tc2=0", " tc1=tc1 tc2=tc2") if temperature else ("", "")
@@ -259,15 +277,15 @@ def spread_preamble(rules: Dialect, sigma: float, *, temperature: bool = False) 
 
 
 def _renamed(names: Sequence[str], given: Sequence[str] | None, numbers: NDArray[np.int64]) -> dict[str, str]:
-    """Name in the deck to name in the netlist, where they differ; ``names`` has one entry a number."""
+    """Return a map of deck names to netlist names, where they differ; `names`: one for each index in `numbers` (n,)."""
     if given is None:
         return {}
     pairs = zip(names, (given[number] for number in numbers.tolist()), strict=True)
     return {name: original for name, original in pairs if name != original}
 
 
-def _heading(netlist: Netlist, title: str | None) -> str:
-    """A title as one line of printable ASCII, for old simulators."""
+def _one_line_title(netlist: Netlist, title: str | None) -> str:
+    """Return the title as one line of printable ASCII, since old simulators read only ASCII."""
     if title is None and netlist.cell_map is not None:
         cells = " x ".join(str(cells) for cells in netlist.cell_map.space.shape)
         title = f"resistor grid of {cells} cells, {netlist.cell_map.wiring.boundary} boundary"

@@ -1,4 +1,4 @@
-"""Names that every simulator can bear: lower case, a letter first, letters, digits and underscores, unique."""
+"""Names that all simulators accept: unique, lower case letters, digits and underscores, with a letter first."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from resgrid.core.networkx_graphs import ELEMENTS
 from resgrid.spice.dialects.record import GROUND_NAME, Dialect
 
 INITIALS = {"voltage source": "v", "current source": "i", "resistor": "r", "nonlinear resistor": "b", "capacitor": "c"}
-"""The first letter of every element's name, by its kind; in the order of a deck."""
+"""First letter of the names of each kind of element, in the order of a deck."""
 
 _LEGAL = re.compile(r"[a-z][a-z0-9_]*")
 _ALL_LEGAL = re.compile(r"(?:[a-z][a-z0-9_]*\n)*")
@@ -22,7 +22,7 @@ _MAX_LENGTH = 200
 
 
 def name_nodes(netlist: Netlist, dialect: Dialect, held: NDArray[np.bool_]) -> list[str]:
-    """Name of every node in a deck, empty where the deck does not hold it.  Shapes: `held` (node_count,)."""
+    """Return the deck's names of all nodes, empty for omitted ones; `held` (node_count,): mask of the others."""
     nodes = np.flatnonzero(held)
     nodes = nodes[nodes != GROUND]
     given = netlist.names_of(nodes)
@@ -36,7 +36,10 @@ def name_nodes(netlist: Netlist, dialect: Dialect, held: NDArray[np.bool_]) -> l
 
 
 def name_elements(netlist: Netlist, kind: str, numbers: NDArray[np.int64], node_names: Sequence[str]) -> list[str]:
-    """Names of elements: the file's where there are any, otherwise from their nodes.  Shapes: `numbers` (n,)."""
+    """Return the deck's names of elements, made from the netlist's names if it has any, else from the nodes' names.
+
+    `numbers` (n,): indices of the elements; `node_names`: of all nodes in the deck.
+    """
     initial = INITIALS[kind]
     given = (netlist.element_names or {}).get(kind)
     if given is not None:
@@ -52,10 +55,10 @@ def name_elements(netlist: Netlist, kind: str, numbers: NDArray[np.int64], node_
 
 
 def legal_names(names: Sequence[str], initial: str, reserved: Iterable[str] = ()) -> list[str]:
-    """Names as close to the given ones as the rules allow.
+    """Return unique legal names that change the given ones as little as possible.
 
-    A name that is legal keeps itself, its first bearer going first; of the others, capitals are folded, illegal
-    characters become ``_``, and a number is added where the result is taken.
+    The first use of a legal name keeps it.  Other names are folded to lower case, illegal characters become ``_``, and
+    a number is appended if the result is in use already.
 
     Examples
     --------

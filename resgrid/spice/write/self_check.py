@@ -1,8 +1,9 @@
-"""The self-verifying companion: a file that makes ngspice run a deck and print PASS or FAIL.
+"""Writer of self-check decks: a file with which ngspice runs a deck, compares the results and prints PASS or FAIL.
 
-It needs nothing but ngspice.  Expected voltages and values stand in it as plain numbers; ``compose`` makes vectors of
-errors, in a plot of their own (every new vector makes ngspice build the table of its plot's names anew).  An error
-counts as right only if it is compared and found small: what is missing, not a number, or was never computed is not.
+The file needs only ngspice.  It holds the expected voltages, currents and resistances as plain numbers; ``compose``
+makes vectors of errors.  These vectors have a plot of their own, because ngspice rebuilds the table of a plot's names
+for every new vector.  A comparison passes only if its error was computed and is small: a missing or undefined number
+fails.
 """
 
 from __future__ import annotations
@@ -14,12 +15,13 @@ from resgrid.spice.write.flat import FlatDeck, plain
 from resgrid.spice.write.sidecar import Expected
 
 LARGEST = 400_000
-"""Number of comparisons beyond which no companion is written: ngspice would take hours for the deck alone."""
+"""Maximum number of comparisons of a self-check deck; ngspice would take hours for the deck of a larger one."""
 _PER_LINE = 40
+"""Number of errors per ``compose`` command."""
 
 
-def format_companion(name: str, deck: FlatDeck, expected: Expected, sha256: str) -> str:
-    """Write the companion of a deck in a file of this name."""
+def format_self_check(name: str, deck: FlatDeck, expected: Expected, sha256: str) -> str:
+    """Return the text of the self-check deck; `name`: file name of the deck, `sha256`: its hash."""
     amps = {source: value for source, value in expected.source_current.items() if value is not None}
     values = zip(deck.resistors, plain(deck.resistor_value), strict=True)
     groups = {
@@ -42,14 +44,14 @@ def format_companion(name: str, deck: FlatDeck, expected: Expected, sha256: str)
         "let worst = 0",
         "let place = 0",
     ]
-    for (what, _), errors in groups.items():
-        lines.append(f"let worst_{what} = 0")
+    for (quantity, _), errors in groups.items():
+        lines.append(f"let worst_{quantity} = 0")
         for first in range(0, len(errors), _PER_LINE):
             lines += [
                 "compose error values" + "".join(errors[first : first + _PER_LINE]),
                 f"let place = vecmax(error) gt worst ? {len(lines) + 1} : place",
                 "let worst = vecmax(error) gt worst ? vecmax(error) : worst",
-                f"let worst_{what} = vecmax(error) gt worst_{what} ? vecmax(error) : worst_{what}",
+                f"let worst_{quantity} = vecmax(error) gt worst_{quantity} ? vecmax(error) : worst_{quantity}",
                 f"let right = right + length(error)*mean(error le {TOLERANCE!r})",
                 "unlet error",
             ]
@@ -57,6 +59,7 @@ def format_companion(name: str, deck: FlatDeck, expected: Expected, sha256: str)
 
 
 def _errors(function: str, values: Mapping[str, float], scale: float) -> list[str]:
+    """Return expressions for the errors relative to `scale`; `values`: expected value of each name."""
     return [
         f" abs({function}({name}){'-' if value >= 0 else '+'}{abs(value)!r})/{scale!r}"
         for name, value in values.items()
@@ -64,8 +67,11 @@ def _errors(function: str, values: Mapping[str, float], scale: float) -> list[st
 
 
 def _summary(groups: Mapping[tuple[str, str], list[str]]) -> list[str]:
+    """Return the commands that print PASS or FAIL with the largest errors, and set the exit status."""
     total = sum(map(len, groups.values()))
-    counts = ", ".join(f"{len(errors)} {what} ($&worst_{what} {unit})" for (what, unit), errors in groups.items())
+    counts = ", ".join(
+        f"{len(errors)} {quantity} ($&worst_{quantity} {unit})" for (quantity, unit), errors in groups.items()
+    )
     return [
         f"if right gt {total - 0.5}",
         f"  echo PASS: the largest error is $&worst where {TOLERANCE!r} is allowed: {counts}",

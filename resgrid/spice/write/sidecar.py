@@ -1,7 +1,7 @@
-"""The sidecar: what a deck may not hold, in JSON beside it, and what a simulator should find.
+"""The sidecar of a deck: a JSON file with hashes, the cells of nodes and the reference results.
 
-Hash of the deck and of every block of its lines, of the files beside it and of the sidecar itself, the cell and the
-expected voltage of every node, what was left out or renamed, and the versions that made it.
+It holds the hashes of the deck, of every block of its lines, of the accompanying files and of the sidecar itself; the
+cell and the expected voltage of every node; omitted and renamed nodes; and the versions of the software.
 """
 
 from __future__ import annotations
@@ -28,30 +28,34 @@ from resgrid.spice.dialects import dialect_named
 from resgrid.spice.write.flat import FlatDeck
 
 SCHEMA = 1
+"""Version of the sidecar's format."""
 _BLOCK_LINES = 16
+"""Number of lines per hashed block of a deck."""
 _BLOCK_DIGITS = 16
+"""Number of hexadecimal digits that are kept of a block's hash."""
 _MAX_BYTES = 2**31
+"""Largest sidecar that is read, in bytes."""
 _BLANK = "0" * 64
-_SHARE_OF_CONDUCTANCE = 1e-3
-"""What currents are held to at least, as a share of what the largest conductance would carry at the supply.
+"""Placeholder of the sidecar's own hash while the hash is computed."""
+_CONDUCTANCE_FRACTION = 1e-3
+"""Smallest scale of current errors, as a fraction of the current in the largest conductance at the supply voltage.
 
-Beside a conductance much larger than what the circuit draws, rounding leaves some 1e-13 of that (measured with ngspice
-39 and 46); the tolerance of 1e-9 stays ten times above it.
+Where that current is much larger than the supply current, the rounding error of source currents is about 1e-13 of it
+(measured with ngspice 39 and 46); with this scale the tolerance of 1e-9 is ten times larger.
 """
 
 _OWN = re.compile(rb'(?<="own_sha256": ")[0-9a-f]{64}(?=")')
-"""The hash of the sidecar's own text, in which zeros stand in its place."""
+"""Match of the sidecar's own hash in its text."""
 
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """Voltages and source currents that a deck should have.
+    """Expected node voltages and source currents of a deck, with the scales of their tolerances.
 
-    `voltage`: per node of the deck, ground excluded, in volts; `source_current`: into the plus terminal of every
-    voltage source of the deck, in amperes; None where it is undetermined; `supply`: largest voltage difference in the
-    circuit, in volts (with two rails theirs, by the maximum principle; 1 where there is none): what tolerances are
-    relative to; `current_scale`: what those of currents are relative to, in amperes; `kcl_residual`: largest violation
-    of Kirchhoff's current law, relative to the current through the same node.
+    `voltage`: of every node except ground, in volts; `source_current`: into the plus terminal of every voltage source,
+    in amperes, None if it is undetermined; `supply`: scale of voltage errors, the largest voltage difference in the
+    circuit, in volts (1 if all nodes have the same voltage); `current_scale`: scale of current errors, in amperes;
+    `kcl_residual`: largest violation of Kirchhoff's current law, relative to the current through the same node.
     """
 
     voltage: Mapping[str, float]
@@ -62,14 +66,14 @@ class Expected:
 
     @staticmethod
     def of(op: OperatingPoint, voltage: Mapping[str, float], source_current: Mapping[str, float]) -> Expected:
-        """What an operating point says of these voltages and currents."""
+        """Add the scales of an operating point to expected voltages (volts) and source currents (amperes)."""
         netlist = op.netlist
         ends = np.concatenate([netlist.resistor_nodes, netlist.nonlinear_nodes])
         volts = op.voltage[ends if ends.size else netlist.source_nodes]
         volts = volts[np.isfinite(volts)]
         supply = (np.ptp(volts) if volts.size else 0.0) or np.max(np.abs(volts), initial=0.0) or 1.0
         drawn = np.nanmax(np.abs(op.source_current), initial=0.0)
-        scale = max(drawn, _SHARE_OF_CONDUCTANCE * supply * np.max(netlist.conductance, initial=0.0)) or 1.0
+        scale = max(drawn, _CONDUCTANCE_FRACTION * supply * np.max(netlist.conductance, initial=0.0)) or 1.0
         return Expected(
             voltage=voltage,
             source_current={name: amps if np.isfinite(amps) else None for name, amps in source_current.items()},
@@ -80,7 +84,7 @@ class Expected:
 
 
 def expect(deck: FlatDeck, op: OperatingPoint) -> Expected:
-    """Tie an operating point to the names of a deck of the same netlist."""
+    """Return the expected results of a deck from an operating point of the same netlist, by the deck's names."""
     if not op.is_of(deck.netlist):
         raise InputError("the operating point belongs to another netlist; solve this one first")
     voltage = op.voltage[deck.nodes]
@@ -96,7 +100,7 @@ def expect(deck: FlatDeck, op: OperatingPoint) -> Expected:
 
 
 def digest(data: bytes) -> str:
-    """SHA-256 of bytes, hexadecimal."""
+    """Return the SHA-256 of bytes in hexadecimal."""
     return hashlib.sha256(data).hexdigest()
 
 
@@ -104,20 +108,24 @@ _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 class _Blocks(BaseModel):
+    """Hashes of blocks of lines."""
+
     lines: PositiveInt
     sha256: list[str]
 
 
 class _Node(BaseModel):
+    """Expected voltage of a node, in volts."""
+
     voltage: FiniteFloat
 
 
 class Sidecar(BaseModel):
-    """What was read from a sidecar; keys that only people read are left out.
+    """Content of a sidecar, without the keys that are only informative.
 
-    `path`: where it lies; `intact`: whether it is, to the byte, what was written; `sha256`: hash of the deck,
-    hexadecimal; `blocks`: lines per block, and the beginning of the hash of every block; `files`: that the deck
-    includes, and their hashes; none for a flat one; `companions`: files that include the deck, and their hashes.
+    `path`: of the sidecar; `intact`: whether its bytes match its own hash; `sha256`: hash of the deck, hexadecimal;
+    `blocks`: lines per block, and the beginning of the hash of every block; `files`: hashes of the files that the deck
+    includes, empty for a flat deck; `companions`: hashes of the files that include the deck.
     """
 
     model_config = ConfigDict(strict=True, frozen=True)
@@ -137,20 +145,20 @@ class Sidecar(BaseModel):
 
     @property
     def expected(self) -> Expected:
-        """What the simulator should find."""
+        """Expected voltages and source currents."""
         voltage = {name: node.voltage for name, node in self.nodes.items()}
         return Expected(voltage, self.sources, self.supply, self.current_scale, self.kcl_residual)
 
 
 def sidecar_path(deck: Path) -> Path:
-    """Where the sidecar of a deck lies: ``room.cir.json`` beside ``room.cir``."""
+    """Return the path of a deck's sidecar: ``room.cir.json`` for ``room.cir``."""
     if not deck.name:
-        raise InputError(f"cannot write a deck as {str(deck)!r}: name a file")
+        raise InputError(f"cannot write a deck as {str(deck)!r}: give the name of a file")
     return deck.with_name(deck.name + ".json")
 
 
 def format_sidecar(deck_name: str, deck: FlatDeck, expected: Expected, more: Mapping[str, Any]) -> str:
-    """Write a sidecar's JSON, one node a line."""
+    """Return the text of a sidecar, one node per line; `more`: further keys and values."""
     data = deck.text.encode("utf-8")
     head = {
         "schema": SCHEMA,
@@ -176,6 +184,7 @@ def format_sidecar(deck_name: str, deck: FlatDeck, expected: Expected, more: Map
 
 
 def _node_lines(deck: FlatDeck, expected: Expected) -> Iterator[str]:
+    """Yield the JSON of every node: its cell and its expected voltage."""
     cells = ["null"] * len(deck.nodes)
     if deck.netlist.cell_map is not None:
         flat = deck.netlist.cell_of_node()[deck.nodes]
@@ -188,6 +197,7 @@ def _node_lines(deck: FlatDeck, expected: Expected) -> Iterator[str]:
 
 
 def _own_version() -> str:
+    """Return the version of resgrid, ``"unknown"`` if it is not installed as a package."""
     try:
         return version("resgrid")
     except PackageNotFoundError:
@@ -195,7 +205,7 @@ def _own_version() -> str:
 
 
 def read_sidecar(deck: Path) -> Sidecar:
-    """Read the sidecar of a deck."""
+    """Read and validate the sidecar of a deck; raise InputError if it is damaged."""
     path = sidecar_path(deck)
     data = read_bytes(path, _MAX_BYTES)
     own = _OWN.search(data)
@@ -205,20 +215,20 @@ def read_sidecar(deck: Path) -> Sidecar:
         return Sidecar.model_validate_json(data).model_copy(update={"path": path, "intact": intact})
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        key, what = ".".join(map(str, first["loc"])), first["msg"].partition(" or instance")[0]
+        key, problem = ".".join(map(str, first["loc"])), first["msg"].partition(" or instance")[0]
         where = f" at {key}" if key else ""
-        raise InputError(f"the sidecar {path} is damaged{where}: {what}; write the deck again") from error
+        raise InputError(f"the sidecar {path} is damaged{where}: {problem}; write the deck again") from error
 
 
 def block_hashes(data: bytes, lines: int) -> list[str]:
-    """Beginnings of the SHA-256 of every ``lines`` lines of a text."""
+    """Return the beginning of the SHA-256 of every block of `lines` lines of a text."""
     rows = data.split(b"\n")
     blocks = (b"\n".join(rows[start : start + lines]) for start in range(0, len(rows), lines))
     return [digest(block)[:_BLOCK_DIGITS] for block in blocks]
 
 
 def altered_lines(data: bytes, sidecar: Sidecar) -> list[tuple[int, int]]:
-    """Ranges of lines, first and last, counted from 1, that differ from the deck that was written."""
+    """Return the ranges of lines (first and last, counted from 1) that differ from the deck that was written."""
     size = sidecar.blocks.lines
     ranges: list[tuple[int, int]] = []
     for block, (now, then) in enumerate(zip_longest(block_hashes(data, size), sidecar.blocks.sha256)):
@@ -232,13 +242,16 @@ def altered_lines(data: bytes, sidecar: Sidecar) -> list[tuple[int, int]]:
 
 
 def altered_files(data: bytes, sidecar: Sidecar) -> list[str]:
-    """What differs from what was written, the deck and the files beside it; a companion that is absent is no matter."""
+    """Return a finding for each file that differs from the written one: the deck, its sidecar and further files.
+
+    `data`: content of the deck.  Further files that are absent are not a finding.
+    """
     name = sidecar.path.name
     problems = []
     if digest(data) != sidecar.sha256:
         ranges = altered_lines(data, sidecar)
         shown = some([f"{first}-{last}" for first, last in ranges], len(ranges))
-        where = f"lines {shown} differ" if ranges else "the hash in the sidecar differs, though no line does,"
+        where = f"lines {shown} differ" if ranges else "the hash in the sidecar differs, although no line does,"
         problems.append(f"{where} from the deck that resgrid wrote (SHA-256 in {name})")
     if not sidecar.intact:
         problems.append(f"{name} differs from what resgrid wrote (its own SHA-256)")
@@ -250,7 +263,7 @@ def altered_files(data: bytes, sidecar: Sidecar) -> list[str]:
 
 
 def with_parts(deck: Path, data: bytes, sidecar: Sidecar) -> bytes:
-    """A deck with its parts in the place of the lines that include them."""
+    """Return the content of a tile deck with its included files inserted; `data`: content of the main file."""
     include = dialect_named(sidecar.dialect).include
     for name in sidecar.files:
         part = deck.with_name(Path(name).name)

@@ -1,4 +1,4 @@
-"""What analyses make of a deck: waveforms on its sources, elements that change its scene, and statements."""
+"""Writer of analyses: waveforms of a deck's sources, elements that change its scene, and statements."""
 
 from __future__ import annotations
 
@@ -25,27 +25,31 @@ from resgrid.spice.analyses import (
 from resgrid.spice.dialects.record import GROUND_NAME, Dialect, Statements
 from resgrid.spice.write.flat import Additions, FlatDeck
 
-_KINDS: dict[type[Analysis], str] = {
+_KIND_WORDS: dict[type[Analysis], str] = {
     OperatingAnalysis: "dc",
     TransientAnalysis: "tran",
     NoiseAnalysis: "",
     TemperatureAnalysis: "dc",
     MismatchAnalysis: "dc",
 }
+"""Word for each analysis in statements that save or print its results, empty if it needs none."""
 _SAME_NODES, _SAME_VALUES = ("resistor", "voltage source"), ("capacitor", "nonlinear resistor")
-"""Kinds of element that a change of the scene leaves where they are, or as they are."""
+"""Kinds of element that keep their nodes when the scene changes, and kinds that also keep their values."""
 
 
 def only_one(analyses: Sequence[Analysis], kind: type[Analysis]) -> Any:
-    """The one analysis of a kind, or None."""
+    """Return the analysis of a kind, None without one; raise InputError for several."""
     own = [analysis for analysis in analyses if isinstance(analysis, kind)]
     if len(own) > 1:
-        raise InputError(f"{len(own)} analyses of the kind {kind.__name__} are asked for, and a deck holds one of each")
+        raise InputError(
+            f"analyses holds {len(own)} of the kind {kind.__name__}, but a deck holds at most one of each kind; "
+            "write a deck for each"
+        )
     return own[0] if own else None
 
 
 def additions(analyses: Sequence[Analysis], netlist: Netlist, rules: Dialect) -> Additions:
-    """What analyses add to the lines of the deck itself."""
+    """Return the changes of the deck's lines that analyses require: waveforms, AC sources and random resistors."""
     suffix: dict[int, str] = {}
     transient: TransientAnalysis | None = only_one(analyses, TransientAnalysis)
     if transient is not None and transient.after is not None:
@@ -62,24 +66,25 @@ def additions(analyses: Sequence[Analysis], netlist: Netlist, rules: Dialect) ->
 
 
 def _check_alike(before: Netlist, after: Netlist) -> None:
+    """Raise InputError unless two scenes have the same elements, apart from the values of resistors and sources."""
     for kind in (*_SAME_NODES, *_SAME_VALUES):
         for key in ELEMENTS[kind][1]:
             a, b = (_sums(netlist, kind, key) for netlist in (before, after))
             if a.keys() != b.keys() or (kind in _SAME_VALUES and a != b):
                 raise InputError(
-                    f"the scene after the change differs from the one before in its {kind}s, not only in values: give "
-                    "both the same grid, and write them in tile form (form='cells')"
+                    f"the scene after the change differs from the scene before in its {kind}s, not only in values: use "
+                    "the same grid for both, and write them in tile form (form='cells')"
                 )
 
 
 def _ends(netlist: Netlist, kind: str) -> list[tuple[str, str]]:
-    """Names of the nodes of elements: those of one grid are the same in all its scenes."""
+    """Return the names of both nodes of every element; all scenes of a grid have the same names."""
     first, second = getattr(netlist, ELEMENTS[kind][0]).T
     return list(zip(netlist.names_of(first), netlist.names_of(second), strict=True))
 
 
 def _sums(netlist: Netlist, kind: str, key: str) -> dict[tuple[str, str], float]:
-    """Sum of a value of elements, such as ``"conductance"``, by the names of their nodes."""
+    """Return the sum of a value of parallel elements, such as ``"conductance"``, by the names of their nodes."""
     values = getattr(netlist, ELEMENTS[kind][1][key])
     total: dict[tuple[str, str], float] = {}
     if values is not None:
@@ -88,22 +93,26 @@ def _sums(netlist: Netlist, kind: str, key: str) -> dict[tuple[str, str], float]
     return total
 
 
-def format_commands(name: str, deck: FlatDeck, asked: Sequence[Analysis]) -> str:
-    """Write the file that includes a deck and asks for analyses, for the operating point where none is asked for."""
-    analyses = asked or [OperatingAnalysis()]
-    what = "analyses" if asked else "operating point"
+def format_commands(name: str, deck: FlatDeck, requested: Sequence[Analysis]) -> str:
+    """Return the text of the file that includes a deck and requests analyses.
+
+    `name`: file name of the deck; `requested`: the analyses, empty for the operating point.  Raises InputError for
+    analyses that do not fit the deck or cannot share a file.
+    """
+    analyses = requested or [OperatingAnalysis()]
+    heading = "analyses" if requested else "operating point"
     rules, words = deck.dialect, deck.dialect.statements
     _check_names(deck, analyses)
-    runs = [kind_of(item) for item in analyses if type(item) in _KINDS]
+    runs = [kind_of(item) for item in analyses if type(item) in _KIND_WORDS]
     if words.one_a_run and len(runs) > 1:
         raise InputError(f"{rules.name} runs one analysis per file, not {' and '.join(runs)}; write a deck for each")
     include = [rules.include.format(file=name)]
     statements = [line for analysis in analyses for line in _statement(words, name, deck, analysis)]
     if ".control" in statements and any(line.startswith(".o") for line in statements):
-        statements += words.run  # with a control block ngspice runs nothing by itself: the others are started in one
+        statements += words.run  # a control block disables ngspice's other analyses, so a further block starts them
     lines = [
-        f"{rules.comment}{what} of {name}",
-        *(line.format(deck=name, results=what.replace(" ", "_")) for line in words.first),
+        f"{rules.comment}{heading} of {name}",
+        *(line.format(deck=name, results=heading.replace(" ", "_")) for line in words.first),
         *(include if words.deck_first else []),
         *_change(deck, only_one(analyses, TransientAnalysis)),
         *_probes(words, analyses),
@@ -116,31 +125,35 @@ def format_commands(name: str, deck: FlatDeck, asked: Sequence[Analysis]) -> str
 
 
 def _check_names(deck: FlatDeck, analyses: Sequence[Analysis]) -> None:
+    """Raise InputError if analyses name nodes or sources that the deck does not hold, or lack a transient."""
     if only_one(analyses, TransientAnalysis) is None and any(isinstance(item, Measure) for item in analyses):
-        raise InputError("measure: it measures a transient, and none is asked for; add a TransientAnalysis")
+        raise InputError("measure: a measurement needs a transient; add a TransientAnalysis")
     if only_one(analyses, NoiseAnalysis) is not None and not deck.source_names:
-        raise InputError("noise is referred to a voltage source, and the deck holds none")
+        raise InputError("noise: the analysis needs a voltage source as its input, but the deck has none; add one")
     nodes, sources = set(deck.node_names), set(deck.source_names)
     for analysis in analyses:
-        asked = analysis.nodes if isinstance(analysis, Probe) else ()
+        requested = analysis.nodes if isinstance(analysis, Probe) else ()
         if isinstance(analysis, NoiseAnalysis | Measure):
-            asked = (analysis.node,)
-        missing = [name for name in asked if name not in nodes]
+            requested = (analysis.node,)
+        missing = [name for name in requested if name not in nodes]
         missing += [name for name in getattr(analysis, "sources", ()) if name not in sources]
         if missing:
             raise InputError(
                 f"{kind_of(analysis)}: the deck has no node or voltage source {missing[0]!r}; "
-                f"it has such as {', '.join([*deck.node_names[:3], *deck.source_names[:3]])}"
+                f"examples of its names: {', '.join([*deck.node_names[:3], *deck.source_names[:3]])}"
             )
 
 
 def _statement(words: Statements, name: str, deck: FlatDeck, analysis: Analysis) -> list[str]:
-    if type(analysis) not in _KINDS:
+    """Return the lines that request an analysis; none for probes and measurements."""
+    if type(analysis) not in _KIND_WORDS:
         return []
     values: dict[str, Any] = {"deck": name, **_first_source(deck)}
     for key in fields(analysis):
         value = getattr(analysis, key.name)
-        values[key.name] = repr(float(value)) if key.type == "float" else value  # by its annotation
+        values[key.name] = (
+            repr(float(value)) if key.type == "float" else value
+        )  # integers, e.g. of points, are written without a decimal point
     if isinstance(analysis, TemperatureAnalysis):
         values["temperatures"] = " ".join(repr(float(value)) for value in analysis.celsius)
         values["count"] = len(analysis.celsius)
@@ -151,7 +164,7 @@ def _statement(words: Statements, name: str, deck: FlatDeck, analysis: Analysis)
 
 
 def _first_source(deck: FlatDeck) -> dict[str, str]:
-    """Name and volts of the first voltage source of a deck, which some statements need."""
+    """Return name and voltage of the deck's first voltage source (by netlist index), which some statements need."""
     if not deck.source_names:
         return {"source": "", "volts": ""}
     number = int(np.argmin(deck.sources))
@@ -160,18 +173,20 @@ def _first_source(deck: FlatDeck) -> dict[str, str]:
 
 
 def _probes(words: Statements, analyses: Sequence[Analysis]) -> list[str]:
-    kinds = list(dict.fromkeys(kind for item in analyses if (kind := _KINDS.get(type(item), ""))))
-    what: list[str] = []
+    """Return the statements that save the probed voltages and currents, or all voltages without a probe."""
+    kinds = list(dict.fromkeys(kind for item in analyses if (kind := _KIND_WORDS.get(type(item), ""))))
+    saved: list[str] = []
     for probe in analyses:
         if isinstance(probe, Probe):
-            what += [words.probe_voltage.format(name=name) for name in probe.nodes]
-            what += [words.probe_current.format(name=name) for name in probe.sources]
-    if not what:
+            saved += [words.probe_voltage.format(name=name) for name in probe.nodes]
+            saved += [words.probe_current.format(name=name) for name in probe.sources]
+    if not saved:
         return [words.print_all.format(kind=kind) for kind in kinds if words.print_all]
-    return list(dict.fromkeys(words.probe.format(kind=kind, what=" ".join(what)) for kind in kinds or ["dc"]))
+    return list(dict.fromkeys(words.probe.format(kind=kind, what=" ".join(saved)) for kind in kinds or ["dc"]))
 
 
 def _measures(words: Statements, analyses: Sequence[Analysis]) -> list[str]:
+    """Return the statements of the measurements."""
     lines = [
         getattr(words, item.what).format(name=item.name, node=item.node, at=None if item.at is None else float(item.at))
         for item in analyses
@@ -181,10 +196,10 @@ def _measures(words: Statements, analyses: Sequence[Analysis]) -> list[str]:
 
 
 def _change(deck: FlatDeck, transient: TransientAnalysis | None) -> Iterator[str]:
-    """Elements that turn the deck's scene into the next one: currents that a step switches on.
+    """Yield elements that turn the deck's scene into the next one at the step of a transient.
 
-    What a changed resistor carries more, ``(g_after - g_before) V``, is a source of that current times the step;
-    what its sources feed in more is one that follows it, too.
+    A resistor that changes gets a parallel source of the additional current, ``(g_after - g_before) V``, times a step
+    from 0 to 1.  A change of the injected currents is a source of the difference times that step.
     """
     if transient is None or transient.after is None:
         return
@@ -202,16 +217,16 @@ def _change(deck: FlatDeck, transient: TransientAnalysis | None) -> Iterator[str
             a, b = names[first], names[second]
             current = f"({difference!r})*v({a},{b})*{step}"
             yield rules.behavioural_current.format(name=f"b_scene_{number}", a=a, b=b, value=current)
-    fed = _fed(after)
-    for node, amps in _fed(before).items():
-        difference = fed[node] - amps
+    injected = _injected(after)
+    for node, amps in _injected(before).items():
+        difference = injected[node] - amps
         if difference and names.get(node, GROUND_NAME) != GROUND_NAME:
             name, current = f"b_drive_{names[node]}", f"({difference!r})*{step}"
             yield rules.behavioural_current.format(name=name, a=GROUND_NAME, b=names[node], value=current)
 
 
-def _fed(netlist: Netlist) -> dict[str, float]:
-    """Current that is fed into every node, in amperes."""
+def _injected(netlist: Netlist) -> dict[str, float]:
+    """Return the current that current sources inject into every node, in amperes, by the name of the node."""
     count = netlist.node_count
     into, out = (np.bincount(netlist.current_nodes[:, end], netlist.current_amps, count) for end in (1, 0))
     return dict(zip(netlist.names_of(np.arange(count)), (into - out).tolist(), strict=True))

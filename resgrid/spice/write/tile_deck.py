@@ -1,8 +1,9 @@
-"""Tiles as text: a subcircuit per kind of tile, the array of them, and the scene as a pattern of parameters.
+"""Writer of tile decks: a subcircuit per kind of tile, the array of instances, and the scene as parameters.
 
-Three files: the deck (title, supplies, and what it includes), the chip (tiles and array; the same for every scene of
-its grid, if costs and passes leave it so) and the pattern (one parameter a cell, its `State`).  The expressions are
-polynomials in the state, exact for the states there are, because simulators agree on nothing but arithmetic:
+A tile deck consists of three files: the deck (title, supplies, includes), the chip (tiles and array) and the pattern
+(one parameter per cell, its `State`).  Without cost maps and random effects the chip is the same for all scenes of a
+grid.  Switch values are polynomials in the state `s`, exact for s = 0 to 3, because arithmetic is the only part of
+expressions on which all simulators agree:
 
     blocked = s (2 - s) (3 - s) / 2,   goal = s (s - 1) (3 - s) / 2,   driven = s (s - 1) (s - 2) / 6
 """
@@ -30,7 +31,7 @@ _FREE = "(1-{0})*(2-{0})*(3-{0})/6"
 def write_tiles(
     netlist: Netlist, chip: Chip, name: str, *, dialect: str, title: str | None, additions: Additions
 ) -> FlatDeck:
-    """Write the netlist that a chip's passes made as the tiles of a deck in a file of this name."""
+    """Return the tile deck of a netlist that was built from a chip; `name`: file name of the deck."""
     tiles = tiles_of(netlist, chip)
     size = " x ".join(map(str, tiles.shape))
     if title is None:
@@ -48,6 +49,7 @@ def write_tiles(
 
 
 def _deck_lines(tiles: Tiles, flat: FlatDeck, name: str, additions: Additions) -> Iterator[str]:
+    """Yield the lines of the main file: title, includes and supplies of the rails."""
     rules, netlist = flat.dialect, tiles.netlist
     yield f"{rules.comment}{flat.title}"
     yield f"{rules.comment}{rules.name} dialect: the pattern sets the switches of the chip's tiles"
@@ -62,6 +64,7 @@ def _deck_lines(tiles: Tiles, flat: FlatDeck, name: str, additions: Additions) -
 
 
 def _pattern_lines(tiles: Tiles, flat: FlatDeck, labels: Sequence[str]) -> Iterator[str]:
+    """Yield the lines of the pattern: the state of every cell as a parameter; `labels`: one per cell."""
     rules = flat.dialect
     yield f"{rules.comment}pattern: {flat.title}"
     yield f"{rules.comment}state of every tile: 0 free, 1 blocked, 2 goal, 3 driven"
@@ -72,6 +75,7 @@ def _pattern_lines(tiles: Tiles, flat: FlatDeck, labels: Sequence[str]) -> Itera
 
 
 def _chip_lines(tiles: Tiles, rules: Dialect, labels: Sequence[str], spread: float) -> Iterator[str]:
+    """Yield the lines of the chip: subcircuits of the tiles, the array, and the resistors at the grid's edge."""
     dimensions, links = len(tiles.shape), tiles.links
     link = np.full((len(tiles.state), dimensions), -1)
     link[tiles.cell[links], tiles.axis[links]] = links
@@ -95,7 +99,7 @@ def _chip_lines(tiles: Tiles, rules: Dialect, labels: Sequence[str], spread: flo
 
 
 def _parameters(tiles: Tiles, axis: int) -> dict[str, tuple[NDArray[np.float64], float]]:
-    """Parameters of a tile for the resistor along an axis: values of all resistors, and the usual one, in ohms."""
+    """Return the parameters of a tile's resistor along an axis: all values (n,) and the most frequent, in ohms."""
     own = tiles.resistance[tiles.links[tiles.axis[tiles.links] == axis]]
     values, count = np.unique(own, return_counts=True)
     parameters = {f"resistance_{axis}": (tiles.resistance, float(values[count.argmax()]) if values.size else 0.0)}
@@ -105,27 +109,33 @@ def _parameters(tiles: Tiles, axis: int) -> dict[str, tuple[NDArray[np.float64],
 
 
 def _wall(tiles: Tiles, axis: int) -> str:
-    """The parameter of a wall: one for all, unless mismatch tells them apart."""
+    """Return the name of the wall parameter: one per axis if walls have different values, else a common one."""
     return f"wall_resistance_{axis}" if len(np.unique(tiles.wall[tiles.links])) > 1 else "wall_resistance"
 
 
-def _state_beside(tiles: Tiles, axis: int) -> str:
-    """A tile's parameter for the state of the next tile; along a single axis, tiles have states of the plain names."""
+def _neighbour_state(tiles: Tiles, axis: int) -> str:
+    """Return the name of a tile's parameter for the state of the next tile along an axis.
+
+    On a grid of one axis the name ``state_0`` is taken by the state of cell 0.
+    """
     return f"state_{axis}" if len(tiles.shape) > 1 else "state_beside"
 
 
 def _has_switched_links(tiles: Tiles) -> bool:
+    """Return whether a switch is in series with every resistor between cells."""
     return "internodal_switch_on" in tiles.ohms
 
 
 def _depends_on_neighbours(tiles: Tiles) -> bool:
+    """Return whether a resistor between cells depends on the states of both cells."""
     return tiles.wiring.boundary in ("neumann", "wall")
 
 
 def _subcircuit(rules: Dialect, tiles: Tiles, master: str, axes: Sequence[int], spread: float) -> Iterator[str]:
+    """Yield the lines of the subcircuit of a kind of tile; `axes`: along which it has a resistor."""
     defaults: dict[str, float | int] = {"state": 0}
     if _depends_on_neighbours(tiles):
-        defaults |= {_state_beside(tiles, axis): 0 for axis in axes}
+        defaults |= {_neighbour_state(tiles, axis): 0 for axis in axes}
     usual = {name: ohms for axis in axes for name, (_, ohms) in _parameters(tiles, axis).items()}
     defaults |= {name: ohms for name, ohms in usual.items() if name.startswith("resistance")}
     for name in (*RAILS, *(["internodal"] if _has_switched_links(tiles) and axes else [])):
@@ -143,6 +153,8 @@ def _subcircuit(rules: Dialect, tiles: Tiles, master: str, axes: Sequence[int], 
 
 
 def _elements(rules: Dialect, tiles: Tiles, axes: Sequence[int], spread: float) -> Iterator[str]:
+    """Yield the element lines of a tile: resistors along the axes, switches, capacitor and drive."""
+
     def expression(value: str) -> str:
         return rules.expression.format(value=value)
 
@@ -169,11 +181,13 @@ def _elements(rules: Dialect, tiles: Tiles, axes: Sequence[int], spread: float) 
 
 
 def _switch(name: str, closed: str) -> str:
+    """Return the expression of a switch's resistance; `closed`: an expression that is 1 if closed, 0 if open."""
     return f"{name}_switch_on*({closed})+{name}_switch_off*(1-({closed}))"
 
 
 def _internodal(tiles: Tiles, axis: int) -> str:
-    own, other = _BLOCKED.format("state"), _BLOCKED.format(_state_beside(tiles, axis))
+    """Return the expression of the resistance in series with a resistor between two cells."""
+    own, other = _BLOCKED.format("state"), _BLOCKED.format(_neighbour_state(tiles, axis))
     if tiles.wiring.is_driven:
         return _switch("internodal", f"(1-{own})*(1-{other})")
     if tiles.wiring.wall_resistance:
@@ -184,6 +198,10 @@ def _internodal(tiles: Tiles, axis: int) -> str:
 def _instances(
     rules: Dialect, tiles: Tiles, link: NDArray[np.int64], masters: Sequence[str], labels: Sequence[str]
 ) -> Iterator[str]:
+    """Yield one instance per cell; `link` (cells, axes): index of its resistor along each axis, -1 for none.
+
+    `masters`: subcircuit of each cell; parameters with the most frequent value are left to the subcircuit's default.
+    """
     usual = [
         {name: (ohms.tolist(), most) for name, (ohms, most) in _parameters(tiles, axis).items()}
         for axis in range(len(tiles.shape))
@@ -197,7 +215,7 @@ def _instances(
                 continue
             nodes.append(f"n_{labels[beyond[number]]}")
             if _depends_on_neighbours(tiles):
-                values[_state_beside(tiles, axis)] = states[beyond[number]]
+                values[_neighbour_state(tiles, axis)] = states[beyond[number]]
             values |= {name: repr(ohms[number]) for name, (ohms, most) in usual[axis].items() if ohms[number] != most}
         given = "".join(f" {name}={value}" for name, value in values.items())
         yield rules.instance.format(
@@ -209,7 +227,7 @@ def _instances(
 
 
 def _edge_names(tiles: Tiles, labels: Sequence[str]) -> list[str]:
-    """Names of the resistors behind the edge, by cell and face."""
+    """Return the names of the resistors at the grid's edge, from their cell and face."""
     columns = (column[tiles.edges].tolist() for column in (tiles.cell, tiles.axis, tiles.upward))
     return [
         f"r_edge_{labels[cell]}_{axis}_{'upper' if upward else 'lower'}"
@@ -218,7 +236,7 @@ def _edge_names(tiles: Tiles, labels: Sequence[str]) -> list[str]:
 
 
 def _edge_values(rules: Dialect, tiles: Tiles, labels: Sequence[str]) -> list[str]:
-    """Resistances to the obstacle rail beyond the edge; with walls these follow the state of the tile."""
+    """Return the resistances between edge cells and the obstacle rail; with walls, expressions in the cell's state."""
     ohms = plain(tiles.resistance[tiles.edges])
     if not tiles.wiring.wall_resistance:
         return ohms
@@ -230,7 +248,7 @@ def _edge_values(rules: Dialect, tiles: Tiles, labels: Sequence[str]) -> list[st
 
 
 def _simulated_resistors(tiles: Tiles, labels: Sequence[str]) -> tuple[list[str], NDArray[np.float64]]:
-    """Every resistor of the array as ngspice expands it, and its value in ohms."""
+    """Return ngspice's names of all resistors after expansion of the subcircuits, and their values (n,) in ohms."""
     links, edges = tiles.links, tiles.edges
     places = [
         (labels[cell], axis) for cell, axis in zip(tiles.cell[links].tolist(), tiles.axis[links].tolist(), strict=True)

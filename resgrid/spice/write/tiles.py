@@ -1,8 +1,8 @@
-"""A chip as an array of tiles: what each tile holds of the netlist that the chip's passes made.
+"""Decomposition of a chip's netlist into an array of tiles.
 
-A tile holds the resistors to the next cells along each axis, a switch to the obstacle rail and one to the goal rail,
-where obstacles are open (or walls) an internodal switch in series with every resistor, and a capacitor to ground.  The
-scene is a pattern of states, one a cell.  What is no part of a tile is refused.
+A tile holds the resistors to the next cells along each axis, a switch to the obstacle rail, a switch to the goal rail,
+and a capacitor to ground.  With open obstacles or walls it also holds an internodal switch in series with every
+resistor.  The scene is a pattern of states, one per cell.  A netlist with other elements is rejected.
 """
 
 from __future__ import annotations
@@ -22,19 +22,23 @@ from resgrid.core.compiler import compile_space
 from resgrid.core.netlist import Netlist
 from resgrid.core.regions import face_counts
 from resgrid.core.space import Cell
-from resgrid.core.wiring import EdgeRule, Wiring
+from resgrid.core.wiring import Wiring
 from resgrid.errors import CircuitError, InputError
 from resgrid.scene.chip import Chip
 from resgrid.spice.write.flat import resistances, rounded
 
 RAILS = ("obstacle", "goal")
+"""Rails that every tile has a switch to."""
 SWITCHES = (*RAILS, "internodal")
+"""Kinds of switch of a tile."""
 ENDS = ("on", "off")
+"""States of a switch, as in the keys of a chip."""
 _ON, _OFF = 10.0, 1e10
+"""Default resistances of a closed and an open switch, in ohms."""
 
 
 class State(IntEnum):
-    """What the switches of a tile are set to."""
+    """State of a cell, which sets the switches of its tile."""
 
     FREE = 0
     BLOCKED = 1
@@ -44,13 +48,14 @@ class State(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Tiles:
-    """A chip's circuit, tile by tile.
+    """A chip's circuit as an array of tiles.
 
-    `ohms`: of its switches, by their keys in a chip; `capacitance`: of every cell, in farads; `amps`: into every free
-    tile; `state` (cells,): `State` of every tile.  The others describe the resistors of the grid, shapes (n,): `cell`:
-    whose tile holds it; `beyond`: the next cell, -1 for the obstacle rail behind the edge; `axis, upward`: which way
-    that lies; `resistance`: of the resistor, in ohms; `wall`: of the wall it has where it leads to an obstacle;
-    `series`: of all that is in series with it in this scene.
+    `ohms`: resistances of the switches, by their keys in a chip; `capacitance`: of every cell, in farads; `amps`:
+    current injected into every free tile, in amperes; `state` (cells,): `State` of every tile.  The other arrays
+    describe the resistors of the grid, shapes (n,): `cell`: flat index of the cell whose tile holds the resistor;
+    `beyond`: index of the neighbouring cell, -1 for the obstacle rail beyond the grid's edge; `axis, upward`: direction
+    of the neighbour; `resistance`: in ohms; `wall`: wall resistance at a contact with an obstacle, in ohms; `series`:
+    total resistance in series with the resistor in this scene, in ohms.
     """
 
     netlist: Netlist
@@ -68,27 +73,27 @@ class Tiles:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Cells along each axis."""
+        """Number of cells along each axis."""
         return self.netlist.cells.space.shape
 
     @property
     def wiring(self) -> Wiring:
-        """How the space was wired."""
+        """Wiring of the space."""
         return self.netlist.cells.wiring
 
     @property
     def links(self) -> NDArray[np.int64]:
-        """Numbers of the resistors between cells."""
+        """Indices of the resistors between cells."""
         return np.flatnonzero(self.beyond >= 0)
 
     @property
     def edges(self) -> NDArray[np.int64]:
-        """Numbers of the resistors to the obstacle rail behind the edge."""
+        """Indices of the resistors to the obstacle rail beyond the grid's edge."""
         return np.flatnonzero(self.beyond < 0)
 
     @property
     def rail_switches(self) -> dict[str, NDArray[np.float64]]:
-        """Resistances of the switches to every rail, in ohms, shapes (cells,)."""
+        """Resistances of the switches to each rail in this scene, in ohms, shapes (cells,)."""
         closed = {"obstacle": State.DRIVEN if self.wiring.is_driven else State.BLOCKED, "goal": State.GOAL}
         return {
             rail: np.where(self.state == state, *(self.ohms[f"{rail}_switch_{end}"] for end in ENDS))
@@ -97,25 +102,29 @@ class Tiles:
 
 
 def with_tile_switches(chip: Chip, boundary: str) -> Chip:
-    """A chip with the switches that its tiles need: 10 ohm and 10 Gohm where it has none."""
-    assumed = {key: _ON if key.endswith("_on") else _OFF for key in _needed(chip, boundary)}
+    """Return a chip with all switches that its tiles need; missing ones get 10 ohm (on) and 10 Gohm (off)."""
+    assumed = {key: _ON if key.endswith("_on") else _OFF for key in _needed_switches(chip, boundary)}
     changes: dict[str, Any] = {key: ohms for key, ohms in assumed.items() if getattr(chip, key) is None}
     return dataclasses.replace(chip, **changes)
 
 
-def _needed(chip: Chip, boundary: str) -> list[str]:
+def _needed_switches(chip: Chip, boundary: str) -> list[str]:
+    """Return the keys of the switches that tiles need with a boundary."""
     between = boundary in ("neumann", "wall") or any((chip.internodal_switch_on, chip.internodal_switch_off))
     return [f"{name}_switch_{end}" for name in (SWITCHES if between else RAILS) for end in ENDS]
 
 
 def tile_values(netlist: Netlist, chip: Chip) -> dict[str, float | None]:
-    """What the tiles of a chip are made of, by the keys of its table, in ohms and farads."""
+    """Return the element values of a tile by the keys of the ``[chip]`` table, in ohms and farads."""
     switches = {key: getattr(chip, key) for key in (f"{name}_switch_{end}" for name in SWITCHES for end in ENDS)}
     return {"resistance": netlist.cells.wiring.resistance, "capacitance": chip.capacitance or 0.0, **switches}
 
 
 def difference_from_ideal(op: OperatingPoint) -> float | None:
-    """Largest difference of a free cell's voltage between a chip and one of ideal rails, in volts, if it is driven."""
+    """Return the largest voltage difference between a chip's free cells and those of ideal rails, in volts.
+
+    Returns None if the circuit with ideal rails has no operating point.
+    """
     cells = op.netlist.cells
     ideal = compile_space(cells.space, cells.wiring)
     if op.netlist.current_amps.size:
@@ -130,25 +139,28 @@ def difference_from_ideal(op: OperatingPoint) -> float | None:
 
 
 def tiles_of(netlist: Netlist, chip: Chip) -> Tiles:
-    """Take the netlist that a chip's passes made apart into tiles.
+    """Decompose a netlist that was built from a chip into tiles.
 
-    The grid that the space has without obstacles says which resistors there are, and what they are nominally; what
-    passes made of a resistor and its wall is told by what the netlist has in their place, less the switch in series.
+    The resistors and their nominal values are those of the same grid without obstacles.  The actual value of a resistor
+    and its wall is the netlist's resistance between the two cells, minus the closed switch in series.  Raises
+    InputError if the netlist is not an array of tiles.
     """
     space, wiring = netlist.cells.space, netlist.cells.wiring
-    ohms = {key: getattr(chip, key) for key in _needed(chip, wiring.boundary)}
+    ohms = {key: getattr(chip, key) for key in _needed_switches(chip, wiring.boundary)}
     missing = [f"chip.{key}" for key, value in ohms.items() if not value]
     if missing:
-        raise InputError(f"a tile has switches of some resistance: give {', '.join(missing)}, or write it flat")
+        raise InputError(f"tiles need switches with a resistance: set {', '.join(missing)}, or write a flat deck")
     amps = netlist.current_amps
     if amps.size and not np.allclose(amps, amps[0], rtol=1e-12, atol=0):
-        raise InputError("tiles are fed the same current each, and this netlist is fed unevenly; write it flat")
+        raise InputError(
+            "all tiles inject the same current, but the currents of this netlist differ; write a flat deck"
+        )
     edge: list[EdgeRule] = ["open" if wiring.is_driven and rule == "obstacle" else rule for rule in wiring.edges(space)]
     full = compile_space(space, edge=edge, rails="cells", resistance=wiring.resistance)
     face, nominal = full.cells.resistor_face, resistances(full.conductance)
     cell, beyond = full.cell_of_node()[full.resistor_nodes].T
     state = _states(netlist)
-    blocked = np.append(state == State.BLOCKED, True)  # the last one lies behind the edge
+    blocked = np.append(state == State.BLOCKED, True)  # the last entry is the rail beyond the edge
     walled = blocked[cell] != blocked[beyond]
     crossing = netlist.cells.resistor_face >= 0
     total = np.full(sum(face_counts(space.shape)), np.nan)
@@ -157,8 +169,8 @@ def tiles_of(netlist: Netlist, chip: Chip) -> Tiles:
     closed = np.where(beyond < 0, 0.0, ohms.get("internodal_switch_on", 0.0))
     wall = np.full(len(face), wiring.wall_resistance or 0.0)
     factor = (total - closed) / (nominal + np.where(walled, wall, 0.0))
-    factor[np.isnan(total)] = 1.0  # before an open switch
-    resistance, wall = _tidy(nominal * factor, total), _tidy(wall * factor, total)
+    factor[np.isnan(total)] = 1.0  # the netlist has no resistor at an open switch
+    resistance, wall = _round_within_error(nominal * factor, total), _round_within_error(wall * factor, total)
     series = closed + np.where(walled, wall, 0.0)
     if wiring.is_driven:
         series = np.where(blocked[cell] | blocked[beyond], ohms["internodal_switch_off"], series)
@@ -176,19 +188,25 @@ def tiles_of(netlist: Netlist, chip: Chip) -> Tiles:
         wall=wall,
         series=series,
     )
-    _check_whole(tiles)
+    _check_complete(tiles)
     return tiles
 
 
-def _tidy(ohms: NDArray[np.float64], total: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values as they were meant, where that is within the rounding of the sum that they are a part of."""
+def _round_within_error(ohms: NDArray[np.float64], total: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Round resistances to 12 digits where the change is within the rounding error of their series sum.
+
+    Shapes: `ohms` (n,), `total` (n,): the sum of which the resistance is a part; returns (n,).
+    """
     with np.errstate(invalid="ignore"):
         short = rounded(ohms)
         return np.where(np.abs(short - ohms) <= 8 * np.finfo(float).eps * np.fmax(total, ohms), short, ohms)
 
 
 def _states(netlist: Netlist) -> NDArray[np.uint8]:
-    """With open obstacles, free cells that no goal serves count as blocked: they would float.  Returns (cells,)."""
+    """Return the state (cells,) of every cell.
+
+    With open obstacles, free cells without a path to a goal are blocked, because their nodes would float.
+    """
     space, wiring = netlist.cells.space, netlist.cells.wiring
     state = space.cell.astype(np.uint8)
     if wiring.is_driven:
@@ -198,8 +216,8 @@ def _states(netlist: Netlist) -> NDArray[np.uint8]:
     return state.ravel()
 
 
-def _check_whole(tiles: Tiles) -> None:
-    """Make sure that the tiles are the whole circuit: cells and rails, links and switches."""
+def _check_complete(tiles: Tiles) -> None:
+    """Raise InputError unless the tiles account for every node, source, resistor and switch of the netlist."""
     netlist, cells = tiles.netlist, tiles.netlist.cells
     count = len(tiles.state)
     pins = dict(zip(RAILS, (cells.obstacle_node, *cells.goal_nodes), strict=False))
@@ -219,6 +237,6 @@ def _check_whole(tiles: Tiles) -> None:
         fits = fits and np.allclose(own, ohms, rtol=1e-12, atol=0)
     if not fits:
         raise InputError(
-            "this netlist is no array of tiles: build it of the same chip with one node a cell, without rail "
-            "resistance, saturation, temperature coefficients, loads of a read-out and defects, or write it flat"
+            "this netlist is not an array of tiles: build it from the same chip with one node per cell, without rail "
+            "resistance, saturation, temperature coefficients, read-out loads and defects, or write a flat deck"
         )
