@@ -22,7 +22,7 @@ from resgrid.core.compiler import compile_space
 from resgrid.core.netlist import Netlist
 from resgrid.core.regions import face_counts
 from resgrid.core.space import Cell
-from resgrid.core.wiring import Wiring
+from resgrid.core.wiring import EdgeRule, Wiring
 from resgrid.errors import CircuitError, InputError
 from resgrid.scene.chip import Chip
 from resgrid.spice.write.flat import resistances, rounded
