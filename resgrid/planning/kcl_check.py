@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.equations import injected_currents
-from resgrid.circuit.operating_point import BranchCurrents, OperatingPoint
+from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.postprocess import DIRECTION_RESIDUAL
 from resgrid.core.regions import before_and_behind, sides_of_cells
 from resgrid.core.space import Cell
@@ -25,7 +25,7 @@ def safe_cells(op: OperatingPoint) -> NDArray[np.bool_] | None:
 
     None where the solver has seen to that in all of them.  No current flows into an obstacle.
     """
-    if isinstance(op.ammeters, BranchCurrents):
+    if op.has_stored_currents and op.kcl_residual <= DIRECTION_RESIDUAL:
         return None
     netlist, cells = op.netlist, op.netlist.cells
     from_node, to_node = netlist.resistor_nodes.T
