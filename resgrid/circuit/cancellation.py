@@ -47,11 +47,12 @@ class RecoveredCurrents(NamedTuple):
 
     `volts` (nodes,): above ground, NaN where a node floats; `heights` (nodes,): above the reference of the equations,
     in volts; `amps` (resistors,): from the first end to the second; `source_amps` (sources,): into the plus terminal,
-    NaN in a loop of sources; `power`: total of the resistors, in watts; `unchecked` (nodes,): whether all currents at a node
-    are so close to the floor, or to the smallest double, that some of them may have been set to zero; `entry_error`:
-    bound on the relative error of every voltage above ground and above the reference, or infinity; `error_bound`:
-    bound on the error of a voltage relative to the largest one, and of a current relative to the current through either
-    end; `floor`: fraction of the largest voltage or current below which values may have been set to zero.
+    NaN in a loop of sources; `power`: total of the resistors, in watts; `unchecked` (nodes,): whether all currents at a
+    node are so close to the floor, or to the smallest double, that some of them may have been set to zero;
+    `entry_error`: bound on the relative error of every voltage above ground and above the reference, or infinity;
+    `error_bound`: bound on the error of a voltage relative to the largest one, and of a current relative to the current
+    through either end; `floor`: fraction of the largest voltage or current below which values may have been set to
+    zero.
     """
 
     volts: NDArray[np.float64]

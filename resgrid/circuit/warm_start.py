@@ -19,7 +19,7 @@ from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.postprocess import read_normwise
 from resgrid.core.compiler import CellRole, compile_space, contacts_of_box
 from resgrid.core.netlist import Netlist
-from resgrid.core.regions import before_and_behind, label_regions
+from resgrid.core.regions import cells_at_faces, label_regions
 from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.core.wiring import Wiring, wiring_of
 from resgrid.errors import AccuracyError, InputError
@@ -318,7 +318,7 @@ def _window_of(
     np.copyto(node[(slice(1, -1),) * row.ndim], vertex, where=row)
     pairs, conductance = [], []
     for axis, siemens in enumerate(contacts.conductance):
-        ends = np.sort(np.stack(before_and_behind(node, axis), axis=-1))
+        ends = np.sort(np.stack(cells_at_faces(node, axis), axis=-1))
         kept = (ends[..., 0] >= 0) & (ends[..., 0] < size) & (siemens > 0.0)
         pairs.append(ends[kept])
         conductance.append(siemens[kept])

@@ -125,7 +125,7 @@ def with_margin(
 ) -> NDArray[Any]:
     """Return a copy of a box of cells with a margin of one cell on every side, wrapped on periodic axes.
 
-    The margin outside the grid is `beyond`, or repeats the border cell if `beyond` is None.  `box`: range of cells
+    The margin outside the grid is `beyond`, or by default repeats the border cell.  `box`: range of cells
     along each of the first axes; the other axes, or all of them by default, are complete.
     """
     at_border: dict[str, Any] = {"mode": "edge"} if beyond is None else {"constant_values": beyond}
@@ -142,7 +142,7 @@ def with_margin(
     return wide
 
 
-def before_and_behind(wide: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[Any]]:
+def cells_at_faces(wide: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return views of the lower and the upper cell of every face across an axis.
 
     `wide`: cell values with a margin of one cell.
