@@ -178,7 +178,7 @@ def _currentless(system: Equations, rows: NDArray[np.int32]) -> NDArray[np.bool_
     from resgrid.circuit.kernels import mark_currentless
 
     netlist, forest = system.netlist, system.forest
-    lifted = forest.order[(forest.height != 0.0) | (forest.rest != 0.0)]
+    lifted = forest.order[(forest.height != 0.0) | (forest.rounding != 0.0)]
     drives = np.unique(system.unknown[np.concatenate([netlist.current_nodes.ravel(), lifted])])
     drives = drives[drives >= 0]
     joined = np.stack([drives, np.full_like(drives, system.size)], axis=1)

@@ -256,7 +256,7 @@ def slope(dynamics: Dynamics, current: NDArray[np.float64]) -> NDArray[np.float6
 
 def _offset_rounding(dynamics: Dynamics, factors: Factor) -> NDArray[np.float64]:
     """Return the rounding error of every row's right-hand side due to offsets of floating sources, (n,)."""
-    return np.asarray(_EPS * dynamics.forest.lift * factors.laplacian.diagonal)
+    return np.asarray(_EPS * dynamics.forest.largest_offset * factors.laplacian.diagonal)
 
 
 def _solve_componentwise(

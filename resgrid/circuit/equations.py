@@ -240,7 +240,7 @@ def components_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceF
         has_drive[np.take(component, end)[netlist.current_amps != 0]] = True
     has_drive[component[forest.order[(forest.base != GROUND) & (forest.height != 0)]]] = True
     has_drive = has_drive[:count]
-    if forest.rest.any():
+    if forest.rounding.any():
         least, most = _range(rest[outer_node], touching, count)
         has_drive |= most > least
     return Components(component, lowest, highest, has_drive, contacts)

@@ -174,12 +174,12 @@ def _suggests_cancellation(system: Equations, point: OperatingPoint) -> bool:
     drive currents of both signs or conductances differ by many orders of magnitude.
     """
     forest, volts = system.forest, np.abs(system.netlist.source_volts)
-    rounding, few = float(np.abs(forest.rest).max(initial=0.0)), system.size <= EXACT_ROWS
-    if forest.lift > 0.0 or point.kcl_residual > DIRECTION_RESIDUAL:
+    rounding, few = float(np.abs(forest.rounding).max(initial=0.0)), system.size <= EXACT_ROWS
+    if forest.largest_offset > 0.0 or point.kcl_residual > DIRECTION_RESIDUAL:
         return True
     if system.netlist.cell_map is None and system.netlist.node_count <= _SMALL:
         return True
-    if few and ((system.rails is None and point.potential is None) or np.any(forest.above > GROUND)):
+    if few and ((system.rails is None and point.potential is None) or np.any(forest.parent > GROUND)):
         return True
     if rounding > 0.0 and (few or rounding > _LARGEST_ROUNDING * volts[volts > 0.0].min()):
         return True

@@ -33,8 +33,8 @@ class SourceForest:
     """Spanning forest of the voltage sources.
 
     `count`: number of nodes of the circuit; `order` (tied nodes,): ground and the nodes at sources, parents before
-    children; `base` (tied nodes,): root of the node's tree, which is ground in the tree of ground; `height, rest`
-    (tied nodes,): voltage above the root as a double, and its rounding error, in volts; `above, source` (tied nodes,):
+    children; `base` (tied nodes,): root of the node's tree, which is ground in the tree of ground; `height, rounding`
+    (tied nodes,): voltage above the root as a double, and its rounding error, in volts; `parent, source` (tied nodes,):
     parent, and the source between node and parent; -1 for roots; `loop` (sources,): whether the source belongs to a
     loop of sources.
     """
@@ -43,8 +43,8 @@ class SourceForest:
     order: NDArray[np.int64]
     base: NDArray[np.int64]
     height: NDArray[np.float64]
-    rest: NDArray[np.float64]
-    above: NDArray[np.int64]
+    rounding: NDArray[np.float64]
+    parent: NDArray[np.int64]
     source: NDArray[np.int64]
     loop: NDArray[np.bool_]
 
@@ -52,11 +52,11 @@ class SourceForest:
     def ties(self) -> list[tuple[int, int, int, int]]:
         """Tuples (node, parent, source, root) of all tied nodes but the roots, parents before children."""
         tied = self.source >= 0
-        parts = (self.order, self.above, self.source, self.base)
+        parts = (self.order, self.parent, self.source, self.base)
         return list(zip(*(part[tied].tolist() for part in parts), strict=True))
 
     @property
-    def lift(self) -> float:
+    def largest_offset(self) -> float:
         """Largest voltage between a node and the root in trees without ground, in volts."""
         return float(np.abs(self.height[self.base != GROUND]).max(initial=0.0))
 
@@ -71,7 +71,7 @@ class SourceForest:
     def offsets(self) -> NDArray[np.float64]:
         """Voltage of every node above its root, and its rounding error, in volts, shape (2, nodes)."""
         offsets = np.zeros((2, self.count))
-        offsets[:, self.order] = self.height, self.rest
+        offsets[:, self.order] = self.height, self.rounding
         return offsets
 
 

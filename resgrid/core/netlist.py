@@ -9,9 +9,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.validation import check_whole, real_numbers
+from resgrid._internal.validation import check_whole
 from resgrid._internal.values import frozen
-from resgrid.core.networkx_graphs import ARRAYS, check_element_names, check_node_names, fields_of, graph_of
+from resgrid.core.networkx_graphs import (
+    ARRAYS,
+    all_within,
+    check_element_names,
+    check_node_names,
+    column_of,
+    fields_of,
+    graph_of,
+    node_numbers,
+)
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
@@ -163,20 +172,24 @@ class Netlist:
         if not isinstance(self.node_count, int | np.integer) or not 1 <= self.node_count <= MOST_NODES:
             raise InputError(f"node_count = {self.node_count!r} must be a whole number from 1 to {MOST_NODES:,}")
         for nodes, *values in ARRAYS.values():
-            object.__setattr__(self, nodes, _numbers(nodes, getattr(self, nodes), self.node_count))
+            object.__setattr__(self, nodes, node_numbers(nodes, getattr(self, nodes), self.node_count))
             for name in values:
                 if not (getattr(self, name) is None and name in ("tc1", "tc2")):
-                    object.__setattr__(self, name, _column(name, getattr(self, name), 0, np.float64))
+                    object.__setattr__(self, name, column_of(name, getattr(self, name), 0, np.float64))
         for kind, names in ARRAYS.items():
             self._check_kind(kind, names)
-        if not _all_within(self.conductance, 0.0, np.inf):
+        if not all_within(self.conductance, 0.0, np.inf):
             bad = int(np.flatnonzero(~(np.isfinite(self.conductance) & (self.conductance > 0)))[0])
             raise InputError(
                 f"resistor {bad} between nodes {self.resistor_nodes[bad].tolist()} has conductance "
                 f"{self.conductance[bad]}; it must be positive and finite (a short is a 0 V source)"
             )
         if np.any(self.capacitance < 0):
-            raise InputError("capacitance must be finite and not negative")
+            bad = int(np.argmin(self.capacitance))
+            raise InputError(
+                f"capacitor {bad} between nodes {self.capacitor_nodes[bad].tolist()} has capacitance "
+                f"{self.capacitance[bad]} F; it must be finite and not negative"
+            )
         for name, unit in (("nonlinear_current", "amperes"), ("nonlinear_voltage", "volts")):
             if not np.all(getattr(self, name) > 0):
                 bad = int(np.argmin(getattr(self, name) > 0))
@@ -197,10 +210,12 @@ class Netlist:
         for name in names[1:]:
             value = getattr(self, name)
             if value is not None and len(value) != len(nodes):
-                raise InputError(f"{name} has {len(value)} entries, but there are {len(nodes)} of {names[0]}")
-            if value is not None and name != "conductance" and not _all_within(value, -np.inf, np.inf):
                 raise InputError(
-                    f"{name} holds a value that is not finite: {kind} {int(np.argmin(np.isfinite(value)))}"
+                    f"{name} has {len(value)} entries for {len(nodes)} pairs in {names[0]}; make them equal"
+                )
+            if value is not None and name != "conductance" and not all_within(value, -np.inf, np.inf):
+                raise InputError(
+                    f"{name} of {kind} {int(np.argmin(np.isfinite(value)))} is not finite; give a finite number"
                 )
 
     def __repr__(self) -> str:
@@ -245,7 +260,7 @@ class Netlist:
         InputError
             If a node does not exist.
         """
-        wanted = _numbers("nodes", nodes, self.node_count, 0).astype(np.int64)
+        wanted = node_numbers("nodes", nodes, self.node_count, 0).astype(np.int64)
         if self.node_names is not None:
             return [self.node_names[node] for node in wanted.tolist()]
         if self.cell_map is None:
@@ -326,7 +341,7 @@ class Netlist:
             If an edge has no value, a value that is not a finite number, or an unknown kind.
         """
         if not hasattr(graph, "is_directed"):
-            raise InputError(f"graph = {graph!r} must be a graph of networkx")
+            raise InputError(f"graph = {graph!r} must be a graph of networkx, such as networkx.MultiGraph()")
         return Netlist(**fields_of(graph, ground))
 
     def replace(self, **changes: Any) -> Netlist:
@@ -380,32 +395,3 @@ def select_elements(netlist: Netlist, kind: str, keep: NDArray[np.bool_]) -> Net
         faces = {name: getattr(netlist.cell_map, name)[keep] for name in _FACES[kind]}
         changes["cell_map"] = replace(netlist.cell_map, **faces)
     return netlist.replace(element_names=None, **changes)
-
-
-def _all_within(value: NDArray[np.float64], low: float, high: float) -> bool:
-    """Return whether all values lie strictly between two limits; False if one is NaN."""
-    return not value.size or bool(low < value.min() and value.max() < high)
-
-
-def _numbers(name: str, value: ArrayLike, node_count: int, width: int = 2) -> NDArray[np.int32]:
-    """Return node numbers as an array (n, 2), or (n,) for `width` 0; raise InputError if a node does not exist."""
-    array = real_numbers(name, value)
-    if array.size and array.dtype.kind not in "iu":
-        raise InputError(f"{name} must hold node numbers, got {array.dtype}")
-    bits = np.ascontiguousarray(array).view(f"u{array.itemsize}")  # negative numbers become huge
-    if array.size and not bits.max() < node_count:
-        raise InputError(f"{name} names a node outside 0 ... {node_count - 1}")
-    return _column(name, array, width, np.int32)
-
-
-def _column(name: str, value: ArrayLike, width: int, dtype: Any) -> NDArray[Any]:
-    """Return a read-only array (n, 2), or (n,) for `width` 0; writeable input is copied."""
-    array = real_numbers(name, value)
-    shape_ok = array.ndim == 2 and array.shape[1] == 2 if width else array.ndim == 1
-    if not shape_ok and array.size:
-        raise InputError(f"{name} has shape {array.shape}, expected {'(n, 2)' if width else '(n,)'}")
-    own = np.ascontiguousarray(array.reshape((-1, 2) if width else -1), dtype=dtype)
-    if own.flags.writeable:
-        own = own.copy() if array is value and np.may_share_memory(own, array) else own.view()
-        own.flags.writeable = False
-    return own

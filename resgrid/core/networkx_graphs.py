@@ -1,4 +1,4 @@
-"""Conversion between netlists and networkx graphs; the cell map is not converted."""
+"""Checks of the fields of netlists, and conversion between netlists and networkx graphs, without the cell map."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from collections.abc import Hashable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from resgrid._internal.validation import real_numbers
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
@@ -58,6 +60,38 @@ def check_element_names(netlist: Any) -> None:
         count = len(getattr(netlist, ARRAYS[kind][0]))
         if not isinstance(texts, Sequence) or isinstance(texts, str) or len(texts) != count:
             raise InputError(f"element_names[{kind!r}] must be {count} strings, one for every {kind}")
+
+
+def all_within(value: NDArray[np.float64], low: float, high: float) -> bool:
+    """Return whether all values lie strictly between two limits; False if one is NaN."""
+    return not value.size or bool(low < value.min() and value.max() < high)
+
+
+def node_numbers(name: str, value: ArrayLike, node_count: int, width: int = 2) -> NDArray[np.int32]:
+    """Return node numbers as an array (n, 2), or (n,) for `width` 0; raise InputError if a node does not exist."""
+    array = real_numbers(name, value)
+    if array.size and array.dtype.kind not in "iu":
+        raise InputError(f"{name} must hold node numbers, got {array.dtype}; convert them to integers")
+    bits = np.ascontiguousarray(array).view(f"u{array.itemsize}")  # negative numbers become huge
+    if array.size and not bits.max() < node_count:
+        bad = int(array.ravel()[int(np.argmax(bits))])
+        raise InputError(
+            f"{name} names a node outside 0 ... {node_count - 1}: {bad}; correct the number, or raise node_count"
+        )
+    return column_of(name, array, width, np.int32)
+
+
+def column_of(name: str, value: ArrayLike, width: int, dtype: Any) -> NDArray[Any]:
+    """Return a read-only array (n, 2), or (n,) for `width` 0; writeable input is copied."""
+    array = real_numbers(name, value)
+    shape_ok = array.ndim == 2 and array.shape[1] == 2 if width else array.ndim == 1
+    if not shape_ok and array.size:
+        raise InputError(f"{name} has shape {array.shape}, expected {'(n, 2)' if width else '(n,)'}")
+    own = np.ascontiguousarray(array.reshape((-1, 2) if width else -1), dtype=dtype)
+    if own.flags.writeable:
+        own = own.copy() if array is value and np.may_share_memory(own, array) else own.view()
+        own.flags.writeable = False
+    return own
 
 
 def graph_of(netlist: Any) -> nx.MultiGraph[int]:
