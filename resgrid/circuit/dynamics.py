@@ -150,7 +150,7 @@ def dynamics_of(netlist: Netlist) -> Dynamics:
     currents into a floating component.
     """
     if not isinstance(netlist, Netlist):
-        raise InputError(f"the netlist is {type(netlist).__name__}, not resgrid.Netlist")
+        raise InputError(f"netlist is of type {type(netlist).__name__}; give a resgrid.Netlist")
     if netlist.nonlinear_current.size:
         raise InputError(
             f"the netlist has {len(netlist.nonlinear_current)} nonlinear resistors, but this analysis is linear; "

@@ -195,7 +195,9 @@ def transient(
     if when.ndim != 1 or not len(when):
         raise InputError(f"times has shape {when.shape}; it must be one-dimensional, with at least one time")
     if not (np.isfinite(when).all() and (when >= 0).all() and (np.diff(when) >= 0).all()):
-        raise InputError("times must be finite, at least 0 and ascending, in seconds")
+        with np.errstate(invalid="ignore"):
+            bad = int(np.argmin(np.isfinite(when) & (np.diff(when, prepend=0.0) >= 0)))
+        raise InputError(f"times[{bad}] = {when[bad]}: times must be finite, at least 0 and ascending, in seconds")
     dynamics = dynamics_of(netlist)
     factors = lru_cache(_KEPT)(lambda rate: factor_resolvent(dynamics, rate, solver))
     start = np.zeros((2, dynamics.size))
@@ -272,7 +274,9 @@ def initial_voltages(netlist: Netlist, initial: OperatingPoint | ArrayLike | Non
 def _checked_voltages(netlist: Netlist, name: str, values: ArrayLike, needed: NDArray[np.bool_]) -> NDArray[np.float64]:
     volts = np.array(real_numbers(name, values), dtype=np.float64)
     if volts.shape != needed.shape:
-        raise InputError(f"{name} has shape {volts.shape}, but the netlist has {netlist.node_count} nodes")
+        raise InputError(
+            f"{name} has shape {volts.shape}, but the netlist has {netlist.node_count} nodes; give one voltage per node"
+        )
     bad = needed & ~np.isfinite(volts)
     if bad.any():
         raise InputError(f"{name}: the voltage of node {netlist.node_name(int(np.argmax(bad)))} is not finite")

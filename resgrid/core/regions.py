@@ -29,11 +29,13 @@ def label_components(
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    if isinstance(graph, np.ndarray):
+    if not isinstance(graph, np.ndarray):
+        matrix: sparse.csr_array | sparse.coo_array = graph
+    else:
         assert node_count is not None
         entries = np.ones(len(graph), dtype=np.int8), tuple(graph.T)
-        graph = coo_array(entries, shape=(node_count, node_count)).tocsr()
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+        matrix = coo_array(entries, shape=(node_count, node_count))
+    return np.asarray(connected_components(matrix, directed=False)[1], dtype=np.int64)
 
 
 def box_around(mask: NDArray[np.bool_]) -> tuple[slice, ...]:

@@ -322,7 +322,8 @@ def _checked_cells(axes: tuple[Axis, ...], given: ArrayLike) -> NDArray[np.uint8
         raise InputError(f"two axes have the same name: {names}; give every axis a different name")
     plain = cell.dtype.kind == "u" and cell.max(initial=0) <= max(Cell)
     if not plain and not np.all(np.isin(cell, list(Cell))):
-        raise InputError("cell may hold only 0 (free), 1 (obstacle) and 2 (goal)")
+        where = tuple(np.argwhere(~np.isin(cell, list(Cell)))[0].tolist())
+        raise InputError(f"cell {where} is {cell[where]}; it must be 0 (free), 1 (obstacle) or 2 (goal)")
     return np.array(cell, dtype=np.uint8, order="C")
 
 
@@ -330,7 +331,7 @@ def _checked_conductivity(shape: tuple[int, ...], value: ArrayLike) -> NDArray[n
     """Return the conductivity as an array of floats; raise InputError for a wrong shape or value."""
     conductivity = np.array(value, dtype=np.float64, order="C")
     if conductivity.shape != shape:
-        raise InputError(f"conductivity has shape {conductivity.shape}, but the cells have {shape}")
+        raise InputError(f"conductivity has shape {conductivity.shape}, but the cells have {shape}; make them equal")
     good = np.isfinite(conductivity) & (conductivity > 0)
     if not good.all():
         where = tuple(int(i) for i in np.argwhere(~good)[0])
