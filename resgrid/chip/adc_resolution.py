@@ -21,7 +21,7 @@ from resgrid._internal.validation import Positive, check_share
 from resgrid.chip.figures_of_merit import Figure, Result, defined
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.core.netlist import CellMap
-from resgrid.core.regions import before_and_behind, with_margin
+from resgrid.core.regions import cells_at_faces, with_margin
 from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import InputError
 
@@ -112,7 +112,7 @@ def _across_elements(
 def _cells_of_faces(space: ConfigurationSpace) -> NDArray[np.int64]:
     """Flat index of the cells below and above every face, -1 beyond the edge; shape (faces, 2)."""
     wide = with_margin(np.arange(space.cell.size).reshape(space.shape), space.periodic, beyond=-1)
-    sides = (before_and_behind(wide, axis) for axis in range(space.ndim))
+    sides = (cells_at_faces(wide, axis) for axis in range(space.ndim))
     return np.concatenate([np.stack([below.ravel(), above.ravel()], axis=1) for below, above in sides])
 
 

@@ -114,11 +114,9 @@ def conductance_samples(netlist: Netlist, seeds: Iterable[Any], *, chip: Chip) -
     samples = np.tile(circuit.conductance, (len(seeds), 1))
     if model is None:
         return circuit, samples
-    deviation, places = model.deviation(drawn), random_sites.places(drawn)[0]
+    deviation, places = model.deviation(drawn), random_sites.resistor_sites(drawn)[0]
     for row, seed in zip(samples, seeds, strict=True):
-        factors = np.append(random_sites.mismatch_factors(random_sites.place_count(drawn), deviation, seed), 1.0)[
-            places
-        ]
+        factors = np.append(random_sites.mismatch_factors(random_sites.site_count(drawn), deviation, seed), 1.0)[places]
         own = row[: len(switch)]
         own[:] = 1 / ((1 / own - switch) * factors + switch) if switch.any() else own / factors
     return circuit, samples

@@ -11,10 +11,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from resgrid.chip.time_constants import slowest_modes
 from resgrid.circuit.dynamics import Dynamics, factor_resolvent
+from resgrid.core.regions import label_components
 from resgrid.errors import AccuracyError
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.selected_inverse import (
@@ -114,9 +114,9 @@ def inverse_columns(factors: SupernodalFactors, size: int, rows: NDArray[np.int6
 def _swinging(G: Laplacian) -> sparse.csr_array:
     """The basis: rows of weakly tied parts count from the first of them."""
     n = len(G.ground)
-    number, part = connected_components(G.edges, directed=False)
-    tied = np.bincount(part, G.ground, number)
-    stiffest = np.zeros(number)
+    part = label_components(G.edges)
+    tied = np.bincount(part, G.ground)
+    stiffest = np.zeros(len(tied))
     np.maximum.at(stiffest, part, G.edges.max(axis=1).toarray().ravel() if n else np.zeros(0))
     _, first = np.unique(part, return_index=True)
     others = np.flatnonzero((tied < _WEAK * stiffest)[part])

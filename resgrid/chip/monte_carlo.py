@@ -36,7 +36,7 @@ from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
 from resgrid.core.netlist import CellMap, Netlist
 from resgrid.core.random_sites import NOISE, OFFSET, Seed, generator, seed_of
-from resgrid.core.regions import before_and_behind, slab, with_margin
+from resgrid.core.regions import cells_at_faces, slab, with_margin
 from resgrid.core.space import Cell
 from resgrid.errors import CircuitError, InputError
 from resgrid.scene.chip import Chip, Defects, Readout
@@ -67,7 +67,7 @@ def neighbours_of(cells: CellMap) -> Neighbours:
     flat = np.where(walkable, np.arange(space.cell.size).reshape(space.shape), -1)
     wide, around = with_margin(flat, space.periodic, beyond=-1), []
     for axis, count in enumerate(space.shape):
-        below, above = before_and_behind(wide, axis)
+        below, above = cells_at_faces(wide, axis)
         around += [slab(below, axis, 0, count), slab(above, axis, 1, count + 1)]
     around = [np.where(space.cell == Cell.FREE, there, -1).ravel() for there in around]
     node = np.where(cells.node >= 0, cells.node, 0)

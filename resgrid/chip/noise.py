@@ -209,7 +209,7 @@ def noise_covariance(netlist: Netlist, nodes: ArrayLike, *, temperature: Positiv
 
 
 def _tied_by_capacitors(dynamics: Dynamics) -> NDArray[np.bool_]:
-    return np.asarray(np.diff(dynamics.spread.indptr) == 0)
+    return np.asarray(np.diff(dynamics.null_space.indptr) == 0)
 
 
 def _elastance_factors(dynamics: Dynamics, tied: NDArray[np.bool_]) -> SupernodalFactors:

@@ -19,8 +19,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from resgrid.chip.adc_resolution import Steps, steps_of
 from resgrid.chip.figures_of_merit import Figure, Result, defined
@@ -29,6 +27,7 @@ from resgrid.circuit.linear import CircuitFactor, factor_circuit
 from resgrid.circuit.nonlinear import linearize
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.core.random_sites import end_names, ends_of
+from resgrid.core.regions import label_components
 from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import AccuracyError, InputError
 from resgrid.planning.trace import cell_indices
@@ -265,8 +264,7 @@ class Adjoint:
         size, resting = len(rhs), np.isneginf(self.log_amps)
         is_inner = (self.row >= 0).all(axis=1)
         ends = self.row[resting & is_inner]
-        joined = coo_array((np.ones(len(ends), dtype=np.int8), (ends[:, 0], ends[:, 1])), shape=(size, size))
-        part = connected_components(joined, directed=False)[1]
+        part = label_components(ends, size)
         is_held, is_active = np.zeros((2, size + 1), dtype=bool)  # the last: whatever has a known voltage
         is_held[self.row[resting & ~is_inner]] = True
         is_active[self.row[~resting]] = True

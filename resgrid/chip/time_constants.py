@@ -241,7 +241,7 @@ def fastest_time_constant(dynamics: Dynamics) -> float:
     if dynamics.size <= DENSE:
         return float(all_modes(dynamics).tau[-1])
     charged, B = dynamics.charged, laplacian_root(dynamics.conductance)
-    own, loose = B[:, charged], B @ dynamics.spread
+    own, loose = B[:, charged], B @ dynamics.null_space
     charge = symmetric_factors(dynamics.capacitance.matrix[charged][:, charged])
     inner = symmetric_factors(loose.T @ loose) if loose.shape[1] else None
 

@@ -1,4 +1,4 @@
-"""Solve one circuit for many sets of conductances: what is the same for all chips is done once."""
+"""Solve one circuit for many sets of conductances, with a common set-up."""
 
 from __future__ import annotations
 
@@ -22,16 +22,17 @@ from resgrid.solvers.hierarchy_reuse import Solver, solve_in_order, solver_by_le
 from resgrid.solvers.symbolic import order_rows
 
 _SMALL = 1000
-"""Rows up to which factors are quicker than multigrid."""
+"""Number of rows up to which factorization is faster than multigrid."""
 
 _MOST_CONTRAST = 1e3
-"""Between the nominal chip's conductances, up to which its levels precondition others."""
+"""Largest ratio of the nominal conductances for which the nominal hierarchy is a usable preconditioner."""
 
 
 class Batch(NamedTuple):
-    """What all chips of a kind share.
+    """Common set-up of all chips with the same circuit.
 
-    `system`: the nominal chip's equations; rows and entries stay where they are; `solver`: solves for chips.
+    `system`: equations of the nominal chip, whose sparsity all chips have; `solver`: solves the equations of many
+    chips.
     """
 
     system: Equations
@@ -41,13 +42,13 @@ class Batch(NamedTuple):
 def solve_many(
     netlist: Netlist, conductances: ArrayLike, *, rtol: float = 1e-10, executor: Executor | None = None
 ) -> NDArray[np.float64]:
-    """Find the node voltages of many chips that differ in their conductances only.
+    """Compute the node voltages of many chips that differ only in their conductances.
 
-    The equations are laid out once.  Chips of a grid are solved by conjugate gradients from the voltages of the nominal
-    one, preconditioned by its coarse levels and their own finest one; other circuits, and small ones, by elimination in
-    the nominal chip's order.  Chips for which that does not do, as with conductances many decades larger than any of
-    the nominal one's, are solved one by one (`resgrid.solve`).  A chip's answer does not depend on which others are
-    solved beside it.
+    The sparsity of the equations is analysed once.  Large grids are solved by conjugate gradients, starting from the
+    voltages of the nominal chip and preconditioned by a multigrid cycle with the chip's finest level and the nominal
+    coarse levels.  Small circuits, and circuits without a grid, are factored in the elimination order of the nominal
+    chip.  A chip for which this fails, such as one with conductances many orders of magnitude above the nominal ones,
+    is solved by `resgrid.solve`.  The result of a chip does not depend on the other chips.
 
     Parameters
     ----------
@@ -56,11 +57,11 @@ def solve_many(
     conductances : array_like of float, shape (chips, resistors)
         In siemens; positive and finite.
     rtol : float
-        Of grids by multigrid, a bound on the norm of the residual relative to that of the currents that the sources
-        drive in, nodes that are tied more stiffly than any of the nominal chip's counting as those; of other circuits,
-        on the error of voltages relative to the largest; or what rounding allows.
+        For multigrid, bound on the norm of the residual relative to the norm of the source currents into the rows.  A
+        current into a node whose conductances exceed all nominal ones is scaled down in proportion.  For factorization,
+        bound on the error of a voltage relative to the largest voltage.  Rounding errors may be larger.
     executor : concurrent.futures.Executor, optional
-        Chips are solved in its threads (the loops release the lock) or processes, instead of one after the other.
+        Solves chips in parallel in its threads (the kernels release the global interpreter lock) or processes.
 
     Returns
     -------
@@ -70,13 +71,13 @@ def solve_many(
     Raises
     ------
     InputError
-        If the netlist has nonlinear resistors, or the conductances do not fit.
+        If the netlist has nonlinear resistors, or the conductances have the wrong shape or are not positive.
     CircuitError
         If the nominal chip has no operating point.
     AccuracyError
-        If a chip that is solved by itself has no answer that is right.
+        If a chip that needs `resgrid.solve` does not reach its accuracy.
     BudgetError
-        If the voltages of all chips would not fit in memory.
+        If the voltages of all chips do not fit in memory.
 
     Examples
     --------
@@ -103,7 +104,7 @@ def solve_many(
 
 
 def prepare_batch(netlist: Netlist) -> Batch | None:
-    """Lay out what all chips of a kind share; None if the rails hold every node."""
+    """Return the common set-up of all chips of a netlist; None without unknown voltages."""
     system = assemble(netlist)
     if not system.size:
         return None
@@ -117,14 +118,17 @@ def prepare_batch(netlist: Netlist) -> Batch | None:
 
 
 def solve_batch(batch: Batch, conductance: NDArray[np.float64], *, rtol: float = 1e-10) -> NDArray[np.float64]:
-    """Voltages of some chips, shape (chips, nodes); NaN where a node floats."""
+    """Return the node voltages of chips, in volts, (chips, nodes); NaN where a node floats.
+
+    `conductance` (chips, resistors): in siemens.
+    """
     system, solver = batch
     voltage = np.empty((len(conductance), system.netlist.node_count))
     chips = ((matrix, feed + system.injected) for matrix, feed in map(system.with_conductance, conductance))
     for volts, siemens, x in zip(voltage, conductance, solver(chips, rtol), strict=True):
-        if x is None:  # it has little to do with the nominal one
-            alone = system.netlist.replace(conductance=siemens)
-            volts[:] = solve_linear(alone, accuracy="direction", method="auto", rtol=1e-10).voltage
+        if x is None:  # the chip differs too much from the nominal one
+            chip = system.netlist.replace(conductance=siemens)
+            volts[:] = solve_linear(chip, accuracy="direction", method="auto", rtol=1e-10).voltage
         else:
             volts[:] = system.voltages(x)
     return voltage
@@ -132,12 +136,14 @@ def solve_batch(batch: Batch, conductance: NDArray[np.float64], *, rtol: float =
 
 def _checked(netlist: Netlist, conductances: ArrayLike) -> NDArray[np.float64]:
     if netlist.nonlinear_nodes.size:
-        raise InputError("nonlinear resistors have no conductances to exchange; solve such chips one by one")
+        raise InputError(
+            "the netlist has nonlinear resistors, which have no conductance; solve each chip with resgrid.solve"
+        )
     wanted = np.ascontiguousarray(conductances, dtype=np.float64)
     if wanted.ndim != 2 or wanted.shape[1] != len(netlist.conductance):
         raise InputError(
             f"conductances have shape {wanted.shape}, but the netlist has {len(netlist.conductance)} resistors; "
-            "give one row a chip"
+            "give one row per chip"
         )
     good = np.isfinite(wanted) & (wanted > 0)
     if not good.all():

@@ -1,10 +1,10 @@
-"""Operating points whose voltages and currents cancel: each of them is computed to its last digit, however small.
+"""Operating points of circuits in which large voltages or currents cancel, by refinement in integer arithmetic.
 
-A level or a current that remains after large ones cancel is not the difference of rounded numbers.  Here voltages and
-currents are integers, in units far below the smallest value of interest, and residuals are exact.  Refinement with
-factors that conserve current (`resgrid.solvers.conservative_factors`) gains about as many digits in each step as a
-double holds.  It ends when the energy of the last correction proves every voltage and every current to 60 binary
-digits, or proves that it lies below a floor, a tiny fraction of the largest one.
+A voltage or a current that remains after large values cancel cannot be the difference of rounded numbers.  Here
+voltages and currents are integers, in units far below the smallest value of interest, and residuals are exact.  Each
+step of iterative refinement, with factors that conserve current (`resgrid.solvers.conservative_factors`), gains about
+53 binary digits.  The refinement ends when the energy of the last correction proves 60 binary digits of every voltage
+and current, or proves that a value lies below a floor, a tiny fraction of the largest value.
 """
 
 from __future__ import annotations
@@ -20,39 +20,39 @@ from resgrid.circuit.equations import Equations
 from resgrid.circuit.sources import sum_cuts, without_loops
 from resgrid.solvers.conservative_factors import Column, fixed, nearest, scaled, substitute
 
-_DEEP, _SHALLOW, _FEW = 1000, 200, 1000
-"""Binary digits of the floor: a voltage or a current that lies so far below the largest one counts as zero; more of
-them up to so many rows, for each step of refinement gains some fifty."""
+_DEEP_FLOOR, _SHALLOW_FLOOR, _SMALL = 1000, 200, 1000
+"""Binary digits between the largest value and the floor, below which values are set to zero, in circuits of at most
+`_SMALL` rows and in larger ones; every 53 digits take a step of refinement."""
 
 _DIGITS = 60
-"""Binary digits to which a value is proved before it is rounded to the 53 of a double."""
+"""Binary digits to which a value is proved before it is rounded to the 53 digits of a double."""
 
 _GUARD = 300
 """Binary digits of the units below the floor, in addition to the range of the conductances."""
 
-_NEAR = 20
-"""Binary digits above the floor up to which the currents at a node may not add up: some of them are below it."""
+_NEAR_FLOOR = 20
+"""Binary digits above the floor up to which KCL is not checked: some currents at the node may lie below the floor."""
 
 _LEAST_AMPS = -2200
-"""Binary logarithm of the smallest current that doubles make, in amperes: the largest one where nothing flows."""
+"""Binary logarithm of the largest current, in amperes, assumed for a circuit without current; below all doubles."""
 
 _TINY = float(np.finfo(np.float64).tiny)
-"""Smallest number that a double holds with all its digits."""
+"""Smallest normalized double."""
 
 _MOST_STEPS = 200
 
 
-class Balanced(NamedTuple):
-    """Voltages and currents that obey Kirchhoff's laws.
+class RecoveredCurrents(NamedTuple):
+    """Voltages and currents that obey Kirchhoff's current law even where large values cancel.
 
-    `volts` (nodes,): above ground, NaN where a node floats; `heights` (nodes,): above the reference of the equations;
-    `amps` (resistors,): from the first end to the second one; `source_amps` (sources,): into the plus terminal, NaN in
-    a loop of sources; `power`: in all resistors, in watts; `excused` (nodes,): whether all currents at a node are so
-    close to the floor, or to the
-    range of doubles, that some of them may count as zero, and others not; `entry_error`: bound on the relative error
-    of every voltage above ground and above the reference; infinite where there is none; `doubt`: bound on the error of
-    a voltage relative to the largest one, or of a current relative to the current through either end;
-    `floor`: fraction of the largest voltage or current below which others may count as zero.
+    `volts` (nodes,): above ground, NaN where a node floats; `heights` (nodes,): above the reference of the equations,
+    in volts; `amps` (resistors,): from the first end to the second; `source_amps` (sources,): into the plus terminal,
+    NaN in a loop of sources; `power`: total of the resistors, in watts; `unchecked` (nodes,): whether all currents at a
+    node are so close to the floor, or to the smallest double, that some of them may have been set to zero;
+    `entry_error`: bound on the relative error of every voltage above ground and above the reference, or infinity;
+    `error_bound`: bound on the error of a voltage relative to the largest one, and of a current relative to the current
+    through either end; `floor`: fraction of the largest voltage or current below which values may have been set to
+    zero.
     """
 
     volts: NDArray[np.float64]
@@ -60,16 +60,16 @@ class Balanced(NamedTuple):
     amps: NDArray[np.float64]
     source_amps: NDArray[np.float64]
     power: float
-    excused: NDArray[np.bool_]
+    unchecked: NDArray[np.bool_]
     entry_error: float = float(np.finfo(np.float64).eps)
-    doubt: float = 0.0
+    error_bound: float = 0.0
     floor: float = 0.0
 
 
 class _Resistor(NamedTuple):
-    """A resistor that may carry current: its number, its nodes, their rows (-1: known voltage), its conductance.
+    """A resistor of a component with current: its number, its nodes and their rows (-1: known voltage).
 
-    The conductance is ``siemens / 2**places``; `log` is its binary logarithm.
+    Its conductance is ``siemens / 2**places``; `log` is the binary logarithm of the conductance in siemens.
     """
 
     number: int
@@ -80,9 +80,12 @@ class _Resistor(NamedTuple):
     log: float
 
 
-def cancel(system: Equations, columns: list[Column]) -> Balanced | None:
-    """Solve the equations; None where refinement does not converge, as where fractions of the factors underflow."""
-    state = _begin(system)
+def solve_in_integers(system: Equations, columns: list[Column]) -> RecoveredCurrents | None:
+    """Solve the equations in integer arithmetic; None if the refinement diverges, e.g. after underflow in the factors.
+
+    `columns`: of the factors of ``system.laplacian``.
+    """
+    state = _initial_state(system)
     last = math.inf
     for _ in range(_MOST_STEPS if system.size else 0):
         power = state.correct(substitute(columns, state.net[:-1], state.unit_amps - state.unit_volts))
@@ -96,11 +99,11 @@ def cancel(system: Equations, columns: list[Column]) -> Balanced | None:
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """Voltages and currents as integers, which corrections change in place.
+    """Voltages and currents in integers, which corrections change in place.
 
-    `depth`: of the floor below the largest voltage or current, in binary digits; `unit_volts, unit_amps`: binary
-    logarithms of the units; `resistors`: those that may carry current; `volts`
-    (nodes,); `net` (n + 1,): current into every row beyond the current out of it; the last entry is not used.
+    `depth`: binary digits between the largest value and the floor; `unit_volts, unit_amps`: binary logarithms of the
+    units in volts and amperes; `resistors`: those that may carry current; `volts` (nodes,): above ground; `net`
+    (n + 1,): net current into every row; the last entry is unused.
     """
 
     system: Equations
@@ -112,19 +115,19 @@ class _State:
     net: list[int]
 
     def current(self, resistor: _Resistor, fall: int) -> int:
-        """Return the current of a resistor in units of current; less than a unit is lost."""
+        """Return the current of a resistor for a voltage difference, both in units, rounded down."""
         return fall * resistor.siemens >> resistor.places + self.unit_amps - self.unit_volts
 
     def conduct(self, resistor: _Resistor, fall: int) -> None:
-        """Move current from the row of the first end to the row of the second one."""
+        """Subtract a resistor's current from the row of its first end, and add it to the row of its second end."""
         amps, (first, second) = self.current(resistor, fall), resistor.rows
         self.net[first] -= amps
         self.net[second] += amps
 
     def correct(self, rise: list[int]) -> float:
-        """Raise the rows' voltages (n,); return a bound on the square root of the correction's power, as a logarithm.
+        """Add a correction to the rows' voltages (n,); bound the square root of the power that it dissipates.
 
-        The logarithm is binary; the unit is that of voltages, times the square root of a siemens.
+        Returns the binary logarithm of the bound, in units of voltage times the square root of a siemens.
         """
         rise = [*rise, 0]
         for node in np.flatnonzero(self.system.unknown >= 0).tolist():
@@ -137,10 +140,10 @@ class _State:
         return 0.5 * (most + math.log2(max(len(self.resistors), 1)))
 
     def proved(self, power: float) -> bool:
-        """Return whether errors of this power, as from `correct`, leave all values their digits.
+        """Return whether errors of this power, as from `correct`, prove `_DIGITS` digits of all values above the floor.
 
-        A resistor of conductance g has an error of current of at most ``sqrt(g)`` times the square root of the power,
-        a node with a resistance R to the ground an error of voltage of ``sqrt(R)`` times that root.
+        With the square root ``s`` of the power, the current through a conductance ``g`` has an error of at most
+        ``sqrt(g) s``, and a node with a resistance ``R`` to ground a voltage error of at most ``sqrt(R) s``.
         """
         logs = [each.log for each in self.resistors if each.rows[0] != each.rows[1]]
         if not logs:
@@ -175,17 +178,17 @@ class _State:
 
     @property
     def floor(self) -> int:
-        """Binary logarithm, in units of current, below which all currents are zero, whatever the largest one is."""
+        """Binary logarithm, in units of current, of the absolute floor of currents."""
         return _GUARD // 2
 
     def references(self) -> list[int]:
-        """Return the voltages that others are counted from: ground, the reference of the equations, both rails."""
+        """Return the voltages of ground, of the reference of the equations and of both rails, in units, sorted."""
         rails = self.system.rails
         known = [0.0, self.system.reference, *([rails.low, rails.high] if rails else [])]
         return sorted({_units(volts, self.unit_volts) for volts in known})
 
     def source_currents(self) -> list[int]:
-        """Return the currents of the voltage sources, (sources,), in units of current."""
+        """Return the currents into the plus terminals of the voltage sources, (sources,), in units of current."""
         netlist, outflow = self.system.netlist, [0] * len(self.volts)
         for each in self.resistors:
             amps = self.current(each, self.volts[each.nodes[0]] - self.volts[each.nodes[1]])
@@ -196,8 +199,8 @@ class _State:
             outflow[target] -= _units(amps, self.unit_amps)
         return sum_cuts(netlist, self.system.forest, outflow)
 
-    def rounded(self) -> Balanced:
-        """Round all numbers once."""
+    def rounded(self) -> RecoveredCurrents:
+        """Return all values as doubles, each rounded once; values below the floor are 0."""
         system, netlist = self.system, self.system.netlist
         falls, amps = np.zeros((2, len(netlist.conductance)))
         for each in self.resistors:
@@ -218,15 +221,13 @@ class _State:
             levels[system.floating] = np.nan
         heights[system.undriven] = system.undriven_volts - system.reference
         volts[system.undriven] = system.undriven_volts
-        source_amps, excused = (
-            without_loops(system.forest, source_amps),
-            through <= math.ldexp(max(least, _TINY), _NEAR),
-        )
-        return Balanced(volts, heights, amps, source_amps, float(amps @ falls), excused, floor=2.0**-self.depth)
+        source_amps = without_loops(system.forest, source_amps)
+        unchecked, power = through <= math.ldexp(max(least, _TINY), _NEAR_FLOOR), float(amps @ falls)
+        return RecoveredCurrents(volts, heights, amps, source_amps, power, unchecked, floor=2.0**-self.depth)
 
 
-def _begin(system: Equations) -> _State:
-    """Set all rows to the reference voltage."""
+def _initial_state(system: Equations) -> _State:
+    """Return the state in which all rows are at the reference voltage."""
     netlist, unknown = system.netlist, system.unknown
     still = np.zeros(netlist.node_count, dtype=np.bool_)
     still[system.floating] = still[system.undriven] = True
@@ -237,7 +238,7 @@ def _begin(system: Equations) -> _State:
     largest = max(
         math.frexp(level)[1] + 1 + most if level else -math.inf, math.frexp(fed)[1] if fed else -math.inf, _LEAST_AMPS
     )
-    depth = _DEEP if system.size <= _FEW else _SHALLOW
+    depth = _DEEP_FLOOR if system.size <= _SMALL else _SHALLOW_FLOOR
     unit_amps = int(largest) - depth - _GUARD - (most - least)
     unit_volts = unit_amps - most
     volts, reference = _offsets(system, unit_volts), _units(system.reference, unit_volts)
@@ -260,7 +261,7 @@ def _begin(system: Equations) -> _State:
 
 
 def _offsets(system: Equations, unit: int) -> list[int]:
-    """Return the voltage of every node above the root of its tree of sources, (nodes,), in units."""
+    """Return the voltage of every node above the root of its tree of voltage sources, (nodes,), in units."""
     netlist, offset = system.netlist, [0] * system.netlist.node_count
     plus, volts = netlist.source_nodes[:, 0].tolist(), netlist.source_volts.tolist()
     for node, above, source, _ in system.forest.ties:
@@ -270,7 +271,7 @@ def _offsets(system: Equations, unit: int) -> list[int]:
 
 
 def _units(value: float, unit: int) -> int:
-    """Return a double as a multiple of ``2**unit``; less than a unit is lost."""
+    """Return a double as a multiple of ``2**unit``, rounded down."""
     mantissa, places = fixed(value)
     return scaled(mantissa, -places - unit)
 

@@ -1,9 +1,10 @@
-"""Currents that obey Kirchhoff's current law at every node, where differences of voltages do not give them.
+"""Recover branch currents by iterative correction where voltage differences cancel.
 
-Stiff ties to a rail, flat dead ends, balanced loops, sources that oppose each other: currents there are 1e-16 of the
-currents that voltages would suggest, or less.  Small circuits are solved in integers (`resgrid.circuit.cancellation`).
-Here voltages of larger ones are sums of corrections, each of which removes the currents that the corrections before it
-leave unbalanced.  Falls are sums of the corrections' differences, so that each is known to its own last digit.
+Examples are stiff ties to a rail, dead ends, balanced bridges and opposed sources.  The true currents there are 1e-16
+or less of the rounding error of the voltages times the conductance.  Small circuits are solved in integers
+(`resgrid.circuit.cancellation`).  In larger ones the voltages are sums of corrections, each computed from the KCL
+residual of the sum before it.  The voltage difference across every resistor is accumulated separately in
+double-double, so that its relative error is small even where both voltages agree.
 """
 
 from __future__ import annotations
@@ -14,13 +15,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
-from resgrid.circuit.cancellation import Balanced, cancel
+from resgrid.circuit.cancellation import RecoveredCurrents, solve_in_integers
 from resgrid.circuit.equations import Equations
 from resgrid.circuit.sources import sum_cuts, without_loops
 from resgrid.core.netlist import Netlist
+from resgrid.core.regions import label_components
 from resgrid.errors import BudgetError
 from resgrid.solvers.conservative_factors import columns_of
 from resgrid.solvers.factors import DirectFactor
@@ -28,104 +28,107 @@ from resgrid.solvers.method_choice import factor_laplacian
 from resgrid.solvers.supernodal import SupernodalFactors
 
 _FEW_ENTRIES, _MOST_ENTRIES = 10_000, 2_000_000
-"""Entries of factors up to which circuits are solved in integers at once (30 ms), and at most (some seconds)."""
+"""Numbers of entries of the factors up to which a circuit is solved in integers at once (30 ms), or if corrections in
+double-double have failed (some seconds)."""
 
 _CERTAIN = 1e-9
-"""Fraction of the current through a node by which the last correction may have changed a current there."""
+"""Largest change of a current by the last correction, as a fraction of the current through a node at its ends."""
 
-_LEAST, _FAINT, _NONE = 1e-280, 1e-30, 1e-28
-"""Fractions of the largest current: below the first, currents count as zero, for doubles end; below the second, those
-that cancellation hides do; below the third, KCL is not checked where they do."""
+_UNDERFLOW, _UNRESOLVED, _UNCHECKED_KCL = 1e-280, 1e-30, 1e-28
+"""Fractions of the largest current: below the first, currents are set to zero because doubles underflow; below the
+second, currents lost to cancellation are; below the third, KCL is not checked at nodes with such currents."""
 
-_UNCHECKED = 1e-20
-"""Fraction of the largest current below which errors of currents are not bounded."""
+_UNBOUNDED = 1e-20
+"""Fraction of the largest current below which no error bound is computed."""
 
 _DIGITS = 48
-"""Binary digits of a correction, counted from its largest entry: less is a rounding error."""
+"""Binary digits that are kept of a correction, counted from its largest entry; the others are rounding errors."""
 
-_NOISE = 2.0**-98
-"""Fraction of the currents at a node below which their sum is a rounding error of double-doubles."""
+_SUM_ROUNDING = 2.0**-98
+"""Rounding error of a sum of currents in double-double, as a fraction of the sum of the magnitudes."""
 
 _MOST_VOLTS = 1e200
-"""A correction from which on they make nothing better, only larger."""
+"""Largest correction in volts; corrections of this size diverge."""
 
 _MOST_STEPS = 30
 
 Doubled = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""Double-doubles: numbers and their rounding errors."""
+"""Arrays of double-doubles: leading parts, and their rounding errors."""
 
 
-def balance(system: Equations) -> tuple[Balanced | None, DirectFactor | None]:
-    """Find currents that balance at every row; none where there is too little memory for the factors.
+def recover_currents(system: Equations) -> tuple[RecoveredCurrents | None, DirectFactor | None]:
+    """Compute currents that obey KCL at every row; return the factors of the matrix as well, if there are rows.
 
-    Small circuits are solved in integers, and so are others where corrections in double-double leave doubt; potentials
-    of cells are corrected in double-double first, whatever their number.  Returns the factors as well, if there are
-    rows.
+    The currents are None if the factors exceed the memory.  Small circuits are solved in integers.  Larger circuits,
+    and all grids of cells with a potential, are corrected in double-double; integers follow if these corrections do
+    not converge.
     """
     if not system.size:
-        return cancel(system, []), None
+        return solve_in_integers(system, []), None
     try:
         direct = factor_laplacian(system.laplacian, "direct")
     except BudgetError:
         return None, None
     assert isinstance(direct, DirectFactor)
     entries = direct.factors.symbolic.entries
-    few = entries <= _FEW_ENTRIES and not _is_field(system)
-    found = None if few else _correct(system, direct.factors)
-    if found is None or (found.doubt > _CERTAIN and entries <= _MOST_ENTRIES):
-        found = cancel(system, columns_of(direct.factors)) or found or _correct(system, direct.factors)
+    is_small = entries <= _FEW_ENTRIES and not _is_field(system)
+    found = None if is_small else _correct(system, direct.factors)
+    if found is None or (found.error_bound > _CERTAIN and entries <= _MOST_ENTRIES):
+        found = solve_in_integers(system, columns_of(direct.factors)) or found or _correct(system, direct.factors)
     return found, direct
 
 
 def _is_field(system: Equations) -> bool:
-    """Return whether cells have a potential: between two rails, or above one with currents of one sign."""
+    """Return whether the circuit is a grid of cells with two rails, or with one rail and currents of one sign."""
     if system.netlist.cell_map is None or system.rails is not None:
         return system.netlist.cell_map is not None
     return not (np.any(system.drive < 0.0) and np.any(system.drive > 0.0))
 
 
-class _Falls(NamedTuple):
-    """Falls across resistors and the voltages that they make, in double-double.
+class _Differences(NamedTuple):
+    """Voltage differences across resistors, and voltages of rows, in double-double.
 
-    `falls` (resistors,): voltage of the first end above the second one; `heights` (n,): of the rows above the
-    reference, in volts; `net, through` (n,): current into every row that does not leave it, and half of all currents
-    there; `doubt`: largest change of a current by the last correction, relative to the current through either end;
-    `faint` (resistors,): whether a current cannot be told from zero; `currentless` (resistors,): whether it is zero
-    whatever the conductances are.
+    `falls` (resistors,): voltage of the first end minus that of the second, in volts; `heights` (n,): of the rows above
+    the reference, in volts; `net, through` (n,): net current into every row, and half the sum of the magnitudes, in
+    amperes; `change`: largest change of a current by the last correction, relative to the current through either end;
+    `unresolved` (resistors,): whether a current is indistinguishable from zero; `currentless` (resistors,): whether a
+    current is zero for any conductances.
     """
 
     falls: Doubled
     heights: Doubled
     net: NDArray[np.float64]
     through: NDArray[np.float64]
-    doubt: float
-    faint: NDArray[np.bool_]
+    change: float
+    unresolved: NDArray[np.bool_]
     currentless: NDArray[np.bool_]
 
 
-def _correct(system: Equations, factors: SupernodalFactors) -> Balanced:
-    """Correct in double-double, and bound the errors."""
+def _correct(system: Equations, factors: SupernodalFactors) -> RecoveredCurrents:
+    """Compute the currents by corrections in double-double, and bound their errors."""
     netlist, ends = system.netlist, system.netlist.resistor_nodes
     found = _refined(system, factors)
-    falls, excused = found.falls, np.zeros(netlist.node_count, dtype=np.bool_)
+    falls, unchecked = found.falls, np.zeros(netlist.node_count, dtype=np.bool_)
     amps = netlist.conductance * np.abs(falls[0])
-    if found.faint.any():
-        none_flows = _around(ends, netlist.node_count, amps <= amps[found.faint].max(), found.faint)
+    if found.unresolved.any():
+        is_zero = _connected_small(ends, netlist.node_count, amps <= amps[found.unresolved].max(), found.unresolved)
         for part in falls:
-            part[none_flows] = 0.0
-        excused[ends[none_flows]] = True
-        excused &= np.bincount(ends.ravel(), np.repeat(amps, 2), netlist.node_count) <= _NONE * amps.max()
-    doubt = found.doubt
+            part[is_zero] = 0.0
+        unchecked[ends[is_zero]] = True
+        total = np.bincount(ends.ravel(), np.repeat(amps, 2), netlist.node_count)
+        unchecked &= total <= _UNCHECKED_KCL * amps.max()
+    error_bound = found.change
     if not _is_field(system):
-        doubt = max(doubt, _bound(system, factors, found))
+        error_bound = max(error_bound, _bound(system, factors, found))
     heights, amps = system.heights(found.heights[0]), netlist.conductance * falls[0]
     power, source_amps = float(amps @ falls[0]), _source_amps(system, falls)
-    return Balanced(system.above_ground(heights), heights, amps, source_amps, power, excused, np.inf, doubt)
+    volts = system.above_ground(heights)
+    return RecoveredCurrents(volts, heights, amps, source_amps, power, unchecked, np.inf, error_bound)
 
 
-def _refined(system: Equations, factors: SupernodalFactors) -> _Falls:
-    """Add corrections until they change no current."""
-    netlist, none, forest = system.netlist, np.zeros(system.size), system.forest
+def _refined(system: Equations, factors: SupernodalFactors) -> _Differences:
+    """Add corrections until the last one changes no current significantly, or they diverge."""
+    netlist, zeros, forest = system.netlist, np.zeros(system.size), system.forest
     ends, rows = netlist.resistor_nodes, system.unknown[netlist.resistor_nodes]
     offset, rest = forest.offsets
     held = np.where(system.unknown >= 0, offset, np.nan_to_num(system.known_voltages()))
@@ -135,7 +138,8 @@ def _refined(system: Equations, factors: SupernodalFactors) -> _Falls:
     flows = ~still[ends].any(axis=1) & ~currentless
     one, other = ((flows * held[end], flows * rest[end]) for end in ends.T)
     falls = _plus(one, -other[0], -other[1])
-    heights, worst, faint, least = (none - system.reference, none), np.inf, flows & False, flows & False
+    heights, worst = (zeros - system.reference, zeros), np.inf
+    unresolved, underflowing = flows & False, flows & False
     net, through = _residual(system, rows, falls)
     for _ in range(_MOST_STEPS):
         x = factors.solve(net)
@@ -150,20 +154,23 @@ def _refined(system: Equations, factors: SupernodalFactors) -> _Falls:
         falls, heights = _plus(falls, *change), _plus(heights, x)
         net, through = _residual(system, rows, falls)
         amps, moved = netlist.conductance * np.abs(falls[0]), netlist.conductance * np.abs(change[0])
-        beside = np.where(rows >= 0, through[rows], amps[:, np.newaxis]).min(axis=1)
-        share = np.divide(moved, beside, out=np.zeros_like(amps), where=(amps > 0.0) & (beside > 0.0))
-        faint, least = (share > _CERTAIN) & (amps <= _FAINT * amps.max()), amps <= _LEAST * amps.max()
-        worst = float(share.max(where=~faint, initial=0.0))
-        open_rows = np.abs(net) > np.maximum(_CERTAIN * through, _FAINT * through.max())
-        if worst <= _CERTAIN and not ((faint & ~least).any() or open_rows.any()):
+        smaller = np.where(rows >= 0, through[rows], amps[:, np.newaxis]).min(axis=1)
+        ratio = np.divide(moved, smaller, out=np.zeros_like(amps), where=(amps > 0.0) & (smaller > 0.0))
+        unresolved = (ratio > _CERTAIN) & (amps <= _UNRESOLVED * amps.max())
+        underflowing = amps <= _UNDERFLOW * amps.max()
+        worst = float(ratio.max(where=~unresolved, initial=0.0))
+        unbalanced = np.abs(net) > np.maximum(_CERTAIN * through, _UNRESOLVED * through.max())
+        if worst <= _CERTAIN and not ((unresolved & ~underflowing).any() or unbalanced.any()):
             break
-    return _Falls(falls, heights, net, through, worst, faint | (least & (falls[0] != 0.0)), currentless)
+    unresolved = unresolved | (underflowing & (falls[0] != 0.0))
+    return _Differences(falls, heights, net, through, worst, unresolved, currentless)
 
 
 def _currentless(system: Equations, rows: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Return which resistors of a circuit other than a field carry no current whatever the conductances are.
+    """Return which resistors are dead ends, (resistors,): a single row connects them to all sources.
 
-    These are dead ends: every way to what drives the circuit leads through one and the same row.
+    They carry no current for any conductances.  For a grid of cells with a potential the result is False everywhere.
+    Shapes: `rows` (resistors, 2).
     """
     currentless = np.zeros(len(rows), dtype=np.bool_)
     if _is_field(system):
@@ -171,7 +178,7 @@ def _currentless(system: Equations, rows: NDArray[np.int32]) -> NDArray[np.bool_
     from resgrid.circuit.kernels import mark_currentless
 
     netlist, forest = system.netlist, system.forest
-    lifted = forest.order[(forest.height != 0.0) | (forest.rest != 0.0)]
+    lifted = forest.order[(forest.height != 0.0) | (forest.rounding != 0.0)]
     drives = np.unique(system.unknown[np.concatenate([netlist.current_nodes.ravel(), lifted])])
     drives = drives[drives >= 0]
     joined = np.stack([drives, np.full_like(drives, system.size)], axis=1)
@@ -186,26 +193,26 @@ def _currentless(system: Equations, rows: NDArray[np.int32]) -> NDArray[np.bool_
     return currentless
 
 
-def _bound(system: Equations, factors: SupernodalFactors, found: _Falls) -> float:
+def _bound(system: Equations, factors: SupernodalFactors, found: _Differences) -> float:
     """Bound the errors of voltages relative to the largest one, and of currents relative to those at either end.
 
-    A wrong current into a row raises no voltage by more than the inverse matrix says, whose entries are not negative,
-    and moves no current by more than itself.
+    The inverse matrix has no negative entry.  Applied to the magnitudes of the residual currents, it bounds the voltage
+    errors.  The error of a branch current is also at most the sum of the residual currents.
     """
     netlist, rows = system.netlist, system.unknown[system.netlist.resistor_nodes]
-    wrong = np.abs(found.net) + _NOISE * found.through
-    error = np.append(factors.solve(wrong), 0.0)
+    residual = np.abs(found.net) + _SUM_ROUNDING * found.through
+    error = np.append(factors.solve(residual), 0.0)
     level = np.abs(system.above_ground(system.heights(found.heights[0])))
     amps = netlist.conductance * np.abs(found.falls[0])
-    most = np.minimum(netlist.conductance * error[rows].sum(axis=1), wrong.sum())
-    beside = np.where(rows >= 0, np.append(found.through, 0.0)[rows], amps[:, np.newaxis]).min(axis=1)
-    beside = np.maximum(beside, _UNCHECKED * amps.max())
-    share = np.divide(most, beside, out=np.zeros_like(most), where=(beside > 0.0) & ~found.currentless)
-    return float(max(share.max(initial=0.0), error.max() / max(np.nanmax(level), np.finfo(np.float64).tiny)))
+    most = np.minimum(netlist.conductance * error[rows].sum(axis=1), residual.sum())
+    smaller = np.where(rows >= 0, np.append(found.through, 0.0)[rows], amps[:, np.newaxis]).min(axis=1)
+    smaller = np.maximum(smaller, _UNBOUNDED * amps.max())
+    ratio = np.divide(most, smaller, out=np.zeros_like(most), where=(smaller > 0.0) & ~found.currentless)
+    return float(max(ratio.max(initial=0.0), error.max() / max(np.nanmax(level), np.finfo(np.float64).tiny)))
 
 
 def _source_amps(system: Equations, falls: Doubled) -> NDArray[np.float64]:
-    """Currents of the voltage sources, (sources,), from exact sums of what flows into their nodes."""
+    """Return the currents of the voltage sources, (sources,), from exact sums of the branch currents at their nodes."""
     netlist = system.netlist
     net, net_low, _ = _flows(netlist, netlist.resistor_nodes, netlist.current_nodes, netlist.node_count, falls)
     outflow = [Fraction(0)] * netlist.node_count
@@ -215,7 +222,7 @@ def _source_amps(system: Equations, falls: Doubled) -> NDArray[np.float64]:
 
 
 def _plus(total: Doubled, more: NDArray[np.float64], more_low: NDArray[np.float64] | float = 0.0) -> Doubled:
-    """The sum of double-doubles (Knuth's, without an error in the leading parts)."""
+    """Return the sum of two arrays of double-doubles, by Knuth's two-sum of the leading parts."""
     s = total[0] + more
     t = s - total[0]
     rest = (total[0] - (s - t)) + (more - t) + (total[1] + more_low)
@@ -223,36 +230,41 @@ def _plus(total: Doubled, more: NDArray[np.float64], more_low: NDArray[np.float6
     return hi, rest - (hi - s)
 
 
-def _around(
-    ends: NDArray[np.int32], nodes: int, small: NDArray[np.bool_], faint: NDArray[np.bool_]
+def _connected_small(
+    ends: NDArray[np.int32], nodes: int, small: NDArray[np.bool_], unresolved: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """The small currents (resistors,) that others join to a faint one: none of these is known if that is not."""
-    pairs = ends[small]
-    joined = sparse.coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(nodes, nodes))
-    part = connected_components(joined, directed=False)[1][ends[:, 0]]
-    return np.asarray(small & np.isin(part, part[faint]))
+    """Return which small currents, (resistors,), are connected to an unresolved one by resistors with small currents.
+
+    They are as uncertain as the unresolved current.
+    """
+    component = label_components(ends[small], nodes)[ends[:, 0]]
+    return np.asarray(small & np.isin(component, component[unresolved]))
 
 
 def _residual(
     system: Equations, rows: NDArray[np.int32], falls: Doubled
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Current into every row that does not leave it, and half of all currents there; in amperes, (n,)."""
-    fed = system.unknown[system.netlist.current_nodes]
-    net, _, total = _flows(system.netlist, rows, fed, system.size, falls)
-    return np.where(np.abs(net) > _NOISE * total, net, 0.0), 0.5 * total
+    """Return the net current into every row, and half the sum of the magnitudes there, in amperes, (n,) each.
+
+    A net current within the rounding error of its sum is 0.
+    """
+    source_rows = system.unknown[system.netlist.current_nodes]
+    net, _, total = _flows(system.netlist, rows, source_rows, system.size, falls)
+    return np.where(np.abs(net) > _SUM_ROUNDING * total, net, 0.0), 0.5 * total
 
 
 def _flows(
-    netlist: Netlist, ends: NDArray[np.int32], fed: NDArray[np.int32], count: int, falls: Doubled
+    netlist: Netlist, ends: NDArray[np.int32], source_ends: NDArray[np.int32], count: int, falls: Doubled
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Sum the currents of resistors and current sources into nodes or rows, in double-double, and all magnitudes.
+    """Sum the currents of resistors and current sources into nodes or rows, in double-double, and their magnitudes.
 
-    Shapes: `ends` (resistors, 2), `fed` (current sources, 2): numbers of nodes or rows; returns (count,) each.
+    Shapes: `ends` (resistors, 2), `source_ends` (current sources, 2): numbers of nodes or rows; returns net currents,
+    their rounding errors and the sums of the magnitudes, (count,) each, in amperes.
     """
     from resgrid.circuit.kernels import add_flows
 
     net, net_low, total = np.zeros((3, count))
     amps = netlist.current_amps
     add_flows(ends, netlist.conductance, *falls, net, net_low, total)
-    add_flows(fed, np.ones_like(amps), amps, np.zeros_like(amps), net, net_low, total)
+    add_flows(source_ends, np.ones_like(amps), amps, np.zeros_like(amps), net, net_low, total)
     return net, net_low, total

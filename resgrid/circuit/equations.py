@@ -1,4 +1,4 @@
-"""Nodal analysis: which voltages are unknown, and the equations that hold them."""
+"""Nodal analysis: reduce a netlist to linear equations for the unknown node voltages."""
 
 from __future__ import annotations
 
@@ -15,25 +15,26 @@ from resgrid.errors import CircuitError
 from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian, Rails
 
 _MANY = 20_000
-"""Current sources at ground from which on these are not summed exactly: a grid has one for every cell."""
+"""Largest number of current sources at ground that are summed exactly; a driven grid has one source per cell."""
 
 
 def sum_by_row(row: NDArray[np.int32], values: NDArray[np.float64], size: int) -> NDArray[np.float64]:
-    """Sums of the values (k,) that belong to every row, shape (n,)."""
+    """Return the sum of the values of every row, shape (n,).  Shapes: `row, values` (k,); `size`: n."""
     return np.asarray(np.bincount(row, values, size), dtype=np.float64)
 
 
 def across(voltage: NDArray[np.float64], ends: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Voltages of elements' first ends above their second ones, (m,); 0 where one floats.  Shapes: `ends` (m, 2)."""
+    """Return the voltages across elements, first end minus second, (m,); 0 if an end floats.  Shapes: `ends` (m, 2)."""
     first, second = voltage[ends.T]
     return np.asarray(np.nan_to_num(first - second))
 
 
 class RailContacts(NamedTuple):
-    """Through which elements known voltages drive the rows, and where floating sources lift one end over the other.
+    """Connections of rows to nodes of known voltage, and between rows that floating sources shift against each other.
 
-    `element, row` (c,); `volts` (c,): what the row sees behind the element, in volts, above the reference of equations
-    that have one; the first `ties` lead to nodes of known voltage, the others from row to row.
+    `element, row` (c,): resistor and row of every contact; `volts` (c,): voltage at the other end of the resistor, in
+    volts, above the reference of the equations; the first `ties` contacts lead to nodes of known voltage, the others
+    to other rows.
     """
 
     element: NDArray[np.int32]
@@ -44,16 +45,17 @@ class RailContacts(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """The reduced nodal equations of a netlist: ``laplacian @ x = drive``, heights ``x`` above `reference`.
+    """Reduced nodal equations of a netlist, ``laplacian @ x = drive``, for heights ``x`` in volts above `reference`.
 
-    `forest`: how the voltage sources tie the nodes; `unknown` (nodes,): row of every node that is solved for, -1
-    elsewhere; nodes tied by floating sources share a row; `laplacian` (n, n): conductances between the rows, and from
-    them to nodes of known voltage; it tells the two rails apart, if the known voltages take just two values and
-    nothing else drives the circuit; `contacts`: the resistors of which `feed` and ground conductances are made;
-    `feed` (n,): current that the known voltages drive into every row, measured from `reference`, in amperes; read-only
-    where there is none; `injected` (n,): current that current sources drive into every row, in amperes, likewise;
-    `reference`: the lowest known voltage in contact with the rows, in volts; `undriven`: nodes of parts that a single
-    rail holds; `undriven_volts`: their voltages; `floating`: nodes that nothing ties to ground.
+    `forest`: spanning forest of the voltage sources; `unknown` (nodes,): row of every node with an unknown voltage, -1
+    for others; nodes joined by floating sources share a row; `laplacian` (n, n): conductances between the rows, and
+    from rows to nodes of known voltage; its `rails` are set if the known voltages have exactly two values and there is
+    no other drive; `contacts`: the resistors that contribute to `feed` and to ground conductances;
+    `feed` (n,): current from the known voltages, above `reference`, into every row, in amperes; `injected` (n,):
+    current from current sources into every row, in amperes; both are read-only views of one zero if all entries are 0;
+    `reference`: the lowest known voltage in contact with the rows, in volts; `undriven`: nodes of components without
+    current, which touch a single known voltage; `undriven_volts`: their voltages; `floating`: nodes without a path of
+    resistors or sources to ground.
     """
 
     netlist: Netlist
@@ -75,11 +77,11 @@ class Equations:
 
     @property
     def rails(self) -> Rails | None:
-        """The two rails that the circuit hangs between, if it does."""
+        """The two rails, or None unless exactly two known voltages drive the circuit."""
         return self.laplacian.rails
 
     def known_voltages(self) -> NDArray[np.float64]:
-        """Voltages known beforehand, in volts, (nodes,): rails, and `undriven` nodes; NaN elsewhere.  A new array."""
+        """Return a new array of the voltages of rails and `undriven` nodes, in volts, (nodes,); NaN for other nodes."""
         forest = self.forest
         known = np.full(forest.count, np.nan)
         held = forest.base == GROUND
@@ -88,66 +90,69 @@ class Equations:
         return known
 
     def heights(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Heights of all nodes above `reference`, in volts, (nodes,), from those of the rows; NaN where one floats."""
+        """Return the heights of all nodes above `reference`, in volts, (nodes,), NaN if floating; `x` (n,): rows."""
         own = np.where(self.unknown >= 0, self.forest.offsets[0], self.known_voltages() - self.reference)
         return np.asarray(own + np.append(x, 0.0)[self.unknown])
 
     def voltages(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """As `above_ground`, from the heights of the rows, (n,)."""
+        """Return the voltages of all nodes above ground, in volts, (nodes,), from the heights of the rows, (n,)."""
         return self.above_ground(self.heights(x))
 
     def above_ground(self, heights: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Voltages of all nodes above ground from their heights, (nodes,): known ones as given; NaN if one floats."""
+        """Return the voltages above ground, in volts, from heights above `reference`; both (nodes,), NaN if floating.
+
+        Known voltages are returned without rounding.
+        """
         if self.reference == 0.0:
             return heights
         return np.where(self.unknown >= 0, self.reference + heights, self.known_voltages())
 
     def with_conductance(self, conductance: NDArray[np.float64]) -> tuple[Laplacian, NDArray[np.float64]]:
-        """The matrix of the same circuit with other conductances, and their `feed`.  Shapes: (resistors,)."""
+        """Return the matrix and the `feed` (n,) of this circuit with other conductances (resistors,), in siemens."""
         listed = EdgeList(self.netlist.resistor_nodes, conductance, self.unknown)
         return matrix_of(self.netlist, listed, self.contacts, self.size)
 
     @property
     def drive(self) -> NDArray[np.float64]:
-        """All that drives the rows, in amperes, shape (n,): feed and injected currents together."""
+        """Right-hand side: sum of `feed` and `injected`, in amperes, shape (n,)."""
         if not self.injected.any():
             return self.feed
         return self.feed + self.injected if self.feed.any() else self.injected
 
 
 @dataclass(frozen=True, eq=False)
-class Parts:
-    """Connected parts of the nodes that no source ties to ground, and what holds each part.
+class Components:
+    """Connected components of the nodes whose voltage no chain of sources fixes, with the known voltages they touch.
 
-    `of_node` (nodes,): number of every node's part, -1 for nodes tied to ground; `lowest, highest` (parts,): the
-    range of known voltages that a part's elements reach, in volts; infinite where they reach none; `fed` (parts,):
-    whether current sources or the offsets of floating voltage sources drive it; `contacts` (c,): the elements
-    between parts and nodes tied to ground.
+    `of_node` (nodes,): number of every node's component, -1 for nodes of known voltage; `lowest, highest`
+    (components,): range of the known voltages that a component's elements touch, in volts; infinite if there are none;
+    `has_drive` (components,): whether current sources or offsets of floating voltage sources drive the component;
+    `contacts` (c,): the elements between components and nodes of known voltage.
     """
 
     of_node: NDArray[np.int32]
     lowest: NDArray[np.float64]
     highest: NDArray[np.float64]
-    fed: NDArray[np.bool_]
+    has_drive: NDArray[np.bool_]
     contacts: NDArray[np.int32]
 
     @property
     def floating(self) -> NDArray[np.bool_]:
-        """Whether a part reaches no known voltage, shape (parts,)."""
+        """Whether a component touches no known voltage, shape (components,)."""
         return ~np.isfinite(self.lowest)
 
     @property
     def driven(self) -> NDArray[np.bool_]:
-        """Whether anything flows in a part, shape (parts,)."""
-        return ~self.floating & (self.fed | (self.highest > self.lowest))
+        """Whether current flows in a component, shape (components,)."""
+        return ~self.floating & (self.has_drive | (self.highest > self.lowest))
 
     def rows(self, solved: NDArray[np.bool_], forest: SourceForest) -> tuple[int, NDArray[np.int32]]:
-        """Number the rows of some parts (parts,): one for every node, or for all that sources tie together.
+        """Number the rows of the components to solve for: one per node, or per set of nodes that sources join.
 
-        Returns how many there are, and `unknown` (nodes,).
+        Shapes: `solved` (components,); returns the number of rows, and `unknown` (nodes,).
         """
-        part = self.of_node
-        solved_for = part >= 0 if solved.all() else np.append(solved, False)[part]
+        component = self.of_node
+        solved_for = component >= 0 if solved.all() else np.append(solved, False)[component]
         tied = bool(np.any(forest.base != GROUND))
         row = np.cumsum(solved_for & (forest.root == np.arange(forest.count)) if tied else solved_for, dtype=np.int32)
         size = int(row[-1])
@@ -156,33 +161,33 @@ class Parts:
 
 
 def assemble(netlist: Netlist) -> Equations:
-    """Set up the nodal equations of an operating point.
+    """Return the nodal equations of an operating point.
 
-    Sources are merged first; parts that nothing ties to ground, and parts that a single rail holds at its own voltage,
-    are set apart: only what is driven is left to be solved.
+    Voltage sources are eliminated first.  Floating components, and components that touch a single known voltage, carry
+    no current and get no rows.
     """
     forest, ends = tie_sources(netlist), netlist.resistor_nodes
-    parts = parts_of(netlist, ends, forest)
-    refuse_floating_currents(netlist, parts, unless_balanced=True)
-    size, unknown = parts.rows(parts.driven, forest)
+    components = components_of(netlist, ends, forest)
+    refuse_floating_currents(netlist, components, unless_balanced=True)
+    size, unknown = components.rows(components.driven, forest)
     lifted = bool(np.any((unknown[forest.order] >= 0) & (forest.height != 0)))
-    some = np.arange(len(ends), dtype=np.int32) if lifted else parts.contacts
-    contacts = contacts_of(ends, some, unknown, forest)
-    reference = float(parts.lowest[parts.driven].min()) if size else 0.0
+    candidates = np.arange(len(ends), dtype=np.int32) if lifted else components.contacts
+    contacts = contacts_of(ends, candidates, unknown, forest)
+    reference = float(components.lowest[components.driven].min()) if size else 0.0
     injected = injected_into_rows(netlist, unknown, size)
-    volts = contacts.volts[: contacts.ties] if size else _between_rails(netlist, forest.offsets[0], parts)
+    volts = contacts.volts[: contacts.ties] if size else _between_rails(netlist, forest.offsets[0], components)
     low, high = float(volts.min(initial=np.inf)), float(volts.max(initial=-np.inf))
-    plain = low < high and np.all((volts == low) | (volts == high)) and not lifted and not injected.any()
-    if netlist.cell_map is not None and netlist.cell_map.wiring.supply < 0:  # the obstacles are on the lower one
+    has_two_rails = low < high and np.all((volts == low) | (volts == high)) and not lifted and not injected.any()
+    if netlist.cell_map is not None and netlist.cell_map.wiring.supply < 0:  # the obstacle rail is the lower one
         low, high = high, low
     siemens, at_high = netlist.conductance[contacts.element], contacts.volts == high
-    rails = Rails(high, low, size, contacts.row, siemens, at_high) if plain else None
+    rails = Rails(high, low, size, contacts.row, siemens, at_high) if has_two_rails else None
     listed = EdgeList(ends, netlist.conductance, unknown)
     contacts.volts[: contacts.ties] -= reference
     laplacian, feed = matrix_of(netlist, listed, contacts, size, rails)
-    other = np.flatnonzero((unknown < 0) & (parts.of_node >= 0))
-    at_rest = parts.lowest[parts.of_node[other]]
-    floats = np.isinf(at_rest)
+    other = np.flatnonzero((unknown < 0) & (components.of_node >= 0))
+    touched_volts = components.lowest[components.of_node[other]]
+    floats = np.isinf(touched_volts)
     return Equations(
         netlist=netlist,
         forest=forest,
@@ -193,7 +198,7 @@ def assemble(netlist: Netlist) -> Equations:
         injected=_without_memory(injected, size),
         reference=reference,
         undriven=other[~floats],
-        undriven_volts=at_rest[~floats],
+        undriven_volts=touched_volts[~floats],
         floating=other[floats],
     )
 
@@ -201,9 +206,10 @@ def assemble(netlist: Netlist) -> Equations:
 def matrix_of(
     netlist: Netlist, listed: EdgeList, contacts: RailContacts, size: int, rails: Rails | None = None
 ) -> tuple[Laplacian, NDArray[np.float64]]:
-    """The matrix for elements between a netlist's nodes, on the grid whose cells these are, if there is one.
+    """Return the matrix of elements between a netlist's nodes, and `feed` (n,), in amperes.
 
-    Returns `feed` (n,), too: what contacts drive into every row, in amperes.
+    `feed` is the current that contacts drive into every row.  The matrix knows the grid of cells if the netlist has
+    one.
     """
     siemens, ties = listed.conductance[contacts.element], slice(contacts.ties)
     ground = sum_by_row(contacts.row[ties], siemens[ties], size)
@@ -214,53 +220,56 @@ def matrix_of(
     return Laplacian(ground, listed, grid=grid, dimensions=grid.dimensions, rails=rails), feed
 
 
-def parts_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest) -> Parts:
-    """Find the parts that elements and voltage sources join.  Shapes: `elements` (m, 2)."""
-    from resgrid.circuit.kernels import join_parts, number_parts
+def components_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest) -> Components:
+    """Find the components that elements (m, 2) and voltage sources connect."""
+    from resgrid.circuit.kernels import merge_components, number_components
 
-    part = np.arange(netlist.node_count, dtype=np.int32)
-    part[forest.order[forest.base == GROUND]] = -1
-    room = np.empty(max(len(elements), len(netlist.source_nodes)), dtype=np.int32)
-    contacts = room[: join_parts(elements, part, room)].copy()
-    join_parts(netlist.source_nodes, part, room)
-    number = number_parts(part)
+    component = np.arange(netlist.node_count, dtype=np.int32)
+    component[forest.order[forest.base == GROUND]] = -1
+    buffer = np.empty(max(len(elements), len(netlist.source_nodes)), dtype=np.int32)
+    contacts = buffer[: merge_components(elements, component, buffer)].copy()
+    merge_components(netlist.source_nodes, component, buffer)
+    count = number_components(component)
     ends = np.take(elements, contacts, axis=0)
-    here = part[ends]
-    tied, held = ends[here < 0], here.max(axis=1)
+    inside = component[ends]
+    outer_node, touching = ends[inside < 0], inside.max(axis=1)
     offset, rest = forest.offsets
-    lowest, highest = _range(offset[tied], held, number)
-    fed = np.zeros(number + 1, dtype=np.bool_)  # the last one for what is tied to ground
+    lowest, highest = _range(offset[outer_node], touching, count)
+    has_drive = np.zeros(count + 1, dtype=np.bool_)  # the last entry is for nodes of known voltage
     for end in netlist.current_nodes.T:
-        fed[np.take(part, end)[netlist.current_amps != 0]] = True
-    fed[part[forest.order[(forest.base != GROUND) & (forest.height != 0)]]] = True
-    fed = fed[:number]
-    if forest.rest.any():
-        least, most = _range(rest[tied], held, number)
-        fed |= most > least
-    return Parts(part, lowest, highest, fed, contacts)
+        has_drive[np.take(component, end)[netlist.current_amps != 0]] = True
+    has_drive[component[forest.order[(forest.base != GROUND) & (forest.height != 0)]]] = True
+    has_drive = has_drive[:count]
+    if forest.rounding.any():
+        least, most = _range(rest[outer_node], touching, count)
+        has_drive |= most > least
+    return Components(component, lowest, highest, has_drive, contacts)
 
 
-def refuse_floating_currents(netlist: Netlist, parts: Parts, *, unless_balanced: bool = False) -> None:
-    """Raise CircuitError if current sources feed a floating part; or only if the sum of their currents is not zero."""
-    if not np.any(parts.fed & parts.floating):
+def refuse_floating_currents(netlist: Netlist, components: Components, *, unless_balanced: bool = False) -> None:
+    """Raise CircuitError if current sources drive a floating component; if `unless_balanced`, only for a sum not 0."""
+    if not np.any(components.has_drive & components.floating):
         return
     node, amps = netlist.current_nodes.T.ravel(), np.outer([-1.0, 1.0], netlist.current_amps).ravel()
-    own = parts.of_node[node]
-    into = (own >= 0) & parts.floating[own] & (amps != 0.0)
-    for part in np.unique(own[into]).tolist():
-        here = into & (own == part)
+    own = components.of_node[node]
+    into = (own >= 0) & components.floating[own] & (amps != 0.0)
+    for component in np.unique(own[into]).tolist():
+        here = into & (own == component)
         total = math.fsum(amps[here].tolist())
         if total or not unless_balanced:
             name = netlist.node_name(int(node[here].min()))
             raise CircuitError(
-                f"current sources feed node {name} and the nodes joined to it, {total:g} A in sum, which nothing ties "
-                "to ground: their voltages have no bound, or none that is known; add a resistor to a rail or remove a "
-                "source"
+                f"current sources inject {total:g} A into node {name} and the nodes connected to it, but no resistor "
+                "or voltage source ties these to ground, so that their voltages are unbounded or undetermined; add a "
+                "resistor to a rail or remove a source"
             )
 
 
 def _range(values: NDArray[np.float64], group: NDArray[np.int32], count: int) -> NDArray[np.float64]:
-    """The least and the greatest value (k,) of every group, shape (2, groups); infinite where there is none."""
+    """Return the minimum and the maximum of every group of values, shape (2, count); infinite for an empty group.
+
+    Shapes: `values, group` (k,).
+    """
     lowest, highest = found = np.array([[np.inf], [-np.inf]]).repeat(count, axis=1)
     np.minimum.at(lowest, group, values)
     np.maximum.at(highest, group, values)
@@ -268,16 +277,16 @@ def _range(values: NDArray[np.float64], group: NDArray[np.int32], count: int) ->
 
 
 def contacts_of(
-    ends: NDArray[np.int32], some: NDArray[np.int32], unknown: NDArray[np.int32], forest: SourceForest
+    ends: NDArray[np.int32], candidates: NDArray[np.int32], unknown: NDArray[np.int32], forest: SourceForest
 ) -> RailContacts:
-    """Look at some of the elements.  Shapes: `ends` (m, 2), `some` (k,): their numbers."""
-    first, second = np.take(ends, some, axis=0).T
+    """Return the contacts among candidate elements.  Shapes: `ends` (m, 2); `candidates` (k,): element numbers."""
+    first, second = np.take(ends, candidates, axis=0).T
     i, j = np.take(unknown, first), np.take(unknown, second)
     offset = forest.offsets[0]
     volts = np.take(offset, second) - np.take(offset, first)
     tied, joined = (i < 0) != (j < 0), np.flatnonzero((i >= 0) & (j >= 0) & (i != j) & (volts != 0))
     return RailContacts(
-        element=np.concatenate([some[tied], some[joined], some[joined]]),
+        element=np.concatenate([candidates[tied], candidates[joined], candidates[joined]]),
         row=np.concatenate([np.maximum(i, j)[tied], i[joined], j[joined]]),
         volts=np.concatenate([np.where(i >= 0, volts, -volts)[tied], volts[joined], -volts[joined]]),
         ties=int(np.count_nonzero(tied)),
@@ -285,7 +294,10 @@ def contacts_of(
 
 
 def injected_into_rows(netlist: Netlist, unknown: NDArray[np.int32], size: int) -> NDArray[np.float64]:
-    """What current sources drive into every row, in amperes, shape (n,); rounded once: several may nearly cancel."""
+    """Return the sum of the source currents into every row, in amperes, shape (n,).
+
+    Sums of more than two currents, which may nearly cancel, are rounded once.
+    """
     taken, fed = (np.take(unknown, end) for end in netlist.current_nodes.T)
     row = np.concatenate([taken[taken >= 0], fed[fed >= 0]])
     amps = np.concatenate([-netlist.current_amps[taken >= 0], netlist.current_amps[fed >= 0]])
@@ -299,7 +311,7 @@ def injected_into_rows(netlist: Netlist, unknown: NDArray[np.int32], size: int) 
 
 
 def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
-    """Current that the current sources feed into every node, in amperes; shape (nodes,)."""
+    """Return the sum of the source currents into every node, in amperes, shape (nodes,)."""
     unknown, (taken, fed) = np.arange(netlist.node_count, dtype=np.int32), netlist.current_nodes.T
     unknown[GROUND] = -1
     injected, amps = injected_into_rows(netlist, unknown, netlist.node_count), netlist.current_amps
@@ -309,23 +321,25 @@ def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
 
 
 def _without_memory(currents: NDArray[np.float64], size: int) -> NDArray[np.float64]:
-    """The same currents; one zero for all rows where nothing flows."""
+    """Return the currents, or a read-only view of a single zero, shape (n,), if all of them are zero."""
     return currents if currents.any() else np.broadcast_to(0.0, size)
 
 
-def _between_rails(netlist: Netlist, volts: NDArray[np.float64], parts: Parts) -> NDArray[np.float64]:
-    """The known voltages that resistors join to others.
+def _between_rails(netlist: Netlist, volts: NDArray[np.float64], components: Components) -> NDArray[np.float64]:
+    """Return the known voltages (k, 2) at the ends of resistors between two different known voltages.
 
-    Where there is none, nothing flows: of the chip of a space that is an error, any other circuit is at rest.
+    Raise CircuitError if there are none and the netlist comes from a space; in other circuits all currents are 0 A.
     """
-    ends = np.where(parts.of_node < 0, volts, np.nan)[netlist.resistor_nodes]
+    ends = np.where(components.of_node < 0, volts, np.nan)[netlist.resistor_nodes]
     ends = ends[np.abs(ends[:, 0] - ends[:, 1]) > 0]
     if not ends.size and netlist.cell_map is not None:
         raise CircuitError(
-            "nothing is driven: no part of the circuit touches two rails or is fed a current, so that nothing flows; "
-            "add a second rail (an obstacle, an edge that counts as one), open a way to the goal, or feed every free "
-            "cell the same current (boundary = 'neumann')"
+            "nothing is driven: no component of the circuit touches two rails or has a current source, so that all "
+            "currents are zero; add a second rail (an obstacle, an edge that counts as one), open a path to the goal, "
+            "or inject the same current into every free cell (boundary = 'neumann')"
         )
-    if not ends.size and parts.floating.all() and np.count_nonzero(parts.of_node < 0) == 1:
-        raise CircuitError("no element touches ground, node 0, so that no voltage is known; tie the circuit to it")
+    if not ends.size and components.floating.all() and np.count_nonzero(components.of_node < 0) == 1:
+        raise CircuitError(
+            "no element touches ground, node 0, so that no voltage is known; connect a resistor or a source to node 0"
+        )
     return np.asarray(ends)

@@ -1,7 +1,4 @@
-"""Solve a linear circuit: assemble, factor, substitute, read off, and refuse what is not as accurate as promised.
-
-Or factor it once, for many right-hand sides.
-"""
+"""Linear circuits: solve for the operating point, or factor the matrix for many right-hand sides."""
 
 from __future__ import annotations
 
@@ -9,14 +6,21 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.circuit.equations import Equations, assemble, parts_of
+from resgrid.circuit.equations import Equations, assemble, components_of
 from resgrid.circuit.operating_point import BranchCurrents, OperatingPoint
-from resgrid.circuit.postprocess import DIRECTION_RESIDUAL, node_values, read_entrywise, read_normwise, values_above
+from resgrid.circuit.postprocess import (
+    DIRECTION_RESIDUAL,
+    NodeValues,
+    node_values,
+    read_entrywise,
+    read_normwise,
+    values_above,
+)
 from resgrid.core.netlist import GROUND, Netlist
 from resgrid.errors import AccuracyError
 from resgrid.solvers.factors import EXACT_ROWS, Factor
@@ -27,112 +31,157 @@ from resgrid.solvers.refinement import CERTAIN, is_answer
 from resgrid.solvers.scaled import unscaled
 from resgrid.solvers.threads import ThreadTeam
 
-_LOST = 1e-10
-"""Share of the smallest source's voltage that rounding may leave of a sum."""
+_LARGEST_ROUNDING = 1e-10
+"""Largest rounding error of a sum of source voltages, relative to the smallest source voltage."""
 
-_FEW = 500
-"""Number of nodes up to which circuits are balanced in any case, unless they are grids: it takes some milliseconds."""
+_SMALL = 500
+"""Number of nodes up to which currents of circuits without cells are always recovered; this takes some milliseconds."""
 
 _STIFF = 1e-9
-"""Ratio of conductances from which the rounding of the large ones may hide what the small ones carry."""
+"""Ratio of conductances below which rounding errors of the large currents may exceed the small currents."""
 
 
 def solve_linear(
     netlist: Netlist, *, accuracy: str, method: str, rtol: float, threads: int = 1, progress: Progress | None = None
 ) -> OperatingPoint:
-    """Find the operating point of a netlist without nonlinear resistors; options and errors are `resgrid.solve`'s."""
-    seconds: dict[str, float] = {}
+    """Find the operating point of a netlist without nonlinear resistors; options and errors are those of `solve`.
+
+    The stages, whose wall-clock times are in `OperatingPoint.seconds`:
+
+    1. ``assemble``: eliminate voltage sources and set up the nodal equations (`equations`).
+    2. ``factor``: choose a method and factor the matrix (`resgrid.solvers`).
+    3. ``substitute``: solve for the values of the nodes.
+    4. ``read``: compute voltages, potentials and branch currents (`postprocess`).
+    5. ``balance``: recover currents that cancel, if there may be any (`current_recovery`); not for ``"normwise"``.
+    6. Check the accuracy, and add the currents of floating components.
+    """
     with ThreadTeam(threads) as team:
-        with _timed(seconds, "assemble"):
+        run = _Run(method, accuracy, team, ProgressMonitor(progress), {})
+        with run.timed("assemble"):
             system = assemble(netlist)
-        point = _solved(system, seconds, accuracy, method, rtol, team, ProgressMonitor(progress))
-    driven = system.forest.order[system.forest.height != 0], netlist.current_nodes[netlist.current_amps != 0].ravel()
-    if not np.isin(np.concatenate(driven), system.floating).any():
-        return point
-    some = [np.isin(ends[:, 0], system.floating) for ends in (netlist.resistor_nodes, netlist.source_nodes)]
-    loops = _tied_parts(system, *some)
-    found = solve_linear(loops, accuracy=accuracy, method=method, rtol=rtol).readings
-    return replace(point, ammeters=_joined(point.readings, found, *some))
-
-
-def _solved(
-    system: Equations,
-    seconds: dict[str, float],
-    accuracy: str,
-    method: str,
-    rtol: float,
-    team: ThreadTeam,
-    watch: ProgressMonitor,
-) -> OperatingPoint:
-    with _timed(seconds, "factor"):
-        factors = factor_laplacian(system.laplacian, method, accuracy=accuracy, team=team) if system.size else None
-    told: dict[str, Any] = {"method": factors.name if factors else "none", "seconds": seconds}
-    if accuracy == "normwise":
-
-        def read(x: NDArray[np.float64]) -> OperatingPoint:
-            return read_normwise(system, x, iterations=watch.iterations, backward_error=watch.error, **told)
-
-        with _timed(seconds, "substitute"):
-            try:
-                x = factors.solve(system.drive, rtol=rtol, watch=watch) if factors else np.zeros(0)
-            except AccuracyError as error:
-                raise AccuracyError(str(error), read(np.asarray(error.best, dtype=np.float64))) from None
-            del factors
-        with _timed(seconds, "read"):
-            return read(x)
-    with _timed(seconds, "substitute"):
-        values = node_values(system, factors, watch, team)
-        del factors
-    with _timed(seconds, "read"):
-        point, residual, faint = read_entrywise(system, values, team, **told)
-    signed = point.log_drop is None and point.potential is None
-    bound = np.inf if signed else watch.bound + np.finfo(np.float64).eps
-    doubt, balanced = values.doubt, False
-    deep = point.readings if system.rails is not None and point.readings.scaled[1].any() else None
-    may_balance = deep is None or system.netlist.cell_map is None
-    if may_balance and (faint or doubt > CERTAIN or _asks_for_balance(system, point)):
-        from resgrid.circuit.current_recovery import balance
-
-        with _timed(seconds, "balance"):
-            found, direct = balance(system)
-            if found is not None and (deep is None or np.isfinite(found.entry_error)):
-                proved = system.rails is not None and is_answer(watch.error, watch.bound)
-                if system.rails is None:
-                    values = values_above(system, found.heights)
-                elif not watch.bound <= CERTAIN:
-                    values = node_values(system, direct, ProgressMonitor(), team)
-                again = read_entrywise(system, values, team, found, deep, **told)
-                if not proved or again[0].kcl_residual <= max(point.kcl_residual, DIRECTION_RESIDUAL):
-                    (point, residual, _), doubt, balanced = again, found.doubt, True
-                    bound = bound if system.rails is not None else min(bound, found.entry_error)
-    point = replace(point, iterations=watch.iterations, backward_error=watch.error, entry_error=bound)
-    if not balanced and not is_answer(point.backward_error, point.entry_error):
-        raise AccuracyError(
-            f"method {point.method!r} reached a componentwise backward error of {point.backward_error:.1e} only: the "
-            "potential falls, or the conductances differ, by more decades than it can hold; use another method, or "
-            "accuracy = 'normwise'",
-            point,
-        )
-    _check_direction(point, residual, doubt)
+        if accuracy == "normwise":
+            point = _solve_normwise(system, run, rtol)
+        else:
+            solution = _substitute_and_read(system, run)
+            if _may_cancel(system, solution):
+                solution = _recover(system, run, solution)
+            _check_accuracy(solution)
+            point = solution.point
+    if _is_driven_where_floating(system):
+        floating, resistors, sources = _floating_components(system)
+        currents = solve_linear(floating, accuracy=accuracy, method=method, rtol=rtol).readings
+        point = replace(point, _currents=_merged(point.readings, currents, resistors, sources))
     return point
 
 
-def _asks_for_balance(system: Equations, point: OperatingPoint) -> bool:
-    """Return whether voltages and currents may be small differences of large ones, which rounding hides.
+class _Run(NamedTuple):
+    """Options and progress of one solve; `seconds`: wall-clock time of every finished stage, filled in by `timed`."""
 
-    Every small circuit is balanced, unless it is a grid of cells, and every circuit whose currents do not add up or in
-    which floating sources drive currents around.  Others are balanced if sources in series add up to rounded voltages,
-    and, up to some size, if currents of both signs drive them or conductances differ by many orders of magnitude.
+    method: str
+    accuracy: str
+    team: ThreadTeam
+    watch: ProgressMonitor
+    seconds: dict[str, float]
+
+    @contextmanager
+    def timed(self, stage: str) -> Iterator[None]:
+        """Measure the wall-clock time of a stage."""
+        start = time.perf_counter()
+        yield
+        self.seconds[stage] = time.perf_counter() - start
+
+    def factor(self, system: Equations) -> Factor | None:
+        """Factor the matrix of the equations; None without rows."""
+        with self.timed("factor"):
+            if not system.size:
+                return None
+            return factor_laplacian(system.laplacian, self.method, accuracy=self.accuracy, team=self.team)
+
+
+class _Solution(NamedTuple):
+    """A componentwise solution, and the quantities that decide whether it is accurate.
+
+    `values`: of the nodes; `residual` (nodes,): KCL residual relative to the current through a node; `imprecise`:
+    whether significant currents have few correct digits; `error_bound`: bound on the errors of voltages relative to the
+    largest one, and of currents relative to the current through a node; `recovered`: whether the currents come from
+    `current_recovery`, which proves them independently.
+    """
+
+    point: OperatingPoint
+    values: NodeValues
+    residual: NDArray[np.float64]
+    imprecise: bool
+    error_bound: float
+    recovered: bool = False
+
+
+def _solve_normwise(system: Equations, run: _Run, rtol: float) -> OperatingPoint:
+    """Factor, substitute and read with a normwise backward error of at most `rtol`."""
+    factors = run.factor(system)
+    name = factors.name if factors else "none"
+
+    def read(x: NDArray[np.float64]) -> OperatingPoint:
+        watch = run.watch
+        return read_normwise(
+            system, x, method=name, seconds=run.seconds, iterations=watch.iterations, backward_error=watch.error
+        )
+
+    with run.timed("substitute"):
+        try:
+            x = factors.solve(system.drive, rtol=rtol, watch=run.watch) if factors else np.zeros(0)
+        except AccuracyError as error:
+            raise AccuracyError(str(error), read(np.asarray(error.best, dtype=np.float64))) from None
+        del factors  # free the memory
+    with run.timed("read"):
+        return read(x)
+
+
+def _substitute_and_read(system: Equations, run: _Run) -> _Solution:
+    """Factor, substitute and read with componentwise accuracy."""
+    factors = run.factor(system)
+    name = factors.name if factors else "none"
+    with run.timed("substitute"):
+        values = node_values(system, factors, run.watch, run.team)
+        del factors  # free the memory
+    with run.timed("read"):
+        point, residual, imprecise = read_entrywise(system, values, run.team, method=name, seconds=run.seconds)
+    has_both_signs = point.log_drop is None and point.potential is None
+    entry_error = np.inf if has_both_signs else run.watch.bound + float(np.finfo(np.float64).eps)
+    point = replace(point, iterations=run.watch.iterations, backward_error=run.watch.error, entry_error=entry_error)
+    return _Solution(point, values, residual, imprecise, values.error_bound)
+
+
+def _tiny_currents(system: Equations, point: OperatingPoint) -> BranchCurrents | None:
+    """Return the branch currents of a circuit with two rails if some are outside the range of doubles, else None."""
+    return point.readings if system.rails is not None and point.readings.scaled[1].any() else None
+
+
+def _may_cancel(system: Equations, solution: _Solution) -> bool:
+    """Return whether currents may have lost their digits to cancellation, and can be recovered.
+
+    Grids with currents outside the range of doubles are not recovered.
+    """
+    if system.netlist.cell_map is not None and _tiny_currents(system, solution.point) is not None:
+        return False
+    return solution.imprecise or solution.error_bound > CERTAIN or _suggests_cancellation(system, solution.point)
+
+
+def _suggests_cancellation(system: Equations, point: OperatingPoint) -> bool:
+    """Return whether voltages or currents may be small differences of large values.
+
+    This is assumed for every small circuit without cells, for violations of KCL, and for floating sources that drive
+    currents.  It also holds if sums of source voltages in series are rounded and, up to a number of rows, if sources
+    drive currents of both signs or conductances differ by many orders of magnitude.
     """
     forest, volts = system.forest, np.abs(system.netlist.source_volts)
-    lost, few = float(np.abs(forest.rest).max(initial=0.0)), system.size <= EXACT_ROWS
-    if forest.lift > 0.0 or point.kcl_residual > DIRECTION_RESIDUAL:
+    rounding, few = float(np.abs(forest.rounding).max(initial=0.0)), system.size <= EXACT_ROWS
+    if forest.largest_offset > 0.0 or point.kcl_residual > DIRECTION_RESIDUAL:
         return True
-    if system.netlist.cell_map is None and system.netlist.node_count <= _FEW:
+    if system.netlist.cell_map is None and system.netlist.node_count <= _SMALL:
         return True
-    if few and ((system.rails is None and point.potential is None) or np.any(forest.above > GROUND)):
+    if few and ((system.rails is None and point.potential is None) or np.any(forest.parent > GROUND)):
         return True
-    if lost > 0.0 and (few or lost > _LOST * volts[volts > 0.0].min()):
+    if rounding > 0.0 and (few or rounding > _LARGEST_ROUNDING * volts[volts > 0.0].min()):
         return True
     if not (few and system.size):
         return False
@@ -140,49 +189,46 @@ def _asks_for_balance(system: Equations, point: OperatingPoint) -> bool:
     return bool(found.smallest < _STIFF * found.largest)
 
 
-def _tied_parts(system: Equations, resistors: NDArray[np.bool_], sources: NDArray[np.bool_]) -> Netlist:
-    """The resistors and sources of what floats, each part tied to ground at one of its nodes.
+def _recover(system: Equations, run: _Run, solution: _Solution) -> _Solution:
+    """Return the solution with recovered currents, or the given one if recovery fails or makes KCL worse."""
+    from resgrid.circuit.current_recovery import recover_currents
 
-    The currents of current sources into a part add up to zero, so that nothing flows through its tie; their ends in
-    other places are ground here.
-    """
-    netlist, part = system.netlist, parts_of(system.netlist, system.netlist.resistor_nodes, system.forest).of_node
-    pins = system.floating[np.unique(part[system.floating], return_index=True)[1]]
-    ends = np.concatenate([netlist.source_nodes[sources], np.outer(pins, [1, 0])])
-    volts = np.append(netlist.source_volts[sources], 0.0 * pins)
-    inside = np.isin(netlist.current_nodes, system.floating)
-    fed = inside.any(axis=1)
-    return Netlist(
-        netlist.node_count, netlist.resistor_nodes[resistors], netlist.conductance[resistors], ends, volts,
-        current_nodes=np.where(inside, netlist.current_nodes, GROUND)[fed], current_amps=netlist.current_amps[fed],
-    )  # fmt: skip
-
-
-def _joined(
-    whole: BranchCurrents, found: BranchCurrents, resistors: NDArray[np.bool_], sources: NDArray[np.bool_]
-) -> BranchCurrents:
-    """Readings with those of some resistors and sources, which are 0 in the whole."""
-    amps, exponent, through = whole.scaled[0].copy(), whole.scaled[1].copy(), whole.source_current.copy()
-    amps[resistors], exponent[resistors] = found.scaled
-    through[sources] = found.source_current[: np.count_nonzero(sources)]
-    residual = max(whole.kcl_residual, found.kcl_residual)
-    return BranchCurrents(unscaled(amps, exponent), (amps, exponent), through, whole.power + found.power, residual)
+    tiny, rails, watch = _tiny_currents(system, solution.point), system.rails, run.watch
+    with run.timed("balance"):
+        found, direct = recover_currents(system)
+        if found is None or not (tiny is None or np.isfinite(found.entry_error)):
+            return solution
+        first, values = solution.point, solution.values
+        if rails is None:
+            values = values_above(system, found.heights)
+        elif not watch.bound <= CERTAIN:
+            values = node_values(system, direct, ProgressMonitor(), run.team)
+        point, residual, imprecise = read_entrywise(
+            system, values, run.team, found, tiny, method=first.method, seconds=run.seconds
+        )
+        proved = rails is not None and is_answer(watch.error, watch.bound)
+        if proved and point.kcl_residual > max(first.kcl_residual, DIRECTION_RESIDUAL):
+            return solution
+    entry_error = first.entry_error if rails is not None else min(first.entry_error, found.entry_error)
+    point = replace(point, iterations=first.iterations, backward_error=first.backward_error, entry_error=entry_error)
+    return _Solution(point, values, residual, imprecise, found.error_bound, recovered=True)
 
 
-@contextmanager
-def _timed(seconds: dict[str, float], stage: str) -> Iterator[None]:
-    start = time.perf_counter()
-    yield
-    seconds[stage] = time.perf_counter() - start
-
-
-def _check_direction(point: OperatingPoint, residual: NDArray[np.float64], doubt: float) -> None:
-    """Refuse an answer that is not direction-safe, or whose currents may be off by a share of others."""
-    if doubt > DIRECTION_RESIDUAL:
+def _check_accuracy(solution: _Solution) -> None:
+    """Raise AccuracyError if the solve did not converge, currents may cancel, or the field is not direction-safe."""
+    point, residual = solution.point, solution.residual
+    if not solution.recovered and not is_answer(point.backward_error, point.entry_error):
         raise AccuracyError(
-            f"currents nearly cancel: they may be off by {doubt:.1e} of what flows through a node (at most "
-            f"{DIRECTION_RESIDUAL:g} is allowed); check what ties the circuit to its rails, or use accuracy = "
-            "'normwise'",
+            f"method {point.method!r} reached a componentwise backward error of only {point.backward_error:.1e}: the "
+            "potential, or the conductances, span more orders of magnitude than it can represent; use another method, "
+            "or accuracy = 'normwise'",
+            point,
+        )
+    if solution.error_bound > DIRECTION_RESIDUAL:
+        raise AccuracyError(
+            f"currents nearly cancel: their errors may be {solution.error_bound:.1e} of the current through a node (at "
+            f"most {DIRECTION_RESIDUAL:g} is allowed); check the elements that tie the circuit to its rails, or use "
+            "accuracy = 'normwise'",
             point,
         )
     if not point.kcl_residual <= DIRECTION_RESIDUAL:
@@ -195,11 +241,53 @@ def _check_direction(point: OperatingPoint, residual: NDArray[np.float64], doubt
         )
 
 
+def _is_driven_where_floating(system: Equations) -> bool:
+    """Return whether current sources or voltage sources touch floating nodes."""
+    netlist, forest = system.netlist, system.forest
+    ends = forest.order[forest.height != 0], netlist.current_nodes[netlist.current_amps != 0].ravel()
+    return bool(np.isin(np.concatenate(ends), system.floating).any())
+
+
+def _floating_components(system: Equations) -> tuple[Netlist, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return the floating components as a netlist, with one node of each tied to ground.
+
+    The source currents into a component add up to zero, so that its tie carries no current.  Ends of current sources in
+    other components become ground.  Also returns which resistors (resistors,) and voltage sources (sources,) it holds.
+    """
+    netlist = system.netlist
+    resistors, sources = (
+        np.isin(ends[:, 0], system.floating) for ends in (netlist.resistor_nodes, netlist.source_nodes)
+    )
+    component = components_of(netlist, netlist.resistor_nodes, system.forest).of_node
+    pins = system.floating[np.unique(component[system.floating], return_index=True)[1]]
+    ends = np.concatenate([netlist.source_nodes[sources], np.outer(pins, [1, 0])])
+    volts = np.append(netlist.source_volts[sources], 0.0 * pins)
+    inside = np.isin(netlist.current_nodes, system.floating)
+    touching = inside.any(axis=1)
+    floating = Netlist(
+        netlist.node_count, netlist.resistor_nodes[resistors], netlist.conductance[resistors], ends, volts,
+        current_nodes=np.where(inside, netlist.current_nodes, GROUND)[touching],
+        current_amps=netlist.current_amps[touching],
+    )  # fmt: skip
+    return floating, resistors, sources
+
+
+def _merged(
+    grounded: BranchCurrents, floating: BranchCurrents, resistors: NDArray[np.bool_], sources: NDArray[np.bool_]
+) -> BranchCurrents:
+    """Return the currents of the whole circuit: those of floating resistors and sources replace zeros."""
+    amps, exponent, through = grounded.scaled[0].copy(), grounded.scaled[1].copy(), grounded.source_current.copy()
+    amps[resistors], exponent[resistors] = floating.scaled
+    through[sources] = floating.source_current[: np.count_nonzero(sources)]
+    residual, power = max(grounded.kcl_residual, floating.kcl_residual), grounded.power + floating.power
+    return BranchCurrents(unscaled(amps, exponent), (amps, exponent), through, power, residual)
+
+
 @dataclass(frozen=True, eq=False)
 class CircuitFactor:
-    """A circuit's equations and the factors of their matrix.
+    """Equations of a circuit and the factors of their matrix.
 
-    `system`: which node has which row, and what drives the rows; `factors`: of ``system.laplacian``.
+    `system`: equations, with the row of every node and the right-hand side; `factors`: of ``system.laplacian``.
     """
 
     system: Equations
@@ -209,11 +297,15 @@ class CircuitFactor:
         return f"<CircuitFactor of {self.system.netlist!r}: {self.system.size} rows, {self.factors.name}>"
 
     def solve(self, rhs: ArrayLike, *, rtol: float = 1e-10, guess: ArrayLike | None = None) -> NDArray[np.float64]:
-        """Solve to a normwise backward error.  Shapes: `rhs` (n,), `guess` (n,); returns (n,)."""
+        """Solve for a right-hand side in amperes with a normwise backward error of at most `rtol`.
+
+        Shapes: `rhs` (n,), `guess` (n,), the initial value in volts; returns heights above the reference, (n,), in
+        volts.
+        """
         return self.factors.solve(rhs, rtol=rtol, guess=guess)
 
 
 def factor_circuit(system: Equations, method: str = "auto") -> CircuitFactor:
-    """Factor the matrix of a circuit's equations, for answers of either accuracy."""
+    """Factor the matrix of the equations, for normwise and componentwise solves."""
     factors = factor_laplacian(system.laplacian, method)
     return CircuitFactor(replace(system, laplacian=factors.laplacian), factors)

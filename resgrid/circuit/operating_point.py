@@ -1,4 +1,4 @@
-"""The operating point: what the chip's voltmeters and ammeters would read."""
+"""The operating point of a circuit: node voltages, branch currents, power and the KCL residual."""
 
 from __future__ import annotations
 
@@ -19,14 +19,16 @@ _DIRECT_CURRENT = (
     "node_count", "resistor_nodes", "conductance", "source_nodes", "source_volts", "current_nodes", "current_amps",
     "nonlinear_nodes", "nonlinear_current", "nonlinear_voltage",
 )  # fmt: skip
-"""Parts of a netlist that direct currents depend on."""
+"""Fields of a netlist that determine its operating point."""
 
 
 class BranchCurrents(NamedTuple):
-    """What the ammeters read, and whether it adds up.
+    """Currents of resistors and voltage sources, the dissipated power and the KCL residual.
 
-    `resistor_current, source_current, power, kcl_residual`: as the attributes of `OperatingPoint`; `scaled`: mantissas
-    and exponents of the resistors' currents, in factors of 2**256: some may underflow.
+    `resistor_current` (resistors,): in amperes, from the first node to the second, 0 if it underflows; `scaled`: the
+    same currents as mantissas and exponents, ``mantissa * 2**(256 exponent)``, (resistors,) each; `source_current`
+    (sources,): in amperes, into the plus terminal; `power`: in watts; `kcl_residual`: largest relative violation of
+    Kirchhoff's current law.
     """
 
     resistor_current: NDArray[np.float64]
@@ -41,7 +43,7 @@ class BranchCurrents(NamedTuple):
 class OperatingPoint:
     """The direct-current solution of a netlist.
 
-    The currents of a normwise answer are computed from its voltages when first asked for.
+    Branch currents of a normwise solution are computed from the voltages at the first access.
 
     Attributes
     ----------
@@ -50,42 +52,40 @@ class OperatingPoint:
     voltage : ndarray of float64, shape (nodes,)
         Node voltages above ground, in volts; NaN where a node floats.
     log_drop : ndarray of float64, shape (nodes,), or None
-        Natural logarithm of the drop ``u = (V_high - V) / (V_high - V_low)`` from the high rail (the obstacle rail
-        where there is a map of cells), right to ``entry_error`` even where ``u`` itself underflows; 0 on the low rail,
-        -inf on the high one and wherever nothing arrives; NaN on nodes held at any other voltage, which no resistor
-        touches.  None unless the circuit hangs between exactly two rails.
+        Natural logarithm of the drop ``u = (V_high - V) / (V_high - V_low)`` from the high rail (of a compiled space:
+        the obstacle rail).  Its accuracy is ``entry_error``, even where ``u`` itself underflows.  It is 0 on the low
+        rail, -inf on the high rail and at nodes without current, and NaN at nodes that sources hold at other voltages.
+        None unless exactly two known voltages, the rails, drive the circuit.
     potential : ndarray of float64, shape (nodes,), or None
-        With two rails ``1 - u``, taken from whichever of both is smaller.  With one rail and currents of one sign the
-        height above (or below) that rail, scaled to a maximum of 1.  None otherwise.
-    ammeters : BranchCurrents, or callable
-        Currents, power and KCL residual, at hand or to be read: the point has each reading as a property.
+        With two rails ``1 - u``, computed from ``u`` or from ``1 - u``, whichever is smaller.  With one rail and
+        current sources of one sign, the height above (or below) that rail, scaled to a maximum of 1.  Otherwise None.
     floating : ndarray of int64
-        Nodes that no path of resistors or voltage sources ties to ground; their voltages are NaN, currents known.
-        The currents of current sources into each floating part add up to zero.
+        Nodes without a path of resistors or voltage sources to ground.  Their voltages are NaN; their branch currents
+        are known, since the source currents into each floating component add up to zero.
     undriven : ndarray of int64
-        Nodes of parts that a single rail holds and no current drives: they are flat, at that rail's voltage.
+        Nodes of components that touch a single known voltage and have no current source: all are at that voltage.
     method : str
-        How it was solved: ``"direct"``, ``"multigrid"``, or ``"none"`` where the rails hold every node; after
-        ``"newton, "`` with nonlinear resistors.
+        Method of the linear solves: ``"direct"``, ``"multigrid"``, or ``"none"`` if no voltage was unknown; with
+        nonlinear resistors it begins with ``"newton, "``.
     seconds : mapping of str to float
         Wall-clock time of each stage.
     iterations : int
-        Steps of the iterative method, all right-hand sides and passes of refinement together; 0 for the direct method.
+        Steps of the iterative method, summed over right-hand sides and refinement; 0 for the direct method.
     backward_error : float
-        Of the solution: componentwise for ``accuracy = "direction"``, normwise for ``"normwise"``.  Of a circuit with
-        nonlinear resistors it is the last linear system's.
+        Backward error of the linear system: componentwise for ``accuracy = "direction"``, normwise for ``"normwise"``.
+        With nonlinear resistors it belongs to the last linear system.
     entry_error : float
-        No drop ``u``, be it the smallest, is off by a larger share of itself (with one rail: no height above it), as
-        the violations of KCL prove (`resgrid.solvers.refinement`); the rounding of its logarithm to a double is not
-        counted.  Of small circuits without two rails it holds for voltages above ground as well.  Infinite where
-        nothing is proved: of normwise answers, of circuits with nonlinear resistors, of larger circuits with
-        currents of both signs beside a single rail, and of those where parts carry no current.
+        Bound on the relative error of every drop ``u``, however small (with one rail: of every height above it),
+        proved from the KCL residuals (`resgrid.solvers.refinement`).  The rounding of the logarithm to a double is not
+        included.  In small circuits without two rails the bound holds for voltages above ground as well.  It is
+        infinite without a proof: for normwise solutions, for circuits with nonlinear resistors, for larger circuits
+        with one rail and currents of both signs, and for circuits with components that carry no current.
     nonlinear_amps : ndarray of float64, shape (nonlinear resistors,)
-        Current from a nonlinear resistor's first node to its second, in amperes (0 where it underflows).
+        Current of a nonlinear resistor from its first node to its second, in amperes; 0 if it underflows.
     nonlinear_log_amps : ndarray of float64, shape (nonlinear resistors,)
-        Natural logarithm of its magnitude; -inf where no current flows.
+        Natural logarithm of the magnitude of that current; -inf for 0 A.
     nonlinear_direction : ndarray of int8, shape (nonlinear resistors,)
-        Its sign, as that of the resistors.
+        Sign of that current: 1 from the first node to the second, -1 back, 0 for no current.
 
     Examples
     --------
@@ -101,7 +101,7 @@ class OperatingPoint:
     voltage: NDArray[np.float64]
     log_drop: NDArray[np.float64] | None
     potential: NDArray[np.float64] | None
-    ammeters: BranchCurrents | Callable[[], BranchCurrents]
+    _currents: BranchCurrents | Callable[[], BranchCurrents]
     floating: NDArray[np.int64]
     undriven: NDArray[np.int64]
     method: str
@@ -121,7 +121,7 @@ class OperatingPoint:
     _repr_html_ = picture_html
 
     def is_of(self, netlist: Netlist) -> bool:
-        """Whether a netlist has the same resistors and sources, so that this is its operating point too."""
+        """Return whether a netlist has the same resistors and sources, and thus the same operating point."""
         one, other = self.netlist, netlist
         if not isinstance(other, Netlist):
             raise InputError(f"netlist is of type {type(other).__name__}; give a Netlist")
@@ -129,32 +129,40 @@ class OperatingPoint:
 
     @cached_property
     def readings(self) -> BranchCurrents:
-        """What the ammeters read; two threads that ask at once may both take it, and find the same."""
-        taken = self.ammeters if isinstance(self.ammeters, BranchCurrents) else self.ammeters()
-        lock(taken)
-        return taken
+        """Branch currents, power and KCL residual, computed at the first access of a normwise solution.
+
+        Concurrent first accesses may compute them twice, with equal results.
+        """
+        currents = self._currents if isinstance(self._currents, BranchCurrents) else self._currents()
+        lock(currents)
+        return currents
+
+    @property
+    def has_stored_currents(self) -> bool:
+        """Whether the solve computed the branch currents; a normwise solution computes them at the first access."""
+        return isinstance(self._currents, BranchCurrents)
 
     @property
     def resistor_current(self) -> NDArray[np.float64]:
-        """Current from a resistor's first node to its second, in amperes, shape (resistors,); 0 where it underflows."""
+        """Current from a resistor's first node to its second, in amperes, shape (resistors,); 0 if it underflows."""
         return self.readings.resistor_current
 
     @property
     def resistor_log_current(self) -> NDArray[np.float64]:
-        """Natural logarithm of its magnitude, shape (resistors,); -inf where no current flows."""
+        """Natural logarithm of the magnitude of every resistor's current, shape (resistors,); -inf for 0 A."""
         amps, exponent = self.readings.scaled
         return logarithm(np.abs(amps), exponent)
 
     @property
     def resistor_direction(self) -> NDArray[np.int8]:
-        """Its sign, shape (resistors,): 1 from the first node to the second, -1 back, 0 none."""
+        """Sign of every resistor's current, shape (resistors,): 1 from the first node to the second, -1 back, or 0."""
         return np.sign(self.readings.scaled[0]).astype(np.int8)
 
     @property
     def source_current(self) -> NDArray[np.float64]:
         """Current into the plus terminal of every voltage source, in amperes, shape (sources,).
 
-        The sign is SPICE's; NaN in a loop of sources.
+        The sign convention is that of SPICE.  NaN for sources in a loop of sources.
         """
         return self.readings.source_current
 
@@ -165,8 +173,8 @@ class OperatingPoint:
 
     @property
     def kcl_residual(self) -> float:
-        """Largest violation of Kirchhoff's current law at a node, relative to the current through that same node.
+        """Largest violation of Kirchhoff's current law at a node, relative to the current through that node.
 
-        Nodes that floating voltage sources join count as one.
+        Nodes joined by floating voltage sources count as one node.
         """
         return self.readings.kcl_residual

@@ -1,10 +1,10 @@
-"""The values of nodes, and voltages, potentials and currents read off them to their last digits.
+"""Post-processing of a solution: node values, and the voltages, potentials and currents computed from them.
 
-Every node is counted from the nearer rail, and a current is a difference of two such values: nothing is rounded before
-that.  Where a circuit hangs between two rails, the drop ``u`` from the high one is solved for; the height
-``phi = 1 - u`` above the low one is what is left of it, or a solution of its own where that would be a small difference
-somewhere.  Currents of both signs are solved for apart, and either solution is right entry by entry, which says little
-of their difference.
+The value of a node is its potential relative to the nearer rail.  A branch current is computed from the difference of
+two values before any rounding.  With two rails, the linear system is solved for the drop ``u`` from the high rail.  The
+height ``phi = 1 - u`` above the low rail is the complement of the drop, or the solution of a second system if the
+complement would cancel at some node.  Source currents of both signs are two right-hand sides.  Each solution is
+accurate componentwise, but their difference may cancel.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.cancellation import Balanced
+from resgrid.circuit.cancellation import RecoveredCurrents
 from resgrid.circuit.equations import Equations, injected_currents
 from resgrid.circuit.operating_point import BranchCurrents, OperatingPoint
 from resgrid.circuit.sources import SourceForest, source_currents
@@ -30,7 +30,7 @@ from resgrid.solvers.scaled import Scaled, canonical, power
 from resgrid.solvers.threads import ALONE, ThreadTeam
 
 OUT_OF_RANGE = (
-    "a voltage exceeds 1.8e308 V, the range of double precision: the currents fed in are too large for the "
+    "a voltage exceeds 1.8e308 V, the range of double precision: the injected currents are too large for the "
     "conductances that carry them; check their units"
 )
 
@@ -38,47 +38,48 @@ DIRECTION_RESIDUAL = 1e-6
 """Largest KCL violation of a direction-safe field, relative to the current through the node."""
 
 HARMLESS = 1e-7
-"""Share of a node's through-current that may be dropped where float64 values of its ends are equal."""
+"""Fraction of a node's through-current below which a current without a voltage difference is set to zero."""
 
-_LEAST_REST = 1e-3
-"""Smallest height above the low rail, as a share of both rails' distance, that is read off the drop."""
+_LEAST_COMPLEMENT = 1e-3
+"""Smallest height above the low rail, as a fraction of the rail distance, that is computed as one minus the drop."""
 
-_FAINT, _FAINT_IN_FEW = 1e-20, 1e-10
-"""Differences of values, relative to them, that have few digits left: half of a double-double's; in small circuits,
-where it costs little, those that the rounding of summed contacts may change."""
+_IMPRECISE, _IMPRECISE_IN_SMALL = 1e-20, 1e-10
+"""Relative difference of two values below which the difference has few correct digits: half the digits of a
+double-double; in small circuits, where a check is cheap, the rounding error of summed contacts."""
 
-_NONE = -(2**62)
-_ORDINARY = 2
-"""Largest exponent of currents, and the negative of the smallest, that leaves their sums in the range of doubles."""
+_NO_EXPONENT = -(2**62)
+_PLAIN_EXPONENT = 2
+"""Largest magnitude of the exponents for which sums of currents stay in the range of doubles."""
 
 
 @dataclass(frozen=True, eq=False)
 class NodeValues:
-    """A value for every node, counted from one rail, or from the nearer one of two.
+    """Potential of every node relative to the nearer of two rails, or to the only one, in units of `volts`.
 
-    `value` (nodes,): 0 where the node floats; `down` (nodes,): whether the value is a drop from the high rail, 1 unit
-    above the low one; `zero, volts`: voltage of the low (or only) rail, and volts of a unit; negative where values
-    grow as voltages fall; `noise`: relative difference of two values counted upwards below which it is noise;
-    ``value.noise`` is that of drops; `doubt`: by how much any value may be off at most, relative to the largest,
-    where currents of both signs drive the circuit; of all others nothing is said here.
+    `value` (nodes,): 0 where the node floats; `is_drop` (nodes,): whether the value is the drop from the high rail,
+    which lies 1 unit above the low one, and not the height above the low rail; `zero, volts`: voltage of the low (or
+    only) rail, and of a unit, in volts; the unit is negative if values grow as voltages fall; `rounding`: relative
+    difference of two heights up to which it is a rounding error; ``value.noise`` is the same for drops;
+    `error_bound`: bound on the error of a value relative to the largest one, for source currents of both signs; 0 in
+    all other circuits, where no bound is computed.
     """
 
     value: Scaled
-    down: NDArray[np.bool_]
+    is_drop: NDArray[np.bool_]
     zero: float
     volts: float
-    noise: float
-    doubt: float = 0.0
+    rounding: float
+    error_bound: float = 0.0
 
     @property
     def height(self) -> NDArray[np.float64]:
-        """Plain heights above the low rail, in units."""
+        """Heights of all nodes above the low rail as doubles, in units of `volts`, shape (nodes,)."""
         plain = self.value.plain
-        return np.where(self.down, 1.0 - plain, plain) if self.down.any() else plain
+        return np.where(self.is_drop, 1.0 - plain, plain) if self.is_drop.any() else plain
 
 
 def node_values(system: Equations, factors: Factor | None, watch: ProgressMonitor, team: ThreadTeam) -> NodeValues:
-    """Solve for all that the currents of a circuit are read off."""
+    """Solve the equations for the values of all nodes."""
     if system.rails is not None:
         return _between(system, system.rails, *_drop_and_height(system.rails, factors, watch, team))
     drive = system.drive
@@ -88,19 +89,22 @@ def node_values(system: Equations, factors: Factor | None, watch: ProgressMonito
         return _above(system, height, sign)
     rising, falling = _solved(factors, [np.maximum(drive, 0.0), np.maximum(-drive, 0.0)], watch, team)
     difference = minus(rising, falling)
-    doubt = watch.bound * quotient([rising, falling], difference)
-    return replace(_above(system, difference, 1.0), doubt=doubt)
+    error_bound = watch.bound * quotient([rising, falling], difference)
+    return replace(_above(system, difference, 1.0), error_bound=error_bound)
 
 
 def values_above(system: Equations, heights: NDArray[np.float64]) -> NodeValues:
-    """Values of all nodes from their heights above the reference, in volts, (nodes,); no difference is noise."""
+    """Return node values for given heights above the reference, in volts, (nodes,), with a rounding level of 0."""
     plain, zero, volts = _in_units(system, heights)
     value = Scaled.of(np.nan_to_num(plain))
     return NodeValues(value._replace(noise=0.0), np.zeros(len(plain), np.bool_), zero, volts, 0.0)
 
 
 def _in_units(system: Equations, heights: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, float]:
-    """Heights above the low (or only) rail, in units (nodes,), a new array; that rail's voltage, volts of a unit."""
+    """Return heights above the low (or only) rail in units (nodes,), the rail's voltage and the unit, both in volts.
+
+    `heights` (nodes,): above the reference of the equations, in volts.
+    """
     zero, volts = system.reference, 1.0 if np.any(heights > 0.0) else -1.0
     if system.rails is not None:
         zero, volts = system.rails.low, system.rails.high - system.rails.low
@@ -110,16 +114,16 @@ def _in_units(system: Equations, heights: NDArray[np.float64]) -> tuple[NDArray[
 def _drop_and_height(
     rails: Rails, factors: Factor | None, watch: ProgressMonitor, team: ThreadTeam
 ) -> tuple[Scaled, Scaled | None]:
-    """The drop from the high rail, and the height above the low one where it is no mere rest of the drop.
+    """Solve for the drop from the high rail, and for the height above the low rail unless ``1 - drop`` is accurate.
 
-    All that flows into the low rail comes from the high one: ``to_low * height`` is at most the sum of ``to_high``.
-    Where that says that both are needed, they are solved at once.
+    The current into the low rail comes from the high one: ``to_low * height`` is at most the sum of ``to_high``.  If
+    this bound shows that both are needed, they are solved at the same time.
     """
     currents = [rails.to_low]
-    if team.size > 1 and (to_high := rails.to_high).sum() < _LEAST_REST * currents[0].max(initial=0.0):
+    if team.size > 1 and (to_high := rails.to_high).sum() < _LEAST_COMPLEMENT * currents[0].max(initial=0.0):
         currents.append(to_high)
     drop, *height = _solved(factors, currents, watch, team)
-    if drop.plain.max(initial=0.0) < 1.0 - _LEAST_REST:  # the height ``1 - drop`` is nowhere a small difference
+    if drop.plain.max(initial=0.0) < 1.0 - _LEAST_COMPLEMENT:  # the height ``1 - drop`` cancels at no node
         return drop, None
     return drop, (height or _solved(factors, [rails.to_high], watch, team))[0]
 
@@ -127,7 +131,7 @@ def _drop_and_height(
 def _solved(
     factors: Factor | None, currents: list[NDArray[np.float64]], watch: ProgressMonitor, team: ThreadTeam
 ) -> list[Scaled]:
-    """Solve for right-hand sides of one sign each, side by side; an interrupt stops all."""
+    """Solve for several non-negative right-hand sides in parallel; an interrupt stops all solves."""
 
     def one(rhs: NDArray[np.float64]) -> Scaled:
         if factors is None or not rhs.any():
@@ -142,7 +146,7 @@ def _solved(
 
 
 def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | None) -> NodeValues:
-    """Spread drops, and heights where they were solved for, over the nodes: whichever of both is smaller."""
+    """Return node values from the drops and heights (or None) of the rows, whichever is smaller."""
     far = np.flatnonzero((drop.exponent >= 0) & (drop.hi > 0.5))
     there = drop if height is None else height
     up = Scaled(there.hi[far], there.lo[far], there.exponent[far])
@@ -155,29 +159,29 @@ def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | Non
     span, known = rails.high - rails.low, system.known_voltages()
     below, above = (rails.high - known) / span, (known - rails.low) / span
     with np.errstate(invalid="ignore"):
-        down = np.abs(below) < np.abs(above)
-    np.copyto(down, near[system.unknown], where=system.unknown >= 0)
-    value = _spread(system, rows, np.where(down, below, above))
-    noise = height.noise if height is not None else drop.noise / _LEAST_REST
-    return NodeValues(value._replace(noise=drop.noise), down, rails.low, span, noise)
+        is_drop = np.abs(below) < np.abs(above)
+    np.copyto(is_drop, near[system.unknown], where=system.unknown >= 0)
+    value = _rows_to_nodes(system, rows, np.where(is_drop, below, above))
+    rounding = height.noise if height is not None else drop.noise / _LEAST_COMPLEMENT
+    return NodeValues(value._replace(noise=drop.noise), is_drop, rails.low, span, rounding)
 
 
 def _above(system: Equations, rows: Scaled, volts: float) -> NodeValues:
-    """Spread heights above the reference over the nodes."""
+    """Return node values from the heights of the rows above the reference, in units of `volts`."""
     forest = system.forest
-    out = _spread(system, rows, (system.known_voltages() - system.reference) / volts)
+    out = _rows_to_nodes(system, rows, (system.known_voltages() - system.reference) / volts)
     lifted = (forest.height != 0) & (system.unknown[forest.order] >= 0)
     if lifted.any():
-        # Floating sources occur only in circuits without two rails, whose values do not leave the range of a double.
+        # Circuits with floating sources do not have two rails, and their values stay in the range of doubles.
         node = forest.order[lifted]
         out.hi[node] = out.hi[node] * power(out.exponent[node]) + forest.height[lifted] / volts
         out.lo[node] = out.exponent[node] = 0
-    down = np.zeros(len(system.unknown), dtype=np.bool_)
-    return NodeValues(out._replace(noise=rows.noise), down, system.reference, volts, rows.noise)
+    is_drop = np.zeros(len(system.unknown), dtype=np.bool_)
+    return NodeValues(out._replace(noise=rows.noise), is_drop, system.reference, volts, rows.noise)
 
 
-def _spread(system: Equations, rows: Scaled, known: NDArray[np.float64]) -> Scaled:
-    """Values of all nodes: of their rows, or those that are ``known`` (nodes,), where NaN counts as 0."""
+def _rows_to_nodes(system: Equations, rows: Scaled, known: NDArray[np.float64]) -> Scaled:
+    """Return the values of all nodes: those of their rows (n,), or `known` (nodes,) without a row; NaN becomes 0."""
     solved, out = system.unknown >= 0, Scaled.of(np.nan_to_num(known))
     row = system.unknown[solved]
     for part, of_rows in zip(out[:3], rows[:3], strict=True):
@@ -185,88 +189,88 @@ def _spread(system: Equations, rows: Scaled, known: NDArray[np.float64]) -> Scal
     return out
 
 
-def read_normwise(system: Equations, x: NDArray[np.float64], **told: Any) -> OperatingPoint:
-    """Spread a normwise solution (n,) over the nodes, with what is ``told`` of it; currents wait until asked for."""
+def read_normwise(system: Equations, x: NDArray[np.float64], **details: Any) -> OperatingPoint:
+    """Return the operating point of a normwise solution (n,); branch currents are computed at the first access.
+
+    `details`: other fields of the point.
+    """
     if not np.isfinite(x).all():
         raise CircuitError(OUT_OF_RANGE)
     heights = system.heights(x)
     potential = _potential(system, _in_units(system, heights)[0])
     point = OperatingPoint(
-        system.netlist, system.above_ground(heights), None, potential, partial(_normwise_readings, system, heights),
-        system.floating, system.undriven, **told,
+        system.netlist, system.above_ground(heights), None, potential, partial(_normwise_currents, system, heights),
+        system.floating, system.undriven, **details,
     )  # fmt: skip
     if system.forest.loop.any():
-        _ = point.readings  # warns of currents that are undetermined
+        _ = point.readings  # warn now that the currents of source loops are undetermined
     return point
 
 
 def read_entrywise(
     system: Equations, values: NodeValues, team: ThreadTeam,
-    found: Balanced | None = None, deep: BranchCurrents | None = None, **told: Any,
+    recovered: RecoveredCurrents | None = None, tiny: BranchCurrents | None = None, **details: Any,
 ) -> tuple[OperatingPoint, NDArray[np.float64], bool]:  # fmt: skip
-    """Read everything off the values of the nodes, with the voltages and currents that have been found by balancing.
+    """Return the operating point for given node values, with recovered voltages and currents if there are any.
 
-    `deep`: readings of the values alone, for voltages and currents so small that balancing counts them as zero;
-    `told`: what the point is to say of how it was solved.  Returns `residual` (nodes,), and whether currents that
-    matter have few digits left.
+    `recovered`: voltages and currents from `resgrid.circuit.current_recovery`; `tiny`: currents from the node values
+    alone, for currents that are below the floor of the recovery; `details`: further fields of the operating point.
+    Also returns the relative KCL residual of every node, (nodes,), and whether significant currents have few correct
+    digits.
     """
     voltage, (log_drop, potential) = team.together(
-        [partial(_voltage, system, values), partial(_stored, system, values)]
+        [partial(_voltage, system, values), partial(_log_drop_and_potential, system, values)]
     )
     upwards = np.sign(values.volts)
     falling = None if potential is None else upwards * potential if log_drop is None else -upwards * log_drop
     unknown = system.unknown
-    if found is not None:
-        unknown = np.where(found.excused, -1, unknown)
-        if system.rails is None or np.isfinite(found.entry_error):
-            lost = (
-                (found.volts == 0.0) & (np.abs(voltage) <= _least(found.volts, found.floor))
-                if deep is not None
-                else False
-            )
-            voltage = np.where(lost, voltage, found.volts)
-        if system.netlist.cell_map is None:  # falls tell voltages apart that are the same doubles
+    if recovered is not None:
+        unknown = np.where(recovered.unchecked, -1, unknown)
+        if system.rails is None or np.isfinite(recovered.entry_error):
+            lost = (recovered.volts == 0.0) & (np.abs(voltage) <= _floor_of(recovered.volts, recovered.floor))
+            voltage = np.where(lost & (tiny is not None), voltage, recovered.volts)
+        if system.netlist.cell_map is None:  # recovered currents may flow between voltages that round to equal doubles
             falling = None
-    readings, residual, faint = _read(system.netlist, system.forest, unknown, values, team, falling, found, deep)
-    point = OperatingPoint(
-        system.netlist, voltage, log_drop, potential, readings, system.floating, system.undriven, **told
-    )
-    return point, residual, faint
+    netlist = system.netlist
+    parts = _branch_currents(netlist, system.forest, unknown, values, team, falling, recovered, tiny)
+    point = OperatingPoint(netlist, voltage, log_drop, potential, parts[0], system.floating, system.undriven, **details)
+    return point, *parts[1:]
 
 
-def _normwise_readings(system: Equations, heights: NDArray[np.float64]) -> BranchCurrents:
-    return _read(system.netlist, system.forest, system.unknown, values_above(system, heights))[0]
+def _normwise_currents(system: Equations, heights: NDArray[np.float64]) -> BranchCurrents:
+    return _branch_currents(system.netlist, system.forest, system.unknown, values_above(system, heights))[0]
 
 
-def _read(
+def _branch_currents(
     netlist: Netlist, forest: SourceForest, unknown: NDArray[np.int32], values: NodeValues, team: ThreadTeam = ALONE,
-    falling: NDArray[np.float64] | None = None, found: Balanced | None = None,
-    deep: BranchCurrents | None = None,
+    falling: NDArray[np.float64] | None = None, recovered: RecoveredCurrents | None = None,
+    tiny: BranchCurrents | None = None,
 ) -> tuple[BranchCurrents, NDArray[np.float64], bool]:  # fmt: skip
-    """Take currents that have been found, or differences of values, and sum them up at every node.
+    """Compute branch currents, or take the recovered ones, and check Kirchhoff's current law at every node.
 
-    What is ``falling`` (nodes,) falls along currents up to rounding, and along every one that matters after this:
-    others are set to 0.  Nodes that floating sources join count as one.  Returns `residual` (nodes,), and whether
-    differences have few digits left at currents that matter to either end's: between cells that mirror each other such
-    a difference is rounding, beside others.
+    Negligible currents that do not flow downwards in `falling` (nodes,) are rounding errors and are set to 0.  Nodes
+    joined by floating sources count as one node.  Also returns the relative KCL residual, (nodes,), and whether a
+    current with few correct digits is significant at one of its ends.  (Between mirror-symmetric cells such a current
+    is a rounding error.)
     """
     from resgrid.circuit.kernels import drop_unresolved
 
-    ends, faint = netlist.resistor_nodes, np.zeros(0, dtype=np.int64)
-    if found is None:
-        amps, exponent, heat, faint = _differences(values, netlist, team)
+    ends, imprecise = netlist.resistor_nodes, np.zeros(0, dtype=np.int64)
+    if recovered is None:
+        amps, exponent, heat, imprecise = _differences(values, netlist, team)
     else:
-        amps, exponent, heat = found.amps, np.zeros(len(ends), dtype=np.int64), found.power
-        if deep is not None:
-            amps, exponent = _deepened(amps, found.floor, *deep.scaled)
+        amps, exponent, heat = recovered.amps, np.zeros(len(ends), dtype=np.int64), recovered.power
+        if tiny is not None:
+            amps, exponent = _with_tiny_currents(amps, recovered.floor, *tiny.scaled)
     plain = not exponent.any()
     frame, net, through = _sums(netlist, amps, exponent)
     if falling is not None:
         drop_unresolved(ends, amps, exponent, frame, net, through, falling, HARMLESS)
     value = values.value
-    high, low = (part[ends[faint]] * power(value.exponent[ends[faint]]) for part in (value.hi, value.lo))
-    apart = netlist.conductance[faint] * np.abs(values.volts * (np.diff(high)[:, 0] + np.diff(low)[:, 0]))
-    matters = apart > HARMLESS * through[ends[faint]].min(axis=1)
+    pairs = ends[imprecise]
+    high, low = (part[pairs] * power(value.exponent[pairs]) for part in (value.hi, value.lo))
+    size = netlist.conductance[imprecise] * np.abs(values.volts * (np.diff(high)[:, 0] + np.diff(low)[:, 0]))
+    is_significant = size > HARMLESS * through[pairs].min(axis=1)
     residual = np.zeros(len(unknown))
     net_amps, through_amps = (net, through) if plain else (net * power(frame), through * power(frame))
     if np.any(forest.base != GROUND):
@@ -276,61 +280,64 @@ def _read(
         )
 
     np.divide(np.abs(net), through, out=residual, where=(unknown >= 0) & (through > 0))
-    readings = BranchCurrents(
+    currents = BranchCurrents(
         resistor_current=amps if plain else amps * power(exponent),
         scaled=(amps, np.broadcast_to(np.int64(0), len(amps)) if plain else exponent),
         source_current=(
-            source_currents(netlist, forest, -net_amps, through_amps) if found is None else found.source_amps
+            source_currents(netlist, forest, -net_amps, through_amps) if recovered is None else recovered.source_amps
         ),
         power=heat,
         kcl_residual=float(residual.max(initial=0.0)),
     )
-    return readings, residual, plain and bool(matters.any())
+    return currents, residual, plain and bool(is_significant.any())
 
 
 def _differences(
     values: NodeValues, netlist: Netlist, team: ThreadTeam
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], float, NDArray[np.int64]]:
-    """Currents ``amps, exponent`` (resistors,), the latter 0 where doubles hold all; the power; which are faint."""
+    """Return the branch currents, the power in watts, and the numbers of the currents with few correct digits.
+
+    The currents are ``amps * 2**(256 exponent)``, (resistors,); the exponents are all 0 if doubles are sufficient.
+    """
     from resgrid.circuit.kernels import currents
 
     ends, amps = netlist.resistor_nodes, np.empty(len(netlist.conductance))
-    exponent, faint = np.empty(len(amps), dtype=np.int64), np.zeros(len(amps), dtype=np.bool_)
-    few = _FAINT if netlist.node_count > EXACT_ROWS else _FAINT_IN_FEW
+    exponent, imprecise = np.empty(len(amps), dtype=np.int64), np.zeros(len(amps), dtype=np.bool_)
+    threshold = _IMPRECISE if netlist.node_count > EXACT_ROWS else _IMPRECISE_IN_SMALL
 
-    def through(piece: slice) -> float:
+    def power_of(piece: slice) -> float:
         return currents(
-            ends[piece], netlist.conductance[piece], values.value, values.down, values.volts, values.noise,
-            amps[piece], exponent[piece], few, faint[piece],
+            ends[piece], netlist.conductance[piece], values.value, values.is_drop, values.volts, values.rounding,
+            amps[piece], exponent[piece], threshold, imprecise[piece],
         )  # fmt: skip
 
-    heat = sum(team.over(len(amps), through))
-    if exponent.any() and np.abs(exponent).max() <= _ORDINARY:
+    heat = sum(team.over(len(amps), power_of))
+    if exponent.any() and np.abs(exponent).max() <= _PLAIN_EXPONENT:
         amps *= power(exponent)
         exponent[:] = 0
-    return amps, exponent, heat, np.flatnonzero(faint)
+    return amps, exponent, heat, np.flatnonzero(imprecise)
 
 
-def _deepened(
-    amps: NDArray[np.float64], floor: float, deep: NDArray[np.float64], exponent: NDArray[np.int64]
+def _with_tiny_currents(
+    amps: NDArray[np.float64], floor: float, tiny: NDArray[np.float64], exponent: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Replace currents that count as zero by ``deep * 2**(256 exponent)`` where that lies below the floor, too."""
-    lost = (amps == 0.0) & (np.abs(deep * power(exponent)) <= _least(amps, floor))
-    return np.where(lost, deep, amps), np.where(lost, exponent, 0)
+    """Replace zero currents by ``tiny * 2**(256 exponent)`` where these lie below the floor; all (resistors,)."""
+    lost = (amps == 0.0) & (np.abs(tiny * power(exponent)) <= _floor_of(amps, floor))
+    return np.where(lost, tiny, amps), np.where(lost, exponent, 0)
 
 
-def _least(values: NDArray[np.float64], floor: float) -> float:
-    """Return the magnitude up to which values may have been counted as zero."""
+def _floor_of(values: NDArray[np.float64], floor: float) -> float:
+    """Return the magnitude up to which values were set to zero: a fraction `floor` of the largest one."""
     return float(np.nanmax(np.abs(values), initial=0.0)) * floor
 
 
 def _sums(
     netlist: Netlist, amps: NDArray[np.float64], exponent: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Kirchhoff's current law at every node, in units of ``2**(256 frame)`` amperes, about the largest current there.
+    """Sum the currents at every node, in units of ``2**(256 frame)`` amperes, the size of the largest current there.
 
-    Shapes: `amps, exponent` (resistors,); returns `frame`, `net` into the node, and `through`, half the sum of all
-    magnitudes, (nodes,).
+    Shapes: `amps, exponent` (resistors,); returns `frame`, `net` (current into the node) and `through` (half the sum of
+    the magnitudes), (nodes,) each.
     """
     from resgrid.circuit.kernels import add_currents
 
@@ -339,10 +346,10 @@ def _sums(
     if exponent.any():
         own, flows = frame.copy(), amps != 0.0
         canonical(net, own)
-        frame[:] = np.where(net != 0, own, _NONE)
+        frame[:] = np.where(net != 0, own, _NO_EXPONENT)
         for end in ends.T:
             np.maximum.at(frame, end[flows], exponent[flows])
-        frame[frame == _NONE] = 0
+        frame[frame == _NO_EXPONENT] = 0
         net *= power(np.where(net != 0, own - frame, 0))
     through = np.abs(net)
     add_currents(ends, amps, exponent, frame, net, through)
@@ -350,12 +357,14 @@ def _sums(
     return frame, net, through
 
 
-def _stored(system: Equations, values: NodeValues) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
-    """``log_drop`` and ``potential`` of every node, where they exist."""
+def _log_drop_and_potential(
+    system: Equations, values: NodeValues
+) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
+    """Return `log_drop` and `potential` of an `OperatingPoint`, (nodes,) each; None if undefined."""
     potential = _potential(system, values.height)
     if system.rails is None or potential is None:
         return None, potential
-    log_drop, above = values.value.log, np.flatnonzero(~values.down)
+    log_drop, above = values.value.log, np.flatnonzero(~values.is_drop)
     log_drop[above] = np.log1p(-potential[above])
     held = (system.unknown < 0) & (potential > 0.0) & (potential < 1.0)
     log_drop[held | np.isnan(potential)] = np.nan
@@ -363,9 +372,9 @@ def _stored(system: Equations, values: NodeValues) -> tuple[NDArray[np.float64] 
 
 
 def _potential(system: Equations, height: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """The ``height`` above the low of two rails, or above the only one if currents of one sign are all that drives.
+    """Return the `potential` of an `OperatingPoint`, (nodes,), or None if undefined.
 
-    A new array (nodes,), which is made use of; None where there is no such potential.
+    `height` (nodes,), above the low or only rail in units of `NodeValues`, is overwritten.
     """
     solved = system.unknown >= 0
     if system.rails is not None:
@@ -380,11 +389,12 @@ def _potential(system: Equations, height: NDArray[np.float64]) -> NDArray[np.flo
 
 
 def _voltage(system: Equations, values: NodeValues) -> NDArray[np.float64]:
+    """Return the node voltages above ground, in volts, (nodes,); raise CircuitError if one exceeds doubles."""
     plain = values.value.plain
     with np.errstate(over="ignore"):
         volts = values.zero + values.volts * plain
     if not np.isfinite(volts[system.unknown >= 0]).all():
         raise CircuitError(OUT_OF_RANGE)
     if system.rails is not None:
-        volts = np.where(values.down, system.rails.high - values.volts * plain, volts)
+        volts = np.where(values.is_drop, system.rails.high - values.volts * plain, volts)
     return np.where(system.unknown >= 0, volts, system.known_voltages())

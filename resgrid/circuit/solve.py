@@ -1,4 +1,4 @@
-"""Solve a netlist, factor it once for many right-hand sides, or scale its drive."""
+"""Public functions on netlists: solve, factor for many right-hand sides, scale the drive to the supply."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from resgrid.solvers.progress import Progress, ProgressMonitor
 
 ACCURACIES = ("direction", "normwise")
 PETSC = "petsc"
-"""The method of `resgrid.plan` that takes a space to other processes, without a netlist."""
+"""Method of `resgrid.plan` for spaces on several processes; it has no netlist, and `solve` rejects it."""
 
 
 class CircuitLike(Protocol):
-    """A circuit as somebody wrote it, such as `resgrid.read_spice` returns."""
+    """A description of a circuit that can be converted to a netlist, such as the result of `resgrid.read_spice`."""
 
     def netlist(self) -> Netlist:
-        """Make a netlist of it."""
+        """Return the circuit as a netlist."""
         ...
 
 
@@ -38,54 +38,55 @@ def solve(
     threads: int = 1,
     progress: Progress | None = None,
 ) -> OperatingPoint:
-    """Find the operating point of a netlist.
+    """Compute the operating point of a netlist.
 
     Parameters
     ----------
     netlist : Netlist or Circuit
-        Resistors and sources; capacitors are open.  With nonlinear resistors the voltages come from Newton's method.
-        Of a deck it is what its ``netlist()`` makes.
+        Resistors and sources; capacitors are open.  A circuit from a deck is converted by its ``netlist()``.  Circuits
+        with nonlinear resistors are solved by Newton's method.
     accuracy : {"direction", "normwise"}
-        ``"direction"``: at every node KCL holds to 1e-6 of the current through that same node, however small that is
-        beside others, or `AccuracyError` is raised; so the way down is right everywhere.  Where voltages tell no
-        currents (stiff ties to a rail, flat dead ends, sources that oppose each other), these are found as differences
-        by a direct method, a stage of its own (``"balance"``).  In small circuits (meshes of up to some 800 nodes)
-        every voltage and current is then right to the rounding of a double; below 2**-1000 of the largest it may
-        count as zero, in fields of cells below 1e-28 of the largest current.  ``entry_error`` bounds the relative
-        errors of voltages; of larger circuits it does so where there are two rails, or one and currents of one sign
-        (some 1e-8), unless parts carry no current.
-        ``"normwise"``: only the backward error is held below ``rtol``.
+        ``"direction"``: at every node KCL holds to 1e-6 of the current through that node, however small this current
+        is; otherwise `AccuracyError` is raised.  The direction of the current is then right everywhere.  Currents that
+        cancel in voltage differences (at stiff ties to a rail, in dead ends, between opposed sources) are recovered by
+        a direct method, in the stage ``"balance"``.  In small circuits (meshes of up to about 800 nodes) every voltage
+        and current is then accurate to the rounding of a double; values below 2**-1000 of the largest one may be set
+        to zero, and currents between cells below 1e-28 of the largest current.  ``entry_error`` bounds the relative
+        errors of the voltages.  In larger circuits this requires two rails, or one rail and currents of one sign (the
+        bound is then about 1e-8), and that every component carries current.
+        ``"normwise"``: only the normwise backward error is limited, to ``rtol``.
     method : {"auto", "direct", "multigrid"}
-        How to solve; ``"auto"`` chooses by size and shape (`resgrid.solvers.method_choice.choose_method`); the
-        operating point reports the choice.
+        Method for the linear systems; ``"auto"`` chooses by size and shape
+        (`resgrid.solvers.method_choice.choose_method`).  The operating point reports the choice.
     rtol : float
-        Backward error for ``"normwise"``.
+        Largest backward error for ``"normwise"``.
     threads : int
-        How many threads share the solve; the digits are the same for any number.  ``"multigrid"`` on grids of more than
-        some 120,000 cells shares the sweeps over the finest levels, and loops over rows and resistors; two right-hand
-        sides are solved at the same time: where ties to the high rail are weak (the drop from that rail, and the height
-        above the other), and where current sources have both signs.  Circuits with nonlinear resistors take one.
+        Number of threads; the result has the same digits for any number.  ``"multigrid"`` on grids of more than about
+        120,000 cells distributes the sweeps over the finest levels and the kernels over rows and resistors.  Two
+        right-hand sides are solved at the same time: the drop and the height if the ties to the high rail are weak, or
+        the positive and the negative source currents.  Circuits with nonlinear resistors use one thread.
     progress : callable, optional
-        Called after every step of an iterative method with the steps so far, the residual relative to where the
-        present pass began, and about how many seconds that pass still takes (None where nothing is gained).  With
-        several threads it is called from each.
+        Called after every step of an iterative method with the number of steps, the residual relative to the start of
+        the current pass, and an estimate of the remaining seconds of that pass (None without progress).  With several
+        threads it is called from each.
 
     Returns
     -------
     OperatingPoint
+        Node voltages, branch currents, power and residuals.
 
     Raises
     ------
     InputError
-        If an option is unknown, or this is no circuit.
+        If an option is unknown, or `netlist` is not a circuit.
     CircuitError
-        If sources contradict each other, nothing drives the chip of a space (any other circuit is at rest then),
-        nothing touches ground, currents of current sources into a floating part do not add up to zero, or current
-        sources exceed what nonlinear resistors carry.
+        If voltage sources contradict each other, no element touches ground, the currents of current sources into a
+        floating component do not add up to zero, or current sources exceed the capacity of nonlinear resistors.  Also
+        if nothing drives a netlist that was compiled from a space (in other circuits all currents are then 0 A).
     AccuracyError
-        If the promised accuracy is not reached; it carries the best answer.
+        If the accuracy is not reached; the exception carries the best solution.
     BudgetError
-        If the factors would not fit in memory.
+        If the factors do not fit in memory.
 
     Examples
     --------
@@ -105,12 +106,14 @@ def solve(
 
 
 def factorize(netlist: Netlist | CircuitLike, *, method: str = "auto") -> CircuitFactor:
-    """Factor a netlist once, for many right-hand sides.
+    """Factor the matrix of a netlist once, for many right-hand sides.
 
     Parameters
     ----------
     netlist : Netlist or Circuit
+        The circuit, with linear resistors.
     method : {"auto", "direct", "multigrid"}
+        Method for the linear systems, as in `solve`.
 
     Returns
     -------
@@ -122,11 +125,11 @@ def factorize(netlist: Netlist | CircuitLike, *, method: str = "auto") -> Circui
     InputError
         If the method is unknown, or the netlist has nonlinear resistors, or no unknown voltage.
     CircuitError
-        As `solve`.
+        If the circuit has no operating point, as in `solve`.
     AccuracyError
         If a pivot vanishes in double precision.
     BudgetError
-        If the factors would not fit in memory.
+        If the factors do not fit in memory.
 
     Examples
     --------
@@ -142,31 +145,31 @@ def factorize(netlist: Netlist | CircuitLike, *, method: str = "auto") -> Circui
     netlist = _netlist_of(netlist)
     if netlist.nonlinear_nodes.size:
         raise InputError(
-            "a netlist with nonlinear resistors has no factors; factor small_signal(point), the circuit around one of "
-            "its operating points"
+            "a netlist with nonlinear resistors cannot be factored; factor small_signal(op), its linearization around "
+            "an operating point"
         )
     system = assemble(netlist)
     if not system.size:
-        raise InputError("there is nothing to factor: the rails hold every node")
+        raise InputError("the circuit has no unknown voltage, so that there is no matrix to factor; use resgrid.solve")
     return factor_circuit(system, method)
 
 
 def normalize_drive(netlist: Netlist, op: OperatingPoint) -> Netlist:
-    """Scale the uniform drive so that the highest node sits at the supply.
+    """Scale the uniform drive so that the highest node voltage equals the supply.
 
-    The circuit is linear: its voltages above the goal rail scale with the currents fed in.
+    The circuit is linear: voltages above the goal rail are proportional to the injected currents.
 
     Parameters
     ----------
     netlist : Netlist
         Compiled with ``drive="uniform"``.
     op : OperatingPoint
-        Its operating point.
+        Operating point of the netlist.
 
     Returns
     -------
     Netlist
-        The same circuit with other ``current_amps``.
+        The same circuit with scaled ``current_amps``.
 
     Raises
     ------
@@ -183,9 +186,13 @@ def normalize_drive(netlist: Netlist, op: OperatingPoint) -> Netlist:
     """
     cell_map = netlist.cell_map
     if cell_map is None or cell_map.wiring.drive != "uniform":
-        raise InputError("only a netlist compiled with drive = 'uniform' has a drive to scale")
+        raise InputError(
+            "the netlist has no uniform drive to scale; compile the space with boundary = 'neumann', drive = 'uniform'"
+        )
     if netlist.nonlinear_nodes.size:
-        raise InputError("the voltages of a circuit with nonlinear resistors do not scale with its drive")
+        raise InputError(
+            "the voltages of a circuit with nonlinear resistors do not scale with its drive; use linear resistors"
+        )
     if not op.is_of(netlist):
         raise InputError("the operating point belongs to another netlist; solve this one first")
     height = (op.voltage - cell_map.wiring.goal_voltage) * np.sign(cell_map.wiring.supply)
@@ -194,12 +201,13 @@ def normalize_drive(netlist: Netlist, op: OperatingPoint) -> Netlist:
 
 
 def _netlist_of(circuit: Netlist | CircuitLike) -> Netlist:
+    """Return the netlist of a circuit; raise InputError for other objects."""
     make = getattr(circuit, "netlist", None)
     netlist = make() if callable(make) else circuit
     if not isinstance(netlist, Netlist):
         raise InputError(
-            f"this is no circuit but {with_article(type(circuit).__name__)}: give a Netlist (compile_space makes one "
-            "of a space) or what read_spice returns"
+            f"the circuit is {with_article(type(circuit).__name__)}; give a Netlist (compile_space(space) returns one) "
+            "or the result of read_spice"
         )
     return netlist
 

@@ -1,7 +1,8 @@
-"""Ideal voltage sources: every one removes an unknown by tying two nodes at a fixed difference.
+"""Ideal voltage sources: each source fixes the voltage difference of two nodes and so removes an unknown.
 
-The sources form a graph.  A spanning forest of it gives every node an offset from the root of its tree (ground is the
-root of its own); a source that closes a loop must agree with the forest, and leaves the currents of that loop unknown.
+The sources are the edges of a graph.  Its spanning forest gives every node an offset from the root of its tree; ground
+is the root of its tree.  A source that closes a loop must agree with the forest, and the currents in that loop are
+undetermined.
 """
 
 from __future__ import annotations
@@ -21,67 +22,71 @@ from resgrid.errors import CircuitError
 _Amps = TypeVar("_Amps", int, float, Fraction)
 
 LOOP_TOLERANCE = 1e-12
-"""Fraction of the largest source voltage of a loop up to which the sources of that loop agree."""
+"""Largest contradiction of the sources in a loop, as a fraction of the largest source voltage of that loop."""
 
 _MOST_OF_FLOW = 0.6
-"""Share of what flows in a tree of sources from which its lower part is the louder one."""
+"""Fraction of the current through a tree of sources above which a subtree is summed from the root, not the leaves."""
 
 
 @dataclass(frozen=True, eq=False)
 class SourceForest:
-    """How voltage sources tie nodes together.
+    """Spanning forest of the voltage sources.
 
-    `count`: number of nodes of the circuit; `order` (tied nodes,): the nodes that sources tie, and ground; parents
-    before children; `base` (tied nodes,): node that the voltage of each is counted from: ground, or its tree's first
-    node; `height, rest` (tied nodes,): its voltage above that node, in volts, and what rounding leaves of it; `above,
-    source` (tied nodes,): its parent, and the source that ties it there; -1 for roots; `loop` (sources,): sources that
-    belong to a loop of sources.
+    `count`: number of nodes of the circuit; `order` (tied nodes,): ground and the nodes at sources, parents before
+    children; `base` (tied nodes,): root of the node's tree, which is ground in the tree of ground; `height, rounding`
+    (tied nodes,): voltage above the root as a double, and its rounding error, in volts; `parent, source` (tied nodes,):
+    parent, and the source between node and parent; -1 for roots; `loop` (sources,): whether the source belongs to a
+    loop of sources.
     """
 
     count: int
     order: NDArray[np.int64]
     base: NDArray[np.int64]
     height: NDArray[np.float64]
-    rest: NDArray[np.float64]
-    above: NDArray[np.int64]
+    rounding: NDArray[np.float64]
+    parent: NDArray[np.int64]
     source: NDArray[np.int64]
     loop: NDArray[np.bool_]
 
     @property
     def ties(self) -> list[tuple[int, int, int, int]]:
-        """Every node that a source ties to its parent, the parent, the source, and the node it is counted from."""
+        """Tuples (node, parent, source, root) of all tied nodes but the roots, parents before children."""
         tied = self.source >= 0
-        parts = (self.order, self.above, self.source, self.base)
+        parts = (self.order, self.parent, self.source, self.base)
         return list(zip(*(part[tied].tolist() for part in parts), strict=True))
 
     @property
-    def lift(self) -> float:
-        """The most by which a floating source holds a node above its tree's first one, in volts."""
+    def largest_offset(self) -> float:
+        """Largest voltage between a node and the root in trees without ground, in volts."""
         return float(np.abs(self.height[self.base != GROUND]).max(initial=0.0))
 
     @property
     def root(self) -> NDArray[np.int64]:
-        """Node that every node's voltage is counted from, shape (nodes,): itself, where no source ties it."""
+        """Root of every node's tree, shape (nodes,); the node itself if no source ties it."""
         root = np.arange(self.count)
         root[self.order] = self.base
         return root
 
     @property
     def offsets(self) -> NDArray[np.float64]:
-        """Voltage of every node above its root, in volts, and what rounding leaves of it, shape (2, nodes)."""
+        """Voltage of every node above its root, and its rounding error, in volts, shape (2, nodes)."""
         offsets = np.zeros((2, self.count))
-        offsets[:, self.order] = self.height, self.rest
+        offsets[:, self.order] = self.height, self.rounding
         return offsets
 
 
 def tie_sources(netlist: Netlist) -> SourceForest:
-    """Build the spanning forest of the voltage sources; those that tie a node of their own to ground come last."""
+    """Build the spanning forest of the voltage sources.
+
+    Sources between ground and a node without further sources come last.  Raise CircuitError if the sources of a loop
+    contradict each other.
+    """
     nodes = netlist.source_nodes.max(axis=1)
     leaf = (netlist.source_nodes.min(axis=1) == GROUND) & (nodes != GROUND)
     leaf &= np.bincount(netlist.source_nodes.ravel(), minlength=netlist.node_count)[nodes] == 1
     others, ends, volts = np.flatnonzero(~leaf), netlist.source_nodes.tolist(), netlist.source_volts.tolist()
     ties, exact = _grow_trees(others.tolist(), ends, volts)
-    if sum(source >= 0 for *_, source in ties) < len(others):  # loops, each closed by its largest source
+    if sum(source >= 0 for *_, source in ties) < len(others):  # there are loops: leave out the largest source of each
         kept = _smallest_forest(others[np.argsort(np.abs(netlist.source_volts[others]), kind="stable")].tolist(), ends)
         ties, exact = _grow_trees(sorted(kept), ends, volts)
     order, base, above, source = np.array(ties, dtype=np.int64).T
@@ -108,22 +113,19 @@ def tie_sources(netlist: Netlist) -> SourceForest:
 def _grow_trees(
     sources: Sequence[int], ends: Sequence[Sequence[int]], volts: Sequence[float]
 ) -> tuple[list[tuple[int, int, int, int]], dict[int, float | Fraction]]:
-    """Return the nodes that sources tie, in order (node, first node of its tree, parent, source), and their voltages.
-
-    Voltages are counted from the first node of the tree; sums that cancel do so to the last digit.
-    """
-    beside: dict[int, list[int]] = {GROUND: []}
+    """Return tuples (node, root, parent, source) of all nodes at sources, and their exact voltages above the roots."""
+    sources_at: dict[int, list[int]] = {GROUND: []}
     for number in sources:
         for end in ends[number]:
-            beside.setdefault(end, []).append(number)
+            sources_at.setdefault(end, []).append(number)
     exact: dict[int, float | Fraction] = {}
     ties: list[tuple[int, int, int, int]] = []
-    for first in sorted(beside):
+    for first in sorted(sources_at):
         if first in exact:
             continue
         exact[first], tree = 0.0, [(first, first, -1, -1)]
-        for node, *_ in tree:  # which grows
-            for number in beside[node]:
+        for node, *_ in tree:  # breadth-first search: the list grows
+            for number in sources_at[node]:
                 plus, minus = ends[number]
                 other, step = (plus, volts[number]) if minus == node else (minus, -volts[number])
                 if other not in exact:
@@ -134,9 +136,9 @@ def _grow_trees(
 
 
 def _smallest_forest(sources: Sequence[int], ends: Sequence[Sequence[int]]) -> list[int]:
-    """Return the sources that join parts, taken in the given order: Kruskal's minimum spanning forest.
+    """Return the sources of Kruskal's minimum spanning forest, for sources sorted by voltage.
 
-    With the smallest sources first, no large source within a loop hides that small ones contradict each other.
+    If small sources contradict each other, a large source in the same loop does not hide it.
     """
     parent: dict[int, int] = {}
 
@@ -157,11 +159,12 @@ def _smallest_forest(sources: Sequence[int], ends: Sequence[Sequence[int]]) -> l
 def source_currents(
     netlist: Netlist, forest: SourceForest, outflow: NDArray[np.float64], through: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Compute the current into the plus terminal of every voltage source, from KCL on the forest.
+    """Return the current into the plus terminal of every voltage source, from KCL on the forest, in amperes.
 
-    Each sum is taken on the side of a source where less current flows, and rounding loses less: from the leaves of its
-    tree and from its root towards the node with the most current.
-    Shapes: `outflow, through` (nodes,), the net current and half the sum of all magnitudes; returns (sources,).
+    Removing a source cuts its tree in two.  KCL is summed over the side with the smaller currents, where the rounding
+    error is smaller.
+    Shapes: `outflow` (nodes,): net current out of a node; `through` (nodes,): half the sum of the magnitudes; returns
+    (sources,).
     """
     ties = forest.ties
     remaining, flow = ({node: float(values[node]) for node in forest.order.tolist()} for values in (outflow, through))
@@ -177,9 +180,9 @@ def source_currents(
 
 
 def sum_cuts(netlist: Netlist, forest: SourceForest, outflow: Sequence[_Amps]) -> list[_Amps]:
-    """Sum exact net currents out of the nodes, (nodes,), to the currents of the voltage sources, (sources,).
+    """Return the current into the plus terminal of every voltage source, (sources,), by exact sums over subtrees.
 
-    The current of a source that closes a loop counts as 0.
+    `outflow` (nodes,): net current out of every node.  Sources outside the forest get 0.
     """
     towards_roots = [(node, above, source) for node, above, source, _ in reversed(forest.ties)]
     current = [0 * outflow[GROUND]] * len(netlist.source_volts)
@@ -192,14 +195,14 @@ def sum_cuts(netlist: Netlist, forest: SourceForest, outflow: Sequence[_Amps]) -
 def _cut_currents(
     netlist: Netlist, steps: list[tuple[int, int, int]], remaining: dict[int, _Amps]
 ) -> Iterator[tuple[int, _Amps]]:
-    """Sources and their currents: each carries all that remains of a node to the next node, in the order of steps."""
+    """Yield (source, current): each step moves the remaining current of a node through a source to another node."""
     for node, other, source in steps:
         yield source, -remaining[node] if netlist.source_nodes[source, 0] == node else remaining[node]
         remaining[other] += remaining[node]
 
 
 def without_loops(forest: SourceForest, current: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Set the currents of sources in loops to NaN, in place, with a warning."""
+    """Set the currents of sources in loops to NaN, in place, with a warning; return the array."""
     if forest.loop.any():
         current[forest.loop] = np.nan
         warnings.warn(
@@ -211,27 +214,30 @@ def without_loops(forest: SourceForest, current: NDArray[np.float64]) -> NDArray
 def contradictions(
     forest: SourceForest, forest_volts: NDArray[np.float64], ends: NDArray[np.int32], volts: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the voltage by which each source contradicts the forest, and whether its loop does not tolerate that.
+    """Return by how many volts each source contradicts the forest, and whether this exceeds the tolerance.
 
-    The tolerance is a fraction of the largest source voltage of the loop: sources elsewhere, or those that lift the
-    whole loop above ground, may be larger by many orders of magnitude.
+    The tolerance is `LOOP_TOLERANCE` times the largest source voltage of the loop.  Sources outside the loop may be
+    larger by many orders of magnitude.
     Shapes: `forest_volts` (sources of the forest,); `ends` (sources, 2); `volts` and both results (sources,).
     """
     (plus, minus), (plus_rest, minus_rest) = (level[ends.T] for level in forest.offsets)
-    left_over = np.abs(plus - minus - volts + (plus_rest - minus_rest))
+    mismatch = np.abs(plus - minus - volts + (plus_rest - minus_rest))
     largest = max(np.abs(part).max(initial=0.0) for part in (forest_volts, volts))
-    bad = left_over > LOOP_TOLERANCE * np.abs(volts)
-    doubtful = np.flatnonzero(bad & (left_over <= LOOP_TOLERANCE * largest))
+    bad = mismatch > LOOP_TOLERANCE * np.abs(volts)
+    doubtful = np.flatnonzero(bad & (mismatch <= LOOP_TOLERANCE * largest))
     if doubtful.size:
         above = {node: (parent, abs(float(forest_volts[source]))) for node, parent, source, _ in forest.ties}
         for number in doubtful.tolist():
             first, second = ends[number].tolist()
-            bad[number] = left_over[number] > LOOP_TOLERANCE * _largest_between(above, first, second)
-    return left_over, bad
+            bad[number] = mismatch[number] > LOOP_TOLERANCE * _largest_between(above, first, second)
+    return mismatch, bad
 
 
 def _largest_between(above: Mapping[int, tuple[int, float]], first: int, second: int) -> float:
-    """Return the largest voltage on the way between two nodes of a tree, given each node's parent and voltage to it."""
+    """Return the largest source voltage on the path between two nodes of a tree.
+
+    `above`: parent of every node, and the voltage of the source between them.
+    """
     largest_to, largest = {first: 0.0}, 0.0
     while first in above:
         first, step = above[first]
@@ -245,19 +251,23 @@ def _largest_between(above: Mapping[int, tuple[int, float]], first: int, second:
 
 
 def _check_loops(netlist: Netlist, forest: SourceForest) -> None:
-    left_over, contradicts = contradictions(forest, netlist.source_volts, netlist.source_nodes, netlist.source_volts)
+    mismatch, contradicts = contradictions(forest, netlist.source_volts, netlist.source_nodes, netlist.source_volts)
     bad = np.flatnonzero(forest.loop & contradicts)
     if bad.size:
         source = int(bad[0])
         names = netlist.names_of(netlist.source_nodes[source])
         raise CircuitError(
             f"voltage source {source} between nodes {names[0]} and {names[1]} contradicts the other sources by "
-            f"{left_over[source]:g} V: remove it, or put a resistor into the loop"
+            f"{mismatch[source]:g} V: remove it, or insert a resistor into the loop"
         )
 
 
 def _mark_loops(netlist: Netlist, forest: SourceForest) -> None:
-    """Beside sources that close loops, mark those that have one end alone of some of them below: random bits."""
+    """Mark all sources that belong to loops, in `forest.loop`, which marks the closing sources already.
+
+    A source of the forest belongs to a loop if exactly one end of a closing source lies in its subtree.  Every closing
+    source has a random bit pattern, and the exclusive or over a subtree cancels sources with both ends in it.
+    """
     below, closing = np.zeros(forest.count, dtype=np.int64), netlist.source_nodes[forest.loop]
     bits = np.random.default_rng(0).integers(2**62, size=len(closing))
     for end in closing.T:

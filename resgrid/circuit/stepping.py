@@ -1,18 +1,17 @@
-"""Implicit steps in time of one length each, every one of them one or two solutions of a nodal system.
+"""Implicit time integration of RC circuits, with fixed steps or with error control.
 
 The three methods are backward Euler, the trapezoidal rule (both as in Nagel 1975, chapter 4) and TR-BDF2 (Bank,
-Coughran, Fichtner, Grosse, Rose & Smith 1985), whose two stages share a matrix at ``gamma = 2 - sqrt(2)``.  All are
-A-stable, so that a step is limited by accuracy alone; backward Euler and TR-BDF2 also damp what is too fast for the
-step (L-stable).
+Coughran, Fichtner, Grosse, Rose & Smith 1985), whose two stages have the same matrix for ``gamma = 2 - sqrt(2)``.  All
+are A-stable, so that only accuracy limits the step.  Backward Euler and TR-BDF2 are also L-stable: they damp modes that
+are faster than the step.
 
-A step solves for what it changes: ``(G + rate C) d = b - G x``, the currents that are out of balance on the right.
-They vanish as the circuit settles, whereas ``rate C x`` grows as steps shrink, and what rounding leaves of its sum over
-nodes that capacitors join would be charge that comes from nowhere.
+A step solves for the change ``d`` of the state: ``(G + rate C) d = b - G x``, with the KCL residual on the right.  The
+residual vanishes as the circuit settles.  The usual term ``rate C x`` grows as steps shrink, and its rounding errors,
+summed over nodes that capacitors connect, would act as spurious charge.
 
-Where no step is given, steps are as long as a tolerance allows: each is compared with two halves.  The first one comes
-from the derivatives at 0+, which a linear circuit tells exactly.  Sources are constant from then on, so that every mode
-is excited at 0+ and only dies out: a first step that is short enough for all that matters is what later ones grow from,
-and no mode is ever jumped over.
+With error control, every step is compared with two steps of half the length.  The length of the first step follows from
+the derivatives at 0+, which are known exactly for a linear circuit.  The sources are constant after 0+: every mode is
+excited at 0+ and decays.  Steps therefore start short enough for the fast modes and grow, and no mode is skipped.
 """
 
 from __future__ import annotations
@@ -35,19 +34,19 @@ RTOL = 1e-11
 """Normwise backward error of every solution within a step."""
 
 Factors = Callable[[float], Factor]
-"""Factors of ``G + rate C``, by the rate."""
+"""Function from a rate, in 1/s, to the factors of ``G + rate C``."""
 
 State = NDArray[np.float64]
-"""Voltages of the rows, and their integrals since 0+; shape (2, n)."""
+"""Voltages of the rows, in volts, and their integrals since 0+, in volt seconds; shape (2, n)."""
 
 
 def rate_of(method: Method, h: float) -> float:
-    """What capacitances count by in the matrix of a step, in 1/s; either stage of TR-BDF2 has the same."""
+    """Return the factor of ``C`` in the matrix of a step of `h` seconds, in 1/s; equal for both stages of TR-BDF2."""
     return {"backward_euler": 1.0, "trapezoidal": 2.0, "tr-bdf2": 2.0 + _ROOT2}[method] / h
 
 
 def advance(dynamics: Dynamics, method: Method, state: State, h: float, factors: Factors) -> State:
-    """Make one step."""
+    """Return the state after one step of `h` seconds."""
     if not dynamics.size:
         return state
     (x, integral), factor = state, factors(rate_of(method, h))
@@ -62,9 +61,10 @@ def advance(dynamics: Dynamics, method: Method, state: State, h: float, factors:
 def fixed_steps(
     dynamics: Dynamics, method: Method, state: State, times: NDArray[np.float64], step: float, factors: Factors
 ) -> Iterator[tuple[State, int]]:
-    """States at times, and steps until then; intervals are divided evenly into steps no longer than ``step``.
+    """Yield the state at every time, and the number of steps until then, for steps of at most `step` seconds.
 
-    The trapezoidal rule begins with four backward Euler steps of half the length (Rannacher 1984).
+    Every interval between times is divided into equal steps.  The trapezoidal rule starts with four backward Euler
+    steps of half the length (Rannacher 1984).
     """
     taken, now = 0, 0.0
     for time in times.tolist():
@@ -83,36 +83,43 @@ def fixed_steps(
 
 
 def check_steps(count: float) -> None:
-    """Refuse too many steps."""
+    """Raise BudgetError for more than ten million steps."""
     if count > _MOST_STEPS:
         raise BudgetError(
-            f"this takes more than {_MOST_STEPS:,} steps; give a longer step, a shorter time or a larger tolerance"
+            f"the integration needs more than {_MOST_STEPS:,} steps; choose a longer step, a shorter time or a larger "
+            "tolerance"
         )
 
 
 _ORDER = {"backward_euler": 1, "trapezoidal": 2, "tr-bdf2": 2}
 _EPS = float(np.finfo(np.float64).eps)
 
-_SHARE = 0.5
-"""Largest share of the tolerance that one step may use up by its own estimate."""
+_MOST_OF_TOLERANCE = 0.5
+"""Largest estimated error of a step, as a fraction of the tolerance."""
 
-_REACH = {"backward_euler": 2.0, "trapezoidal": 4.0, "tr-bdf2": np.inf}
-"""Tolerances whose power ``(p + 1) / p`` one step of order ``p`` may use up: the errors of ``N`` steps add, and ``N``
-grows as their ``-1 / (p + 1)``-th power.  The factor is what a decay leaves of them.  Errors of TR-BDF2 are
-extrapolated away to leading order (which the trapezoidal rule, not being L-stable, would not survive)."""
+_ACCUMULATION = {"backward_euler": 2.0, "trapezoidal": 4.0, "tr-bdf2": np.inf}
+"""Factor ``c`` in the largest estimated error of a step of order ``p``, ``(c tolerance)**((p + 1) / p)``: the errors
+``e`` of ``N`` steps add up, and ``N`` is proportional to ``e**(-1 / (p + 1))``.  The factor accounts for the decay of
+earlier errors.  It is infinite for TR-BDF2, whose leading error is removed by extrapolation.  The trapezoidal rule is
+not L-stable, and extrapolation would make it unstable."""
 
-_LEAST_SHARE = 16 * _EPS
-_FUTILE = 30
-"""Halvings in a row that leave too much of an error, after which it is rounding."""
+_LEAST_ERROR = 16 * _EPS
+"""Smallest estimated error of a step, relative to the largest voltage difference, that is above rounding errors."""
+
+_MOST_HALVINGS = 30
+"""Number of consecutive halvings of a step after which its remaining error is a rounding error."""
 
 
 def controlled_steps(
     dynamics: Dynamics, method: Method, state: State, times: NDArray[np.float64], tolerance: float, factors: Factors
 ) -> Iterator[tuple[State, int]]:
-    """States at times, and steps until then, each of ``2**k`` seconds; the halves are kept.  Shapes: `times` (t,)."""
-    order, share, end = _ORDER[method], _share(method, tolerance), float(times[-1])
+    """Yield the state at every time (t,), and the number of steps until then, for steps of ``2**k`` seconds.
+
+    The result of the two half steps is kept.  Raise AccuracyError if rounding errors exceed the tolerance.
+    """
+    order, step_rtol, end = _ORDER[method], _step_tolerance(method, tolerance), float(times[-1])
     low, high = _range(dynamics, state)
-    exponent = _first_exponent(dynamics, state[0], order, share, high - low, end)
+    exponent = _first_exponent(dynamics, state[0], order, step_rtol, high - low, end)
     since = now = 0.0
     taken = halved = 0
     for time in times.tolist():
@@ -123,14 +130,15 @@ def controlled_steps(
             after = advance(dynamics, method, half, h / 2, factors)
             reached = _range(dynamics, half) if now + h / 2 <= end else (low, high)
             lowest, highest = min(low, reached[0]), max(high, reached[1])
-            target = share * (highest - lowest)
+            target = step_rtol * (highest - lowest)
             change = (after - whole) / (2**order - 1)
             error = float(np.abs(change[0]).max(initial=0.0))
             if error > target:
-                if halved >= _FUTILE or now + h / 4 == now:
+                if halved >= _MOST_HALVINGS or now + h / 4 == now:
                     raise AccuracyError(
-                        f"the voltages cannot be followed from {now:.3g} s on to tolerance = {tolerance:g}: rounding "
-                        f"leaves {error:.1e} V of every step, however short; give a larger tolerance, or a step"
+                        f"the voltages after {now:.3g} s cannot be computed to tolerance = {tolerance:g}: every step "
+                        f"has a rounding error of {error:.1e} V, however short it is; choose a larger tolerance, or "
+                        "a fixed step"
                     )
                 exponent, halved = exponent - 1, halved + 1
                 continue
@@ -144,30 +152,32 @@ def controlled_steps(
         yield state if time == now else _between(before, half, state, (time - since) / h, h), taken
 
 
-def _share(method: str, tolerance: float) -> float:
-    """Share of the largest voltage difference that one step may be off by, by its own estimate."""
-    share = min(_SHARE * tolerance, float((_REACH[method] * tolerance) ** (1.0 + 1.0 / _ORDER[method])))
-    if share < _LEAST_SHARE:
+def _step_tolerance(method: str, tolerance: float) -> float:
+    """Return the largest estimated error of one step, relative to the largest voltage difference."""
+    accumulated = float((_ACCUMULATION[method] * tolerance) ** (1.0 + 1.0 / _ORDER[method]))
+    step_rtol = min(_MOST_OF_TOLERANCE * tolerance, accumulated)
+    if step_rtol < _LEAST_ERROR:
         raise AccuracyError(
-            f"rounding does not allow tolerance = {tolerance:g} by method = {method!r}, which takes too many steps for "
-            "it; use method = 'tr-bdf2', or a larger tolerance"
+            f"tolerance = {tolerance:g} is out of reach for method = {method!r}: the rounding errors of its many steps "
+            "add up to more; use method = 'tr-bdf2', or a larger tolerance"
         )
-    return share
+    return step_rtol
 
 
 def _range(dynamics: Dynamics, state: State) -> tuple[float, float]:
-    """Lowest and highest node voltage, rails included."""
+    """Return the lowest and the highest node voltage, rails included, in volts."""
     volts = dynamics.voltage(state[0])
     return float(np.nanmin(volts)), float(np.nanmax(volts))
 
 
 def _first_exponent(
-    dynamics: Dynamics, x: NDArray[np.float64], order: int, share: float, span: float, longest: float
+    dynamics: Dynamics, x: NDArray[np.float64], order: int, step_rtol: float, span: float, longest: float
 ) -> int:
-    """Power of two, in seconds, of a step with ``h**(p + 1) |x^(p + 1)|`` a share of the largest voltage difference.
+    """Return the exponent ``k`` of the first step of ``2**k`` seconds.
 
-    That is the error of a step of order ``p`` but for its constant (Hairer, Norsett & Wanner 1993, section II.4).  In a
-    circuit at 0 V the first step itself makes the largest difference, ``h |x'|``.
+    The step ``h`` satisfies ``h**(p + 1) |x^(p + 1)| = step_rtol span``: the error of a step of order ``p`` without its
+    constant (Hairer, Norsett & Wanner 1993, section II.4).  For ``span = 0``, as in a circuit at 0 V, the largest
+    voltage difference is that after the first step, ``h |x'|``.
     """
     current, logs = dynamics.imbalance(x, dynamics.drive), []
     for _ in range(order + 1):
@@ -179,13 +189,13 @@ def _first_exponent(
         current = dynamics.imbalance(rise / size, 0.0)
     steps = [np.log(max(longest, np.finfo(np.float64).tiny))]
     if len(logs) == order + 1:
-        at_rest = (np.log(share) + logs[0] - sum(logs)) / order
-        steps.append(max(at_rest, (np.log(share * span) - sum(logs)) / (order + 1)) if span > 0.0 else at_rest)
+        from_zero = (np.log(step_rtol) + logs[0] - sum(logs)) / order
+        steps.append(max(from_zero, (np.log(step_rtol * span) - sum(logs)) / (order + 1)) if span > 0.0 else from_zero)
     return int(np.floor(min(steps) / np.log(2.0)))
 
 
 def _between(before: State, half: State, after: State, part: float, h: float) -> State:
-    """The state within a step, on the parabola through its beginning, middle and end."""
+    """Return the state at a fraction `part` of a step of `h` seconds, by quadratic interpolation of three states."""
     x, integral = before
     slope, bend = 4.0 * half[0] - 3.0 * x - after[0], 2.0 * (x - 2.0 * half[0] + after[0])
     moved = part * (slope / 2.0 + part * bend / 3.0)

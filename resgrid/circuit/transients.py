@@ -1,4 +1,4 @@
-"""How a netlist with capacitors moves in time: what is asked for, and what comes back."""
+"""Transient analysis of netlists with capacitors."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from resgrid.solvers.factors import Factor
 Solver = Literal["auto", "direct", "multigrid"]
 
 _KEPT = 4
-"""Rates of steps whose factors are kept."""
+"""Number of factorizations in the cache, one per step length."""
 
 
 @frozen
@@ -36,19 +36,19 @@ class Transient:
     netlist : Netlist
         The circuit.
     times : ndarray of float64, shape (t,)
-        In seconds; at time 0 the state is that of 0+, when the sources already act.
+        In seconds; time 0 means 0+, just after the sources are switched on.
     voltage : ndarray of float64, shape (t, nodes)
         Node voltages above ground, in volts; NaN where a node floats.
     energy : ndarray of float64, shape (t,)
-        Energy that all sources have delivered since 0+, in joules; what floats counts nothing.
+        Energy that all sources have delivered since 0+, in joules, without floating components.
     stored : ndarray of float64, shape (t,)
         Energy in the capacitors, in joules.
     steps : int
-        Steps of integration.
+        Number of time steps.
     factorisations : int
-        How many matrices were factored.
+        Number of matrices that were factored.
     method : str
-        The method of integration.
+        Integration method.
     """
 
     netlist: Netlist
@@ -63,18 +63,18 @@ class Transient:
 
 @dataclass(frozen=True, eq=False)
 class TransientStepper:
-    """A netlist made ready for steps of one length.
+    """Time integrator for a netlist with a fixed step and a matrix that is factored once.
 
     Attributes
     ----------
     dynamics : Dynamics
-        Its equations.
+        Equations of the netlist.
     step : float
-        In seconds.
+        Length of a step, in seconds.
     method : str
-        The method of integration.
+        Integration method.
     factors : Factor or None
-        Of the matrix of every step; None where nothing is to be solved.
+        Factors of the matrix of every step; None without unknown voltages.
     """
 
     dynamics: Dynamics
@@ -86,25 +86,46 @@ class TransientStepper:
         return f"<TransientStepper of {self.dynamics.netlist!r}: steps of {self.step:g} s, {self.method}>"
 
     def start(self, initial: OperatingPoint | ArrayLike | None = None) -> NDArray[np.float64]:
-        """Node voltages at time 0+, shape (nodes,), in volts; ``initial`` as in `transient`."""
+        """Return the node voltages at time 0+, in volts, (nodes,).
+
+        Parameters
+        ----------
+        initial : OperatingPoint or array_like of float, shape (nodes,), optional
+            Node voltages before time 0, as in `transient`.
+
+        Returns
+        -------
+        ndarray of float64, shape (nodes,)
+            In volts; NaN where a node floats.
+        """
         before = initial_voltages(self.dynamics.netlist, initial)
         return self.dynamics.voltage(initial_state(self.dynamics, before))
 
     def advance(self, voltage: ArrayLike) -> NDArray[np.float64]:
-        """Node voltages one step after ``voltage``, which `start` or `advance` returned; shape (nodes,), in volts.
+        """Return the node voltages after one step.
 
-        Backward Euler subtracts nothing where every capacitor goes to a rail: voltages of one sign keep their relative
-        accuracy then, over any number of decades.
+        If every capacitor is connected to a rail, backward Euler involves no subtraction: voltages of one sign keep
+        their relative accuracy over any number of orders of magnitude.
+
+        Parameters
+        ----------
+        voltage : array_like of float, shape (nodes,)
+            Node voltages before the step, in volts, as returned by `start` or `advance`.
+
+        Returns
+        -------
+        ndarray of float64, shape (nodes,)
+            In volts; NaN where a node floats.
 
         Raises
         ------
         InputError
-            If the voltage is not one finite number for every node that is solved for.
+            If the shape is wrong, or the voltage of a node that does not float is not finite.
         """
         dynamics = self.dynamics
         x = dynamics.state(_checked_voltages(dynamics.netlist, "voltage", voltage, dynamics.row >= 0))
         factors = self.factors
-        if factors is not None and self.method == "backward_euler" and dynamics.apart:
+        if factors is not None and self.method == "backward_euler" and dynamics.is_capacitance_diagonal:
             x = factors.solve(dynamics.capacitance.ground * x / self.step + dynamics.drive, rtol=RTOL)
         elif factors is not None:
             x, _ = advance(dynamics, self.method, np.stack([x, np.zeros_like(x)]), self.step, lambda _: factors)
@@ -121,45 +142,46 @@ def transient(
     method: Method = "tr-bdf2",
     solver: Solver = "auto",
 ) -> Transient:
-    """Follow the voltages of a netlist after its sources are switched on at time 0.
+    """Compute the node voltages of a netlist over time, after its sources are switched on at time 0.
 
     Parameters
     ----------
     netlist : Netlist
-        With capacitors; nodes without any follow the others at once.
+        With capacitors; nodes without capacitors follow without delay.
     times : array_like of float, shape (t,)
-        When to report, in seconds, ascending, none negative.
+        Output times, in seconds, ascending and not negative.
     initial : OperatingPoint or array_like of float, shape (nodes,), optional
-        Node voltages before time 0: they say how the capacitors are charged.  An operating point of another scene on
-        the same grid is carried over cell by cell; a cell that had no voltage counts as 0 V.  None: all capacitors
-        are discharged (SPICE's UIC without initial conditions).
+        Node voltages before time 0, which determine the charges of the capacitors.  The voltages of an operating point
+        of another scene on the same grid are taken over cell by cell; cells without a voltage get 0 V.  By default all
+        capacitors are discharged (SPICE's UIC without initial conditions).
     step : float, optional
-        Length of a step in seconds; every interval between times is divided evenly into steps no longer than this.
-        None: chosen as the answer needs, in powers of two, by comparing each step with two halves.
+        Largest length of a step in seconds; every interval between output times is divided into equal steps.  By
+        default the steps are powers of two, controlled by comparing each step with two half steps.
     tolerance : float
-        Without ``step``: wanted accuracy of every voltage, relative to the largest voltage difference that has occurred
-        until then, ground and rails included.  So no answer depends on how long the circuit is watched.
+        Without ``step``: accuracy of every voltage, relative to the largest voltage difference that has occurred up to
+        that time, ground and rails included.  The result therefore does not depend on the length of the simulation.
     method : {"tr-bdf2", "trapezoidal", "backward_euler"}
-        Method of integration.  To a tolerance ``e`` one decay takes about ``2 / e**(1/3)``, ``1 / e**(1/2)`` or
-        ``2 / e`` steps.  The trapezoidal rule of fixed step begins with four backward Euler steps of half the length
-        (Rannacher 1984), which damp what it would let ring.
+        Integration method.  For a tolerance ``e`` one decay takes about ``2 / e**(1/3)``, ``1 / e**(1/2)`` or
+        ``2 / e`` steps.  With a fixed step the trapezoidal rule starts with four backward Euler steps of half the
+        length (Rannacher 1984), which damp oscillations.
     solver : {"auto", "direct", "multigrid"}
         Method for the linear systems, as in `resgrid.solve`.
 
     Returns
     -------
     Transient
+        Voltages and energies at the output times.
 
     Raises
     ------
     InputError
-        If an argument is not admissible or the netlist holds nonlinear elements.
+        If an argument is not admissible or the netlist has nonlinear elements.
     CircuitError
-        If the netlist contradicts itself, or a current source feeds a part that nothing ties to ground.
+        If voltage sources contradict each other, or a current source injects into a floating component.
     AccuracyError
-        If double precision does not tell the state at 0+, or does not allow the tolerance.
+        If the state at 0+ is not determined in double precision, or rounding errors exceed the tolerance.
     BudgetError
-        If it would take more than ten million steps.
+        If more than ten million steps would be needed.
 
     Examples
     --------
@@ -171,9 +193,11 @@ def transient(
     """
     when = np.array(real_numbers("times", times), dtype=np.float64)
     if when.ndim != 1 or not len(when):
-        raise InputError(f"times has shape {when.shape}; give at least one time, in a row")
+        raise InputError(f"times has shape {when.shape}; it must be one-dimensional, with at least one time")
     if not (np.isfinite(when).all() and (when >= 0).all() and (np.diff(when) >= 0).all()):
-        raise InputError("times must be finite, at least 0 and ascending, in seconds")
+        with np.errstate(invalid="ignore"):
+            bad = int(np.argmin(np.isfinite(when) & (np.diff(when, prepend=0.0) >= 0)))
+        raise InputError(f"times[{bad}] = {when[bad]}: times must be finite, at least 0 and ascending, in seconds")
     dynamics = dynamics_of(netlist)
     factors = lru_cache(_KEPT)(lambda rate: factor_resolvent(dynamics, rate, solver))
     start = np.zeros((2, dynamics.size))
@@ -195,25 +219,30 @@ def transient(
 def transient_stepper(
     netlist: Netlist, step: Positive, *, method: Method = "tr-bdf2", solver: Solver = "auto"
 ) -> TransientStepper:
-    """Make a netlist ready for many steps of one length, for callers that do something between steps.
+    """Set up a time integration with a fixed step for callers that act between steps.
 
     Parameters
     ----------
     netlist : Netlist
         With capacitors.
     step : float
-        In seconds.
+        Length of a step, in seconds.
     method : {"tr-bdf2", "trapezoidal", "backward_euler"}
+        Integration method, as in `transient`.
     solver : {"auto", "direct", "multigrid"}
+        Method for the linear systems, as in `resgrid.solve`.
 
     Returns
     -------
     TransientStepper
+        With ``start`` and ``advance``.
 
     Raises
     ------
-    InputError, CircuitError
-        As `transient`.
+    InputError
+        If an argument is not admissible or the netlist has nonlinear elements.
+    CircuitError
+        If voltage sources contradict each other, or a current source injects into a floating component.
 
     Examples
     --------
@@ -233,39 +262,44 @@ def transient_stepper(
 
 
 def initial_voltages(netlist: Netlist, initial: OperatingPoint | ArrayLike | None) -> NDArray[np.float64]:
-    """Node voltages before time 0, in volts, (nodes,), as `transient` takes them."""
+    """Return the node voltages before time 0, in volts, (nodes,), for the parameter `initial` of `transient`."""
     if initial is None:
         return np.zeros(netlist.node_count)
     if isinstance(initial, OperatingPoint):
         old, new = initial.netlist.cell_map, netlist.cell_map
-        initial = np.nan_to_num(_carried_over(initial, old, netlist, new) if old and new else initial.voltage)
+        initial = np.nan_to_num(_transferred(initial, old, netlist, new) if old and new else initial.voltage)
     return _checked_voltages(netlist, "initial", initial, np.ones(netlist.node_count, dtype=np.bool_))
 
 
 def _checked_voltages(netlist: Netlist, name: str, values: ArrayLike, needed: NDArray[np.bool_]) -> NDArray[np.float64]:
     volts = np.array(real_numbers(name, values), dtype=np.float64)
     if volts.shape != needed.shape:
-        raise InputError(f"{name} has shape {volts.shape}, but the netlist has {netlist.node_count} nodes")
+        raise InputError(
+            f"{name} has shape {volts.shape}, but the netlist has {netlist.node_count} nodes; give one voltage per node"
+        )
     bad = needed & ~np.isfinite(volts)
     if bad.any():
         raise InputError(f"{name}: the voltage of node {netlist.node_name(int(np.argmax(bad)))} is not finite")
     return volts
 
 
-def _carried_over(point: OperatingPoint, old: CellMap, netlist: Netlist, new: CellMap) -> NDArray[np.float64]:
-    """Old voltages at the nodes of a new scene: cell by cell, and rail by rail."""
+def _transferred(point: OperatingPoint, old: CellMap, netlist: Netlist, new: CellMap) -> NDArray[np.float64]:
+    """Return the voltages of an operating point at the nodes of another scene, cell by cell and rail by rail.
+
+    Shapes: returns (nodes,), in volts; 0 for nodes without an old voltage.
+    """
     if old.space.shape != new.space.shape:
         raise InputError(
-            f"initial is of a grid of {old.space.shape} cells, but this netlist has {new.space.shape}; "
-            "it must be the operating point of the same chip with another scene"
+            f"initial belongs to a grid of {old.space.shape} cells, but this netlist has {new.space.shape}; "
+            "give the operating point of another scene on the same grid"
         )
     before = np.zeros(netlist.node_count)
     if netlist.node_count == point.netlist.node_count and old.wiring.rails == new.wiring.rails == "cells":
         before[:] = point.voltage
-    had = (new.node >= 0) & (old.node >= 0)
-    before[new.node[had]] = point.voltage[old.node[had]]
+    in_both = (new.node >= 0) & (old.node >= 0)
+    before[new.node[in_both]] = point.voltage[old.node[in_both]]
     pairs = [(new.obstacle_node, old.obstacle_node), *zip(new.goal_nodes, old.goal_nodes, strict=False)]
-    for here, there in pairs:
-        if here >= 0 and there >= 0:
-            before[here] = point.voltage[there]
+    for new_node, old_node in pairs:
+        if new_node >= 0 and old_node >= 0:
+            before[new_node] = point.voltage[old_node]
     return before

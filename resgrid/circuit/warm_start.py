@@ -1,7 +1,7 @@
-"""Circuits of a space that changes, each solved from the one before.
+"""Warm starts: solve the circuit of a changed space from the solution of the space before.
 
-What a change of cells does to the equations is found in windows around it, by the compiler's rules
-(`resgrid.core.compiler`), so that neither a netlist nor its equations are made before somebody asks for them.
+The equations change only near the changed cells.  They are assembled in windows around these, by the rules of the
+compiler (`resgrid.core.compiler`), without a netlist or the equations of the whole grid.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.postprocess import read_normwise
 from resgrid.core.compiler import CellRole, compile_space, contacts_of_box
 from resgrid.core.netlist import Netlist
-from resgrid.core.regions import before_and_behind, label_regions
+from resgrid.core.regions import cells_at_faces, label_regions
 from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.core.wiring import Wiring, WiringOptions, wiring_of
 from resgrid.errors import AccuracyError, InputError
@@ -29,40 +29,41 @@ from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian
 from resgrid.solvers.progress import Progress, ProgressMonitor
 
 _SMALL = 100_000
-"""Cells below which iterations cost less than what windows spare of them."""
+"""Number of cells below which windows are not solved beforehand, because the saved iterations cost less."""
 
-_WORN, _STALE = 4, 3
-"""Iterations beyond those of the first solution after which levels are made anew for the next one, and how many times
-as many tell that old levels do not serve: what their steps say of the error is not to be trusted either."""
+_MORE_ITERATIONS, _MOST_ITERATIONS = 4, 3
+"""Number of iterations in excess of the first solve above which the next solve sets up a new hierarchy, and multiple of
+the iterations of the first solve above which a result is rejected, since its error estimate is unreliable."""
 
 _WINDOW = 12_000
-"""Cells of a window around a small change that is solved anew, about."""
+"""Approximate number of cells of the window around a small change that is solved beforehand."""
 
 _MOST = 4
-"""Share of the space beyond which windows are no gain."""
+"""Inverse of the largest fraction of the space that windows may cover."""
 
 _RIM, _NEAR = 3, 2
-"""Cells beside a window's cut sides whose equations are not whole, and how far from a change equations change."""
+"""Width in cells of the margin of a window whose equations are incomplete, and distance from a changed cell up to which
+equations change."""
 
 
 @dataclass(frozen=True, eq=False)
 class WarmPoint:
-    """What a warm start found for a space: its voltages cell by cell.
+    """Solution of a warm start: the voltages of the cells of a space.
 
     Attributes
     ----------
     space : ConfigurationSpace
-        The space that was solved.
+        The space of the circuit.
     wiring : Wiring
-        How it is wired.
+        Boundary conditions and drive of the circuit.
     voltage : ndarray of float64, shape of the space
-        Voltage of every cell that is solved for, in volts; NaN elsewhere.
+        Voltage of every cell with an unknown voltage, in volts; NaN for other cells.
     fresh : bool
-        Whether levels were made anew and nothing was carried over.
+        Whether the solve used no earlier solution and no earlier multigrid hierarchy.
     iterations : int
-        Steps of the iterative method.
+        Number of iterations of the iterative method.
     backward_error : float
-        Normwise.
+        Normwise backward error.
     """
 
     space: ConfigurationSpace
@@ -74,20 +75,21 @@ class WarmPoint:
 
     @property
     def netlist(self) -> Netlist:
-        """The circuit, compiled whenever it is asked for."""
+        """Netlist of the space, compiled at every access."""
         return compile_space(self.space, self.wiring)
 
     def operating_point(self, accuracy: str = "normwise") -> OperatingPoint:
-        """Read the operating point of the whole circuit.
+        """Return the operating point of the whole circuit.
 
         Parameters
         ----------
         accuracy : {"normwise", "direction"}
-            ``"direction"`` solves the circuit once more, entry by entry, as `resgrid.solve` does.
+            ``"normwise"`` computes it from `voltage`; ``"direction"`` solves the circuit again, as `resgrid.solve`.
 
         Returns
         -------
         OperatingPoint
+            With branch currents, power and KCL residual.
         """
         netlist = self.netlist
         if accuracy != "normwise":
@@ -96,26 +98,26 @@ class WarmPoint:
         row = np.append(system.unknown, -1)[netlist.cells.node]
         x = np.empty(system.size)
         x[row[row >= 0]] = self.voltage[row >= 0] - system.reference
-        told = {"iterations": self.iterations, "backward_error": self.backward_error}
-        return read_normwise(system, x, method="multigrid", seconds={}, **told)
+        progress = {"iterations": self.iterations, "backward_error": self.backward_error}
+        return read_normwise(system, x, method="multigrid", seconds={}, **progress)
 
 
 class WarmStart:
-    """Solves circuits of a space that changes, each from the one before: its levels, its voltages.
+    """Solver for the circuits of a changing space, which reuses the last solution and its multigrid hierarchy.
 
-    Where few cells have changed (obstacles set or freed, goals added, moved or taken away, conductivities), the finest
-    level's equations are written over around them, the coarser levels are kept, and the iteration begins with the
-    voltages there were, solved anew around the change.  Where many have, cells of parts that are joined or cut off
-    among them, or the old levels do not serve, it starts afresh (`WarmPoint.fresh` tells).
+    After a change of few cells (obstacles, goals or conductivities), the equations of the finest level are overwritten
+    around them, and the coarser levels are kept.  The iteration starts from the last voltages, updated in windows
+    around the changes.  After a change of many cells, including those that become connected or disconnected, or if the
+    old hierarchy converges slowly, the solve starts without earlier results (`WarmPoint.fresh`).
 
     Parameters
     ----------
     wiring : Wiring, optional
-        As for `resgrid.compile_space`.
+        Boundary conditions and drive, as in `resgrid.compile_space`.
     rtol : float
         Normwise backward error of all solutions.
     **options
-        Fields of `Wiring`, instead of one or changes to it.
+        Fields of `Wiring`, instead of `wiring` or as changes to it.
 
     Examples
     --------
@@ -139,24 +141,30 @@ class WarmStart:
         self._last: _WarmCircuit | None = None
 
     def solve(self, space: ConfigurationSpace, *, progress: Progress | None = None) -> WarmPoint:
-        """Solve the circuit of a space, from the last one on where few cells are others.
+        """Solve the circuit of a space, starting from the last solution if few cells have changed.
 
         Parameters
         ----------
         space : ConfigurationSpace
+            The space, on the axes of the last one for a warm start.
         progress : callable, optional
-            As for `resgrid.solve`.
+            Called after every iteration, as in `resgrid.solve`.
 
         Returns
         -------
         WarmPoint
+            Voltages of the cells.
 
         Raises
         ------
-        InputError, CircuitError, BudgetError
-            As `resgrid.compile_space` and `resgrid.solve`.
+        InputError
+            If `space` is not a space, has no goal, or does not fit the wiring.
+        CircuitError
+            If nothing drives the circuit.
+        BudgetError
+            If the equations do not fit in memory.
         AccuracyError
-            If the backward error is not reached.
+            If the backward error exceeds `rtol`.
         """
         if not isinstance(space, ConfigurationSpace):
             raise InputError(f"space = {space!r} must be a ConfigurationSpace (rg.build_space(scene))")
@@ -165,7 +173,7 @@ class WarmStart:
         with suppress(AccuracyError):
             if last is not None and last.change(space, wiring):
                 point = self._solved(last, wiring, watch, fresh=False)
-                if point.iterations <= _STALE * last.first_iterations:
+                if point.iterations <= _MOST_ITERATIONS * last.first_iterations:
                     return point
         system = assemble(compile_space(space, replace(wiring, supply=1.0, goal_voltage=0.0)))
         watch, circuit = ProgressMonitor(progress), _WarmCircuit.of(system, space, wiring)
@@ -182,10 +190,10 @@ class WarmStart:
         circuit.grid.solve(self.rtol, watch)
         if fresh:
             circuit.first_iterations = watch.iterations
-        self._last = circuit if watch.iterations <= circuit.first_iterations + _WORN else None
-        fed = wiring.drive == "uniform"
+        self._last = circuit if watch.iterations <= circuit.first_iterations + _MORE_ITERATIONS else None
+        is_driven = wiring.drive == "uniform"
         voltage = circuit.grid.values
-        voltage *= wiring.supply / (wiring.resistance * np.count_nonzero(circuit.row) if fed else 1.0)
+        voltage *= wiring.supply / (wiring.resistance * np.count_nonzero(circuit.row) if is_driven else 1.0)
         voltage += wiring.goal_voltage
         voltage[~circuit.row] = np.nan
         return WarmPoint(circuit.space, wiring, voltage, fresh, watch.iterations, watch.error)
@@ -193,9 +201,9 @@ class WarmStart:
 
 @dataclass(eq=False)
 class _WarmCircuit:
-    """A circuit with its rails at 0 and 1 V, or 1 A into every row, and the space it was compiled from.
+    """Circuit of a space with rails at 0 V and 1 V, or with 1 A into every row, and its multigrid hierarchy.
 
-    `row`: cells with rows, of the space's shape; `first_iterations`: steps that its first solution took.
+    `row`: whether a cell has a row, of the space's shape; `first_iterations`: number of iterations of the first solve.
     """
 
     space: ConfigurationSpace
@@ -205,15 +213,18 @@ class _WarmCircuit:
 
     @classmethod
     def of(cls, system: Equations, space: ConfigurationSpace, wiring: Wiring) -> _WarmCircuit | None:
-        """Lay the levels of a space's equations out; None where these are no grid of two colours."""
-        row, fed = _rows_of(space, wiring), wiring.drive == "uniform"
+        """Set up the hierarchy for the equations of a space; None if the grid has no red-black colouring."""
+        row, is_driven = _rows_of(space, wiring), wiring.drive == "uniform"
         if not system.size == np.count_nonzero(row) > 0:
             return None
-        grid = WarmGrid.of(system.laplacian, np.ones(system.size) if fed else system.drive, flat=fed)
+        grid = WarmGrid.of(system.laplacian, np.ones(system.size) if is_driven else system.drive, flat=is_driven)
         return None if grid is None else cls(space, row, grid)
 
     def change(self, space: ConfigurationSpace, wiring: Wiring) -> bool:
-        """Take over what has changed since; False, of no use any more, where that is no gain."""
+        """Update the equations for a changed space, in place.
+
+        Returns False if the change is too large for a warm start; the object is unusable then.
+        """
         old, self.space = self.space, space
         if space.axes != old.axes or (space.conductivity is None) != (old.conductivity is None):
             return False
@@ -237,27 +248,30 @@ class _WarmCircuit:
 
 
 def _rows_of(space: ConfigurationSpace, wiring: Wiring) -> NDArray[np.bool_]:
-    """Which cells have rows, of the space's shape: parts that meet both rails, or the goal where all cells are fed."""
+    """Return which cells have rows, of the space's shape.
+
+    With a uniform drive these are the cells connected to a goal, else the components that touch both rails.
+    """
     if wiring.drive == "uniform":
         return space.goal_connected
     kind, inside = contacts_of_box(space, wiring, connected=False).kind, (slice(1, -1),) * space.ndim
-    part = np.pad(label_regions(kind[inside] == CellRole.NODE, space.periodic), 1)
-    steps = [sign * stride // part.itemsize for stride in part.strides for sign in (-1, 1)]
-    meets_both = np.arange(int(part.max()) + 1) > 0
+    component = np.pad(label_regions(kind[inside] == CellRole.NODE, space.periodic), 1)
+    steps = [sign * stride // component.itemsize for stride in component.strides for sign in (-1, 1)]
+    touches_both = np.arange(int(component.max()) + 1) > 0
     for rail in (CellRole.LOW, CellRole.HIGH):
-        beside, met = np.flatnonzero(kind == rail), np.zeros_like(meets_both)
+        rail_cells, touches = np.flatnonzero(kind == rail), np.zeros_like(touches_both)
         for step in steps:
-            met[part.take(beside + step, mode="clip")] = True
-            if met[meets_both].all():
+            touches[component.take(rail_cells + step, mode="clip")] = True
+            if touches[touches_both].all():
                 break
-        meets_both &= met
-    return np.asarray(meets_both[part[inside]])
+        touches_both &= touches
+    return np.asarray(touches_both[component[inside]])
 
 
 def _boxes_around(changed: NDArray[np.bool_]) -> list[tuple[slice, ...]] | None:
-    """Boxes of whole tiles around changed cells, none of whose tiles meet; None if these are no gain.
+    """Return disjoint, non-adjacent boxes of tiles around the changed cells; None if they cover too much of the grid.
 
-    Tiles have an even number of cells along every axis: colours in a box are those of the whole grid.
+    Tiles have an even number of cells along every axis, so that a box has the same red-black colouring as the grid.
     """
     from scipy import ndimage
 
@@ -268,7 +282,7 @@ def _boxes_around(changed: NDArray[np.bool_]) -> list[tuple[slice, ...]] | None:
     tiles = np.zeros(-(-shape // side), dtype=np.bool_)
     tiles[tuple(index // side for index in np.unravel_index(np.flatnonzero(changed), changed.shape))] = True
     around = np.ones((3,) * ndim, dtype=np.bool_)
-    labels, _ = ndimage.label(ndimage.binary_dilation(tiles, around), around)
+    labels = label_regions(ndimage.binary_dilation(tiles, around), periodic=False, corners=True)
     boxes = [
         tuple(slice(ends.start * side, min(ends.stop * side, n)) for ends, n in zip(box, changed.shape, strict=True))
         for box in ndimage.find_objects(labels)
@@ -278,7 +292,7 @@ def _boxes_around(changed: NDArray[np.bool_]) -> list[tuple[slice, ...]] | None:
 
 
 def _inside(space: ConfigurationSpace, box: tuple[slice, ...], margin: int) -> tuple[slice, ...]:
-    """The cells of a box that are so far from where the grid goes on beyond it."""
+    """Return the cells of a box, as slices, that are at least `margin` cells from sides inside the grid."""
     return tuple(
         slice(
             margin if ends.start > 0 or axis.periodic else 0,
@@ -291,27 +305,28 @@ def _inside(space: ConfigurationSpace, box: tuple[slice, ...], margin: int) -> t
 def _window_of(
     space: ConfigurationSpace, wiring: Wiring, box: tuple[slice, ...], row: NDArray[np.bool_]
 ) -> tuple[Laplacian, NDArray[np.float64]]:
-    """The equations of a box, with the high rail at 1 V and the low one at 0 V, or with 1 A into every row.
+    """Return the matrix and the right-hand side of a box of cells.
 
-    Shapes: `row`, of the box: which of its cells have rows.
+    The high rail is at 1 V and the low rail at 0 V, or 1 A is injected into every row.  `row`: whether a cell has a
+    row, of the box's shape.
     """
     contacts = contacts_of_box(space, wiring, [(ends.start, ends.stop) for ends in box], connected=False)
     size, vertex = int(np.count_nonzero(row)), np.full(row.shape, -1, dtype=np.int32)
     vertex[row] = np.arange(size, dtype=np.int32)
-    # Rows are followed by the high rail and the low one.
+    # Numbers of nodes: the rows, then the high rail and the low rail.
     node = np.array([-1, size, size + 1, -1], dtype=np.int32)[contacts.kind]
     np.copyto(node[(slice(1, -1),) * row.ndim], vertex, where=row)
     pairs, conductance = [], []
     for axis, siemens in enumerate(contacts.conductance):
-        ends = np.sort(np.stack(before_and_behind(node, axis), axis=-1))
+        ends = np.sort(np.stack(cells_at_faces(node, axis), axis=-1))
         kept = (ends[..., 0] >= 0) & (ends[..., 0] < size) & (siemens > 0.0)
         pairs.append(ends[kept])
         conductance.append(siemens[kept])
     row_of = np.append(vertex[row], np.full(2, -1, dtype=np.int32))
     listed = EdgeList(np.concatenate(pairs), np.concatenate(conductance), row_of)
-    here, beside = listed.ends.T
-    tied, fed = beside >= size, beside == size
-    ground = sum_by_row(here[tied], listed.conductance[tied], size)
-    drive = sum_by_row(here[fed], listed.conductance[fed], size) + (wiring.drive == "uniform")
+    first, second = listed.ends.T
+    at_rail, at_high = second >= size, second == size
+    ground = sum_by_row(first[at_rail], listed.conductance[at_rail], size)
+    drive = sum_by_row(first[at_high], listed.conductance[at_high], size) + (wiring.drive == "uniform")
     grid = Grid(vertex, (False,) * vertex.ndim)
     return Laplacian(ground, listed, grid=grid, dimensions=grid.dimensions), drive

@@ -88,10 +88,10 @@ def open_job(
         scene = _load_scene(source)
     _say_degrees(scene)
     if method not in (None, "petsc"):
-        from resgrid.core.compiler import require_room
+        from resgrid.core.compiler import require_netlist_memory
         from resgrid.scene.sampling import remedy_of_size
 
-        require_room(tuple(axis.cells for axis in scene.axes), remedy_of_size(scene))
+        require_netlist_memory(tuple(axis.cells for axis in scene.axes), remedy_of_size(scene))
     cells = math.prod(axis.cells for axis in scene.axes)
     with stage("cut it into cells", seconds=3e-7 * cells) as progress:
         space = rg.build_space(scene, require_goal=require_goal, progress=progress.count)

@@ -1,1 +1,1 @@
-"""Configuration spaces, boundary conditions and netlists, and `compile_space`, which makes the one from the other."""
+"""Configuration spaces, boundary conditions and netlists, and `compile_space`, which converts spaces to netlists."""

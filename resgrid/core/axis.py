@@ -1,4 +1,4 @@
-"""One coordinate of a configuration space, cut into equal cells, and where points lie among them."""
+"""Axes of a configuration space, the cells of points, and rounding errors of coordinates."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from resgrid._internal.validation import checked
 from resgrid.errors import InputError
 
 LARGEST = 1e60
-"""Largest coordinate: products of four of them do not overflow."""
+"""Largest magnitude of a coordinate, in axis units: products of four coordinates do not overflow."""
 
 Coordinate = Annotated[float, Ge(-LARGEST), Le(LARGEST)]
 Point = tuple[Coordinate, ...]
@@ -23,27 +23,27 @@ Point = tuple[Coordinate, ...]
 @checked
 @dataclass(frozen=True)
 class Axis:
-    """One coordinate of a configuration space, cut into equal cells.
+    """A coordinate of a configuration space, divided into cells of equal width.
 
     Cell ``i`` covers ``[lower + i h, lower + (i + 1) h]`` with ``h = spacing``; its centre is in the middle.
 
     Parameters
     ----------
     name : str
-        The coordinate's name, e.g. ``"x"`` or ``"theta_1"``.
+        Name of the coordinate, such as ``"x"`` or ``"theta_1"``.
     lower, upper : float
-        The ends of the axis, in ``unit``; ``lower < upper``.
+        Ends of the axis, in ``unit``; ``lower < upper``.
     cells : int
-        How many cells, at least 1.
+        Number of cells, at least 1.
     periodic : bool
-        Whether the upper end joins the lower one.
+        Whether the last cell is a neighbour of the first one.
     unit : str
         ``"m"``, ``"rad"``, ``"cell"``, ...; for labels only.
 
     Raises
     ------
     InputError
-        If the ends are not finite and increasing, or there is no cell, or cells that rounding cannot tell apart.
+        If the ends are not finite and increasing, there is no cell, or cells are narrower than rounding errors.
 
     Examples
     --------
@@ -64,7 +64,8 @@ class Axis:
             raise InputError(f"axis {self.name!r}: lower = {self.lower} must lie below upper = {self.upper}")
         if self.spacing < 64 * np.spacing(max(abs(float(self.lower)), abs(float(self.upper)))):
             raise InputError(
-                f"axis {self.name!r}: its cells are too narrow to be told apart in floating point; move it towards 0"
+                f"axis {self.name!r}: its cells of {self.spacing:g} are too narrow for floating point at coordinates "
+                f"from {self.lower:g} to {self.upper:g}; use fewer cells, or move the axis towards 0"
             )
 
     @property
@@ -86,9 +87,10 @@ class Axis:
 def split_points(
     axes: Sequence[Axis], point: ArrayLike, reach: ArrayLike | None = None
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Cells and positions within them, in [0, 1], of points in axis units (..., ndim); `ConfigurationSpace.split`.
+    """Return the cells of points, and the positions within these cells, in [0, 1]; shapes (..., ndim).
 
-    `reach` (ndim,): as of `rounding_errors`; a point that lies outside by no more than that error is on the border.
+    `point` (..., ndim): in axis units; `reach`: as in `rounding_errors`.  A point that lies outside by at most the
+    rounding error counts as a point on the border.  Raise InputError for other points outside.
     """
     points = np.asarray(point, dtype=np.float64)
     if points.shape[-1:] != (len(axes),):
@@ -102,7 +104,7 @@ def split_points(
     if not np.all(inside):
         wrong = np.atleast_2d(points)[~np.atleast_1d(inside)][0]
         ranges = ", ".join(f"{axis.name} in [{axis.lower:g}, {axis.upper:g}]" for axis in axes)
-        raise InputError(f"the point {tuple(wrong.tolist())} lies outside the grid ({ranges})")
+        raise InputError(f"the point {tuple(wrong.tolist())} lies outside the grid; give a point with {ranges}")
     cells = np.clip(np.floor(scaled), 0, size - 1).astype(np.int64)
     return cells, np.clip(scaled - cells, 0.0, 1.0)
 
@@ -110,15 +112,15 @@ def split_points(
 def rounding_errors(axes: Sequence[Axis], reach: ArrayLike | None = None) -> NDArray[np.float64]:
     """Return the largest rounding error of coordinates as fractions of a cell's width, shape (ndim,).
 
-    `reach` (ndim,): largest size of a coordinate on its way between world and space (`Frame.reach`); that of the axes
-    by default.
+    `reach` (ndim,): largest magnitude of a coordinate during the conversion between world and space (`Frame.reach`); by
+    default the largest magnitude on every axis.
     """
     largest = largest_coordinates(axes) if reach is None else np.asarray(reach, dtype=np.float64)
     return np.asarray(8 * np.spacing(largest) / [axis.spacing for axis in axes])
 
 
 def rounding(axes: Sequence[Axis], reach: ArrayLike | None = None) -> NDArray[np.float64]:
-    """Return the tolerance for positions as fractions of a cell's width: 1e-9, or `rounding_errors` if that is more."""
+    """Return the tolerance of positions as fractions of a cell's width, (ndim,): 1e-9, or larger `rounding_errors`."""
     return np.asarray(np.maximum(1e-9, rounding_errors(axes, reach)))
 
 

@@ -1,13 +1,13 @@
-"""From a configuration space to a netlist: which cells have nodes, what joins them, and what drives them.
+"""Compile a configuration space into a netlist: nodes of cells, resistors between neighbours, and sources.
 
-Face neighbours are joined by resistors; voltage sources stand at obstacles and goals, or current sources at the nodes
-(Tarassenko & Blake 1991; Connolly & Grupen 1992, section 2).
+Face neighbours are connected by resistors.  Voltage sources tie obstacles and goals to their rails, or current sources
+drive the nodes (Tarassenko & Blake 1991; Connolly & Grupen 1992, section 2).
 
 Along axis ``a`` the conductance is ``(h_ref / h_a)**2 / R`` times the series combination ``2 c_i c_j / (c_i + c_j)`` of
 the cells' conductivities, ``h_ref`` being the smallest spacing.  Kirchhoff's current law at a node is then the
 finite-volume form of ``div(c grad phi) = 0``.
 
-Two neighbours have a contact of this kind, whatever they are:
+The contact of two neighbours depends on the kinds of both cells and on the boundary condition:
 
 =================  ==========  ============================  =======================
 neighbours         dirichlet   wall                          neumann
@@ -20,9 +20,9 @@ goal, obstacle     ``G``       ``1 / (1 / G + R_wall)``      none
 obstacle, obstacle ``G``       ``G``                         none
 =================  ==========  ============================  =======================
 
-Where just one of two cells is free, its conductivity counts alone.  Beyond an edge that counts as an obstacle lies an
-obstacle cell, of the conductivity of the cell at the edge, that is on the obstacle rail; beyond an open edge lies
-nothing.  Resistors between cells of the rails exist only where these have nodes (``rails="cells"``, chips, tiles).
+If exactly one of the two cells is free, ``G`` depends on its conductivity alone.  An edge that counts as an obstacle is
+padded by obstacle cells on the obstacle rail, with the conductivity of the cells at the edge.  An open edge has no
+contacts.  Resistors between rail cells exist only if these have nodes (``rails="cells"``, chips, tiles).
 """
 
 from __future__ import annotations
@@ -38,26 +38,30 @@ from numpy.typing import NDArray
 
 from resgrid._internal.memory import FEWER_CELLS, require_grid_memory
 from resgrid.core.netlist import GROUND, MOST_NODES, CellMap, Netlist
-from resgrid.core.regions import before_and_behind, face_counts, face_shape, sides_of_cells, slab, with_margin
+from resgrid.core.regions import cells_at_faces, face_counts, face_shape, sides_of_cells, slab, with_margin
 from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.core.wiring import Wiring, WiringOptions, wiring_of
 from resgrid.errors import CircuitError, InputError
 
 NO_GOAL = "the space has no goal cell: add a goal, or make it at least one cell large"
-WALLED_IN = "nothing is driven: no free cell is connected to a goal; move the goal or open a way to it"
+WALLED_IN = "nothing is driven: no free cell is connected to a goal; move the goal or open a path to it"
 FLAT = (
-    "nothing is driven: no free cell with a way to a goal touches an obstacle, or an edge that counts as one; add what "
-    "drives the grid, or choose boundary = 'neumann'"
+    "nothing is driven: no free cell that is connected to a goal touches an obstacle, or an edge that counts as one; "
+    "add an obstacle, set edge = 'obstacle', or choose boundary = 'neumann'"
 )
 
 _NO_NODE = -1
 _PEAK = 80
-"""Peak memory of compiling, in bytes per cell and axis, measured on open grids."""
+"""Peak memory of the compilation, in bytes per cell and axis, measured on open grids."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Nodes:
-    """Node numbers: of every cell (-1 for none), free cells, the obstacle rail (-1 for none) and the goal rails."""
+    """Node numbers of a compiled space.
+
+    `cell`: of every cell, -1 without a node; `free` (free nodes,): of free cells, in C order; `obstacle`: of the
+    obstacle rail, -1 without one; `goals`: of the goal rails, if rails are merged; `count`: number of nodes.
+    """
 
     cell: NDArray[np.int32]
     free: NDArray[np.int32]
@@ -74,10 +78,10 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     space : ConfigurationSpace
         One to four axes, with at least one goal cell.
     wiring : Wiring, optional
-        What obstacles, edges and goals are tied to, and by what; obstacles at 1 V, goals at 0 V and 10 kohm between
-        neighbours unless it is given.
+        Boundary conditions, drive and element values.  By default obstacles are at 1 V, goals at 0 V, and neighbours
+        are connected by 10 kohm.
     **options
-        Fields of `Wiring`, such as ``boundary="neumann"``: instead of a wiring, or changes to it.
+        Fields of `Wiring`, such as ``boundary="neumann"``: instead of `wiring`, or as changes to it.
 
     Returns
     -------
@@ -87,11 +91,11 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     Raises
     ------
     InputError
-        If an option is unknown, missing or does not fit the others, or there is no goal cell.
+        If an option is unknown, missing or inconsistent with others, or there is no goal cell.
     CircuitError
-        If nothing can be driven.
+        If no free cell can be driven.
     BudgetError
-        If the netlist would not fit in memory.
+        If the netlist does not fit in memory.
 
     Examples
     --------
@@ -102,12 +106,12 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     array([5.e-05, 5.e-05])
     """
     wiring = wiring_of(wiring, options).on(space)
-    require_room(space.shape)
+    require_netlist_memory(space.shape)
     if not space.goal_count:
         raise InputError(NO_GOAL)
     contacts = contacts_of_box(space, wiring)
     nodes = _number_nodes(space, wiring, contacts.kind)
-    pairs, conductance, face, upward = _join(space, contacts, nodes)
+    pairs, conductance, face, upward = _resistors(space, contacts, nodes)
     cell_map = CellMap(
         space=space,
         wiring=wiring,
@@ -125,12 +129,12 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
         *_uniform_drive(wiring, nodes),
     )
     for column in columns:
-        column.flags.writeable = False  # or the netlist would copy it
+        column.flags.writeable = False  # otherwise the netlist would copy it
     return Netlist(nodes.count, *columns, cell_map=cell_map)
 
 
 def why_undriven(space: ConfigurationSpace, wiring: Wiring) -> str | None:
-    """Return why no current flows through any free cell, decided by connectivity alone; None where current flows."""
+    """Return the reason why no current flows through any free cell, from connectivity alone; None if current flows."""
     edges = wiring.edges(space)
     if not space.goal_connected.any():
         return WALLED_IN
@@ -144,21 +148,22 @@ def why_undriven(space: ConfigurationSpace, wiring: Wiring) -> str | None:
 
 
 def _touches_obstacle(space: ConfigurationSpace, edges: Sequence[str], cells: NDArray[np.bool_]) -> bool:
-    """Whether a face of one of some cells is shared with an obstacle cell, or lies on an edge that counts as one."""
+    """Return whether some of the given cells touches an obstacle cell, or an edge that counts as an obstacle."""
     for axis, rule in enumerate(edges):
         obstacle = with_margin(space.cell == Cell.OBSTACLE, space.periodic, beyond=rule == "obstacle")
-        before, behind = before_and_behind(obstacle, axis)
-        if np.any(cells & (sides_of_cells(before, axis)[0] | sides_of_cells(behind, axis)[1])):
+        lower, upper = cells_at_faces(obstacle, axis)
+        if np.any(cells & (sides_of_cells(lower, axis)[0] | sides_of_cells(upper, axis)[1])):
             return True
     return False
 
 
-def require_room(shape: tuple[int, ...], remedy: str = FEWER_CELLS) -> None:
-    """Raise BudgetError for a grid whose netlist would not fit in memory."""
+def require_netlist_memory(shape: tuple[int, ...], remedy: str = FEWER_CELLS) -> None:
+    """Raise BudgetError for a grid whose netlist does not fit in memory."""
     require_grid_memory(shape, "compiling the grid", _PEAK * len(shape), remedy)
 
 
 def _number_nodes(space: ConfigurationSpace, wiring: Wiring, kind: NDArray[np.uint8]) -> _Nodes:
+    """Number the nodes of rails and cells; `kind`: `CellRole` of every cell, with a margin of one cell."""
     own = kind[(slice(1, -1),) * space.ndim] == CellRole.NODE
     if wiring.start is not None:
         own[wiring.start] = True
@@ -180,8 +185,11 @@ def _number_nodes(space: ConfigurationSpace, wiring: Wiring, kind: NDArray[np.ui
     return _Nodes(node, free, obstacle, goals, first + count)
 
 
-def _join(space: ConfigurationSpace, contacts: GridContacts, nodes: _Nodes) -> tuple[NDArray[Any], ...]:
-    """Nodes (m, 2), siemens, faces and directions (m,) of a resistor for every contact; on an axis border ones last."""
+def _resistors(space: ConfigurationSpace, contacts: GridContacts, nodes: _Nodes) -> tuple[NDArray[Any], ...]:
+    """Return nodes (m, 2), conductances in siemens, faces and directions (m,) of one resistor per contact.
+
+    Resistors are ordered by axis; those at the border of an axis come last.
+    """
     wide = with_margin(nodes.cell, space.periodic, beyond=nodes.obstacle)
     parts = [
         (axis, *faces)
@@ -195,9 +203,9 @@ def _join(space: ConfigurationSpace, contacts: GridContacts, nodes: _Nodes) -> t
     upward = np.empty(ends[-1], dtype=np.bool_)
     for (axis, first, last), at in zip(parts, map(slice, ends, ends[1:]), strict=False):
         kept = slab(contacts.joined[axis], axis, first, last)
-        rises = space.periodic[axis] or first > 0  # else the rail lies below the cell, and counts as second node
+        rises = space.periodic[axis] or first > 0  # otherwise the rail lies below the cell, and is the second node
         upward[at] = rises
-        for side, end in zip(before_and_behind(wide, axis), (0, 1) if rises else (1, 0), strict=True):
+        for side, end in zip(cells_at_faces(wide, axis), (0, 1) if rises else (1, 0), strict=True):
             pairs[at, end] = slab(side, axis, first, last)[kept]
         siemens[at] = contacts.siemens(axis, first, last)
         numbers = np.arange(*starts[axis : axis + 2], dtype=face.dtype).reshape(face_shape(space.shape, axis))
@@ -207,18 +215,18 @@ def _join(space: ConfigurationSpace, contacts: GridContacts, nodes: _Nodes) -> t
 
 
 class CellRole(IntEnum):
-    """What a cell, or what lies beyond the border, is in the circuit: the least is a node, the greatest nothing."""
+    """Role of a cell, or of the margin around the grid, in the circuit, ordered NODE < HIGH < LOW < NONE."""
 
     NODE, HIGH, LOW, NONE = range(4)
 
 
 @dataclass(frozen=True, eq=False)
 class GridContacts:
-    """All contacts of a box of cells, without node numbers.
+    """All contacts between the cells of a box, without node numbers.
 
-    `code, kind, conductivity`: of every cell of the box and of those around it, a margin of one cell along each axis,
-    wrapped where the axis is periodic; `joined`: per axis, which faces of the box' cells have a contact, one more
-    along that axis than cells.
+    `spacing` (ndim,): cell widths; `code, kind, conductivity`: `Cell`, `CellRole` and conductivity of every cell, with
+    a margin of one cell along each axis, wrapped on periodic axes; `joined`: per axis, whether a face has a contact, of
+    shape `resgrid.core.regions.face_shape`.
     """
 
     wiring: Wiring
@@ -229,11 +237,11 @@ class GridContacts:
     joined: tuple[NDArray[np.bool_], ...]
 
     def siemens(self, axis: int, first: int, last: int) -> NDArray[np.float64]:
-        """Conductances (n,) of the contacts through a range of faces along an axis, in C order."""
+        """Return the conductances (n,), in siemens, of the contacts in a range of faces along an axis, in C order."""
         kept = slab(self.joined[axis], axis, first, last)
 
         def ends(wide: NDArray[Any]) -> Iterator[NDArray[Any]]:
-            return (slab(side, axis, first, last)[kept] for side in before_and_behind(wide, axis))
+            return (slab(side, axis, first, last)[kept] for side in cells_at_faces(wide, axis))
 
         unit = (self.spacing.min() / self.spacing[axis]) ** 2 / self.wiring.resistance
         siemens = np.full(np.count_nonzero(kept), unit)
@@ -250,7 +258,7 @@ class GridContacts:
 
     @cached_property
     def conductance(self) -> tuple[NDArray[np.float64], ...]:
-        """Per axis, conductances through all faces of the box' cells, in siemens; 0 where there is no contact."""
+        """Per axis, the conductances through all faces of the box, in siemens; 0 without a contact."""
         faces = tuple(np.zeros(joined.shape) for joined in self.joined)
         for axis, (siemens, joined) in enumerate(zip(faces, self.joined, strict=True)):
             siemens[joined] = self.siemens(axis, 0, joined.shape[axis])
@@ -260,10 +268,10 @@ class GridContacts:
 def contacts_of_box(
     space: ConfigurationSpace, wiring: Wiring, box: Sequence[tuple[int, int]] = (), *, connected: bool = True
 ) -> GridContacts:
-    """The contacts of a box of cells, ranges of the first axes; `wiring` as ``wiring.on(space)`` returns it.
+    """Return the contacts between the cells of a box; `wiring` as returned by ``wiring.on(space)``.
 
-    With open obstacles free cells are nodes where a goal is reached from them, or all where this is not asked
-    (`connected`).
+    `box`: range of cells along each of the first axes, the other axes are complete; `connected`: with open obstacles,
+    whether only free cells that are connected to a goal are nodes.
     """
     code = with_margin(space.cell, space.periodic, box, beyond=Cell.OBSTACLE)
     high, low = (CellRole.HIGH, CellRole.LOW) if wiring.rails == "merged" else (CellRole.NODE, CellRole.NODE)
@@ -274,9 +282,9 @@ def contacts_of_box(
         kind = np.where(with_margin(space.goal_connected, space.periodic, box), np.uint8(CellRole.NODE), kind)
     ranges = [*box, *((0, size) for size in space.shape[len(box) :])]
     for axis, (size, (first, last)) in enumerate(zip(space.shape, ranges, strict=True)):
-        _set_beyond(kind, axis, wiring, size, (first == 0, last == size))
+        _set_margin(kind, axis, wiring, size, (first == 0, last == size))
     c = None if space.conductivity is None else with_margin(space.conductivity, space.periodic, box)
-    sides = (before_and_behind(kind, axis) for axis in range(space.ndim))
+    sides = (cells_at_faces(kind, axis) for axis in range(space.ndim))
     joined = tuple((np.minimum(*both) == CellRole.NODE) & (np.maximum(*both) != CellRole.NONE) for both in sides)
     if wiring.start is not None:
         at = (np.arange(size) == place for size, place in zip(space.shape, wiring.start, strict=True))
@@ -285,8 +293,8 @@ def contacts_of_box(
     return GridContacts(wiring, space.spacing, code, kind, c, joined)
 
 
-def _set_beyond(kind: NDArray[np.uint8], axis: int, wiring: Wiring, size: int, ends: tuple[bool, bool]) -> None:
-    """Write what lies beyond those ends of an axis which the slab reaches: the obstacle rail, or nothing."""
+def _set_margin(kind: NDArray[np.uint8], axis: int, wiring: Wiring, size: int, ends: tuple[bool, bool]) -> None:
+    """Set the roles in the margin beyond both ends of an axis, in place; `ends`: whether the box includes the end."""
     edge = wiring.edge[axis]
     if edge == "periodic" and size > 1:
         return
@@ -299,6 +307,7 @@ def _set_beyond(kind: NDArray[np.uint8], axis: int, wiring: Wiring, size: int, e
 def _voltage_sources(
     space: ConfigurationSpace, wiring: Wiring, nodes: _Nodes
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    """Return nodes (s, 2) and voltages (s,) of the sources of rails, rail cells and the start cell."""
     high, low = wiring.high, wiring.goal_voltage
     ties: list[tuple[Any, float]] = [([nodes.obstacle] if nodes.obstacle >= 0 else [], high), (nodes.goals, low)]
     if wiring.start is not None:
@@ -312,12 +321,12 @@ def _voltage_sources(
 
 
 def _uniform_drive(wiring: Wiring, nodes: _Nodes) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """The same current into every free node; with open obstacles these are connected to a goal."""
+    """Return nodes (c, 2) and currents (c,), in amperes, of equal current sources into all free nodes."""
     if wiring.drive != "uniform":
         return np.empty((0, 2), dtype=np.int32), np.empty(0)
-    fed = nodes.free
-    if not fed.size:
+    free = nodes.free
+    if not free.size:
         raise CircuitError(WALLED_IN)
-    pairs = np.empty((fed.size, 2), dtype=np.int32)
-    pairs[:, 0], pairs[:, 1] = GROUND, fed
-    return pairs, np.full(fed.size, wiring.supply / (wiring.resistance * fed.size))
+    pairs = np.empty((free.size, 2), dtype=np.int32)
+    pairs[:, 0], pairs[:, 1] = GROUND, free
+    return pairs, np.full(free.size, wiring.supply / (wiring.resistance * free.size))

@@ -1,4 +1,4 @@
-"""Where a space lies in the world."""
+"""Rigid transformation between the coordinates of a space and world coordinates."""
 
 from __future__ import annotations
 
@@ -18,18 +18,19 @@ from resgrid.errors import InputError
 @checked
 @dataclass(frozen=True)
 class Frame:
-    """Where the coordinates of the space lie in the world.
+    """Position and rotation of a space's coordinate system in the world.
 
-    A map with a turned origin has axes of its own, along its rows and columns; everything else shares the world's.
+    Only a map with a rotated origin has axes, along its rows and columns, that differ from the world's axes.
 
     Parameters
     ----------
     x, y : float
         World coordinates of the origin of the space.
     yaw : float
-        Angle from the world's x axis to the space's, in radians, anticlockwise.
+        Angle from the world's x axis to the x axis of the space, in radians, anticlockwise.
     turning_length : float or None
-        Of a robot that turns: a third coordinate is its heading times this length, and turns along with the space.
+        For a robot with a heading, which is the third coordinate: the heading in radians times this length, in metres.
+        The heading is rotated with the space.
 
     Raises
     ------
@@ -54,11 +55,11 @@ class Frame:
 
     @property
     def is_world(self) -> bool:
-        """Whether space and world coordinates are the same."""
+        """Whether coordinates of the space equal world coordinates."""
         return self.x == 0 and self.y == 0 and self.yaw == 0
 
     def to_world(self, points: ArrayLike) -> NDArray[np.float64]:
-        """World coordinates of points given in the space.
+        """Convert points from coordinates of the space to world coordinates.
 
         Parameters
         ----------
@@ -68,35 +69,39 @@ class Frame:
         Returns
         -------
         ndarray of float64, shape (..., ndim)
+            World coordinates.
 
         Raises
         ------
         InputError
-            If the frame is turned or moved and the points are not in the plane, or not places with a heading.
+            If the frame is not the world's, and a point has not 2 coordinates (2 or 3 with a turning length).
         """
         space = np.array(points, dtype=np.float64)
         return space if self.is_world else self._turned(space, self._rotation.T) + self._offset(space)
 
     def from_world(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Points of the world in axis units, shape (..., ndim); the inverse of `to_world`, with the same errors."""
+        """Convert points from world coordinates to axis units, shape (..., ndim).
+
+        The inverse of `to_world`; it raises the same errors.
+        """
         world = np.array(points, dtype=np.float64)
         return world if self.is_world else self._turned(world - self._offset(world), self._rotation)
 
     def turned_to_world(self, vectors: ArrayLike) -> NDArray[np.float64]:
-        """World components of vectors (velocities, forces, differences) given along the axes, shape (..., ndim)."""
+        """Rotate vectors (velocities, forces, differences) from the axes of the space to world axes; (..., ndim)."""
         along = np.array(vectors, dtype=np.float64)
         return along if self.yaw == 0 else self._turned(along, self._rotation.T)
 
     def turned_from_world(self, vectors: ArrayLike) -> NDArray[np.float64]:
-        """Components along the axes of vectors given in the world, shape (..., ndim)."""
+        """Rotate vectors from world axes to the axes of the space; shape (..., ndim)."""
         world = np.array(vectors, dtype=np.float64)
         return world if self.yaw == 0 else self._turned(world, self._rotation)
 
     def reach(self, axes: Sequence[Axis]) -> NDArray[np.float64]:
-        """Return the largest size of a coordinate on its way between world and space, per axis, shape (ndim,).
+        """Return the largest magnitude of a coordinate in the conversion between world and space, per axis, (ndim,).
 
-        Its spacing in floating point bounds the rounding error of `to_world` and `from_world`: a map in UTM coordinates
-        of 5e6 m rounds to 1e-9 m, however near 0 its own axes lie.
+        The floating-point spacing at this magnitude bounds the rounding error of `to_world` and `from_world`.  For a
+        map in UTM coordinates of 5e6 m it is 1e-9 m, even if its axes start at 0.
         """
         largest = largest_coordinates(axes)
         if self.is_world:
@@ -115,7 +120,7 @@ class Frame:
         return np.array((self.x, self.y, self.yaw * (self.turning_length or 0.0))[: points.shape[-1]])
 
     def _turned(self, points: NDArray[np.float64], rotation: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Vectors with their first two components turned."""
+        """Multiply the first two components of vectors (..., ndim) by a matrix (2, 2) from the right."""
         self._check_size(points)
         plane = points[..., :2] @ rotation
         return plane if points.shape[-1] == 2 else np.concatenate([plane, points[..., 2:]], axis=-1)

@@ -1,4 +1,4 @@
-"""The netlist: resistors, sources and capacitors as arrays, and the map that ties its nodes to cells."""
+"""Netlists: resistors, sources and capacitors as arrays, and the map between nodes and cells."""
 
 from __future__ import annotations
 
@@ -9,9 +9,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.validation import check_whole, real_numbers
+from resgrid._internal.validation import check_whole
 from resgrid._internal.values import frozen
-from resgrid.core.networkx_graphs import ARRAYS, check_element_names, check_node_names, fields_of, graph_of
+from resgrid.core.networkx_graphs import (
+    ARRAYS,
+    all_within,
+    check_element_names,
+    check_node_names,
+    column_of,
+    fields_of,
+    graph_of,
+    node_numbers,
+)
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
@@ -22,47 +31,47 @@ if TYPE_CHECKING:
 
 GROUND = 0
 MOST_NODES = 2**31 - 1
-"""Numbers of nodes are kept in 32 bits."""
+"""Largest number of nodes, since node numbers are int32."""
 
 _FACES = {
     "resistor": ("resistor_face", "resistor_upward"),
     "nonlinear resistor": ("nonlinear_face", "nonlinear_upward"),
 }
-"""What a map of cells knows of every element of a kind."""
+"""Per kind of element, the fields of a `CellMap` with one entry per element."""
 
 
 @frozen
 @dataclass(frozen=True, eq=False)
 class CellMap:
-    """What ties a netlist to the cells of the configuration space that it was compiled from.
+    """Map between the nodes and resistors of a compiled netlist and the cells and faces of its space.
 
     Attributes
     ----------
     space : ConfigurationSpace
         The space that was compiled.
     wiring : Wiring
-        How it was wired, with an edge for every axis.
+        Boundary conditions, drive and element values, with an edge rule for every axis.
     node : ndarray of int32, shape of the space
-        Node of every cell; rail cells share their rail's node when rails are merged; -1 where a cell has none.
+        Node of every cell, -1 for a cell without a node.  If rails are merged, a rail cell has the node of its rail.
     resistor_face : ndarray of int32 or int64, shape (resistors,)
-        The cell face each resistor crosses, -1 for one that crosses none (a switch, a stretch of rail, the load of the
-        read-out).  Faces are numbered axis by axis: along axis ``a`` there are ``cells + 1`` of them (C order,
-        `resgrid.core.regions.face_shape`); face ``i`` is the lower face of cell ``i``; the last one repeats the first
-        on a periodic axis and is not used there.
+        Cell face that each resistor crosses, -1 for a switch, a rail segment or the load of the read-out.  Faces are
+        numbered axis by axis.  Along an axis there are ``cells + 1`` faces, in C order of an array of shape
+        `resgrid.core.regions.face_shape`.  Face ``i`` is the lower face of cell ``i``.  On a periodic axis the last
+        face equals the first one and is not used.
     resistor_upward : ndarray of bool, shape (resistors,)
-        Whether the resistor's first node is on the lower side of the face.
+        Whether the first node of each resistor is on the lower side of the face.
     free_node : ndarray of int32, shape (free nodes,)
-        The nodes of the free cells that have one, in C order of the cells.
+        Nodes of the free cells, in C order of the cells, without cells that have no node.
     obstacle_node : int
-        The obstacle rail, -1 if there is none.
+        Node of the obstacle rail, -1 without one.
     goal_nodes : tuple of int
-        The rail of every goal region.
+        Node of the rail of every goal region.
     nonlinear_face : ndarray of int64, shape (nonlinear resistors,)
-        The cell face each nonlinear resistor crosses, numbered as those of the resistors.
+        Cell face that each nonlinear resistor crosses, numbered as for resistors.
     nonlinear_upward : ndarray of bool, shape (nonlinear resistors,)
-        Whether its first node is on the lower side of the face.
+        Whether the first node of each nonlinear resistor is on the lower side of the face.
     rail_nodes : mapping of str to ndarray of int32, shape of the space
-        Of a rail with resistance: its node at every cell, -1 where the cell's own node is on the rail.
+        For every rail with resistance, its node at each cell; -1 where the node of the cell belongs to the rail.
     """
 
     space: ConfigurationSpace
@@ -100,27 +109,27 @@ class Netlist:
     node_count : int
         Number of nodes, ground included.
     resistor_nodes : array_like of int, shape (m, 2)
-        The two nodes of every resistor.
+        Both nodes of every resistor.
     conductance : array_like of float, shape (m,)
         Conductance of every resistor at the nominal temperature, in siemens; positive and finite.
     source_nodes, source_volts : array_like, shapes (s, 2) and (s,)
-        Ideal voltage sources: plus node, minus node; volts.
+        Ideal voltage sources: plus node and minus node; volts.
     current_nodes, current_amps : array_like, shapes (c, 2) and (c,)
-        Ideal current sources: the node the current is taken from, the node it is fed into; amperes.
+        Ideal current sources: the node that the current leaves and the node that it enters; amperes.
     capacitor_nodes, capacitance : array_like, shapes (k, 2) and (k,)
-        Capacitors, in farads; open in an operating point.
+        Capacitors, in farads; open circuits in an operating point.
     tc1, tc2 : array_like of float, shape (m,), optional
         Temperature coefficients of the resistors, in 1/K and 1/K^2.
     nonlinear_nodes, nonlinear_current, nonlinear_voltage : array_like, shapes (q, 2), (q,) and (q,)
-        Nonlinear resistors: from the first node ``a`` to the second node ``b`` flows ``I0 tanh((V_a - V_b) / V0)``,
-        with ``I0 > 0`` in amperes and ``V0 > 0`` in volts (the horizontal resistor of Mead, *Analog VLSI and Neural
-        Systems*, 1989, chapter 7).
+        Nonlinear resistors with the current ``I0 tanh((V_a - V_b) / V0)`` from the first node ``a`` to the second node
+        ``b``, with ``I0 > 0`` in amperes and ``V0 > 0`` in volts (the horizontal resistor of Mead, *Analog VLSI and
+        Neural Systems*, 1989, chapter 7).
     cell_map : CellMap, optional
-        What ties the nodes to the cells of a configuration space.
+        Map between the nodes and the cells of a configuration space.
     node_names, element_names : optional
-        Names read from a file: one string a node; per kind (``"resistor"``, ``"voltage source"``,
-        ``"current source"``, ``"capacitor"``, ``"nonlinear resistor"``) one string an element.  Otherwise names are
-        made when asked for.
+        Names read from a file: one string per node; and for each kind (``"resistor"``, ``"voltage source"``,
+        ``"current source"``, ``"capacitor"``, ``"nonlinear resistor"``) one string per element.  By default names are
+        generated on demand.
 
     Raises
     ------
@@ -163,20 +172,24 @@ class Netlist:
         if not isinstance(self.node_count, int | np.integer) or not 1 <= self.node_count <= MOST_NODES:
             raise InputError(f"node_count = {self.node_count!r} must be a whole number from 1 to {MOST_NODES:,}")
         for nodes, *values in ARRAYS.values():
-            object.__setattr__(self, nodes, _numbers(nodes, getattr(self, nodes), self.node_count))
+            object.__setattr__(self, nodes, node_numbers(nodes, getattr(self, nodes), self.node_count))
             for name in values:
                 if not (getattr(self, name) is None and name in ("tc1", "tc2")):
-                    object.__setattr__(self, name, _column(name, getattr(self, name), 0, np.float64))
+                    object.__setattr__(self, name, column_of(name, getattr(self, name), 0, np.float64))
         for kind, names in ARRAYS.items():
             self._check_kind(kind, names)
-        if not _all_within(self.conductance, 0.0, np.inf):
+        if not all_within(self.conductance, 0.0, np.inf):
             bad = int(np.flatnonzero(~(np.isfinite(self.conductance) & (self.conductance > 0)))[0])
             raise InputError(
                 f"resistor {bad} between nodes {self.resistor_nodes[bad].tolist()} has conductance "
                 f"{self.conductance[bad]}; it must be positive and finite (a short is a 0 V source)"
             )
         if np.any(self.capacitance < 0):
-            raise InputError("capacitance must be finite and not negative")
+            bad = int(np.argmin(self.capacitance))
+            raise InputError(
+                f"capacitor {bad} between nodes {self.capacitor_nodes[bad].tolist()} has capacitance "
+                f"{self.capacitance[bad]} F; it must be finite and not negative"
+            )
         for name, unit in (("nonlinear_current", "amperes"), ("nonlinear_voltage", "volts")):
             if not np.all(getattr(self, name) > 0):
                 bad = int(np.argmin(getattr(self, name) > 0))
@@ -186,18 +199,23 @@ class Netlist:
                 )
         check_element_names(self)
         if not isinstance(self.cell_map, CellMap | None):
-            raise InputError(f"cell_map = {self.cell_map!r} must be what compile_space makes, or None")
+            raise InputError(
+                f"cell_map = {self.cell_map!r} must be a CellMap (of a netlist from compile_space), or None"
+            )
         check_node_names(self.node_names, self.node_count)
 
     def _check_kind(self, kind: str, names: tuple[str, ...]) -> None:
+        """Raise InputError unless all arrays of a kind of element have equal lengths and finite values."""
         nodes = getattr(self, names[0])
         for name in names[1:]:
             value = getattr(self, name)
             if value is not None and len(value) != len(nodes):
-                raise InputError(f"{name} has {len(value)} entries, but there are {len(nodes)} of {names[0]}")
-            if value is not None and name != "conductance" and not _all_within(value, -np.inf, np.inf):
                 raise InputError(
-                    f"{name} holds a value that is not finite: {kind} {int(np.argmin(np.isfinite(value)))}"
+                    f"{name} has {len(value)} entries for {len(nodes)} pairs in {names[0]}; make them equal"
+                )
+            if value is not None and name != "conductance" and not all_within(value, -np.inf, np.inf):
+                raise InputError(
+                    f"{name} of {kind} {int(np.argmin(np.isfinite(value)))} is not finite; give a finite number"
                 )
 
     def __repr__(self) -> str:
@@ -207,7 +225,7 @@ class Netlist:
 
     @property
     def cells(self) -> CellMap:
-        """What ties the nodes to the cells of the space that was compiled.
+        """Map between the nodes and the cells of the compiled space.
 
         Raises
         ------
@@ -215,23 +233,34 @@ class Netlist:
             If the netlist was not compiled from a space.
         """
         if self.cell_map is None:
-            raise InputError("this netlist was not compiled from a space, so its nodes belong to no cell")
+            raise InputError(
+                "this netlist was not compiled from a space, so that its nodes have no cells; use compile_space(space)"
+            )
         return self.cell_map
 
     def node_name(self, node: int) -> str:
-        """Return the name of a node: ``0``, a cell ``n_12_7``, rails ``obstacle``, ``goal_0_3_4``, or ``node_5``."""
+        """Return the name of a node, such as ``0``, ``n_12_7``, ``obstacle``, ``goal_0_3_4`` or ``node_5``."""
         check_whole("node", node, 0)
         return self.names_of(np.array([node]))[0]
 
     def names_of(self, nodes: ArrayLike) -> list[str]:
-        """Names of nodes, shape (n,), made in bulk.
+        """Return the names of several nodes.
+
+        Parameters
+        ----------
+        nodes : array_like of int, shape (n,)
+            Node numbers.
+
+        Returns
+        -------
+        list of str
 
         Raises
         ------
         InputError
-            If there is no such node.
+            If a node does not exist.
         """
-        wanted = _numbers("nodes", nodes, self.node_count, 0).astype(np.int64)
+        wanted = node_numbers("nodes", nodes, self.node_count, 0).astype(np.int64)
         if self.node_names is not None:
             return [self.node_names[node] for node in wanted.tolist()]
         if self.cell_map is None:
@@ -239,7 +268,7 @@ class Netlist:
         return self._cell_names(self.cell_map, wanted)
 
     def cell_of_node(self) -> NDArray[np.int64]:
-        """Flat (C order) index of the cell behind every node, -1 for rails and ground; shape (node_count,).
+        """Return the flat index (C order) of every node's cell, -1 for rails and ground; shape (node_count,).
 
         Raises
         ------
@@ -259,6 +288,7 @@ class Netlist:
         return cell_of
 
     def _cell_names(self, cells: CellMap, wanted: NDArray[np.int64]) -> list[str]:
+        """Return the names of nodes (n,) of a compiled netlist."""
         cell = self.cell_of_node()[wanted]
         coordinates = np.unravel_index(np.maximum(cell, 0), cells.space.shape)
         template = "n" + "_%d" * cells.space.ndim
@@ -279,32 +309,31 @@ class Netlist:
         Returns
         -------
         networkx.MultiGraph
-            Nodes are node numbers with attribute ``name``; edges have ``kind`` (``"resistor"``, ``"voltage source"``,
-            ``"current source"``, ``"capacitor"``, ``"nonlinear resistor"``) and ``conductance``, ``volts``, ``amps``,
-            ``capacitance``, or ``current`` and ``voltage`` in SI units, ``tc1``, ``tc2`` and ``name`` where there are
-            such, the ordered pair of their ``nodes``, and their ``number`` among those of their kind.
+            Graph nodes are node numbers with the attribute ``name``.  Every edge has ``kind`` (``"resistor"``,
+            ``"voltage source"``, ``"current source"``, ``"capacitor"``, ``"nonlinear resistor"``); ``conductance``,
+            ``volts``, ``amps``, ``capacitance``, or ``current`` and ``voltage``, in SI units; ``tc1``, ``tc2`` and
+            ``name`` if the netlist has them; the ordered pair ``nodes``; and its ``number`` within the kind.
         """
         return graph_of(self)
 
     @staticmethod
     def from_networkx(graph: nx.Graph[Any], ground: object = GROUND) -> Netlist:
-        """Make a netlist from a graph with the attributes that `to_networkx` writes.
+        """Create a netlist from a graph with the attributes that `to_networkx` writes.
 
         Parameters
         ----------
         graph : networkx.Graph or MultiGraph
-            An edge is a resistor unless its ``kind`` is another element; it needs a number ``conductance`` or
-            ``resistance`` in SI units.  A directed graph is read, too, but not with resistors in both directions
-            between two nodes.
+            An edge without ``kind`` is a resistor.  A resistor needs a number ``conductance`` or ``resistance``, in SI
+            units.  A directed graph must not have resistors in both directions between two nodes.
         ground : hashable
-            The graph node that becomes node 0; it is added if the graph lacks it.
+            The graph node that becomes node 0; it is added if the graph does not contain it.
 
         Returns
         -------
         Netlist
-            Nodes in the graph's order, ground first.  Node names are the attributes ``name`` or the graph's own nodes;
-            a name that is taken gets a suffix, such as ``a_2``.  Ground without a name is ``0``, or ``ground`` where
-            another node is called ``0``.  Elements are in the order of their ``number``, or of the graph.
+            Nodes in the order of the graph, ground first.  Node names are the attributes ``name``, or else the graph
+            nodes as strings; a duplicate name gets a suffix, such as ``a_2``.  Ground without a name is ``0``, or
+            ``ground`` if another node is called ``0``.  Elements are in the order of their ``number``, or of the graph.
 
         Raises
         ------
@@ -312,11 +341,11 @@ class Netlist:
             If an edge has no value, a value that is not a finite number, or an unknown kind.
         """
         if not hasattr(graph, "is_directed"):
-            raise InputError(f"graph = {graph!r} must be a graph of networkx")
+            raise InputError(f"graph = {graph!r} must be a graph of networkx, such as networkx.MultiGraph()")
         return Netlist(**fields_of(graph, ground))
 
     def replace(self, **changes: Any) -> Netlist:
-        """Return a copy with some fields changed."""
+        """Return a copy with changed fields; the keywords are fields of `Netlist`."""
         known = {item.name for item in fields(self)}
         if changes.keys() - known:
             raise InputError(f"a netlist has no field {sorted(changes.keys() - known)}; it has {sorted(known)}")
@@ -326,10 +355,10 @@ class Netlist:
 def add_elements(
     netlist: Netlist, kind: str, nodes: ArrayLike, *values: ArrayLike, face: ArrayLike = -1, upward: ArrayLike = True
 ) -> Netlist:
-    """Append elements of a kind; names of elements are lost.
+    """Return the netlist with appended elements of a kind, without element names.
 
-    Shapes: `nodes` (n, 2); `values` (n,), or () for all, in the order of `ARRAYS`, 0 where one is left out; `face,
-    upward` likewise, for a map of cells; without them the elements cross no face.
+    Shapes: `nodes` (n, 2); `values` (n,) or (), in the order of `ARRAYS`, missing ones are 0; `face, upward` (n,) or
+    (): fields of the cell map; by default the elements cross no face.
     """
     pairs, *names = ARRAYS[kind]
     added = np.reshape(nodes, (-1, 2))
@@ -350,7 +379,7 @@ def add_elements(
 
 
 def crossed_by(netlist: Netlist, kind: str, which: NDArray[np.bool_] | slice = slice(None)) -> dict[str, NDArray[Any]]:
-    """The faces that some elements of a kind cross, and which way, as `add_elements` takes them."""
+    """Return the faces that elements of a kind cross, and their directions, as keywords of `add_elements`."""
     if netlist.cell_map is None:
         return {}
     return {
@@ -359,37 +388,10 @@ def crossed_by(netlist: Netlist, kind: str, which: NDArray[np.bool_] | slice = s
 
 
 def select_elements(netlist: Netlist, kind: str, keep: NDArray[np.bool_]) -> Netlist:
-    """Keep some elements of a kind, shape (elements,), and all others; names of elements are lost."""
+    """Return the netlist with only those elements of a kind that `keep` (elements,) marks, without element names."""
     columns = {name: getattr(netlist, name) for name in ARRAYS[kind]}
     changes: dict[str, Any] = {name: column[keep] for name, column in columns.items() if column is not None}
     if netlist.cell_map is not None and kind in _FACES:
         faces = {name: getattr(netlist.cell_map, name)[keep] for name in _FACES[kind]}
         changes["cell_map"] = replace(netlist.cell_map, **faces)
     return netlist.replace(element_names=None, **changes)
-
-
-def _all_within(value: NDArray[np.float64], low: float, high: float) -> bool:
-    """Whether all values lie strictly between two; NaN does not."""
-    return not value.size or bool(low < value.min() and value.max() < high)
-
-
-def _numbers(name: str, value: ArrayLike, node_count: int, width: int = 2) -> NDArray[np.int32]:
-    array = real_numbers(name, value)
-    if array.size and array.dtype.kind not in "iu":
-        raise InputError(f"{name} must hold node numbers, got {array.dtype}")
-    bits = np.ascontiguousarray(array).view(f"u{array.itemsize}")  # where negative numbers are huge
-    if array.size and not bits.max() < node_count:
-        raise InputError(f"{name} names a node outside 0 ... {node_count - 1}")
-    return _column(name, array, width, np.int32)
-
-
-def _column(name: str, value: ArrayLike, width: int, dtype: Any) -> NDArray[Any]:
-    array = real_numbers(name, value)
-    shape_ok = array.ndim == 2 and array.shape[1] == 2 if width else array.ndim == 1
-    if not shape_ok and array.size:
-        raise InputError(f"{name} has shape {array.shape}, expected {'(n, 2)' if width else '(n,)'}")
-    own = np.ascontiguousarray(array.reshape((-1, 2) if width else -1), dtype=dtype)
-    if own.flags.writeable:
-        own = own.copy() if array is value and np.may_share_memory(own, array) else own.view()
-        own.flags.writeable = False
-    return own

@@ -1,4 +1,4 @@
-"""Netlists as graphs of networkx, and back; only the map of cells is lost."""
+"""Checks of the fields of netlists, and conversion between netlists and networkx graphs, without the cell map."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from collections.abc import Hashable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from resgrid._internal.validation import real_numbers
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
@@ -20,46 +22,80 @@ ELEMENTS: dict[str, tuple[str, dict[str, str]]] = {
     "capacitor": ("capacitor_nodes", {"capacitance": "capacitance"}),
     "nonlinear resistor": ("nonlinear_nodes", {"current": "nonlinear_current", "voltage": "nonlinear_voltage"}),
 }
-"""Per kind the netlist's array of nodes, and its arrays of values by their keys in the graph."""
+"""Per kind of element, the field of its nodes in a netlist, and the fields of its values by their graph attributes."""
 
 ARRAYS = {kind: (nodes, *columns.values()) for kind, (nodes, columns) in ELEMENTS.items()}
-"""Per kind the netlist's arrays: that of its nodes, then those of its values."""
+"""Per kind of element, the fields of a netlist: first that of its nodes, then those of its values."""
 
 _OPTIONAL = ("tc1", "tc2")
 _SYMMETRIC = ("resistor", "capacitor", "nonlinear resistor")
 _ROUNDING = 1e-9
-"""Largest relative difference of a conductance and the inverse of the resistance beside it."""
+"""Largest relative difference between a conductance and the inverse of the resistance of the same edge."""
 
 Edge: TypeAlias = tuple[Hashable, Hashable, Mapping[str, Any]]
 """Two nodes of a graph, and the attributes of the edge between them."""
 
 
 def check_node_names(names: Any, count: int) -> None:
-    """Raise InputError unless the names of nodes are None or `count` different texts."""
+    """Raise InputError unless the node names are None or `count` different strings."""
     if names is None:
         return
     if not isinstance(names, Sequence) or isinstance(names, str):
-        raise InputError(f"node_names = {names!r} must be a list of texts, one a node")
+        raise InputError(f"node_names = {names!r} must be a list of strings, one per node")
     if len(names) != count:
-        raise InputError(f"{len(names)} node names for {count} nodes")
+        raise InputError(f"node_names has {len(names)} names for {count} nodes; give one name per node")
     if len(set(names)) != count:
         name, times = Counter(names).most_common(1)[0]
-        raise InputError(f"{times} nodes have the name {name!r}; a name must belong to one node")
+        raise InputError(f"node_names: {times} nodes have the name {name!r}; give every node a different name")
 
 
 def check_element_names(netlist: Any) -> None:
-    """Raise InputError unless every kind that has names has one for each element."""
+    """Raise InputError unless every kind of element with names has one name per element."""
     names = {} if netlist.element_names is None else netlist.element_names
     if not isinstance(names, Mapping) or names.keys() - ARRAYS.keys():
-        raise InputError(f"element_names = {names!r} must be texts by kind; kinds are {', '.join(ARRAYS)}")
+        raise InputError(
+            f"element_names = {names!r} must map kinds of elements to strings; kinds are {', '.join(ARRAYS)}"
+        )
     for kind, texts in names.items():
         count = len(getattr(netlist, ARRAYS[kind][0]))
         if not isinstance(texts, Sequence) or isinstance(texts, str) or len(texts) != count:
-            raise InputError(f"element_names[{kind!r}] must be {count} texts, one for every {kind}")
+            raise InputError(f"element_names[{kind!r}] must be {count} strings, one for every {kind}")
+
+
+def all_within(value: NDArray[np.float64], low: float, high: float) -> bool:
+    """Return whether all values lie strictly between two limits; False if one is NaN."""
+    return not value.size or bool(low < value.min() and value.max() < high)
+
+
+def node_numbers(name: str, value: ArrayLike, node_count: int, width: int = 2) -> NDArray[np.int32]:
+    """Return node numbers as an array (n, 2), or (n,) for `width` 0; raise InputError if a node does not exist."""
+    array = real_numbers(name, value)
+    if array.size and array.dtype.kind not in "iu":
+        raise InputError(f"{name} must hold node numbers, got {array.dtype}; convert them to integers")
+    bits = np.ascontiguousarray(array).view(f"u{array.itemsize}")  # negative numbers become huge
+    if array.size and not bits.max() < node_count:
+        bad = int(array.ravel()[int(np.argmax(bits))])
+        raise InputError(
+            f"{name} names a node outside 0 ... {node_count - 1}: {bad}; correct the number, or raise node_count"
+        )
+    return column_of(name, array, width, np.int32)
+
+
+def column_of(name: str, value: ArrayLike, width: int, dtype: Any) -> NDArray[Any]:
+    """Return a read-only array (n, 2), or (n,) for `width` 0; writeable input is copied."""
+    array = real_numbers(name, value)
+    shape_ok = array.ndim == 2 and array.shape[1] == 2 if width else array.ndim == 1
+    if not shape_ok and array.size:
+        raise InputError(f"{name} has shape {array.shape}, expected {'(n, 2)' if width else '(n,)'}")
+    own = np.ascontiguousarray(array.reshape((-1, 2) if width else -1), dtype=dtype)
+    if own.flags.writeable:
+        own = own.copy() if array is value and np.may_share_memory(own, array) else own.view()
+        own.flags.writeable = False
+    return own
 
 
 def graph_of(netlist: Any) -> nx.MultiGraph[int]:
-    """Return a netlist as a multigraph."""
+    """Return a netlist as a multigraph; attributes as in `Netlist.to_networkx`."""
     import networkx as nx
 
     graph: nx.MultiGraph[int] = nx.MultiGraph()
@@ -71,6 +107,7 @@ def graph_of(netlist: Any) -> nx.MultiGraph[int]:
 
 
 def _edges(netlist: Any, kind: str) -> Iterator[tuple[int, int, dict[str, Any]]]:
+    """Yield the elements of a kind as edges: both nodes and the attributes."""
     nodes, keys = ELEMENTS[kind]
     columns: dict[str, list[Any]] = {
         key: getattr(netlist, column).tolist() for key, column in keys.items() if getattr(netlist, column) is not None
@@ -83,7 +120,7 @@ def _edges(netlist: Any, kind: str) -> Iterator[tuple[int, int, dict[str, Any]]]
 
 
 def fields_of(graph: nx.Graph[Any], ground: object) -> dict[str, Any]:
-    """Return the fields of the netlist that a graph describes."""
+    """Return the fields of the netlist of a graph; `ground`: the graph node that becomes node 0."""
     order = [ground, *(node for node in graph if node != ground)]
     number = {node: i for i, node in enumerate(order)}
     kinds: dict[str, list[Edge]] = {kind: [] for kind in ELEMENTS}
@@ -116,9 +153,9 @@ def fields_of(graph: nx.Graph[Any], ground: object) -> dict[str, Any]:
 
 
 def _node_names(graph: nx.Graph[Any], order: list[Any]) -> tuple[str, ...]:
-    """Return a name for every node, ground first, no name twice.
+    """Return a unique name for every node, ground first.
 
-    Ground without a name is ``0``, or ``ground`` where another node is called ``0``.
+    Ground without a name is ``0``, or ``ground`` if another node is called ``0``.
     """
     ground, others = order[0], order[1:]
     wanted = [str(graph.nodes[node].get("name", node)) for node in others]
@@ -138,7 +175,7 @@ def _node_names(graph: nx.Graph[Any], order: list[Any]) -> tuple[str, ...]:
 
 
 def _check_directions(resistors: list[Edge]) -> None:
-    """Raise InputError if a directed graph joins two nodes by resistors in both directions."""
+    """Raise InputError if a directed graph connects two nodes by resistors in both directions."""
     joined = {(a, b) for a, b, _ in resistors if a != b}
     for a, b in joined:
         if (b, a) in joined:
@@ -149,7 +186,7 @@ def _check_directions(resistors: list[Edge]) -> None:
 
 
 def _ends(edge: Edge, kind: str) -> tuple[Hashable, Hashable]:
-    """Return the ordered nodes of an element."""
+    """Return the ordered nodes of an element; raise InputError if they are not the nodes of the edge."""
     a, b, data = edge
     if "nodes" not in data:
         return a, b
@@ -165,7 +202,7 @@ def _ends(edge: Edge, kind: str) -> tuple[Hashable, Hashable]:
 
 
 def _value(edge: Edge, key: str) -> float:
-    """Return one value of an element."""
+    """Return one value of an element in SI units; raise InputError if it is missing or not admissible."""
     data = edge[2]
     if key in data:
         value = _number(data[key], key, edge)
@@ -195,7 +232,7 @@ def _value(edge: Edge, key: str) -> float:
 
 
 def _number(value: object, key: str, edge: Edge) -> float:
-    """Return an attribute as a finite number."""
+    """Return an attribute as a float; raise InputError unless it is a finite number."""
     try:
         number = float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
@@ -203,6 +240,6 @@ def _number(value: object, key: str, edge: Edge) -> float:
     if not np.isfinite(number) or isinstance(value, bool) or (isinstance(value, str) and "_" in value):
         raise InputError(
             f"edge {edge[0]!r} - {edge[1]!r} has {key} = {value!r}; it must be a finite number in SI units, such as "
-            "3000.0 (letters for powers of ten are not read here)"
+            "3000.0 (suffixes such as k or M are not supported here)"
         )
     return number

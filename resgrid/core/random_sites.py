@@ -1,7 +1,7 @@
-"""A chip's die: what its resistors are, whatever passes made of them, and the random numbers of their places.
+"""Random values of a chip's resistors, one per site on the die.
 
-Every random effect draws from a stream of its own, and a value belongs to a place on the die, not to a row of an array:
-the same seed gives the same chip whatever the order of the passes, and whichever scene the chip is switched to.
+Every random effect has its own random stream, and a value belongs to a site on the die, not to an index of the netlist.
+The same seed therefore gives the same chip for any order of effects and for any scene that the chip is switched to.
 """
 
 from __future__ import annotations
@@ -16,47 +16,50 @@ from resgrid.core.regions import face_counts
 from resgrid.errors import InputError
 
 Seed = int | tuple[int, ...]
-"""Entropy, or entropy and the spawn key of a child, as whole numbers that JSON can hold."""
+"""Entropy, or entropy and spawn key of a `numpy.random.SeedSequence`, as integers."""
 
 MISMATCH, DEFECTS, OFFSET, NOISE = 1, 2, 3, 4
-"""The streams of one chip."""
+"""Last spawn keys of the random streams of a chip."""
 
 
-def place_count(netlist: Netlist) -> int:
-    """How many resistors a chip of this kind may have: the faces of its grid, or else the resistors of its netlist."""
+def site_count(netlist: Netlist) -> int:
+    """Return the number of resistor sites: the faces of the grid, or the resistors of a netlist without cells."""
     if netlist.cell_map is None:
         return len(netlist.conductance) + len(netlist.nonlinear_current)
     return sum(face_counts(netlist.cells.space.shape))
 
 
-def places(netlist: Netlist) -> tuple[NDArray[np.integer[Any]], NDArray[np.integer[Any]]]:
-    """The places of resistors and of nonlinear resistors: the faces they cross; -1 for switches, rails and loads."""
+def resistor_sites(netlist: Netlist) -> tuple[NDArray[np.integer[Any]], NDArray[np.integer[Any]]]:
+    """Return the sites of the resistors (resistors,) and of the nonlinear resistors (nonlinear resistors,).
+
+    A site is the face that the resistor crosses; -1 for switches, rail segments and loads.
+    """
     if netlist.cell_map is None:
         linear = len(netlist.conductance)
-        return np.arange(linear), np.arange(linear, place_count(netlist))
+        return np.arange(linear), np.arange(linear, site_count(netlist))
     return netlist.cells.resistor_face, netlist.cells.nonlinear_face
 
 
 def on_grid(netlist: Netlist) -> NDArray[np.bool_]:
-    """Which resistors are the grid's own, shape (resistors,)."""
-    return np.asarray(places(netlist)[0] >= 0)
+    """Return which resistors belong to the grid, (resistors,), and are not switches, rail segments or loads."""
+    return np.asarray(resistor_sites(netlist)[0] >= 0)
 
 
 def ends_of(netlist: Netlist) -> NDArray[np.int32]:
-    """Nodes of all resistors, nonlinear ones last, shape (resistors, 2)."""
+    """Return the nodes of all resistors, linear ones first, shape (resistors, 2)."""
     return np.concatenate([netlist.resistor_nodes, netlist.nonlinear_nodes])
 
 
 def end_names(netlist: Netlist, resistors: NDArray[np.int64]) -> list[list[str]]:
-    """Names of the two nodes of some resistors, numbered with nonlinear ones last."""
+    """Return the names of both nodes of given resistors (n,), numbered as in `ends_of`."""
     ends = ends_of(netlist)[resistors]
     return [list(pair) for pair in zip(*(netlist.names_of(ends[:, end]) for end in (0, 1)), strict=True)]
 
 
-def scaled(netlist: Netlist, factor: NDArray[np.float64]) -> Netlist:
-    """Multiply the resistances of the grid by the factors of their places, shape (places,)."""
-    linear, nonlinear = places(netlist)
-    padded = np.append(factor, 1.0)  # place -1
+def scale_resistances(netlist: Netlist, factor: NDArray[np.float64]) -> Netlist:
+    """Return the netlist with every grid resistance multiplied by the factor of its site; `factor` (sites,)."""
+    linear, nonlinear = resistor_sites(netlist)
+    padded = np.append(factor, 1.0)  # for site -1
     return netlist.replace(
         conductance=netlist.conductance / padded[linear],
         nonlinear_current=netlist.nonlinear_current / padded[nonlinear],
@@ -64,7 +67,7 @@ def scaled(netlist: Netlist, factor: NDArray[np.float64]) -> Netlist:
 
 
 def seed_of(seed: Any) -> Seed:
-    """Check a seed and bring it to whole numbers."""
+    """Return a seed as integers; raise InputError unless it is an integer >= 0, a tuple of these or a SeedSequence."""
     if isinstance(seed, np.random.SeedSequence):
         entropy = seed.entropy if isinstance(seed.entropy, int) else None
         seed = None if entropy is None else (entropy, *seed.spawn_key) if seed.spawn_key else entropy
@@ -77,15 +80,15 @@ def seed_of(seed: Any) -> Seed:
 
 
 def generator(seed: Seed, stream: int) -> np.random.Generator:
-    """Random numbers of one stream of a chip."""
+    """Return the random generator of one stream of a chip."""
     entropy, *key = seed if isinstance(seed, tuple) else (seed,)
     return np.random.default_rng(np.random.SeedSequence(entropy, spawn_key=(*key, stream)))
 
 
 def mismatch_factors(count: int, deviation: float | NDArray[np.float64], seed: Seed) -> NDArray[np.float64]:
-    """What fabrication multiplies the resistances of one chip by: ``exp(s z - s^2 / 2)``, log-normal, of mean 1.
+    """Return random factors of the resistances of one chip, ``exp(s z - s^2 / 2)``: log-normal with mean 1.
 
-    Shapes: `deviation` () or (places,), as a share of the mean; returns (places,).
+    Shapes: `deviation` () or (sites,): standard deviation as a fraction of the mean; returns (sites,).
     """
     log_variance = np.log1p(np.square(deviation))
     z = generator(seed, MISMATCH).standard_normal(count)

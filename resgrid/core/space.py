@@ -24,7 +24,7 @@ _COARSEST = 0.125
 
 
 class Cell(IntEnum):
-    """What a cell of a configuration space is.
+    """State of a cell of a configuration space: free, obstacle or goal.
 
     Examples
     --------
@@ -49,24 +49,25 @@ _NAMES = ("x", "y", "z", "w")
 @frozen
 @dataclass(frozen=True, eq=False)
 class ConfigurationSpace:
-    """A grid of cells, each free, obstacle or goal, and what they cost.
+    """A grid of free, obstacle and goal cells in one to four dimensions, with an optional cost map.
 
     Parameters
     ----------
     axes : sequence of Axis
         One to four axes; array index 0 is the first axis.
     cell : array_like of int
-        One of `Cell` for every cell; shape ``(axes[0].cells, ...)``; kept as a read-only uint8 array.
+        One of `Cell` for every cell; shape ``(axes[0].cells, ...)``; stored as a read-only uint8 array.
     conductivity : array_like of float, optional
-        A positive, finite number for every cell (a cost map: a costly cell conducts badly), same shape;
-        relative to 1, the default.
+        Conductivity of every cell relative to 1, the default: positive, finite, of the same shape.  As a cost map, a
+        costly cell has a low conductivity.
     frame : Frame, optional
-        Where the axes lie in the world; the world's own unless it is given.  Only a plane may be moved or turned.
+        Position and rotation of the axes in the world; by default the axes are the world's.  Only a plane may be moved
+        or rotated.
     goal_points : array_like of float, shape (number of goal cells, ndim), optional
-        For every goal cell, in C order, a configuration within it, in axis units, that solves the goal; NaN where
-        the cell as a whole is the goal.
+        For every goal cell, in C order, a configuration in the cell that solves the goal, in axis units; NaN if every
+        configuration of the cell does.
     robot : Robot, optional
-        Who moves in it, for whatever asks how a configuration looks in the workspace; a point unless it is given.
+        The robot whose configurations the space describes; a point by default.
 
     Raises
     ------
@@ -94,7 +95,7 @@ class ConfigurationSpace:
     conductivity: NDArray[np.float64] | None = None
     frame: Frame = field(default_factory=Frame)
     goal_points: NDArray[np.float64] | None = None
-    robot: Any = None  # a Robot, which this grid need not know
+    robot: Any = None  # a Robot; its class is defined in a higher package
 
     def __init__(
         self,
@@ -191,7 +192,7 @@ class ConfigurationSpace:
         )
 
     def with_cells(self, cell: ArrayLike) -> ConfigurationSpace:
-        """The same space with other cells, one of `Cell` for each; goal cells that stay keep their points."""
+        """Return a copy of the space with other cells, one of `Cell` each; goal cells of both keep their points."""
         cells, kept = _checked_cells(self.axes, cell), None
         if self.goal_points is not None:
             points = np.full((*self.shape, self.ndim), np.nan)
@@ -252,9 +253,9 @@ class ConfigurationSpace:
         return int(self.goal_region.max(initial=-1)) + 1
 
     def goal_point(self, cell: ArrayLike) -> NDArray[np.float64]:
-        """Configuration within a goal cell that solves the goal, or within many, in axis units; shapes (..., ndim).
+        """Return the goal configuration of one or more cells, in axis units; shapes (..., ndim).
 
-        NaN where the cell as a whole is the goal, or is none.
+        NaN if every configuration of the cell solves the goal, or if the cell is not a goal cell.
         """
         index = np.asarray(cell, dtype=np.int64)
         found = np.full(index.shape, np.nan)
@@ -267,36 +268,37 @@ class ConfigurationSpace:
 
     @cached_property
     def _goal_numbers(self) -> NDArray[np.int64]:
-        """Goal cells, numbered in C order."""
+        """Flat indices of the goal cells, in C order."""
         return np.flatnonzero(self.cell == Cell.GOAL)
 
     @cached_property
     def goal_connected(self) -> NDArray[np.bool_]:
-        """Free cells from which a chain of face neighbours leads to a goal through free cells alone."""
+        """Free cells that a path of face-neighbouring free cells connects to a goal cell, of the shape of the space."""
         region = label_regions(self.cell != Cell.OBSTACLE, self.periodic)
-        served = np.zeros(region.max(initial=0) + 1, dtype=bool)
-        served[region[self.cell == Cell.GOAL]] = True
+        has_goal = np.zeros(region.max(initial=0) + 1, dtype=bool)
+        has_goal[region[self.cell == Cell.GOAL]] = True
         connected = np.asarray(self.cell == Cell.FREE)
-        if not served[1:].all():
-            connected &= served[region]
+        if not has_goal[1:].all():
+            connected &= has_goal[region]
         connected.flags.writeable = False
         return connected
 
     def to_world(self, points: ArrayLike) -> NDArray[np.float64]:
-        """World coordinates of points given in axis units, shape (..., ndim); the same unless a map is turned.
+        """Convert points from axis units to world coordinates, shape (..., ndim); see `Frame.to_world`.
 
         Raises
         ------
         InputError
-            If a point has not one number for every axis.
+            If a point has not one number per axis.
         """
         return self.frame.to_world(self._checked_points(points))
 
     def from_world(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Points of the world in axis units, shape (..., ndim); the inverse of `to_world`, with the same errors."""
+        """Convert points from world coordinates to axis units, shape (..., ndim); the inverse of `to_world`."""
         return self.frame.from_world(self._checked_points(points))
 
     def _checked_points(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return points as floats, (..., ndim); raise InputError for a wrong type or number of coordinates."""
         try:
             checked = np.asarray(points, dtype=np.float64)
         except (TypeError, ValueError):
@@ -306,18 +308,18 @@ class ConfigurationSpace:
         return checked
 
     def centre(self, cell: ArrayLike) -> NDArray[np.float64]:
-        """Centre of a cell, or of many, shape (..., ndim), in the world."""
+        """Return the centres of one or more cells (..., ndim), in world coordinates."""
         return self.to_world(self.axis_centre(cell))
 
     def axis_centre(self, cell: ArrayLike) -> NDArray[np.float64]:
-        """Centre of a cell, or of many, in axis units, shape (..., ndim)."""
+        """Return the centres of one or more cells (..., ndim), in axis units."""
         return self.lower + (np.asarray(cell, dtype=np.float64) + 0.5) * self.spacing
 
     def locate(self, point: ArrayLike) -> NDArray[np.int64]:
-        """Cell that a point of the world lies in, or many.
+        """Return the cells that contain one or more points.
 
-        A point on a border between cells belongs to the upper cell, except on the upper end of the axis; a periodic
-        coordinate is wrapped first.
+        A point on the border of two cells belongs to the upper cell, except at the upper end of the axis.  Periodic
+        coordinates are wrapped first.
 
         Parameters
         ----------
@@ -327,6 +329,7 @@ class ConfigurationSpace:
         Returns
         -------
         ndarray of int64, shape (..., ndim)
+            Cell indices.
 
         Raises
         ------
@@ -336,9 +339,10 @@ class ConfigurationSpace:
         return self.split(self.from_world(point))[0]
 
     def split(self, point: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Cell and position within the cell, in [0, 1], of a point or of many in axis units; as `locate` otherwise.
+        """Return the cells of one or more points in axis units, and the positions in these cells, in [0, 1].
 
-        This is the grid's own arithmetic: what comes from a person goes through `from_world` first.
+        Shapes: (..., ndim).  Borders and periodic coordinates as in `locate`; points in world coordinates must be
+        converted by `from_world`.
         """
         return split_points(self.axes, point, self.frame.reach(self.axes))
 
@@ -346,7 +350,7 @@ class ConfigurationSpace:
     def rounding(self) -> NDArray[np.float64]:
         """Tolerance for positions as fractions of a cell's width, shape (ndim,).
 
-        It is 1e-9, or the rounding error of coordinates far from the origin of the axes or of the world.
+        1e-9, or the larger rounding error of coordinates far from the origin of the axes or of the world.
         """
         return rounding(self.axes, self.frame.reach(self.axes))
 
@@ -357,36 +361,42 @@ class ConfigurationSpace:
 
 
 def _checked_frame(axes: tuple[Axis, ...], frame: Frame) -> Frame:
+    """Return the frame; raise InputError if it does not fit the axes, or its rounding errors exceed the cells."""
     if not frame.is_world and len(axes) != (2 if frame.turning_length is None else 3):
-        raise InputError(f"only a plane may be moved or turned in the world, and this space has {len(axes)} axes")
+        raise InputError(
+            f"only a plane may be moved or rotated in the world, and this space has {len(axes)} axes; leave out frame"
+        )
     if not frame.is_world and np.any(rounding_errors(axes, frame.reach(axes)) > _COARSEST):
         raise InputError(
-            f"the frame lies so far from the world's origin ({frame.x:g}, {frame.y:g}) that rounding cannot tell cells "
-            "apart; move the origin of the world towards the map"
+            f"the frame lies so far from the world's origin, at ({frame.x:g}, {frame.y:g}), that rounding errors are "
+            "larger than an eighth of a cell; move the origin of the world towards the map"
         )
     return frame
 
 
 def _checked_cells(axes: tuple[Axis, ...], given: ArrayLike) -> NDArray[np.uint8]:
+    """Return the cells as a uint8 array; raise InputError for a wrong shape or value, or wrong axes."""
     cell = real_numbers("cell", given)
     if not 1 <= len(axes) <= MAX_DIMENSIONS:
         raise InputError(f"a configuration space has 1 to {MAX_DIMENSIONS} axes, got {len(axes)}")
     expected = tuple(axis.cells for axis in axes)
     if cell.shape != expected:
-        raise InputError(f"cell has shape {cell.shape}, but the axes say {expected}")
+        raise InputError(f"cell has shape {cell.shape}, but the axes have {expected} cells; make them equal")
     names = [axis.name for axis in axes]
     if len(set(names)) < len(names):
-        raise InputError(f"two axes share a name: {names}")
+        raise InputError(f"two axes have the same name: {names}; give every axis a different name")
     plain = cell.dtype.kind == "u" and cell.max(initial=0) <= max(Cell)
     if not plain and not np.all(np.isin(cell, list(Cell))):
-        raise InputError("cell may hold only 0 (free), 1 (obstacle) and 2 (goal)")
+        where = tuple(np.argwhere(~np.isin(cell, list(Cell)))[0].tolist())
+        raise InputError(f"cell {where} is {cell[where]}; it must be 0 (free), 1 (obstacle) or 2 (goal)")
     return np.array(cell, dtype=np.uint8, order="C")
 
 
 def _checked_conductivity(shape: tuple[int, ...], value: ArrayLike) -> NDArray[np.float64]:
+    """Return the conductivity as an array of floats; raise InputError for a wrong shape or value."""
     conductivity = np.array(value, dtype=np.float64, order="C")
     if conductivity.shape != shape:
-        raise InputError(f"conductivity has shape {conductivity.shape}, but the cells have {shape}")
+        raise InputError(f"conductivity has shape {conductivity.shape}, but the cells have {shape}; make them equal")
     good = np.isfinite(conductivity) & (conductivity > 0)
     if not good.all():
         where = tuple(int(i) for i in np.argwhere(~good)[0])
@@ -395,6 +405,7 @@ def _checked_conductivity(shape: tuple[int, ...], value: ArrayLike) -> NDArray[n
 
 
 def _checked_goal_points(space: ConfigurationSpace, value: ArrayLike) -> NDArray[np.float64]:
+    """Return the goal points (goal cells, ndim); raise InputError if one lies outside its cell."""
     points = np.array(value, dtype=np.float64, order="C")
     cells = np.argwhere(space.cell == Cell.GOAL)
     if points.shape != cells.shape:

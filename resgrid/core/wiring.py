@@ -1,4 +1,4 @@
-"""How a configuration space is wired: what obstacles, edges and goals are tied to, and by what."""
+"""Boundary conditions, drive and element values for compiling a configuration space into a netlist."""
 
 from __future__ import annotations
 
@@ -42,24 +42,28 @@ class WiringOptions(TypedDict, total=False):
 @checked
 @dataclass(frozen=True)
 class Wiring:
-    """How a configuration space is wired (Tarassenko & Blake 1991; Connolly & Grupen 1992, section 2).
+    """Boundary conditions, drive and element values of a circuit for a configuration space.
+
+    Sources: Tarassenko & Blake 1991; Connolly & Grupen 1992, section 2.
 
     Parameters
     ----------
     boundary : {"dirichlet", "neumann", "wall"}
-        What an obstacle does: it is a rail, it is open, or it is a rail behind `wall_resistance`.
+        Boundary condition at obstacles: connected to the obstacle rail, open, or connected to the rail through
+        `wall_resistance` (a Robin condition).
     drive : {"uniform", "start"}, optional
-        With open obstacles: the same current into every goal-connected free node (default), or the start cell tied
-        to the high rail.  None otherwise.
-    edge : {"obstacle", "open"} or a sequence of them
-        What the border of the grid is, for all axes or one by one; periodic axes have none.
+        For open obstacles: the same current into every goal-connected free node (default), or the start cell tied to
+        the high rail.  None for other boundary conditions.
+    edge : {"obstacle", "open"} or a sequence of these
+        Boundary condition at the edge of the grid, for all axes or per axis: like an obstacle, or open.  Periodic axes
+        have no edge.
     rails : {"merged", "cells"}
-        Whether each rail is one node, or every obstacle and goal cell has a node and a source of its own.
+        Whether each rail is one node, or every obstacle and goal cell has its own node and source.
     resistance : float
         Resistance between neighbours along the finest axis at conductivity 1, in ohms.
     supply : float
-        Voltage of the obstacle rail, or of the driven start, above the goal rail, in volts; not zero, maybe negative.
-        With a uniform drive the total current fed in is ``supply / resistance``.
+        Voltage of the obstacle rail, or of the driven start, above the goal rail, in volts; not zero, may be negative.
+        With a uniform drive the total injected current is ``supply / resistance``.
     goal_voltage : float
         Voltage of the goal rail, in volts.
     wall_resistance : float, optional
@@ -70,7 +74,7 @@ class Wiring:
     Raises
     ------
     InputError
-        If an option is unknown, missing or does not fit the others.
+        If an option is unknown, missing or inconsistent with others.
 
     Examples
     --------
@@ -105,17 +109,22 @@ class Wiring:
             object.__setattr__(self, name, value)
 
     def _check_drive(self) -> None:
+        """Raise InputError unless drive and start fit the boundary condition."""
         if self.boundary != "neumann":
             if self.drive is not None or self.start is not None:
                 raise InputError(
-                    f"a drive belongs to open obstacles: with boundary = {self.boundary!r} the obstacle rail drives "
-                    "the grid; leave out drive and start, or choose boundary = 'neumann'"
+                    f"drive and start require open obstacles: with boundary = {self.boundary!r} the obstacle rail "
+                    "drives the grid; leave out drive and start, or choose boundary = 'neumann'"
                 )
             return
         if (self.drive == "start") != (self.start is not None):
-            raise InputError("drive = 'start' needs a start cell, and only drive = 'start' takes one")
+            raise InputError(
+                f"drive = {self.drive!r} and start = {self.start!r} do not fit: drive = 'start' requires a start cell, "
+                "and a start cell requires drive = 'start'"
+            )
 
     def _check_values(self) -> None:
+        """Raise InputError unless resistances and voltages are admissible."""
         if not (0 < self.resistance < np.inf and 1.0 / float(self.resistance) < np.inf):
             raise InputError(f"resistance = {self.resistance}, but it must be positive and finite, in ohms")
         if not (np.isfinite(self.supply) and self.supply != 0 and np.isfinite(self.goal_voltage)):
@@ -125,7 +134,10 @@ class Wiring:
         wall = self.wall_resistance
         if self.boundary != "wall":
             if wall is not None:
-                raise InputError(f"wall_resistance belongs to boundary = 'wall', not to {self.boundary!r}")
+                raise InputError(
+                    f"wall_resistance = {wall} requires boundary = 'wall', not {self.boundary!r}; leave it out, or "
+                    "change the boundary"
+                )
         elif wall is None or not (np.isfinite(wall) and wall >= 0):
             raise InputError(
                 f"boundary = 'wall' needs a finite wall_resistance of at least 0 ohm, got {wall} "
@@ -134,7 +146,7 @@ class Wiring:
 
     @property
     def is_driven(self) -> bool:
-        """Whether the obstacles are open, and currents or a start drive the grid."""
+        """Whether obstacles are open, so that current sources or a start cell drive the grid."""
         return self.boundary == "neumann"
 
     @property
@@ -143,30 +155,32 @@ class Wiring:
         return self.goal_voltage + self.supply
 
     def edges(self, space: ConfigurationSpace) -> tuple[EdgeRule, ...]:
-        """What the border of a space is along each axis; InputError if the rules do not fit it."""
+        """Return the edge rule of every axis of a space; raise InputError if the rules do not fit its axes."""
         rules = (self.edge,) * space.ndim if isinstance(self.edge, str) else tuple(self.edge)
         if len(rules) != space.ndim:
-            raise InputError(f"edge has {len(rules)} entries, but the space has {space.ndim} axes")
+            raise InputError(f"edge has {len(rules)} entries, but the space has {space.ndim} axes; give one per axis")
         for axis, rule in zip(space.axes, rules, strict=True):
             if rule == "periodic" and not axis.periodic:
                 raise InputError(f"edge = 'periodic', but axis {axis.name!r} is not; choose 'obstacle' or 'open'")
         return tuple("periodic" if axis.periodic else rule for axis, rule in zip(space.axes, rules, strict=True))
 
     def on(self, space: ConfigurationSpace) -> Wiring:
-        """The same on a space: with an edge for every axis, and a start that is one of its free cells.
+        """Return the wiring with one edge rule per axis of a space.
 
-        InputError if edges or start do not fit the space, CircuitError if no path joins the start to a goal.
+        Raise InputError if the edge rules do not fit the space or the start is not a free cell, and CircuitError if no
+        path connects the start to a goal.
         """
         if self.start is not None:
             _check_start(space, tuple(self.start))
         return replace(self, edge=self.edges(space))
 
     def opened(self) -> Wiring:
-        """The same with open obstacles and a uniform drive: the other half of a blend."""
+        """Return the wiring with open obstacles and a uniform drive, as for the Neumann part of a blend."""
         return replace(self, boundary="neumann", drive="uniform", wall_resistance=None, start=None)
 
 
 _NO_OPTIONS_OF_BOUNDARY: dict[str, Any] = {"drive": None, "start": None, "wall_resistance": None}
+"""Values of the fields that belong to one boundary only, after the boundary has changed."""
 
 
 def wiring_of(wiring: Wiring | None, options: Mapping[str, Any], default: Mapping[str, Any] | None = None) -> Wiring:
@@ -184,7 +198,7 @@ def wiring_of(wiring: Wiring | None, options: Mapping[str, Any], default: Mappin
 
 
 def check_wiring_options(options: Iterable[str]) -> None:
-    """Raise InputError for a name that is no field of a wiring."""
+    """Raise InputError for a name that is not a field of `Wiring`."""
     known = [field.name for field in fields(Wiring)]
     for name in options:
         if name not in known:
@@ -193,10 +207,13 @@ def check_wiring_options(options: Iterable[str]) -> None:
 
 
 def _check_start(space: ConfigurationSpace, cell: tuple[int, ...]) -> None:
+    """Raise InputError unless the start is a free cell, and CircuitError unless it is connected to a goal."""
     if len(cell) != space.ndim or not all(0 <= i < n for i, n in zip(cell, space.shape, strict=True)):
-        raise InputError(f"the start cell {cell} is not in the grid of {space.shape} cells")
+        raise InputError(f"the start cell {cell} is not in the grid of {space.shape} cells; choose another one")
     if space.cell[cell] != Cell.FREE:
         kind = "an obstacle cell" if space.cell[cell] == Cell.OBSTACLE else "a goal cell"
-        raise InputError(f"the start cell {cell} is {kind}; it must be free")
+        raise InputError(f"the start cell {cell} is {kind}; choose a free cell")
     if not space.goal_connected[cell]:
-        raise CircuitError(f"nothing is driven: no path of free cells joins the start cell {cell} to a goal")
+        raise CircuitError(
+            f"nothing is driven: no path of free cells joins the start cell {cell} to a goal; choose another start"
+        )

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from resgrid._internal.values import frozen, picture_html
-from resgrid.core.regions import before_and_behind, label_regions, with_margin
+from resgrid.core.regions import cells_at_faces, label_regions, with_margin
 from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.planning.streamline import Outcome
@@ -358,7 +358,7 @@ def _link(barriers: Barriers, opened: tuple[int, ...] = ()) -> RegionGraph:
     node = np.where(passable, region, regions + barriers.label)
     cost = np.concatenate([np.zeros(regions), 1.0 + barriers.sizes / (1.0 + barriers.sizes.sum())])
     wide = with_margin(node, space.periodic)
-    faces = [np.stack([side.ravel() for side in before_and_behind(wide, axis)], axis=1) for axis in range(space.ndim)]
+    faces = [np.stack([side.ravel() for side in cells_at_faces(wide, axis)], axis=1) for axis in range(space.ndim)]
     pairs = np.unique(np.sort(np.concatenate([pair[pair[:, 0] != pair[:, 1]] for pair in faces]), axis=1), axis=0)
     first, last = np.concatenate([pairs, pairs[:, ::-1]]).T
     # Half a group's cost on the way in, half on the way out.

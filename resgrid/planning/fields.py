@@ -14,7 +14,7 @@ from resgrid._internal.values import frozen, picture_html
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.core.compiler import CellRole, contacts_of_box
 from resgrid.core.netlist import CellMap
-from resgrid.core.regions import before_and_behind, by_axis, face_counts, face_shape, with_margin
+from resgrid.core.regions import by_axis, cells_at_faces, face_counts, face_shape, with_margin
 from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.core.wiring import Wiring
 from resgrid.errors import AccuracyError, CircuitError, InputError
@@ -346,7 +346,7 @@ def _check_walls(field: Field) -> None:
     free = with_margin(space.goal_connected, space.periodic, beyond=False)
     solid = with_margin(space.cell == Cell.OBSTACLE, space.periodic, beyond=True)
     for axis, direction in enumerate(field.face_direction):
-        (here, there), (before, behind) = before_and_behind(free, axis), before_and_behind(solid, axis)
+        (here, there), (before, behind) = cells_at_faces(free, axis), cells_at_faces(solid, axis)
         enters = (here & behind & (direction > 0)) | (before & there & (direction < 0))
         if enters.any():
             face = np.argwhere(enters)[0]

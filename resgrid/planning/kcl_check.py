@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.equations import injected_currents
-from resgrid.circuit.operating_point import BranchCurrents, OperatingPoint
+from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.postprocess import DIRECTION_RESIDUAL
-from resgrid.core.regions import before_and_behind, sides_of_cells
+from resgrid.core.regions import cells_at_faces, sides_of_cells
 from resgrid.core.space import Cell
 from resgrid.core.wiring import Wiring
 
@@ -25,7 +25,7 @@ def safe_cells(op: OperatingPoint) -> NDArray[np.bool_] | None:
 
     None where the solver has seen to that in all of them.  No current flows into an obstacle.
     """
-    if isinstance(op.ammeters, BranchCurrents):
+    if op.has_stored_currents and op.kcl_residual <= DIRECTION_RESIDUAL:
         return None
     netlist, cells = op.netlist, op.netlist.cells
     from_node, to_node = netlist.resistor_nodes.T
@@ -53,7 +53,7 @@ def face_currents(conductance: Faces, value: NDArray[np.float64]) -> list[NDArra
 
     Shapes: `conductance` of all faces, `value` of the cells with a margin around them.
     """
-    sides = (before_and_behind(value, axis) for axis in range(value.ndim))
+    sides = (cells_at_faces(value, axis) for axis in range(value.ndim))
     return [np.nan_to_num(g * (before - behind)) for g, (before, behind) in zip(conductance, sides, strict=True)]
 
 
@@ -76,7 +76,7 @@ def obeys_kcl(
         below, above = sides_of_cells(amps, axis)
         net += below - above
         total += np.abs(below) + np.abs(above)
-        rounding += sum(sides_of_cells(g * sum(before_and_behind(size, axis)), axis))
+        rounding += sum(sides_of_cells(g * sum(cells_at_faces(size, axis)), axis))
         leaves |= (below < 0) | (above > 0)
     off = np.where(held, 0.0, np.abs(net)) + ROUNDING * rounding
     return np.asarray(leaves & (off <= DIRECTION_RESIDUAL * 0.5 * total))

@@ -27,7 +27,7 @@ from resgrid._internal.files import temporary_folder
 from resgrid._internal.memory import require_disk, require_memory
 from resgrid._internal.values import frozen
 from resgrid.core.compiler import FLAT, NO_GOAL, WALLED_IN, CellRole, contacts_of_box
-from resgrid.core.regions import before_and_behind, by_axis, face_counts, sides_of_cells, with_margin
+from resgrid.core.regions import by_axis, cells_at_faces, face_counts, sides_of_cells, with_margin
 from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.core.wiring import Wiring
 from resgrid.errors import CircuitError, InputError
@@ -130,7 +130,7 @@ def write_equations(space: ConfigurationSpace, wiring: Wiring, folder: Path, rto
         inner = contacts.kind[(slice(1, -1),) * space.ndim] == CellRole.NODE
         ties, fed = np.zeros(inner.shape), np.zeros(inner.shape)
         for axis, siemens in enumerate(contacts.conductance):
-            lower, upper = before_and_behind(contacts.kind, axis)
+            lower, upper = cells_at_faces(contacts.kind, axis)
             g = siemens * wiring.resistance
             low, up = sides_of_cells(g, axis)
             for here, beside in ((low, sides_of_cells(lower, axis)[0]), (up, sides_of_cells(upper, axis)[1])):

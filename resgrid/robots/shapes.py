@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from resgrid._internal.validation import checked
 from resgrid._internal.values import brief
 from resgrid.core.axis import LARGEST, Axis, Coordinate, Point
+from resgrid.core.regions import label_regions
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
@@ -248,9 +249,8 @@ class CellSet(_Bounded):
 
     def places(self) -> NDArray[np.float64]:
         """Centre of a cell of every connected piece of marked cells of a plane.  Returns (p, 2)."""
-        from scipy.ndimage import label
-
-        pieces, count = label(self.mask)
+        pieces = label_regions(self.mask, periodic=False)
+        count = int(pieces.max(initial=0))
         _, first = np.unique(pieces, return_index=True)
         cells = np.unravel_index(first[-count:] if count else first[:0], self.mask.shape)
         return np.column_stack([axis.centres[index] for axis, index in zip(self.axes, cells, strict=True)])

@@ -198,11 +198,11 @@ class MismatchAnalysis:
 
     def factors(self, netlist: Netlist) -> NDArray[np.float64]:
         """What the resistances of one chip are multiplied by; shape (places on the die,)."""
-        return random_sites.mismatch_factors(random_sites.place_count(netlist), self.sigma, self.seed)
+        return random_sites.mismatch_factors(random_sites.site_count(netlist), self.sigma, self.seed)
 
     def apply(self, netlist: Netlist) -> Netlist:
         """One chip of this seed."""
-        return random_sites.scaled(netlist, self.factors(netlist))
+        return random_sites.scale_resistances(netlist, self.factors(netlist))
 
 
 @checked

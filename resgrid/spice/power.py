@@ -11,7 +11,7 @@ from resgrid._internal.values import frozen
 from resgrid.circuit.nonlinear import nonlinear_drops
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.core.netlist import GROUND
-from resgrid.spice.circuit import connected_parts
+from resgrid.core.regions import label_components
 
 
 @frozen
@@ -132,8 +132,8 @@ def ir_drop(op: OperatingPoint) -> IrDrop:
     netlist = op.netlist
     shorts = netlist.source_nodes[netlist.source_volts == 0]
     joined = np.concatenate([netlist.resistor_nodes, shorts, netlist.nonlinear_nodes])
-    net = connected_parts(joined[(joined != GROUND).all(axis=1)], netlist.node_count)
-    held = connected_parts(netlist.source_nodes, netlist.node_count)
+    net = label_components(joined[(joined != GROUND).all(axis=1)], netlist.node_count)
+    held = label_components(netlist.source_nodes, netlist.node_count)
     rails = np.flatnonzero(held == held[GROUND])
     rails = rails[rails != GROUND]
     rails = rails[np.argsort(np.abs(op.voltage[rails]), kind="stable")]

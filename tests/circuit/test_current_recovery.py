@@ -235,7 +235,7 @@ def test_dead_ends_of_a_large_mesh_carry_nothing_and_leave_no_doubt() -> None:
 
     Its factors are beyond those of small circuits, and bounded errors of all others must not rest on these currents.
     """
-    from resgrid.circuit.current_recovery import balance
+    from resgrid.circuit.current_recovery import recover_currents
     from resgrid.circuit.equations import assemble
 
     side, rng = 40, np.random.default_rng(0)
@@ -249,9 +249,9 @@ def test_dead_ends_of_a_large_mesh_carry_nothing_and_leave_no_doubt() -> None:
     netlist = rg.Netlist(
         count, pairs, rng.uniform(0.5, 2.0, len(pairs)), source_nodes=[[side - 1, 0], [777, 0]], source_volts=[1.0, 0.5]
     )
-    found, _ = balance(assemble(netlist))
+    found, _ = recover_currents(assemble(netlist))
     assert found is not None
-    assert found.doubt < 1e-9
+    assert found.error_bound < 1e-9
     assert not np.isfinite(found.entry_error)  # not solved in integers
     assert not found.amps[mesh:].any()
     assert found.amps[:mesh].all()

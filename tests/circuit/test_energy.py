@@ -64,5 +64,5 @@ def floating_loop() -> rg.Netlist:
 )
 def test_a_current_within_a_floating_part_is_refused_over_time(analyse: object) -> None:
     assert callable(analyse)
-    with pytest.raises(rg.CircuitError, match="nothing ties to ground"):
+    with pytest.raises(rg.CircuitError, match="no resistor or voltage source ties these to ground"):
         analyse(floating_loop())

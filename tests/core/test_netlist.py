@@ -137,15 +137,15 @@ def test_masked_numbers_are_refused() -> None:
 @pytest.mark.parametrize(
     ("ask", "message"),
     [
-        (lambda netlist: netlist.replace(cell_map=3), "cell_map = 3 must be what compile_space makes"),
+        (lambda netlist: netlist.replace(cell_map=3), "cell_map = 3 must be a CellMap"),
         (lambda netlist: netlist.node_name("a"), "node = 'a' must be a whole number"),
         (lambda netlist: netlist.node_name(-1), "node = -1 must be a whole number"),
         (lambda netlist: netlist.node_name([]), r"node = \[\] must be a whole number"),
-        (lambda netlist: netlist.replace(element_names=3), "element_names = 3 must be texts by kind"),
-        (lambda netlist: netlist.replace(element_names={"diode": ()}), "must be texts by kind"),
+        (lambda netlist: netlist.replace(element_names=3), "element_names = 3 must map kinds of elements to strings"),
+        (lambda netlist: netlist.replace(element_names={"diode": ()}), "must map kinds of elements to strings"),
         (
             lambda netlist: netlist.replace(element_names={"resistor": ("a",)}),
-            "must be 2 texts, one for every resistor",
+            "must be 2 strings, one for every resistor",
         ),
         (lambda netlist: netlist.names_of([0, 3]), "nodes names a node outside 0 ... 2"),
         (lambda netlist: netlist.names_of([0.5]), "nodes must hold node numbers"),

@@ -118,7 +118,7 @@ def test_wrong_conductances_are_refused() -> None:
     bad[1, 5] = -1.0
     with pytest.raises(rg.InputError, match="chip 1: resistor 5 has conductance -1"):
         rg.circuit.solve_many(netlist, bad)
-    with pytest.raises(rg.InputError, match="one row a chip"):
+    with pytest.raises(rg.InputError, match="one row per chip"):
         rg.circuit.solve_many(netlist, good[0])
     with pytest.raises(rg.InputError, match="must be numbers"):
         rg.circuit.solve_many(netlist, "many")  # type: ignore[arg-type]

@@ -70,7 +70,7 @@ def dense_solution(netlist: Netlist) -> OperatingPoint:
         voltage=voltage,
         log_drop=None,
         potential=None,
-        ammeters=BranchCurrents(
+        _currents=BranchCurrents(
             resistor_current=through,
             scaled=(through, np.zeros(len(through), dtype=np.int64)),
             source_current=current,

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from resgrid.core.netlist import GROUND, CellMap, Netlist, add_elements, select_elements
 from resgrid.core.random_sites import Seed, seed_of
+from resgrid.core.regions import label_components
 from resgrid.errors import InputError
 from resgrid.scene.chip import Chip
 from resgrid.scene.table_models import check_fields
-from resgrid.spice.circuit import connected_parts
 
 
 @dataclass(frozen=True)
@@ -99,6 +99,6 @@ def without_stranded_currents(netlist: Netlist) -> Netlist:
     if not netlist.current_nodes.size:
         return netlist
     ties = np.concatenate([netlist.resistor_nodes, netlist.source_nodes, netlist.nonlinear_nodes])
-    part = connected_parts(ties, netlist.node_count)
+    part = label_components(ties, netlist.node_count)
     kept = (part[netlist.current_nodes] == part[GROUND]).all(axis=1)
     return select_elements(netlist, "current source", kept)

@@ -42,7 +42,7 @@ class Gradient(Effect):
             raise InputError(f"gradient has {len(self.shares)} entries, but the space has {ndim} axes")
         share = np.zeros(ndim)
         share[: len(self.shares)] = self.shares
-        return random_sites.scaled(netlist, 1 + (_face_centres(netlist.cells) - 0.5) @ share)
+        return random_sites.scale_resistances(netlist, 1 + (_face_centres(netlist.cells) - 0.5) @ share)
 
 
 def _face_centres(cells: CellMap) -> NDArray[np.float64]:
@@ -97,9 +97,9 @@ class Mismatch(Effect):
         if self.length is not None:
             return float(1e-8 * self.pelgrom / np.sqrt(self.width * self.length))
         assert self.sheet_resistance is not None
-        linear, nonlinear = random_sites.places(netlist)
+        linear, nonlinear = random_sites.resistor_sites(netlist)
         own = linear >= 0
-        resistance = np.full(random_sites.place_count(netlist), np.inf)
+        resistance = np.full(random_sites.site_count(netlist), np.inf)
         resistance[linear[own]] = 1 / netlist.conductance[own]
         resistance[nonlinear] = netlist.nonlinear_voltage / netlist.nonlinear_current
         metres = resistance * self.width / self.sheet_resistance
@@ -107,10 +107,10 @@ class Mismatch(Effect):
 
     def factors(self, netlist: Netlist) -> NDArray[np.float64]:
         """What every resistance is multiplied by: mean 1; shape (places,)."""
-        return mismatch_factors(random_sites.place_count(netlist), self.deviation(netlist), self.seed)
+        return mismatch_factors(random_sites.site_count(netlist), self.deviation(netlist), self.seed)
 
     def apply(self, netlist: Netlist) -> Netlist:
-        return random_sites.scaled(netlist, self.factors(netlist))
+        return random_sites.scale_resistances(netlist, self.factors(netlist))
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ class Faults(Effect):
 
     def places(self, netlist: Netlist) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Which places on the die are open, and which are shorted; each of shape (places,)."""
-        draw = generator(self.seed, DEFECTS).random(random_sites.place_count(netlist))
+        draw = generator(self.seed, DEFECTS).random(random_sites.site_count(netlist))
         opened = draw < self.open_density
         opened[[self._face(netlist.cells.space, place) for place in self.open_at]] = True
         return opened, ~opened & (draw >= 1 - self.short_density)
@@ -167,7 +167,7 @@ class Faults(Effect):
 
     def apply(self, netlist: Netlist) -> Netlist:
         opened, shorted = (np.append(mask, False) for mask in self.places(netlist))
-        linear, nonlinear = random_sites.places(netlist)
+        linear, nonlinear = random_sites.resistor_sites(netlist)
         short = shorted[linear]
         faulty = netlist.replace(
             conductance=np.where(short, 1 / self.short_resistance, netlist.conductance),

@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 
 from resgrid.circuit.solve import solve
 from resgrid.core.netlist import GROUND, Netlist, add_elements, select_elements
+from resgrid.core.regions import label_components
 from resgrid.errors import ResgridError
 from resgrid.spice.check.connectivity import Loops, loops_of
 from resgrid.spice.check.erc import check_erc
 from resgrid.spice.check.rereading import first_difference, reread
 from resgrid.spice.check.singular import singularity
-from resgrid.spice.circuit import TOLERANCE, Circuit, Violation, connected_parts, rebase
+from resgrid.spice.circuit import TOLERANCE, Circuit, Violation, rebase
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.dialects.record import Basis, Dialect, Quirks
 from resgrid.spice.read.numerals import Numeral, parse_numeral
@@ -221,7 +222,7 @@ def _failing_loops(quirks: Quirks, case: _Case) -> list[int]:
     inductive = case.deck.is_inductor
     closing += [i for kind, i, _ in case.loops.contradictions if kind == "voltage source" and not inductive[i]]
     if quirks.loops == "fail at ground":
-        tree = connected_parts(ends, case.deck.node_count)
+        tree = label_components(ends, case.deck.node_count)
         closing = [i for i in closing if tree[ends[i, 0]] == tree[GROUND] or ends[i, 0] == ends[i, 1]]
     return closing
 
@@ -260,7 +261,7 @@ def _cancellation(deck: Circuit, size: NDArray[np.float64]) -> tuple[str, ...]:
     worst = 0.0
     for exponent in np.unique(np.ceil(np.log10(size))).tolist()[:-1]:
         small = size <= 10.0**exponent
-        group = connected_parts(np.concatenate([ends[small], deck.source_nodes]), deck.node_count)
+        group = label_components(np.concatenate([ends[small], deck.source_nodes]), deck.node_count)
         leaves = ~small & (group[ends[:, 0]] != group[ends[:, 1]])
         leaving = np.bincount(group[ends[leaves]].ravel(), np.repeat(1 / size[leaves], 2), deck.node_count)
         within = np.zeros(deck.node_count)

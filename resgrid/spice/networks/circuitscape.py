@@ -18,9 +18,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
+from resgrid.core.regions import label_components
 from resgrid.errors import InputError
 from resgrid.spice.networks.configurations import Configuration, read_configuration
 from resgrid.spice.networks.edges import Measure, Network, read_edges
@@ -95,9 +94,8 @@ def _resolved(job: Configuration, network: Network) -> Network:
             reason = f"each has a source at its node (remove_src_or_gnd = {policy})"
         raise InputError(f"{job.path}: none of the grounds of {job.text('ground_file')!r} remains: {reason}")
     count = len(network.names)
-    graph = coo_array((np.ones(len(network.edges)), tuple(network.edges.T)), shape=(count, count))
-    parts, part = connected_components(graph, directed=False)
-    grounded = np.bincount(part, to_ground > 0, parts) > 0
+    part = label_components(network.edges, count)
+    grounded = np.bincount(part, to_ground > 0) > 0
     grounded[part[0]] = True
     return replace(network, amps=np.where(grounded[part], amps, 0.0), to_ground=to_ground)
 

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.core.netlist import GROUND, Netlist
+from resgrid.core.regions import label_components
 from resgrid.errors import BudgetError, InputError
-from resgrid.spice.circuit import CONDUCTING, Circuit, connected_parts
+from resgrid.spice.circuit import CONDUCTING, Circuit
 from resgrid.spice.dialects import DIALECTS
 
 _FIRST_WITH_KLU = 42
@@ -91,7 +92,7 @@ def core_of(circuit: Circuit) -> tuple[int, float]:
     """
     from scipy.sparse import coo_array
 
-    tree = connected_parts(circuit.source_nodes, circuit.node_count)
+    tree = label_components(circuit.source_nodes, circuit.node_count)
     known = tree == tree[GROUND]
     pairs = np.concatenate([circuit.ends[kind] for kind in CONDUCTING])
     pairs = pairs[~known[pairs].any(axis=1) & (pairs[:, 0] != pairs[:, 1])].astype(np.int32)
