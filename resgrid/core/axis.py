@@ -10,7 +10,7 @@ import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.validation import checked
+from resgrid._internal.validation import checked, per_axis
 from resgrid.errors import InputError
 
 LARGEST = 1e60
@@ -18,6 +18,10 @@ LARGEST = 1e60
 
 Coordinate = Annotated[float, Ge(-LARGEST), Le(LARGEST)]
 Point = tuple[Coordinate, ...]
+
+
+_NAMES = ("x", "y", "z", "w")
+"""Names of the axes of a grid that is given as an array."""
 
 
 @checked
@@ -127,3 +131,21 @@ def rounding(axes: Sequence[Axis], reach: ArrayLike | None = None) -> NDArray[np
 def largest_coordinates(axes: Sequence[Axis]) -> NDArray[np.float64]:
     """Return the largest absolute value on every axis, shape (ndim,)."""
     return np.array([max(abs(float(axis.lower)), abs(float(axis.upper))) for axis in axes])
+
+
+def grid_axes(
+    shape: Sequence[int], spacing: ArrayLike, origin: ArrayLike, periodic: bool | Sequence[bool], unit: str
+) -> tuple[Axis, ...]:
+    """Return axes named x, y, z and w for a grid of cells; InputError unless it has one to four dimensions.
+
+    `spacing`: width of a cell, and `origin`: lower corner, one number for all axes or one for each.
+    """
+    if not 1 <= len(shape) <= len(_NAMES):
+        raise InputError(f"cell has {len(shape)} dimensions; a space has one to {len(_NAMES)}")
+    widths = per_axis("spacing", spacing, len(shape), "a positive number", above=0).tolist()
+    lower = per_axis("origin", origin, len(shape), "a finite number").tolist()
+    rings = [periodic] * len(shape) if isinstance(periodic, bool) else list(periodic)
+    if len(rings) != len(shape):
+        raise InputError(f"periodic has {len(rings)} entries, but the array has {len(shape)} dimensions")
+    ends = zip(_NAMES, lower, widths, shape, rings, strict=False)
+    return tuple(Axis(name, low, low + count * width, count, ring, unit) for name, low, width, count, ring in ends)

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.validation import checked, per_axis, real_numbers
+from resgrid._internal.validation import checked, real_numbers
 from resgrid._internal.values import frozen, picture_html
-from resgrid.core.axis import Axis, rounding, rounding_errors, split_points
+from resgrid.core.axis import Axis, grid_axes, rounding, rounding_errors, split_points
 from resgrid.core.frame import Frame
 from resgrid.core.regions import box_around, label_regions
 from resgrid.errors import InputError
@@ -39,10 +39,6 @@ class Cell(IntEnum):
     FREE = 0
     OBSTACLE = 1
     GOAL = 2
-
-
-_NAMES = ("x", "y", "z", "w")
-"""Names of the axes of a space made of an array."""
 
 
 @checked
@@ -178,15 +174,7 @@ class ConfigurationSpace:
         <ConfigurationSpace of 40 x 30 cells, x -1 to 1 m, y 0 to 1.5 m: 40 obstacle, 1 goal>
         """
         codes = real_numbers("cell", cell)
-        if not 1 <= codes.ndim <= len(_NAMES):
-            raise InputError(f"cell has {codes.ndim} dimensions; a space has one to {len(_NAMES)}")
-        widths = per_axis("spacing", spacing, codes.ndim, "a positive number", above=0)
-        lower = per_axis("origin", origin, codes.ndim, "a finite number")
-        rings = [periodic] * codes.ndim if isinstance(periodic, bool) else list(periodic)
-        if len(rings) != codes.ndim:
-            raise InputError(f"periodic has {len(rings)} entries, but the array has {codes.ndim} dimensions")
-        ends = zip(_NAMES, lower.tolist(), widths.tolist(), codes.shape, rings, strict=False)
-        axes = [Axis(name, low, low + count * width, count, ring, unit) for name, low, width, count, ring in ends]
+        axes = grid_axes(codes.shape, spacing, origin, periodic, unit)
         return cls(
             axes, codes.astype(np.uint8) if codes.dtype == bool else codes, conductivity, frame=frame, robot=robot
         )
