@@ -11,8 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid._internal.validation import checked
-from resgrid.core.axis import Axis, Coordinate, largest_coordinates
+from resgrid.core.axis import Axis, Coordinate, largest_coordinates, rounding_errors
 from resgrid.errors import InputError
+
+_COARSEST = 0.125
+"""Largest rounding error of a coordinate, as a fraction of a cell's width."""
 
 
 @checked
@@ -129,3 +132,17 @@ class Frame:
         sizes = (2,) if self.turning_length is None else (2, 3)
         if not points.shape or points.shape[-1] not in sizes:
             raise InputError(f"this map lies in the plane: a point needs 2 coordinates, got shape {points.shape}")
+
+
+def checked_frame(axes: tuple[Axis, ...], frame: Frame) -> Frame:
+    """Return the frame; raise InputError if it does not fit the axes, or its rounding errors exceed the cells."""
+    if not frame.is_world and len(axes) != (2 if frame.turning_length is None else 3):
+        raise InputError(
+            f"only a plane may be moved or rotated in the world, and this space has {len(axes)} axes; leave out frame"
+        )
+    if not frame.is_world and np.any(rounding_errors(axes, frame.reach(axes)) > _COARSEST):
+        raise InputError(
+            f"the frame lies so far from the world's origin, at ({frame.x:g}, {frame.y:g}), that rounding errors are "
+            "larger than an eighth of a cell; move the origin of the world towards the map"
+        )
+    return frame

@@ -14,13 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid._internal.validation import checked, real_numbers
 from resgrid._internal.values import frozen, picture_html
 from resgrid.core.axis import Axis, grid_axes, rounding, rounding_errors, split_points
-from resgrid.core.frame import Frame
+from resgrid.core.frame import Frame, checked_frame
 from resgrid.core.regions import box_around, label_regions
 from resgrid.errors import InputError
 
 MAX_DIMENSIONS = 4
-_COARSEST = 0.125
-"""Largest rounding error of a coordinate, as a fraction of a cell's width."""
 
 
 class Cell(IntEnum):
@@ -109,7 +107,7 @@ class ConfigurationSpace:
             "axes": axes,
             "cell": cells,
             "conductivity": None if conductivity is None else _checked_conductivity(cells.shape, conductivity),
-            "frame": _checked_frame(axes, Frame() if frame is None else frame),
+            "frame": checked_frame(axes, Frame() if frame is None else frame),
             "goal_points": None,
             "robot": robot,
         }
@@ -175,9 +173,8 @@ class ConfigurationSpace:
         """
         codes = real_numbers("cell", cell)
         axes = grid_axes(codes.shape, spacing, origin, periodic, unit)
-        return cls(
-            axes, codes.astype(np.uint8) if codes.dtype == bool else codes, conductivity, frame=frame, robot=robot
-        )
+        codes = codes.astype(np.uint8) if codes.dtype == bool else codes
+        return cls(axes, codes, conductivity, frame=frame, robot=robot)
 
     def with_cells(self, cell: ArrayLike) -> ConfigurationSpace:
         """Return a copy of the space with other cells, one of `Cell` each; goal cells of both keep their points."""
@@ -346,20 +343,6 @@ class ConfigurationSpace:
     def rounding_errors(self) -> NDArray[np.float64]:
         """Largest rounding error of coordinates as fractions of a cell's width, shape (ndim,)."""
         return rounding_errors(self.axes, self.frame.reach(self.axes))
-
-
-def _checked_frame(axes: tuple[Axis, ...], frame: Frame) -> Frame:
-    """Return the frame; raise InputError if it does not fit the axes, or its rounding errors exceed the cells."""
-    if not frame.is_world and len(axes) != (2 if frame.turning_length is None else 3):
-        raise InputError(
-            f"only a plane may be moved or rotated in the world, and this space has {len(axes)} axes; leave out frame"
-        )
-    if not frame.is_world and np.any(rounding_errors(axes, frame.reach(axes)) > _COARSEST):
-        raise InputError(
-            f"the frame lies so far from the world's origin, at ({frame.x:g}, {frame.y:g}), that rounding errors are "
-            "larger than an eighth of a cell; move the origin of the world towards the map"
-        )
-    return frame
 
 
 def _checked_cells(axes: tuple[Axis, ...], given: ArrayLike) -> NDArray[np.uint8]:
