@@ -24,8 +24,8 @@ class WiringOptions(TypedDict, total=False):
     Examples
     --------
     >>> options: rg.WiringOptions = {"boundary": "neumann", "edge": "open"}
-    >>> rg.Wiring(**options)
-    Wiring(boundary='neumann', drive='uniform', edge='open')
+    >>> rg.Wiring(**options).drive
+    'uniform'
     """
 
     boundary: Boundary | None
