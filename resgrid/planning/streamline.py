@@ -14,8 +14,8 @@ from resgrid._internal.values import frozen, picture_html
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.planning.fields import Field
-from resgrid.planning.reasons import reason_of
 from resgrid.robots import PointRobot, Robot
+from resgrid.scene.nearest_place import nearest_place
 
 
 class Outcome(StrEnum):
@@ -39,6 +39,13 @@ class Outcome(StrEnum):
     GOAL_BLOCKED = "goal_blocked"
 
 
+FAILURE_REASONS = {
+    "no_path": "obstacles separate the start from every goal",
+    "no_current": "the current here is too small to give a direction: use --drive uniform",
+    "start_blocked": "the start lies in an obstacle",
+    "goal_blocked": "no free cell has a path to a goal: move the goal, or open a passage to it",
+}
+"""Message for every outcome other than success."""
 _FLAT = (
     "no current flows here, because these cells are connected to the goal alone and to no obstacle: open the obstacles "
     "(boundary = 'neumann', or k below 1), or let the edge count as an obstacle (edge = 'obstacle')"
@@ -132,7 +139,7 @@ class Streamline:
                 return _UNSAFE.format(cell=cell)
         if self.outcome is Outcome.NO_CURRENT and not self.field.wiring.is_driven:
             return _FLAT
-        return reason_of(self.outcome, self.space, tuple(self.cells[0].tolist()))
+        return failure_reason(self.outcome, self.space, tuple(self.cells[0].tolist()))
 
     @property
     def point_cells(self) -> NDArray[np.int64]:
@@ -266,6 +273,27 @@ class Polyline:
 
 
 AnyPath = Streamline | ShortPath | Polyline
+
+
+def failure_reason(outcome: str, space: ConfigurationSpace, cell: tuple[int, ...]) -> str | None:
+    """Return why a path from start cell `cell` ended with an outcome, with a remedy; None for success.
+
+    Only the space is known here; `resgrid.planning.advice` also tries changes of the scene.
+    """
+    if outcome not in FAILURE_REASONS:
+        return None
+    parts = [FAILURE_REASONS[outcome]]
+    if outcome in ("no_path", "start_blocked"):
+        remedy = getattr(space.robot, "remedy", "")
+        parts += [nearest_start(space, cell), "open a passage" if outcome == "no_path" else "", remedy]
+    return "; ".join(part for part in parts if part)
+
+
+def nearest_start(space: ConfigurationSpace, cell: tuple[int, ...]) -> str:
+    """Return a phrase that names the nearest free place or configuration with a path to a goal; empty without one."""
+    place = nearest_place(space.goal_connected, cell, space.axes, space.frame)
+    kind = "place" if space.robot is None or space.robot.moves_in_workspace else "configuration"
+    return f"the nearest {kind} with a path to a goal is {place}" if place else ""
 
 
 def unwrap(path: AnyPath) -> NDArray[np.float64]:
