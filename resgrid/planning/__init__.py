@@ -1,1 +1,1 @@
-"""From an operating point to a field, streamlines and their certificates."""
+"""Planning: the pipeline from a scene to fields, streamlines, certificates, random walks and trajectories."""

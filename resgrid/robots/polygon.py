@@ -110,8 +110,8 @@ class PolygonRobot(Robot):
         At a fixed angle, the polygon touches an obstacle if and only if its reference point lies in the Minkowski
         difference of obstacle and polygon (Lozano-Perez, IEEE Trans. Computers C-32 (1983) 108).  The conservative rule
         divides the angles of a cell into three parts.  Within a part no point moves farther than the chord of the
-        farthest corner, and the differences are dilated by this chord.  A closed cell is free if it is free in all
-        three parts.
+        farthest corner, and the differences are dilated by this chord.  A closed cell is free if it is free in each of
+        the three parts.
         """
         from resgrid.robots.kernels import CellPlane
 

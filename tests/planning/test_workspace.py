@@ -21,7 +21,7 @@ from resgrid.planning.clearance import clearance_of, obstacle_reach
 from resgrid.planning.shortcut import shorten
 from resgrid.planning.streamline import unwrap
 from resgrid.planning.trace import streamline
-from resgrid.planning.workspace import dense, workspace_path
+from resgrid.planning.workspace import sample_path, workspace_path
 from resgrid.robots import (
     Arm,
     Ball,
@@ -141,7 +141,7 @@ def test_obstacles_described_turns_away_are_where_sampling_puts_them(seed: int) 
     shifts = (np.indices((19, 19)).reshape(2, -1).T - 9) * period
     core = shapely.Point(turned) if isinstance(shape, Ball) else to_shapely(shape)
     images = shapely.union_all([shapely.transform(core, lambda points, by=by: points + by) for by in shifts])
-    points = shapely.points(dense(way, 0.1)[0])
+    points = shapely.points(sample_path(way, 0.1)[0])
     radius = shape.radius if isinstance(shape, Ball) else 0.0
     nearest = max(float(shapely.distance(points, images).min()) - radius - 0.1, 0.0)
     assert rg.workspace_clearance(way, [shape], step=0.1) == pytest.approx(nearest, abs=1e-12)
@@ -202,7 +202,7 @@ def test_an_arm_plans_and_drives_without_a_collision() -> None:
 
 def test_dense_steps_are_as_short_as_asked() -> None:
     way = [(0.0, 0.0), (1.0, 2.0), (1.0, 2.0), (-1.0, 0.5)]
-    configurations, segment = dense(rg.Polyline(way, TORUS), 0.05)
+    configurations, segment = sample_path(rg.Polyline(way, TORUS), 0.05)
     assert ARM.travel(configurations[:-1], configurations[1:]).max() <= 0.05 * (1 + 1e-9)
     assert segment.tolist() == sorted(segment.tolist())
     assert set(segment.tolist()) == {0, 1, 2}
