@@ -36,6 +36,7 @@ class Advisor:
 
     @cached_property
     def _has_unknown(self) -> bool:
+        """Whether the map of the scene has unknown cells that block configurations."""
         return has_unknown(self.scene)
 
     def reason(self, path: Streamline) -> str | None:

@@ -90,7 +90,9 @@ def check_pair(dirichlet: Field, neumann: Field) -> None:
     if dirichlet.space is not neumann.space and not _same_cells(dirichlet.space, neumann.space):
         raise InputError("the two fields belong to different spaces; compile both from one space")
     if dirichlet.edge != neumann.edge:
-        raise InputError(f"the two fields have edges {dirichlet.edge} and {neumann.edge}; compile both with one")
+        raise InputError(
+            f"the two fields have edges {dirichlet.edge} and {neumann.edge}; compile both with the same edge"
+        )
 
 
 def _same_cells(first: ConfigurationSpace, second: ConfigurationSpace) -> bool:

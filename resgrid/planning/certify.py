@@ -93,8 +93,8 @@ def _check_kinds(path: Streamline) -> None:
             raise CertificateError(f"{name} must be a number, got {getattr(path, name)!r}")
     if path.goal is not None and (isinstance(path.goal, bool) or not isinstance(path.goal, Integral)):
         raise CertificateError(f"goal must be the index of a goal region or None, got {path.goal!r}")
-    within = np.abs(_local(path) - 0.5) <= 0.5 + space.rounding
-    _require(within, lambda number: f"point {number} lies outside its cell {_plain(path.point_cells[number])}")
+    within = np.abs(_cell_positions(path) - 0.5) <= 0.5 + space.rounding
+    _require(within, lambda number: f"point {number} lies outside its cell {_as_tuple(path.point_cells[number])}")
     if leg and np.any(np.abs(points[-1:] - last) > space.rounding * space.spacing):
         raise CertificateError(f"the path ends at {points[-1].tolist()}, not at the goal point {last[0].tolist()}")
 
@@ -120,7 +120,7 @@ def _check_failure(path: Streamline) -> None:
     }
     if not true[path.outcome]:
         raise CertificateError(
-            f"the outcome {path.outcome.value} of the start cell {_plain(path.cells[0])} is not true"
+            f"the outcome {path.outcome.value} of the start cell {_as_tuple(path.cells[0])} is not true"
         )
 
 
@@ -139,9 +139,9 @@ def _check_cells(path: Streamline) -> None:
     codes = path.space.cell[tuple(cells.T)]
     reached = path.outcome is Outcome.REACHED
     inner = codes[:-1] if reached else codes
-    _require(inner == Cell.FREE, lambda step: f"step {step} is in cell {_plain(cells[step])}, which is not free")
+    _require(inner == Cell.FREE, lambda step: f"step {step} is in cell {_as_tuple(cells[step])}, which is not free")
     if reached and codes[-1] != Cell.GOAL:
-        raise CertificateError(f"the last cell {_plain(cells[-1])} is not a goal cell")
+        raise CertificateError(f"the last cell {_as_tuple(cells[-1])} is not a goal cell")
     if reached and path.goal != path.space.goal_region[tuple(cells[-1])]:
         raise CertificateError(f"the last cell belongs to goal {path.space.goal_region[tuple(cells[-1])]}")
     if len(np.unique(cells, axis=0)) < len(cells):
@@ -156,13 +156,13 @@ def _check_crossings(path: Streamline) -> tuple[NDArray[np.int64], NDArray[np.in
     changed = here != there
     axis = np.argmax(changed, axis=1)
     # In a ring of two cells both faces connect them: the position of the point identifies the crossed face.
-    entered = _local(path)[1 : len(path.cells)][number, axis]
+    entered = _cell_positions(path)[1 : len(path.cells)][number, axis]
     side = np.where(entered < 0.5, 1, -1)
     beyond, size = here[number, axis] + side, np.array(space.shape)[axis]
     beyond = np.where(space.periodic[axis], np.mod(beyond, size), beyond)
 
     def between(step: int) -> str:
-        return f"cell {_plain(here[step])} to cell {_plain(there[step])}"
+        return f"cell {_as_tuple(here[step])} to cell {_as_tuple(there[step])}"
 
     leads = (changed.sum(axis=1) == 1) & (beyond == there[number, axis])
     _require(leads, lambda step: f"step {step}: the face that was crossed does not lead from {between(step)}")
@@ -173,7 +173,7 @@ def _check_crossings(path: Streamline) -> tuple[NDArray[np.int64], NDArray[np.in
     return axis, side
 
 
-def _local(path: Streamline) -> NDArray[np.float64]:
+def _cell_positions(path: Streamline) -> NDArray[np.float64]:
     """Return the position of every point within its cell, in [0, 1], shape (points, ndim)."""
     return np.asarray((path.axis_points - path.space.lower) / path.space.spacing - path.point_cells)
 
@@ -188,7 +188,7 @@ def _check_descent(path: Streamline) -> None:
     # Two potentials may be equal in float64; the direction of the current, known to more digits, was checked before.
     _require(
         np.diff(height) <= 0,
-        lambda step: f"step {step}: the potential rises from cell {_plain(path.cells[step])} to the next",
+        lambda step: f"step {step}: the potential rises from cell {_as_tuple(path.cells[step])} to the next",
     )
 
 
@@ -210,7 +210,7 @@ def _require(valid: NDArray[np.bool_], message: Callable[[int], str]) -> None:
         raise CertificateError(message(int(np.argwhere(~valid)[0, 0])))
 
 
-def _plain(cell: NDArray[np.int64]) -> tuple[int, ...]:
+def _as_tuple(cell: NDArray[np.int64]) -> tuple[int, ...]:
     """Return cell indices as a tuple of int, for messages."""
     return tuple(cell.tolist())
 
@@ -222,7 +222,7 @@ def _check_motion(path: Streamline, axis: Integers, side: Integers) -> None:
     Near a stagnation point, exit and time are sensitive to rounding of the entry.  Both are therefore compared with
     their bounds over all positions within the rounding error of the entry.
     """
-    local = _local(path)
+    local = _cell_positions(path)
     steps, slack = np.arange(len(axis)), _SLACK * path.space.rounding
     direction, log_current = path.field.faces_of(path.cells[:-1].astype(np.int64))
     scale = log_current.max(axis=(0, 2))
@@ -235,7 +235,7 @@ def _check_motion(path: Streamline, axis: Integers, side: Integers) -> None:
         np.where(up, upper[steps, axis], -lower[steps, axis]),
         slack[axis],
     )
-    low, high = _ends(start, lower, upper, (shortest, longest), slack)
+    low, high = _exit_bounds(start, lower, upper, (shortest, longest), slack)
     # Where the streamline may have left straight, it has not moved along the other axes.
     stays = ~is_moving[:, np.newaxis]
     low, high = np.where(stays, np.minimum(low, start), low), np.where(stays, np.maximum(high, start), high)
@@ -254,7 +254,7 @@ def _exit_times(x: Floats, enter: Floats, leave: Floats, slack: Floats) -> tuple
     slowest, fastest = (enter * (1.0 - at) + leave * at for at in (before, after))
     straight = (1.0 - before) / leave
     is_moving = slowest > 0
-    shortest, longest = _drift(after, fastest, leave), _drift(before, slowest, leave)
+    shortest, longest = _travel_time(after, fastest, leave), _travel_time(before, slowest, leave)
     # The velocity falls towards x: the velocity at the face exceeds it.
     endless = np.maximum(_LARGEST_LOG / np.where(is_moving, 1.0, leave - enter), straight)
     least_straight = (1.0 - after) / leave
@@ -265,7 +265,7 @@ def _exit_times(x: Floats, enter: Floats, leave: Floats, slack: Floats) -> tuple
     )
 
 
-def _drift(x: Floats, velocity: Floats, leave: Floats) -> Floats:
+def _travel_time(x: Floats, velocity: Floats, leave: Floats) -> Floats:
     """Return the time from ``x`` to 1 with a velocity that changes linearly to ``leave``; infinite for no motion."""
     runs = velocity > 0
     z = np.where(runs, leave / np.where(runs, velocity, 1.0), 1.0) - 1.0
@@ -273,18 +273,18 @@ def _drift(x: Floats, velocity: Floats, leave: Floats) -> Floats:
     return np.where(runs, (1.0 - x) / np.where(runs, velocity, 1.0) * factor, np.inf)
 
 
-def _ends(
+def _exit_bounds(
     start: Floats, lower: Floats, upper: Floats, times: tuple[Floats, Floats], slack: Floats
 ) -> tuple[Floats, Floats]:
     """Return bounds (steps, ndim) of the positions at the exit time; positions are monotone in start and time."""
     ends = [
-        _moved(np.clip(start + off, 0.0, 1.0), lower, upper, time[:, np.newaxis])
+        _advance(np.clip(start + off, 0.0, 1.0), lower, upper, time[:, np.newaxis])
         for off, time in product((-slack, slack), times)
     ]
     return np.min(ends, axis=0), np.max(ends, axis=0)
 
 
-def _moved(x: Floats, lower: Floats, upper: Floats, time: Floats) -> Floats:
+def _advance(x: Floats, lower: Floats, upper: Floats, time: Floats) -> Floats:
     """Return positions after a time, clipped to the cell's range [0, 1]."""
     velocity, growth = lower * (1.0 - x) + upper * x, (upper - lower) * time
     step = np.where(

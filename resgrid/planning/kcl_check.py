@@ -40,6 +40,7 @@ def safe_cells(op: OperatingPoint) -> NDArray[np.bool_] | None:
     rounding = ROUNDING * netlist.conductance * (size[from_node] + size[to_node])
 
     def per_node(nodes: NDArray[np.int32], values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Sum values of elements per node."""
         return np.asarray(np.bincount(nodes, values, netlist.node_count), dtype=np.float64)
 
     injected = injected_currents(netlist)

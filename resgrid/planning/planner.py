@@ -100,6 +100,7 @@ class Planner:
         return streamlines(self.field, self._starts(starts))
 
     def _starts(self, starts: ArrayLike | None) -> ArrayLike:
+        """Return the given starts, by default those of the scene."""
         return self.scene_starts if starts is None else starts
 
 
@@ -288,6 +289,6 @@ def _starts_with_paths(space: ConfigurationSpace) -> NDArray[np.float64]:
     """Return centres of at most 200 cells with a path, in axis units, shape (n, ndim)."""
     cells = np.argwhere(space.goal_connected)
     if not len(cells):
-        raise InputError("no free cell has a path to a goal, so that there is no clearance to measure")
+        raise InputError("no free cell has a path to a goal: move the goal, or open a passage to it")
     chosen = np.unique(np.linspace(0, len(cells) - 1, 200).round().astype(np.int64))
     return space.axis_centre(cells[chosen])

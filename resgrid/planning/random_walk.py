@@ -158,7 +158,7 @@ def collision_probability(circuit: Netlist | OperatingPoint | RandomWalk) -> Col
 
     The walk jumps along a resistor with probability proportional to its conductance.  The drop ``u`` of the potential
     is the probability that it hits a goal before an obstacle (C. I. Connolly, Harmonic functions and collision
-    probabilities, Int. J. Robotics Research 16(4), 1997).  With open obstacles this probability is 1, and the expected
+    probabilities, Int. J. Robotics Research 16(4), 1997).  With open obstacles ``u`` is 1, and the expected
     time is proportional to the uniformly driven potential.
 
     Parameters

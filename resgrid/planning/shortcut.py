@@ -106,6 +106,7 @@ def _line_of_sight(field: Field, clearance: float) -> LineTest:
     rim = 2.0 * float(space.rounding.max())  # certify_free must also accept points rounded to world coordinates
 
     def clear(start: NDArray[np.float64], end: NDArray[np.float64]) -> bool:
+        """Return whether the straight line between two points in axis units may be used."""
         if not kernels.segment_is_free((start - lower) / spacing, (end - lower) / spacing, free, shape, periodic, rim):
             return False
         line = np.stack([start, end])

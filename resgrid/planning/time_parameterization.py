@@ -23,7 +23,7 @@ from resgrid.planning.streamline import AnyPath, Polyline, distinct_rows, robot_
 
 Limits = float | Sequence[float] | NDArray[np.float64]
 
-Load = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+LimitRatio = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """Function that returns the ratios (n,) of vectors (n, ndim) to their limits."""
 
 Knots = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
@@ -209,18 +209,18 @@ def time_path(
     >>> round(float(fast.times[-1]), 2), round(float(smooth.times[-1]), 2)
     (4.11, 7.35)
     """
-    velocity = _load("velocity_limits", velocity_limits, path)
-    points = _distinct(unwrap(path))
+    velocity = _limit_ratio("velocity_limits", velocity_limits, path)
+    points = _without_duplicates(unwrap(path))
     if acceleration_limits is None:
         if tolerance is not None:
             raise InputError("tolerance applies only with acceleration limits: give acceleration_limits too")
         return Trajectory(*_at_constant_velocities(points, velocity), path)
-    acceleration = _load("acceleration_limits", acceleration_limits, path)
+    acceleration = _limit_ratio("acceleration_limits", acceleration_limits, path)
     within = _default_tolerance(path) if tolerance is None else tolerance
     if len(points) < 2:
         return Trajectory(*_at_constant_velocities(points, velocity), path)
-    corners = _straightened(points, max(within / 2, 4 * np.spacing(np.abs(points).max())))
-    return Trajectory(*_blended(corners, velocity, acceleration, within / 2), path)
+    corners = _simplified(points, max(within / 2, 4 * np.spacing(np.abs(points).max())))
+    return Trajectory(*_with_blends(corners, velocity, acceleration, within / 2), path)
 
 
 def _default_tolerance(path: AnyPath) -> float:
@@ -231,7 +231,7 @@ def _default_tolerance(path: AnyPath) -> float:
     return float(min(clearance / 2, path.space.spacing.min() / 4))
 
 
-def _load(name: str, limits: Limits, path: AnyPath) -> Load:
+def _limit_ratio(name: str, limits: Limits, path: AnyPath) -> LimitRatio:
     """Return a function that computes the ratio of vectors in world coordinates to the limits."""
     each = per_axis(name, limits, path.space.ndim, "positive and finite", above=0.0)
     if np.size(limits) == 1 and robot_of(path).moves_in_workspace:
@@ -239,12 +239,12 @@ def _load(name: str, limits: Limits, path: AnyPath) -> Load:
     return lambda vectors: np.asarray((np.abs(vectors) / each).max(axis=1))
 
 
-def _distinct(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _without_duplicates(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return points (n, ndim) without consecutive duplicates."""
     return np.asarray(points[distinct_rows(points, np.zeros(points.shape[1]))])
 
 
-def _straightened(points: NDArray[np.float64], within: float) -> NDArray[np.float64]:
+def _simplified(points: NDArray[np.float64], within: float) -> NDArray[np.float64]:
     """Simplify a polyline to corners within a distance of it (Ramer 1972; Douglas & Peucker 1973)."""
     keep = np.zeros(len(points), dtype=bool)
     keep[[0, -1]] = True
@@ -258,7 +258,7 @@ def _straightened(points: NDArray[np.float64], within: float) -> NDArray[np.floa
         if away[farthest] > within:
             keep[middle := first + 1 + farthest] = True
             open_parts += [(first, middle), (middle, last)]
-    return _distinct(points[keep])
+    return _without_duplicates(points[keep])
 
 
 def _distance_from_segment(
@@ -271,7 +271,7 @@ def _distance_from_segment(
     return np.asarray(np.linalg.norm(points - start - fraction[:, np.newaxis] * along, axis=1))
 
 
-def _at_constant_velocities(points: NDArray[np.float64], velocity: Load) -> Knots:
+def _at_constant_velocities(points: NDArray[np.float64], velocity: LimitRatio) -> Knots:
     """Return a trajectory with the largest constant velocity on each segment."""
     step = np.diff(points, axis=0)
     seconds = velocity(step)
@@ -280,39 +280,39 @@ def _at_constant_velocities(points: NDArray[np.float64], velocity: Load) -> Knot
     return times, points, velocities, np.zeros_like(step)
 
 
-def _blended(points: NDArray[np.float64], velocity: Load, acceleration: Load, within: float) -> Knots:
+def _with_blends(points: NDArray[np.float64], velocity: LimitRatio, acceleration: LimitRatio, within: float) -> Knots:
     """Return the trajectory of linear segments with parabolic blends that round corners within a distance."""
     step = np.diff(points, axis=0)
     length = np.linalg.norm(step, axis=1)
     heading = step / length[:, np.newaxis]
-    top_speed, push = 1.0 / velocity(heading), 1.0 / acceleration(heading)
-    reach, corner_speed = _corners(heading, length, top_speed, acceleration, within)
+    top_speed, accel = 1.0 / velocity(heading), 1.0 / acceleration(heading)
+    reach, corner_speed = _blend_limits(heading, length, top_speed, acceleration, within)
     straight = np.maximum(length - reach[:-1] - reach[1:], 0.0)
-    speed = _attainable_speeds(corner_speed, straight, push)
+    speed = _attainable_speeds(corner_speed, straight, accel)
     pieces: list[tuple[float, NDArray[np.float64]]] = []
     for k in range(len(length)):
         if reach[k] > 0:
             pieces.append((2 * reach[k] / speed[k], speed[k] * heading[k]))
         pieces += [
             (seconds, end_speed * heading[k])
-            for seconds, end_speed in _straight(straight[k], speed[k], speed[k + 1], top_speed[k], push[k])
+            for seconds, end_speed in _straight_pieces(straight[k], speed[k], speed[k + 1], top_speed[k], accel[k])
         ]
-    return _joined(points, pieces)
+    return _knots(points, pieces)
 
 
-def _straight(length: float, enter: float, leave: float, top: float, push: float) -> list[tuple[float, float]]:
+def _straight_pieces(length: float, enter: float, leave: float, top: float, accel: float) -> list[tuple[float, float]]:
     """Return durations and final speeds of a straight part's pieces: acceleration, constant speed, braking.
 
-    `enter, leave`: speeds at the ends; `top`: speed limit; `push`: acceleration limit along the part.
+    `enter, leave`: speeds at the ends; `top`: speed limit; `accel`: acceleration limit along the part.
     """
-    peak = min(top, float(np.sqrt(push * length + (enter**2 + leave**2) / 2)))
+    peak = min(top, float(np.sqrt(accel * length + (enter**2 + leave**2) / 2)))
     peak = max(peak, enter, leave)
-    cruise = length - (2 * peak**2 - enter**2 - leave**2) / (2 * push)
-    pieces = [((peak - enter) / push, peak), (max(cruise, 0.0) / peak, peak), ((peak - leave) / push, leave)]
+    cruise = length - (2 * peak**2 - enter**2 - leave**2) / (2 * accel)
+    pieces = [((peak - enter) / accel, peak), (max(cruise, 0.0) / peak, peak), ((peak - leave) / accel, leave)]
     return [(seconds, speed) for seconds, speed in pieces if seconds > 0]
 
 
-def _joined(points: NDArray[np.float64], pieces: list[tuple[float, NDArray[np.float64]]]) -> Knots:
+def _knots(points: NDArray[np.float64], pieces: list[tuple[float, NDArray[np.float64]]]) -> Knots:
     """Return the knots of a trajectory from the duration and final velocity of each piece of constant acceleration."""
     total = sum(duration for duration, _ in pieces)
     pieces = [piece for piece in pieces if piece[0] > _MOMENT * total]
@@ -327,11 +327,11 @@ def _joined(points: NDArray[np.float64], pieces: list[tuple[float, NDArray[np.fl
     return times, positions, velocities, np.diff(velocities, axis=0) / duration
 
 
-def _corners(
+def _blend_limits(
     heading: NDArray[np.float64],
     length: NDArray[np.float64],
     top_speed: NDArray[np.float64],
-    acceleration: Load,
+    acceleration: LimitRatio,
     within: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the distance ``d`` of every blend from its corner, and the largest speed in it; 0 at start and end."""
@@ -342,24 +342,24 @@ def _corners(
     half = np.minimum(length[:-1], length[1:]) / 2
     with np.errstate(divide="ignore"):
         reach[1:-1] = np.where(bent, np.minimum(4 * within / np.maximum(sharpness, _STRAIGHT), half), 0.0)
-        push = 1.0 / acceleration(turn)
+        accel = 1.0 / acceleration(turn)
     limit = np.minimum(top_speed[:-1], top_speed[1:])
     # Over a distance 2 d at speed v, the velocity changes by v (u2 - u1): the acceleration is v^2 (u2 - u1) / (2 d).
     with np.errstate(invalid="ignore"):
-        speed[1:-1] = np.where(bent, np.minimum(limit, np.sqrt(2 * reach[1:-1] * push)), limit)
+        speed[1:-1] = np.where(bent, np.minimum(limit, np.sqrt(2 * reach[1:-1] * accel)), limit)
     return reach, speed
 
 
 def _attainable_speeds(
-    limit: NDArray[np.float64], straight: NDArray[np.float64], push: NDArray[np.float64]
+    limit: NDArray[np.float64], straight: NDArray[np.float64], accel: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the largest speeds at corners that satisfy ``v'^2 <= v^2 + 2 a s`` in a forward and a backward pass.
 
-    `limit` (n + 1,): speed limits at corners; `straight` (n,): lengths s; `push` (n,): accelerations a.
+    `limit` (n + 1,): speed limits at corners; `straight` (n,): lengths s; `accel` (n,): accelerations a.
     """
     square = limit**2
     for k in range(len(straight)):
-        square[k + 1] = min(square[k + 1], square[k] + 2 * push[k] * straight[k])
+        square[k + 1] = min(square[k + 1], square[k] + 2 * accel[k] * straight[k])
     for k in range(len(straight) - 1, -1, -1):
-        square[k] = min(square[k], square[k + 1] + 2 * push[k] * straight[k])
+        square[k] = min(square[k], square[k + 1] + 2 * accel[k] * straight[k])
     return np.sqrt(square)

@@ -320,4 +320,5 @@ def to_shapely(shape: Shape) -> BaseGeometry:
 
 
 def _add(point: Point, by: Point) -> Point:
+    """Return a point translated by a vector."""
     return tuple(a + b for a, b in zip(point, by, strict=True))

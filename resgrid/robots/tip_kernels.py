@@ -130,8 +130,9 @@ def _newton_step(work: _SearchArrays, rx: float, ry: float, flat: bool) -> None:
 def _newton(work: _SearchArrays, piece: int, links: ArmLinks, goal: ObstacleArrays, tolerance: float) -> float:
     """Minimize the distance from the tip to a piece by Newton steps within the cell; return the smallest distance.
 
-    The nearest configuration is left in ``work.at``.  Steps prescribe only the tip motion towards the piece.  After a
-    step without sufficient decrease, the motion across that direction is prescribed as well (zero).
+    The nearest configuration is left in ``work.at``.  Steps prescribe only the tip motion towards the piece.  For a
+    piece that acts as a point, and after a step without sufficient decrease, the motion across that direction is
+    prescribed as well: it must be zero.
     """
     n = len(work.at)
     nearest, stuck = math.inf, 0
