@@ -348,7 +348,7 @@ def certify_free(path: AnyPath) -> None:
             here = _connected(here, _free(_touched(start, start, space), space))
             if not here & containing:
                 cell = min(containing)
-                raise CertificateError(f"segment {number} enters cell {cell} through a corner at which obstacles meet")
+                raise CertificateError(f"segment {number} enters cell {cell} through a corner or edge of obstacles")
             free = here & containing
         here = _connected(free, _free(_touched(end, end, space), space))
 

@@ -51,8 +51,8 @@ _FLAT = (
     "(boundary = 'neumann', or k below 1), or let the edge count as an obstacle (edge = 'obstacle')"
 )
 _UNSAFE = (
-    "the field is not accurate enough to give a direction from cell {cell} on: solve with accuracy 'direction' "
-    "(method 'auto', no warm start), or open obstacles with --drive uniform"
+    "the field is not direction-safe from cell {cell} on (too inaccurate to give a direction): solve with accuracy "
+    "'direction' (method 'auto', no warm start), or open obstacles with --drive uniform"
 )
 
 

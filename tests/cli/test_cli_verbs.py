@@ -166,7 +166,7 @@ def test_options_stand_in_for_keys(answer, call, lesson):
     # An open edge leaves out the 32 contacts around the grid.
     assert rails["resistors"] - answer("solve", lesson, "--edge", "open")["resistors"] == 32
     assert rails["resistors"] - answer("solve", lesson, "--edge", "open,obstacle")["resistors"] == 16
-    assert "two chips" in call("solve", lesson, "--k", "0.5").stderr
+    assert "two circuits" in call("solve", lesson, "--k", "0.5").stderr
 
 
 def test_a_boundary_asked_for_overrides_blends_and_drives_of_the_scene(answer, scenes, tmp_path):

@@ -94,7 +94,7 @@ def test_streamlines_end_where_the_field_is_not_safe() -> None:
     beyond = np.argwhere(space.goal_connected & ~field.safe)[-1].tolist()
     near, far = rg.streamline(field, cell=(5, 1)), rg.streamline(field, cell=beyond)
     assert near.outcome is rg.Outcome.REACHED
-    assert far.outcome is rg.Outcome.NO_CURRENT and f"give a direction from cell {tuple(beyond)}" in str(far.reason)
+    assert far.outcome is rg.Outcome.NO_CURRENT and f"not direction-safe from cell {tuple(beyond)}" in str(far.reason)
     rg.certify(near)
     rg.certify(far)
     assert rg.streamlines(field, space.centre([[5, 1], beyond])).outcome.tolist() == ["reached", "no_current"]
