@@ -67,7 +67,7 @@ class Arm(Robot):
         width of 0 blocks only the cells that contain singular configurations, which still separates the regions on
         both sides.
     singularity_cells : int or None
-        Width of that virtual obstacle in cells; at most one of the two widths may be given.
+        Width of the virtual obstacle along singularities, in cells; give at most one of the two widths.
 
     Raises
     ------
