@@ -251,10 +251,10 @@ def scene_wiring(scene: Scene, boundary: Boundary | None = None, **given: Any) -
     return Wiring(boundary, **(options | {key: value for key, value in given.items() if value is not None}))
 
 
-def require_uniform(scene: Scene, what: str) -> None:
-    """Raise InputError for a scene with drive = 'start'; `what`: subject of the message that needs a uniform drive."""
+def require_uniform(scene: Scene, subject: str) -> None:
+    """Raise InputError for a scene with drive = 'start'; `subject` of the message needs a uniform drive."""
     if scene.drive == "start":
-        raise InputError(f"a scene with drive = 'start' serves one start at a time; {what} needs drive = 'uniform'")
+        raise InputError(f"a scene with drive = 'start' serves one start at a time; {subject} needs drive = 'uniform'")
 
 
 def compile_circuit(
