@@ -75,9 +75,9 @@ class Job:
 
     @property
     def _work(self) -> SolveOptions:
-        from resgrid.planning.pipeline import work_by
+        from resgrid.planning.pipeline import solve_options
 
-        return work_by(self.method, self.ranks, threads=self.threads, observe=_observe)
+        return solve_options(self.method, self.ranks, threads=self.threads, observe=_observe)
 
 
 def open_job(

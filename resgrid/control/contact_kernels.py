@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from resgrid._internal.jit import inlined, inner, kernel, makes_arrays
 from resgrid.robots.geometry import TOUCH, ObstacleArrays, Pose
-from resgrid.robots.kernels import share
+from resgrid.robots.kernels import segment_parameter
 
 _RIM = 1e-13
 
@@ -93,14 +93,14 @@ def _add_end(
 ) -> int:  # fmt: skip
     """A point of the robot before an edge, or before the corner where the edge starts."""
     ax, ay, bx, by = edge
-    t = share(px, py, ax, ay, bx, by)
+    t = segment_parameter(px, py, ax, ay, bx, by)
     if 0.0 < t < 1.0:
         lx, ly = _left_of(edge)
         if lx * (px - ax) + ly * (py - ay) > TOUCH:
             return count
         ox, oy = ax + t * (bx - ax), ay + t * (by - ay)
         return _add(pairs, count, px, py, ox, oy, (lx, ly), (-lx, -ly), owner, reach)
-    if t >= 1.0 or share(px, py, before[0], before[1], before[2], before[3]) < 1.0:
+    if t >= 1.0 or segment_parameter(px, py, before[0], before[1], before[2], before[3]) < 1.0:
         return count
     lx, ly = _inside_corner(edge, before)
     return _add(pairs, count, px, py, ax, ay, (lx, ly), (-lx, -ly), owner, reach)
@@ -134,7 +134,7 @@ def near_points(pose: Pose, solid: ObstacleArrays, reach: float, pairs: Pairs) -
             if single:
                 continue
             count = _add_end(pairs, count, bx, by, edge, before, owner, reach)
-            t = share(edge[0], edge[1], ax, ay, bx, by)
+            t = segment_parameter(edge[0], edge[1], ax, ay, bx, by)
             if 0.0 < t < 1.0:
                 px, py = ax + t * (bx - ax), ay + t * (by - ay)
                 inward = _inside_corner(edge, before)
@@ -142,7 +142,7 @@ def near_points(pose: Pose, solid: ObstacleArrays, reach: float, pairs: Pairs) -
                 count = _add(pairs, count, px, py, edge[0], edge[1], inward, off, owner, reach)
         for d in range(len(discs)):
             cx, cy, size = discs[d]
-            t = share(cx, cy, ax, ay, bx, by)
+            t = segment_parameter(cx, cy, ax, ay, bx, by)
             px, py = ax + t * (bx - ax), ay + t * (by - ay)
             apart = math.hypot(px - cx, py - cy)
             if apart > max(size - TOUCH * (1.0 + size), 0.0):
@@ -224,7 +224,7 @@ def _apart(segment: Floats, edge: Floats) -> tuple[float, float, float]:
     for case in range(4):
         one, other = (segment, edge) if case < 2 else (edge, segment)
         px, py = one[2 * (case % 2)], one[2 * (case % 2) + 1]
-        t = share(px, py, other[0], other[1], other[2], other[3])
+        t = segment_parameter(px, py, other[0], other[1], other[2], other[3])
         dx, dy = px - other[0] - t * (other[2] - other[0]), py - other[1] - t * (other[3] - other[1])
         size = math.hypot(dx, dy)
         if size < best:

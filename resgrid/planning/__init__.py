@@ -1,4 +1,4 @@
-"""Planning: from an operating point to a field, streamlines, timed paths and their certificates."""
+"""Planning: the pipeline from a scene to fields, streamlines, certificates, random walks and trajectories."""
 
 from resgrid._internal.public import attach
 

@@ -1,4 +1,4 @@
-"""Why a path of a scene reaches no goal, and what helps: remedies are tried before they are recommended."""
+"""Advice for failed paths of a scene: the reason, and remedies that were tried before they are recommended."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from functools import cached_property, partial
 
 from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import ResgridError
-from resgrid.planning.reasons import TROUBLES, nearest_start
-from resgrid.planning.streamline import Outcome, Streamline
+from resgrid.planning.streamline import FAILURE_REASONS, Outcome, Streamline, nearest_start
 from resgrid.robots import PointRobot
 from resgrid.scene import GoalCell, GoalJoints, Scene, build_space
 from resgrid.scene.goals import Goal
@@ -20,23 +19,24 @@ from resgrid.scene.overrides import apply_overrides
 from resgrid.scene.world_coordinates import cell_centre, located
 
 _MOST_CELLS = 2**24
-"""Largest grid of a point or a disc that is cut into cells again to try a remedy."""
+"""Largest number of cells for which a remedy is tried when the robot is a point or a disc."""
 
 _MOST_CELLS_OF_BODIES = 2**17
-"""Largest such grid of other robots, whose cells take longer."""
+"""Largest number of cells for which a remedy is tried for other robots, which need more time per cell."""
 
 Change = Callable[[], Scene]
 
 
 @dataclass(frozen=True, eq=False)
 class Advisor:
-    """Explain failed paths of a scene; remedies that are tried for one path are remembered for the others."""
+    """Explains failed paths of a scene.  The space of every tried remedy is cached for the other paths."""
 
     scene: Scene
     _spaces: dict[str, ConfigurationSpace | None] = field(default_factory=dict, init=False)
 
     @cached_property
     def _has_unknown(self) -> bool:
+        """Whether the map of the scene has unknown cells that block configurations."""
         return has_unknown(self.scene)
 
     def reason(self, path: Streamline) -> str | None:
@@ -45,16 +45,16 @@ class Advisor:
             return path.reason
         cell = tuple(path.cells[0].tolist())
         is_blocked = path.outcome is Outcome.START_BLOCKED
-        why = f"the start {why_blocked(self.scene, cell)}" if is_blocked else TROUBLES[path.outcome]
+        why = f"the start {why_blocked(self.scene, cell)}" if is_blocked else FAILURE_REASONS[path.outcome]
         parts = [why]
         remedies = list(self._remedies(path, unknown="unknown space" in why))
         parts += [nearest_start(path.space, cell), *remedies]
         if not remedies and not is_blocked:
-            parts.append("open a way")
+            parts.append("open a passage")
         return "; ".join(part for part in parts if part)
 
     def _remedies(self, path: Streamline, *, unknown: bool) -> Iterator[str]:
-        """Changes of the scene that open a path."""
+        """Yield a phrase for every change of the scene that opens a path."""
         scene = self.scene
         if self._has_unknown:
             helps = self._helps("unknown", partial(apply_overrides, scene, {"map.unknown": "free"}), path)
@@ -62,7 +62,7 @@ class Advisor:
                 yield "--unknown free makes unknown cells free" + (" and opens a path" if helps else "")
         is_coarse = scene.sampling == "conservative" and bool(scene.robot.remedy)
         if is_coarse and self._helps("sampling", partial(scene.replace, sampling="centre"), path):
-            yield "--set sampling=centre opens a path, for it judges a cell by its centre alone"
+            yield "--set sampling=centre opens a path, because it tests only the centre of each cell"
         if isinstance(scene.robot, PointRobot) and scene.robot.radius:
             if self._helps("robot", partial(dataclasses.replace, scene, robot=scene.robot.shrunk), path):
                 yield scene.robot.remedy
@@ -72,9 +72,9 @@ class Advisor:
             yield "refine the grid: twice as many cells on each axis open a path"
 
     def _helps(self, name: str, change: Change, path: Streamline) -> bool:
-        """Return whether a path from the same start reaches a goal after a change; False if that takes too long."""
+        """Return whether a path from the same start reaches a goal after a change; False if the grid is too large."""
         if name not in self._spaces:
-            self._spaces[name] = _sampled(change)
+            self._spaces[name] = _changed_space(change)
         space = self._spaces[name]
         if space is None:
             return False
@@ -83,7 +83,7 @@ class Advisor:
 
 
 def _finer(scene: Scene) -> Scene:
-    """Return a scene with twice as many cells on each axis; goals stay where they are."""
+    """Return a scene with twice as many cells on each axis and the goals at the same configurations."""
     axes = tuple(dataclasses.replace(axis, cells=2 * axis.cells) for axis in scene.axes)
     goals: list[Goal] = []
     for goal in scene.goals:
@@ -95,8 +95,8 @@ def _finer(scene: Scene) -> Scene:
     return dataclasses.replace(scene, axes=axes, goals=tuple(goals))
 
 
-def _sampled(change: Change) -> ConfigurationSpace | None:
-    """Return the cells of a changed scene; None if it cannot be made, or has too many cells for a trial."""
+def _changed_space(change: Change) -> ConfigurationSpace | None:
+    """Return the space of a changed scene; None if the change is invalid or gives too many cells for a trial."""
     try:
         scene = change()
         most = _MOST_CELLS if isinstance(scene.robot, PointRobot) else _MOST_CELLS_OF_BODIES

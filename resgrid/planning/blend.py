@@ -11,35 +11,36 @@ from resgrid.errors import InputError
 from resgrid.planning.fields import Field
 
 _CANCELLED = 1e-12
+"""Blended currents below this fraction of the larger of the two currents are rounding error and count as zero."""
 
 
 def blend(dirichlet: Field, neumann: Field, k: float, *, allow_start_drive: bool = False) -> Field:
     """Blend two fields of one space: ``phi = k phi_D + (1 - k) phi_N`` on free cells.
 
-    A sum of superharmonic functions is superharmonic: its streamlines keep every promise.  Currents are blended face by
-    face and decide the order of neighbours; differences of the blended potential do not.
+    A sum of superharmonic functions is superharmonic, so streamlines of a blend have the same guarantees.  Currents are
+    blended face by face.  Their signs, not differences of the blended potential, decide the order of neighbours.
 
     Parameters
     ----------
     dirichlet : Field
         With obstacles at the high rail (``boundary`` ``"dirichlet"`` or ``"wall"``).
     neumann : Field
-        With open obstacles, uniformly driven.
+        With open obstacles and a uniform drive.
     k : float
-        Share of the Dirichlet field, in [0, 1].
+        Weight of the Dirichlet field, in [0, 1].
     allow_start_drive : bool
-        Accept a start-driven Neumann field for 0 < k < 1, without a promise.
+        Accept a start-driven Neumann field for 0 < k < 1, without guarantees.
 
     Returns
     -------
     Field
-        One of the two for k = 1 and k = 0; otherwise a new one, whose potential is NaN on obstacles and where either
-        field has none.
+        The given Dirichlet field for k = 1 and the given Neumann field for k = 0.  Otherwise a new field, whose
+        potential is NaN on obstacles and in cells where either field has no potential.
 
     Raises
     ------
     InputError
-        If k is out of range, or the two fields do not go together.
+        If k is out of range, the fields have the wrong boundaries, or they differ in space or edge rule.
 
     Examples
     --------
@@ -74,13 +75,13 @@ def blend(dirichlet: Field, neumann: Field, k: float, *, allow_start_drive: bool
 
 
 def check_k(k: float) -> None:
-    """Refuse a k that is no share of the Dirichlet field."""
+    """Raise InputError unless k, the weight of the Dirichlet field, is a number in [0, 1]."""
     if not (is_number(k) and 0.0 <= k <= 1.0):
         raise InputError(f"k = {k!r}, but a blend needs 0 <= k <= 1 (1 is Dirichlet, 0 is Neumann)")
 
 
 def check_pair(dirichlet: Field, neumann: Field) -> None:
-    """Refuse two fields that cannot be blended: of the wrong kinds, or of different spaces."""
+    """Raise InputError unless the fields are Dirichlet and Neumann, in this order, of one space and one edge rule."""
     if dirichlet.boundary not in {"dirichlet", "wall"} or neumann.boundary != "neumann":
         raise InputError(
             f"a blend takes a Dirichlet and a Neumann field, in this order; got {dirichlet.boundary!r} and "
@@ -89,10 +90,13 @@ def check_pair(dirichlet: Field, neumann: Field) -> None:
     if dirichlet.space is not neumann.space and not _same_cells(dirichlet.space, neumann.space):
         raise InputError("the two fields belong to different spaces; compile both from one space")
     if dirichlet.edge != neumann.edge:
-        raise InputError(f"the two fields have edges {dirichlet.edge} and {neumann.edge}; compile both with one")
+        raise InputError(
+            f"the two fields have edges {dirichlet.edge} and {neumann.edge}; compile both with the same edge"
+        )
 
 
 def _same_cells(first: ConfigurationSpace, second: ConfigurationSpace) -> bool:
+    """Return whether two spaces have equal axes, frames, cells and conductivities."""
     one, other = (np.float64(1.0) if space.conductivity is None else space.conductivity for space in (first, second))
     placed = first.axes == second.axes and first.frame == second.frame
     return placed and np.array_equal(first.cell, second.cell) and bool(np.all(one == other))
@@ -101,7 +105,7 @@ def _same_cells(first: ConfigurationSpace, second: ConfigurationSpace) -> bool:
 def _add_currents(
     dirichlet: Field, neumann: Field, axis: int, k: float
 ) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
-    """Sum of the scaled face currents; what cancels to within rounding is zero."""
+    """Return signs and log magnitudes of the weighted sum of face currents; sums within rounding error are zero."""
     log_d = dirichlet.face_log_current[axis] + np.log(k)
     log_n = neumann.face_log_current[axis] + np.log1p(-k)
     largest = np.maximum(log_d, log_n)
@@ -113,7 +117,27 @@ def _add_currents(
 
 
 def dirichlet_share(dirichlet: Field, neumann: Field, k: float) -> NDArray[np.float64]:
-    """Share of the Dirichlet gradient in a blend, shape of the space; see `Planner.dirichlet_share`."""
+    """Return the fraction of a blend's gradient that comes from the Dirichlet field.
+
+    The fraction is ``|k grad phi_D| / (|k grad phi_D| + |(1 - k) grad phi_N|)`` at the centre of every cell.
+
+    Parameters
+    ----------
+    dirichlet, neumann : Field
+        Fields of one space, as for `blend`.
+    k : float
+        Weight of the Dirichlet field, in [0, 1].
+
+    Returns
+    -------
+    ndarray of float64, shape of the space
+        In [0, 1]; NaN in cells where both gradients vanish.
+
+    Raises
+    ------
+    InputError
+        If k is out of range or the fields cannot be blended.
+    """
     check_k(k)
     check_pair(dirichlet, neumann)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -122,7 +146,7 @@ def dirichlet_share(dirichlet: Field, neumann: Field, k: float) -> NDArray[np.fl
 
 
 def _log_gradient(field: Field) -> NDArray[np.float64]:
-    """Natural logarithm of the gradient at the centre of every cell, up to a common factor; -inf where none is."""
+    """Return the log magnitude of the gradient at every cell centre, up to a common factor; -inf where it is zero."""
     cells = np.indices(field.space.shape).reshape(field.space.ndim, -1).T
     gradient, log_scale = field.gradient(cells, np.full(cells.shape, 0.5))
     return np.reshape(log_scale + np.log(np.linalg.norm(gradient, axis=1)), field.space.shape)

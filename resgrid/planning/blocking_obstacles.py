@@ -1,8 +1,9 @@
-"""Completeness (Connolly & Grupen 1992, section 3.2): whether a start has a path, and which obstacles separate it.
+"""Disconnection proofs: whether a start has a path (Connolly & Grupen 1992, section 3.2), and the blocking obstacles.
 
-Free cells meet across faces; what separates them are groups of obstacle cells that meet across faces, edges or corners
-(the digital Jordan curve theorem, Rosenfeld 1970).  Taking a whole group away joins everything that touches it, so the
-least number of groups that must go is the length of a shortest path over regions and groups.
+Free cells are connected across faces.  They are separated by groups of obstacle cells, which are connected across
+faces, edges or corners (the digital Jordan curve theorem, Rosenfeld 1970).  Removing a group connects all regions and
+groups that touch it.  The minimum number of groups to remove is therefore the length of a shortest path in the graph
+of regions and groups.
 """
 
 from __future__ import annotations
@@ -28,15 +29,16 @@ from resgrid.scene import Scene, build_space
 from resgrid.scene.world_coordinates import to_space
 
 _MOST_PARTS = 63
+"""Maximum number of parts of a scene: each has one bit of a 64-bit mask."""
 
 
 @frozen
 @dataclass(frozen=True, eq=False)
 class Barriers:
-    """The obstacle cells of a space in groups that meet across faces, edges or corners.
+    """Groups of obstacle cells that are connected across faces, edges or corners.
 
-    `label` as the space: group of every obstacle cell, numbered from 0 in C order of their first cell, real ones
-    before virtual ones; -1 elsewhere; `virtual` (groups,): which groups are virtual obstacles.
+    `label` (shape of the space): group of every obstacle cell, -1 elsewhere; groups are numbered from 0 in C order of
+    their first cell, real groups before virtual ones; `virtual` (groups,): mask of virtual obstacles.
     """
 
     space: ConfigurationSpace
@@ -50,34 +52,34 @@ class Barriers:
 
     @cached_property
     def links(self) -> RegionGraph:
-        """Which regions and groups touch."""
-        return _link(self)
+        """Adjacency graph of regions and groups."""
+        return _adjacency(self)
 
     def mask(self, *groups: int) -> NDArray[np.bool_]:
-        """Cells of some groups, shape of the space."""
+        """Return the mask of the cells of the given groups, shape of the space."""
         return np.isin(self.label, groups) & (self.label >= 0)
 
 
 @dataclass(frozen=True, eq=False)
 class RegionGraph:
-    """Regions of free and goal cells, and groups of obstacle cells, as the nodes of a graph of who touches whom.
+    """Adjacency graph of regions (of free and goal cells) and groups (of obstacle cells).
 
-    `node` as the space: region or group of every cell: regions first; `regions`: number of regions; node ``regions +
-    g`` is group ``g``; `graph` (nodes, nodes): symmetric; a path costs 1 for every group it goes through, and a
-    little for every cell of it.
+    `node` (shape of the space): graph node of every cell; `regions`: number of regions, which are the first nodes; node
+    ``regions + g`` is group ``g``; `graph` (nodes, nodes): symmetric edge costs.  The cost of a path is the number of
+    groups on it, plus a small amount per cell of a group, which prefers small groups.
     """
 
     node: NDArray[np.int64]
     regions: int
     graph: sparse.csr_array
 
-    def groups_beside(self, node: int) -> tuple[int, ...]:
-        """Groups that share a face with a region or group."""
-        beside = self.graph.indices[self.graph.indptr[node] : self.graph.indptr[node + 1]]
-        return tuple(sorted(int(other) - self.regions for other in beside if other >= self.regions))
+    def adjacent_groups(self, node: int) -> tuple[int, ...]:
+        """Return the groups that share a face with the region or group of a node."""
+        neighbours = self.graph.indices[self.graph.indptr[node] : self.graph.indptr[node + 1]]
+        return tuple(sorted(int(other) - self.regions for other in neighbours if other >= self.regions))
 
     def groups_between(self, first: int, last: int) -> tuple[int, ...]:
-        """Groups on a cheapest path between two nodes, in its order, ends included."""
+        """Return the groups on a shortest path between two nodes, in path order, ends included."""
         from scipy.sparse.csgraph import dijkstra
 
         _, before = dijkstra(self.graph, directed=False, indices=np.array([first]), return_predecessors=True)
@@ -90,10 +92,11 @@ class RegionGraph:
 @frozen
 @dataclass(frozen=True, eq=False)
 class Obstruction:
-    """What stands between a start and one goal region.
+    """Groups of obstacle cells that separate a start from one goal region.
 
-    `goal`: its number; `least`: the least set of groups whose removal opens a way, in the order of the way, of several
-    the one with the fewest cells; empty where there is a path; `alone`: every group whose removal alone opens a way.
+    `goal`: index of the goal region; `least`: minimum set of groups whose removal opens a path, in path order, with
+    the fewest cells among several minimum sets, empty if a path exists; `alone`: all groups whose removal is
+    sufficient without another.
     """
 
     goal: int
@@ -104,11 +107,11 @@ class Obstruction:
 @frozen
 @dataclass(frozen=True, eq=False)
 class Separation:
-    """Whether a start of a space is separated from the goals, and by which groups of obstacle cells.
+    """Disconnection proof of a space: the groups of obstacle cells that separate a start from the goals.
 
-    `start`: its cell; `outcome`: ``REACHED`` where a path to some goal exists; `barriers`: every group; `region` as the
-    space: cells that can be reached, goal cells included; `bounding`: groups that touch it; `obstructions`: one for
-    each goal region; `edge`: whether the region touches an edge of the grid, which no removal opens.
+    `start`: start cell; `outcome`: ``REACHED`` if a path to a goal exists; `barriers`: all groups; `region` (shape of
+    the space): mask of cells that the start can reach, goal cells included; `bounding`: groups that touch the region;
+    `obstructions`: one per goal region; `edge`: whether the region touches the edge of the grid.
     """
 
     space: ConfigurationSpace
@@ -124,26 +127,27 @@ class Separation:
 
     @property
     def separating(self) -> tuple[int, ...]:
-        """Groups in the least set of the goal that is easiest to reach; empty where a path exists."""
+        """The smallest of the goals' minimum sets of groups; empty if a path exists."""
         if self.outcome is Outcome.REACHED:
             return ()
         return min((item.least for item in self.obstructions if item.least), key=len, default=())
 
     @property
     def mask(self) -> NDArray[np.bool_]:
-        """Cells of the `separating` groups, shape of the space."""
+        """Mask of the cells of the `separating` groups, shape of the space."""
         return self.barriers.mask(*self.separating)
 
 
 @frozen
 @dataclass(frozen=True, eq=False)
 class SceneSeparation:
-    """Whether a start of a scene is separated from the goals, and by which of its obstacles.
+    """Disconnection proof of a scene: the obstacles that separate a start from the goals.
 
-    `space, start, outcome, region`: as in `Separation`; `parts` as the space: what blocks cells, and which, by name:
-    ``"obstacle[0]"`` as in the scene's file, ``"map"``, ``"singularity"`` (virtual obstacles alone), ``"robot"``
-    (collisions with itself); `separating`: the smallest set whose removal opens a way, the first found of several;
-    empty where a path exists, or no set as small as asked for will do; `alone`: every part whose removal alone does.
+    `space`: the scene's space; `start`: start cell; `outcome`: ``REACHED`` if a path to a goal exists; `region` (shape
+    of the space): mask of cells that the start can reach; `parts`: masks of blocked cells by name of the blocking part:
+    ``"obstacle[0]"`` as in the scene file, ``"map"``, ``"singularity"`` (virtual obstacles), ``"robot"``
+    (self-collision); `separating`: a smallest set of parts whose removal opens a path, empty if a path exists or if
+    no set of the permitted size opens one; `alone`: all parts whose removal is sufficient without another.
     """
 
     space: ConfigurationSpace
@@ -156,7 +160,7 @@ class SceneSeparation:
 
     @property
     def mask(self) -> NDArray[np.bool_]:
-        """Cells that the `separating` parts block, shape of the space."""
+        """Mask of the cells that the `separating` parts block, shape of the space."""
         masks = [self.parts[name] for name in self.separating]
         return np.any(masks, axis=0) if masks else np.zeros(self.space.shape, dtype=np.bool_)
 
@@ -181,33 +185,33 @@ def find_blocking_obstacles(
     virtual: ArrayLike | None = None,
     most: int = 3,
 ) -> Separation | SceneSeparation:
-    """Say whether a start has a path, and if not which obstacles separate it from the goals.
+    """Decide whether a start has a path to a goal, and otherwise find the obstacles that separate them.
 
-    Of a space these are groups of obstacle cells, which count as one where they meet across faces, edges or corners,
-    periodic axes included.  The edge of the grid is no group: nothing lies beyond it, but together with groups that
-    touch it, it encloses.  The images of several obstacles, and virtual ones, often melt into one group; of a scene the
-    same is asked of the obstacles themselves, by trying sets of them.  What is taken away gives back the part of the
-    goals' regions that it covered.
+    For a space, the obstacles are groups of obstacle cells that are connected across faces, edges or corners, also
+    across periodic seams.  The edge of the grid is not a group and cannot be removed, but it can enclose a region
+    together with groups that touch it.  Several obstacles of a scene, and virtual ones, often form a single group.
+    For a scene, the obstacles themselves are removed instead, by trying sets of them.  Cells of a goal region that a
+    removed obstacle covered become goal cells.
 
     Parameters
     ----------
     where : ConfigurationSpace or Scene
-        A scene is sampled as a whole, and once for each obstacle.
+        For a scene, the space is built with all obstacles and once per obstacle.
     start : array_like of float, shape (ndim,)
         World coordinates; a point on a border belongs to a free cell if it touches one.
     cell : sequence of int, optional
-        Instead of `start`: a cell.
+        Start cell, instead of `start`.
     virtual : array_like of bool, shape of the space, optional
-        Of a space: which obstacle cells are virtual (no body: strips along singularities, margins); they make groups of
-        their own.  Then the sets returned still open a way, but need not be the least.
+        For a space: mask of virtual obstacle cells (without a body, such as strips along singularities or margins),
+        which form separate groups.  The returned sets then still open a path, but need not be minimum sets.
     most : int
-        Of a scene: the largest set of obstacles that is tried.
+        For a scene: maximum size of the sets of obstacles that are tried.
 
     Returns
     -------
     Separation or SceneSeparation
-        ``outcome`` is ``REACHED`` where a path exists, otherwise ``NO_PATH``, ``GOAL_BLOCKED`` or ``START_BLOCKED``;
-        ``separating`` are the groups, or names of obstacles, that must go.
+        ``outcome`` is ``REACHED`` if a path exists, otherwise ``NO_PATH``, ``GOAL_BLOCKED`` or ``START_BLOCKED``;
+        ``separating`` holds the groups, or names of obstacles, to remove.
 
     Raises
     ------
@@ -227,7 +231,7 @@ def find_blocking_obstacles(
         return _scene_separation(where, start, cell, most)
     space = where
     if not space.goal_count:
-        raise InputError("the space has no goal cell, so that no start is separated from one")
+        raise InputError("the space has no goal cell; add a goal to find the obstacles before it")
     at = _cell_of(space, one_start(space, start, cell))
     barriers = _group_obstacles(space, virtual)
     links = barriers.links
@@ -237,25 +241,27 @@ def find_blocking_obstacles(
     return Separation(
         space=space,
         start=at,
-        outcome=_verdict(space, at),
+        outcome=_connectivity(space, at),
         barriers=barriers,
         region=region,
-        bounding=links.groups_beside(here) if free else (),
+        bounding=links.adjacent_groups(here) if free else (),
         obstructions=tuple(_obstruction(barriers, at, goal) for goal in range(space.goal_count)),
         edge=any(ends),
     )
 
 
-def _verdict(space: ConfigurationSpace, cell: tuple[int, ...]) -> Outcome:
-    """What connectivity says of a start cell: ``REACHED`` if a goal can be."""
+def _connectivity(space: ConfigurationSpace, cell: tuple[int, ...]) -> Outcome:
+    """Return the outcome of a start cell by connectivity: ``REACHED`` if it is connected to a goal."""
     return Outcome(str(static_outcomes(space, np.array([cell]))[0]) or Outcome.REACHED)
 
 
 def _cell_of(space: ConfigurationSpace, point: NDArray[np.float64]) -> tuple[int, ...]:
+    """Return the cell of a start point in axis units, shape (ndim,)."""
     return tuple(start_cells(space, point[np.newaxis])[0][0].tolist())
 
 
 def _obstruction(barriers: Barriers, start: tuple[int, ...], goal: int) -> Obstruction:
+    """Find the groups that separate a start cell from one goal region."""
     space, links = barriers.space, barriers.links
     target = tuple(np.argwhere(space.goal_region == goal)[0].tolist())
     here, there = int(links.node[start]), int(links.node[target])
@@ -263,26 +269,27 @@ def _obstruction(barriers: Barriers, start: tuple[int, ...], goal: int) -> Obstr
         return Obstruction(goal, (), ())
 
     def between(opened: tuple[int, ...]) -> tuple[int, ...]:
-        """Groups on a shortest path when some have been taken away; none if it is open."""
-        left = _link(barriers, opened) if opened else links
-        return left.groups_between(int(left.node[start]), int(left.node[target]))
+        """Return the groups on a shortest path after some groups were removed; empty if the path is open."""
+        remaining = _adjacency(barriers, opened) if opened else links
+        return remaining.groups_between(int(remaining.node[start]), int(remaining.node[target]))
 
-    beside = {here - links.regions} if here >= links.regions else set(links.groups_beside(here))
-    candidates = sorted(beside & set(links.groups_beside(there)))
+    adjacent = {here - links.regions} if here >= links.regions else set(links.adjacent_groups(here))
+    candidates = sorted(adjacent & set(links.adjacent_groups(there)))
     least: tuple[int, ...] = ()
-    # Once is enough unless virtual groups fill the gaps between the corners of real ones.
+    # One pass is enough unless virtual groups fill the gaps between the corners of real ones.
     while more := between(least):
         least += more
     return Obstruction(goal, least, tuple(group for group in candidates if not between((group,))))
 
 
 def _scene_separation(scene: Scene, start: ArrayLike | None, cell: Sequence[int] | None, most: int) -> SceneSeparation:
+    """Find sets of at most `most` parts of a scene whose removal opens a path from a start."""
     if most < 1:
-        raise InputError(f"most = {most}, but at least one obstacle must be taken away to open a way")
+        raise InputError(f"most = {most} must be at least 1: opening a path removes at least one obstacle")
     space = build_space(scene)
     point = one_start(space, start, cell)
     at = _cell_of(space, point)
-    outcome = _verdict(space, at)
+    outcome = _connectivity(space, at)
     label = label_regions(space.cell != Cell.OBSTACLE, space.periodic)
     region = (label == label[at]) & (label > 0)
     if outcome is Outcome.REACHED:
@@ -290,25 +297,25 @@ def _scene_separation(scene: Scene, start: ArrayLike | None, cell: Sequence[int]
     parts = _blocking_parts(scene, space)
     if len(parts) > _MOST_PARTS:
         raise InputError(
-            f"the scene has {len(parts)} obstacles, and at most {_MOST_PARTS} can be told apart; merge some, or ask "
-            "for the separation of its space"
+            f"the scene has {len(parts)} obstacles, more than {_MOST_PARTS}; merge some, or pass the scene's space"
+            " instead of the scene"
         )
-    bits = np.zeros(space.shape, dtype=np.uint64)  # one for each part that blocks a cell
+    bits = np.zeros(space.shape, dtype=np.uint64)  # bit n is set if part n blocks the cell
     for number, mask in enumerate(parts.values()):
         bits[mask] |= np.uint64(1 << number)
-    bare = dataclasses.replace(
+    without_obstacles = dataclasses.replace(
         scene,
         robot=scene.robot.bare(self_collision=False),
         obstacles=(),
         map=scene.map and scene.map.without_obstacles(),
     )
-    opened = np.where(build_space(bare).cell == Cell.GOAL, np.uint8(Cell.GOAL), np.uint8(Cell.FREE))
+    opened = np.where(build_space(without_obstacles).cell == Cell.GOAL, np.uint8(Cell.GOAL), np.uint8(Cell.FREE))
 
     def opens(*removed: int) -> bool:
-        """Whether there is a path where what some parts alone block is free, or goal."""
+        """Return whether a path exists after some parts are removed: cells that only they block are free or goal."""
         kept = np.uint64(2**64 - 1 - sum(1 << number for number in removed))
-        left = space.with_cells(np.where((bits & kept) == 0, opened, np.uint8(Cell.OBSTACLE)))
-        return _verdict(left, _cell_of(left, point)) is Outcome.REACHED
+        remaining = space.with_cells(np.where((bits & kept) == 0, opened, np.uint8(Cell.OBSTACLE)))
+        return _connectivity(remaining, _cell_of(remaining, point)) is Outcome.REACHED
 
     names = tuple(parts)
     alone = tuple(name for number, name in enumerate(names) if opens(number))
@@ -319,7 +326,7 @@ def _scene_separation(scene: Scene, start: ArrayLike | None, cell: Sequence[int]
 
 
 def _blocking_parts(scene: Scene, space: ConfigurationSpace) -> dict[str, NDArray[np.bool_]]:
-    """Cells that each part of a scene blocks, by its name.  Returns as the space."""
+    """Return a mask of blocked cells, shape of the space, for every part of a scene, by name."""
     plain = scene.robot.bare()
     itself = plain.occupancy(scene.axes, [], scene.sampling)
     parts = {
@@ -336,7 +343,7 @@ def _blocking_parts(scene: Scene, space: ConfigurationSpace) -> dict[str, NDArra
 
 
 def _group_obstacles(space: ConfigurationSpace, virtual: ArrayLike | None = None) -> Barriers:
-    """Group the obstacle cells that meet across faces, edges or corners; `virtual`, as the space, by themselves."""
+    """Group obstacle cells that are connected across faces, edges or corners; group virtual cells separately."""
     obstacle = space.cell == Cell.OBSTACLE
     marked = np.zeros(space.shape, dtype=np.bool_) if virtual is None else np.asarray(virtual)
     if marked.shape != space.shape or marked.dtype.kind != "b":
@@ -349,8 +356,8 @@ def _group_obstacles(space: ConfigurationSpace, virtual: ArrayLike | None = None
     return Barriers(space, label, np.arange(first + int(added.max()) + 1) >= first)
 
 
-def _link(barriers: Barriers, opened: tuple[int, ...] = ()) -> RegionGraph:
-    """Find out which regions and groups touch, with some groups taken away."""
+def _adjacency(barriers: Barriers, opened: tuple[int, ...] = ()) -> RegionGraph:
+    """Return the adjacency graph of regions and groups after some groups are removed."""
     space = barriers.space
     passable = (space.cell != Cell.OBSTACLE) | barriers.mask(*opened)
     region = label_regions(passable, space.periodic).astype(np.int64) - 1
@@ -361,6 +368,6 @@ def _link(barriers: Barriers, opened: tuple[int, ...] = ()) -> RegionGraph:
     faces = [np.stack([side.ravel() for side in cells_at_faces(wide, axis)], axis=1) for axis in range(space.ndim)]
     pairs = np.unique(np.sort(np.concatenate([pair[pair[:, 0] != pair[:, 1]] for pair in faces]), axis=1), axis=0)
     first, last = np.concatenate([pairs, pairs[:, ::-1]]).T
-    # Half a group's cost on the way in, half on the way out.
+    # An edge carries half the cost of each end, so that a path through a group pays its full cost.
     graph = sparse.coo_array((0.5 * (cost[first] + cost[last]), (first, last)), shape=(len(cost), len(cost)))
     return RegionGraph(node, regions, graph.tocsr())

@@ -1,4 +1,4 @@
-"""Certificates: the promises of streamlines and polylines, checked without the code that made them."""
+"""Certificates: independent checks of streamlines and polylines, without the code that computes them."""
 
 from __future__ import annotations
 
@@ -11,33 +11,32 @@ from numpy.typing import NDArray
 
 from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import CertificateError, InputError
-from resgrid.planning.clearance import clearance_of, face_shares
+from resgrid.planning.clearance import clearance_of, face_crossings
 from resgrid.planning.streamline import AnyPath, Outcome, Streamline, length_of
 
 Cells = set[tuple[int, ...]]
-
-_LONGEST = 10_000_000
-
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-
-_SAME_TIME = 1e-9
-_SLACK = 4.0
-_LARGEST_LOG = 745.0
-"""Natural logarithm of the largest ratio of two velocities that float64 can tell from infinity."""
+_LONGEST = 10_000_000  # maximum length of a segment, in cells along an axis
+_SAME_TIME = 1e-9  # tolerance of the logarithm of the duration
+_SLACK = 4.0  # tolerance of positions along the current, in rounding errors of a position within its cell
+_LARGEST_LOG = 745.0  # natural logarithm of the largest finite ratio of two float64 velocities
 
 
 def certify(path: Streamline) -> None:
-    """Check every promise of a streamline, and every number it holds.
+    """Verify all properties and numbers of a streamline; raise CertificateError at the first violation.
 
-    For a start that reached a goal: the cells visited are free, all different and face neighbours; every crossing runs
-    with the current and lowers the potential (blends: the blended current decides); every point lies on the face
-    crossed, so that each segment stays in its convex cell and no corner is cut, and where the current carries it; the
-    last cell is a goal of the number given, and the last point solves that goal where the space names such a point;
-    length, clearance and duration are those of the polyline.  For the other outcomes: that they are true, and that
-    nothing more is claimed.
+    A streamline that reached a goal must satisfy all of the following.
 
-    Positions may be off by 1e-9 of a cell, or by what coordinates far from 0 round to.
+    - The visited cells are free and distinct, and consecutive ones are face neighbours.
+    - Every crossing follows the current and lowers the potential (for blends, only the blended current decides).
+    - Every point lies on the crossed face, so that each segment stays in its convex cell and cuts no corner.
+    - Every point is where the current carries the previous point.
+    - The last cell belongs to the stated goal region, and the streamline ends at its goal point, if one is defined.
+    - Length, clearance and duration agree with the polyline.
+
+    For other outcomes, the outcome must be true and no further result may be stated.
+    The tolerance of positions is 1e-9 of a cell, or the rounding error of large coordinates.
 
     Parameters
     ----------
@@ -46,7 +45,7 @@ def certify(path: Streamline) -> None:
     Raises
     ------
     CertificateError
-        On the first broken promise; the message names the step.
+        At the first violation; the message names the step.
 
     Examples
     --------
@@ -72,9 +71,9 @@ def certify(path: Streamline) -> None:
 
 
 def _check_kinds(path: Streamline) -> None:
-    """Before anything is compared: types, shapes, finite points within their cells."""
+    """Check types and shapes, and that points are finite and lie within their cells."""
     if not isinstance(path, Streamline) or not isinstance(path.outcome, Outcome):
-        raise CertificateError(f"this is no streamline with an outcome, but {type(path).__name__}")
+        raise CertificateError(f"path must be a Streamline with an Outcome, got {type(path).__name__}")
     space = path.space
     cells, points = path.cells, path.axis_points
     if cells.dtype.kind not in "iu" or cells.ndim != 2 or cells.shape[1] != space.ndim or not len(cells):
@@ -91,23 +90,24 @@ def _check_kinds(path: Streamline) -> None:
     _require(np.isfinite(points), lambda number: f"point {number} is not finite")
     for name in ("length", "clearance", "log_duration"):
         if not isinstance(getattr(path, name), Real):
-            raise CertificateError(f"{name} is no number: {getattr(path, name)!r}")
+            raise CertificateError(f"{name} must be a number, got {getattr(path, name)!r}")
     if path.goal is not None and (isinstance(path.goal, bool) or not isinstance(path.goal, Integral)):
-        raise CertificateError(f"goal is no number of a region: {path.goal!r}")
-    within = np.abs(_local(path) - 0.5) <= 0.5 + space.rounding
-    _require(within, lambda number: f"point {number} lies outside its cell {_plain(path.point_cells[number])}")
+        raise CertificateError(f"goal must be the index of a goal region or None, got {path.goal!r}")
+    within = np.abs(_cell_positions(path) - 0.5) <= 0.5 + space.rounding
+    _require(within, lambda number: f"point {number} lies outside its cell {_as_tuple(path.point_cells[number])}")
     if leg and np.any(np.abs(points[-1:] - last) > space.rounding * space.spacing):
         raise CertificateError(f"the path ends at {points[-1].tolist()}, not at the goal point {last[0].tolist()}")
 
 
 def _check_still(path: Streamline) -> None:
-    """A start that nothing was traced from has a place, and no more."""
-    silent = path.goal is None and path.length == 0 and np.isnan(path.clearance) and np.isnan(path.log_duration)
-    if len(path.cells) != 1 or not silent:
-        raise CertificateError(f"a path that is {path.outcome.value} has one cell, length 0 and claims nothing else")
+    """Check that a streamline without motion has only a start: one cell, length 0, no goal, clearance or duration."""
+    empty = path.goal is None and path.length == 0 and np.isnan(path.clearance) and np.isnan(path.log_duration)
+    if len(path.cells) != 1 or not empty:
+        raise CertificateError(f"a path with outcome {path.outcome.value} has one cell, length 0 and no other results")
 
 
 def _check_failure(path: Streamline) -> None:
+    """Check that the outcome of a streamline that reached no goal is true."""
     start = tuple(path.cells[0])
     code = path.space.cell[start]
     connected = bool(path.space.goal_connected[start])
@@ -120,26 +120,28 @@ def _check_failure(path: Streamline) -> None:
     }
     if not true[path.outcome]:
         raise CertificateError(
-            f"the outcome {path.outcome.value} of the start cell {_plain(path.cells[0])} is not true"
+            f"the outcome {path.outcome.value} of the start cell {_as_tuple(path.cells[0])} is not true"
         )
 
 
 def _flows_out(path: Streamline) -> bool:
+    """Return whether a known current leaves the last cell of a streamline."""
     safe = path.field.safe
     if safe is not None and not safe[tuple(path.cells[-1])]:
-        return False  # nothing that can be told
+        return False  # the direction of the current is unknown in this cell
     lower, upper = path.field.faces_of(path.cells[-1:])[0]
     return bool(np.any(lower < 0) or np.any(upper > 0))
 
 
 def _check_cells(path: Streamline) -> None:
+    """Check that the visited cells are free and distinct, and that the last one belongs to the stated goal."""
     cells = path.cells
     codes = path.space.cell[tuple(cells.T)]
     reached = path.outcome is Outcome.REACHED
     inner = codes[:-1] if reached else codes
-    _require(inner == Cell.FREE, lambda step: f"step {step} is in cell {_plain(cells[step])}, which is not free")
+    _require(inner == Cell.FREE, lambda step: f"step {step} is in cell {_as_tuple(cells[step])}, which is not free")
     if reached and codes[-1] != Cell.GOAL:
-        raise CertificateError(f"the last cell {_plain(cells[-1])} is not a goal cell")
+        raise CertificateError(f"the last cell {_as_tuple(cells[-1])} is not a goal cell")
     if reached and path.goal != path.space.goal_region[tuple(cells[-1])]:
         raise CertificateError(f"the last cell belongs to goal {path.space.goal_region[tuple(cells[-1])]}")
     if len(np.unique(cells, axis=0)) < len(cells):
@@ -147,20 +149,20 @@ def _check_cells(path: Streamline) -> None:
 
 
 def _check_crossings(path: Streamline) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Axis and side (-1 or 1) of every crossing, each on the face between neighbours and along the current."""
+    """Check that crossings lie on faces between neighbours and follow the current; return their axes and sides."""
     space = path.space
     here, there = path.cells[:-1].astype(np.int64), path.cells[1:].astype(np.int64)
     number = np.arange(len(here))
     changed = here != there
     axis = np.argmax(changed, axis=1)
-    # In a ring of two cells both faces join them: the point says which one was crossed.
-    entered = _local(path)[1 : len(path.cells)][number, axis]
+    # In a ring of two cells both faces connect them: the position of the point identifies the crossed face.
+    entered = _cell_positions(path)[1 : len(path.cells)][number, axis]
     side = np.where(entered < 0.5, 1, -1)
     beyond, size = here[number, axis] + side, np.array(space.shape)[axis]
     beyond = np.where(space.periodic[axis], np.mod(beyond, size), beyond)
 
     def between(step: int) -> str:
-        return f"cell {_plain(here[step])} to cell {_plain(there[step])}"
+        return f"cell {_as_tuple(here[step])} to cell {_as_tuple(there[step])}"
 
     leads = (changed.sum(axis=1) == 1) & (beyond == there[number, axis])
     _require(leads, lambda step: f"step {step}: the face that was crossed does not lead from {between(step)}")
@@ -171,26 +173,27 @@ def _check_crossings(path: Streamline) -> tuple[NDArray[np.int64], NDArray[np.in
     return axis, side
 
 
-def _local(path: Streamline) -> NDArray[np.float64]:
-    """Position of every point within its cell, in [0, 1]."""
+def _cell_positions(path: Streamline) -> NDArray[np.float64]:
+    """Return the position of every point within its cell, in [0, 1], shape (points, ndim)."""
     return np.asarray((path.axis_points - path.space.lower) / path.space.spacing - path.point_cells)
 
 
 def _check_descent(path: Streamline) -> None:
+    """Check that no crossing raises the potential."""
     field = path.field
     if field.boundary == "blend":
         return
     at = tuple(path.cells.T)
     height = -field.log_drop[at] if field.log_drop is not None else field.potential[at]
-    # Where the two nodes are equal in float64 the current, known to more digits, has already decided.
+    # Two potentials may be equal in float64; the direction of the current, known to more digits, was checked before.
     _require(
         np.diff(height) <= 0,
-        lambda step: f"step {step}: the potential rises from cell {_plain(path.cells[step])} to the next",
+        lambda step: f"step {step}: the potential rises from cell {_as_tuple(path.cells[step])} to the next",
     )
 
 
 def _check_extent(path: Streamline) -> None:
-    """Length and clearance, from the points in coordinates without a seam."""
+    """Check length and clearance against those of the polyline, continuous across periodic seams."""
     space, field, line = path.space, path.field, path.line
     slack = 2.0 * float(np.linalg.norm(space.rounding * space.spacing))
     length = length_of(line)
@@ -201,39 +204,40 @@ def _check_extent(path: Streamline) -> None:
         raise CertificateError(f"the clearance is {clearance}, not {path.clearance}")
 
 
-def _require(kept: NDArray[np.bool_], message: Callable[[int], str]) -> None:
-    """Refuse the first point or step at which a promise is not kept.  Shapes: `kept` (n, ...)."""
-    if not kept.all():
-        raise CertificateError(message(int(np.argwhere(~kept)[0, 0])))
+def _require(valid: NDArray[np.bool_], message: Callable[[int], str]) -> None:
+    """Raise CertificateError for the first point or step that is not valid.  `valid` (n, ...)."""
+    if not valid.all():
+        raise CertificateError(message(int(np.argwhere(~valid)[0, 0])))
 
 
-def _plain(cell: NDArray[np.int64]) -> tuple[int, ...]:
+def _as_tuple(cell: NDArray[np.int64]) -> tuple[int, ...]:
+    """Return cell indices as a tuple of int, for messages."""
     return tuple(cell.tolist())
 
 
-@np.errstate(divide="ignore", invalid="ignore", over="ignore")  # what overflows counts as infinite
+@np.errstate(divide="ignore", invalid="ignore", over="ignore")  # overflow gives infinity, a valid bound
 def _check_motion(path: Streamline, axis: Integers, side: Integers) -> None:
-    """The current, linear between faces, carries the streamline so and as long as it says; `axis, side` (steps,).
+    """Check that the current, linear between faces, carries every point to the next; `axis, side` (steps,): crossings.
 
-    Near a stagnation point rounding moves the exit and the time a lot: both are compared with what they are for all
-    positions that a point may stand for.
+    Near a stagnation point, exit and time are sensitive to rounding of the entry.  Both are therefore compared with
+    their bounds over all positions within the rounding error of the entry.
     """
-    local = _local(path)
+    local = _cell_positions(path)
     steps, slack = np.arange(len(axis)), _SLACK * path.space.rounding
     direction, log_current = path.field.faces_of(path.cells[:-1].astype(np.int64))
     scale = log_current.max(axis=(0, 2))
     lower, upper = direction * np.exp(log_current - scale[:, np.newaxis])
     start, end = np.clip(local[: len(axis)], 0.0, 1.0), local[1 : len(axis) + 1]
     up = side > 0
-    shortest, longest, sure = _times(
+    shortest, longest, is_moving = _exit_times(
         np.where(up, start[steps, axis], 1.0 - start[steps, axis]),
         np.where(up, lower[steps, axis], -upper[steps, axis]),
         np.where(up, upper[steps, axis], -lower[steps, axis]),
         slack[axis],
     )
-    low, high = _ends(start, lower, upper, (shortest, longest), slack)
+    low, high = _exit_bounds(start, lower, upper, (shortest, longest), slack)
     # Where the streamline may have left straight, it has not moved along the other axes.
-    stays = ~sure[:, np.newaxis]
+    stays = ~is_moving[:, np.newaxis]
     low, high = np.where(stays, np.minimum(low, start), low), np.where(stays, np.maximum(high, start), high)
     carried = (end >= low - slack) & (end <= high + slack)
     carried[steps, axis] = True
@@ -241,47 +245,47 @@ def _check_motion(path: Streamline, axis: Integers, side: Integers) -> None:
     _check_duration(path, np.log(shortest) - scale, np.log(longest) - scale)
 
 
-def _times(x: Floats, enter: Floats, leave: Floats, slack: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Least and greatest time from ``x`` to the face at 1, at velocities from ``enter`` at 0 to ``leave > 0`` there.
+def _exit_times(x: Floats, enter: Floats, leave: Floats, slack: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Return the smallest and largest time from ``x +- slack`` to the face at 1, and whether the point must move.
 
-    The third is whether the velocity at ``x`` surely does not vanish: else it may go straight, as fast as at the face.
+    The velocity is linear from ``enter`` at 0 to ``leave > 0`` at 1; where it may vanish, the point may leave straight.
     """
     before, after = np.maximum(x - slack, 0.0), np.minimum(x + slack, 1.0)
     slowest, fastest = (enter * (1.0 - at) + leave * at for at in (before, after))
     straight = (1.0 - before) / leave
-    sure = slowest > 0
-    shortest, longest = _drift(after, fastest, leave), _drift(before, slowest, leave)
-    # The velocity falls towards x: that at the face exceeds it.
-    endless = np.maximum(_LARGEST_LOG / np.where(sure, 1.0, leave - enter), straight)
+    is_moving = slowest > 0
+    shortest, longest = _travel_time(after, fastest, leave), _travel_time(before, slowest, leave)
+    # The velocity falls towards x: the velocity at the face exceeds it.
+    endless = np.maximum(_LARGEST_LOG / np.where(is_moving, 1.0, leave - enter), straight)
     least_straight = (1.0 - after) / leave
     return (
-        np.where(sure, shortest, np.minimum(shortest, least_straight)),
-        np.where(sure, longest, np.where(fastest > 0, endless, straight)),
-        sure,
+        np.where(is_moving, shortest, np.minimum(shortest, least_straight)),
+        np.where(is_moving, longest, np.where(fastest > 0, endless, straight)),
+        is_moving,
     )
 
 
-def _drift(x: Floats, velocity: Floats, leave: Floats) -> Floats:
-    """Time from ``x`` to 1 as the velocity grows linearly to ``leave``; infinite where it does not run there."""
+def _travel_time(x: Floats, velocity: Floats, leave: Floats) -> Floats:
+    """Return the time from ``x`` to 1 with a velocity that changes linearly to ``leave``; infinite for no motion."""
     runs = velocity > 0
     z = np.where(runs, leave / np.where(runs, velocity, 1.0), 1.0) - 1.0
     factor = np.where(np.abs(z) < 1e-8, 1.0 - 0.5 * z, np.log1p(z) / np.where(z == 0, 1.0, z))
     return np.where(runs, (1.0 - x) / np.where(runs, velocity, 1.0) * factor, np.inf)
 
 
-def _ends(
+def _exit_bounds(
     start: Floats, lower: Floats, upper: Floats, times: tuple[Floats, Floats], slack: Floats
 ) -> tuple[Floats, Floats]:
-    """Least and greatest position along every axis after the time to the exit: monotone in start and time."""
+    """Return bounds (steps, ndim) of the positions at the exit time; positions are monotone in start and time."""
     ends = [
-        _moved(np.clip(start + off, 0.0, 1.0), lower, upper, time[:, np.newaxis])
+        _advance(np.clip(start + off, 0.0, 1.0), lower, upper, time[:, np.newaxis])
         for off, time in product((-slack, slack), times)
     ]
     return np.min(ends, axis=0), np.max(ends, axis=0)
 
 
-def _moved(x: Floats, lower: Floats, upper: Floats, time: Floats) -> Floats:
-    """Positions after a time, within the cell."""
+def _advance(x: Floats, lower: Floats, upper: Floats, time: Floats) -> Floats:
+    """Return positions after a time, clipped to the cell's range [0, 1]."""
     velocity, growth = lower * (1.0 - x) + upper * x, (upper - lower) * time
     step = np.where(
         np.abs(growth) < 1e-8, velocity * time * (1.0 + 0.5 * growth), velocity * np.expm1(growth) / (upper - lower)
@@ -290,6 +294,7 @@ def _moved(x: Floats, lower: Floats, upper: Floats, time: Floats) -> Floats:
 
 
 def _check_duration(path: Streamline, log_shortest: Floats, log_longest: Floats) -> None:
+    """Check the duration against sums of the steps' shortest and longest times, given as logarithms (steps,)."""
     unit = 2.0 * np.log(path.space.spacing.min())
     low, high = (float(np.logaddexp.reduce(logs, initial=-np.inf) + unit) for logs in (log_shortest, log_longest))
     claimed = float(path.log_duration)
@@ -301,11 +306,11 @@ def _check_duration(path: Streamline, log_shortest: Floats, log_longest: Floats)
 def certify_collision_free(path: AnyPath) -> None:
     """Check that no segment of a polyline meets an obstacle cell or leaves the grid.
 
-    Of every segment one of two things must hold: all closed cells it touches, at corners too, are free or goal cells;
-    or it lies within one closed free or goal cell, as each segment of a streamline does, which may slide along a wall.
-    From one such cell to the next it must lead through faces of cells that touch the point between: nothing slips
-    through the corner or edge at which two obstacles meet.  Cells are taken 1e-9 of their width larger, or as much as
-    coordinates far from 0 round to.
+    For every segment, all touched closed cells, also at corners, must be free or goal cells; or the segment must lie
+    within one closed free or goal cell, as those of streamlines, which may run along an obstacle's face.  Consecutive
+    cells of the second kind must be connected through faces of free cells that touch the point between them: no path
+    passes through a corner or edge at which two obstacles meet.  Cells are enlarged by 1e-9 of their width, or by the
+    rounding error of large coordinates.
 
     Parameters
     ----------
@@ -314,9 +319,9 @@ def certify_collision_free(path: AnyPath) -> None:
     Raises
     ------
     CertificateError
-        If a segment does not; the message names the segment and the cell.
+        If a segment violates both conditions; the message names the segment and the cell.
     InputError
-        If a segment is so long that nobody could look at all its cells.
+        If a segment is longer than 10,000,000 cells along an axis.
 
     Examples
     --------
@@ -336,34 +341,33 @@ def certify_collision_free(path: AnyPath) -> None:
         touched = _touched(start, end, space)
         free = _free(touched, space)
         if len(free) < len(touched):
-            held = {cell for cell in free if _holds(cell, start, space) and _holds(cell, end, space)}
-            if not held:
+            containing = {cell for cell in free if _contains(cell, start, space) and _contains(cell, end, space)}
+            if not containing:
                 cell = min(touched - free)
                 raise CertificateError(f"segment {number} touches cell {cell}, which is not free or outside the grid")
-            here = _joined(here, _free(_touched(start, start, space), space))
-            if not here & held:
-                raise CertificateError(
-                    f"segment {number} enters cell {min(held)} through a corner or edge, between obstacles that meet"
-                )
-            free = here & held
-        here = _joined(free, _free(_touched(end, end, space), space))
+            here = _connected(here, _free(_touched(start, start, space), space))
+            if not here & containing:
+                cell = min(containing)
+                raise CertificateError(f"segment {number} enters cell {cell} through a corner or edge of obstacles")
+            free = here & containing
+        here = _connected(free, _free(_touched(end, end, space), space))
 
 
 def _check_segments(scaled: NDArray[np.float64], space: ConfigurationSpace) -> None:
-    """Refuse points outside the grid, and segments around an axis so long that nobody could look at all their cells."""
+    """Raise an error for points outside the grid, and for segments longer than `_LONGEST` cells along an axis."""
     slack = space.rounding
     outside = np.any(~space.periodic & ((scaled < -slack) | (scaled > space.shape + slack)), axis=1)
     if outside.any():
         raise CertificateError(f"point {int(np.argmax(outside))} lies outside the grid")
     if np.any(np.abs(np.diff(scaled, axis=0)) > _LONGEST):
-        raise InputError(f"a segment of this path is longer than {_LONGEST:,} cells")
+        raise InputError(f"a segment of this path is longer than {_LONGEST:,} cells; split it")
 
 
 def _touched(start: NDArray[np.float64], end: NDArray[np.float64], space: ConfigurationSpace) -> Cells:
-    """Closed cells that a closed segment touches: at every border it crosses, and between two."""
-    border = np.concatenate([[0.0], face_shares(start, end), [1.0]])
-    shares = np.concatenate([border, (border[:-1] + border[1:]) / 2])
-    at = start + shares[:, np.newaxis] * (end - start)
+    """Return the closed cells that a segment in cell units touches, at face crossings and midpoints between them."""
+    crossings = np.concatenate([[0.0], face_crossings(start, end), [1.0]])
+    parameters = np.concatenate([crossings, (crossings[:-1] + crossings[1:]) / 2])
+    at = start + parameters[:, np.newaxis] * (end - start)
     rim = space.rounding
     options = np.stack([np.floor(at - rim), np.floor(at + rim)]).astype(np.int64)
     corners = [options[np.array(pick), :, np.arange(len(start))].T for pick in product((0, 1), repeat=len(start))]
@@ -371,7 +375,7 @@ def _touched(start: NDArray[np.float64], end: NDArray[np.float64], space: Config
 
 
 def _free(cells: Cells, space: ConfigurationSpace) -> Cells:
-    """Those of some cells that are free or goal cells."""
+    """Return the subset of free and goal cells; cells outside the grid are not free."""
     index = np.array(sorted(cells))
     size = np.array(space.shape)
     inside = np.all((index >= 0) & (index < size) | space.periodic, axis=1)
@@ -379,12 +383,13 @@ def _free(cells: Cells, space: ConfigurationSpace) -> Cells:
     return set(map(tuple, index[free].tolist()))
 
 
-def _holds(cell: tuple[int, ...], point: NDArray[np.float64], space: ConfigurationSpace) -> bool:
+def _contains(cell: tuple[int, ...], point: NDArray[np.float64], space: ConfigurationSpace) -> bool:
+    """Return whether a closed cell contains a point in cell units, rounding error included."""
     return bool(np.all(np.abs(point - cell - 0.5) <= 0.5 + space.rounding))
 
 
-def _joined(start: Cells, among: Cells) -> Cells:
-    """Cells that are reached from some of them through faces."""
+def _connected(start: Cells, among: Cells) -> Cells:
+    """Return the cells of `among` that are face-connected, within `among`, to cells of `start`."""
     reached, new = set[tuple[int, ...]](), start & among
     while new:
         reached |= new

@@ -1,4 +1,4 @@
-"""How far a polyline stays from obstacle cells."""
+"""Clearance: the smallest distance from a polyline to obstacle cells."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from resgrid.core.space import Cell, ConfigurationSpace
 
 _FEW_PAIRS = 300_000
-"""Pairs of a cell and an obstacle cell whose distances take less time than scipy takes to be imported."""
+"""Number of (cell, obstacle cell) pairs up to which a brute-force search is faster than importing scipy."""
 
 
 def clearance_of(
@@ -18,9 +18,11 @@ def clearance_of(
     reach: float | NDArray[np.float64] | None,
     blocked: NDArray[np.bool_] | None = None,
 ) -> float:
-    """Smallest distance, up to `reach`, from a polyline (n, ndim) to an obstacle cell's box or an edge that is one.
+    """Return the smallest distance from a polyline (n, ndim) to the box of an obstacle cell or to an obstacle edge.
 
-    `blocked`: obstacle cells in C order, for a caller with many polylines.
+    `edge`: rule of the grid's edge per axis; `reach`: distance up to which obstacle cells are searched, per cell or
+    for all, None without obstacles; `blocked` (cells,): flat mask of obstacle cells, for callers with many polylines.
+    All lengths are in axis units.
     """
     scaled = split_at_faces(points, space)
     starts, ends = (scaled[:-1], scaled[1:]) if len(scaled) > 1 else (scaled, scaled)
@@ -38,7 +40,11 @@ def segment_clearance(
     reach: float | NDArray[np.float64] | None,
     blocked: NDArray[np.bool_] | None = None,
 ) -> float:
-    """The same of segments by their cells and positions within, all (n, ndim); `reach`: None without obstacles."""
+    """Return the smallest distance from segments within cells to an obstacle cell or to an obstacle edge.
+
+    `home` (n, ndim): cell of each segment; `starts, ends` (n, ndim): end points relative to the cell's lower corner, in
+    cell units; `edge`, `reach`, `blocked`: arguments of `clearance_of`.
+    """
     from resgrid.planning import kernels
 
     nearest = np.inf
@@ -61,7 +67,10 @@ def segment_clearance(
 
 
 def obstacle_reach(space: ConfigurationSpace) -> NDArray[np.float64] | None:
-    """Upper bound of the distance from any point of each cell to the nearest obstacle cell, in axis units, if any."""
+    """Return upper bounds of the distance from any point of each cell to the nearest obstacle cell, in axis units.
+
+    The shape is that of the space.  None if there is no obstacle cell.
+    """
     clear = space.cell != Cell.OBSTACLE
     if clear.all():
         return None
@@ -76,7 +85,7 @@ def obstacle_reach(space: ConfigurationSpace) -> NDArray[np.float64] | None:
 
 
 def _nearest_centres(space: ConfigurationSpace, clear: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Distance from every cell's centre to that of the nearest obstacle cell, pair by pair.  Shapes: as the space."""
+    """Return the distance from every cell centre to the nearest obstacle cell's centre, by brute force."""
     shape, rings = np.array(space.shape), np.asarray(space.periodic)
     apart = np.abs(np.argwhere(np.ones_like(clear))[:, np.newaxis] - np.argwhere(~clear))
     apart = np.where(rings, np.minimum(apart, shape - apart), apart)
@@ -84,24 +93,24 @@ def _nearest_centres(space: ConfigurationSpace, clear: NDArray[np.bool_]) -> NDA
 
 
 def split_at_faces(points: NDArray[np.float64], space: ConfigurationSpace) -> NDArray[np.float64]:
-    """A polyline (n, ndim) in units of cells (m, ndim), with a point wherever it crosses a border between cells."""
+    """Return a polyline (n, ndim) in cell units (m, ndim), with a point added at every crossing of a cell face."""
     scaled = (points - space.lower) / space.spacing
     cells_touched = np.ceil(np.maximum(scaled[:-1], scaled[1:])) - np.floor(np.minimum(scaled[:-1], scaled[1:]))
     parts, done = [], 0
     for number in np.flatnonzero(np.any(cells_touched > 1, axis=1)).tolist():  # the others stay within one cell
         start, end = scaled[number], scaled[number + 1]
-        shares = face_shares(start, end)
-        parts += [scaled[done : number + 1], start + shares[:, np.newaxis] * (end - start)]
+        crossings = face_crossings(start, end)
+        parts += [scaled[done : number + 1], start + crossings[:, np.newaxis] * (end - start)]
         done = number + 1
     return np.concatenate([*parts, scaled[done:]])
 
 
-def face_shares(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Shares of the way, between 0 and 1, at which a segment in units of cells crosses borders; ascending, distinct."""
-    shares = [np.empty(0)]
+def face_crossings(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the parameters in (0, 1) at which a segment in cell units crosses cell faces, ascending and distinct."""
+    parameters = [np.empty(0)]
     for first, last in zip(start.tolist(), end.tolist(), strict=True):
         borders = np.arange(np.floor(min(first, last)) + 1, np.ceil(max(first, last)))
         if len(borders):
-            shares.append((borders - first) / (last - first))
-    inner = np.unique(np.concatenate(shares))
+            parameters.append((borders - first) / (last - first))
+    inner = np.unique(np.concatenate(parameters))
     return inner[(inner > 0) & (inner < 1)]

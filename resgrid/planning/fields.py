@@ -36,26 +36,26 @@ class Field:
     space : ConfigurationSpace
         The space.
     wiring : Wiring
-        Of the circuit it was read off; of a blend, of that of k = 1.
+        Wiring of the solved circuit; for a blend, wiring of the circuit of k = 1.
     potential : ndarray of float64, shape of the space
-        ``phi``: 1 on obstacles, 0 on goals; NaN in a cell without a node.  With a uniform drive it is the height above
-        the goal rail, scaled to a maximum of 1.
+        ``phi``: 1 on obstacles, 0 on goals; NaN in a cell without a node.  With a uniform drive, the height above the
+        goal rail, scaled to a maximum of 1.
     log_drop : ndarray of float64, shape of the space, or None
-        Natural logarithm of ``u = 1 - phi``, right to some 1e-8 (``OperatingPoint.entry_error``) even where ``phi``
-        rounds to 1; -inf where nothing arrives, NaN in a cell without a node.  None where no high rail exists (uniform
-        drive, blends).
+        Natural logarithm of the drop ``u = 1 - phi``, with an error of about 1e-8 (``OperatingPoint.entry_error``) even
+        where ``phi`` rounds to 1; -inf in cells without a path to a goal, NaN in a cell without a node.  None if the
+        circuit has no high rail (uniform drive), and for blends.
     face_direction : tuple of ndarray of int8
-        Per axis ``a``, shape of the space with one more along ``a``: the sign of the current through the lower face of
-        every cell, positive in the direction of the axis, 0 where none flows.  It runs from high potential to low.  On
-        a periodic axis the last face repeats the first.
+        Sign of the current through the lower face of every cell, 0 without current.  One array per axis ``a``, with
+        the shape of the space plus one along ``a``.  Positive currents flow in the direction of the axis, from high
+        potential to low.  On a periodic axis the last face repeats the first.
     face_log_current : tuple of ndarray of float64
-        Same shapes: natural logarithm of its magnitude in units of supply / resistance, for the potential as scaled;
-        -inf where none flows.
+        Natural logarithm of the current's magnitude, in units of supply / resistance and for the potential as scaled;
+        -inf without current.  Shapes of `face_direction`.
     k : float
-        Share of the Dirichlet field: 1 for Dirichlet and walls, 0 for Neumann.
+        Weight of the Dirichlet field: 1 for Dirichlet and walls, 0 for Neumann.
     safe : ndarray of bool, shape of the space, or None
-        Free cells in which the field is direction-safe; streamlines end at all others with ``no_current``.  None where
-        the field is direction-safe as a whole, as all are but those of ``method="petsc"``, of warm starts and of
+        Free cells in which the field is direction-safe; streamlines end at all other cells with ``no_current``.  None
+        if all cells are direction-safe, which holds except for ``method="petsc"``, warm starts and
         ``accuracy="normwise"``.
 
     Examples
@@ -87,28 +87,31 @@ class Field:
 
     @property
     def boundary(self) -> str:
-        """What obstacles are: ``"dirichlet"``, ``"neumann"``, ``"wall"`` or ``"blend"``."""
+        """Boundary condition at obstacles: ``"dirichlet"``, ``"neumann"``, ``"wall"`` or ``"blend"``."""
         return "blend" if 0.0 < self.k < 1.0 else self.wiring.boundary
 
     @property
     def edge(self) -> tuple[str, ...]:
-        """What the border of the grid is, per axis: ``"periodic"``, ``"obstacle"`` or ``"open"``."""
+        """Rule of the grid's edge per axis: ``"periodic"``, ``"obstacle"`` or ``"open"``."""
         return self.wiring.edges(self.space)
 
     @property
     def is_flowing(self) -> bool:
-        """Whether any current flows."""
+        """Whether any current is nonzero."""
         return any(direction.any() for direction in self.face_direction)
 
     def __getstate__(self) -> dict[str, Any]:
         return {attribute.name: getattr(self, attribute.name) for attribute in dataclasses.fields(self)}
 
     def face_current(self, axis: int) -> NDArray[np.float64]:
-        """Current through every face across an axis, as `face_direction`; in units of supply / resistance."""
+        """Return the signed current through every face across an axis, in units of supply / resistance.
+
+        The shape is that of the space plus one along the axis.  Currents beyond the range of float64 underflow to 0.
+        """
         return np.asarray(self.face_direction[axis] * np.exp(self.face_log_current[axis]), dtype=np.float64)
 
     def faces_of(self, cells: NDArray[np.int64]) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
-        """Directions and log currents of every axis' lower and upper face, both (2, n, ndim), of cells (n, ndim)."""
+        """Return signs and log currents of the lower and upper faces of cells (n, ndim), both (2, n, ndim)."""
         direction = np.empty((2, *cells.shape), dtype=np.int8)
         log_current = np.empty((2, *cells.shape))
         for axis in range(self.space.ndim):
@@ -122,11 +125,23 @@ class Field:
     def gradient(
         self, cells: NDArray[np.int64], local: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Gradient of the potential within cells, divided by a number for each, and the logarithm of that number.
+        """Return the scaled gradient of the potential at points within cells, and the logarithm of the scale.
 
-        The current through a face of axis ``a`` is ``(h_ref / h_a)**2`` times the difference of the potential, and runs
-        downwards: the gradient is the current times ``h_a``, up to a common factor, and linear between the faces.
-        Shapes: `cells, local` (n, ndim); returns (n, ndim), (n,).
+        The current through a face of axis ``a`` is ``(h_ref / h_a)**2`` times the decrease of the potential.  The
+        gradient is therefore minus the current times ``h_a``, up to a common factor, and linear between the faces.
+
+        Parameters
+        ----------
+        cells : ndarray of int64, shape (n, ndim)
+        local : ndarray of float64, shape (n, ndim)
+            Position within each cell, in [0, 1].
+
+        Returns
+        -------
+        gradient : ndarray of float64, shape (n, ndim)
+            Gradient divided by the scale of its cell.
+        log_scale : ndarray of float64, shape (n,)
+            Natural logarithm of the scale, which may exceed the range of float64.
         """
         direction, log_current = self.faces_of(cells)
         largest = log_current.max(axis=(0, 2))
@@ -136,36 +151,36 @@ class Field:
 
     @cached_property
     def obstacle_reach(self) -> NDArray[np.float64] | None:
-        """As `resgrid.planning.clearance.obstacle_reach`."""
+        """Upper bound of the distance from any point of a cell to the nearest obstacle cell, in axis units."""
         return obstacle_reach(self.space)
 
     @cached_property
     def flow(self) -> Flow:
-        """The field in flat arrays, as the tracing kernels take it."""
+        """The field as flat arrays, input of the tracing kernels."""
         from resgrid.planning.kernels import Flow
 
         space = self.space
         shapes = [face_shape(space.shape, axis) for axis in range(space.ndim)]
         return Flow(
-            code=_ends(space, self.safe),
+            code=_stop_codes(space, self.safe),
             shape=np.array(space.shape, dtype=np.int64),
             spacing=space.spacing,
             first_face=np.cumsum([0, *face_counts(space.shape)[:-1]], dtype=np.int64),
             face_stride=np.array([np.cumprod([1, *shape[:0:-1]])[::-1] for shape in shapes], dtype=np.int64),
-            direction=_joined(self.face_direction),
-            log_current=_joined(self.face_log_current),
+            direction=_flattened(self.face_direction),
+            log_current=_flattened(self.face_log_current),
         )
 
 
-def _ends(space: ConfigurationSpace, safe: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
-    """The cells' codes, flat, with goals where streamlines end: there, and where no direction can be told."""
+def _stop_codes(space: ConfigurationSpace, safe: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
+    """Return flat cell codes with `GOAL` wherever tracing stops: in goals and in cells that are not direction-safe."""
     if safe is None:
         return space.cell.ravel()
     return np.where((space.cell == Cell.FREE) & ~safe, np.uint8(Cell.GOAL), space.cell).ravel()
 
 
-def _joined(parts: tuple[NDArray[Any], ...]) -> NDArray[Any]:
-    """All of them, flat, one behind the other: the array they are views of, if they are, or a copy."""
+def _flattened(parts: tuple[NDArray[Any], ...]) -> NDArray[Any]:
+    """Concatenate arrays, flattened; return their common base without a copy if they are consecutive views of it."""
     whole = parts[0].base
     if isinstance(whole, np.ndarray) and whole.ndim == 1 and whole.size == sum(part.size for part in parts):
         ends = np.cumsum([0, *(part.nbytes for part in parts)]) + whole.ctypes.data
@@ -175,13 +190,13 @@ def _joined(parts: tuple[NDArray[Any], ...]) -> NDArray[Any]:
 
 
 def field(op: OperatingPoint | WarmPoint) -> Field:
-    """Read the field of a configuration space off the operating point of its netlist.
+    """Return the field of a configuration space, computed from the operating point of its netlist.
 
     Parameters
     ----------
     op : OperatingPoint or WarmPoint
-        Of a netlist with a map of cells; or what a warm start found, whose netlist is not compiled for this, and whose
-        cells without a way to a goal may have no potential.
+        Operating point of a netlist compiled from a space, or solution of a warm start.  Cells without a path to a goal
+        may have no potential in a warm start.
 
     Returns
     -------
@@ -194,7 +209,8 @@ def field(op: OperatingPoint | WarmPoint) -> Field:
     CircuitError
         If no current flows through any free cell.
     AccuracyError
-        If the chip's switches or rails are so poor that current leaves free cells into obstacles; it carries the field.
+        If the resistance of the chip's switches or rails lets current flow from free cells into obstacles; the error
+        carries the field.
 
     Examples
     --------
@@ -234,7 +250,8 @@ def field(op: OperatingPoint | WarmPoint) -> Field:
 
 
 Elements = tuple[NDArray[np.integer[Any]], NDArray[np.bool_], NDArray[np.int8], NDArray[np.float64]]
-"""Faces that elements cross (-1 for none), whether upwards, and the directions and log amperes of their currents."""
+"""Per element: index of the crossed face (-1 for none), whether it crosses upwards, sign and log amperes of its
+current."""
 
 
 def read_field(
@@ -244,7 +261,10 @@ def read_field(
     log_drop: NDArray[np.float64] | None,
     *elements: Elements,
 ) -> Field:
-    """Spread what nodes (n,) and elements show over cells and faces; ``volts`` lie between potential 0 and 1."""
+    """Return the field given by potentials of nodes (n,) and currents of elements.
+
+    `volts`: voltage that corresponds to a potential difference of 1; its sign gives the direction of currents.
+    """
     space = cells.space
     faces = sum(face_counts(space.shape))
     direction, log_current = np.zeros(faces, dtype=np.int8), np.full(faces, -np.inf)
@@ -258,14 +278,17 @@ def read_field(
         wiring=cells.wiring,
         potential=_per_cell(cells, potential),
         log_drop=None if log_drop is None else _per_cell(cells, log_drop),
-        face_direction=_closed(by_axis(direction, space.shape), space),
-        face_log_current=_closed(by_axis(log_current, space.shape), space),
+        face_direction=_wrapped(by_axis(direction, space.shape), space),
+        face_log_current=_wrapped(by_axis(log_current, space.shape), space),
         k=0.0 if cells.wiring.is_driven else 1.0,
     )
 
 
 def read_cells(space: ConfigurationSpace, wiring: Wiring, voltage: NDArray[np.float64], *, check: bool = True) -> Field:
-    """Spread voltages of cells, shape of the space, over cells and faces; as they are, with no bound of their error."""
+    """Return the field given by voltages of cells, shape of the space, without a bound of their errors.
+
+    With `check`, the mask `Field.safe` is computed from the KCL residual of every cell.
+    """
     at_goal = (space.cell == Cell.GOAL) | (space.goal_connected & np.isnan(voltage))
     volts = np.where(at_goal, wiring.goal_voltage, voltage)
     volts[space.cell == Cell.OBSTACLE] = np.nan if wiring.is_driven else wiring.high
@@ -278,11 +301,13 @@ def read_cells(space: ConfigurationSpace, wiring: Wiring, voltage: NDArray[np.fl
     wide[contacts.kind == CellRole.HIGH] = wiring.high
     currents = face_currents(contacts.conductance, np.sign(wiring.supply) * wide)
     if not unit > 0.0 or not any(current.any() for current in currents):
-        raise CircuitError("nothing is driven: no current flows between the goal and what is at another voltage")
+        raise CircuitError(
+            "nothing is driven: all cells are at the voltage of the goal; move the goal, or open a passage to it"
+        )
     safe = None
     if check:
-        fed = np.count_nonzero(space.goal_connected) if wiring.drive == "uniform" else 0
-        injected = abs(wiring.supply) / (wiring.resistance * fed) if fed else 0.0
+        driven = np.count_nonzero(space.goal_connected) if wiring.drive == "uniform" else 0
+        injected = abs(wiring.supply) / (wiring.resistance * driven) if driven else 0.0
         safe = (space.cell == Cell.FREE) & between_rails(height, wiring)
         safe &= obeys_kcl(contacts.conductance, wide, currents, injected)
         if wiring.start is not None:
@@ -301,8 +326,8 @@ def read_cells(space: ConfigurationSpace, wiring: Wiring, voltage: NDArray[np.fl
     )
 
 
-def _closed(faces: tuple[NDArray[Any], ...], space: ConfigurationSpace) -> tuple[NDArray[Any], ...]:
-    """The same arrays of faces; on a periodic axis the last face now repeats the first."""
+def _wrapped(faces: tuple[NDArray[Any], ...], space: ConfigurationSpace) -> tuple[NDArray[Any], ...]:
+    """Copy the first face to the last on every periodic axis, in place, and return the arrays."""
     for axis in np.flatnonzero(space.periodic).tolist():
         along = np.moveaxis(faces[axis], axis, 0)
         along[-1] = along[0]
@@ -310,9 +335,9 @@ def _closed(faces: tuple[NDArray[Any], ...], space: ConfigurationSpace) -> tuple
 
 
 def undriven_field(space: ConfigurationSpace, wiring: Wiring) -> Field:
-    """The field of a circuit in which nothing flows.
+    """Return the field of a circuit without currents.
 
-    Cells with a way to a goal are at the goal's voltage, and obstacles on a rail at the rail's.
+    Cells with a path to a goal are at the goal's potential, and obstacles on a rail at the potential of the rail.
     """
     faces = sum(face_counts(space.shape))
     potential = np.where(space.goal_connected | (space.cell == Cell.GOAL), 0.0, np.nan)
@@ -330,18 +355,21 @@ def undriven_field(space: ConfigurationSpace, wiring: Wiring) -> Field:
 
 
 def _check_driven(op: OperatingPoint, cell_map: CellMap) -> None:
-    """Refuse a circuit whose sources feed each other alone, as where goals beside obstacles are rails cell by cell."""
+    """Raise CircuitError unless current flows through a free cell.
+
+    With one source per rail cell, all current may flow between adjacent goal and obstacle cells.
+    """
     free = np.zeros(op.netlist.node_count, dtype=np.bool_)
     free[cell_map.free_node] = True
     if not op.resistor_current[free[op.netlist.resistor_nodes].any(axis=1)].any():
         raise CircuitError(
-            "nothing is driven: no free cell lies between the goal and an obstacle, so that all of them are at one "
-            "voltage; move the goal, or open a way to it"
+            "nothing is driven: no free cell lies between the goal and an obstacle, so that all free cells are at one "
+            "voltage; move the goal, or open a passage to it"
         )
 
 
 def _check_walls(field: Field) -> None:
-    """Refuse a chip that is not ideal, and where a streamline from a start with a path would enter an obstacle."""
+    """Raise AccuracyError if, in a non-ideal chip, current flows from a goal-connected cell into an obstacle."""
     space = field.space
     free = with_margin(space.goal_connected, space.periodic, beyond=False)
     solid = with_margin(space.cell == Cell.OBSTACLE, space.periodic, beyond=True)
@@ -353,11 +381,12 @@ def _check_walls(field: Field) -> None:
             face[axis] -= here[tuple(face)]
             cell = tuple(np.mod(face, space.shape).tolist())
             raise AccuracyError(
-                f"{int(enters.sum())} walls of this chip draw current out of free cells (such as {cell}), so that "
-                "streamlines would enter obstacles: its switches or rails sag too much; give them less resistance",
+                f"{int(enters.sum())} obstacle contacts of this chip draw current out of free cells (such as {cell}), "
+                "so that streamlines would enter obstacles: reduce the resistance of its switches and rails",
                 field,
             )
 
 
 def _per_cell(cell_map: CellMap, value: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return values of nodes (n,) per cell, shape of the space; NaN in cells without a node."""
     return np.where(cell_map.node >= 0, value[cell_map.node], np.nan)

@@ -1,4 +1,8 @@
-"""In which cells a field of a normwise answer is direction-safe: found out afterwards, cell by cell."""
+"""A posteriori check of Kirchhoff's current law (KCL): the cells in which a normwise solution is direction-safe.
+
+A cell is direction-safe if its KCL residual, including rounding errors, is at most 1e-6 of the current through the
+cell, and if current flows out of it.
+"""
 
 from __future__ import annotations
 
@@ -15,15 +19,16 @@ from resgrid.core.space import Cell
 from resgrid.core.wiring import Wiring
 
 ROUNDING = 8 * np.finfo(np.float64).eps
-"""What a sum of currents may be off by, relative to conductances times values."""
+"""Bound on the rounding error of a sum of currents, relative to the sum of conductance times absolute potential."""
 
 Faces = Sequence[NDArray[np.float64]]
+"""One array per axis: a value for every face across that axis."""
 
 
 def safe_cells(op: OperatingPoint) -> NDArray[np.bool_] | None:
-    """Cells in which KCL holds to 1e-6 of their own current, rounding included, and out of which current flows.
+    """Return the mask of direction-safe free cells, shape of the space; None if the solver guarantees all of them.
 
-    None where the solver has seen to that in all of them.  No current flows into an obstacle.
+    Cells above the obstacle rail, from which current would flow into obstacles, are not safe.
     """
     if op.has_stored_currents and op.kcl_residual <= DIRECTION_RESIDUAL:
         return None
@@ -35,23 +40,25 @@ def safe_cells(op: OperatingPoint) -> NDArray[np.bool_] | None:
     rounding = ROUNDING * netlist.conductance * (size[from_node] + size[to_node])
 
     def per_node(nodes: NDArray[np.int32], values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Sum values of elements per node."""
         return np.asarray(np.bincount(nodes, values, netlist.node_count), dtype=np.float64)
 
     injected = injected_currents(netlist)
     net = injected + per_node(to_node, amps) - per_node(from_node, amps)
     through = 0.5 * (np.abs(injected) + per_node(to_node, np.abs(amps)) + per_node(from_node, np.abs(amps)))
-    off = per_node(to_node, rounding) + per_node(from_node, rounding)
-    off += np.where(_held(op), 0.0, np.abs(net))
+    residual = per_node(to_node, rounding) + per_node(from_node, rounding)
+    residual += np.where(_source_nodes(op), 0.0, np.abs(net))
     amps = amps * np.sign(cells.wiring.supply)
     leaving = per_node(from_node, np.maximum(amps, 0.0)) + per_node(to_node, np.maximum(-amps, 0.0))
-    safe = (leaving > 0.0) & (off <= DIRECTION_RESIDUAL * through) & between_rails(height, cells.wiring)
+    safe = (leaving > 0.0) & (residual <= DIRECTION_RESIDUAL * through) & between_rails(height, cells.wiring)
     return np.asarray((cells.space.cell == Cell.FREE) & (cells.node >= 0) & safe[cells.node], dtype=np.bool_)
 
 
 def face_currents(conductance: Faces, value: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """Currents through the faces of a box, per axis, in the axis' direction and down the values; 0 beside a NaN.
+    """Return currents through all faces of a box of cells, one array per axis, positive along the axis.
 
-    Shapes: `conductance` of all faces, `value` of the cells with a margin around them.
+    The current is the conductance times the decrease of `value` across the face, and 0 next to a NaN.
+    `conductance` (per axis, faces of the box); `value`: cells of the box with a margin of one cell on each side.
     """
     sides = (cells_at_faces(value, axis) for axis in range(value.ndim))
     return [np.nan_to_num(g * (before - behind)) for g, (before, behind) in zip(conductance, sides, strict=True)]
@@ -65,9 +72,10 @@ def obeys_kcl(
     *,
     held: NDArray[np.bool_] | bool = False,
 ) -> NDArray[np.bool_]:
-    """Cells in which KCL holds to 1e-6 of their own current, rounding included, and out of which current flows.
+    """Return the mask of cells of a box that obey KCL to 1e-6 of their current and have an outgoing current.
 
-    Shapes: as of `face_currents`; `injected` into every cell; `held` by sources, whatever they give.
+    `conductance`, `value`, `currents`: arguments and result of `face_currents`; `injected`: current into every cell;
+    `held`: cells tied to voltage sources, for which the residual is not tested, shape of the box.
     """
     shape = sides_of_cells(currents[0], 0)[0].shape
     net, total, rounding = (np.full(shape, start) for start in (injected, abs(injected), 0.0))
@@ -78,17 +86,20 @@ def obeys_kcl(
         total += np.abs(below) + np.abs(above)
         rounding += sum(sides_of_cells(g * sum(cells_at_faces(size, axis)), axis))
         leaves |= (below < 0) | (above > 0)
-    off = np.where(held, 0.0, np.abs(net)) + ROUNDING * rounding
-    return np.asarray(leaves & (off <= DIRECTION_RESIDUAL * 0.5 * total))
+    residual = np.where(held, 0.0, np.abs(net)) + ROUNDING * rounding
+    return np.asarray(leaves & (residual <= DIRECTION_RESIDUAL * 0.5 * total))
 
 
 def between_rails(height: NDArray[np.float64], wiring: Wiring) -> NDArray[np.bool_]:
-    """Whether heights above the goal rail, in volts, are none that would drive current into an obstacle."""
+    """Return whether each height above the goal rail, in volts, is at most the supply; all True for driven circuits.
+
+    A cell above the obstacle rail would drive current into an obstacle.
+    """
     return np.ones(height.shape, dtype=np.bool_) if wiring.is_driven else np.asarray(height <= abs(wiring.supply))
 
 
-def _held(op: OperatingPoint) -> NDArray[np.bool_]:
-    """Nodes that voltage sources tie, shape (nodes,)."""
+def _source_nodes(op: OperatingPoint) -> NDArray[np.bool_]:
+    """Return the mask of nodes with a voltage source, ground included, shape (nodes,)."""
     held = np.zeros(op.netlist.node_count, dtype=np.bool_)
     held[op.netlist.source_nodes] = True
     held[0] = True

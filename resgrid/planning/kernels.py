@@ -1,6 +1,6 @@
-"""Compiled loops of the planner: Pollock's streamlines, and distances to obstacle cells.
+"""Compiled kernels of the planner: Pollock tracing of streamlines, and distances from segments to obstacle cells.
 
-Numba takes seconds to import: only functions that are about to trace import this module.
+Import this module only inside functions that call a kernel, because importing numba takes seconds.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ from numpy.typing import NDArray
 
 from resgrid._internal.jit import inlined, inner, kernel, makes_arrays
 
-REACHED, NO_CURRENT, ENDLESS = 0, 1, 2
-MIXED = -2
-_FREE, _GOAL = 0, 2
+REACHED, NO_CURRENT, ENDLESS = 0, 1, 2  # in a goal cell; in a cell without outgoing current; more steps than cells
+MIXED, _FREE, _GOAL = -2, 0, 2  # label of cells with several goals; codes of cells
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
 class Flow(NamedTuple):
-    """A field as the tracing kernels take it: flat arrays.
+    """A field as flat arrays, the input of the tracing kernels.
 
-    The lower face of cell ``c`` across axis ``a`` has number ``first_face[a] + sum_b c_b face_stride[a, b]``.
+    The lower face of cell ``c`` across axis ``a`` has the index ``first_face[a] + sum_b c_b face_stride[a, b]``.
 
-    `code` (cells,); `shape` (ndim,); `spacing` (ndim,); `first_face` (ndim,); `face_stride` (ndim, ndim); `direction`
-    (faces,); `log_current` (faces,).
+    `code` (cells,): `Cell` codes, with `GOAL` wherever streamlines end; `shape` (ndim,): number of cells per axis;
+    `spacing` (ndim,): cell widths in axis units; `first_face` (ndim,) and `face_stride` (ndim, ndim): see above;
+    `direction` (faces,): sign of the current along the axis; `log_current` (faces,): log of its magnitude.
     """
 
     code: NDArray[np.uint8]
@@ -41,6 +41,7 @@ class Flow(NamedTuple):
 
 @inlined
 def _unravel(flat: int, shape: Integers, cell: Integers) -> None:
+    """Write the multi-index of a flat C-order index into `cell`."""
     for axis in range(len(shape) - 1, -1, -1):
         cell[axis] = flat % shape[axis]
         flat //= shape[axis]
@@ -48,7 +49,7 @@ def _unravel(flat: int, shape: Integers, cell: Integers) -> None:
 
 @inlined
 def ravel(cell: Integers, shape: Integers) -> int:
-    """Number of a cell in C order."""
+    """Return the flat C-order index of a cell."""
     flat = 0
     for axis in range(len(shape)):
         flat = flat * shape[axis] + cell[axis]
@@ -57,7 +58,7 @@ def ravel(cell: Integers, shape: Integers) -> int:
 
 @inlined
 def _face(flow: Flow, cell: Integers, axis: int) -> int:
-    """Number of the lower face of a cell across an axis."""
+    """Return the index of the lower face of a cell across an axis."""
     face: int = flow.first_face[axis]
     for other in range(len(cell)):
         face += cell[other] * flow.face_stride[axis, other]
@@ -66,7 +67,7 @@ def _face(flow: Flow, cell: Integers, axis: int) -> int:
 
 @inner
 def face_velocities(flow: Flow, cell: Integers, lower: Floats, upper: Floats) -> float:
-    """Velocities on the lower and upper faces of a cell, scaled to a maximum of 1; returns the log of the scale."""
+    """Write velocities on a cell's faces, `lower, upper` (ndim,), scaled to a maximum of 1; return the log scale."""
     scale = -np.inf
     for axis in range(len(cell)):
         face = _face(flow, cell, axis)
@@ -81,10 +82,10 @@ def face_velocities(flow: Flow, cell: Integers, lower: Floats, upper: Floats) ->
 
 @inlined
 def _exit_time(x: float, lower: float, upper: float) -> tuple[float, int]:
-    """Time until a point at ``x`` in [0, 1] leaves by either face, and by which (-1, 1; 0 for never).
+    """Return the time until a point at ``x`` in [0, 1] exits along one axis, and the side: -1, 1, or 0 for never.
 
-    The velocity is linear between the faces, ``v(x) = lower (1 - x) + upper x`` (Pollock 1988, equations 4 to 8), so
-    the time over a distance ``d`` from velocity ``v`` to ``w`` is ``d log(w / v) / (w - v)``.
+    ``v(x) = lower (1 - x) + upper x``: the velocity is linear between the faces (Pollock 1988, equations 4 to 8).
+    The time over a distance ``d``, at a velocity that changes from ``v`` to ``w``, is ``d log(w / v) / (w - v)``.
     """
     v = lower * (1.0 - x) + upper * x
     if v > 0.0 and upper > 0.0:
@@ -101,10 +102,10 @@ def _exit_time(x: float, lower: float, upper: float) -> tuple[float, int]:
 
 @inlined
 def _moved(x: float, lower: float, upper: float, time: float) -> float:
-    """Where a point at ``x`` is after a time, within its cell."""
+    """Return the coordinate of a point after a time, from ``x``, clipped to the cell's range [0, 1]."""
     v = lower * (1.0 - x) + upper * x
     if v == 0.0:
-        return x  # however long: the growth may overflow
+        return x  # a separate case: with a large time the growth may overflow
     rate = upper - lower
     growth = rate * time
     step = v * time * (1.0 + 0.5 * growth) if abs(growth) < 1e-8 else v * math.expm1(growth) / rate
@@ -113,7 +114,7 @@ def _moved(x: float, lower: float, upper: float, time: float) -> float:
 
 @inner
 def _first_exit(local: Floats, lower: Floats, upper: Floats) -> tuple[float, int, int]:
-    """Time, axis and side of the first exit in finite time; axis -1 for none."""
+    """Return time, axis and side of the earliest exit in finite time; axis -1 if the point never leaves."""
     time, across, side = np.inf, -1, 0
     for axis in range(len(local)):
         axis_time, axis_side = _exit_time(local[axis], lower[axis], upper[axis])
@@ -124,7 +125,7 @@ def _first_exit(local: Floats, lower: Floats, upper: Floats) -> tuple[float, int
 
 @inner
 def _strongest_exit(lower: Floats, upper: Floats) -> tuple[float, int, int]:
-    """Speed, axis and side of the face with the largest outward current; axis -1 for none."""
+    """Return speed, axis and side of the face with the largest outward current; axis -1 if no current leaves."""
     speed, across, side = 0.0, -1, 0
     for axis in range(len(lower)):
         if upper[axis] > speed:
@@ -136,11 +137,11 @@ def _strongest_exit(lower: Floats, upper: Floats) -> tuple[float, int, int]:
 
 @inner
 def _cross(local: Floats, lower: Floats, upper: Floats, spacing: Floats) -> tuple[float, float, int, int]:
-    """Move a point to where it leaves its cell; returns time, length, axis (-1: stuck) and side."""
+    """Move the point `local` to its exit from the cell; return time, length, axis (-1: no exit) and side."""
     time, across, side = _first_exit(local, lower, upper)
     drifts = across >= 0
     if not drifts:
-        # A stagnation point, or a line that leads to one: straight through the strongest face.
+        # A stagnation point, or a line that ends in one: move straight to the face with the largest current.
         speed, across, side = _strongest_exit(lower, upper)
         if across < 0:
             return 0.0, 0.0, across, side
@@ -159,6 +160,7 @@ def _cross(local: Floats, lower: Floats, upper: Floats, spacing: Floats) -> tupl
 
 @inlined
 def _log_add(a: float, b: float) -> float:
+    """Return ``log(exp(a) + exp(b))`` without overflow."""
     if a < b:
         a, b = b, a
     return a if b == -np.inf else a + math.log1p(math.exp(b - a))
@@ -169,10 +171,9 @@ def _log_add(a: float, b: float) -> float:
 def trace(flow: Flow, cell: Integers, local: Floats, cells: Integers, locals_: Floats) -> tuple[int, int, float, float]:
     """Follow the current from one point until it enters a goal cell.
 
-    ``cell`` and ``local`` (position within the cell, each coordinate in [0, 1]) are the start, and on return the end.
-    The first ``len(cells)`` cells and positions visited are recorded in ``cells`` and ``locals_``.
-
-    Returns ``(outcome, steps, length, log of the time)``, the time in units where a velocity is a current.
+    ``cell`` and ``local`` (ndim,), the position within the cell in [0, 1], hold the start on entry and the end on
+    return.  ``cells`` and ``locals_`` (n, ndim) record the first n visited cells and positions.
+    Return outcome, number of crossings, length in axis units, and log of the time (unit: velocity equals current).
     """
     ndim = len(cell)
     lower, upper = np.empty(ndim), np.empty(ndim)
@@ -201,10 +202,10 @@ def trace(flow: Flow, cell: Integers, local: Floats, cells: Integers, locals_: F
 @kernel
 @makes_arrays
 def only_goal(flow: Flow, goal: Integers, periodic: NDArray[np.bool_]) -> Integers:
-    """The goal to which the current leads from every cell, whichever face it takes.
+    """Return the goal region at which all current lines from each cell end, shape (cells,).
 
-    ``goal`` is the goal region of goal cells.  A free cell gets -1 if all lines from it end where no current leaves,
-    `MIXED` if they end differently.  Cells are settled in the order of the current, the most downstream ones first.
+    ``goal`` (cells,): region of every goal cell.  The result is -1 if all lines from a free cell end without current,
+    and `MIXED` if they end in different regions.  Cells are labelled in the order of the current, downstream first.
     """
     count, ndim = len(flow.code), len(flow.shape)
     label, exits = np.full(count, MIXED), np.zeros(count, np.int64)
@@ -254,7 +255,10 @@ def only_goal(flow: Flow, goal: Integers, periodic: NDArray[np.bool_]) -> Intege
 def trace_many(
     flow: Flow, starts: Integers, locals_: Floats, outcome: Integers, steps: Integers, length: Floats, log_time: Floats
 ) -> None:
-    """Trace many starts; ``starts`` and ``locals_`` end as the last cells and positions."""
+    """Trace streamlines from n starts and write outcome, steps, length and log time of each, shapes (n,).
+
+    ``starts`` and ``locals_`` (n, ndim) hold the cells and positions of the starts on entry, and the ends on return.
+    """
     no_cells, no_locals = np.empty((0, starts.shape[1]), np.int64), np.empty((0, starts.shape[1]))
     for k in range(len(starts)):
         outcome[k], steps[k], length[k], log_time[k] = trace(flow, starts[k], locals_[k], no_cells, no_locals)
@@ -262,7 +266,7 @@ def trace_many(
 
 @inner
 def segment_to_box(start: Floats, end: Floats, lower: Floats, upper: Floats) -> float:
-    """Distance from a segment to an axis-parallel box, by bisection on the derivative of the (convex) square."""
+    """Return the distance from a segment to an axis-aligned box, by bisection of the derivative of its square."""
     a, b = 0.0, 1.0
     for _ in range(54):
         t = 0.5 * (a + b)
@@ -298,10 +302,10 @@ def clearance(
     spacing: Floats,
     periodic: NDArray[np.bool_],
 ) -> float:
-    """Smallest distance from segments, each within its cell, to obstacle cells.
+    """Return the smallest distance, in axis units, from any of n segments to the box of an obstacle cell.
 
-    ``starts`` and ``ends`` are in axis units from the cell's own lower corner; ``reach[k]`` bounds from above how far
-    the nearest obstacle box is from segment ``k``; segments come in ascending order of it.
+    ``cells`` (n, ndim): cell of each segment; ``starts``, ``ends`` (n, ndim): end points in axis units, relative to the
+    cell's lower corner; ``reach`` (n,): upper bounds of each segment's distance, ascending; ``obstacle``: flat mask.
     """
     ndim = len(shape)
     best = np.inf
@@ -317,7 +321,7 @@ def clearance(
         total = 1
         for axis in range(ndim):
             away = math.ceil(within / spacing[axis]) + 1
-            if periodic[axis]:  # beyond half a turn another copy of the same box is nearer
+            if periodic[axis]:  # beyond half a period, another periodic image of the same cell is nearer
                 low[axis] = -min(away, shape[axis] // 2 + 1)
                 extent[axis] = 1 - 2 * low[axis]
             else:
@@ -344,11 +348,12 @@ def clearance(
 def segment_is_free(
     start: Floats, end: Floats, free: NDArray[np.bool_], shape: Integers, periodic: NDArray[np.bool_], rim: float
 ) -> bool:
-    """Whether every closed cell that a closed segment touches is free; in units of cells, continuous.
+    """Return whether every closed cell that a closed segment touches is free.
 
-    Cells count as larger by ``rim`` on every side, so that rounding can only add cells.  Beyond the grid nothing is
-    free.  Slab by slab along the longest component; in each, the cells that the segment's box meets are tested one by
-    one, which makes the set exact in any number of dimensions.
+    ``start, end`` (ndim,): in cell units, continuous across seams; ``free`` (cells,): mask in C order.  Cells are
+    enlarged by ``rim`` on every side, so that rounding can only add cells.  Cells outside the grid are not free.
+    In each slab of cells along the segment's longest component, every cell in the bounding box of the segment's part
+    is tested, so that the set of cells is exact in any number of dimensions.
     """
     ndim = len(shape)
     major = 0
@@ -359,7 +364,7 @@ def segment_is_free(
     first = math.ceil(min(start[major], end[major]) - rim - 1.0)
     last = math.floor(max(start[major], end[major]) + rim)
     for slab in range(first, last + 1):
-        enter, leave = _slab_shares(start[major], end[major], slab, rim, 0.0, 1.0)
+        enter, leave = _clip_to_slab(start[major], end[major], slab, rim, 0.0, 1.0)
         total = 1
         for axis in range(ndim):
             a = start[axis] + enter * (end[axis] - start[axis])
@@ -372,7 +377,7 @@ def segment_is_free(
             flat, inside, t0, t1 = 0, True, 0.0, 1.0
             for axis in range(ndim - 1, -1, -1):
                 at[axis] += low[axis]
-                t0, t1 = _slab_shares(start[axis], end[axis], at[axis], rim, t0, t1)
+                t0, t1 = _clip_to_slab(start[axis], end[axis], at[axis], rim, t0, t1)
             if t0 > t1:
                 continue
             for axis in range(ndim):
@@ -385,8 +390,8 @@ def segment_is_free(
 
 
 @inlined
-def _slab_shares(a: float, b: float, index: int, rim: float, t0: float, t1: float) -> tuple[float, float]:
-    """Part of the line from ``a`` to ``b`` that lies in the cells ``index``, within the part from t0 to t1."""
+def _clip_to_slab(a: float, b: float, index: int, rim: float, t0: float, t1: float) -> tuple[float, float]:
+    """Clip the parameter interval [t0, t1] of the line from ``a`` to ``b`` to a slab of cells; t0 > t1 if empty."""
     if a == b:
         return (t0, t1) if index - rim <= a <= index + 1 + rim else (1.0, 0.0)
     enter, leave = (index - rim - a) / (b - a), (index + 1 + rim - a) / (b - a)

@@ -1,7 +1,8 @@
 """Surface normals of bitmap and voxel models (Connolly & Grupen 1992, section 3.1).
 
-The model is tied to one rail and the edge of the grid to the other.  Outside the model the gradient of the potential
-then points along the outward normal of the nearby surface, and it is smooth where the bitmap itself is a staircase.
+The model is connected to one rail and the edge of the grid to the other.  Outside the model, the gradient of the
+potential then points along the outward normal of the nearby surface.  It is smooth, although the surface of the bitmap
+consists of axis-aligned steps.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from resgrid.planning.fields import Field
 from resgrid.planning.trace import cell_indices
 
 _FLAT = 1e-12
-"""Mean of two opposite gradients, relative to the larger, below which their difference is noise."""
+"""Gradient at the centre of a cell, relative to the larger face gradient, below which it is rounding error."""
 
 
 def surface_normals(
@@ -33,24 +34,25 @@ def surface_normals(
     spacing: float | Sequence[float] = 1.0,
     padding: Natural | None = None,
 ) -> NDArray[np.float64]:
-    """Outward unit normals of a model, from one Dirichlet field.
+    """Compute outward unit normals of a model from one Dirichlet field.
 
-    Within a cell every component of the gradient is linear between its two faces; at a cell's centre it is their mean.
-    The error of a normal depends on its distance from the staircase.  Measured on discs and balls with random centres:
+    Within a cell, every component of the gradient is linear between two faces; at the centre it is their mean.
+    The error of a normal depends on its distance from the stepped surface.  Measured on discs and balls with random
+    centres:
 
     ======================================  ===============  ==================
     cells                                   mean (degrees)   largest (degrees)
     ======================================  ===============  ==================
-    beside a disc, radius 5 to 12 cells     4 to 8           22
-    beside a disc, radius 20 to 80 cells    4.6 to 6.1       26
-    beside a ball, radius 3 to 9 cells      6.4 to 9.4       27
-    beside a ball, radius 12 to 20 cells    6.1 to 6.4       31
+    next to a disc, radius 5 to 12 cells    4 to 8           22
+    next to a disc, radius 20 to 80 cells   4.6 to 6.1       26
+    next to a ball, radius 3 to 9 cells     6.4 to 9.4       27
+    next to a ball, radius 12 to 20 cells   6.1 to 6.4       31
     2 to 3 cells away from either           0.5 to 1.9       5
     ======================================  ===============  ==================
 
-    A finer model does not reduce the error in the cells that touch it; normals taken a few cells away are better.
-    Farther out the error falls until the shape of the grid's edge is felt: pad generously.  Cells between parts of the
-    model, or deep in its concavities, see all of them.
+    A finer model does not reduce the error in the cells that touch it; normals a few cells away are more accurate.
+    Farther away the error decreases until the edge of the grid has an influence, so use a large padding.  Between parts
+    of the model, or deep in a concavity, the gradient depends on all nearby surfaces.
 
     Parameters
     ----------
@@ -59,20 +61,20 @@ def surface_normals(
         (one to four axes, periodic ones included).  `resgrid.planning.normals.octree_voxels` makes voxels of
         an octree.
     points : array_like of float, shape (..., ndim), optional
-        Where to take normals, in world coordinates; cell ``i`` of an array covers ``[i, i + 1] * spacing``.
+        World coordinates of the normals; cell ``i`` of an array covers ``[i, i + 1] * spacing``.
     cells : array_like of int, shape (..., ndim), optional
-        Instead: cells whose centres are meant.  With neither, every cell.
+        Cells at whose centres normals are computed, instead of `points`.  By default all cells.
     spacing : float or sequence of float
         Cell widths of an array, in any unit.
     padding : int, optional
-        Free cells added around the model on every side of an axis that is not periodic; if left out half the longest
-        axis in the plane, a quarter of it in three or four dimensions.
+        Number of free cells added on both sides of every axis that is not periodic.  By default half of the longest
+        axis in one or two dimensions, and a quarter of it in three or four.
 
     Returns
     -------
     ndarray of float64
-        Unit vectors in the world, shape of `points` or `cells`; or ``(*model.shape, ndim)`` for every cell, NaN inside
-        the model and where nothing flows (cavities that the model encloses, symmetric gaps).
+        Unit vectors in world coordinates, shape of `points` or `cells`, or ``(*model.shape, ndim)`` for all cells.
+        NaN inside the model and where the gradient vanishes (enclosed cavities, symmetric gaps).
 
     Raises
     ------
@@ -102,7 +104,25 @@ def surface_normals(
 
 
 def octree_voxels(leaves: ArrayLike, shape: Sequence[int]) -> NDArray[np.bool_]:
-    """Convert the full leaves of an octree (or quadtree) to voxels.  Shapes: `leaves` (n, ndim + 1)."""
+    """Convert the solid leaves of an octree or quadtree to voxels.
+
+    Parameters
+    ----------
+    leaves : array_like of int, shape (n, ndim + 1)
+        Lower corner and side of every solid leaf, in voxels.
+    shape : sequence of int
+        Shape of the voxel array.
+
+    Returns
+    -------
+    ndarray of bool
+        True inside a leaf.
+
+    Raises
+    ------
+    InputError
+        If a leaf does not fit into the array.
+    """
     table = np.asarray(leaves)
     size = np.array(shape, dtype=np.int64)
     if table.ndim != 2 or table.shape[1] != len(size) + 1 or table.dtype.kind not in "iu":
@@ -119,7 +139,7 @@ def octree_voxels(leaves: ArrayLike, shape: Sequence[int]) -> NDArray[np.bool_]:
 
 
 def _model_space(model: ConfigurationSpace | ArrayLike, spacing: float | Sequence[float]) -> ConfigurationSpace:
-    """The model as goal cells, everything else free: goals are the low rail, so the field rises away from it."""
+    """Return a space with the model as goal cells and all other cells free, so that the field rises away from it."""
     if isinstance(model, ConfigurationSpace):
         axes, inside, frame = model.axes, model.cell == Cell.OBSTACLE, model.frame
     else:
@@ -140,7 +160,7 @@ def _model_space(model: ConfigurationSpace | ArrayLike, spacing: float | Sequenc
 def _places(
     space: ConfigurationSpace, points: ArrayLike | None, cells: ArrayLike | None
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Cells and positions within them, each of shape (..., ndim); the centres of all cells where none are given."""
+    """Return cells and positions within them, both (..., ndim); by default the centres of all cells."""
     if points is not None and cells is not None:
         raise InputError("give points or cells, not both")
     if points is not None:
@@ -150,14 +170,14 @@ def _places(
 
 
 def _field_around(space: ConfigurationSpace, padding: int) -> tuple[Field, NDArray[np.int64]]:
-    """The field between the model and the edge of the padded grid, and how far cell (0, ...) has moved."""
+    """Return the field between the model and the edge of the padded grid, and the padding per axis, in cells."""
     margin = np.where(space.periodic, 0, padding)
     axes = [
         Axis(a.name, a.lower - m * a.spacing, a.upper + m * a.spacing, a.cells + 2 * m, a.periodic, a.unit)
         for a, m in zip(space.axes, margin.tolist(), strict=True)
     ]
     if np.all(space.periodic):
-        raise InputError("every axis of the model is periodic: the grid has no edge that could be the other rail")
+        raise InputError("all axes of the model are periodic, so that the grid has no edge; use a non-periodic axis")
     cell = np.pad(space.cell, [(m, m) for m in margin.tolist()], constant_values=Cell.FREE)
     if not np.any(cell == Cell.FREE):
         raise InputError("the model fills the whole grid: add padding")
@@ -165,7 +185,10 @@ def _field_around(space: ConfigurationSpace, padding: int) -> tuple[Field, NDArr
 
 
 def _directions(field: Field, cells: NDArray[np.int64], local: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit vectors up the gradient, NaN where there is none.  Shapes: `cells, local` (n, ndim); returns (n, ndim)."""
+    """Return unit vectors along the gradient, shape (n, ndim); NaN where it vanishes and outside free cells.
+
+    `cells` (n, ndim); `local` (n, ndim): positions within the cells.
+    """
     gradient, _ = field.gradient(cells, local)
     gradient[field.space.cell[tuple(cells.T)] != Cell.FREE] = 0.0
     length = np.linalg.norm(gradient, axis=1, keepdims=True)
@@ -174,13 +197,14 @@ def _directions(field: Field, cells: NDArray[np.int64], local: NDArray[np.float6
 
 
 def _check_defined(space: ConfigurationSpace, cells: NDArray[np.int64], normals: NDArray[np.float64]) -> None:
+    """Raise InputError for the first cell without a normal.  Shapes (n, ndim)."""
     undefined = np.isnan(normals).any(axis=1)
     if not undefined.any():
         return
     cell = tuple(cells[int(np.argmax(undefined))].tolist())
     if space.cell[cell] == Cell.GOAL:
-        raise InputError(f"cell {cell} lies inside the model: normals are taken at free cells around it")
+        raise InputError(f"cell {cell} lies inside the model: choose free cells around it")
     raise InputError(
-        f"no normal is defined at cell {cell}: nothing flows there, because the model encloses it or because it lies "
-        "midway between parts of the model"
+        f"no normal is defined at cell {cell}: the gradient vanishes, because the model encloses the cell or because "
+        "it lies midway between parts of the model; choose other cells"
     )

@@ -1,7 +1,7 @@
-"""The one road from a scene or a space to its circuits, operating points and fields, one for each k.
+"""The planning pipeline: scene or space, wiring, netlist, operating point, field, for one or several blends k.
 
-All who need a field take it: the planner, control, the chip's analyses and the command line.  What ``k`` means, which
-circuits a scene asks for, and when a drive is scaled to the supply is said here only.
+The planner, control, the chip analyses and the command line all use it.  Only this module defines the meaning of
+``k``, the circuits that a scene needs, and when a drive is scaled to the supply.
 """
 
 from __future__ import annotations
@@ -31,68 +31,69 @@ from resgrid.planning.trace import start_cell
 from resgrid.scene import Scene, build_space
 
 Passes = Callable[[Netlist], Netlist]
-"""What makes a real chip of an ideal netlist."""
+"""Function that adds non-idealities of a chip to an ideal netlist."""
 
 Solver = Callable[..., OperatingPoint]
-"""Finds the operating point of a netlist; `resgrid.solve`, or that with other options."""
+"""Function that returns the operating point of a netlist: `resgrid.solve`, possibly with fixed options."""
 
 Observe = Callable[..., Any]
-"""Runs a stage, and shows meanwhile what it likes: ``observe(stage, function, *arguments, seconds, iterates)``.
+"""Function that runs a stage and may display progress: ``observe(stage, function, *arguments, seconds, iterates)``.
 
-`seconds`: about how long it takes; `iterates`: whether the function takes a ``progress`` of its iterations.
+`seconds`: estimated duration; `iterates`: whether the function accepts a ``progress`` callback for its iterations.
 """
 
 
-def unobserved(_stage: str, function: Callable[..., Any], *arguments: Any, **_: Any) -> Any:
-    """Run a stage and show nothing."""
+def run_silently(_stage: str, function: Callable[..., Any], *arguments: Any, **_: Any) -> Any:
+    """Run a stage without display of progress, and return its result."""
     return function(*arguments)
 
 
 @dataclass(frozen=True)
 class SolveOptions:
-    """How circuits are solved: by what (`resgrid.solve`, perhaps with options), on how many threads, who looks on.
+    """Options of the solve stages of the pipeline.
 
-    `ranks`: how many of PETSc's solve fields instead, without a netlist; 0 for none.
+    `solver`: function that solves a netlist; `threads`: number of threads; `observe`: function that runs and displays
+    each stage; `ranks`: number of PETSc processes that solve fields without a netlist, 0 to use `solver`.
     """
 
     solver: Solver = solve
     threads: int = 1
-    observe: Observe = unobserved
+    observe: Observe = run_silently
     ranks: int = 0
 
     def solve(self, netlist: Netlist, stage: str) -> OperatingPoint:
-        """Solve a circuit, a stage of that name."""
+        """Return the operating point of a netlist; `stage` is the displayed name of the stage."""
         run, seconds = partial(self.solver, threads=self.threads), 0.5 + 4e-6 * netlist.node_count
         op: OperatingPoint = self.observe(stage, run, netlist, seconds=seconds, iterates=True)
         return op
 
     def solve_ranked(self, space: ConfigurationSpace, wiring: Wiring) -> Ranked:
-        """Solve a circuit of a space on the ranks."""
+        """Return the field of a space, solved by PETSc processes."""
         stage, seconds = f"solve the {wiring.boundary} chip on {self.ranks} ranks", 2.0 + 1e-5 * space.cell.size
         ranked: Ranked = self.observe(stage, solve_ranked, space, wiring, self.ranks, seconds=seconds)
         return ranked
 
 
-UNWATCHED = SolveOptions()
+DEFAULT_OPTIONS = SolveOptions()
 
 
-def work_by(method: str, ranks: int | None = None, **options: Any) -> SolveOptions:
-    """How to solve by a method of that name; `ranks`: of method "petsc" only, 2 by default."""
+def solve_options(method: str, ranks: int | None = None, **options: Any) -> SolveOptions:
+    """Return the solve options for a method; `ranks`: number of processes, for the method "petsc" only, default 2."""
     if method == PETSC:
         return SolveOptions(ranks=2 if ranks is None else ranks, **options)
     if ranks is not None:
-        raise InputError(f"ranks = {ranks!r} belong to method = 'petsc', not to {method!r}")
+        raise InputError(f"ranks = {ranks!r} needs method = 'petsc', not {method!r}; leave ranks out")
     return SolveOptions(partial(solve, method=method), **options)
 
 
 @frozen
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is to be solved: a space, how it is wired, and for which blends and starts.
+    """A planning problem: a space, its wiring, the blends and the starts.
 
-    `wiring`: of the circuit where only one is asked for; `ks`: shares of the Dirichlet field, none for that circuit's
-    own field; `starts` (n, ndim): in world coordinates; `start_driven`: whether starts, one by one, drive open
-    obstacles.
+    `wiring`: wiring of the circuit if a single one is solved; `ks`: weights of the Dirichlet field, one per blend,
+    empty for the field of that circuit alone; `starts` (n, ndim): world coordinates; `start_driven`: whether each start
+    drives a circuit of its own, with open obstacles.
     """
 
     space: ConfigurationSpace
@@ -103,14 +104,14 @@ class Problem:
 
     @property
     def halves(self) -> dict[float, Wiring]:
-        """What k means: at 1 obstacles are a rail, behind walls if the wiring has some; at 0 they are open."""
+        """Wirings for k = 1 (obstacles on the rail, through wall resistances if any) and k = 0 (open obstacles)."""
         wiring = self.wiring
         closed = replace(wiring, boundary="dirichlet", drive=None, start=None) if wiring.is_driven else wiring
         return {1.0: closed, 0.0: wiring.opened()}
 
     @property
     def wirings(self) -> dict[str, Wiring]:
-        """The circuits that the fields are made of, by name: the boundary, or the start that drives it."""
+        """Wirings of all circuits to solve, by name: the boundary, or the number of the start that drives it."""
         if self.start_driven:
             return dict(self.driven_by(number) for number in range(len(self.starts)))
         if not self.ks:
@@ -120,14 +121,14 @@ class Problem:
         return {halves[end].boundary: halves[end] for end in ends}
 
     def only_wiring(self) -> tuple[str, Wiring]:
-        """Return name and wiring of the one circuit: of a single k, which must be 0 or 1, or the problem's own.
+        """Return name and wiring of the problem's only circuit; a single k must be 0 or 1.
 
         Raises
         ------
         InputError
-            If k is a blend, or several starts drive circuits of their own.
+            If the problem has several circuits: a blend, or several starts that drive a circuit each.
         CircuitError
-            If nothing drives the circuit, with one message for every boundary.
+            If no current flows in the circuit.
         """
         name, wiring = self._only()
         if self.space.goal_count and (why := why_undriven(self.space, wiring)) is not None:
@@ -135,26 +136,26 @@ class Problem:
         return name, wiring
 
     def _only(self) -> tuple[str, Wiring]:
-        """Name and wiring of the one circuit, driven or not."""
+        """Return name and wiring of the problem's only circuit, without a check of its currents."""
         wiring = self.wiring
         if len(self.ks) == 1:
             if self.ks[0] not in self.halves:
                 raise InputError(
-                    f"k = {self.ks[0]} blends two chips, and this makes one: choose boundary = 'dirichlet' or "
-                    "'neumann' ('resgrid run' makes both and blends them)"
+                    f"k = {self.ks[0]} blends the fields of two circuits, but one circuit is needed here: choose "
+                    "boundary = 'dirichlet' or 'neumann' ('resgrid run' solves both and blends their fields)"
                 )
             wiring = self.halves[self.ks[0]]
         if wiring.boundary != "neumann" or not self.start_driven:
             return wiring.boundary, wiring
         if len(self.starts) != 1:
             raise InputError(
-                f"drive = 'start' ties one start to the supply, and the scene has {len(self.starts)}; choose one of "
-                "them with --start X,Y"
+                f"drive = 'start' connects a single start to the supply, but the scene has {len(self.starts)}; choose "
+                "one of them with --start X,Y"
             )
         return self.driven_by(0)
 
     def driven_by(self, number: int) -> tuple[str, Wiring]:
-        """Name and wiring of the circuit that a start drives."""
+        """Return name and wiring of the circuit that start `number` drives."""
         cell = start_cell(self.space, self.starts[number])
         return f"neumann_start_{number}", replace(self.wiring.opened(), drive="start", start=cell)
 
@@ -162,7 +163,11 @@ class Problem:
 @frozen
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The circuits of a problem and their own fields, by name."""
+    """Solution of a planning problem.
+
+    `operating_points`, `pure`: operating point and field of every solved circuit, by name; circuits without currents
+    and those solved by PETSc have no operating point.
+    """
 
     problem: Problem
     operating_points: Mapping[str, OperatingPoint]
@@ -170,7 +175,7 @@ class Solution:
 
     @cached_property
     def fields(self) -> tuple[Field, ...]:
-        """The fields that were asked for: one for each k, or where starts drive for each start."""
+        """Requested fields: one per k, or one per start if starts drive circuits."""
         ks = self.problem.ks
         if self.problem.start_driven or not ks:
             return tuple(self.pure.values())
@@ -180,21 +185,21 @@ class Solution:
 
     @property
     def halves(self) -> tuple[Field, Field]:
-        """The fields of k = 1 and k = 0, from which every other is blended."""
+        """Fields of k = 1 and k = 0, from which all other fields are blended."""
         if len(self.pure) != 2 or self.problem.start_driven:
-            raise InputError("this holds one field only: make it with a k to blend, as plan(..., k=...)")
+            raise InputError("a blend needs two fields, but one circuit was solved: use plan(..., k=...)")
         obstacle, opened = (self.pure[wiring.boundary] for wiring in self.problem.halves.values())
         return obstacle, opened
 
     @property
     def flat(self) -> tuple[str, ...]:
-        """Halves of blends that nothing drives, where the other half carries current."""
+        """Names of blended circuits without currents, if the other circuit of the blend carries current."""
         idle = tuple(name for name, field in self.pure.items() if not field.is_flowing)
         return () if self.problem.start_driven or len(idle) == len(self.pure) else idle
 
     @property
     def tasks(self) -> list[tuple[Field, int]]:
-        """Every field with the number of every start that it serves."""
+        """Pairs of a field and the number of a start whose streamline follows this field."""
         numbers = range(len(self.problem.starts))
         if self.problem.start_driven:
             return list(zip(self.fields, numbers, strict=True))
@@ -209,21 +214,24 @@ def problem_of(
     space: ConfigurationSpace | None = None,
     **options: Unpack[WiringOptions],
 ) -> Problem:
-    """Return the problem of a scene or a space, with a wiring, or some of its fields, in place of the scene's.
+    """Return the planning problem of a scene or a space, with a wiring, or some of its fields, that override the scene.
 
-    Without a `k`, a wiring or a boundary that is given asks for one circuit, not for the blends of the scene.
-    `space`: the sampled space of the scene.
+    Without `k`, a wiring or a boundary selects a single circuit, even if the scene has blends.  `k`: weight of the
+    Dirichlet field; `space`: space of the scene, if it was built before.
     """
     boundary = options.get("boundary") if wiring is None else options.get("boundary") or wiring.boundary
     if k is not None:
         check_k(k)
         if boundary == "neumann":
-            raise InputError("a blend has its obstacles on the rail at k = 1: choose boundary = 'dirichlet' or 'wall'")
+            raise InputError(
+                "boundary = 'neumann' does not fit a k: at k = 1 obstacles are on the rail; choose boundary = "
+                "'dirichlet' or 'wall', or leave k out"
+            )
     ks = () if k is None else (float(k),)
     if isinstance(where, ConfigurationSpace):
         return Problem(where, wiring_of(wiring, options), ks, np.empty((0, where.ndim)))
     if not isinstance(where, Scene):
-        raise InputError(f"a configuration space or a scene is needed, not {with_article(type(where).__name__)}")
+        raise InputError(f"a ConfigurationSpace or a Scene is needed, not {with_article(type(where).__name__)}")
     return Problem(
         space=build_space(where) if space is None else space,
         wiring=scene_wiring(where, wiring, **options),
@@ -234,7 +242,7 @@ def problem_of(
 
 
 def scene_wiring(scene: Scene, wiring: Wiring | None = None, **options: Unpack[WiringOptions]) -> Wiring:
-    """Return the wiring of a scene, or the given one, with some fields replaced; a drive is uniform."""
+    """Return the given wiring, or that of the scene, with some fields replaced; open obstacles get a uniform drive."""
     boundary, chip = options.get("boundary") or scene.boundary, scene.chip
     default: dict[str, Any] = {
         "boundary": boundary,
@@ -247,10 +255,10 @@ def scene_wiring(scene: Scene, wiring: Wiring | None = None, **options: Unpack[W
     return wiring_of(wiring, options, default)
 
 
-def require_uniform(scene: Scene, what: str) -> None:
-    """Refuse a scene whose starts drive it one by one."""
+def require_uniform(scene: Scene, subject: str) -> None:
+    """Raise InputError for a scene with drive = 'start'; `subject` of the message needs a uniform drive."""
     if scene.drive == "start":
-        raise InputError(f"a scene with drive = 'start' serves one start at a time; {what} needs drive = 'uniform'")
+        raise InputError(f"a scene with drive = 'start' serves one start at a time; {subject} needs drive = 'uniform'")
 
 
 def compile_circuit(
@@ -259,12 +267,12 @@ def compile_circuit(
     *,
     scaled: bool = True,
     passes: Passes | None = None,
-    work: SolveOptions = UNWATCHED,
+    work: SolveOptions = DEFAULT_OPTIONS,
 ) -> Netlist:
-    """Compile one circuit.
+    """Compile the netlist of one circuit.
 
-    `scaled`: solve a uniformly driven one, so that its drive can be scaled and its highest node sits at the supply;
-    `passes`: then made a real chip of.
+    `scaled`: solve a uniformly driven circuit once, and scale its drive so that the highest node is at the supply;
+    `passes`: function that then adds the non-idealities of a chip.
     """
     seconds, stage = 4e-8 * space.cell.size * space.ndim, f"compile the {wiring.boundary} chip"
     netlist: Netlist = work.observe(stage, compile_space, space, wiring, seconds=seconds)
@@ -273,13 +281,13 @@ def compile_circuit(
     return netlist if passes is None else passes(netlist)
 
 
-def solve_problem(problem: Problem, *, scaled: bool = False, work: SolveOptions = UNWATCHED) -> Solution:
-    """Solve the ideal circuits of a problem.
+def solve_problem(problem: Problem, *, scaled: bool = False, work: SolveOptions = DEFAULT_OPTIONS) -> Solution:
+    """Solve the ideal circuits of a problem and compute their fields.
 
-    A circuit that nothing drives has a field in which nothing flows: no free cell touches a goal, the start that drives
-    it is blocked or cut off, or no obstacle (or edge that counts as one) touches a free cell with a way to a goal.
-    Streamlines of that field have an outcome.  Where only the Dirichlet half of a blend is flat, its streamlines follow
-    the Neumann half.
+    A circuit without a driving voltage or current has a field without currents, whose streamlines still have an
+    outcome.  This happens if no free cell touches a goal, if the driving start is blocked or disconnected, or if no
+    obstacle (or edge that counts as one) touches a goal-connected free cell.  If only the Dirichlet field of a blend
+    has no currents, streamlines follow the Neumann field.
 
     Raises
     ------
@@ -308,6 +316,6 @@ def solve_problem(problem: Problem, *, scaled: bool = False, work: SolveOptions 
 
 
 def solve_field(space: ConfigurationSpace, wiring: Wiring, k: float | None = None) -> Field:
-    """The field of a space: of one circuit, or with a k of the blend whose k = 1 is that circuit."""
+    """Return the field of one circuit, or with k the blend of this circuit (k = 1) and open obstacles (k = 0)."""
     starts = np.empty((0, space.ndim))
     return solve_problem(Problem(space, wiring, () if k is None else (k,), starts)).fields[0]

@@ -1,4 +1,4 @@
-"""Solve once, answer many starts: a planner is a field and, for blends, the two it is made of."""
+"""Planners: a solved space from which paths from any number of starts are computed, for one or several blends."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from resgrid.core.wiring import Wiring, WiringOptions
 from resgrid.errors import InputError
 from resgrid.planning.blend import blend, dirichlet_share
 from resgrid.planning.fields import Field
-from resgrid.planning.pipeline import Solution, problem_of, require_uniform, solve_field, solve_problem, work_by
+from resgrid.planning.pipeline import Solution, problem_of, require_uniform, solve_field, solve_options, solve_problem
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.planning.trace import Traces, follow, start_points, streamline, streamlines
 from resgrid.scene import Scene
@@ -25,14 +25,14 @@ from resgrid.scene import Scene
 @frozen
 @dataclass(frozen=True, eq=False)
 class Planner:
-    """A solved configuration space that answers starts.
+    """A solved configuration space, which computes paths from any number of starts.
 
     Attributes
     ----------
     field : Field
-        The field that streamlines follow.
+        Field that streamlines follow.
     solution : Solution
-        What was solved: one field, or the halves of every blend.
+        The solved fields: one, or the Dirichlet and Neumann fields of all blends.
 
     Examples
     --------
@@ -50,54 +50,58 @@ class Planner:
 
     @property
     def space(self) -> ConfigurationSpace:
-        """The space it plans in."""
+        """Configuration space of the field."""
         return self.field.space
 
     @property
     def k(self) -> float:
-        """Share of the Dirichlet field."""
+        """Weight of the Dirichlet field, in [0, 1]."""
         return self.field.k
 
     @property
     def obstacle_field(self) -> Field:
-        """The field of k = 1: obstacles on the rail, or behind walls."""
+        """Field of k = 1: obstacles on the rail, directly or through wall resistances."""
         return self.solution.halves[0]
 
     @property
     def open_field(self) -> Field:
-        """The field of k = 0: open obstacles."""
+        """Field of k = 0: open obstacles."""
         return self.solution.halves[1]
 
     @property
     def scene_starts(self) -> NDArray[np.float64]:
-        """Starts that the scene lists, in world coordinates, shape (n, ndim)."""
+        """Starts of the scene in world coordinates, shape (n, ndim)."""
         return self.solution.problem.starts
 
     def at(self, k: float) -> Planner:
-        """The planner of another blend, k in [0, 1], from the same two solves: of one that was made with a k."""
+        """Return a planner for another blend, k in [0, 1], without solving again.
+
+        The planner must have been created with a k, so that it holds both fields.
+        """
         return replace(self, field=blend(*self.solution.halves, k))
 
     def dirichlet_share(self) -> NDArray[np.float64]:
-        """How much of the gradient of this blend is that of its Dirichlet half, shape of the space, in [0, 1].
+        """Return the fraction of the blend's gradient that comes from the Dirichlet field, shape of the space.
 
-        Away from the goals the Dirichlet gradient falls off exponentially, and the Neumann one does not: with a weight
-        of 0.98 the blend is still almost Neumann there.  NaN where neither flows.
+        Away from the goals, the Dirichlet gradient decays exponentially, but the Neumann gradient does not.  Even with
+        a weight k of 0.98, the blend there is almost the Neumann field.  NaN where both gradients vanish.
         """
         return dirichlet_share(*self.solution.halves, self.k)
 
     def path(self, start: ArrayLike | None = None, *, cell: Sequence[int] | None = None) -> Streamline:
-        """Streamline from a point of the world, or from a cell's centre; see `resgrid.streamline`."""
+        """Return the streamline from a start in world coordinates, shape (ndim,), or from the centre of a cell."""
         return streamline(self.field, start, cell=cell)
 
     def paths(self, starts: ArrayLike | None = None) -> list[Streamline]:
-        """Streamlines from many points of the world, shape (n, ndim); by default from the scene's starts."""
+        """Return streamlines from starts in world coordinates, shape (n, ndim); by default from the scene's starts."""
         return [follow(self.field, point) for point in start_points(self.space, self._starts(starts))]
 
     def ends(self, starts: ArrayLike | None = None) -> Traces:
-        """Ends of streamlines from many points, much faster than `paths`; see `resgrid.streamlines`."""
+        """Return only the ends of streamlines from n starts in world coordinates, much faster than `paths`."""
         return streamlines(self.field, self._starts(starts))
 
     def _starts(self, starts: ArrayLike | None) -> ArrayLike:
+        """Return the given starts, by default those of the scene."""
         return self.scene_starts if starts is None else starts
 
 
@@ -110,7 +114,7 @@ def plan(
     ranks: Count | None = None,
     **options: Unpack[WiringOptions],
 ) -> Planner:
-    """Solve a space once, for any number of starts.
+    """Solve a space once, for paths from any number of starts.
 
     Parameters
     ----------
@@ -120,15 +124,15 @@ def plan(
         Boundary conditions and element values; by default those of the scene, or obstacles on the rail.  In a blend it
         describes the circuit at k = 1.
     k : float, optional
-        Share of the Dirichlet field, in [0, 1].  With any k, 0 and 1 included, both fields are solved, and
-        `Planner.at` gives other blends without solving again.  For a scene, unless a boundary is given, the first of
-        its ``k``.
+        Weight of the Dirichlet field, in [0, 1].  With any k, 0 and 1 included, both fields are solved, and
+        `Planner.at` gives other blends without solving again.  By default, the first ``k`` of the scene, unless a
+        boundary is given.
     method : {"auto", "direct", "multigrid", "petsc"}
-        As of `resgrid.solve`; ``"petsc"`` is for grids too large for these: processes of PETSc solve it from mapped
-        files, to a norm, and ``Planner.field.safe`` tells in which cells it is direction-safe.  Streamlines end at all
-        others with ``no_current`` and a `Streamline.reason`.
+        Solution method of `resgrid.solve`.  Use ``"petsc"`` for grids that do not fit in memory: PETSc processes solve
+        them from memory-mapped files, to a normwise tolerance.  ``Planner.field.safe`` is then the mask of
+        direction-safe cells, and streamlines end at all other cells with ``no_current`` and a `Streamline.reason`.
     ranks : int, optional
-        For ``method="petsc"``: how many processes; 2 unless given.
+        Number of processes for ``method="petsc"``, 2 by default.
     **options
         Fields of `Wiring`, such as ``boundary="neumann"``: instead of a wiring, or changes to it.
 
@@ -141,11 +145,11 @@ def plan(
     InputError
         If an option is unknown or does not fit the others.
     AccuracyError
-        If the answer is not as right as promised, or a process of PETSc dies.
+        If the solution is not direction-safe, or a PETSc process terminates early.
     ToolMissingError
-        If there is no PETSc; the message says how to get it.
+        If PETSc is not installed; the message explains the installation.
     BudgetError
-        If it would not fit in memory, or on the disk.
+        If the solution would not fit in memory, or on the disk.
 
     Examples
     --------
@@ -154,7 +158,7 @@ def plan(
     >>> str(path.outcome), round(path.length, 3), round(path.clearance, 3)
     ('reached', 9.036, 0.347)
     """
-    work = work_by(method, ranks)
+    work = solve_options(method, ranks)
     if isinstance(where, Scene):
         require_uniform(where, "plan()")
     problem = problem_of(where, wiring, k=k, **options)
@@ -168,11 +172,11 @@ def plan(
 @frozen
 @dataclass(frozen=True, eq=False)
 class ClearanceCurve:
-    """Clearance of paths against the knob that sets how obstacles behave.
+    """Clearance of paths as a function of a parameter of the boundary condition at obstacles.
 
-    `knob`: ``"k"`` or ``"wall_resistance"``, in ohms; `value` (n,): its settings; `starts` (m, ndim): in the world;
-    `clearance, length` (n, m): of every path, in axis units, NaN where it reaches no goal; `counted` (m,): starts with
-    a path at every setting, over which means are taken.
+    `knob`: the parameter, ``"k"`` or ``"wall_resistance"`` in ohms; `value` (n,): its values; `starts` (m, ndim): in
+    world coordinates; `clearance, length` (n, m): of every path, in axis units, NaN if it reaches no goal; `counted`
+    (m,): mask of starts with a path at every value, over which means are computed.
     """
 
     knob: str
@@ -186,12 +190,12 @@ class ClearanceCurve:
 
     @property
     def mean(self) -> NDArray[np.float64]:
-        """Mean clearance at every setting, shape (n,), in axis units."""
+        """Mean clearance at every value of the parameter, shape (n,), in axis units."""
         return np.asarray(self.clearance[:, self.counted].mean(axis=1))
 
     @property
     def mean_length(self) -> NDArray[np.float64]:
-        """Mean length at every setting, shape (n,), in axis units."""
+        """Mean length at every value of the parameter, shape (n,), in axis units."""
         return np.asarray(self.length[:, self.counted].mean(axis=1))
 
 
@@ -202,28 +206,31 @@ def clearance_curve(
     *,
     wall_resistances: ArrayLike | None = None,
 ) -> ClearanceCurve:
-    """Find how far paths keep away from obstacles, against the knob that says so (Connolly & Grupen 1992, section 3.3).
+    """Compute the clearance of paths as a function of k or of the wall resistance.
+
+    Both parameters vary the boundary condition at obstacles between Dirichlet and Neumann (Connolly & Grupen 1992,
+    section 3.3).
 
     Parameters
     ----------
     planner : Planner
-        Made with a k, so that it holds both fields, unless wall resistances are asked for.
+        Created with a k, so that it holds both fields, unless `wall_resistances` are given.
     ks : array_like of float, shape (n,)
-        Shares of the Dirichlet field, in [0, 1].
+        Weights of the Dirichlet field, in [0, 1].
     starts : array_like of float, shape (m, ndim), optional
-        In world coordinates.  By default the centres of some 200 cells with a path, evenly spaced among all of them.
+        World coordinates.  By default the centres of about 200 cells with a path, evenly spaced in C order.
     wall_resistances : array_like of float, shape (n,), optional
-        In place of `ks` the knob of a single chip, in ohms, one solve each: 0 is Dirichlet, infinity is Neumann.
+        Wall resistances in ohms, in place of `ks`, with one solve each: 0 is Dirichlet, infinity is Neumann.
 
     Returns
     -------
     ClearanceCurve
-        With ``value``, ``clearance`` and ``length`` of every path, and their ``mean`` and ``mean_length``.
+        With clearances and lengths of all paths, and their means over the starts.
 
     Raises
     ------
     InputError
-        If a setting is out of range, the planner holds one field only, or no start has a path at every setting.
+        If a value is out of range, the planner holds one field only, or no start has a path at every value.
 
     Examples
     --------
@@ -249,8 +256,8 @@ def clearance_curve(
     counted = np.asarray(reached.all(axis=0))
     if not counted.any():
         flat = [value for value, field in zip(values.tolist(), fields, strict=True) if not field.is_flowing]
-        remedy = f"no current flows at {knob} = {flat[0]:g}: leave this setting out" if flat else "choose other starts"
-        raise InputError(f"no start reaches a goal at every setting of {knob}; {remedy}")
+        remedy = f"no current flows at {knob} = {flat[0]:g}: leave this value out" if flat else "choose other starts"
+        raise InputError(f"no start reaches a goal at every value of {knob}; {remedy}")
     clearance, length = (
         np.where(reached, [[getattr(path, name) for path in row] for row in paths], np.nan)
         for name in ("clearance", "length")
@@ -259,12 +266,13 @@ def clearance_curve(
 
 
 def _settings(knob: str, values: ArrayLike, limit: float) -> NDArray[np.float64]:
+    """Return values (n,) of a parameter; raise InputError unless they lie between 0 and `limit`."""
     try:
         settings = np.atleast_1d(np.array(values, dtype=np.float64))
     except (TypeError, ValueError) as error:
-        raise InputError(f"{knob}: the settings must be numbers") from error
+        raise InputError(f"{knob}: the values must be numbers") from error
     if settings.ndim != 1 or not settings.size:
-        raise InputError(f"{knob}: give at least one setting, in a row")
+        raise InputError(f"{knob}: give a one-dimensional sequence of at least one value")
     within = (settings >= 0) & (settings <= limit)
     if not within.all():
         raise InputError(f"{knob} = {settings[~within][0]} is out of range: it must lie between 0 and {limit:g}")
@@ -272,9 +280,9 @@ def _settings(knob: str, values: ArrayLike, limit: float) -> NDArray[np.float64]
 
 
 def _starts_with_paths(space: ConfigurationSpace) -> NDArray[np.float64]:
-    """Centres of some cells with a path, in axis units, shape (n, ndim)."""
+    """Return centres of at most 200 cells with a path, in axis units, shape (n, ndim)."""
     cells = np.argwhere(space.goal_connected)
     if not len(cells):
-        raise InputError("no free cell has a path to a goal, so that there is no clearance to measure")
+        raise InputError("no free cell has a path to a goal: move the goal, or open a passage to it")
     chosen = np.unique(np.linspace(0, len(cells) - 1, 200).round().astype(np.int64))
     return space.axis_centre(cells[chosen])

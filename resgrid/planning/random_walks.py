@@ -1,8 +1,8 @@
-"""The random walk that a resistor network stands for.
+"""Random walks that correspond to a resistor network: hitting and collision probabilities, expected times.
 
-From a node the walk jumps along one of its resistors, with probability proportional to the conductance, until it is
-absorbed on a rail (Doyle & Snell 1984, section 1.3; Connolly 1997).  In continuous time every resistor of conductance
-``g`` is taken at the rate ``g / C``, ``C`` being the capacitance of a node.
+From a node, the walk jumps along one of its resistors, with probability proportional to the conductance, until it is
+absorbed on a rail (Doyle & Snell 1984, section 1.3; Connolly 1997).  In continuous time, it jumps along a resistor of
+conductance ``g`` at the rate ``g / C``, where ``C`` is the capacitance of a node.
 """
 
 from __future__ import annotations
@@ -29,10 +29,11 @@ from resgrid.solvers.scaled import Scaled, power
 @frozen
 @dataclass(frozen=True, eq=False)
 class RandomWalk:
-    """A random walk on the free cells of a space: one factorisation, for many questions.
+    """Random walk on the free cells of a space, with a factorization that all probabilities and times share.
 
-    `cells`: of the netlist; `factors`: of the nodal equations of every free node; `row` as the space: row of every free
-    cell, -1 elsewhere; `to_goal` (goals, rows): conductance from every row to every goal region, in siemens.
+    `cells`: map between nodes and cells; `factors`: factorization of the nodal equations of all free nodes; `row`
+    (shape of the space): matrix row of every free cell, -1 elsewhere; `to_goal` (goals, rows): conductance from every
+    row to every goal region, in siemens.
     """
 
     cells: CellMap
@@ -41,13 +42,13 @@ class RandomWalk:
     to_goal: sparse.csr_array
 
     def solve(self, rhs: NDArray[np.float64] | Scaled) -> Scaled:
-        """Solve ``G x = rhs >= 0`` entry by entry as accurately as can be.  Shapes: `rhs` (rows,); returns (rows,)."""
+        """Solve ``G x = rhs`` for ``rhs >= 0`` with componentwise accuracy; shapes (rows,)."""
         watch = ProgressMonitor()
         answer, error = self.factors.factors.solve_nonnegative(rhs, watch=watch)
         if not is_answer(error, watch.bound):
             raise AccuracyError(
-                f"the direct solver reached a componentwise backward error of {error:.1e} only: the conductances "
-                "differ by more decades than its factors can hold",
+                f"the direct solver reached a componentwise backward error of only {error:.1e}: the conductances "
+                "differ by more orders of magnitude than its factors can represent; reduce their ratio",
                 answer,
             )
         return answer
@@ -55,7 +56,10 @@ class RandomWalk:
     def per_cell(
         self, values: NDArray[np.float64], *, obstacle: float, goal: float, cut_off: float
     ) -> NDArray[np.float64]:
-        """Values of rows (rows,) on cells, with those of obstacles, of goals, and of free cells without a node."""
+        """Return values of rows (rows,) per cell, shape of the space.
+
+        `obstacle`, `goal`, `cut_off`: values for obstacle cells, goal cells, and free cells without a row.
+        """
         cell = self.cells.space.cell
         out = np.full(cell.shape, cut_off)
         out[cell == Cell.OBSTACLE], out[cell == Cell.GOAL] = obstacle, goal
@@ -65,15 +69,15 @@ class RandomWalk:
 
 
 def random_walk(circuit: Netlist | OperatingPoint | RandomWalk, *, method: str = "auto") -> RandomWalk:
-    """Set up the random walk of a compiled circuit, for `collision_probability` and `hitting_probability`.
+    """Factorize the random walk of a compiled circuit, for `collision_probability` and `hitting_probability`.
 
     Parameters
     ----------
     circuit : Netlist, OperatingPoint or RandomWalk
-        Compiled from a space, each rail held by ideal sources; with obstacles on a rail, behind walls, or open under
-        a uniform drive.  A walk is returned as it is.
+        Circuit compiled from a space, with ideal sources on each rail.  Obstacles are on a rail, behind wall
+        resistances, or open with a uniform drive.  A `RandomWalk` is returned unchanged.
     method : {"auto", "direct", "multigrid"}
-        How to solve; see `resgrid.solve`.
+        Solution method of `resgrid.solve`.
 
     Returns
     -------
@@ -82,7 +86,7 @@ def random_walk(circuit: Netlist | OperatingPoint | RandomWalk, *, method: str =
     Raises
     ------
     InputError
-        If the netlist was not compiled from a space, a start drives it, or a goal cell floats.
+        If the netlist was not compiled from a space, has drive = 'start', or has a goal cell without an ideal source.
     BudgetError
         If the factors would not fit in memory.
 
@@ -102,17 +106,20 @@ def random_walk(circuit: Netlist | OperatingPoint | RandomWalk, *, method: str =
         raise InputError("a start-driven circuit absorbs walks at its start: compile it with drive = 'uniform'")
     free = cells.free_node
     if not free.size:
-        raise InputError("the space has no free cell that a walk could start from")
-    # With one current into every free node no part of the circuit is flat, so that all of it is factored.
-    feeds = np.stack([np.full(free.size, GROUND), free], axis=1)
-    fed = netlist.replace(current_nodes=feeds, current_amps=np.full(free.size, 1.0 / cells.wiring.resistance))
-    factors = factorize(fed, method=method)
+        raise InputError("the space has no free cell in which a walk could start; remove obstacles or refine the grid")
+    # A current into every free node: otherwise components without currents would be left out of the factorization.
+    sources = np.stack([np.full(free.size, GROUND), free], axis=1)
+    driven = netlist.replace(current_nodes=sources, current_amps=np.full(free.size, 1.0 / cells.wiring.resistance))
+    factors = factorize(driven, method=method)
     system, space = factors.system, cells.space
     node_goal = np.full(netlist.node_count, -1, dtype=np.int64)
     goals = space.cell == Cell.GOAL
     node_goal[cells.node[goals]] = space.goal_region[goals]
     if np.any(np.isnan(system.known_voltages()[node_goal >= 0])):
-        raise InputError("a goal cell is tied to its rail by more than an ideal source, so that no walk ends there")
+        raise InputError(
+            "a goal cell is connected to its rail through a resistance, so that no walk ends there: use the ideal "
+            "netlist of rg.compile_space"
+        )
     row = np.where((space.cell == Cell.FREE) & (cells.node >= 0), system.unknown[cells.node], -1)
     return RandomWalk(cells, factors, row, _to_goal(netlist, node_goal, system.unknown, system.size))
 
@@ -120,17 +127,17 @@ def random_walk(circuit: Netlist | OperatingPoint | RandomWalk, *, method: str =
 @frozen
 @dataclass(frozen=True, eq=False)
 class CollisionProbability:
-    """What happens to a random walk from the centre of every cell.  All arrays have the shape of the space.
+    """Hitting probabilities and expected times of random walks that start in each cell; shapes of the space.
 
-    Times are in units of ``R C``: the resistance between the cells that lie closest together, at conductivity 1, times
-    the capacitance of a cell; a Brownian motion of diffusivity ``h_ref**2 / (R C)`` takes about as long.  Steps are
-    jumps of the walk, the last one onto a rail included.
+    Times are in units of ``R C``, where R is the resistance between nearest cells at conductivity 1 and C the
+    capacitance of a cell.  A Brownian motion with diffusivity ``h_ref**2 / (R C)`` has approximately the same times.
+    Steps are jumps of the walk, including the last jump onto a rail.
 
-    `success`: probability ``u`` of meeting a goal before an obstacle, 0 where it underflows; `log_success`: its natural
-    logarithm, right to the last digits; `time, steps`: expected time and number of jumps until either is met (``G t =
-    C``, ``G n = D 1`` with ``D`` the diagonal of ``G``), 0 on goals and obstacles, infinite where neither is;
-    `time_given_success, steps_given_success`: of those walks only that meet a goal (``s / u`` with ``G s = C u``, or
-    ``G s = D u``), NaN where none can be met.
+    `success`: probability ``u`` of hitting a goal before an obstacle, 0 on underflow; `log_success`: its natural
+    logarithm, accurate even on underflow; `time, steps`: expected time and number of jumps until a goal or obstacle is
+    hit (``G t = C``, ``G n = D 1`` with the diagonal ``D`` of ``G``), 0 on goals and obstacles, infinite in cells that
+    are connected to neither; `time_given_success, steps_given_success`: expectations over the walks that hit a goal
+    (``s / u`` with ``G s = C u`` or ``G s = D u``), NaN where u is 0.
     """
 
     success: NDArray[np.float64]
@@ -142,35 +149,34 @@ class CollisionProbability:
 
     @property
     def collision(self) -> NDArray[np.float64]:
-        """Probability ``1 - u`` of meeting an obstacle first, or no goal ever."""
+        """Probability ``1 - u`` of hitting an obstacle first, or of never hitting a goal."""
         return np.asarray(-np.expm1(self.log_success))
 
 
 def collision_probability(circuit: Netlist | OperatingPoint | RandomWalk) -> CollisionProbability:
-    """Find whether, and when, a robot that wanders at random meets a goal before an obstacle.
+    """Compute the probability that a random walk hits an obstacle before a goal, and the expected times.
 
-    The drop ``u`` of the potential is the probability that a random walk, which jumps along a resistor with probability
-    proportional to its conductance, meets a goal before an obstacle (C. I. Connolly, Harmonic functions and collision
-    probabilities, Int. J. Robotics Research 16(4), 1997).  With open obstacles it is 1 and the expected time is
-    proportional to the uniformly driven potential.
+    The walk jumps along a resistor with probability proportional to its conductance.  The drop ``u`` of the potential
+    is the probability that it hits a goal before an obstacle (C. I. Connolly, Harmonic functions and collision
+    probabilities, Int. J. Robotics Research 16(4), 1997).  With open obstacles ``u`` is 1, and the expected
+    time is proportional to the uniformly driven potential.
 
     Parameters
     ----------
     circuit : Netlist, OperatingPoint or RandomWalk
-        As `random_walk` takes it.
+        Circuit compiled from a space, with ideal sources on each rail, or a factorized walk (`random_walk`).
 
     Returns
     -------
     CollisionProbability
-        Of every cell, from one factorisation: ``collision``, ``success``, ``log_success``, ``time``, ``steps``, and
-        the last two of successful walks alone.
+        Probabilities, times and numbers of steps for every cell, from one factorization.
 
     Raises
     ------
     InputError
-        As `random_walk`.
+        If the netlist was not compiled from a space, has drive = 'start', or has a goal cell without an ideal source.
     AccuracyError
-        If the conductances differ by more decades than the factors can hold.
+        If the conductances differ by more orders of magnitude than the factors can represent.
 
     Examples
     --------
@@ -181,12 +187,12 @@ def collision_probability(circuit: Netlist | OperatingPoint | RandomWalk) -> Col
     """
     walk = random_walk(circuit)
     degree = walk.factors.system.laplacian.diagonal
-    clock = np.full(len(degree), 1.0 / walk.cells.wiring.resistance)
+    capacitance = np.full(len(degree), 1.0 / walk.cells.wiring.resistance)  # in units in which R C is 1
     u = walk.solve(walk.to_goal.T @ np.ones(walk.to_goal.shape[0]))
     log_u = np.minimum(u.log, 0.0)
 
     def given(rates: NDArray[np.float64]) -> NDArray[np.float64]:
-        """``x / u`` with ``G x = rates u``; NaN where u is 0."""
+        """Return ``x / u`` per cell, where ``G x = rates u``; NaN where u is 0."""
         x = walk.solve(Scaled(u.hi * rates, u.lo * rates, u.exponent, u.noise))
         with np.errstate(invalid="ignore", divide="ignore"):
             quotient = x.hi / u.hi
@@ -196,9 +202,9 @@ def collision_probability(circuit: Netlist | OperatingPoint | RandomWalk) -> Col
     return CollisionProbability(
         success=walk.per_cell(np.exp(log_u), obstacle=0.0, goal=1.0, cut_off=0.0),
         log_success=walk.per_cell(log_u, obstacle=-np.inf, goal=0.0, cut_off=-np.inf),
-        time=walk.per_cell(walk.solve(clock).plain, obstacle=0.0, goal=0.0, cut_off=np.inf),
+        time=walk.per_cell(walk.solve(capacitance).plain, obstacle=0.0, goal=0.0, cut_off=np.inf),
         steps=walk.per_cell(walk.solve(degree).plain, obstacle=0.0, goal=0.0, cut_off=np.inf),
-        time_given_success=given(clock),
+        time_given_success=given(capacitance),
         steps_given_success=given(degree),
     )
 
@@ -206,10 +212,10 @@ def collision_probability(circuit: Netlist | OperatingPoint | RandomWalk) -> Col
 @frozen
 @dataclass(frozen=True, eq=False)
 class HittingProbability:
-    """Where a random walk from the centre of every cell ends.
+    """Hitting probabilities of every goal region, for random walks that start in each cell.
 
-    `probability` (goals, ...), the rest as the space: of being absorbed at each goal region, before any obstacle; 0
-    where it underflows; `log_probability`: its natural logarithm, -inf where that goal cannot be met.
+    `probability` (goals, *shape of the space): probability of absorption at each goal region, before any obstacle, 0 on
+    underflow; `log_probability`: its natural logarithm, -inf where the goal cannot be hit.
     """
 
     probability: NDArray[np.float64]
@@ -217,34 +223,35 @@ class HittingProbability:
 
     @property
     def likeliest(self) -> NDArray[np.int32]:
-        """The goal region each cell's walk most probably ends at, -1 for none; the lower number of two equals."""
+        """Goal region with the largest probability per cell, the lower index of ties; -1 where no goal can be hit."""
         best = np.argmax(self.log_probability, axis=0).astype(np.int32)
         return np.where(np.isneginf(self.log_probability.max(axis=0)), np.int32(-1), best)
 
 
 def hitting_probability(circuit: Netlist | OperatingPoint | RandomWalk) -> HittingProbability:
-    """Find the probability that a random walk ends at each goal: one solve a goal, one factorisation for all.
+    """Compute the probability that a random walk ends at each goal region.
 
-    Summed over the goals it is the ``success`` of `collision_probability`.
+    One factorization serves all goals, with one solve per goal.  The sum over the goals is the probability ``success``
+    of `collision_probability`.
 
     Parameters
     ----------
     circuit : Netlist, OperatingPoint or RandomWalk
-        As `random_walk` takes it.
+        Circuit compiled from a space, with ideal sources on each rail, or a factorized walk (`random_walk`).
 
     Returns
     -------
     HittingProbability
-        Of every cell and goal: ``probability``, ``log_probability``, and the ``likeliest`` goal.
+        Probabilities for every cell and goal region, and the most probable goal.
 
     Raises
     ------
     InputError
-        As `random_walk`.
+        If the netlist was not compiled from a space, has drive = 'start', or has a goal cell without an ideal source.
     AccuracyError
-        If the conductances differ by more decades than the factors can hold.
+        If the conductances differ by more orders of magnitude than the factors can represent.
     BudgetError
-        If the answer would not fit in memory.
+        If the result would not fit in memory.
 
     Examples
     --------
@@ -274,6 +281,10 @@ def hitting_probability(circuit: Netlist | OperatingPoint | RandomWalk) -> Hitti
 
 
 def _to_goal(netlist: Netlist, node_goal: NDArray[np.int64], unknown: NDArray[np.int32], size: int) -> sparse.csr_array:
+    """Return the conductances (goals, rows) between goal regions and matrix rows, in siemens.
+
+    `node_goal` (nodes,): goal region of every node or -1; `unknown` (nodes,): matrix row of every node or negative.
+    """
     entries: list[NDArray[np.float64]] = []
     for here, there in ((0, 1), (1, 0)):
         row = unknown[netlist.resistor_nodes[:, here]]

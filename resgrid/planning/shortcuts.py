@@ -1,4 +1,4 @@
-"""Shortcuts: bends of a streamline replaced by straight lines that meet free cells only."""
+"""Shortcuts: replacement of a streamline's bends by straight lines through free cells."""
 
 from __future__ import annotations
 
@@ -17,9 +17,11 @@ from resgrid.planning.clearance import clearance_of
 from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Outcome, ShortPath, Streamline, distinct_rows, length_of
 
-Sight = Callable[[NDArray[np.float64], NDArray[np.float64]], bool]
+LineTest = Callable[[NDArray[np.float64], NDArray[np.float64]], bool]
+"""Function of two points that returns whether the straight line between them may be used."""
 
 _GAIN = 1e-12
+"""Relative reduction of the length below which a chord is not worth a change (rounding error)."""
 
 
 def shortcut(
@@ -29,26 +31,26 @@ def shortcut(
     rounds: Annotated[int, Ge(0), Le(1_000_000)] = 200,
     seed: Natural = 0,
 ) -> ShortPath:
-    """Replace the bends of a streamline by straight lines wherever all the cells they touch are free or goal cells.
+    """Shorten a streamline by straight lines wherever all cells that they touch are free or goal cells.
 
-    First, from each corner, a line to the farthest point of the way ahead that doubling steps and bisection find; then
-    ``rounds`` random chords between points of the way (Geraerts & Overmars, Int. J. Robotics Research 26 (2007) 845).
-    What no line can replace stays as it was, so the path keeps the streamline's promise not to meet an obstacle, and
-    its length never grows.  New lines keep ``clearance``, so the path has at least half of the streamline's clearance
-    unless a smaller one is given.  Costs (the space's conductivity) do not count.
+    First, each corner is connected to a farther point of the path, found by doubling steps and bisection.  Then
+    ``rounds`` random chords between points of the path are tried (Geraerts & Overmars, Int. J. Robotics Research 26
+    (2007) 845).  Other parts of the streamline are unchanged, so that the path meets no obstacle, and its length never
+    increases.  New lines keep the distance ``clearance``, so that the path has at least half of the streamline's
+    clearance, unless a smaller value is given.  Costs (the space's conductivity) are ignored.
 
     Parameters
     ----------
     path : Streamline
-        That reached a goal.
+        A streamline that reached a goal.
     clearance : float, optional
-        Distance, in axis units, that new lines keep from obstacle cells and edges that count as such, at least 0.  By
-        default half of the streamline's clearance, but at least a quarter of the narrowest side of a cell; with 0,
-        lines may pass obstacles as close as rounding allows.
+        Minimum distance, in axis units, of new lines from obstacle cells and from edges that count as obstacles, at
+        least 0.  By default half of the streamline's clearance, but at least a quarter of the smallest cell width.
+        With 0, lines may pass obstacles at a distance of rounding errors.
     rounds : int
-        Random chords to try.
+        Number of random chords.
     seed : int
-        Of the random chords: the same seed gives the same path.
+        Seed of the random chords; the result is reproducible.
 
     Returns
     -------
@@ -60,7 +62,7 @@ def shortcut(
     InputError
         If the streamline reached no goal, or an option is out of range.
     CertificateError
-        If the result touches an obstacle, which would be a fault of this function.
+        If the result touches an obstacle, which would be an error in this function.
 
     Examples
     --------
@@ -87,13 +89,13 @@ def shortcut(
 
 
 def default_clearance(path: Streamline) -> float:
-    """Return the distance that the lines of a shortened streamline keep by default, in axis units."""
+    """Return the default minimum distance of new lines from obstacles, in axis units."""
     least = float(path.space.spacing.min()) / 4
     return max(path.clearance / 2, least) if np.isfinite(path.clearance) else 0.0
 
 
-def _line_of_sight(field: Field, clearance: float) -> Sight:
-    """Whether the straight line between two points may be taken, as a function of both."""
+def _line_of_sight(field: Field, clearance: float) -> LineTest:
+    """Return a test whether the straight line between two points touches only free cells and keeps the clearance."""
     from resgrid.planning import kernels
 
     space, edge, reach = field.space, field.edge, None if field.obstacle_reach is None else clearance
@@ -101,9 +103,10 @@ def _line_of_sight(field: Field, clearance: float) -> Sight:
     free = ~blocked
     shape, periodic = np.array(space.shape, dtype=np.int64), space.periodic
     lower, spacing = space.lower, space.spacing
-    rim = 2.0 * float(space.rounding.max())  # so that certify_free also passes what was rounded to world coordinates
+    rim = 2.0 * float(space.rounding.max())  # certify_free must also accept points rounded to world coordinates
 
     def clear(start: NDArray[np.float64], end: NDArray[np.float64]) -> bool:
+        """Return whether the straight line between two points in axis units may be used."""
         if not kernels.segment_is_free((start - lower) / spacing, (end - lower) / spacing, free, shape, periodic, rim):
             return False
         line = np.stack([start, end])
@@ -112,8 +115,8 @@ def _line_of_sight(field: Field, clearance: float) -> Sight:
     return clear
 
 
-def _greedy(points: NDArray[np.float64], clear: Sight) -> NDArray[np.float64]:
-    """Corners of the way that jumps as far ahead as it can see."""
+def _greedy(points: NDArray[np.float64], clear: LineTest) -> NDArray[np.float64]:
+    """Return the corners of a path that moves from each corner straight to the farthest visible point found."""
     kept = [0]
     last = len(points) - 1
     while kept[-1] < last:
@@ -121,13 +124,13 @@ def _greedy(points: NDArray[np.float64], clear: Sight) -> NDArray[np.float64]:
     return points[kept]
 
 
-def _farthest(points: NDArray[np.float64], here: int, last: int, clear: Sight) -> int:
-    """A point far ahead that can be seen; at least the next one."""
-    seen, step = here + 1, 2
-    while seen < last and clear(points[here], points[min(here + step, last)]):
-        seen = min(here + step, last)
+def _farthest(points: NDArray[np.float64], here: int, last: int, clear: LineTest) -> int:
+    """Return the index of a visible point far ahead of point `here`, at least the next one."""
+    visible, step = here + 1, 2
+    while visible < last and clear(points[here], points[min(here + step, last)]):
+        visible = min(here + step, last)
         step *= 2
-    low, high = seen, min(here + step, last)
+    low, high = visible, min(here + step, last)
     while high - low > 1:
         middle = (low + high) // 2
         if clear(points[here], points[middle]):
@@ -137,8 +140,8 @@ def _farthest(points: NDArray[np.float64], here: int, last: int, clear: Sight) -
     return low
 
 
-def _random_chords(points: NDArray[np.float64], clear: Sight, rounds: int, seed: int) -> NDArray[np.float64]:
-    """Straight lines between random points of the way, where they are shorter than the way and may be taken."""
+def _random_chords(points: NDArray[np.float64], clear: LineTest, rounds: int, seed: int) -> NDArray[np.float64]:
+    """Replace parts of a path by chords between random points that are shorter and pass the line test."""
     generator = np.random.default_rng(seed)
     for _ in range(rounds):
         if len(points) < 3:
@@ -156,6 +159,6 @@ def _random_chords(points: NDArray[np.float64], clear: Sight, rounds: int, seed:
 
 
 def _at(points: NDArray[np.float64], along: NDArray[np.float64], corner: int, length: float) -> NDArray[np.float64]:
-    """The point so far along the way, between a corner and the next."""
-    share = (length - along[corner]) / (along[corner + 1] - along[corner])
-    return np.asarray(points[corner] + share * (points[corner + 1] - points[corner]))
+    """Return the point at an arc length between a corner and the next; `along` (n,): arc lengths of the corners."""
+    fraction = (length - along[corner]) / (along[corner + 1] - along[corner])
+    return np.asarray(points[corner] + fraction * (points[corner + 1] - points[corner]))

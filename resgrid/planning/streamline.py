@@ -1,4 +1,4 @@
-"""Paths: streamlines, shortened ones and somebody's own; each knows the space it lies in."""
+"""Paths in a configuration space: streamlines, shortcut streamlines and user-defined polylines."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from resgrid._internal.values import frozen, picture_html
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.planning.fields import Field
-from resgrid.planning.reasons import reason_of
 from resgrid.robots import PointRobot, Robot
+from resgrid.scene.nearest_place import nearest_place
 
 
 class Outcome(StrEnum):
-    """How a streamline ended.
+    """Outcome of tracing a streamline.
 
     Examples
     --------
@@ -39,46 +39,53 @@ class Outcome(StrEnum):
     GOAL_BLOCKED = "goal_blocked"
 
 
+FAILURE_REASONS = {
+    "no_path": "obstacles separate the start from every goal",
+    "no_current": "the current here is too small to give a direction: use --drive uniform",
+    "start_blocked": "the start lies in an obstacle",
+    "goal_blocked": "no free cell has a path to a goal: move the goal, or open a passage to it",
+}
+"""Message for every outcome other than success."""
 _FLAT = (
-    "no current flows here, because these cells are connected to the goal alone and to no obstacle: open the obstacles "
+    "no current flows here, because these cells are connected to a goal but to no obstacle: open the obstacles "
     "(boundary = 'neumann', or k below 1), or let the edge count as an obstacle (edge = 'obstacle')"
 )
 _UNSAFE = (
-    "the field is not direction-safe from cell {cell} on, as far as it was solved: solve with accuracy 'direction' "
+    "the field is not direction-safe from cell {cell} on (too inaccurate to give a direction): solve with accuracy "
+    "'direction' (method 'auto', no warm start), or open obstacles with --drive uniform"
 )
-_UNSAFE += "(method 'auto', no warm start), or open obstacles with --drive uniform"
 
 
 @frozen
 @dataclass(frozen=True, eq=False)
 class Streamline:
-    """The way of a robot that follows the current from a start to a goal; its `points` lie in the world.
+    """A path that follows the current of a field from a start; its `points` are world coordinates.
 
     Attributes
     ----------
     axis_points : ndarray of float64, shape (n, ndim)
-        The start; every crossing of a cell face, the last one on the goal cell's; and the configuration within the
-        goal cell that solves the goal, where the space names one (``ConfigurationSpace.goal_points``).  In axis units,
-        as they were computed, each within its cell.  Where the streamline starts on a face, or passes through an edge
-        or a corner, several of them coincide; `points` and `line` hold each place once.
+        Points in axis units, each within its cell: the start; every crossing of a cell face, up to the face of the
+        goal cell; and the configuration within the goal cell that solves the goal, if the space defines one
+        (``ConfigurationSpace.goal_points``).  Several points coincide if the streamline starts on a face or passes
+        through an edge or a corner; `points` and `line` contain distinct points only.
     cells : ndarray of int64, shape (m, ndim)
-        The cells visited, from the start's to the goal cell entered.  Row ``i`` of `axis_points` is where cell ``i`` is
-        entered; with a last leg, straight from there to the goal, there is one row more than cells, in the last cell.
+        Visited cells, from the start cell to the entered goal cell.  Row ``i`` of `axis_points` is the point at which
+        cell ``i`` is entered.  With a last leg, straight to the goal point, n is m + 1, and the last point lies in the
+        last cell.
     outcome : Outcome
-        How it ended.
+        Reason why tracing ended.
     goal : int or None
-        Number of the goal region reached.
+        Index of the reached goal region.
     length : float
-        Length of the polyline, last leg included, in axis units (steps across a periodic seam count their true, short
-        length).
+        Length of the polyline, last leg included, in axis units and continuous across periodic seams.
     clearance : float
-        Smallest distance from the polyline to an obstacle cell's box, or to an edge of the grid that counts as an
-        obstacle; infinite where there is neither.
+        Smallest distance, in axis units, from the polyline to the box of an obstacle cell or to an edge of the grid
+        that counts as an obstacle; infinite without any.
     log_duration : float
-        Natural logarithm of the time that the velocity ``-conductivity * grad(phi)`` needs to the goal cell's face,
-        where the current ends; NaN where nothing moved.
+        Natural logarithm of the time to the goal cell's face, where the current ends, at the velocity
+        ``-conductivity * grad(phi)``; NaN without motion.
     field : Field
-        The field it follows.
+        The field whose current the streamline follows.
 
     Examples
     --------
@@ -115,46 +122,46 @@ class Streamline:
 
     @property
     def space(self) -> ConfigurationSpace:
-        """The space it lies in."""
+        """The configuration space of the path."""
         return self.field.space
 
     @cached_property
     def points(self) -> NDArray[np.float64]:
-        """Places that the streamline passes, each once, in the world, shape (m, ndim), m <= n."""
+        """Distinct points of the streamline in world coordinates, shape (m, ndim)."""
         return _in_world(self.axis_points[self._places], self.space)
 
     @property
     def reason(self) -> str | None:
-        """Why it reaches no goal, and what to do about it; None where it does."""
+        """Reason why the streamline reaches no goal, with a remedy; None if it reaches a goal."""
         if self.outcome is Outcome.NO_CURRENT and self.field.safe is not None:
             cell = tuple(self.cells[-1].tolist())
             if not self.field.safe[cell]:
                 return _UNSAFE.format(cell=cell)
         if self.outcome is Outcome.NO_CURRENT and not self.field.wiring.is_driven:
             return _FLAT
-        return reason_of(self.outcome, self.space, tuple(self.cells[0].tolist()))
+        return failure_reason(self.outcome, self.space, tuple(self.cells[0].tolist()))
 
     @property
     def point_cells(self) -> NDArray[np.int64]:
-        """Cell of every row of `axis_points`, shape (n, ndim); the segment that begins there runs in it."""
+        """Cell of every row of `axis_points`, shape (n, ndim), which also contains the segment that starts there."""
         return np.concatenate([self.cells, self.cells[-1:]])[: len(self.axis_points)]
 
     @cached_property
     def line(self) -> NDArray[np.float64]:
-        """Places that the streamline passes, each once, in axis units, continuous across seams, shape (m, ndim)."""
+        """Distinct points of the streamline in axis units, continuous across periodic seams, shape (m, ndim)."""
         return np.asarray(self._crossings[self._places])
 
     @cached_property
     def _places(self) -> NDArray[np.int64]:
-        """Rows of `axis_points` that remain where several coincide within rounding, shape (m,)."""
+        """Indices of distinct rows of `axis_points`, shape (m,); rows equal to within rounding error count once."""
         return distinct_rows(self._crossings, 0.5 * self.space.rounding * self.space.spacing)
 
     @cached_property
     def _crossings(self) -> NDArray[np.float64]:
         """All rows of `axis_points`, continuous across periodic seams, shape (n, ndim).
 
-        Nothing is guessed from distances: a point that enters a cell on its lower face came upwards, one on its upper
-        face downwards, so every step across a seam is known, in a ring of two cells too.
+        The direction of every step across a seam follows from the entered face: a point on the lower face of a cell
+        came from below, a point on the upper face from above.  This is unique even in a ring of two cells.
         """
         space, cells = self.space, self.point_cells
         local = (self.axis_points - space.lower) / space.spacing - cells
@@ -167,19 +174,20 @@ class Streamline:
 @frozen
 @dataclass(frozen=True, eq=False)
 class ShortPath:
-    """A streamline with straight lines in place of its bends; made by `shortcut`, checked by `certify_collision_free`.
+    """A streamline whose bends were replaced by straight lines, certified by `certify_free`.
 
-    Its `points` lie in the world.
+    Its `points` are world coordinates.
 
     Attributes
     ----------
     axis_points : ndarray of float64, shape (n, ndim)
-        Corners in axis units, as they were computed, from the streamline's start to its end.  Periodic coordinates
-        are continuous: they may leave the axis.
+        Corners in axis units, from the streamline's start to its end.  Coordinates are continuous across periodic
+        seams and may leave the range of a periodic axis.
     length : float
-        In axis units; at most that of the original.
+        Length in axis units, at most that of the original.
     clearance : float
-        Smallest distance to an obstacle cell's box or an edge that counts as an obstacle; infinite where there is none.
+        Smallest distance, in axis units, to the box of an obstacle cell or to an edge that counts as an obstacle;
+        infinite without any.
     original : Streamline
         The streamline that was shortened.
     """
@@ -191,41 +199,41 @@ class ShortPath:
 
     @property
     def field(self) -> Field:
-        """The field that the streamline follows."""
+        """The field of the original streamline."""
         return self.original.field
 
     @property
     def space(self) -> ConfigurationSpace:
-        """The space it lies in."""
+        """The configuration space of the path."""
         return self.original.space
 
     @property
     def goal(self) -> int | None:
-        """Number of the goal region it ends at."""
+        """Index of the goal region at the end of the path."""
         return self.original.goal
 
     @cached_property
     def points(self) -> NDArray[np.float64]:
-        """The same corners in the world, shape (n, ndim)."""
+        """Corners of the path in world coordinates, shape (n, ndim)."""
         return _in_world(self.axis_points, self.space)
 
     @property
     def line(self) -> NDArray[np.float64]:
-        """Its points in axis units, continuous across periodic seams, shape (n, ndim)."""
+        """Corners of the path in axis units, continuous across periodic seams, shape (n, ndim)."""
         return self.axis_points
 
 
 @frozen
 @dataclass(frozen=True, eq=False)
 class Polyline:
-    """A path of somebody's own, for all that takes paths.
+    """A user-defined path, accepted by all functions of paths.
 
     Parameters
     ----------
     points : array_like of float, shape (n, ndim)
-        Points of the world, continuous: across a seam they leave the range of a periodic axis.
+        World coordinates, continuous across periodic seams: they may leave the range of a periodic axis.
     space : ConfigurationSpace
-        The space it lies in.
+        Configuration space of the path.
 
     Raises
     ------
@@ -248,7 +256,7 @@ class Polyline:
         try:
             table = np.array(points, dtype=np.float64)
         except (TypeError, ValueError, OverflowError):
-            raise InputError("a path is a table of numbers, one point a row") from None
+            raise InputError("a path must be an array of numbers with one point per row") from None
         if not isinstance(space, ConfigurationSpace):
             raise InputError(f"space = {space!r} must be a ConfigurationSpace (rg.build_space(scene))")
         if table.ndim != 2 or table.shape[1] != space.ndim or not len(table):
@@ -261,17 +269,38 @@ class Polyline:
 
     @property
     def line(self) -> NDArray[np.float64]:
-        """Its points in axis units, shape (n, ndim)."""
+        """Points of the path in axis units, shape (n, ndim)."""
         return self.space.from_world(self.points)
 
 
 AnyPath = Streamline | ShortPath | Polyline
 
 
-def unwrap(path: AnyPath) -> NDArray[np.float64]:
-    """Points of a path in the world, in continuous coordinates, which may leave the range of a periodic axis.
+def failure_reason(outcome: str, space: ConfigurationSpace, cell: tuple[int, ...]) -> str | None:
+    """Return why a path from start cell `cell` ended with an outcome, with a remedy; None for success.
 
-    A point differs from the path's own by whole turns only; the start by none.
+    Only the space is known here; `resgrid.planning.advice` also tries changes of the scene.
+    """
+    if outcome not in FAILURE_REASONS:
+        return None
+    parts = [FAILURE_REASONS[outcome]]
+    if outcome in ("no_path", "start_blocked"):
+        remedy = getattr(space.robot, "remedy", "")
+        parts += [nearest_start(space, cell), "open a passage" if outcome == "no_path" else "", remedy]
+    return "; ".join(part for part in parts if part)
+
+
+def nearest_start(space: ConfigurationSpace, cell: tuple[int, ...]) -> str:
+    """Return a phrase that names the nearest free place or configuration with a path to a goal; empty without one."""
+    place = nearest_place(space.goal_connected, cell, space.axes, space.frame)
+    kind = "place" if space.robot is None or space.robot.moves_in_workspace else "configuration"
+    return f"the nearest {kind} with a path to a goal is {place}" if place else ""
+
+
+def unwrap(path: AnyPath) -> NDArray[np.float64]:
+    """Return a path's points in world coordinates that are continuous across periodic seams.
+
+    The points differ from ``path.points`` by multiples of the period of each periodic axis; the start is unchanged.
 
     Parameters
     ----------
@@ -293,20 +322,20 @@ def unwrap(path: AnyPath) -> NDArray[np.float64]:
 
 
 def robot_of(path: AnyPath) -> Robot:
-    """The robot whose path it is; a point where the space knows of none."""
+    """Return the robot of a path's space, a point robot if the space has none."""
     robot = path.space.robot
     if robot is None:
         return PointRobot()
     if not isinstance(robot, Robot):
-        raise InputError(f"the robot of this space is {with_article(type(robot).__name__)}, which is no resgrid.Robot")
+        raise InputError(f"the robot of this space must be a resgrid.Robot, not {with_article(type(robot).__name__)}")
     return robot
 
 
 def distinct_rows(points: NDArray[np.float64], tolerance: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the rows that remain when rows within a tolerance of the one kept before are left out.
+    """Return the indices (m,) of rows that differ from the previously kept row by more than a tolerance.
 
-    The first and the last row remain; if the whole path lies within the tolerance, the first alone.
-    Shapes: `points` (n, ndim); `tolerance` (ndim,); returns (m,), ascending.
+    The first and the last row are always kept, unless all rows lie within the tolerance of the first.
+    `points` (n, ndim); `tolerance` (ndim,).
     """
     kept, row = np.ones(len(points), dtype=np.bool_), 0
     for near in (np.flatnonzero(np.all(np.abs(np.diff(points, axis=0)) <= tolerance, axis=1)) + 1).tolist():
@@ -322,12 +351,12 @@ def distinct_rows(points: NDArray[np.float64], tolerance: NDArray[np.float64]) -
 
 
 def length_of(points: NDArray[np.float64]) -> float:
-    """Length of a polyline in axis units."""
+    """Return the length of a polyline (n, ndim) in axis units."""
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
 def _in_world(axis_points: NDArray[np.float64], space: ConfigurationSpace) -> NDArray[np.float64]:
-    """Points in axis units as read-only points of the world, shape (n, ndim)."""
+    """Convert points (n, ndim) in axis units to world coordinates, as a read-only array."""
     points = space.frame.to_world(axis_points)
     points.flags.writeable = False
     return points

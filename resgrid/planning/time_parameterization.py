@@ -1,9 +1,10 @@
-"""From a path to a trajectory: as fast as the axes allow.
+"""Time parameterization of paths: the fastest trajectory within velocity and acceleration limits.
 
-With limits on accelerations a corner would have to be taken at rest.  Instead it is rounded by a parabola of constant
-acceleration that leaves the straight lines at a distance ``d`` before and meets them as far behind it (linear segments
-with parabolic blends: R. P. Paul, Robot Manipulators, 1981, chapter 5).  It stays within the triangle at the corner and
-passes it at ``d |u2 - u1| / 4``, for directions ``u1`` and ``u2``, which bounds ``d``.
+With acceleration limits, the robot would have to stop at every corner.  Instead, corners are rounded by linear segments
+with parabolic blends (R. P. Paul, Robot Manipulators, 1981, chapter 5): a parabola of constant acceleration leaves the
+first line at a distance ``d`` before the corner and joins the second line at the distance ``d`` after the corner.  It
+stays within the triangle at the corner.  Its distance from the corner is ``d |u2 - u1| / 4`` for unit directions ``u1``
+and ``u2``, and the tolerance of the path thus bounds ``d``.
 """
 
 from __future__ import annotations
@@ -22,39 +23,44 @@ from resgrid.planning.streamline import AnyPath, Polyline, distinct_rows, robot_
 
 Limits = float | Sequence[float] | NDArray[np.float64]
 
-Load = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""How many times its limits each of some vectors, shape (n, ndim), is: shape (n,)."""
+LimitRatio = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+"""Function that returns the ratios (n,) of vectors (n, ndim) to their limits."""
 
 Knots = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 """Times, positions, velocities and accelerations of a trajectory."""
 
 _STRAIGHT = 1e-12
+"""Change of the unit direction at a corner below which the path counts as straight."""
+
 _MOMENT = 1e-13
+"""Duration below which a piece of a trajectory is dropped, relative to the total duration."""
+
 _MOST_SAMPLES = 10_000_000
+"""Maximum number of samples of a trajectory."""
 
 _LEAST_STEP = 1e-3
-"""Shortest last step of a sampled motion, as a fraction of the sampling period."""
+"""Minimum duration of the last step of a sampled trajectory, as a fraction of the sampling period."""
 
 
 @frozen
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """A motion: between two knots the acceleration is constant, unless it was resampled.
+    """A path with times.  Between two knots the acceleration is constant, except in resampled trajectories.
 
     Attributes
     ----------
     times : ndarray of float64, shape (n,)
-        Ascending from 0, in seconds.
+        Times of the knots, ascending from 0, in seconds.
     positions : ndarray of float64, shape (n, ndim)
         World coordinates, continuous across periodic seams.
     velocities : ndarray of float64, shape (n, ndim)
-        In the world, per second, just after each knot; 0 at the last.
+        Velocities in world coordinates per second, just after each knot; 0 at the last knot.
     accelerations : ndarray of float64, shape (n - 1, ndim)
-        In the world, per second squared, between the knots; of a resampled motion, their means.
+        Accelerations in world coordinates per second squared, between the knots; means in a resampled trajectory.
     path : Streamline, ShortPath or Polyline
-        The path that it times.
+        The path that was time-parameterized.
     motion : Trajectory or None
-        Of a resampled motion, the one it was taken from, which it follows between its knots too.
+        For a resampled trajectory, the original, which defines the motion between knots.
     """
 
     times: NDArray[np.float64]
@@ -66,7 +72,7 @@ class Trajectory:
 
     @property
     def space(self) -> ConfigurationSpace:
-        """The space it lies in."""
+        """Configuration space of the path."""
         return self.path.space
 
     @property
@@ -75,16 +81,29 @@ class Trajectory:
         return float(self.times[-1])
 
     def at(self, times: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Positions and velocities at any times, both (m, ndim); before the start and after the end the robot rests.
+        """Return positions and velocities at given times; the robot rests before the start and after the end.
 
-        Shapes: `times` (m,), in seconds.
+        Parameters
+        ----------
+        times : array_like of float, shape (m,)
+            In seconds.
+
+        Returns
+        -------
+        positions, velocities : ndarray of float64, shape (m, ndim)
+            In world coordinates and world coordinates per second.
+
+        Raises
+        ------
+        InputError
+            If a time is not a number, or the times are not one-dimensional.
         """
         try:
             when = np.atleast_1d(np.asarray(times, dtype=np.float64))
         except (TypeError, ValueError):
             when = np.full(1, np.nan)
         if when.ndim != 1 or np.isnan(when).any():
-            raise InputError("a time is not a number, or the times are no row")
+            raise InputError("times must be a one-dimensional sequence of numbers")
         if self.motion is not None:
             return self.motion.at(when)
         if len(self.times) < 2:
@@ -101,15 +120,30 @@ class Trajectory:
         return position, velocity
 
     def sample(self, rate: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """So many times a second and the end (m,), with positions and velocities there, both (m, ndim).
+        """Sample the trajectory at a constant rate; the end is always included.
 
-        A time that precedes the end by less than a thousandth of a period is left out: the same place twice, or a step
-        whose acceleration is a quotient of rounding errors, would follow.
+        The last regular sample is omitted if it precedes the end by less than a thousandth of the period, because the
+        acceleration of such a step would be a quotient of rounding errors.
+
+        Parameters
+        ----------
+        rate : float
+            Samples per second.
+
+        Returns
+        -------
+        times : ndarray of float64, shape (m,)
+        positions, velocities : ndarray of float64, shape (m, ndim)
+
+        Raises
+        ------
+        InputError
+            If the rate is not positive, or gives more than 10,000,000 samples.
         """
-        check_number("rate", rate, "a positive number of samples a second", above=0.0)
+        check_number("rate", rate, "a positive number of samples per second", above=0.0)
         if rate * self.duration > _MOST_SAMPLES:
             raise InputError(
-                f"{rate:g} samples a second for {self.duration:g} s are more than {_MOST_SAMPLES:,}; lower the rate"
+                f"{rate:g} samples per second for {self.duration:g} s exceed {_MOST_SAMPLES:,}; lower the rate"
             )
         steps = np.arange(int(np.floor(rate * self.duration)) + 1) / rate
         apart = (self.duration - steps) * rate >= _LEAST_STEP
@@ -118,7 +152,10 @@ class Trajectory:
         return times, *self.at(times)
 
     def resampled(self, rate: float) -> Trajectory:
-        """The same motion with so many knots a second: exact at them, and `at` any time; accelerations are means."""
+        """Return the motion with knots at a constant rate per second.
+
+        Positions and velocities are exact at the knots, and `at` remains exact at all times.  Accelerations are means.
+        """
         times, positions, velocities = self.sample(rate)
         step = np.diff(times)[:, np.newaxis]
         accelerations = np.diff(velocities, axis=0) / step
@@ -132,38 +169,37 @@ def time_parameterize(
     acceleration_limits: Limits | None = None,
     tolerance: NotNegative | None = None,
 ) -> Trajectory:
-    """Time a path as fast as limits allow.
+    """Compute the fastest trajectory along a path within velocity and acceleration limits.
 
-    With velocities alone every segment is passed at the greatest constant velocity, which jumps at corners.  With
-    accelerations the robot starts and ends at rest, corners are rounded at constant speed, and on the straight parts it
-    accelerates and brakes as hard as it may (speeds at corners by a forward and a backward pass): no motion of this
-    kind is faster.
+    With velocity limits only, each segment has the largest permitted constant velocity, which jumps at corners.  With
+    acceleration limits, the robot starts and ends at rest.  It rounds corners at constant speed, and accelerates and
+    brakes on straight parts with the largest permitted acceleration.  The speeds at corners follow from a forward and a
+    backward pass.  No trajectory of this form is faster.
 
     Parameters
     ----------
     path : Streamline, ShortPath or Polyline
     velocity_limits : float or sequence of float
-        In units of the world's coordinates a second, positive.  A number for each of them limits each by itself.  One
-        number limits how fast the robot itself is: of a point or a disc its speed in whatever direction; of other
-        robots every axis by itself.
+        Positive limits in world coordinates per second.  A sequence limits each coordinate separately.  A single number
+        limits the speed (Euclidean norm) of point and disc robots, and each coordinate of other robots.
     acceleration_limits : float or sequence of float, optional
-        Likewise, a second squared.
+        Limits in world coordinates per second squared, applied in the same form.
     tolerance : float, optional
-        Greatest distance, in axis units, from the path: half of it to straighten the path's small bends, half to round
-        the corners that are left.  By default half the path's clearance, at most a quarter of the narrowest cell; of a
-        `Polyline`, 0: rest at every corner.  A path that touches an obstacle, as those of open ones do, has no
-        clearance either, and rests at every bend: `shortcut` it with a clearance first, or say how far it may swerve.
-        Only with accelerations.
+        Maximum deviation from the path, in axis units: one half to straighten small bends, one half to round the
+        remaining corners.  By default half of the path's clearance, at most a quarter of the smallest cell width; for a
+        `Polyline` 0, so that the robot stops at every corner.  A path that touches an obstacle, which is common with
+        open obstacles, has clearance 0, and the robot stops at every bend: shortcut the path with a clearance first,
+        or give a tolerance.  Only with acceleration limits.
 
     Returns
     -------
     Trajectory
-        In the world.
+        In world coordinates.
 
     Raises
     ------
     InputError
-        If a limit is not positive, or does not fit the axes.
+        If a limit is not positive, or the number of limits is not the number of axes.
 
     Examples
     --------
@@ -173,42 +209,43 @@ def time_parameterize(
     >>> round(float(fast.times[-1]), 2), round(float(smooth.times[-1]), 2)
     (4.11, 7.35)
     """
-    velocity = _load("velocity_limits", velocity_limits, path)
-    points = _distinct(unwrap(path))
+    velocity = _limit_ratio("velocity_limits", velocity_limits, path)
+    points = _without_duplicates(unwrap(path))
     if acceleration_limits is None:
         if tolerance is not None:
-            raise InputError("tolerance rounds corners for the sake of accelerations: give acceleration_limits too")
+            raise InputError("tolerance applies only with acceleration limits: give acceleration_limits too")
         return Trajectory(*_at_constant_velocities(points, velocity), path)
-    acceleration = _load("acceleration_limits", acceleration_limits, path)
+    acceleration = _limit_ratio("acceleration_limits", acceleration_limits, path)
     within = _default_tolerance(path) if tolerance is None else tolerance
     if len(points) < 2:
         return Trajectory(*_at_constant_velocities(points, velocity), path)
-    corners = _straightened(points, max(within / 2, 4 * np.spacing(np.abs(points).max())))
-    return Trajectory(*_blended(corners, velocity, acceleration, within / 2), path)
+    corners = _simplified(points, max(within / 2, 4 * np.spacing(np.abs(points).max())))
+    return Trajectory(*_with_blends(corners, velocity, acceleration, within / 2), path)
 
 
 def _default_tolerance(path: AnyPath) -> float:
+    """Return the default deviation from a path, in axis units."""
     if isinstance(path, Polyline):
         return 0.0
     clearance = np.inf if np.isnan(path.clearance) else path.clearance
     return float(min(clearance / 2, path.space.spacing.min() / 4))
 
 
-def _load(name: str, limits: Limits, path: AnyPath) -> Load:
-    """How limits weigh vectors of the world."""
+def _limit_ratio(name: str, limits: Limits, path: AnyPath) -> LimitRatio:
+    """Return a function that computes the ratio of vectors in world coordinates to the limits."""
     each = per_axis(name, limits, path.space.ndim, "positive and finite", above=0.0)
     if np.size(limits) == 1 and robot_of(path).moves_in_workspace:
         return lambda vectors: np.asarray(np.linalg.norm(vectors, axis=1) / each[0])
     return lambda vectors: np.asarray((np.abs(vectors) / each).max(axis=1))
 
 
-def _distinct(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The points without repetitions of the one before."""
+def _without_duplicates(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points (n, ndim) without consecutive duplicates."""
     return np.asarray(points[distinct_rows(points, np.zeros(points.shape[1]))])
 
 
-def _straightened(points: NDArray[np.float64], within: float) -> NDArray[np.float64]:
-    """Corners that keep the path within a distance (Ramer 1972; Douglas & Peucker 1973)."""
+def _simplified(points: NDArray[np.float64], within: float) -> NDArray[np.float64]:
+    """Simplify a polyline to corners within a distance of it (Ramer 1972; Douglas & Peucker 1973)."""
     keep = np.zeros(len(points), dtype=bool)
     keep[[0, -1]] = True
     open_parts = [(0, len(points) - 1)]
@@ -216,24 +253,26 @@ def _straightened(points: NDArray[np.float64], within: float) -> NDArray[np.floa
         first, last = open_parts.pop()
         if last - first < 2:
             continue
-        away = _distance_from_line(points[first + 1 : last], points[first], points[last])
+        away = _distance_from_segment(points[first + 1 : last], points[first], points[last])
         farthest = int(np.argmax(away))
         if away[farthest] > within:
             keep[middle := first + 1 + farthest] = True
             open_parts += [(first, middle), (middle, last)]
-    return _distinct(points[keep])
+    return _without_duplicates(points[keep])
 
 
-def _distance_from_line(
+def _distance_from_segment(
     points: NDArray[np.float64], start: NDArray[np.float64], end: NDArray[np.float64]
 ) -> NDArray[np.float64]:
+    """Return the distances (n,) of points (n, ndim) from a segment."""
     along = end - start
     square = along @ along
-    share = np.clip((points - start) @ along / square, 0.0, 1.0) if square else np.zeros(len(points))
-    return np.asarray(np.linalg.norm(points - start - share[:, np.newaxis] * along, axis=1))
+    fraction = np.clip((points - start) @ along / square, 0.0, 1.0) if square else np.zeros(len(points))
+    return np.asarray(np.linalg.norm(points - start - fraction[:, np.newaxis] * along, axis=1))
 
 
-def _at_constant_velocities(points: NDArray[np.float64], velocity: Load) -> Knots:
+def _at_constant_velocities(points: NDArray[np.float64], velocity: LimitRatio) -> Knots:
+    """Return a trajectory with the largest constant velocity on each segment."""
     step = np.diff(points, axis=0)
     seconds = velocity(step)
     velocities = np.concatenate([step / seconds[:, np.newaxis], np.zeros((1, points.shape[1]))])
@@ -241,35 +280,40 @@ def _at_constant_velocities(points: NDArray[np.float64], velocity: Load) -> Knot
     return times, points, velocities, np.zeros_like(step)
 
 
-def _blended(points: NDArray[np.float64], velocity: Load, acceleration: Load, within: float) -> Knots:
+def _with_blends(points: NDArray[np.float64], velocity: LimitRatio, acceleration: LimitRatio, within: float) -> Knots:
+    """Return the trajectory of linear segments with parabolic blends that round corners within a distance."""
     step = np.diff(points, axis=0)
     length = np.linalg.norm(step, axis=1)
     heading = step / length[:, np.newaxis]
-    top_speed, push = 1.0 / velocity(heading), 1.0 / acceleration(heading)
-    reach, corner_speed = _corners(heading, length, top_speed, acceleration, within)
+    top_speed, accel = 1.0 / velocity(heading), 1.0 / acceleration(heading)
+    reach, corner_speed = _blend_limits(heading, length, top_speed, acceleration, within)
     straight = np.maximum(length - reach[:-1] - reach[1:], 0.0)
-    speed = _passes(corner_speed, straight, push)
+    speed = _attainable_speeds(corner_speed, straight, accel)
     pieces: list[tuple[float, NDArray[np.float64]]] = []
     for k in range(len(length)):
         if reach[k] > 0:
             pieces.append((2 * reach[k] / speed[k], speed[k] * heading[k]))
         pieces += [
             (seconds, end_speed * heading[k])
-            for seconds, end_speed in _straight(straight[k], speed[k], speed[k + 1], top_speed[k], push[k])
+            for seconds, end_speed in _straight_pieces(straight[k], speed[k], speed[k + 1], top_speed[k], accel[k])
         ]
-    return _joined(points, pieces)
+    return _knots(points, pieces)
 
 
-def _straight(length: float, enter: float, leave: float, top: float, push: float) -> list[tuple[float, float]]:
-    """Durations and final speeds of the pieces of a straight part: accelerate, cruise, brake."""
-    peak = min(top, float(np.sqrt(push * length + (enter**2 + leave**2) / 2)))
+def _straight_pieces(length: float, enter: float, leave: float, top: float, accel: float) -> list[tuple[float, float]]:
+    """Return durations and final speeds of a straight part's pieces: acceleration, constant speed, braking.
+
+    `enter, leave`: speeds at the ends; `top`: speed limit; `accel`: acceleration limit along the part.
+    """
+    peak = min(top, float(np.sqrt(accel * length + (enter**2 + leave**2) / 2)))
     peak = max(peak, enter, leave)
-    cruise = length - (2 * peak**2 - enter**2 - leave**2) / (2 * push)
-    pieces = [((peak - enter) / push, peak), (max(cruise, 0.0) / peak, peak), ((peak - leave) / push, leave)]
+    cruise = length - (2 * peak**2 - enter**2 - leave**2) / (2 * accel)
+    pieces = [((peak - enter) / accel, peak), (max(cruise, 0.0) / peak, peak), ((peak - leave) / accel, leave)]
     return [(seconds, speed) for seconds, speed in pieces if seconds > 0]
 
 
-def _joined(points: NDArray[np.float64], pieces: list[tuple[float, NDArray[np.float64]]]) -> Knots:
+def _knots(points: NDArray[np.float64], pieces: list[tuple[float, NDArray[np.float64]]]) -> Knots:
+    """Return the knots of a trajectory from the duration and final velocity of each piece of constant acceleration."""
     total = sum(duration for duration, _ in pieces)
     pieces = [piece for piece in pieces if piece[0] > _MOMENT * total]
     seconds = np.array([duration for duration, _ in pieces])
@@ -283,14 +327,14 @@ def _joined(points: NDArray[np.float64], pieces: list[tuple[float, NDArray[np.fl
     return times, positions, velocities, np.diff(velocities, axis=0) / duration
 
 
-def _corners(
+def _blend_limits(
     heading: NDArray[np.float64],
     length: NDArray[np.float64],
     top_speed: NDArray[np.float64],
-    acceleration: Load,
+    acceleration: LimitRatio,
     within: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """How far each blend reaches on both sides, and the greatest speed in it; both 0 at start and end."""
+    """Return the distance ``d`` of every blend from its corner, and the largest speed in it; 0 at start and end."""
     reach, speed = np.zeros(len(length) + 1), np.zeros(len(length) + 1)
     turn = np.diff(heading, axis=0)
     sharpness = np.linalg.norm(turn, axis=1)
@@ -298,21 +342,24 @@ def _corners(
     half = np.minimum(length[:-1], length[1:]) / 2
     with np.errstate(divide="ignore"):
         reach[1:-1] = np.where(bent, np.minimum(4 * within / np.maximum(sharpness, _STRAIGHT), half), 0.0)
-        push = 1.0 / acceleration(turn)
+        accel = 1.0 / acceleration(turn)
     limit = np.minimum(top_speed[:-1], top_speed[1:])
-    # Over 2 d at speed v the velocity changes by v (u2 - u1), hence the acceleration is v^2 (u2 - u1) / (2 d).
+    # Over a distance 2 d at speed v, the velocity changes by v (u2 - u1): the acceleration is v^2 (u2 - u1) / (2 d).
     with np.errstate(invalid="ignore"):
-        speed[1:-1] = np.where(bent, np.minimum(limit, np.sqrt(2 * reach[1:-1] * push)), limit)
+        speed[1:-1] = np.where(bent, np.minimum(limit, np.sqrt(2 * reach[1:-1] * accel)), limit)
     return reach, speed
 
 
-def _passes(
-    limit: NDArray[np.float64], straight: NDArray[np.float64], push: NDArray[np.float64]
+def _attainable_speeds(
+    limit: NDArray[np.float64], straight: NDArray[np.float64], accel: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Greatest speeds at the corners from which the next can be met: v'^2 <= v^2 + 2 a s, forward and backward."""
+    """Return the largest speeds at corners that satisfy ``v'^2 <= v^2 + 2 a s`` in a forward and a backward pass.
+
+    `limit` (n + 1,): speed limits at corners; `straight` (n,): lengths s; `accel` (n,): accelerations a.
+    """
     square = limit**2
     for k in range(len(straight)):
-        square[k + 1] = min(square[k + 1], square[k] + 2 * push[k] * straight[k])
+        square[k + 1] = min(square[k + 1], square[k] + 2 * accel[k] * straight[k])
     for k in range(len(straight) - 1, -1, -1):
-        square[k] = min(square[k], square[k + 1] + 2 * push[k] * straight[k])
+        square[k] = min(square[k], square[k + 1] + 2 * accel[k] * straight[k])
     return np.sqrt(square)

@@ -1,10 +1,10 @@
-"""Streamlines: from a start, along the current, to a goal.
+"""Pollock tracing of streamlines along the current, from a start to a goal.
 
-Pollock's semi-analytical method (D. W. Pollock, Ground Water 26(6), 1988): inside a cell every velocity component is
-linear between the two faces it crosses, so that exit face and time have a closed form.  No interpolated voltage is ever
-used: a wall face carries no, or inward, current, and each crossing strictly lowers the node potential.  A streamline
-therefore cannot enter an obstacle, cut a corner, loop, or stop short of a goal.  Where the current ends, on the face of
-a goal cell, a straight leg within that convex cell leads on to the configuration that solves the goal.
+The method is semi-analytical (D. W. Pollock, Ground Water 26(6), 1988): inside a cell, each velocity component is
+linear between the two faces that it crosses, so that exit face and time have a closed form.  Voltages are not
+interpolated.  A face to an obstacle carries no outward current, and each crossing strictly lowers the node potential.
+A streamline therefore cannot enter an obstacle, cut a corner, loop, or stop before a goal.  The current ends on the
+face of a goal cell.  From there a straight leg within this convex cell leads to the configuration that solves the goal.
 """
 
 from __future__ import annotations
@@ -24,25 +24,27 @@ from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Outcome, Streamline
 
 _BATCH = 1 << 18
+"""Number of streamlines per kernel call in `basins`."""
 
 
 @frozen
 @dataclass(frozen=True, eq=False)
 class Traces:
-    """The ends of many streamlines.
+    """End points and measures of n streamlines, without their points.
 
     Attributes
     ----------
     outcome : ndarray of str, shape (n,)
         Values of `Outcome`.
     goal : ndarray of int64, shape (n,)
-        Goal region reached, -1 for none.
+        Index of the reached goal region, or -1.
     length : ndarray of float64, shape (n,)
-        In axis units, last leg included; NaN where the streamline does not reach a goal.
+        Length in axis units, last leg included; NaN if the streamline does not reach a goal.
     log_duration : ndarray of float64, shape (n,)
-        As in `Streamline`.
+        Natural logarithm of the time to the goal cell's face at the velocity ``-conductivity * grad(phi)``; NaN without
+        motion.
     steps : ndarray of int64, shape (n,)
-        Faces crossed.
+        Number of crossed faces.
     """
 
     outcome: NDArray[np.str_]
@@ -55,28 +57,28 @@ class Traces:
 def streamline(field: Field, start: ArrayLike | None = None, *, cell: Sequence[int] | None = None) -> Streamline:
     """Follow the current from a start to a goal.
 
-    Where no axis leads out in finite time (stagnation points and the lines that lead to them, starts on a wall) the
-    streamline leaves straight through the face with the largest outward current.
+    If no velocity component reaches a face in finite time (at stagnation points, on lines that lead to them, and for
+    starts on an obstacle's face), the streamline leaves straight through the face with the largest outward current.
 
     Parameters
     ----------
     field : Field
     start : array_like of float, shape (ndim,)
-        World coordinates; any point of the grid.
+        World coordinates of a point within the grid.
     cell : sequence of int, optional
-        Instead of `start`: a cell, whose centre is the start.
+        Cell whose centre is the start, instead of `start`.
 
     Returns
     -------
     Streamline
-        Typed by its outcome; certified by `resgrid.certify`.
+        Its ``outcome`` tells whether it reached a goal; `resgrid.certify` verifies it.
 
     Raises
     ------
     InputError
         If the start lies outside the grid, or not exactly one of `start` and `cell` is given.
     AccuracyError
-        If the streamline does not end, which a direction-safe field rules out.
+        If the streamline does not end, which is impossible in a direction-safe field.
 
     Examples
     --------
@@ -95,7 +97,7 @@ def streamline(field: Field, start: ArrayLike | None = None, *, cell: Sequence[i
 
 
 def follow(field: Field, point: NDArray[np.float64]) -> Streamline:
-    """The streamline from a point in axis units, shape (ndim,); see `streamline`."""
+    """Trace the streamline from a point in axis units, shape (ndim,)."""
     from resgrid.planning import kernels
 
     space = field.space
@@ -113,7 +115,7 @@ def follow(field: Field, point: NDArray[np.float64]) -> Streamline:
     kernels.trace(field.flow, first, position, cells, local)
     reached = code == kernels.REACHED and space.cell[tuple(cells[-1])] == Cell.GOAL
     end, leg = _last_leg(space, cells[-1:], local[-1:])
-    # A segment ends where the next one starts, seen from its own cell: a point that enters at 0 came upward.
+    # A segment ends where the next one starts, relative to its own cell: a point that enters at 0 came from below.
     step = np.where(np.diff(cells, axis=0) != 0, np.where(local[1:] == 0.0, 1, -1), 0)
     ends = np.concatenate([local[1:] + step, end])
     return Streamline(
@@ -129,13 +131,13 @@ def follow(field: Field, point: NDArray[np.float64]) -> Streamline:
 
 
 def streamlines(field: Field, starts: ArrayLike) -> Traces:
-    """Follow the current from many starts, and keep the ends only.
+    """Follow the current from n starts, and return the ends without the points in between.
 
     Parameters
     ----------
     field : Field
     starts : array_like of float, shape (n, ndim) or (ndim,)
-        World coordinates; one start is a row of its own.
+        World coordinates, one start per row.
 
     Returns
     -------
@@ -146,7 +148,7 @@ def streamlines(field: Field, starts: ArrayLike) -> Traces:
     InputError
         If the starts have another shape, or one lies outside the grid.
     AccuracyError
-        If a streamline does not end.
+        If a streamline does not end, which is impossible in a direction-safe field.
 
     Examples
     --------
@@ -161,7 +163,7 @@ def streamlines(field: Field, starts: ArrayLike) -> Traces:
 
 
 def follow_many(field: Field, points: NDArray[np.float64]) -> Traces:
-    """The ends of streamlines from points in axis units, shape (n, ndim); see `streamlines`."""
+    """Trace streamlines from points in axis units, shape (n, ndim), and return their ends."""
     from resgrid.planning import kernels
 
     cells, local = start_cells(field.space, points)
@@ -183,9 +185,9 @@ def follow_many(field: Field, points: NDArray[np.float64]) -> Traces:
 
 
 def basins(field: Field) -> NDArray[np.int32]:
-    """Which goal the streamline from the centre of every cell reaches.
+    """Return the goal that the streamline from the centre of every cell reaches.
 
-    Only cells from which the current leads to several goals are traced.
+    Streamlines are traced only from cells whose current leads to more than one goal.
 
     Parameters
     ----------
@@ -194,12 +196,12 @@ def basins(field: Field) -> NDArray[np.int32]:
     Returns
     -------
     ndarray of int32, shape of the space
-        Number of the goal region; -1 on obstacles, and where no streamline reaches a goal.
+        Index of the goal region; -1 on obstacles, and for cells from which no goal is reached.
 
     Raises
     ------
     AccuracyError
-        If a streamline does not end, which a direction-safe field rules out.
+        If a streamline does not end, which is impossible in a direction-safe field.
 
     Examples
     --------
@@ -223,9 +225,9 @@ def basins(field: Field) -> NDArray[np.int32]:
 def start_cells(
     space: ConfigurationSpace, points: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return cells and positions within them of starts, all (n, ndim).
+    """Return the cells of points in axis units and the positions within them, in [0, 1]; all shapes (n, ndim).
 
-    A start in an obstacle cell belongs to a free neighbour if it lies on their common border, rounding error included.
+    A point of an obstacle cell is assigned to a free neighbour if it lies on their common border, to rounding error.
     """
     cells, local = space.split(points)
     size, slack = np.array(space.shape), space.rounding_errors
@@ -243,24 +245,27 @@ def start_cells(
 
 
 def start_cell(space: ConfigurationSpace, start: ArrayLike) -> tuple[int, ...]:
-    """Cell of a start in the world, free if it touches a free one.  Shapes: `start` (ndim,)."""
+    """Return the cell of a start in world coordinates, shape (ndim,); a point on a border gets a free cell."""
     return tuple(start_cells(space, one_start(space, start, None)[np.newaxis])[0][0].tolist())
 
 
 def one_start(space: ConfigurationSpace, start: ArrayLike | None, cell: Sequence[int] | None) -> NDArray[np.float64]:
-    """A start that is given as a point of the world or as a cell, in axis units, shape (ndim,)."""
+    """Return a start, given in world coordinates or as a cell, in axis units, shape (ndim,)."""
     if (start is None) == (cell is None):
         raise InputError("give either a start point or a start cell")
     if start is not None:
         points = start_points(space, start)
         if len(points) != 1:
-            raise InputError(f"one start is wanted, a point with {space.ndim} coordinates; got {len(points)}")
+            raise InputError(f"start must be a single point with {space.ndim} coordinates, got {len(points)} points")
         return np.asarray(points[0])
     return space.axis_centre(cell_indices(space, cell, ndim=1))
 
 
 def cell_indices(space: ConfigurationSpace, cells: ArrayLike | None, ndim: int | None = None) -> NDArray[np.int64]:
-    """Cells that are given by their indices, checked, shape (..., ndim); with `ndim`, as an array of so many axes."""
+    """Return cell indices (..., ndim) as int64; raise InputError unless they are in the grid.
+
+    With `ndim`, the array itself must have this number of dimensions.
+    """
     index = np.asarray(cells)
     if index.dtype.kind not in "iu" or index.shape[-1:] != (space.ndim,) or ndim not in (None, index.ndim):
         raise InputError(f"a cell of this space has {space.ndim} whole indices, got {cells!r}")
@@ -272,7 +277,7 @@ def cell_indices(space: ConfigurationSpace, cells: ArrayLike | None, ndim: int |
 
 
 def start_points(space: ConfigurationSpace, starts: ArrayLike) -> NDArray[np.float64]:
-    """Starts given in the world, shape (n, ndim) or (ndim,), in axis units: an array of shape (n, ndim)."""
+    """Return starts, given in world coordinates (n, ndim) or (ndim,), in axis units, shape (n, ndim)."""
     try:
         points = np.asarray(starts, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -291,12 +296,12 @@ def start_points(space: ConfigurationSpace, starts: ArrayLike) -> NDArray[np.flo
             raise
         within = np.all((inside >= space.lower) & (inside <= space.upper) | space.periodic, axis=1)
         given = tuple(points[int(np.argmin(within))].tolist())
-        raise InputError(f"the start {given} in the world: along the map's own axes {error}") from None
+        raise InputError(f"start {given} lies outside the map; in the map's own axes, {error}") from None
     return inside
 
 
 def static_outcomes(space: ConfigurationSpace, cells: NDArray[np.int64]) -> NDArray[np.str_]:
-    """Outcomes that cells (n, ndim) decide before anything flows, shape (n,); empty where connectivity finds a path."""
+    """Return the outcomes of start cells (n, ndim) that follow from connectivity; "" where a path exists."""
     at = tuple(cells.T)
     code = space.cell[at]
     outcome = np.full(len(cells), "", dtype="U16")
@@ -308,7 +313,7 @@ def static_outcomes(space: ConfigurationSpace, cells: NDArray[np.int64]) -> NDAr
 
 
 def _points(space: ConfigurationSpace, cells: NDArray[np.int64], locals_: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points of a streamline in axis units, the last cell's goal point behind them."""
+    """Return the points of a streamline in axis units, followed by the last cell's goal point, if one is defined."""
     points = space.lower + (cells + locals_) * space.spacing
     goal = space.goal_point(cells[-1:])
     return points if np.isnan(goal).any() else np.concatenate([points, goal])
@@ -317,23 +322,30 @@ def _points(space: ConfigurationSpace, cells: NDArray[np.int64], locals_: NDArra
 def _last_leg(
     space: ConfigurationSpace, cells: NDArray[np.int64], local: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Positions within their cells at which last legs end, shape (n, ndim), and their lengths, (n,); 0 for none."""
+    """Return ends of the legs to goal points, as positions within the cells (n, ndim), and their lengths (n,).
+
+    A cell without a goal point has a leg of length 0.
+    """
     goal = (space.goal_point(cells) - space.lower) / space.spacing - cells
     end = np.where(np.isnan(goal), local, np.clip(goal, 0.0, 1.0))
     return end, np.linalg.norm((end - local) * space.spacing, axis=1)
 
 
 def _check_ended(code: NDArray[np.int64]) -> None:
+    """Raise AccuracyError if a streamline did not end.  `code` (n,): results of the kernel."""
     from resgrid.planning import kernels
 
     if np.any(code == kernels.ENDLESS):
         raise AccuracyError(
-            "a streamline visits more cells than there are: the field is not direction-safe; solve with "
+            "a streamline visits more cells than the grid has: the field is not direction-safe; solve with "
             "accuracy = 'direction'"
         )
 
 
 def _log_duration(field: Field, log_time: NDArray[np.float64]) -> NDArray[np.float64]:
-    """From face currents to velocities: ``d xi / dt = I R / supply / h_ref**2`` in every axis; NaN where none moved."""
+    """Return log durations (n,) at the velocity ``d xi / dt = I R / supply / h_ref**2``; NaN without motion.
+
+    `log_time` (n,): logarithms of times in units in which velocities are face currents.
+    """
     scaled = log_time + 2.0 * np.log(field.space.spacing.min())
     return np.where(np.isneginf(log_time), np.nan, scaled)

@@ -1,4 +1,4 @@
-"""Paths of a configuration space seen in the workspace: where the robot itself goes, and what it comes near."""
+"""Paths in the workspace: positions of the robot, clearance from obstacles, and collisions, with exact geometry."""
 
 from __future__ import annotations
 
@@ -17,16 +17,19 @@ from resgrid.robots.geometry import Obstacle, obstacles_of
 from resgrid.scene.world_coordinates import to_space
 
 _MOST = 5_000_000
+"""Maximum number of sampled configurations of a path."""
+
 _BATCH = 4096
+"""Number of configurations per vectorized distance computation."""
 
 
 @frozen
 @dataclass(frozen=True, eq=False)
 class Collision:
-    """The first place of a path where the robot enters an obstacle.
+    """First collision of a robot with an obstacle along a path.
 
-    `segment`: number of the path's segment, from 0; `configuration` (ndim,): in world coordinates; `part`: which
-    rigid part of the robot: of an arm, the link, from 0; `obstacle`: which of the obstacles, from 0.
+    `segment`: index of the path's segment; `configuration` (ndim,): in world coordinates; `part`: index of the robot's
+    rigid part (the link of an arm); `obstacle`: index of the obstacle.  Indices start at 0.
     """
 
     segment: int
@@ -36,7 +39,7 @@ class Collision:
 
 
 def workspace_path(path: AnyPath) -> NDArray[np.float64]:
-    """Where the robot's reference point goes in the workspace: of an arm, its tip.
+    """Return the path of the robot's reference point (an arm's tip) in the workspace.
 
     Parameters
     ----------
@@ -45,8 +48,8 @@ def workspace_path(path: AnyPath) -> NDArray[np.float64]:
     Returns
     -------
     ndarray of float64, shape (n, d)
-        In the world: one place per point of the path; d is 2 for arms and turning polygons, ndim for points, whose
-        path this is.
+        World coordinates, one position per point of the path; d is 2 for arms and turning polygons, and ndim for point
+        robots, whose path is returned unchanged.
 
     Examples
     --------
@@ -60,26 +63,27 @@ def workspace_path(path: AnyPath) -> NDArray[np.float64]:
 
 
 def workspace_clearance(path: AnyPath, obstacles: Sequence[Shape], *, step: Positive = 0.01) -> float:
-    """Smallest distance from the whole robot to the obstacles along a path, with exact geometry.
+    """Compute the smallest distance from the whole robot to the obstacles along a path, with exact geometry.
 
     Parameters
     ----------
     path : Streamline, ShortPath or Polyline
     obstacles : sequence of Shape
-        In world coordinates; a `CellSet` lies along the axes of the space.
+        Shapes in world coordinates; a `CellSet` has the axes of the space.
     step : float
-        No point of the robot moves farther than this between two configurations looked at, in workspace units; so
-        the distance on the way between them is at least the result less half a step.
+        Maximum motion of any point of the robot between two sampled configurations, in workspace units.  Between them
+        the distance is at least the result minus half a step.
 
     Returns
     -------
     float
-        0 where they meet, infinite without obstacles.
+        In workspace units; 0 at a contact, infinite without obstacles.
 
     Raises
     ------
     InputError
-        If the robot's geometry is not known, or the step is not positive or far too small.
+        If the robot has no geometry in the plane, the step is not positive, or it gives more than 5,000,000
+        configurations.
 
     Examples
     --------
@@ -96,25 +100,26 @@ def workspace_clearance(path: AnyPath, obstacles: Sequence[Shape], *, step: Posi
 
 
 def check_collisions(path: AnyPath, obstacles: Sequence[Shape], *, step: Positive = 0.01) -> Collision | None:
-    """Drive the whole robot along a path, with exact geometry, until it enters an obstacle.
+    """Return the first collision of the whole robot with an obstacle along a path, with exact geometry.
 
     Parameters
     ----------
     path : Streamline, ShortPath or Polyline
     obstacles : sequence of Shape
-        In world coordinates; a `CellSet` lies along the axes of the space.
+        Shapes in world coordinates; a `CellSet` has the axes of the space.
     step : float
-        As in `workspace_clearance`.
+        Maximum motion of any point of the robot between two tested configurations, in workspace units.
 
     Returns
     -------
     Collision or None
-        None where nothing is entered; to touch a border (within 1e-9) is not to enter.
+        None without a collision.  Touching an obstacle, to within 1e-9, is not a collision.
 
     Raises
     ------
     InputError
-        As `workspace_clearance`.
+        If the robot has no geometry in the plane, the step is not positive, or it gives more than 5,000,000
+        configurations.
 
     Examples
     --------
@@ -142,26 +147,31 @@ def check_collisions(path: AnyPath, obstacles: Sequence[Shape], *, step: Positiv
 def _poses(
     path: AnyPath, obstacles: Sequence[Shape], step: float
 ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.int64], list[RigidPart], list[Obstacle]]]:
-    """A few thousand configurations at a time, the segments they lie on, the robot's parts there, and the obstacles."""
+    """Yield batches of configurations along a path, with their segments, the robot's parts there, and all obstacles."""
     robot, space = robot_of(path), path.space
     solids = obstacles_of((to_space(shape, space.frame) for shape in obstacles), robot.workspace_axes(space.axes))
-    configurations, segment = dense(path, step)
+    configurations, segment = sample_path(path, step)
     own = robot.within_seams(space.axes, configurations)
     for first in range(0, len(own), _BATCH):
         some = slice(first, first + _BATCH)
         yield configurations[some], segment[some], robot.parts(own[some]), solids
 
 
-def dense(path: AnyPath, step: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Configurations (m, ndim) along a path, in axis units, at most a step of the robot apart; segments (m,)."""
+def sample_path(path: AnyPath, step: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return configurations (m, ndim) along a path, in axis units, and the indices of their segments (m,).
+
+    Between two configurations no point of the robot moves farther than a step, in workspace units.
+    """
     points, robot = path.line, robot_of(path)
     robot.check_axes(path.space.axes)
     pieces = np.maximum(np.ceil(robot.travel(points[:-1], points[1:]) / step), 1.0)
     if pieces.sum() > _MOST:
-        raise InputError(f"a step of {step:g} makes {pieces.sum():,.0f} configurations; choose a longer one")
+        raise InputError(
+            f"step = {step:g} gives {pieces.sum():,.0f} configurations, more than {_MOST:,}; choose a longer step"
+        )
     count = pieces.astype(np.int64)
     segment = np.repeat(np.arange(len(count)), count)
-    share = (np.arange(len(segment)) - np.repeat(np.cumsum(count) - count, count)) / np.repeat(count, count)
-    inner = points[segment] + share[:, np.newaxis] * (points[segment + 1] - points[segment])
+    fraction = (np.arange(len(segment)) - np.repeat(np.cumsum(count) - count, count)) / np.repeat(count, count)
+    inner = points[segment] + fraction[:, np.newaxis] * (points[segment + 1] - points[segment])
     last = max(len(count) - 1, 0)
     return np.concatenate([inner, points[-1:]]), np.append(segment, last).astype(np.int64)

@@ -23,7 +23,7 @@ from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.planning.blocking_obstacles import Separation
 from resgrid.planning.streamline import AnyPath, Polyline, Streamline
-from resgrid.planning.workspace import dense
+from resgrid.planning.workspace import sample_path
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, caption_height, new_figure
 from resgrid.plot.panels import draw_space
 from resgrid.plot.paths import MOST_ENDS, draw_line, draw_path, draw_separation
@@ -297,7 +297,7 @@ def _dense(path: Motion, scene: Scene) -> NDArray[np.float64]:
     """Return configurations (n, ndim) along a path, at most 1/400 of its length apart."""
     own = path if isinstance(path, AnyPath) else Polyline(path, empty_space(scene))
     travel = float(scene.robot.travel(own.line[:-1], own.line[1:]).sum())
-    return own.space.to_world(dense(own, travel / 400)[0] if travel else own.line)
+    return own.space.to_world(sample_path(own, travel / 400)[0] if travel else own.line)
 
 
 def _draw_poses(robot: Robot, poses: NDArray[np.float64], axes: Axes) -> None:

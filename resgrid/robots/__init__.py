@@ -1,4 +1,4 @@
-"""Robots: which cells of a configuration space are free, given the obstacles of the workspace."""
+"""Robots: geometry, kinematics, and the free cells of their configuration spaces among workspace obstacles."""
 
 from resgrid.robots.arm import Arm as Arm
 from resgrid.robots.base import Robot as Robot
@@ -17,4 +17,4 @@ from resgrid.robots.shapes import (
 )
 
 ROBOTS: dict[str, type[Robot]] = {"point": PointRobot, "disc": DiscRobot, "polygon": PolygonRobot, "arm": Arm}
-"""Robots by the type that a scene file calls them."""
+"""Robot classes by the value of the key `robot.type` in scene files."""

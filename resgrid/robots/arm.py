@@ -24,9 +24,10 @@ from resgrid.robots.geometry import ArmLinks, Pose, RigidPart
 from resgrid.robots.shapes import Shape
 
 _ROUNDING = 1e-12
-"""Sine, or share of the reach, below which two solutions are one."""
+"""Tolerance of the inverse kinematics, as a sine or a fraction of the reach, below which two solutions coincide."""
 
 _MOST_SOLUTIONS = 1_000_000
+"""Maximum number of solutions of the inverse kinematics, which grows with joint limits wider than a turn."""
 
 Angles = Literal["relative", "absolute"]
 Length = Annotated[float, Gt(0), Le(1e9)]
@@ -40,36 +41,38 @@ class Arm(Robot):
     """A planar arm with revolute joints; its configuration space has one axis per joint, in radians.
 
     Link ``i`` is a capsule: all points within half its width of the segment between joints ``i`` and ``i + 1``.  The
-    end effector, or tip, is the end of the last segment.  Every link may touch nothing but the links beside it.
+    tip (tool point) is the end of the last segment.  Links must not touch obstacles; adjacent links may touch each
+    other.
 
     Parameters
     ----------
     lengths : tuple of float
         Length of each of the one to four links, above 0.
     widths : tuple of float
-        Their widths, at least 0; empty means 0 for all.
+        Width of each link, at least 0; empty means 0 for all.
     limits : tuple of (float, float) or None
-        Range of each joint in radians, lower below upper; None for a joint that turns all the way round (a periodic
-        axis from -pi to pi).  Empty means None for all.
+        Range of each joint in radians, lower below upper; None for a joint without limits (a periodic axis from -pi to
+        pi).  Empty means None for all.
     base : tuple of (float, float)
-        Where the first joint is.
+        Position of the first joint.
     base_angle : float
-        Direction from which angles count, in radians.
+        Direction of joint angle 0, in radians from the x axis.
     angles : {"relative", "absolute"}
-        Whether an angle counts from the link before, or all count from the base's direction.
+        Whether each joint angle is measured from the previous link, or from the direction ``base_angle``.
     self_collision : bool
-        Whether links that are not neighbours must keep apart.
+        Whether a contact between links that are not adjacent is a collision.
     singularity_width : float or None
         Width, in radians, of the virtual obstacle along the singularities of the Jacobian, where all links are
         parallel and the tip cannot move along them (Connolly & Grupen 1992, section 4).  None: no such obstacle.  A
-        width of 0 blocks the cells that the singularity runs through, just enough to part the bands.
+        width of 0 blocks only the cells that contain singular configurations, which still separates the regions on
+        both sides.
     singularity_cells : int or None
-        The same width, in cells; at most one of the two may be given.
+        Width of the virtual obstacle along singularities, in cells; give at most one of the two widths.
 
     Raises
     ------
     InputError
-        If a value is impossible; the message names it.
+        If a value is out of range; the message names it.
 
     Examples
     --------
@@ -118,18 +121,18 @@ class Arm(Robot):
 
     @property
     def reach(self) -> float:
-        """Largest distance from the base to the tip."""
+        """Largest distance from the base to the tip, in metres: the sum of the lengths."""
         return sum(self.lengths)
 
     @property
     def remedy(self) -> str:
-        """What to do where it does not fit; empty for links without width."""
+        """Advice in messages if the arm does not fit; empty for links without width."""
         return "make the arm's links thinner" if any(self.widths) else ""
 
     def axes(self, cells: int | Sequence[int]) -> tuple[Axis, ...]:
-        """Axes of the configuration space, ``theta_1``, ``theta_2``, ..., as the joints' limits say.
+        """Return the axes of the configuration space, ``theta_1``, ``theta_2``, ..., with the ranges of the joints.
 
-        `cells`: their numbers of cells, one for all joints or one for each.
+        `cells`: number of cells, one for all joints or one per joint.
         """
         counts = [cells] * self.ndim if isinstance(cells, int) else list(cells)
         if len(counts) != self.ndim:
@@ -140,16 +143,16 @@ class Arm(Robot):
         )
 
     def implied_axes(self) -> tuple[dict[str, Any], ...]:
-        """One axis for each joint, as `axes` makes them; see `Robot.implied_axes`."""
+        """Return defaults of the scene's axis keys: one dict per joint, with name, range and unit."""
         axes = self.axes(1)
         return tuple({key: value for key, value in vars(axis).items() if key != "cells"} for axis in axes)
 
     def axes_on_map(self, axes: Sequence[Axis], headings: int) -> tuple[Axis, ...]:  # noqa: ARG002
-        """A map says nothing of joints; see `Robot.axes_on_map`."""
+        """Raise InputError, because a map of the plane does not define the axes of joints."""
         raise InputError("an arm on a map needs a [grid] for its joints")
 
     def check_axes(self, axes: Sequence[Axis]) -> None:
-        """Refuse axes that are not this arm's joints: their number, a periodic one, limits."""
+        """Raise InputError unless the axes match the joints in number, period and limits."""
         if len(axes) != self.ndim:
             raise InputError(f"an arm of {self.ndim} joints needs {self.ndim} axes, got {len(axes)}")
         for axis, limits in zip(axes, self.limits, strict=True):
@@ -167,16 +170,16 @@ class Arm(Robot):
                 )
 
     def directions(self, configurations: ArrayLike) -> NDArray[np.float64]:
-        """Angle of every link from the x axis, in radians. Shapes: `configurations` (..., n); returns (..., n)."""
+        """Return the angles (..., n) of the links from the x axis, in radians, for joint angles (..., n)."""
         turned = np.asarray(configurations, dtype=np.float64)
         if turned.shape[-1:] != (self.ndim,):
             raise InputError(f"this arm has {self.ndim} joints, but a configuration has shape {turned.shape}")
         return self.base_angle + (np.cumsum(turned, axis=-1) if self.angles == "relative" else turned)
 
     def joints(self, configurations: ArrayLike) -> NDArray[np.float64]:
-        """Forward kinematics: the base, the other joints, and the tip.
+        """Compute positions of the base, the other joints and the tip (forward kinematics).
 
-        Shapes: `configurations` (..., n); returns (..., n + 1, 2).
+        Shapes: `configurations` (..., n), joint angles in radians; returns (..., n + 1, 2), in metres.
         """
         directions = self.directions(configurations)
         links = np.stack([np.cos(directions), np.sin(directions)], axis=-1) * np.asarray(self.lengths)[:, None]
@@ -184,25 +187,37 @@ class Arm(Robot):
         return np.concatenate([start, np.asarray(self.base) + np.cumsum(links, axis=-2)], axis=-2)
 
     def tip(self, configurations: ArrayLike) -> NDArray[np.float64]:
-        """Forward kinematics of the tip alone; as `joints`, shape (..., 2)."""
+        """Return positions of the tip (..., 2), in metres, for joint angles `configurations` (..., n)."""
         return self.joints(configurations)[..., -1, :]
 
     def jacobian(self, configurations: ArrayLike) -> NDArray[np.float64]:
-        """Velocity of the tip for unit velocities of the joints. Shapes: (..., n); returns (..., 2, n)."""
+        """Return the Jacobian of the tip position, shape (..., 2, n), in metres per radian, for angles (..., n)."""
         places = self.joints(configurations)
         lever = places[..., -1:, :] - places[..., :-1, :] if self.angles == "relative" else np.diff(places, axis=-2)
         return np.stack([-lever[..., 1], lever[..., 0]], axis=-2)
 
     def inverse(self, point: ArrayLike) -> NDArray[np.float64]:
-        """Inverse kinematics of an arm with two links: all configurations that bring the tip to a point, shape (s, 2).
+        """Compute all configurations of a two-link arm that bring the tip to a point (inverse kinematics).
 
-        Within the limits there is none, or for less than a turn one (stretched or folded) or two, the elbow turning
-        left (from the first link to the second) first; where limits are wider than a turn each comes once for every
-        turn that fits. A joint without limits is counted from -pi to pi. Where every direction would do (equal links
-        folded back onto the base) the one along ``base_angle`` stands for all.
+        Parameters
+        ----------
+        point : array_like of float, shape (2,)
+            Position of the tip, in metres.
+
+        Returns
+        -------
+        ndarray of float64, shape (s, 2)
+            Joint angles in radians within the limits, or in [-pi, pi) without limits: two solutions, elbow to the left
+            first, or one if the arm is stretched or folded.  Limits wider than a full turn repeat a solution for every
+            turn within them.  If equal links fold back onto the base, the first link has the direction ``base_angle``.
+
+        Raises
+        ------
+        InputError
+            If the arm does not have two links, the point is not finite, or the limits admit too many solutions.
         """
         if self.ndim != 2:
-            raise InputError(f"only an arm of two links has a closed inverse; this one has {self.ndim}")
+            raise InputError(f"inverse kinematics exists only for arms of two links; this arm has {self.ndim}")
         target = np.asarray(point, dtype=np.float64)
         if target.shape != (2,) or not np.isfinite(target).all():
             raise InputError(f"a point of the workspace has two finite coordinates, got {target.tolist()}")
@@ -221,13 +236,14 @@ class Arm(Robot):
             turned = [_within(angle, limits) for angle, limits in zip(angles, self.limits, strict=True)]
             if len(turned[0]) * len(turned[1]) > _MOST_SOLUTIONS:
                 raise InputError(
-                    f"the limits hold more than {_MOST_SOLUTIONS:,} solutions, so many turns are they wide; narrow them"
+                    f"the joint limits span so many turns that there are more than {_MOST_SOLUTIONS:,} solutions; "
+                    "narrow them"
                 )
             solutions += product(*turned)
         return np.array(solutions, dtype=np.float64).reshape(-1, 2)
 
     def parts(self, configurations: NDArray[np.float64]) -> list[RigidPart]:
-        """The links: segments with half their widths; see `Robot.parts`."""
+        """Return the links as rigid parts: segments with radii of half the widths, for configurations (m, n)."""
         import shapely
 
         places = self.joints(configurations)
@@ -237,17 +253,21 @@ class Arm(Robot):
         ]
 
     def travel(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Turns times levers; see `Robot.travel`.
+        """Return upper bounds, in metres, of the distance that any point of the arm moves along straight lines.
 
-        A point of link j moves at most by the sum, over the links i before it, of their length times the change of
-        their direction, and by its own link's length and half width times that link's.
+        For a point of link j the bound is the sum over links ``i <= j`` of length times change of direction, plus half
+        the width of link j times its change of direction.
+        Shapes: `start, end` (m, n), joint angles; returns (m,).
         """
         turned = np.abs(self.directions(end) - self.directions(start))
         ends = np.cumsum(turned * np.asarray(self.lengths), axis=1)
         return np.asarray((ends + turned * np.asarray(self.widths) / 2).max(axis=1))
 
     def pose(self, configuration: NDArray[np.float64]) -> Pose:
-        """The links: relative angles turn all that follows about their joint, absolute ones shift it."""
+        """Return the pose of the links in a configuration, shape (n,).
+
+        A relative angle rotates all further links about its joint; an absolute angle translates them.
+        """
         joints, directions = self.joints(configuration), self.directions(configuration)
         radius, part, spin, before, lever = _pose_constants(self)
         count = len(part)
@@ -262,20 +282,21 @@ class Arm(Robot):
         return Pose(segments, radius, part, frame, shift, spin, pivot, lever)
 
     def reference_point(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The tip; see `Robot.reference_point`."""
+        """Return positions of the tip, shape (m, 2), in metres, for joint angles (m, n)."""
         return self.tip(configurations)
 
     def bare(self, *, self_collision: bool = True) -> Arm:
-        """Without strips along singularities; see `Robot.bare`."""
+        """Return the arm without virtual obstacles along singularities, and optionally without self-collision."""
         collides = self.self_collision and self_collision
         return replace(self, singularity_width=None, singularity_cells=None, self_collision=collides)
 
     def occupancy(
         self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None
     ) -> NDArray[np.bool_]:
-        """Cells in which a link may touch an obstacle or another link, or that a singularity blocks.
+        """Return the mask of blocked cells: possible collisions, and the virtual obstacle along singularities.
 
-        See `Robot.occupancy`, and `resgrid.robots.arm_cells` for the rules.
+        With the rule ``"conservative"``, a cell is free only if no configuration in it collides.  With ``"centre"``
+        only the configuration at the centre is tested.
         """
         self.check_axes(axes)
         occupied = arm_occupancy(
@@ -284,11 +305,12 @@ class Arm(Robot):
         return occupied | self.singular_cells(axes)
 
     def singular_cells(self, axes: Sequence[Axis]) -> NDArray[np.bool_]:
-        """Cells of the virtual obstacle along the singularities of the Jacobian, one entry per cell, or broadcast.
+        """Return the mask of cells of the virtual obstacle along singularities of the Jacobian.
 
-        The Jacobian of a planar arm loses rank where all links are parallel: for two links where ``sin(theta_2)`` is 0
-        (relative angles) or ``sin(theta_2 - theta_1)`` (absolute angles: the diagonals of configuration space).  For
-        three or more links that is a thin set, which parts nothing.
+        The Jacobian of a planar arm loses rank where all links are parallel.  For two links, ``sin(theta_2) = 0``
+        (relative angles) or ``sin(theta_2 - theta_1) = 0`` (absolute angles: diagonals of the configuration space).
+        With three or more links, the singular set has codimension 2 or more and does not separate regions.
+        The mask has the shape of the grid, or a shape that broadcasts to it.
         """
         cells, singular = self.singularity_cells, np.ones((1,) * self.ndim, dtype=bool)
         if self.singularity_width is None and cells is None:
@@ -302,15 +324,18 @@ class Arm(Robot):
             step = max(axis.spacing for axis in turning)
             extent = sum(axis.spacing for axis in turning) / 2
             width = (self.singularity_width or 0.0) if cells is None else (cells - 1) * step
-            # Cells that the strip's interior meets; where its middle runs along a border, the cells on both sides;
-            # where rows of cells are counted that cannot lie evenly about it, one more.
+            # Block cells that meet the strip's interior.  If the singular line runs along a border between cells, block
+            # the cells on both sides.  A width counted in cells that cannot be centred on the line gets one more row.
             counted = cells is not None and relative
             reach = width / 2 + extent + (1e-9 if counted else -1e-9) * step
             singular = singular & (away <= max(step / 2 + 1e-9 * step, reach))
         return singular
 
     def goal_cells(self, axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
-        """Cells that hold a configuration with the tip in a region; see `Robot.goal_cells`."""
+        """Return the cells that contain a configuration with the tip in a region, with one configuration per cell.
+
+        Raise InputError if the joint limits or the axes keep the tip out of the region.
+        """
         self.check_axes(axes)
         goal = arm_goal_cells(self._links, tuple(axes), region)
         if not goal.cells.any():
@@ -320,6 +345,7 @@ class Arm(Robot):
 
     @property
     def _links(self) -> ArmLinks:
+        """The arm as arrays, input of the kernels."""
         return ArmLinks(
             np.array(self.lengths, dtype=np.float64),
             np.array(self.widths, dtype=np.float64) / 2,
@@ -330,7 +356,10 @@ class Arm(Robot):
 
 @cache
 def _pose_constants(arm: Arm) -> tuple[NDArray[Any], ...]:
-    """Of every link: radius, number, spin, whether a link is before another (count, count), lever."""
+    """Return the parts of a pose that do not depend on the configuration, as read-only arrays.
+
+    Radius and number of every link (n,); spin (n, n); mask of preceding links (n, n); lever (n, 2, n).
+    """
     count = arm.ndim
     spin = np.tri(count) if arm.angles == "relative" else np.eye(count)
     lever = np.stack([np.tri(count, k=-1), np.tri(count)], axis=1) * np.asarray(arm.lengths, dtype=np.float64)
@@ -341,7 +370,7 @@ def _pose_constants(arm: Arm) -> tuple[NDArray[Any], ...]:
 
 
 def _within(angle: float, limits: Limits | None) -> list[float]:
-    """The angle, by whole turns wherever it fits into the limits."""
+    """Return all angles within the limits that differ from `angle` by full turns; one in [-pi, pi) without limits."""
     if limits is None:
         return [(angle + pi) % tau - pi]
     lower, upper = limits
@@ -350,6 +379,7 @@ def _within(angle: float, limits: Limits | None) -> list[float]:
 
 
 def _check_link(number: int, limits: Limits | None) -> None:
+    """Raise InputError unless the limits of a joint are finite and in ascending order."""
     ends = [*(limits or (-pi, pi))]
     if max(map(abs, ends)) > 1e6:
         raise InputError(f"links[{number}]: limits = {ends} must be two angles [lower, upper] in radians")
@@ -359,6 +389,7 @@ def _check_link(number: int, limits: Limits | None) -> None:
 
 
 def _check_rest(arm: Arm) -> None:
+    """Raise InputError unless base and singularity options of an arm are valid."""
     width, cells = arm.singularity_width, arm.singularity_cells
     if len(arm.base) != 2:
         raise InputError(f"an arm's base needs two coordinates, got {list(arm.base)}")

@@ -1,4 +1,4 @@
-"""Which cells of an arm's configuration space are blocked, and which bring its tip into a region."""
+"""Blocked cells and goal cells of an arm's configuration space."""
 
 from __future__ import annotations
 
@@ -15,26 +15,28 @@ from resgrid.robots.geometry import ArmLinks, RigidPart, obstacle_arrays, obstac
 from resgrid.robots.shapes import Box, Shape, require_plane
 
 CHUNK = 1 << 17
-"""Cells looked at between two words of progress."""
+"""Number of cells per kernel call, between two reports of progress."""
 
 PARTS = 3
-"""A cell that its centre does not decide is cut into so many parts along every joint."""
+"""Subdivisions per joint of a cell that is not decided at its centre."""
 
 SLACK = 1e-12
-"""Rounding error of a distance, as a share of the coordinates."""
+"""Rounding error of a distance, relative to the largest coordinate."""
 
 TOLERANCE = 1e-9
-"""The tip is in a goal where it comes so near, as a share of the arm's reach."""
+"""Distance from the goal region at which the tip counts as inside, relative to the arm's reach."""
 
 
 def arm_occupancy(
     links: ArmLinks, axes: tuple[Axis, ...], obstacles: Sequence[Shape], rule: Sampling,
     progress: Progress | None = None, *, self_collision: bool,
 ) -> NDArray[np.bool_]:  # fmt: skip
-    """Cells in which an arm may touch an obstacle or itself; of link ``i`` in those of the first ``i`` joints.
+    """Return the mask of cells in which an arm may collide with an obstacle or with itself, shape of the grid.
 
-    With the conservative rule a cell is free if, at its centre or at those of all its parts, every link is farther from
-    every obstacle than any point of it moves within (`resgrid.robots.kernels`): none is free by mistake.
+    With the conservative rule a cell is free if, at its centre or at the centres of all its parts, every link is
+    farther from every obstacle than any point of the link can move within the cell or part
+    (`resgrid.robots.kernels`).  No cell with a collision is marked free.  Link by link, the marked cells of the first
+    joints are extended to all cells of the next joint.
     """
     from resgrid.robots.kernels import mark_link
 
@@ -62,12 +64,13 @@ def arm_occupancy(
 
 
 def arm_goal_cells(links: ArmLinks, axes: tuple[Axis, ...], region: Shape | Point) -> GoalCells:
-    """Cells that hold a configuration whose tip lies in a region, or within 1e-9 of the arm's reach of it.
+    """Return the cells that contain a configuration with the tip in a region, with one such configuration per cell.
 
-    Cells are left out by a bound on how far the tip moves, never for want of luck; the one exception is a cell that
-    200,000 ever smaller parts leave undecided, where the tip passes the region within rounding all along.
+    The tolerance is 1e-9 of the arm's reach.  A cell is excluded only by a bound on the motion of the tip.  The
+    one exception is a cell that remains undecided after 200,000 boxes of the search, in which the tip stays at the
+    border of the region to within rounding error.
     """
-    from resgrid.robots.tip_kernels import find_tips
+    from resgrid.robots.tip_kernels import find_goal_cells
 
     if isinstance(region, tuple) and len(region) != 2:
         raise InputError(f"an arm moves in the plane: a point needs 2 coordinates, got {len(region)}")
@@ -86,26 +89,27 @@ def arm_goal_cells(links: ArmLinks, axes: tuple[Axis, ...], region: Shape | Poin
         )
     cells = np.zeros(tuple(axis.cells for axis in axes), dtype=bool)
     flat, points = cells.reshape(-1), [np.empty((0, len(axes)))]
-    around = (1 + TOLERANCE) * tip_travel(links, axes) + TOLERANCE * reach
-    bounds = np.concatenate([np.subtract(place.bounds[0], around), np.add(place.bounds[1], around)])
+    margin = (1 + TOLERANCE) * tip_travel(links, axes) + TOLERANCE * reach
+    bounds = np.concatenate([np.subtract(place.bounds[0], margin), np.add(place.bounds[1], margin)])
     lower, spacing = np.array([(axis.lower, axis.spacing) for axis in axes]).T.copy()
     for first in range(0, flat.size, CHUNK):
         out = flat[first : first + CHUNK]
         solutions = np.empty((out.size, len(axes)))
-        find_tips(out, solutions, first, np.array(cells.shape), lower, spacing, links, goal, bounds, TOLERANCE * reach)
+        counts, tolerance = np.array(cells.shape), TOLERANCE * reach
+        find_goal_cells(out, solutions, first, counts, lower, spacing, links, goal, bounds, tolerance)
         points.append(solutions[out])
     return GoalCells(cells, np.concatenate(points))
 
 
 def tip_travel(links: ArmLinks, axes: Sequence[Axis]) -> float:
-    """How far the tip can move from where it is at a cell's centre, at most, within that cell."""
+    """Return an upper bound, in metres, of the tip's distance from its place at a cell's centre, within that cell."""
     chords = [2 * np.sin(min(axis.spacing / 2, pi) / 2) for axis in axes]
     levers = np.cumsum(links.lengths[::-1])[::-1] if links.relative else links.lengths
     return float(np.dot(chords, levers))
 
 
 def _distances(place: Shape, base: Point) -> tuple[float, float]:
-    """How near to the base a region comes, and how far from it."""
+    """Return the smallest and the largest distance from the base to a point of a region."""
     import shapely
 
     obstacle = obstacles_of([place])[0]

@@ -1,4 +1,7 @@
-"""What a robot is: a new one is a subclass of `Robot` in a file of its own, and a line in `resgrid.robots.ROBOTS`."""
+"""The interface of robots.
+
+A new robot is a subclass of `Robot` in a file of its own, with an entry in `resgrid.robots.ROBOTS`.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid._internal.validation import with_article
 from resgrid.core.axis import Axis, Point
 from resgrid.errors import InputError
-from resgrid.robots.cells import GoalCells, Progress, Sampling, cells_of_place
+from resgrid.robots.cells import GoalCells, Progress, Sampling, region_cells
 from resgrid.robots.geometry import Pose, RigidPart, obstacles_of
 from resgrid.robots.shapes import Shape, require_plane
 
@@ -22,21 +25,22 @@ if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
 BATCH = 4096
-"""Configurations looked at in one go."""
+"""Number of configurations per vectorized collision test."""
 
 SLACK = 1e-9
-"""Share of the farthest motion by which the conservative rule errs on the side of collision, ..."""
+"""Safety margin of the conservative rule, relative to the largest motion within a cell."""
 
 ULPS = 64
-"""... and units in the last place of the coordinates."""
+"""Safety margin of the conservative rule for rounding errors, in units in the last place of the coordinates."""
 
 
 class Robot(ABC):
-    """A robot seen from its configuration space; the obstacles are shapes of its workspace.
+    """Base class of robots: maps configurations to the workspace, in which the obstacles are shapes.
 
-    A robot must say where its parts are (`parts`) and how far they move (`travel`).  The rest has a default, right for
-    bodies that move freely, with the place of their reference point as first coordinates: free cells follow from
-    distances and travel.  What touches obstacles under `resgrid.simulation` needs a `pose` as well.
+    A subclass must implement `parts` (geometry in a configuration) and `travel` (bound of the motion).  The defaults of
+    all other methods suit free-flying bodies whose first coordinates are the position of the reference point: a cell is
+    free if distances to obstacles exceed the motion within the cell.  `resgrid.simulation` with contacts also needs
+    `pose`.
 
     Examples
     --------
@@ -55,82 +59,106 @@ class Robot(ABC):
     """
 
     moves_in_workspace: ClassVar[bool] = False
-    """Whether its configurations are places of the workspace, so that what is periodic in one is in the other."""
+    """Whether configurations are positions in the workspace, so that periodic axes apply to the workspace too."""
 
     reference: ClassVar[str] = "reference point"
-    """What of it goals speak of."""
+    """Name of the point of the robot whose position a goal prescribes."""
 
     base: Point | None = None
-    """Where it is mounted; None if it moves freely."""
+    """Position of the mount, in metres; None if the robot moves freely."""
 
     turning_length: float | None = None
-    """What a heading of one radian counts as, as the third coordinate of a configuration; None if it does not turn."""
+    """Length in metres that corresponds to a rotation by one radian; the third coordinate of a configuration is the
+    heading times this length.  None if the robot does not turn."""
 
     @property
     def remedy(self) -> str:
-        """What to do where it does not fit; empty for a robot without size."""
+        """Advice in messages if the robot does not fit; empty for a robot without size."""
         return "make the robot smaller"
 
     @property
     def reach(self) -> float:
-        """Largest distance of its reference point from the base."""
+        """Largest distance from the base to the reference point, in metres; infinite for a robot without a base."""
         return inf
 
     @abstractmethod
     def parts(self, configurations: NDArray[np.float64]) -> list[RigidPart]:
-        """Its rigid parts: shapely geometries, one for each of the configurations, shape (n, ndim), with a radius.
+        """Return the rigid parts of the robot, each with a radius and one shapely geometry per configuration.
 
-        Raises `InputError` if its workspace is not the plane.
+        Parameters
+        ----------
+        configurations : ndarray of float64, shape (n, ndim)
+
+        Returns
+        -------
+        list of RigidPart
+            With cores of shape (n,).
+
+        Raises
+        ------
+        InputError
+            If the workspace of the robot is not the plane.
         """
 
     @abstractmethod
     def travel(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Bound of how far any point of it moves on straight lines in configuration space, shape (n,).
+        """Return upper bounds of the distance that any point of the robot moves along straight lines.
 
-        Only the difference of `start` and `end`, shapes (n, ndim), matters, and the bound is a convex function of it.
+        The bound must depend only on ``end - start`` and must be a convex function of this difference.
+
+        Parameters
+        ----------
+        start, end : ndarray of float64, shape (n, ndim)
+            End points of lines in configuration space.
+
+        Returns
+        -------
+        ndarray of float64, shape (n,)
+            In metres.
         """
 
     def pose(self, configuration: NDArray[np.float64]) -> Pose:  # noqa: ARG002
-        """How it lies in the plane in a configuration, shape (ndim,), and how its points move, for contacts.
+        """Return position and kinematics of the robot in a configuration, shape (ndim,), for contact computations.
 
-        `Pose.of_body` makes the pose of one rigid body.
+        `Pose.of_body` constructs the pose of a single rigid body.
         """
         name = type(self).__name__
-        raise InputError(f"how a {name} touches obstacles is not known; give {name} a method pose(configuration)")
+        raise InputError(f"{name} has no pose for contacts with obstacles; implement {name}.pose(configuration)")
 
     def reference_point(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Where its reference point (an arm's tip) is. Shapes: (n, ndim); returns (n, d)."""
+        """Return positions (n, d) of the reference point, in metres, for configurations (n, ndim)."""
         return configurations if self.moves_in_workspace else configurations[:, :2]
 
     def heading(self, configurations: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """Direction that it looks in, in radians, shape (n,); None if it has none."""
+        """Return headings in radians, shape (n,), for configurations (n, ndim); None for a robot that does not turn."""
         return None if self.turning_length is None else configurations[:, 2] / self.turning_length
 
     def bare(self, *, self_collision: bool = True) -> Robot:  # noqa: ARG002
-        """The robot without virtual obstacles, and if so asked without collisions with itself."""
+        """Return the robot without virtual obstacles, and without self-collision if `self_collision` is False."""
         return self
 
     def turning_axis(self, cells: int, name: str = "theta") -> Axis:
-        """The third axis of a robot that turns: a full turn from 0 to ``2 pi turning_length``, periodic."""
+        """Return the heading axis of a robot that turns: periodic, from 0 to ``2 pi turning_length``."""
         if self.turning_length is None:
-            raise InputError(f"{with_article(type(self).__name__)} does not turn, for it has no turning_length")
+            raise InputError(f"{with_article(type(self).__name__)} does not turn, because it has no turning_length")
         return Axis(name, 0.0, tau * self.turning_length, cells, periodic=True)
 
     def implied_axes(self) -> tuple[dict[str, Any], ...]:
-        """What it knows of its axes before a scene says anything: keys of each, in order; of turning, a full turn."""
+        """Return defaults of the scene's axis keys, one dict per axis; empty if the scene must define all axes."""
         if self.turning_length is None:
             return ()
         turn = {key: value for key, value in vars(self.turning_axis(1)).items() if key != "cells"}
         return {"name": "x"}, {"name": "y"}, turn
 
     def axes_on_map(self, axes: Sequence[Axis], headings: int) -> tuple[Axis, ...]:
-        """Axes of its configuration space on a map of the plane; a robot that turns has as many headings."""
+        """Return the axes of the configuration space on a map of the plane, with `headings` cells of a heading axis."""
         return tuple(axes) if self.turning_length is None else (*axes, self.turning_axis(headings))
 
     def check_axes(self, axes: Sequence[Axis]) -> None:
-        """Refuse axes that are not this robot's with an `InputError`.
+        """Raise InputError unless the axes fit the robot.
 
-        By default a robot that turns has ``(x, y, theta)``, x and y not periodic, and a periodic theta is a full turn.
+        By default, a robot that turns needs the axes ``(x, y, theta)``.  Axes x and y must not be periodic, and a
+        periodic theta must span one full turn.
         """
         if self.turning_length is None:
             return
@@ -149,11 +177,29 @@ class Robot(ABC):
     def occupancy(
         self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None
     ) -> NDArray[np.bool_]:
-        """Cells in which the robot would touch an obstacle, True where blocked.
+        """Return the mask of blocked cells: cells in which the robot may collide with an obstacle.
 
-        By default a cell is free if at its centre every part is farther from every obstacle than any point of the robot
-        moves within the cell; with the rule ``"centre"`` instead of ``"conservative"``, if nothing is touched there.
-        `progress` is called as ``progress(done, total)``.
+        By default, with the rule ``"conservative"``, a cell is free if every part at the cell's centre is farther from
+        every obstacle than any point of the robot moves within the cell.  With the rule ``"centre"``, a cell is free if
+        the robot at the cell's centre touches no obstacle.
+
+        Parameters
+        ----------
+        axes : sequence of Axis
+        obstacles : sequence of Shape
+            Shapes in the plane, in metres.
+        rule : {"conservative", "centre"}
+        progress : callable, optional
+            Called as ``progress(done, total)``.
+
+        Returns
+        -------
+        ndarray of bool, shape of the grid
+
+        Raises
+        ------
+        InputError
+            If the axes do not fit the robot or an obstacle is not a shape of the plane.
         """
         self.check_axes(axes)
         solid = obstacles_of((require_plane(shape, "this robot") for shape in obstacles), self.workspace_axes(axes))
@@ -176,35 +222,35 @@ class Robot(ABC):
         return blocked.reshape(shape)
 
     def goal_cells(self, axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
-        """Cells that hold a configuration which solves a goal, and such a configuration for each.
+        """Return the goal cells, with one configuration per cell that solves the goal.
 
-        A region, or a point, with as many coordinates as there are axes is one of configurations; with two coordinates
-        one of places for the reference point, reached with the other coordinates at the centre of their cells.
+        A region or point with as many coordinates as axes is a set of configurations.  With two coordinates it is a set
+        of positions of the reference point; the other coordinates of the configurations are those of cell centres.
         """
         self.check_axes(axes)
         count = len(region) if isinstance(region, tuple) else region.ndim
         if self.moves_in_workspace or count == len(axes):
-            return cells_of_place(axes, region)
-        cells, places = cells_of_place(axes[:2], region)
+            return region_cells(axes, region)
+        cells, places = region_cells(axes[:2], region)
         rest = np.array(list(product(*(axis.centres for axis in axes[2:]))))
         points = np.column_stack([np.repeat(places, len(rest), axis=0), np.tile(rest, (len(places), 1))])
         shape = tuple(axis.cells for axis in axes)
         return GoalCells(np.repeat(cells.ravel(), len(rest)).reshape(shape), points)
 
     def shapes_at(self, configuration: ArrayLike) -> list[BaseGeometry]:
-        """The robot in the workspace: shapely geometry of each rigid part in a configuration, shape (ndim,).
+        """Return one shapely geometry in the workspace per rigid part, for a configuration of shape (ndim,).
 
-        Round ends are polygons of 32 edges a half-circle, inside the circle.
+        Round ends are approximated from inside by 32 edges per half-circle.
         """
         parts = self.parts(np.asarray(configuration, dtype=np.float64).reshape(1, -1))
         return [part.core[0].buffer(part.radius, quad_segs=16) if part.radius else part.core[0] for part in parts]
 
     def workspace_axes(self, axes: Sequence[Axis]) -> Sequence[Axis]:
-        """The axes, if they are those of a plane workspace: obstacles then have copies across their seams."""
+        """Return the axes if they span a plane workspace, in which obstacles repeat periodically; otherwise ()."""
         return axes if self.moves_in_workspace and len(axes) == 2 else ()
 
     def within_seams(self, axes: Sequence[Axis], configurations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Configurations, shape (..., ndim), brought back into periodic axes of the workspace."""
+        """Return configurations (..., ndim) wrapped into the range of the workspace's periodic axes."""
         if not (self.moves_in_workspace and any(axis.periodic for axis in axes)):
             return configurations
         lower, upper, ring = np.array([(axis.lower, axis.upper, axis.periodic) for axis in axes]).T

@@ -1,4 +1,4 @@
-"""The cells of a grid that lie within some distance of a shape, and those in which a goal is met, in closed form."""
+"""Closed-form cell tests: cells of a grid within a distance of a shape, and cells that meet a goal region."""
 
 from __future__ import annotations
 
@@ -13,32 +13,39 @@ from numpy.typing import NDArray
 
 from resgrid.core.axis import Axis, Point, rounding, split_points
 from resgrid.errors import InputError
-from resgrid.robots.geometry import copies, edges_of
+from resgrid.robots.geometry import edges_of, periodic_images
 from resgrid.robots.shapes import Ball, Bounds, Box, CellSet, HalfSpace, Polygon, Shape, Solid, rings_of
 
 Sampling = Literal["conservative", "centre"]
-"""How a cell is judged: by its whole square, or by its centre alone."""
+"""Rule for blocked cells: test the whole cell (``"conservative"``) or only its centre (``"centre"``)."""
 
 Progress = Callable[[int, int], object]
-"""Called now and then with how much work is done, and how much there is in all."""
+"""Progress callback ``progress(done, total)``, in arbitrary units of work."""
 
 FAR = 1e3
-"""So many times the size of the grid a ring may stick out before it is cut off."""
+"""Distance from the grid beyond which rings are clipped, relative to the size of the grid."""
 
 Grids = Sequence[NDArray[np.float64]]
-"""Coordinates of cells along every axis, shaped to broadcast over a block."""
+"""Coordinates of cell centres per axis, with shapes that broadcast to a block of cells."""
 
-HALVINGS = 60
-"""So often is the way to a region halved to find where it begins: to the last bit."""
+BISECTIONS = 60
+"""Number of bisections along a line into a region, enough for full float64 precision."""
 
 
 def rims(axes: Sequence[Axis]) -> list[float]:
-    """Width of the rim that a cell's interior leaves out, per axis, for an edge that is meant to lie on a border."""
-    return [share * axis.spacing for share, axis in zip(rounding(axes).tolist(), axes, strict=True)]
+    """Return the rounding margin per axis, in axis units, that the interior of a cell excludes.
+
+    An obstacle's edge that is intended to lie on a border between cells stays within this margin.
+    """
+    return [fraction * axis.spacing for fraction, axis in zip(rounding(axes).tolist(), axes, strict=True)]
 
 
-def halves(axes: Sequence[Axis], bounds: Bounds, reach: float, rule: Sampling) -> tuple[float, ...]:
-    """Half the width, per axis, of what stands for a cell beside a shape that grows by a distance."""
+def half_widths(axes: Sequence[Axis], bounds: Bounds, reach: float, rule: Sampling) -> tuple[float, ...]:
+    """Return half the width, per axis, of the box that is tested in place of a cell.
+
+    The box is a point with the rule ``"centre"``, and otherwise the cell without its rounding margin.  For a shape
+    that, dilated by `reach`, is thinner than the margins, the box includes the margin, so that no cell is missed.
+    """
     if rule == "centre":
         return (0.0,) * len(axes)
     thin = [high - low + 2 * reach <= 2 * rim for low, high, rim in zip(*bounds, rims(axes), strict=True)]
@@ -49,19 +56,22 @@ def halves(axes: Sequence[Axis], bounds: Bounds, reach: float, rule: Sampling) -
 
 
 def mark(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Shape, reach: float, rule: Sampling) -> None:
-    """Mark, in place, the cells that come within a distance of a shape."""
+    """Mark, in place, the cells within a distance `reach` of a shape, with all its periodic images."""
     if shape.ndim != len(axes):
         raise InputError(f"a shape with {shape.ndim} coordinates does not fit a grid with {len(axes)} axes")
     if isinstance(shape, CellSet):
         out |= _near_cells(shape, axes, reach, rule)
         return
-    for copy in copies(shape, axes, [reach] * len(axes)):
-        mark_copy(out, axes, copy, reach, rule)
+    for image in periodic_images(shape, axes, [reach] * len(axes)):
+        mark_image(out, axes, image, reach, rule)
 
 
-def mark_copy(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Solid, reach: float, rule: Sampling) -> None:
-    """The same for one copy of a shape, which is cut off where it sticks out of the grid."""
-    half = halves(axes, shape.bounds, reach, rule)
+def mark_image(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Solid, reach: float, rule: Sampling) -> None:
+    """Mark, in place, the cells within a distance `reach` of one periodic image of a shape; parts outside are ignored.
+
+    `out`: mask, shape of the grid.
+    """
+    half = half_widths(axes, shape.bounds, reach, rule)
     if isinstance(shape, Polygon):
         _mark_polygon(out, axes, half, shape, reach)
         return
@@ -80,10 +90,12 @@ def mark_copy(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Solid, reac
 
 
 def _clip(index: float, cells: int) -> int:
+    """Return an index rounded up and clipped to 0 ... cells."""
     return ceil(min(max(index, 0.0), float(cells)))
 
 
 def _near_round(shape: Box | Ball, centres: Grids, half: Sequence[float], reach: float) -> NDArray[np.bool_]:
+    """Return which boxes, given by centres and half widths (ndim,), are within `reach` of a box or ball."""
     lower, upper = (shape.centre, shape.centre) if isinstance(shape, Ball) else shape.bounds
     within = reach + shape.radius if isinstance(shape, Ball) else reach
     squared = np.zeros((1,) * len(half))
@@ -94,7 +106,7 @@ def _near_round(shape: Box | Ball, centres: Grids, half: Sequence[float], reach:
 
 
 def near_half_space(shape: HalfSpace, centres: Grids, half: Sequence[float], reach: float) -> NDArray[np.bool_]:
-    """Which of some cells, of half widths (ndim,), come within a distance of a half-space; broadcast."""
+    """Return which boxes, given by centres and half widths (ndim,), are within `reach` of a half-space."""
     smallest = np.zeros((1,) * len(half))
     for centre, side, component in zip(centres, half, shape.normal, strict=True):
         smallest = smallest + component * centre - abs(component) * side
@@ -102,6 +114,7 @@ def near_half_space(shape: HalfSpace, centres: Grids, half: Sequence[float], rea
 
 
 def _near_cells(shape: CellSet, axes: tuple[Axis, ...], reach: float, rule: Sampling) -> NDArray[np.bool_]:
+    """Return which cells of a grid are within `reach` of a set of cells of this grid, shape of the grid."""
     if shape.axes != axes:
         raise InputError("the cells of a map can only be obstacles on the map's own grid")
     if reach == 0 or not shape.mask.any():
@@ -115,11 +128,11 @@ def _near_cells(shape: CellSet, axes: tuple[Axis, ...], reach: float, rule: Samp
 
 
 def _distance_from_boxes(mask: NDArray[np.bool_], spacing: NDArray[np.float64], rule: Sampling) -> NDArray[np.float64]:
-    """Exact distance from every cell's box (or centre) to the nearest marked box, by a Euclidean distance transform.
+    """Return the exact distance from every cell's box, or centre, to the nearest marked box; shape of the mask.
 
-    Two boxes ``d`` cells apart leave ``max(|d| - 1, 0)`` cells between them, which is the distance of ``d`` to the
-    nearest of ``-1, 0, 1``: grow the mask by one cell all round and measure between lattice points.  A centre and a
-    box leave ``max(|d| - 1/2, 0)``: the same on a lattice twice as fine.
+    Along an axis, the gap of two boxes with index difference ``d`` is ``max(|d| - 1, 0)`` cells, which is the distance
+    of ``d`` from the set ``{-1, 0, 1}``.  So the distance is a Euclidean distance transform of the mask dilated by one
+    cell.  The gap of a centre and a box is ``max(|d| - 1/2, 0)``: the same transform on a grid of half the spacing.
     """
     from scipy import ndimage
 
@@ -136,7 +149,10 @@ def _distance_from_boxes(mask: NDArray[np.bool_], spacing: NDArray[np.float64], 
 def _mark_polygon(
     out: NDArray[np.bool_], axes: Sequence[Axis], half: Sequence[float], polygon: Polygon, reach: float
 ) -> None:
-    """The same for a polygon: a cell meets it if it meets the outline, or if its centre is enclosed."""
+    """Mark, in place, the cells within a distance `reach` of a polygon.
+
+    A cell meets a polygon if it meets the outline, or if the polygon encloses its centre.
+    """
     from resgrid.robots.kernels import CellPlane, mark_enclosed, mark_parallelograms
 
     x, y = axes
@@ -148,14 +164,14 @@ def _mark_polygon(
 
 
 def outline(shape: Box | Polygon, axes: Sequence[Axis], reach: float) -> NDArray[np.float64]:
-    """Edges of a polygon or rectangle, ring by ring.  Returns (e, 4)."""
+    """Return the edges (e, 4) of a polygon or rectangle, ring by ring, clipped far outside the grid."""
     margin = reach + max(axis.upper - axis.lower for axis in axes)
     lower, upper = (axes[0].lower - margin, axes[1].lower - margin), (axes[0].upper + margin, axes[1].upper + margin)
-    return edges_of([_cut(ring, lower, upper, FAR * margin) for ring in rings_of(shape)])
+    return edges_of([_clip_ring(ring, lower, upper, FAR * margin) for ring in rings_of(shape)])
 
 
-def _cut(ring: tuple[Point, ...], lower: Point, upper: Point, far: float) -> Sequence[Point]:
-    """The part of a ring in a box, if it has corners far outside (Sutherland and Hodgman, 1974)."""
+def _clip_ring(ring: tuple[Point, ...], lower: Point, upper: Point, far: float) -> Sequence[Point]:
+    """Clip a ring to a box (Sutherland and Hodgman, 1974); rings within a distance `far` of the box are unchanged."""
     beyond = max(max(low - c, c - high) for point in ring for c, low, high in zip(point, lower, upper, strict=True))
     if beyond <= far:
         return ring
@@ -168,25 +184,25 @@ def _cut(ring: tuple[Point, ...], lower: Point, upper: Point, far: float) -> Seq
             if inside:
                 kept.append(a)
             if inside != (sign * b[k] <= sign * bound):
-                share = (bound - a[k]) / (b[k] - a[k])
-                kept.append(tuple(p + share * (q - p) for p, q in zip(a, b, strict=True)))
+                fraction = (bound - a[k]) / (b[k] - a[k])
+                kept.append(tuple(p + fraction * (q - p) for p, q in zip(a, b, strict=True)))
         corners = kept
     return [tuple(map(float, point)) for point in corners] or [lower]
 
 
 class GoalCells(NamedTuple):
-    """The cells of a goal, and where in each of them it is.
+    """Cells that contain a solution of a goal, with one solution per cell.
 
-    `cells`: one entry per cell, True where the closed cell holds a configuration that solves the goal; `points`
-    (number of such cells, ndim): such a configuration for each of them, in C order, in axis units.
+    `cells`: mask, shape of the grid, True if the closed cell contains a configuration that solves the goal; `points`
+    (goal cells, ndim): one such configuration per goal cell, in C order of the cells, in axis units.
     """
 
     cells: NDArray[np.bool_]
     points: NDArray[np.float64]
 
 
-def cells_of_place(axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
-    """The cells of a grid that meet a region of it, with the nearest point of the region to each cell's centre."""
+def region_cells(axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
+    """Return the cells of a grid that meet a region, with the region's point nearest to the centre of each cell."""
     axes = tuple(axes)
     shape = tuple(axis.cells for axis in axes)
     if (len(region) if isinstance(region, tuple) else region.ndim) != len(axes):
@@ -199,11 +215,11 @@ def cells_of_place(axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
         return GoalCells(cells, (lower + (cell + local) * spacing)[None])
     if isinstance(region, CellSet):
         return GoalCells(region.mask, lower + (np.argwhere(region.mask) + 0.5) * spacing)
-    return joined(shape, [_met_by_copy(axes, copy) for copy in copies(region, axes, [0.0] * len(axes))])
+    return merge_goals(shape, [_image_cells(axes, image) for image in periodic_images(region, axes, [0.0] * len(axes))])
 
 
-def joined(shape: tuple[int, ...], goals: Sequence[GoalCells]) -> GoalCells:
-    """Several goals as one; where they share a cell, with the point of the first."""
+def merge_goals(shape: tuple[int, ...], goals: Sequence[GoalCells]) -> GoalCells:
+    """Return the union of goals on a grid of that shape; a cell in several goals keeps the point of the first."""
     met, points = [np.empty(0, dtype=np.int64)], [np.empty((0, len(shape)))]
     for goal in goals:
         met.append(np.flatnonzero(goal.cells))
@@ -214,51 +230,55 @@ def joined(shape: tuple[int, ...], goals: Sequence[GoalCells]) -> GoalCells:
     return GoalCells(cells, np.concatenate(points)[first])
 
 
-def _met_by_copy(axes: tuple[Axis, ...], shape: Solid) -> GoalCells:
-    """Cells that a shape meets where it stands, and the point of it nearest to each centre."""
+def _image_cells(axes: tuple[Axis, ...], shape: Solid) -> GoalCells:
+    """Return the cells that one periodic image of a shape meets, with its point nearest to the centre of each cell."""
     centred = np.zeros(tuple(axis.cells for axis in axes), dtype=bool)
-    mark_copy(centred, axes, shape, 0.0, "centre")
+    mark_image(centred, axes, shape, 0.0, "centre")
     met = centred.copy()
-    mark_copy(met, axes, shape, 0.0, "conservative")
+    mark_image(met, axes, shape, 0.0, "conservative")
     lower, spacing = np.array([(axis.lower, axis.spacing) for axis in axes]).T
     points = lower + (np.argwhere(met) + 0.5) * spacing
-    beside = ~centred[met]
-    points[beside] = _nearest(shape, points[beside], axes)
+    off_centre = ~centred[met]
+    points[off_centre] = _nearest(shape, points[off_centre], axes)
     return GoalCells(met, points)
 
 
 def _nearest(shape: Solid, middle: NDArray[np.float64], axes: tuple[Axis, ...]) -> NDArray[np.float64]:
-    """Nearest points of a shape to the centres, shape (m, ndim), of cells that it meets, each within its cell."""
+    """Return the points of a shape nearest to the centres `middle` (m, ndim) of cells that it meets.
+
+    Each point lies within its cell.
+    """
     half = np.array([axis.spacing for axis in axes]) / 2
     match shape:
         case Box(lower, upper):
             return np.clip(np.clip(middle, lower, upper), middle - half, middle + half)
         case Ball(centre, radius):
-            return _first_within(
+            return _enter_region(
                 middle, half, np.array(centre) - middle, lambda at: np.linalg.norm(at - centre, axis=1) <= radius
             )
         case HalfSpace(normal, offset):
             leans = np.abs(normal) > 1e-12 * np.abs(normal).max()
             farthest = float((half[leans] / np.abs(normal)[leans]).max())
             step = np.where(leans, normal, 0.0) * -farthest
-            return _first_within(middle, half, step, lambda at: at @ np.array(normal) <= offset)
+            return _enter_region(middle, half, step, lambda at: at @ np.array(normal) <= offset)
         case Polygon():
             return _nearest_on_outline(outline(shape, axes, 0.0), middle, half, np.array(rims(axes)))
 
 
-def _first_within(
+def _enter_region(
     middle: NDArray[np.float64],
     half: NDArray[np.float64],
     step: NDArray[np.float64],
     inside: Callable[[NDArray[np.float64]], NDArray[np.bool_]],
 ) -> NDArray[np.float64]:
-    """Where a convex region begins on the way that starts at the centre, aims at the region and keeps to the cell.
+    """Return the first points of a convex region on curves ``clip(middle + s step)`` that stay within the cells.
 
-    The point of a box nearest to its centre, among those of a ball or half-space, minimises a quadratic whose
-    gradient leads along ``step``, and is so some ``clip(middle + s step)``.
+    The point of a ball or half-space within a cell that is nearest to the cell's centre minimizes a quadratic function
+    whose gradient is parallel to ``step``.  So it lies on this curve, and bisection finds the smallest s.
+    `middle, step` (m, ndim); `half` (ndim,): half widths of a cell; `inside`: membership test of points (m, ndim).
     """
     out, into = np.zeros((len(middle), 1)), np.ones((len(middle), 1))
-    for _ in range(HALVINGS):
+    for _ in range(BISECTIONS):
         between = (out + into) / 2
         within = inside(np.clip(middle + between * step, middle - half, middle + half))[:, None]
         out, into = np.where(within, out, between), np.where(within, between, into)
@@ -268,12 +288,12 @@ def _first_within(
 def _nearest_on_outline(
     edges: NDArray[np.float64], middle: NDArray[np.float64], half: NDArray[np.float64], rim: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Nearest points to the centres, shape (m, 2), of cells, of what each cell cuts from edges, shape (e, 4)."""
+    """Return, for cells with centres (m, 2), the nearest point of the parts of edges (e, 4) within the cell."""
     import shapely
 
     lines = shapely.multilinestrings(edges.reshape(-1, 2, 2))
     reach = half + rim
     pieces = np.asarray(shapely.intersection(lines, shapely.box(*(middle - reach).T, *(middle + reach).T)))
     pieces[shapely.is_empty(pieces)] = lines
-    ways = shapely.shortest_line(shapely.points(middle), pieces)
-    return np.clip(shapely.get_coordinates(ways)[1::2], middle - half, middle + half)
+    connections = shapely.shortest_line(shapely.points(middle), pieces)
+    return np.clip(shapely.get_coordinates(connections)[1::2], middle - half, middle + half)

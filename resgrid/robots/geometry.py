@@ -1,7 +1,7 @@
-"""Robots and obstacles of the plane as exact geometry for shapely, and as plain arrays for compiled loops.
+"""Robots and obstacles of the plane as exact geometry for shapely, and as plain arrays for compiled kernels.
 
-A link with a width is a segment and a radius, a disc is a point and a radius: distances to them are exact, not those to
-polygons drawn in place of circles.
+A link with a width is a segment with a radius, and a disc is a point with a radius.  Distances are therefore exact and
+not affected by polygons that approximate circles.
 """
 
 from __future__ import annotations
@@ -21,15 +21,17 @@ from resgrid.errors import InputError
 from resgrid.robots.shapes import Ball, Bounds, Box, CellSet, HalfSpace, Polygon, Shape, Solid, rings_of, to_shapely
 
 TOUCH = 1e-9
-"""Depth to which an entered round body or half-plane counts as touched, for each metre (and one more) of radius."""
+"""Penetration depth, per metre of ``1 + radius``, up to which a round body or half-plane counts as merely touched."""
 
-MAX_COPIES = 1000
+MAX_IMAGES = 1000
+"""Maximum number of periodic images of a shape."""
 
 
 class ArmLinks(NamedTuple):
-    """An arm for compiled loops.
+    """A planar arm as arrays, input of the kernels.
 
-    `lengths, radii` (n,): of the links; `base` (3,): position and angle; `relative`: as in `resgrid.robots.arm.Arm`.
+    `lengths, radii` (n,): length and half width of every link, in metres; `base` (3,): position and angle of the base;
+    `relative`: whether joint angles are measured from the previous link instead of the base direction.
     """
 
     lengths: NDArray[np.float64]
@@ -40,9 +42,9 @@ class ArmLinks(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RigidPart:
-    """A rigid part of a robot in many configurations: all points within a radius of its core.
+    """A rigid part of a robot in n configurations: all points within a radius of its core.
 
-    `core` (n,): shapely geometries.
+    `core` (n,): shapely geometries; `radius`: in metres.
     """
 
     core: NDArray[Any]
@@ -51,9 +53,9 @@ class RigidPart:
 
 @dataclass(frozen=True, eq=False)
 class Obstacle:
-    """An obstacle: all points within a radius of its core, or a half-plane.
+    """An obstacle, or a periodic image of one: all points within a radius of its core, or a half-plane.
 
-    `number`: which obstacle it is, or is a copy of; `core`: shapely geometry.
+    `number`: index of the obstacle in the scene; `core`: shapely geometry, None for a half-plane; `radius`: in metres.
     """
 
     number: int
@@ -63,13 +65,13 @@ class Obstacle:
 
     @property
     def extent(self) -> float:
-        """Largest coordinate that distances from it are computed with."""
+        """Largest absolute coordinate of the obstacle, which bounds rounding errors of distances."""
         if self.half_plane is not None:
             return float(abs(_unit_normal(self.half_plane)[-1]))
         return float(np.abs(self.core.bounds).max())
 
     def core_distance(self, part: RigidPart) -> NDArray[np.float64]:
-        """Distance of the cores, shape (n,): 0 where they meet, but below 0 behind the border of a half-plane."""
+        """Return distances between cores, shape (n,): 0 if they intersect; negative inside a half-plane."""
         import shapely
 
         if self.half_plane is None:
@@ -82,11 +84,11 @@ class Obstacle:
         return lowest
 
     def distance(self, part: RigidPart) -> NDArray[np.float64]:
-        """Distance from a part in every configuration, shape (n,); 0 where they meet."""
+        """Return distances from a part in every configuration, shape (n,); 0 if they intersect."""
         return np.maximum(self.core_distance(part) - self.radius - part.radius, 0.0)
 
     def collides(self, part: RigidPart) -> NDArray[np.bool_]:
-        """Whether a part enters it, shape (n,); a mere touch is no collision."""
+        """Return whether a part penetrates the obstacle, shape (n,); touching is not a collision."""
         import shapely
 
         within = self.radius + part.radius
@@ -98,42 +100,43 @@ class Obstacle:
 
 
 def obstacles_of(shapes: Iterable[Shape], axes: Sequence[Axis] = ()) -> list[Obstacle]:
-    """Shapes as exact geometry; on axes of the workspace as often as a point of them may be nearest across a seam."""
+    """Convert shapes to obstacles; on periodic axes with all images that may contain the point nearest to a robot."""
     return [obstacle for number, shape in enumerate(shapes) for obstacle in _obstacles(number, shape, axes)]
 
 
 def _obstacles(number: int, shape: Shape, axes: Sequence[Axis]) -> list[Obstacle]:
+    """Return the periodic images of one shape as obstacles; an empty shape has none."""
     import shapely
 
     if not isinstance(shape, Shape) or shape.ndim != 2:
         raise InputError(
-            f"obstacle {number}: geometry is known of shapes of the plane alone, not of "
-            f"{with_article(type(shape).__name__)}"
+            f"obstacle {number}: collision tests need shapes of the plane, not {with_article(type(shape).__name__)}"
         )
     if isinstance(shape, HalfSpace):
-        return [Obstacle(number, None, 0.0, half_plane) for half_plane in copies(shape, axes, ())]  # type: ignore[arg-type]
+        return [Obstacle(number, None, 0.0, half_plane) for half_plane in periodic_images(shape, axes, ())]  # type: ignore[arg-type]
     core = shapely.Point(shape.centre) if isinstance(shape, Ball) else to_shapely(shape)
     if core.is_empty:
         return []
     half = [(axis.upper - axis.lower) / 2 for axis in axes]
-    cores = [_moved(core, by) for by in turns((core.bounds[:2], core.bounds[2:]), axes, half)]
+    cores = [_translated(core, by) for by in periodic_shifts((core.bounds[:2], core.bounds[2:]), axes, half)]
     shapely.prepare(cores)
-    return [Obstacle(number, copy, shape.radius if isinstance(shape, Ball) else 0.0) for copy in cores]
+    return [Obstacle(number, image, shape.radius if isinstance(shape, Ball) else 0.0) for image in cores]
 
 
-def _moved(core: Any, by: tuple[float, ...]) -> Any:
+def _translated(core: Any, by: tuple[float, ...]) -> Any:
+    """Return a shapely geometry translated by a vector."""
     import shapely
 
     return shapely.transform(core, lambda points: points + by) if any(by) else core
 
 
 class ObstacleArrays(NamedTuple):
-    """Polygons, discs and half-planes for compiled loops, each element with the number of its obstacle.
+    """Polygons, discs and half-planes as arrays, input of the kernels.  Owners are indices of obstacles.
 
-    `edges` (e, 4): ``x0, y0, x1, y1``, the solid on the left, one polygon after the other; `edge_before` (e,): number
-    of the edge that ends where each starts; `edge_owner` (e,); `first_edge` (p + 1,): where each polygon's edges start;
-    `bounds` (p, 4): smallest ``x, y`` and largest ``x, y`` of each polygon; `discs` (d, 3): centre and radius;
-    `disc_owner` (d,); `half_planes` (h, 3): unit normal out of the solid, and offset; `half_plane_owner` (h,).
+    `edges` (e, 4): ``x0, y0, x1, y1``, polygon by polygon, with the solid on the left; `edge_before` (e,): index of the
+    preceding edge in the ring; `edge_owner` (e,); `first_edge` (p + 1,): index of each polygon's first edge; `bounds`
+    (p, 4): smallest ``x, y`` and largest ``x, y`` of each polygon; `discs` (d, 3): centre and radius; `disc_owner`
+    (d,); `half_planes` (h, 3): unit normal out of the solid, and offset; `half_plane_owner` (h,).
     """
 
     edges: NDArray[np.float64]
@@ -148,13 +151,13 @@ class ObstacleArrays(NamedTuple):
 
 
 def obstacle_arrays(shapes: Iterable[Shape], axes: Sequence[Axis] = ()) -> ObstacleArrays:
-    """Shapes of the plane as arrays; on axes of the workspace with copies within a whole turn of them."""
+    """Convert shapes of the plane to arrays; on periodic axes with all images within one period of the grid."""
     period = [axis.upper - axis.lower for axis in axes]
     solids = [
         (number, solid)
         for number, shape in enumerate(shapes)
         for piece in (shape.boxes() if isinstance(shape, CellSet) else [shape])
-        for solid in copies(piece, axes, period)
+        for solid in periodic_images(piece, axes, period)
     ]
     polygons = [(number, _solid_on_the_left(solid)) for number, solid in solids if isinstance(solid, Box | Polygon)]
     discs = [(number, *solid.centre, solid.radius) for number, solid in solids if isinstance(solid, Ball)]
@@ -178,18 +181,18 @@ def obstacle_arrays(shapes: Iterable[Shape], axes: Sequence[Axis] = ()) -> Obsta
 
 
 def edges_of(rings: Iterable[ArrayLike]) -> NDArray[np.float64]:
-    """Edges of rings of corners.  Returns (e, 4)."""
+    """Return the edges (e, 4) of closed rings of corners."""
     corners = [np.asarray(ring, dtype=np.float64) for ring in rings]
     return np.concatenate([np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in corners])
 
 
 def _unit_normal(half_plane: HalfSpace) -> NDArray[np.float64]:
-    """Normal of length 1, and the offset that goes with it, shape (ndim + 1,)."""
+    """Return the unit normal and the correspondingly scaled offset, shape (ndim + 1,)."""
     return np.array([*half_plane.normal, half_plane.offset]) / hypot(*half_plane.normal)
 
 
 def _solid_on_the_left(solid: Box | Polygon) -> list[list[tuple[float, ...]]]:
-    """Outer ring anticlockwise, holes clockwise; without repeated corners."""
+    """Return the rings of a solid, outer ring anticlockwise and holes clockwise, without repeated corners."""
     if isinstance(solid, Box):
         return [[*rings_of(solid)[0][1:], rings_of(solid)[0][0]]]
     import shapely
@@ -199,48 +202,55 @@ def _solid_on_the_left(solid: Box | Polygon) -> list[list[tuple[float, ...]]]:
     return [[b for a, b in pairwise(ring) if a != b] for ring in rings]
 
 
-def copies(shape: Solid, axes: Sequence[Axis], reach: Sequence[float]) -> Iterator[Solid]:
-    """A shape wherever it comes within some distance of a grid, by whole turns around its periodic axes."""
+def periodic_images(shape: Solid, axes: Sequence[Axis], reach: Sequence[float]) -> Iterator[Solid]:
+    """Yield the periodic images of a shape that come within a distance `reach` (per axis) of a grid."""
     if isinstance(shape, HalfSpace):
         for axis, component in zip(axes, shape.normal, strict=False):
             if axis.periodic and component != 0:
-                raise InputError(f"a half-plane cannot lean along the periodic axis {axis.name!r}")
+                raise InputError(
+                    f"a half-plane with a normal component along the periodic axis {axis.name!r} would block all of "
+                    "it; use a box, or set periodic = false"
+                )
         yield shape
         return
-    for by in turns(shape.bounds, axes, reach):
+    for by in periodic_shifts(shape.bounds, axes, reach):
         yield shape.shifted(by) if any(by) else shape
 
 
-def turns(bounds: Bounds, axes: Sequence[Axis], reach: Sequence[float]) -> Iterator[tuple[float, ...]]:
-    """Whole turns that bring a shape within some distance of the grid, however many away it is described."""
-    shifts = list(map(_shifts, axes, *bounds, reach))
-    if prod(map(len, shifts)) > MAX_COPIES:
-        raise InputError(f"a shape winds around the periodic axes more than {MAX_COPIES} times; make it smaller")
+def periodic_shifts(bounds: Bounds, axes: Sequence[Axis], reach: Sequence[float]) -> Iterator[tuple[float, ...]]:
+    """Yield all translations by periods that bring a bounding box within a distance `reach` (per axis) of the grid."""
+    shifts = list(map(_axis_shifts, axes, *bounds, reach))
+    if prod(map(len, shifts)) > MAX_IMAGES:
+        raise InputError(f"a shape winds around the periodic axes more than {MAX_IMAGES} times; make it smaller")
     yield from product(*shifts)
 
 
-def _shifts(axis: Axis, lower: float, upper: float, reach: float) -> list[float]:
+def _axis_shifts(axis: Axis, lower: float, upper: float, reach: float) -> list[float]:
+    """Return the multiples of an axis' period that bring [lower, upper] within a distance `reach` of the axis."""
     if not axis.periodic:
         return [0.0]
     period = axis.upper - axis.lower
     first = (axis.lower - upper - reach) / period
     last = (axis.upper - lower + reach) / period
-    if isinf(first) or isinf(last) or last - first > MAX_COPIES:
-        raise InputError(f"a shape winds around the periodic axis {axis.name!r} more than {MAX_COPIES} times")
+    if isinf(first) or isinf(last) or last - first > MAX_IMAGES:
+        raise InputError(
+            f"a shape winds around the periodic axis {axis.name!r} more than {MAX_IMAGES} times; make it smaller"
+        )
     return [turn * period for turn in range(ceil(first), floor(last) + 1)]
 
 
 class Pose(NamedTuple):
-    """A planar robot in one configuration: segments with a radius, on rigid parts.
+    """Geometry and differential kinematics of a planar robot in one configuration, for contacts.
 
-    The velocity of a point ``p`` of part ``m`` for a unit velocity of axis ``a`` is
-    ``shift[m, a] + spin[m, a] k x (p - pivot[m, a])``, with k out of the plane.
+    The robot consists of rigid parts; a part consists of segments with a radius.  With the unit vector k out of the
+    plane, the velocity of a point ``p`` of part ``m`` for a unit velocity of axis ``a`` is
+    ``shift[m, a] + spin[m, a] k x (p - pivot[m, a])``.
 
-    `segments` (s, 4): ``x0, y0, x1, y1``, in metres; a single point is a segment of length 0; `radius` (s,): of the
-    robot around each segment, in metres; `part` (s,): which rigid part (of an arm, the link) each belongs to; `frame`
+    `segments` (s, 4): ``x0, y0, x1, y1``, in metres; a point is a segment of length 0; `radius` (s,): radius around
+    each segment, in metres; `part` (s,): index of the rigid part (the link of an arm) of each segment; `frame`
     (parts, 3): origin and direction of each part, in metres and radians; `shift` (parts, ndim, 2); `spin` (parts,
-    ndim); `pivot` (parts, ndim, 2); `lever` (s, 2, parts): what the squared turning rate of each part adds at most to
-    the accelerations of the ends of each segment, while the axes move at constant rates; in metres.
+    ndim); `pivot` (parts, ndim, 2); `lever` (s, 2, parts): upper bound, in metres, of the acceleration of each segment
+    end per squared rotation rate of each part, at constant rates of the axes.
     """
 
     segments: NDArray[np.float64]
@@ -256,9 +266,22 @@ class Pose(NamedTuple):
     def of_body(
         cls, segments: NDArray[np.float64], radius: float, place: ArrayLike, turning_length: float | None = None
     ) -> Pose:
-        """The pose of one rigid body at ``(x, y)``, or at ``(x, y, theta)`` with an angle of theta / turning length.
+        """Return the pose of one rigid body at ``(x, y)`` or ``(x, y, theta)``.
 
-        Shapes: `segments` (s, 4), `place` (2,) or (3,).
+        Parameters
+        ----------
+        segments : ndarray of float64, shape (s, 4)
+            Segments of the body in this configuration, in metres.
+        radius : float
+            Radius around each segment, in metres.
+        place : array_like of float, shape (2,) or (3,)
+            Configuration; theta is the heading times the turning length.
+        turning_length : float, optional
+            Length that corresponds to a rotation by one radian, in metres; None if the body does not turn.
+
+        Returns
+        -------
+        Pose
         """
         x, y, *arc = np.asarray(place, dtype=np.float64).tolist()
         count, ndim = len(segments), 2 if turning_length is None else 3
@@ -271,7 +294,7 @@ class Pose(NamedTuple):
         return cls(segments, np.full(count, radius), np.zeros(count, np.int64), frame, shift, spin, pivot, lever)
 
     def carried(self, point: ArrayLike, part: int, other: Pose) -> NDArray[np.float64]:
-        """Where a point fixed to a part lies in another pose of the same robot, shape (2,)."""
+        """Return the position (2,) in another pose of a point that is fixed to a part of the robot."""
         x, y, angle = self.frame[part]
         to_x, to_y, to_angle = other.frame[part]
         dx, dy = np.asarray(point, dtype=np.float64) - (x, y)

@@ -1,6 +1,6 @@
-"""Compiled loops of sampling: cells in which links come near an obstacle, or that come near a polygon themselves.
+"""Compiled kernels that mark cells: collisions of arm links in joint space, polygons and parallelograms in the plane.
 
-Numba takes seconds to import: only functions that are about to sample import this module.
+Import this module only inside functions that call a kernel, because importing numba takes seconds.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ Flags = NDArray[np.bool_]
 
 
 @njit(cache=True, inline="always")
-def share(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> float:
-    """Where on the segment from a to b the point nearest to p lies, in [0, 1]."""
+def segment_parameter(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> float:
+    """Return the parameter in [0, 1] of the point on the segment from a to b that is nearest to p."""
     dx, dy = bx - ax, by - ay
     squared = dx * dx + dy * dy
     if squared <= 0.0:
@@ -32,13 +32,14 @@ def share(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> f
 
 @inner
 def _squared_from_segment(x: float, y: float, ax: float, ay: float, bx: float, by: float) -> float:
-    t = share(x, y, ax, ay, bx, by)
+    """Return the squared distance of a point from the segment from a to b."""
+    t = segment_parameter(x, y, ax, ay, bx, by)
     return (x - ax - t * (bx - ax)) ** 2 + (y - ay - t * (by - ay)) ** 2
 
 
 @inner
 def _squared_between(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float) -> float:
-    """Squared distance of two segments: 0 where they cross, else from an end of one to the other."""
+    """Return the squared distance of the segments ab and cd: 0 if they cross, otherwise attained at an end point."""
     c = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
     d = (bx - ax) * (dy - ay) - (by - ay) * (dx - ax)
     a = (dx - cx) * (ay - cy) - (dy - cy) * (ax - cx)
@@ -52,6 +53,7 @@ def _squared_between(ax: float, ay: float, bx: float, by: float, cx: float, cy: 
 
 @inner
 def _near_polygon(ax: float, ay: float, bx: float, by: float, reach: float, edges: Floats) -> bool:
+    """Return whether a segment is within `reach` of a polygon, or inside it.  `edges` (m, 4): end points."""
     inside = False
     for e in range(len(edges)):
         cx, cy, dx, dy = edges[e, 0], edges[e, 1], edges[e, 2], edges[e, 3]
@@ -64,7 +66,7 @@ def _near_polygon(ax: float, ay: float, bx: float, by: float, reach: float, edge
 
 @inner
 def near_solids(ax: float, ay: float, bx: float, by: float, reach: float, solids: ObstacleArrays) -> bool:
-    """Whether a segment comes within a distance of an obstacle."""
+    """Return whether the segment from a to b comes within a distance `reach` of an obstacle."""
     left, right = min(ax, bx) - reach, max(ax, bx) + reach
     low, high = min(ay, by) - reach, max(ay, by) + reach
     for k in range(len(solids.bounds)):
@@ -88,7 +90,10 @@ def near_solids(ax: float, ay: float, bx: float, by: float, reach: float, solids
 
 @kernel
 def place_joints(joints: Floats, link: int, angles: Floats, lengths: Floats, base: Floats, relative: bool) -> None:
-    """Joint positions up to the end of a link."""
+    """Compute positions of the joints and of the far end of `link` (forward kinematics), written to `joints`.
+
+    `joints` (>= link + 2, 2); `angles` (>= link + 1,): relative to the previous link, or absolute.
+    """
     direction = base[2]
     joints[0, 0], joints[0, 1] = base[0], base[1]
     for j in range(link + 1):
@@ -98,12 +103,16 @@ def place_joints(joints: Floats, link: int, angles: Floats, lengths: Floats, bas
 
 
 @kernel
-def _travel(joints: Floats, first: int, link: int, chords: Floats, lengths: Floats, relative: bool) -> float:
-    """How far any point of a link can move while joints ``first .. link`` turn within a cell, the others held.
+def _displacement_bound(
+    joints: Floats, first: int, link: int, chords: Floats, lengths: Floats, relative: bool
+) -> float:
+    """Return an upper bound of the distance that any point of a link moves while joints ``first .. link`` turn.
 
-    Relative angles: turn the joints one after the other, the one next to the base first; each turns what lies beyond
-    it rigidly, so the distances from the joints are those at the cell's centre.  Absolute angles: a joint turns its
-    own link alone and shifts what lies beyond, so the chords add up.
+    The joints turn within a cell; the other joints stay at its centre.  ``chords`` (n,): ``2 sin(t / 2)`` for the
+    largest turn ``t`` of every joint.
+    Relative angles: turn the joints one after the other, from the base outwards.  Each rotation moves all further links
+    rigidly, so that distances from the joint are those at the cell's centre.  Absolute angles: a joint rotates only its
+    own link and translates all further links, so that the displacements add up.
     """
     total = 0.0
     for j in range(first, link + 1):
@@ -117,24 +126,25 @@ def _travel(joints: Floats, first: int, link: int, chords: Floats, lengths: Floa
 
 
 @inner
-def _hits(
-    joints: Floats, link: int, chords: Floats, folds: Floats, links: ArmLinks, self_collision: bool, slack: float,
-    solids: ObstacleArrays,
+def _may_collide(
+    joints: Floats, link: int, chords: Floats, relative_chords: Floats, links: ArmLinks, self_collision: bool,
+    slack: float, solids: ObstacleArrays,
 ) -> bool:  # fmt: skip
-    """Whether a link may touch an obstacle, or a link before its neighbour, while the joints turn within a cell."""
+    """Return whether a link may touch an obstacle, or a non-adjacent earlier link, for some configuration of a cell."""
     radii, lengths, relative = links.radii, links.lengths, links.relative
     ax, ay, bx, by = joints[link, 0], joints[link, 1], joints[link + 1, 0], joints[link + 1, 1]
-    reach = radii[link] + _travel(joints, 0, link, chords, lengths, relative) + slack
+    reach = radii[link] + _displacement_bound(joints, 0, link, chords, lengths, relative) + slack
     if near_solids(ax, ay, bx, by, reach, solids):
         return True
     if self_collision:
         for j in range(link - 1):
-            # Seen from link j; with absolute angles its own turning adds to that of every joint beyond.
+            # In the frame of link j.  With absolute angles its own rotation adds to that of every further joint.
             if not relative:
                 for k in range(j + 1, link + 1):
-                    folds[k] = chords[k] + chords[j]
+                    relative_chords[k] = chords[k] + chords[j]
             within = radii[j] + radii[link] + slack
-            within += _travel(joints, j + 1, link, chords if relative else folds, lengths, relative)
+            turning = chords if relative else relative_chords
+            within += _displacement_bound(joints, j + 1, link, turning, lengths, relative)
             squared = _squared_between(ax, ay, bx, by, joints[j, 0], joints[j, 1], joints[j + 1, 0], joints[j + 1, 1])
             if squared <= within * within:
                 return True
@@ -147,12 +157,14 @@ def mark_link(
     out: Flags, first: int, last: int, link: int, counts: Integers, centres: Floats, widths: Floats, links: ArmLinks,
     self_collision: bool, parts: int, slack: float, solids: ObstacleArrays,
 ) -> None:  # fmt: skip
-    """Mark the cells of joints ``0 .. link`` in which a link may touch something, whole or cut into ``parts`` a joint.
+    """Mark the cells of joints ``0 .. link`` in which a link may collide with an obstacle or with the arm.
 
-    Shapes: `out` (product of counts[:link + 1],), `counts` (n,), `centres` (n, max(counts), `widths` (n,).
+    An undecided cell is subdivided once into ``parts`` parts per joint.  Cells that are marked already are skipped.
+    `out` (product of counts[:link + 1],): flat mask; `first, last`: range of cells; `counts` (n,): cells per joint;
+    `centres` (n, max(counts)): joint angles of cell centres; `widths` (n,): cell widths; `slack`: rounding, in metres.
     """
     joints = np.empty((link + 2, 2))
-    middle, angles, folds = np.empty(link + 1), np.empty(link + 1), np.zeros(link + 1)
+    middle, angles, scratch = np.empty(link + 1), np.empty(link + 1), np.zeros(link + 1)
     whole, none, small = np.empty(link + 1), np.zeros(link + 1), np.empty(link + 1)
     for j in range(link + 1):
         whole[j] = 2.0 * math.sin(min(widths[j] / 2, math.pi) / 2)
@@ -166,9 +178,9 @@ def mark_link(
             middle[j] = centres[j, rest % counts[j]]
             rest //= counts[j]
         place_joints(joints, link, middle, links.lengths, links.base, links.relative)
-        if not _hits(joints, link, whole, folds, links, self_collision, slack, solids):
+        if not _may_collide(joints, link, whole, scratch, links, self_collision, slack, solids):
             continue
-        if exact or parts == 1 or _hits(joints, link, none, folds, links, self_collision, slack, solids):
+        if exact or parts == 1 or _may_collide(joints, link, none, scratch, links, self_collision, slack, solids):
             out[flat] = True
             continue
         for part in range(parts ** (link + 1)):
@@ -177,16 +189,16 @@ def mark_link(
                 angles[j] = middle[j] + widths[j] * ((rest % parts + 0.5) / parts - 0.5)
                 rest //= parts
             place_joints(joints, link, angles, links.lengths, links.base, links.relative)
-            if _hits(joints, link, small, folds, links, self_collision, slack, solids):
+            if _may_collide(joints, link, small, scratch, links, self_collision, slack, solids):
                 out[flat] = True
                 break
 
 
 class CellPlane(NamedTuple):
-    """A grid of the plane, and what stands for a cell: a box around its centre.
+    """A grid in the plane, and the box around each cell centre that is tested in place of the cell.
 
-    `x, y`: lower corner; `width, height`: of a cell; `half_x, half_y`: half the width and height of what stands for a
-    cell; 0 for its centre alone.
+    `x, y`: lower corner of the grid; `width, height`: size of a cell; `half_x, half_y`: half the size of the tested
+    box, 0 to test only the centre.  All in metres.
     """
 
     x: float
@@ -199,20 +211,20 @@ class CellPlane(NamedTuple):
 
 @inner
 def _index(scaled: float, count: int) -> int:
-    """A coordinate counted in cells as an index from 0 to ``count``, rounded up."""
+    """Return a coordinate in cell units, rounded up and clipped to an index from 0 to ``count``."""
     return math.ceil(min(max(scaled, 0.0), float(count)))
 
 
 @inner
 def _extent_of_disc(y: float, radius: float, low: float, high: float) -> float:
-    """Half the width of what a row cuts from a disc; negative where it cuts nothing."""
+    """Return half the width of the part of a disc with y in [low, high]; negative if there is no such part."""
     away = max(0.0, low - y, y - high)
     return math.sqrt((radius - away) * (radius + away)) if away <= radius else -1.0
 
 
 @inner
 def _ends_of_segment(ax: float, ay: float, bx: float, by: float, low: float, high: float) -> tuple[float, float]:
-    """Smallest and largest x of what a row cuts from a segment; reversed where it cuts nothing."""
+    """Return the range of x of the part of a segment with y in [low, high]; (inf, -inf) if there is no such part."""
     if ay > by:
         ax, ay, bx, by = bx, by, ax, ay
     if ay > high or by < low:
@@ -227,10 +239,11 @@ def _ends_of_segment(ax: float, ay: float, bx: float, by: float, low: float, hig
 
 @kernel
 def mark_parallelograms(out: Flags, pieces: Floats, reach: float, plane: CellPlane) -> None:
-    """Mark the cells, shape (columns, rows), that come within a distance of parallelograms, shape (p, 6).
+    """Mark the cells that come within a distance `reach` of parallelograms.
 
-    What lies so near is convex: an interval of x decides a whole row.  It ends on the circles around the corners, or on
-    the edges moved outwards.
+    `out` (columns, rows); `pieces` (p, 6): a corner and two edge vectors.  The set of points within the distance is
+    convex, so that in each row the marked cells form one interval.  Its ends lie on circles around the corners or on
+    edges shifted outwards.
     """
     columns, rows = out.shape
     for piece in range(len(pieces)):
@@ -271,9 +284,10 @@ def mark_parallelograms(out: Flags, pieces: Floats, reach: float, plane: CellPla
 @kernel
 @makes_arrays
 def mark_enclosed(out: Flags, edges: Floats, plane: CellPlane) -> None:
-    """Mark the cells, shape (columns, rows), whose centre closed rings of edges, shape (e, 4), enclose.
+    """Mark the cells whose centres lie inside closed rings of edges, by the even-odd rule.
 
-    In every row an edge flips all that lies to its right.
+    `out` (columns, rows); `edges` (e, 4): end points.  In every row, each edge that crosses the row toggles all cells
+    to the right of the crossing.
     """
     columns, rows = out.shape
     flips = np.zeros(columns + 1, dtype=np.bool_)

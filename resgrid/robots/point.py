@@ -1,4 +1,4 @@
-"""A point, a ball and a disc that do not turn: their configuration space is the workspace."""
+"""Points, balls and discs: robots without orientation, whose configuration space is the workspace."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from resgrid.robots.shapes import Shape
 @checked
 @dataclass(frozen=True)
 class PointRobot(Robot):
-    """A robot that is a point, or a ball around its reference point, in one to four dimensions.
+    """A point robot, or a ball around its reference point, in one to four dimensions.
 
-    Obstacles grow by the radius: a ball of radius ``r`` touches an obstacle exactly where its centre lies within
-    ``r`` of it (Lozano-Perez, IEEE Trans. Computers C-32 (1983) 108).
+    Obstacles are dilated by the radius: a ball of radius ``r`` touches an obstacle if and only if the distance of its
+    centre from the obstacle is at most ``r`` (Lozano-Perez, IEEE Trans. Computers C-32 (1983) 108).
 
     Parameters
     ----------
@@ -52,43 +52,43 @@ class PointRobot(Robot):
 
     @property
     def remedy(self) -> str:
-        """What to do where it does not fit; empty for a point."""
+        """Advice in messages if the robot does not fit; empty for a point."""
         return "make the robot's radius smaller" if self.radius else ""
 
     @property
     def shrunk(self) -> PointRobot:
-        """A robot of a thousandth of the radius; where it does not fit either, a smaller radius does not help."""
+        """The robot with a thousandth of the radius, which shows whether a smaller radius would help."""
         return PointRobot(self.radius / 1000)
 
     def parts(self, configurations: NDArray[np.float64]) -> list[RigidPart]:
-        """The point with its radius; see `Robot.parts`."""
+        """Return one rigid part: points at the configurations, shape (n, 2), with the robot's radius."""
         import shapely
 
         if configurations.shape[1] != 2:
             raise InputError(
-                f"geometry is known in the plane alone: give 2 coordinates, not {configurations.shape[1]} axes"
+                f"geometry of robots exists in the plane only: give 2 coordinates, not {configurations.shape[1]}"
             )
         return [RigidPart(np.asarray(shapely.points(configurations)), self.radius)]
 
     def travel(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Distances between places; see `Robot.travel`."""
+        """Return the distances between start and end, shape (n,), in axis units, for configurations (n, ndim)."""
         return np.asarray(np.linalg.norm(end - start, axis=1))
 
     def pose(self, configuration: NDArray[np.float64]) -> Pose:
-        """A segment of length 0; see `Robot.pose`."""
+        """Return the pose of a disc at a configuration, shape (2,): a segment of length 0 with the robot's radius."""
         if configuration.shape != (2,):
-            raise InputError(f"contact is known in the plane alone, not with {len(configuration)} axes")
+            raise InputError(f"contacts are computed in the plane only: give 2 axes, not {len(configuration)}")
         return Pose.of_body(np.array([[*configuration, *configuration]]), self.radius, configuration)
 
     def occupancy(
         self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None
     ) -> NDArray[np.bool_]:
-        """Cells that meet an obstacle grown by the robot's radius, in one to four dimensions.
+        """Return the mask of blocked cells: cells that meet an obstacle dilated by the robot's radius.
 
-        With the rule ``"conservative"`` a cell is blocked if its interior meets a grown obstacle, so every point of a
-        free cell is free; an obstacle that ends on a cell's border does not block that cell. ``"centre"``: it is
-        blocked if its centre lies in a grown obstacle. "Interior" leaves out a rim of 1e-9 of the cell, so that an edge
-        meant to lie on a border does so in floating point.
+        With the rule ``"conservative"``, a cell is blocked if its interior meets a dilated obstacle, so that every
+        point of a free cell is free.  An obstacle that ends on a cell's border does not block that cell.  With the rule
+        ``"centre"``, a cell is blocked if its centre lies in a dilated obstacle.  The interior excludes a rim of 1e-9
+        of the cell width, so that rounding does not move an obstacle's edge across a border between cells.
         """
         self.check_axes(axes)
         blocked = np.zeros(tuple(axis.cells for axis in axes), dtype=bool)
@@ -102,7 +102,7 @@ class PointRobot(Robot):
 @checked
 @dataclass(frozen=True)
 class DiscRobot(PointRobot):
-    """A disc around its reference point; its configuration space is the plane it moves in.
+    """A disc around its reference point in the plane; its configuration space is this plane.
 
     Parameters
     ----------
@@ -127,9 +127,9 @@ class DiscRobot(PointRobot):
            [0, 0, 0, 0]], dtype=uint8)
     """
 
-    radius: Annotated[float, Gt(0), Le(LARGEST)] = field()  # needed, unlike the point's
+    radius: Annotated[float, Gt(0), Le(LARGEST)] = field()  # required, in contrast to the radius of a point robot
 
     def check_axes(self, axes: Sequence[Axis]) -> None:
-        """Refuse what is not a plane; see `Robot.check_axes`."""
+        """Raise InputError unless there are two axes."""
         if len(axes) != 2:
             raise InputError(f"a disc moves in the plane and needs 2 axes, got {len(axes)}; a point has any number")

@@ -24,25 +24,25 @@ if TYPE_CHECKING:
     from resgrid.robots.kernels import CellPlane
 
 PARTS = 3
-"""With the conservative rule every slice is cut into so many thinner ones, and blocked where any of them is."""
+"""Number of thinner slices into which the conservative rule divides each slice of constant heading."""
 
 
 @checked
 @brief
 @dataclass(frozen=True)
 class PolygonRobot(Robot):
-    """A polygon with configurations ``(x, y, theta)``: moved to ``(x, y)`` and turned about its reference point.
+    """A rigid polygon in the plane with configurations ``(x, y, theta)``: position and rotation.
 
-    The third coordinate is an arc, not an angle: ``theta = turning_length * angle``, in the unit of x and y, so that
-    resistances, lengths and clearances weigh turning by one radian like moving by ``turning_length``.  With the
-    default of 1 it reads like radians.
+    The third coordinate is an arc length, ``theta = turning_length * angle``, in the unit of x and y.  Resistances,
+    lengths and clearances thus weight a rotation by one radian like a translation by ``turning_length``.  With the
+    default of 1, theta equals the angle in radians.
 
     Parameters
     ----------
     vertices : tuple of (float, float)
-        Corners of a simple polygon, in either sense; the reference point is the origin.
+        Corners of a simple polygon, clockwise or anticlockwise; the reference point is the origin.
     turning_length : float
-        Above 0.
+        Length that corresponds to a rotation by one radian, above 0.
 
     Raises
     ------
@@ -69,11 +69,11 @@ class PolygonRobot(Robot):
 
     @property
     def farthest(self) -> float:
-        """Distance from the reference point to the farthest corner."""
+        """Distance from the reference point to the farthest corner, in metres."""
         return float(np.hypot(*np.transpose(self.vertices)).max())
 
     def corners(self, configurations: ArrayLike) -> NDArray[np.float64]:
-        """Where the corners are. Shapes: `configurations` (..., 3); returns (..., v, 2)."""
+        """Return positions of the v corners, shape (..., v, 2), for `configurations` (..., 3)."""
         pose = np.asarray(configurations, dtype=np.float64)
         if pose.shape[-1:] != (3,):
             raise InputError(f"a turning polygon's configuration is (x, y, theta), got shape {pose.shape}")
@@ -83,18 +83,21 @@ class PolygonRobot(Robot):
         return np.asarray(turned + pose[..., None, :2])
 
     def parts(self, configurations: NDArray[np.float64]) -> list[RigidPart]:
-        """The polygon; see `Robot.parts`."""
+        """Return one rigid part: the polygon in each of the configurations, shape (n, 3)."""
         import shapely
 
         return [RigidPart(np.asarray(shapely.polygons(self.corners(configurations))), 0.0)]
 
     def travel(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-        """How far the reference point moves, and the farthest corner turns; see `Robot.travel`."""
+        """Return upper bounds of the distance that any point moves, shape (n,), for lines between (n, 3) points.
+
+        The bound is the distance of the reference point plus the arc of the farthest corner.
+        """
         angle = np.abs(end[:, 2] - start[:, 2]) / self.turning_length
         return np.asarray(np.linalg.norm((end - start)[:, :2], axis=1) + self.farthest * angle)
 
     def pose(self, configuration: NDArray[np.float64]) -> Pose:
-        """The edges of a rigid body; see `Robot.pose`."""
+        """Return the pose of a rigid body, given by the edges, at a configuration of shape (3,)."""
         corners = self.corners(configuration)
         edges = np.hstack([corners, np.roll(corners, -1, axis=0)])
         return Pose.of_body(edges, 0.0, configuration, self.turning_length)
@@ -102,19 +105,20 @@ class PolygonRobot(Robot):
     def occupancy(
         self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None
     ) -> NDArray[np.bool_]:
-        """Cells in which the polygon may touch an obstacle; see `Robot.occupancy`.
+        """Return the mask of cells in which the polygon may touch an obstacle.
 
-        At a fixed angle the polygon touches an obstacle exactly where its reference point lies in the Minkowski
-        difference of the two (Lozano-Perez, IEEE Trans. Computers C-32 (1983) 108).  While the angle varies within a
-        third of a cell no point of the polygon moves farther than a chord at the farthest corner: with the conservative
-        rule the differences grow by it, and a cell, its border included, is free only if it is free in all three
-        thirds.
+        At a fixed angle, the polygon touches an obstacle if and only if its reference point lies in the Minkowski
+        difference of obstacle and polygon (Lozano-Perez, IEEE Trans. Computers C-32 (1983) 108).  The conservative rule
+        divides the angles of a cell into three parts.  Within a part no point moves farther than the chord of the
+        farthest corner, and the differences are dilated by this chord.  A closed cell is free if it is free in each of
+        the three parts.
         """
         from resgrid.robots.kernels import CellPlane
 
         self.check_axes(axes)
         x, y, turning = axes
-        solids = [_Solid.of(require_plane(shape, "a turning polygon"), (x, y), self.farthest) for shape in obstacles]
+        shapes = [require_plane(shape, "a turning polygon") for shape in obstacles]
+        solids = [_PlaneObstacle.of(shape, (x, y), self.farthest) for shape in shapes]
         parts, half, reach = 1, (0.0, 0.0), 0.0
         if rule == "conservative":
             parts, half = PARTS, (x.spacing / 2, y.spacing / 2)
@@ -137,19 +141,21 @@ class PolygonRobot(Robot):
 
 
 @dataclass(frozen=True, eq=False)
-class _Solid:
-    """An obstacle as a turning polygon meets it: everything within a radius of an area, or a half-plane.
+class _PlaneObstacle:
+    """An obstacle for Minkowski sums with a polygon: an area dilated by a radius, or a half-plane.
 
-    `edges` (e, 4): of the area; a disc has its centre for an edge; `places` (p, 2): a point of every piece of it.
+    `edges` (e, 4): boundary of the area, for a disc one edge of length 0 at its centre; `inner_points` (p, 2): one
+    point of every connected piece of the area.
     """
 
     edges: NDArray[np.float64]
-    places: NDArray[np.float64]
+    inner_points: NDArray[np.float64]
     radius: float = 0.0
     half_plane: HalfSpace | None = None
 
     @classmethod
-    def of(cls, shape: Shape, axes: tuple[Axis, Axis], farthest: float) -> _Solid:
+    def of(cls, shape: Shape, axes: tuple[Axis, Axis], farthest: float) -> _PlaneObstacle:
+        """Convert a shape; outlines are clipped far outside the grid, beyond the reach of the farthest corner."""
         match shape:
             case Box() | Polygon():
                 edges = outline(shape, axes, 4 * farthest)
@@ -157,15 +163,17 @@ class _Solid:
             case Ball(centre, radius):
                 return cls(np.array([[*centre, *centre]]), np.array([centre]), radius)
             case CellSet():
-                return cls(shape.borders(), shape.places())
+                return cls(shape.borders(), shape.inner_points())
         return cls(np.empty((0, 4)), np.empty((0, 2)), 0.0, shape)
 
     def mark(self, layer: NDArray[np.bool_], plane: CellPlane, mirrored: NDArray[np.float64], reach: float) -> None:
-        """Mark the cells, shape (columns, rows), near the sum of the area and a polygon with mirrored corners (v, 2).
+        """Mark the cells of a layer within a distance `reach` of the Minkowski sum of the area and a polygon.
 
-        The Minkowski sum of the outlines (a parallelogram for every pair of edges) covers all but places where a piece
-        of one lies wholly inside the other, and those lie in a copy of either, moved by one point of the other.  Every
-        piece is marked as it is: a union of nearly coinciding ones would lose some.
+        `layer` (columns, rows); `mirrored` (v, 2): corners of the polygon, mirrored at its reference point.
+        The sum of the outlines is a parallelogram for every pair of edges.  Other points of the Minkowski sum occur
+        only if a piece of one area lies inside the other; they lie in a copy of one area, translated by a point of
+        the other.  Every parallelogram is marked separately, because a geometric union of nearly coincident ones
+        could lose some.
         """
         from resgrid.robots.kernels import mark_enclosed, mark_parallelograms
 
@@ -182,6 +190,6 @@ class _Solid:
             pieces[..., 2:4] = (self.edges[:, 2:] - self.edges[:, :2])[:, None]
             pieces[..., 4:] = others[:, 2:] - others[:, :2]
             mark_parallelograms(layer, pieces.reshape(-1, 6), reach + self.radius, plane)
-            for place in self.places:
-                mark_enclosed(layer, others + np.tile(place, 2), plane)
+            for point in self.inner_points:
+                mark_enclosed(layer, others + np.tile(point, 2), plane)
             mark_enclosed(layer, self.edges + np.tile(mirrored[0], 2), plane)

@@ -1,4 +1,4 @@
-"""Shapes of the workspace: closed point sets, in the coordinates of the grid unless somebody says otherwise."""
+"""Shapes of the workspace: closed point sets, in axis units unless stated otherwise."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from resgrid._internal.validation import checked
 from resgrid._internal.values import brief
 from resgrid.core.axis import LARGEST, Axis, Coordinate, Point
-from resgrid.core.regions import label_regions
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,16 +22,16 @@ if TYPE_CHECKING:
 Bounds = tuple[Point, Point]
 
 FAR = 1e4
-"""Half-planes are drawn this far, in the unit of the workspace."""
+"""Extent of the rectangle that represents a half-plane in shapely, in axis units."""
 
 
 class _Bounded(ABC):
-    """A shape that knows its bounds."""
+    """Base class of shapes, with their bounding box."""
 
     @property
     @abstractmethod
     def bounds(self) -> Bounds:
-        """Lower and upper corner of the smallest box around the shape."""
+        """Lower and upper corner of the shape's bounding box, in axis units."""
 
     @property
     def ndim(self) -> int:
@@ -43,7 +42,7 @@ class _Bounded(ABC):
 @checked
 @dataclass(frozen=True)
 class Box(_Bounded):
-    """A rectangle (two coordinates) or box (any number), sides along the axes.
+    """An axis-aligned rectangle (two coordinates) or box (any number of coordinates).
 
     Parameters
     ----------
@@ -72,18 +71,18 @@ class Box(_Bounded):
 
     @property
     def bounds(self) -> Bounds:
-        """Lower and upper corner of the smallest box around the shape."""
+        """Lower and upper corner of the box."""
         return self.lower, self.upper
 
     def shifted(self, by: Point) -> Box:
-        """The same shape, moved."""
+        """Return the box translated by a vector."""
         return Box(_add(self.lower, by), _add(self.upper, by))
 
 
 @checked
 @dataclass(frozen=True)
 class Ball(_Bounded):
-    """A disc (two coordinates) or ball (any number).
+    """A disc (two coordinates) or ball (any number of coordinates).
 
     Parameters
     ----------
@@ -108,11 +107,11 @@ class Ball(_Bounded):
 
     @property
     def bounds(self) -> Bounds:
-        """Lower and upper corner of the smallest box around the shape."""
+        """Lower and upper corner of the ball's bounding box."""
         return tuple(c - self.radius for c in self.centre), tuple(c + self.radius for c in self.centre)
 
     def shifted(self, by: Point) -> Ball:
-        """The same shape, moved."""
+        """Return the ball translated by a vector."""
         return Ball(_add(self.centre, by), self.radius)
 
 
@@ -120,19 +119,19 @@ class Ball(_Bounded):
 @brief
 @dataclass(frozen=True)
 class Polygon(_Bounded):
-    """A simple polygon in the plane, with holes if need be.
+    """A simple polygon in the plane, optionally with holes.
 
     Parameters
     ----------
     vertices : tuple of (float, float)
-        The outer ring, at least three corners, in either sense; the last joins the first.
+        Corners of the outer ring, at least three, clockwise or anticlockwise; the last is connected to the first.
     holes : tuple of rings
-        Rings inside the outer one that are not part of the polygon.
+        Rings inside the outer ring whose interior is not part of the polygon.
 
     Raises
     ------
     InputError
-        If a ring has fewer than three corners, crosses itself, or a hole sticks out.
+        If a ring has fewer than three corners or crosses itself, or a hole is not inside the outer ring.
 
     Examples
     --------
@@ -156,17 +155,17 @@ class Polygon(_Bounded):
 
     @property
     def rings(self) -> tuple[tuple[Point, ...], ...]:
-        """The outer ring and the holes."""
+        """The outer ring, followed by the holes."""
         return (self.vertices, *self.holes)
 
     @property
     def bounds(self) -> Bounds:
-        """Lower and upper corner of the smallest box around the shape."""
+        """Lower and upper corner of the polygon's bounding box."""
         x, y = zip(*self.vertices, strict=True)
         return (min(x), min(y)), (max(x), max(y))
 
     def shifted(self, by: Point) -> Polygon:
-        """The same shape, moved."""
+        """Return the polygon translated by a vector."""
         vertices, *holes = (tuple(_add(point, by) for point in ring) for ring in self.rings)
         return Polygon(vertices, tuple(holes))
 
@@ -174,12 +173,12 @@ class Polygon(_Bounded):
 @checked
 @dataclass(frozen=True)
 class HalfSpace(_Bounded):
-    """All points where ``normal @ x <= offset``: the normal points out of the solid, into the free side.
+    """The half-space ``normal @ x <= offset``; the normal points out of the solid, towards free space.
 
     Parameters
     ----------
     normal : tuple of float
-        Not zero; need not have length 1.
+        Normal vector, not zero; its length is arbitrary.
     offset : float
         In the units of ``normal @ x``.
 
@@ -206,15 +205,15 @@ class HalfSpace(_Bounded):
 
     @property
     def bounds(self) -> Bounds:
-        """Lower and upper corner of the smallest box around the shape: infinite."""
+        """Infinite lower and upper corner."""
         return (-inf,) * len(self.normal), (inf,) * len(self.normal)
 
 
 @dataclass(frozen=True, eq=False)
 class CellSet(_Bounded):
-    """The union of marked cells of a grid, each a closed box.
+    """The union of the marked cells of a grid, each a closed box.
 
-    `axes`: the grid; `mask`: one entry per cell.
+    `axes`: axes of the grid; `mask`: marked cells, shape of the grid.
     """
 
     axes: tuple[Axis, ...]
@@ -230,14 +229,14 @@ class CellSet(_Bounded):
         return tuple(axis.lower for axis in self.axes), tuple(axis.upper for axis in self.axes)
 
     def boxes(self) -> list[Box]:
-        """Marked cells of a plane as boxes, one for each run of neighbours along the second axis."""
+        """Return the marked cells of a plane grid as boxes, one per run of neighbours along the second axis."""
         x, y = self.axes
         column, first, last = _runs(self.mask)
         corners = np.column_stack([x.edges[column], y.edges[first], x.edges[column + 1], y.edges[last]]).tolist()
         return [Box((x0, y0), (x1, y1)) for x0, y0, x1, y1 in corners]
 
     def borders(self) -> NDArray[np.float64]:
-        """Edges between marked cells of a plane and others, joined along straight lines.  Returns (e, 4)."""
+        """Return the boundary of the set in a plane grid as edges (e, 4), merged along straight lines."""
         edges = []
         for mask, (across, along), columns in (
             (self.mask, self.axes, [0, 1, 2, 3]), (self.mask.T, self.axes[::-1], [1, 0, 3, 2])
@@ -247,17 +246,18 @@ class CellSet(_Bounded):
             edges.append(np.column_stack([at, along.edges[first], at, along.edges[last]])[:, columns])
         return np.concatenate(edges)
 
-    def places(self) -> NDArray[np.float64]:
-        """Centre of a cell of every connected piece of marked cells of a plane.  Returns (p, 2)."""
-        pieces = label_regions(self.mask, periodic=False)
-        count = int(pieces.max(initial=0))
+    def inner_points(self) -> NDArray[np.float64]:
+        """Return one cell centre (p, 2) for every connected piece of the set in a plane grid."""
+        from scipy.ndimage import label
+
+        pieces, count = label(self.mask)
         _, first = np.unique(pieces, return_index=True)
         cells = np.unravel_index(first[-count:] if count else first[:0], self.mask.shape)
         return np.column_stack([axis.centres[index] for axis, index in zip(self.axes, cells, strict=True)])
 
 
 def _runs(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Row, first and past-the-last entry of every run of marked entries along the second axis of a mask."""
+    """Return row, first and past-the-last column of every run of True entries along the second axis of a mask."""
     flips = np.diff(mask.astype(np.int8), axis=1, prepend=0, append=0)
     row, first = np.nonzero(flips > 0)
     _, last = np.nonzero(flips < 0)
@@ -269,7 +269,10 @@ Shape = Solid | CellSet
 
 
 def rings_of(shape: Box | Polygon) -> tuple[tuple[Point, ...], ...]:
-    """Outer ring and holes of a polygon, or of a box of the plane, which is made at least four rounding errors wide."""
+    """Return the outer ring and the holes of a polygon, or the ring of a box in the plane.
+
+    A box narrower than four rounding errors is widened, so that its ring has an interior.
+    """
     if isinstance(shape, Polygon):
         return shape.rings
     (x0, y0), (x1, y1) = shape.lower, shape.upper
@@ -279,18 +282,23 @@ def rings_of(shape: Box | Polygon) -> tuple[tuple[Point, ...], ...]:
 
 
 def require_plane(shape: Shape, whose: str) -> Shape:
-    """The shape, if it is one of the plane."""
+    """Return the shape; raise InputError unless it has two coordinates.  `whose`: robot, for the message."""
     if shape.ndim != 2:
         raise InputError(f"{whose} moves in the plane: a shape needs 2 coordinates, got {shape.ndim}")
     return shape
 
 
 def to_shapely(shape: Shape) -> BaseGeometry:
-    """A shape of the plane as shapely geometry; a disc as a polygon of 256 edges, a half-plane cut off far away."""
+    """Convert a shape of the plane to shapely geometry.
+
+    A disc becomes a polygon with 256 edges, and a half-plane a rectangle that extends 1e4 axis units.
+    """
     import shapely
 
     if shape.ndim != 2:
-        raise InputError(f"geometry is known of shapes of the plane alone, not of this {type(shape).__name__}")
+        raise InputError(
+            f"shapely geometry exists for plane shapes only; this {type(shape).__name__} has {shape.ndim} coordinates"
+        )
     match shape:
         case CellSet():
             corners = np.array([(*box.lower, *box.upper) for box in shape.boxes()]).reshape(-1, 4)
@@ -312,4 +320,5 @@ def to_shapely(shape: Shape) -> BaseGeometry:
 
 
 def _add(point: Point, by: Point) -> Point:
+    """Return a point translated by a vector."""
     return tuple(a + b for a, b in zip(point, by, strict=True))

@@ -1,6 +1,7 @@
-"""Compiled loops of the arms' goals: which cells hold a configuration that brings the tip into a region.
+"""Compiled kernels for goal cells of arms: the cells that contain a solution of the inverse kinematics.
 
-Numba takes seconds to import: only functions that are about to sample import this module.
+A solution is a configuration that brings the tip (tool point) into a goal region.
+Import this module only inside functions that call a kernel, because importing numba takes seconds.
 """
 
 from __future__ import annotations
@@ -12,20 +13,25 @@ import numpy as np
 
 from resgrid._internal.jit import inner, kernel, makes_arrays
 from resgrid.robots.geometry import ArmLinks, ObstacleArrays
-from resgrid.robots.kernels import Flags, Floats, Integers, near_solids, place_joints, share
+from resgrid.robots.kernels import Flags, Floats, Integers, near_solids, place_joints, segment_parameter
 
-BOXES = 200_000
-"""So many parts of a cell are examined at before it is given up."""
+MAX_BOXES = 200_000
+"""Limit of the branch-and-bound search: boxes (parts of a cell) examined per cell."""
 
-STEPS = 30
-"""So many Newton steps are made from the middle of a part."""
+MAX_NEWTON_STEPS = 30
+"""Limit of Newton steps from the centre of a box."""
 
-DEPTH = 256
-"""Halvings of a cell that end in a part too small to matter: some fifty along each of four joints."""
+MAX_DEPTH = 256
+"""Limit of boxes on the stack of the search: about fifty bisections along each of four joints."""
 
 
-class _Work(NamedTuple):
-    """One cell: where its joints end, a configuration, and what Newton's steps and the halvings need."""
+class _SearchArrays(NamedTuple):
+    """Work arrays of the search in one cell, for n joints.
+
+    `low, high` (n,): limits of the cell; `at` (n,): current configuration; `best` (n,): nearest configuration of a
+    Newton iteration; `step` (n,): Newton step; `held` (n,): joints at an active limit; `jacobian` (n, 2): of the tip;
+    `joints` (n + 1, 2): joint positions; `middles, halves` (MAX_DEPTH, n): stack of boxes, centres and half widths.
+    """
 
     low: Floats
     high: Floats
@@ -33,23 +39,24 @@ class _Work(NamedTuple):
     best: Floats
     step: Floats
     held: Flags
-    rows: Floats
+    jacobian: Floats
     joints: Floats
     middles: Floats
     halves: Floats
 
 
 @inner
-def _towards(x: float, y: float, piece: int, goal: ObstacleArrays) -> tuple[float, float, float, bool]:
-    """Distance from a piece of a region's border, the unit vector away from it, and whether it is a corner's.
+def _piece_distance(x: float, y: float, piece: int, goal: ObstacleArrays) -> tuple[float, float, float, bool]:
+    """Return distance and unit vector from a convex piece of a region to (x, y), and whether the piece acts as a point.
 
-    The pieces, all convex, are the edges of its polygons, its discs and its half-planes.
+    The pieces are the edges of polygons, the discs and the half-planes, in this order.  A piece acts as a point if the
+    nearest place is the end of an edge, or if the disc is tiny.
     """
     edges, discs = len(goal.edges), len(goal.discs)
     if piece < edges:
         ax, ay = goal.edges[piece, 0], goal.edges[piece, 1]
         bx, by = goal.edges[piece, 2], goal.edges[piece, 3]
-        t = share(x, y, ax, ay, bx, by)
+        t = segment_parameter(x, y, ax, ay, bx, by)
         ux, uy = x - ax - t * (bx - ax), y - ay - t * (by - ay)
         away = math.hypot(ux, uy)
         if away == 0.0:
@@ -68,33 +75,34 @@ def _towards(x: float, y: float, piece: int, goal: ObstacleArrays) -> tuple[floa
 
 
 @inner
-def _place_tip(work: _Work, links: ArmLinks) -> None:
-    """Joint positions of the configuration, and velocity of the tip for unit velocities of the joints, shape (n, 2)."""
+def _place_tip(work: _SearchArrays, links: ArmLinks) -> None:
+    """Compute joint positions and the Jacobian of the tip for the current configuration, in the work arrays."""
     n, joints = len(work.at), work.joints
     place_joints(joints, n - 1, work.at, links.lengths, links.base, links.relative)
     for j in range(n):
         far = n if links.relative else j + 1
-        work.rows[j, 0] = joints[j, 1] - joints[far, 1]
-        work.rows[j, 1] = joints[far, 0] - joints[j, 0]
+        work.jacobian[j, 0] = joints[j, 1] - joints[far, 1]
+        work.jacobian[j, 1] = joints[far, 0] - joints[j, 0]
 
 
 @inner
-def _turn(work: _Work, rx: float, ry: float, flat: bool) -> None:
-    """Turn the joints by the least that would move the tip by ``r``, or by as much along ``r`` and somehow across it.
+def _newton_step(work: _SearchArrays, rx: float, ry: float, flat: bool) -> None:
+    """Apply the least-norm joint step whose linearized tip motion is ``r``, within the limits of the cell.
 
-    A joint at the end of its cell that would have to turn further is held, and the others turn for it; what still
-    leaves the cell is cut off.
+    With `flat`, only the component of the tip motion along ``r`` is prescribed, as for a straight border.  A joint at a
+    limit of the cell that would move beyond it is held, and the step is recomputed for the other joints.  The result is
+    clipped to the cell.
     """
-    n, rows, step, at = len(work.at), work.rows, work.step, work.at
+    n, jacobian, step, at = len(work.at), work.jacobian, work.step, work.at
     for j in range(n):
         work.held[j] = False
     for _ in range(n + 1):
         xx = xy = yy = 0.0
         for j in range(n):
             if not work.held[j]:
-                xx += rows[j, 0] * rows[j, 0]
-                xy += rows[j, 0] * rows[j, 1]
-                yy += rows[j, 1] * rows[j, 1]
+                xx += jacobian[j, 0] * jacobian[j, 0]
+                xy += jacobian[j, 0] * jacobian[j, 1]
+                yy += jacobian[j, 1] * jacobian[j, 1]
         px = py = 0.0
         if flat:
             squared = rx * rx * xx + 2.0 * rx * ry * xy + ry * ry * yy
@@ -108,7 +116,7 @@ def _turn(work: _Work, rx: float, ry: float, flat: bool) -> None:
                 px, py = ((yy + more) * rx - xy * ry) / det, ((xx + more) * ry - xy * rx) / det
         again = False
         for j in range(n):
-            step[j] = 0.0 if work.held[j] else rows[j, 0] * px + rows[j, 1] * py
+            step[j] = 0.0 if work.held[j] else jacobian[j, 0] * px + jacobian[j, 1] * py
             if (step[j] > 0.0 and at[j] >= work.high[j]) or (step[j] < 0.0 and at[j] <= work.low[j]):
                 work.held[j] = True
                 again = True
@@ -119,71 +127,75 @@ def _turn(work: _Work, rx: float, ry: float, flat: bool) -> None:
 
 
 @inner
-def _solve(work: _Work, piece: int, links: ArmLinks, goal: ObstacleArrays, least: float) -> float:
-    """Turn the joints within a cell until the tip touches a piece; distance of the nearest place found, which is left.
+def _newton(work: _SearchArrays, piece: int, links: ArmLinks, goal: ObstacleArrays, tolerance: float) -> float:
+    """Minimize the distance from the tip to a piece by Newton steps within the cell; return the smallest distance.
 
-    Newton's steps, cut off at the borders of the cell: straight at the piece, whatever happens across, and where that
-    leads no nearer, with the tip held on its line.
+    The nearest configuration is left in ``work.at``.  Steps prescribe only the tip motion towards the piece.  For a
+    piece that acts as a point, and after a step without sufficient decrease, the motion across that direction is
+    prescribed as well: it must be zero.
     """
     n = len(work.at)
     nearest, stuck = math.inf, 0
-    for _ in range(STEPS):
+    for _ in range(MAX_NEWTON_STEPS):
         _place_tip(work, links)
-        away, ux, uy, corner = _towards(work.joints[n, 0], work.joints[n, 1], piece, goal)
+        away, ux, uy, corner = _piece_distance(work.joints[n, 0], work.joints[n, 1], piece, goal)
         stuck = 0 if away < 0.7 * nearest else stuck + 1
         if away < nearest:
             nearest = away
             for j in range(n):
                 work.best[j] = work.at[j]
-        if nearest <= least or stuck > 3:
+        if nearest <= tolerance or stuck > 3:
             break
-        _turn(work, -away * ux, -away * uy, not corner and stuck == 0)
+        _newton_step(work, -away * ux, -away * uy, not corner and stuck == 0)
     for j in range(n):
         work.at[j] = work.best[j]
     return nearest
 
 
 @inner
-def _aim(work: _Work, part: int, links: ArmLinks, goal: ObstacleArrays, tolerance: float) -> tuple[int, int]:
-    """The nearest piece of the region's border that the tip may reach from the middle of a part, -1 if there is none.
+def _reachable_piece(
+    work: _SearchArrays, box: int, links: ArmLinks, goal: ObstacleArrays, tolerance: float
+) -> tuple[int, int]:
+    """Return the nearest piece of the goal region that the tip may reach within a box, and the joint to bisect.
 
-    Within the part the tip moves by at most ``chord times lever``, summed over the joints; and away from a convex
-    piece by at most ``|u . J| half`` and, for what the Jacobian leaves out, half of ``length times turn**2``, summed
-    over the links.  The joint whose turning matters most comes second.
+    The piece is -1 if bounds exclude the whole region.  Bound 1: within the box the tip moves by at most the sum over
+    joints of ``2 sin(half / 2) * lever``.  Bound 2: towards a convex piece with unit vector ``u`` the tip moves by at
+    most the sum of ``|u . J| half`` over joints plus, for the remainder of the linearization, the sum of
+    ``length * turn**2 / 2`` over links.  The joint to bisect is the one with the largest effect on the tip.
     """
-    n, rows, halves = len(work.at), work.rows, work.halves
+    n, jacobian, halves = len(work.at), work.jacobian, work.halves
     travel = curved = turn = most = 0.0
     widest = 0
     for j in range(n):
-        width = halves[part, j]
+        width = halves[box, j]
         turn = turn + width if links.relative else width
         curved += 0.5 * links.lengths[j] * turn * turn
-        lever = math.hypot(rows[j, 0], rows[j, 1])
+        lever = math.hypot(jacobian[j, 0], jacobian[j, 1])
         travel += 2.0 * math.sin(min(width, math.pi) / 2) * lever
         if width * (links.lengths[j] + lever) > most:
             most, widest = width * (links.lengths[j] + lever), j
-    aim, closest = -1, math.inf
+    nearest, closest = -1, math.inf
     for piece in range(len(goal.edges) + len(goal.discs) + len(goal.half_planes)):
-        away, ux, uy, _ = _towards(work.joints[n, 0], work.joints[n, 1], piece, goal)
+        away, ux, uy, _ = _piece_distance(work.joints[n, 0], work.joints[n, 1], piece, goal)
         if away <= travel + tolerance and away < closest:
             straight = curved
             for j in range(n):
-                straight += abs(ux * rows[j, 0] + uy * rows[j, 1]) * halves[part, j]
+                straight += abs(ux * jacobian[j, 0] + uy * jacobian[j, 1]) * halves[box, j]
             if away <= straight + tolerance:
-                aim, closest = piece, away
-    return aim, widest
+                nearest, closest = piece, away
+    return nearest, widest
 
 
 @inner
-def _find(work: _Work, links: ArmLinks, goal: ObstacleArrays, tolerance: float) -> bool:
-    """Whether a cell holds a configuration with the tip in a region, which is left.
+def _search_cell(work: _SearchArrays, links: ArmLinks, goal: ObstacleArrays, tolerance: float) -> bool:
+    """Return whether a cell contains a configuration with the tip in the goal region; leave it in ``work.at``.
 
-    Branch and bound: parts of the cell from which the tip cannot come to the region are left out; elsewhere Newton's
-    steps look for a configuration, and where they fail the part is cut in two; the half that they led to comes first.
+    Branch and bound: a box is discarded if bounds show that the tip cannot reach the region.  Otherwise Newton steps
+    search for a solution.  If they fail, the box is bisected, and the half that contains the last iterate is first.
     """
     n, middles, halves = len(work.at), work.middles, work.halves
     size, examined = 1, 0
-    while size > 0 and examined < BOXES:
+    while size > 0 and examined < MAX_BOXES:
         size -= 1
         examined += 1
         for j in range(n):
@@ -192,38 +204,40 @@ def _find(work: _Work, links: ArmLinks, goal: ObstacleArrays, tolerance: float) 
         x, y = work.joints[n, 0], work.joints[n, 1]
         if near_solids(x, y, x, y, 0.0, goal):
             return True
-        aim, widest = _aim(work, size, links, goal, tolerance)
-        if aim < 0:
+        piece, widest = _reachable_piece(work, size, links, goal, tolerance)
+        if piece < 0:
             continue
-        if _solve(work, aim, links, goal, 1e-6 * tolerance) <= tolerance:
+        if _newton(work, piece, links, goal, 1e-6 * tolerance) <= tolerance:
             return True
-        if size + 2 > DEPTH:
+        if size + 2 > MAX_DEPTH:
             return False
         halves[size, widest] /= 2
         for j in range(n):
             halves[size + 1, j] = halves[size, j]
             middles[size + 1, j] = middles[size, j]
-        towards = math.copysign(halves[size, widest], work.at[widest] - middles[size, widest])
-        middles[size, widest] -= towards
-        middles[size + 1, widest] += towards
+        shift = math.copysign(halves[size, widest], work.at[widest] - middles[size, widest])
+        middles[size, widest] -= shift
+        middles[size + 1, widest] += shift
         size += 2
     return False
 
 
 @kernel
 @makes_arrays
-def find_tips(
+def find_goal_cells(
     out: Flags, points: Floats, first: int, counts: Integers, lower: Floats, widths: Floats,
     links: ArmLinks, goal: ObstacleArrays, bounds: Floats, tolerance: float,
 ) -> None:  # fmt: skip
-    """Find the cells that hold a configuration with the tip in a region, and one for each.
+    """Mark the cells that contain a configuration with the tip in a region, and record one configuration per cell.
 
-    Shapes: `out` (m,), `points` (m, n), `counts` (n,), `lower, widths` (n,), `bounds` (4,).
+    `out` (m,): mask of cells ``first .. first + m - 1``; `points` (m, n): configurations, written for marked cells;
+    `counts` (n,): cells per joint; `lower, widths` (n,): lower limits and cell widths in radians; `bounds` (4,): box
+    (x, y, x, y) outside which the tip of a cell's centre excludes the cell; `tolerance`: in metres.
     """
     n = len(counts)
-    work = _Work(
+    work = _SearchArrays(
         np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n, dtype=np.bool_),
-        np.empty((n, 2)), np.empty((n + 1, 2)), np.empty((DEPTH, n)), np.empty((DEPTH, n)),
+        np.empty((n, 2)), np.empty((n + 1, 2)), np.empty((MAX_DEPTH, n)), np.empty((MAX_DEPTH, n)),
     )  # fmt: skip
     for row in range(len(out)):
         rest = first + row
@@ -237,7 +251,7 @@ def find_tips(
         for j in range(n):
             work.middles[0, j], work.halves[0, j] = work.at[j], widths[j] / 2
             work.low[j], work.high[j] = work.at[j] - widths[j] / 2, work.at[j] + widths[j] / 2
-        if _find(work, links, goal, tolerance):
+        if _search_cell(work, links, goal, tolerance):
             out[row] = True
             for j in range(n):
                 points[row, j] = work.at[j]

@@ -13,7 +13,7 @@ from resgrid.core.axis import Point
 from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.robots import Box, GoalCells, PointRobot, Progress, Shape
-from resgrid.robots.cells import joined
+from resgrid.robots.cells import merge_goals
 from resgrid.scene.goals import Goal, GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.maps.formats import format_of
 from resgrid.scene.maps.pictures import THRESHOLD, read_raster
@@ -66,7 +66,7 @@ def build_space(scene: Scene, *, require_goal: bool = True, progress: Progress |
     cell = np.where(blocked, Cell.OBSTACLE, Cell.FREE).astype(np.uint8)
     goals = [_map_goals(scene, blocked, where)]
     goals += [_goal_cells(scene, goal, blocked, f"{where}: goal[{number}]") for number, goal in enumerate(scene.goals)]
-    every = joined(blocked.shape, goals)
+    every = merge_goals(blocked.shape, goals)
     cell[every.cells] = Cell.GOAL
     if require_goal and not (cell == Cell.GOAL).any():
         raise InputError(f"{where}: there is no goal; {adding(scene, 'a [[goal]]', '--goal')}")

@@ -46,7 +46,7 @@ def test_path_names_every_outcome_and_what_to_do(answer, call, room):
     steps = np.diff(reached["points"], axis=0)
     assert reached["length"] == pytest.approx(np.linalg.norm(steps, axis=1).sum())
     assert np.all(np.abs(np.diff(reached["cells"], axis=0)).sum(axis=1) == 1)
-    assert lost["outcome"] == "no_path" and lost["goal"] is None and "open a way" in lost["message"]
+    assert lost["outcome"] == "no_path" and lost["goal"] is None and "open a passage" in lost["message"]
     assert lost["log_duration"] is None  # NaN in Python
     assert "no_path" in call("path", room).stdout
     blocked = answer("path", room, "--start", "4.5,2.5", code=1)["paths"][0]
@@ -166,7 +166,7 @@ def test_options_stand_in_for_keys(answer, call, lesson):
     # An open edge leaves out the 32 contacts around the grid.
     assert rails["resistors"] - answer("solve", lesson, "--edge", "open")["resistors"] == 32
     assert rails["resistors"] - answer("solve", lesson, "--edge", "open,obstacle")["resistors"] == 16
-    assert "two chips" in call("solve", lesson, "--k", "0.5").stderr
+    assert "two circuits" in call("solve", lesson, "--k", "0.5").stderr
 
 
 def test_a_boundary_asked_for_overrides_blends_and_drives_of_the_scene(answer, scenes, tmp_path):

@@ -329,7 +329,7 @@ def test_a_field_of_another_frame_is_refused(worlds: tuple[World, World]) -> Non
 
 
 def test_a_start_outside_a_turned_map_is_named_as_it_was_given(worlds: tuple[World, World]) -> None:
-    with pytest.raises(rg.InputError, match=r"start \(1.0, 1.0\) in the world: along the map's own"):
+    with pytest.raises(rg.InputError, match=r"start \(1.0, 1.0\) lies outside the map; in the map's own axes"):
         rg.plan(worlds[1].scene()).paths([worlds[1].at(START), (1.0, 1.0)])
 
 

@@ -70,7 +70,7 @@ def test_the_place_that_is_offered_can_be_reached(tmp_path: Path) -> None:
     place = place_in(start.stdout, "goal is")
     assert call("path", file, "--goal", "0.05,0.05", "--start", place).exit_code == 0
     shut = call("path", file, "--goal", "0.05,0.05", "--start", "0.25,0.55")
-    assert shut.exit_code == 1 and shut.stdout.rstrip().endswith("; open a way")
+    assert shut.exit_code == 1 and shut.stdout.rstrip().endswith("; open a passage")
 
 
 @pytest.mark.parametrize(("radius", "helps"), [("0.12", True), ("0.25", False)])
@@ -97,7 +97,7 @@ def test_a_grid_of_a_scene_is_refined_where_that_helps(tmp_path: Path) -> None:
     assert call("path", tmp_path / "gap.toml", *finer).exit_code == 0
     (tmp_path / "shut.toml").write_text(ROOM)
     shut = call("path", tmp_path / "shut.toml", "--start", "5.5,0.5")
-    assert "refine" not in shut.stdout and "open a way" in shut.stdout
+    assert "refine" not in shut.stdout and "open a passage" in shut.stdout
 
 
 def test_a_path_in_python_knows_the_nearest_place_too() -> None:

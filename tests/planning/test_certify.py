@@ -135,7 +135,7 @@ def test_the_path_of_another_field_is_refused() -> None:
 
 def test_what_is_no_streamline_is_refused() -> None:
     field = room()
-    assert "no streamline" in refused(np.zeros((3, 2)))  # type: ignore[arg-type]
+    assert "must be a Streamline" in refused(np.zeros((3, 2)))  # type: ignore[arg-type]
     cube = ConfigurationSpace([Axis(name, 0, 1, 2) for name in "xyz"], np.array([[[0, 2], [0, 0]]] * 2))
     path = streamline(rg.field(solve(compile_space(cube))), cell=(0, 0, 0))
     assert "2 axes" in refused(replace(path, field=field))

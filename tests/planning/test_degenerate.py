@@ -235,7 +235,7 @@ def test_a_clearance_curve_needs_something_to_measure() -> None:
     with pytest.raises(rg.InputError, match="no free cell has a path"):
         rg.planning.clearance_curve(rg.plan(walled_in, k=0.5))
     flat = rg.plan(open_space, k=0.5, edge="open")
-    with pytest.raises(rg.InputError, match="no current flows at k = 1: leave this setting out"):
+    with pytest.raises(rg.InputError, match="no current flows at k = 1: leave this value out"):
         rg.planning.clearance_curve(flat)
     assert np.isinf(rg.planning.clearance_curve(flat, ks=[0.0, 0.5]).mean).all()
 

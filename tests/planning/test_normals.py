@@ -134,7 +134,7 @@ def test_octrees_become_voxels() -> None:
         ({"model": np.eye(3, dtype=bool), "cells": (0, 3)}, "not in the grid of 3 x 3"),
         ({"model": np.eye(3, dtype=bool), "cells": (0.5, 3)}, "whole indices"),
         ({"model": np.eye(3, dtype=bool), "cells": (0, 1), "points": (0, 1)}, "not both"),
-        ({"model": space_of(np.eye(3), periodic=(True, True))}, "every axis"),
+        ({"model": space_of(np.eye(3), periodic=(True, True))}, "all axes"),
     ],
 )
 def test_wrong_questions_are_refused(arguments: dict[str, object], message: str) -> None:
@@ -145,7 +145,7 @@ def test_wrong_questions_are_refused(arguments: dict[str, object], message: str)
 def test_a_cavity_and_a_symmetric_gap_have_no_normal() -> None:
     ring = np.ones((3, 3), dtype=bool)
     ring[1, 1] = False
-    with pytest.raises(InputError, match="encloses it"):
+    with pytest.raises(InputError, match="encloses the cell"):
         rg.planning.surface_normals(ring, cells=(1, 1))
     assert np.isnan(rg.planning.surface_normals(ring)[1, 1]).all()
     gap = np.zeros((3, 3), dtype=bool)

@@ -50,13 +50,13 @@ def test_a_planner_gives_what_the_stages_give() -> None:
 
 def test_blends_share_two_solves(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = []
-    solve = pipeline.Work.solve
+    solve = pipeline.SolveOptions.solve
 
-    def counted(work: pipeline.Work, netlist: rg.Netlist, stage: str) -> rg.OperatingPoint:
+    def counted(work: pipeline.SolveOptions, netlist: rg.Netlist, stage: str) -> rg.OperatingPoint:
         calls.append(netlist.cells.wiring.boundary)
         return solve(work, netlist, stage)
 
-    monkeypatch.setattr(pipeline.Work, "solve", counted)
+    monkeypatch.setattr(pipeline.SolveOptions, "solve", counted)
     planner = plan(two_goal_room(), k=1.0)
     planner.paths([(1.0, 14.0), (8.0, 7.0)])
     clearance_curve(planner, (0.0, 0.2, 1.0), [(1.0, 14.0)])
@@ -130,10 +130,10 @@ def test_wrong_questions_are_refused() -> None:
         plan(space, k=0.5, boundary="neumann")
     with pytest.raises(InputError, match="boundary = 'soft'"):
         plan(space, boundary="soft")
-    with pytest.raises(InputError, match="space or a scene is needed, not a str"):
+    with pytest.raises(InputError, match="or a Scene is needed, not a str"):
         plan("rooms.toml")
     planner = plan(space)
-    with pytest.raises(InputError, match="one field only"):
+    with pytest.raises(InputError, match="one circuit was solved"):
         planner.at(0.5)
     with pytest.raises(InputError, match="2 coordinates"):
         planner.paths([(1.0, 2.0, 3.0)])

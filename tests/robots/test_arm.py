@@ -410,7 +410,7 @@ def test_progress_is_told_up_to_the_end():
         (lambda: Arm((1.0,), limits=((0.0, 1.0),)).occupancy([Axis("a", 0, 2, 3)], [], "centre"), "limits are"),
         (lambda: Arm((1.0,)).occupancy([Axis("a", 0, 1, 3)], [Ball((0, 0, 0), 1)], "centre"), "2 coordinates"),
         (lambda: Arm((1.0, 1.0)).joints((1.0, 2.0, 3.0)), "has 2 joints"),
-        (lambda: to_shapely(Ball((0, 0, 0), 1)), "shapes of the plane alone"),
+        (lambda: to_shapely(Ball((0, 0, 0), 1)), "plane shapes only"),
         (lambda: Arm((1.0,)).inverse((1.0, 0.0)), "two links"),
         (lambda: Arm((1.0, 1.0)).inverse((1.0, float("nan"))), "finite"),
     ],
@@ -427,7 +427,7 @@ def test_the_protocol_fits():
 @settings(max_examples=60)
 @given(st.integers(0, 4), st.integers(0, 2**32 - 1), st.sampled_from([0.05, 0.4, 2.0]))
 def test_no_point_of_a_link_moves_farther_than_the_bound(which, seed, width):
-    from resgrid.robots.kernels import _travel
+    from resgrid.robots.kernels import _displacement_bound
 
     arm, rng = ARMS[which], np.random.default_rng(seed)
     middle = rng.uniform(-np.pi, np.pi, arm.ndim)
@@ -438,7 +438,7 @@ def test_no_point_of_a_link_moves_farther_than_the_bound(which, seed, width):
     )
     here, chords = arm.joints(middle), 2 * np.sin(widths / 4)
     for link in range(arm.ndim):
-        bound = _travel(here, 0, link, chords, np.array(arm.lengths), arm.angles == "relative")
+        bound = _displacement_bound(here, 0, link, chords, np.array(arm.lengths), arm.angles == "relative")
         ends = np.linalg.norm(moved[:, link : link + 2] - here[link : link + 2], axis=-1)
         assert ends.max() <= bound * (1 + 1e-12) + 1e-14 * arm.reach
 

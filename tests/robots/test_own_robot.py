@@ -85,7 +85,7 @@ def test_what_a_robot_does_not_say_is_named() -> None:
         def travel(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
             return np.asarray(np.linalg.norm(end - start, axis=1))
 
-    with pytest.raises(InputError, match=r"give Ghost a method pose"):
+    with pytest.raises(InputError, match=r"implement Ghost.pose"):
         rg.simulation(replace(SCENE, robot=Ghost())).run()
 
 
