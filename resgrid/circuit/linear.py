@@ -20,7 +20,7 @@ from resgrid.circuit.postprocess import DIRECTION_RESIDUAL, node_values, read_en
 from resgrid.core.netlist import GROUND, Netlist
 from resgrid.errors import AccuracyError
 from resgrid.solvers.factors import EXACT_ROWS, Factor
-from resgrid.solvers.laplacian import count_connections
+from resgrid.solvers.laplacian import conductance_statistics
 from resgrid.solvers.method_choice import factor_laplacian
 from resgrid.solvers.progress import Progress, ProgressMonitor
 from resgrid.solvers.refinement import CERTAIN, is_answer
@@ -65,7 +65,7 @@ def _solved(
     watch: ProgressMonitor,
 ) -> OperatingPoint:
     with _timed(seconds, "factor"):
-        factors = factor_laplacian(system.laplacian, method, accuracy=accuracy, team=team) if system.size else None
+        factors = factor_laplacian(system.laplacian, method, accuracy=accuracy, threads=team) if system.size else None
     told: dict[str, Any] = {"method": factors.name if factors else "none", "seconds": seconds}
     if accuracy == "normwise":
 
@@ -136,7 +136,7 @@ def _asks_for_balance(system: Equations, point: OperatingPoint) -> bool:
         return True
     if not (few and system.size):
         return False
-    found = count_connections(system.laplacian)
+    found = conductance_statistics(system.laplacian)
     return bool(found.smallest < _STIFF * found.largest)
 
 

@@ -27,7 +27,7 @@ from resgrid.solvers.laplacian import Rails
 from resgrid.solvers.progress import ProgressMonitor
 from resgrid.solvers.refinement import minus, quotient
 from resgrid.solvers.scaled import Scaled, canonical, power
-from resgrid.solvers.threads import ALONE, ThreadTeam
+from resgrid.solvers.threads import SINGLE_THREAD, ThreadTeam
 
 OUT_OF_RANGE = (
     "a voltage exceeds 1.8e308 V, the range of double precision: the currents fed in are too large for the "
@@ -239,8 +239,8 @@ def _normwise_readings(system: Equations, heights: NDArray[np.float64]) -> Branc
 
 
 def _read(
-    netlist: Netlist, forest: SourceForest, unknown: NDArray[np.int32], values: NodeValues, team: ThreadTeam = ALONE,
-    falling: NDArray[np.float64] | None = None, found: Balanced | None = None,
+    netlist: Netlist, forest: SourceForest, unknown: NDArray[np.int32], values: NodeValues,
+    team: ThreadTeam = SINGLE_THREAD, falling: NDArray[np.float64] | None = None, found: Balanced | None = None,
     deep: BranchCurrents | None = None,
 ) -> tuple[BranchCurrents, NDArray[np.float64], bool]:  # fmt: skip
     """Take currents that have been found, or differences of values, and sum them up at every node.

@@ -52,13 +52,16 @@ def unobserved(_stage: str, function: Callable[..., Any], *arguments: Any, **_: 
 class SolveOptions:
     """How circuits are solved: by what (`resgrid.solve`, perhaps with options), on how many threads, who looks on.
 
-    `ranks`: how many of PETSc's solve fields instead, without a netlist; 0 for none.
+    `by_petsc`: whether PETSc's ranks solve fields instead, without a netlist; `ranks`: their number; `launcher`:
+    command that starts them and sets their number.
     """
 
     solver: Solver = solve
     threads: int = 1
     observe: Observe = unobserved
-    ranks: int = 0
+    by_petsc: bool = False
+    ranks: int | None = None
+    launcher: str | None = None
 
     def solve(self, netlist: Netlist, stage: str) -> OperatingPoint:
         """Solve a circuit, a stage of that name."""
@@ -68,20 +71,28 @@ class SolveOptions:
 
     def solve_ranked(self, space: ConfigurationSpace, wiring: Wiring) -> Ranked:
         """Solve a circuit of a space on the ranks."""
-        stage, seconds = f"solve the {wiring.boundary} chip on {self.ranks} ranks", 2.0 + 1e-5 * space.cell.size
-        ranked: Ranked = self.observe(stage, solve_ranked, space, wiring, self.ranks, seconds=seconds)
+        by = f"on {self.ranks} ranks" if self.launcher is None else f"by {self.launcher}"
+        stage, seconds = f"solve the {wiring.boundary} chip {by}", 2.0 + 1e-5 * space.cell.size
+        ranked: Ranked = self.observe(stage, solve_ranked, space, wiring, self.ranks, self.launcher, seconds=seconds)
         return ranked
 
 
 UNWATCHED = SolveOptions()
 
 
-def work_by(method: str, ranks: int | None = None, **options: Any) -> SolveOptions:
-    """How to solve by a method of that name; `ranks`: of method "petsc" only, 2 by default."""
+def work_by(method: str, ranks: int | None = None, launcher: str | None = None, **options: Any) -> SolveOptions:
+    """Return the options of a method; `ranks` (2 by default) and `launcher` are options of method "petsc" only."""
     if method == PETSC:
-        return SolveOptions(ranks=2 if ranks is None else ranks, **options)
+        if ranks is not None and launcher is not None:
+            raise InputError(
+                f"ranks = {ranks!r} and launcher = {launcher!r}: the launcher sets the number of ranks; leave out ranks"
+            )
+        ranks = 2 if ranks is None and launcher is None else ranks
+        return SolveOptions(by_petsc=True, ranks=ranks, launcher=launcher, **options)
     if ranks is not None:
         raise InputError(f"ranks = {ranks!r} belong to method = 'petsc', not to {method!r}")
+    if launcher is not None:
+        raise InputError(f"launcher = {launcher!r} belongs to method = 'petsc', not to {method!r}")
     return SolveOptions(partial(solve, method=method), **options)
 
 
@@ -293,7 +304,7 @@ def solve_problem(problem: Problem, *, scaled: bool = False, work: SolveOptions 
     for name, wiring in wirings.items():
         if why_undriven(space, wiring) is not None:
             pure[name] = undriven_field(space, wiring)
-        elif work.ranks:
+        elif work.by_petsc:
             pure[name] = work.solve_ranked(space, wiring).field
         else:
             netlist = compile_circuit(space, wiring, scaled=scaled, work=work)

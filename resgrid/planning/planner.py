@@ -110,6 +110,7 @@ def plan(
     resistance: float | None = None,
     method: str = "auto",
     ranks: Count | None = None,
+    launcher: str | None = None,
 ) -> Planner:
     """Solve a space once, for any number of starts.
 
@@ -135,6 +136,10 @@ def plan(
         others with ``no_current`` and a `Streamline.reason`.
     ranks : int, optional
         For ``method="petsc"``: how many processes; 2 unless given.
+    launcher : str, optional
+        For ``method="petsc"``: command that starts the processes, their number included, such as ``"srun -n 64"``, in
+        place of ``mpiexec`` with `ranks`.  Processes on other computers need the folder for temporary files
+        (``TMPDIR``) under one path, and a Python with petsc4py at one place (``RESGRID_PETSC_PYTHON``).
 
     Returns
     -------
@@ -147,7 +152,7 @@ def plan(
     AccuracyError
         If the answer is not as right as promised, or a process of PETSc dies.
     ToolMissingError
-        If there is no PETSc; the message says how to get it.
+        If there is no PETSc, or no program of the launcher; the message contains a remedy.
     BudgetError
         If it would not fit in memory, or on the disk.
 
@@ -158,7 +163,7 @@ def plan(
     >>> str(path.outcome), round(path.length, 3), round(path.clearance, 3)
     ('reached', 9.036, 0.347)
     """
-    work = work_by(method, ranks)
+    work = work_by(method, ranks, launcher)
     if isinstance(where, Scene):
         require_uniform(where, "plan()")
     problem = problem_of(

@@ -152,7 +152,7 @@ def test_a_helper_without_a_core_is_not_waited_for() -> None:
         release, done = threading.Event(), []
         assert team._pool is not None
         blocked = team._pool.submit(release.wait)
-        team.share(done.append, 5)
+        team.run_parts(done.append, 5)
         assert sorted(done) == [0, 1, 2, 3, 4]
         release.set()
         assert blocked.result()
@@ -177,7 +177,7 @@ def test_digits_do_not_depend_on_who_takes_a_job_first(shape: tuple[int, ...], m
         for number in reversed(range(parts)):
             part(number)
 
-    monkeypatch.setattr(ThreadTeam, "share", backwards)
+    monkeypatch.setattr(ThreadTeam, "run_parts", backwards)
     assert_same(one, rg.solve(netlist, method="multigrid", threads=2))
 
 
