@@ -25,7 +25,7 @@ from resgrid.solvers.method_choice import factor_laplacian
 from resgrid.solvers.progress import Progress, ProgressMonitor
 from resgrid.solvers.refinement import CERTAIN, is_answer
 from resgrid.solvers.scaled import unscaled
-from resgrid.solvers.threads import ThreadTeam
+from resgrid.solvers.threads import SINGLE_THREAD, ThreadTeam
 
 _LOST = 1e-10
 """Share of the smallest source's voltage that rounding may leave of a sum."""
@@ -66,7 +66,8 @@ def _solved(
 ) -> OperatingPoint:
     with _timed(seconds, "factor"):
         factors = factor_laplacian(system.laplacian, method, accuracy=accuracy, threads=team) if system.size else None
-    told: dict[str, Any] = {"method": factors.name if factors else "none", "seconds": seconds}
+    team = factors.threads if factors else SINGLE_THREAD
+    told: dict[str, Any] = {"method": factors.name if factors else "none", "seconds": seconds, "threads": team.size}
     if accuracy == "normwise":
 
         def read(x: NDArray[np.float64]) -> OperatingPoint:

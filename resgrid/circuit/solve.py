@@ -61,10 +61,12 @@ def solve(
     rtol : float
         Backward error for ``"normwise"``.
     threads : int
-        How many threads share the solve; the digits are the same for any number.  ``"multigrid"`` on grids of more than
-        some 120,000 cells shares the sweeps over the finest levels, and loops over rows and resistors; two right-hand
-        sides are solved at the same time: where ties to the high rail are weak (the drop from that rail, and the height
-        above the other), and where current sources have both signs.  Circuits with nonlinear resistors take one.
+        Largest number of threads; the digits are the same for any number.  Several are used by ``"multigrid"`` on
+        planes of at least 250,000 nodes and on volumes of at least 500,000: for sweeps over the finest levels, for
+        loops over rows and resistors, and for two right-hand sides at a time (the drop from the high rail and the
+        height above the low one where ties to the high rail are weak; current sources of both signs).  Smaller
+        circuits, the direct method and circuits with nonlinear resistors are not faster with several threads, and use
+        one; the operating point reports the number.
     progress : callable, optional
         Called after every step of an iterative method with the steps so far, the residual relative to where the
         present pass began, and about how many seconds that pass still takes (None where nothing is gained).  With

@@ -198,7 +198,7 @@ _SCENE_OPTIONS: tuple[Decorator, ...] = (
          help="Share of the Dirichlet field, 1: away from obstacles, 0: past them (Neumann); repeatable."),
     _key("--set", "settings", metavar="KEY=VALUE", type=SceneKey(), multiple=True,
          help="Any other key, such as chip.supply=3."),
-    _key("--threads", metavar="N", type=click.IntRange(1), default=1, help="For solving."),
+    _key("--threads", metavar="N", type=click.IntRange(1), default=1, help="Most threads; small circuits use one."),
     _map("--format", type=Suggested("name", "ros", "movingai", "voxels", "image", "epic", "npy"),
          help="ros, movingai, voxels, image, epic or npy, where the name hides it."),
     _map("--map-dialect", "dialect_", type=Suggested("name", "nav2", "nav2-jazzy", "ros1"),

@@ -258,6 +258,7 @@ def solution_summary(name: str, op: rg.OperatingPoint, space: rg.ConfigurationSp
         "kcl_residual": op.kcl_residual,
         "power": op.power,
         "solver": op.method,
+        "threads": op.threads,
         "iterations": op.iterations,
         "backward_error": op.backward_error,
         "entry_error": op.entry_error if math.isfinite(op.entry_error) else None,

@@ -86,7 +86,8 @@ def _scene_lines(data: dict[str, Any], shape: tuple[int, ...]) -> Iterable[str]:
     if data["entry_error"] is not None:
         yield f"  every entry right   to {data['entry_error']:.1e} of itself, as KCL proves"
     yield f"  power               {data['power']:.6g} W"
-    yield f"  solver              {data['solver']}"
+    threads = f", {data['threads']} threads" if data["threads"] > 1 else ""
+    yield f"  solver              {data['solver']}{threads}"
 
 
 def _ranked_lines(data: dict[str, Any], shape: tuple[int, ...]) -> Iterable[str]:

@@ -12,7 +12,7 @@ describes the algorithm.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
@@ -54,9 +54,13 @@ _MOST_PASSES = 4
 
 @dataclass(frozen=True, eq=False)
 class Factor(ABC):
-    """A factorization or preconditioner of the matrix `laplacian`, for many right-hand sides."""
+    """A factorization or preconditioner of the matrix `laplacian`, for many right-hand sides.
+
+    `threads`: that solve, and share loops over rows and resistors.
+    """
 
     laplacian: Laplacian
+    threads: ThreadTeam = field(default=SINGLE_THREAD, kw_only=True)
 
     name: ClassVar[str]
     """Name of the method."""
@@ -183,10 +187,9 @@ def factor_direct(laplacian: Laplacian, order: Symbolic | None = None) -> Direct
 
 @dataclass(frozen=True, eq=False)
 class MultigridFactor(Factor):
-    """A matrix, the hierarchy that preconditions it, and the threads that run its kernels."""
+    """A matrix, and the hierarchy that preconditions it."""
 
     hierarchy: Hierarchy
-    threads: ThreadTeam = SINGLE_THREAD
     name: ClassVar[str] = "multigrid"
     """Name of the method."""
 
@@ -218,4 +221,4 @@ def factor_multigrid(laplacian: Laplacian, *, threads: ThreadTeam = SINGLE_THREA
     from resgrid.solvers.multigrid.hierarchy import build_hierarchy
 
     hierarchy = build_hierarchy(laplacian, threads)
-    return MultigridFactor(laplacian if hierarchy.grid else laplacian.with_rows(), hierarchy, threads)
+    return MultigridFactor(laplacian if hierarchy.grid else laplacian.with_rows(), hierarchy, threads=threads)

@@ -123,13 +123,32 @@ _ON_ROWS = 500.0
 """Peak memory of a direct solution without its factors, in bytes per row."""
 
 
+THREADED_ROWS = {2: 250_000, 3: 500_000}
+"""Number of rows of a grid, by dimension, from which the multigrid method uses several threads.
+
+Speed of two threads relative to one (``benchmarks/results.md``, unloaded computer): planes 1.2 to 1.3 at 1024^2, 1.4 at
+512^2 with two right-hand sides; volumes 0.92 at 64^3.  Alternating runs on a loaded computer, minimum of all runs:
+planes 0.85 at 256^2, 1.4 at 512^2, 1.3 at 1024^2; volumes 1.2 to 1.3 at 80^3, 1.1 to 1.3 at 100^3.  The limit of
+volumes also applies in four dimensions.  Off grids (0.93 at 100,000 nodes) and for the direct method (0.86 to 1.0) no
+size with a gain was found.
+"""
+
+
+def threads_for(choice: MethodChoice, threads: ThreadTeam) -> ThreadTeam:
+    """Return the threads, or a single one for a matrix that several threads would not solve faster."""
+    laplacian = choice.laplacian
+    if choice.method != "multigrid" or laplacian.grid is None:
+        return SINGLE_THREAD
+    return threads if laplacian.size >= THREADED_ROWS[min(max(laplacian.dimensions, 2), 3)] else SINGLE_THREAD
+
+
 def factor_laplacian(
     laplacian: Laplacian, method: str, *, accuracy: str = "direction", threads: ThreadTeam = SINGLE_THREAD
 ) -> Factor:
     """Choose a method and factor the matrix with it; BudgetError if the factors do not fit in memory.
 
     `accuracy`: "direction" for entrywise accurate answers, "normwise" for answers with a small backward error only;
-    `threads`: for kernels of the multigrid method.
+    `threads`: are used only if they make the solve faster.
     """
     from resgrid.solvers.symbolic import order_by_fill
 
@@ -141,7 +160,7 @@ def factor_laplacian(
         "use fewer cells, or a machine with more memory",
     )
     if choice.method == "multigrid":
-        return factor_multigrid(choice.laplacian, threads=threads)
+        return factor_multigrid(choice.laplacian, threads=threads_for(choice, threads))
     return factor_direct(choice.laplacian, choice.order or order_by_fill(choice.laplacian))
 
 

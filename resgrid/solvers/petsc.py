@@ -130,7 +130,7 @@ def run_ranks(petsc: Petsc, folder: Path, ranks: int | None) -> Report:
     """
     log, program = folder / "log", [str(_WORKER), str(folder)]
     if petsc.launcher is not None:  # other computers may have the folder, but not this installation
-        program = [shutil.copy(_WORKER, folder / _WORKER.name), str(folder), "shared"]
+        program = [str(shutil.copy(str(_WORKER), folder)), str(folder), "shared"]
     with log.open("wb") as out:
         process = subprocess.Popen(
             [*petsc.command(ranks), *program],
