@@ -57,10 +57,10 @@ class Seconds(NamedTuple):
 
 SECONDS = Seconds()
 
-ROOM = 20.0
+OPEN_WIDTH = 20.0
 """Width of corridors, in cells, from which cycles converge as in open space."""
 
-SPARSE = 2.5
+SPARSE_WIDTH = 2.5
 """Width of corridors, in cells, below which cycles take longest: chains and trees, whose rows have at most three
 neighbours."""
 
@@ -129,8 +129,8 @@ THREADED_ROWS = {2: 250_000, 3: 500_000}
 Speed of two threads relative to one (``benchmarks/results.md``, unloaded computer): planes 1.2 to 1.3 at 1024^2, 1.4 at
 512^2 with two right-hand sides; volumes 0.92 at 64^3.  Alternating runs on a loaded computer, minimum of all runs:
 planes 0.85 at 256^2, 1.4 at 512^2, 1.3 at 1024^2; volumes 1.2 to 1.3 at 80^3, 1.1 to 1.3 at 100^3.  The limit of
-volumes also applies in four dimensions.  Off grids (0.93 at 100,000 nodes) and for the direct method (0.86 to 1.0) no
-size with a gain was found.
+volumes also applies in four dimensions.  No size with a gain was found off grids (0.92 to 1.04 at 100,000 and 300,000
+nodes) and for the direct method (0.86 to 1.0).
 """
 
 
@@ -248,9 +248,9 @@ def _faster_for_voltages(iterative: MethodChoice, corridors: Corridors) -> Metho
     order by fill on planes whose conductances span many orders of magnitude.
     """
     seconds = corridors.contrast * multigrid_seconds(iterative.laplacian, corridors.width, None)
-    if corridors.width < SPARSE or corridors.contrast > 1.0:
+    if corridors.width < SPARSE_WIDTH or corridors.contrast > 1.0:
         iterative = iterative._replace(laplacian=iterative.laplacian.with_rows())
-    choice = _by_distance(iterative, seconds) if corridors.width < SPARSE else None
+    choice = _by_distance(iterative, seconds) if corridors.width < SPARSE_WIDTH else None
     if choice is None and corridors.contrast > 1.0:
         choice = _by_fill(iterative, seconds)
     return choice or iterative
@@ -288,10 +288,10 @@ def multigrid_seconds(laplacian: Laplacian, width: float, fall: float | None) ->
 
     `fall` is None for normwise accuracy.
     """
-    tortuous = width < ROOM
+    tortuous = width < OPEN_WIDTH
     if fall is None:
         a_row = SECONDS.normwise
-    elif laplacian.rails is None and width < SPARSE:
+    elif laplacian.rails is None and width < SPARSE_WIDTH:
         a_row = SECONDS.driven_sparse
     elif laplacian.rails is None:
         a_row = (
