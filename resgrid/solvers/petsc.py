@@ -131,19 +131,7 @@ def run_ranks(petsc: Petsc, folder: Path, ranks: int | None) -> Report:
     log, program = folder / "log", [str(_WORKER), str(folder)]
     if petsc.launcher is not None:  # other computers may have the folder, but not this installation
         program = [str(shutil.copy(str(_WORKER), folder)), str(folder), "shared"]
-    with log.open("wb") as out:
-        process = subprocess.Popen(
-            [*petsc.command(ranks), *program],
-            env=petsc.environment, stdin=subprocess.DEVNULL, stdout=out, stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )  # fmt: skip
-        ending = weakref.finalize(process, _end, process)  # also if the waiting thread is abandoned
-        try:
-            status = process.wait()
-        finally:  # Ctrl-C leaves no rank behind
-            ending.detach()
-            if process.poll() is None:
-                _end(process)
+    status = _run([*petsc.command(ranks), *program], petsc, log)
     report, refused, foreign = folder / "report.json", folder / "refused", folder / "foreign"
     if foreign.exists():
         command = shlex.join(petsc.command(ranks)[:-2])
@@ -155,8 +143,11 @@ def run_ranks(petsc: Petsc, folder: Path, ranks: int | None) -> Report:
         raise InputError(f"PETSc refuses an option of PETSC_OPTIONS: {refused.read_text()}; correct or unset it")
     said = log.read_text("utf-8", "replace")
     if status != 0 or not report.exists():
+        needs = (
+            f"; every computer needs the folder {folder.parent} (TMPDIR) and {petsc.python}" if petsc.launcher else ""
+        )
         raise AccuracyError(
-            f"PETSc ended without an answer (the launcher's exit status is {status}): {_last_words(said)}"
+            f"PETSc ended without an answer (the launcher's exit status is {status}): {_last_words(said)}{needs}"
         )
     unused = re.findall(r"^Option left: name:(-\S+)", said, re.MULTILINE)
     if unused:
@@ -164,6 +155,27 @@ def run_ranks(petsc: Petsc, folder: Path, ranks: int | None) -> Report:
     data = json.loads(report.read_text())
     peaks = tuple(int((folder / f"peak_{rank}.json").read_text()) for rank in range(data.pop("ranks")))
     return Report(**data, peaks=peaks)
+
+
+def _run(command: list[str], petsc: Petsc, log: Path) -> int:
+    """Run the launcher with its output in a file, and end it on Ctrl-C; returns its exit status."""
+    with log.open("wb") as out:
+        try:
+            process = subprocess.Popen(
+                command, env=petsc.environment, stdin=subprocess.DEVNULL, stdout=out, stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )  # fmt: skip
+        except OSError as error:
+            raise ToolMissingError(
+                f"{command[0]} cannot be run ({error.strerror}): correct the launcher, or leave it out to use mpiexec"
+            ) from error
+        ending = weakref.finalize(process, _end, process)  # also if the waiting thread is abandoned
+        try:
+            return process.wait()
+        finally:  # Ctrl-C leaves no rank behind
+            ending.detach()
+            if process.poll() is None:
+                _end(process)
 
 
 def _environment(petsc: Path | None) -> dict[str, str]:

@@ -166,6 +166,17 @@ def test_a_launcher_excludes_ranks_and_other_methods() -> None:
         rg.plan(space, launcher="mpiexec -n 2")
 
 
+def test_a_launcher_that_is_no_program_or_starts_nothing_is_reported(tmp_path: Path) -> None:
+    space = scatter((5, 5), (), 0)
+    launcher = tmp_path / "launcher"
+    launcher.write_bytes(b"\0")
+    launcher.chmod(0o755)
+    with pytest.raises(ToolMissingError, match=r"launcher cannot be run \(Exec format error\): correct the launcher"):
+        rg.plan(space, method="petsc", launcher=str(launcher))
+    with pytest.raises(AccuracyError, match=r"every computer needs the folder .* \(TMPDIR\) and "):
+        rg.plan(space, method="petsc", launcher="false")
+
+
 def test_a_launcher_of_another_mpi_is_rejected(tmp_path: Path) -> None:
     launcher = tmp_path / "launcher"  # starts two processes that do not know each other
     launcher.write_text('#!/bin/sh\n"$@"\n"$@"\n')

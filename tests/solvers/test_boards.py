@@ -265,5 +265,5 @@ def test_work_space_is_not_shared_but_conductances_are() -> None:
     rooms = np.zeros((2, 2, 2, len(hierarchy.grid.aggregate)))
     both = [GridProblem(hierarchy.grid, hierarchy.levels, *room) for room in rooms]
     one, other = (problem.table for problem in both)
-    assert not np.any(one["red_fed"][1:] == other["red_fed"][1:])
+    assert not np.any(one["red_rhs"][1:] == other["red_rhs"][1:])
     assert np.array_equal(one["faces"], other["faces"])
