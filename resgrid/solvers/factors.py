@@ -56,7 +56,7 @@ _MOST_PASSES = 4
 class Factor(ABC):
     """A factorization or preconditioner of the matrix `laplacian`, for many right-hand sides.
 
-    `threads`: that solve, and share loops over rows and resistors.
+    `threads`: run its solves.
     """
 
     laplacian: Laplacian
